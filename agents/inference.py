@@ -1,4 +1,6 @@
-"""The policy under its public name, ``from agents.inference import Policy`` (:mod:`agents.policy.inference`)."""
+"""The policy under its public name, ``from agents.inference import Policy``
+(:mod:`agents.policy.inference`).
+"""
 
 from agents.policy.inference import Policy
 

@@ -1,9 +1,10 @@
 """The policy in BlueSky beside BlueSky's own: ``.bluesky/bin/python -m benchmarks.bluesky``.
 
-Episodes of BlueSky-Gym's ``HorizontalCREnv-v0``: the pilot of :mod:`eval.bluesky.gym` and a straight flight to the
-waypoint, beside what the environment's authors logged of their learners. Circles: aircraft that all meet in the middle,
-each draw flown with ``RESO RLCAS``, with MVP and without resolution. Every flight is a line of a file in ``--out``, and
-a flight that is there already is not flown again; it counts for one policy file.
+Episodes of BlueSky-Gym's ``HorizontalCREnv-v0``: the pilot of :mod:`eval.bluesky.gym` and a
+straight flight to the waypoint, beside what the environment's authors logged of their learners.
+Circles: aircraft that all meet in the middle, each draw flown with ``RESO RLCAS``, with MVP and
+without resolution. Every flight is a line of a file in ``--out``, and a flight that is there
+already is not flown again; it counts for one policy file.
 """
 
 import json
@@ -97,7 +98,9 @@ def _simulator() -> Any:
 
 
 def circle(task: tuple[str, int, int]) -> dict[str, Any]:
-    """Fly one circle: A320s at flight level 300, of Mach 0.73 to 0.79, to the points opposite to where they start."""
+    """Fly one circle: A320s at flight level 300, of Mach 0.73 to 0.79, to the points opposite to
+    where they start.
+    """
     method, count, seed = task
     bluesky = _simulator()
     draw = np.random.default_rng([seed, count])
@@ -108,7 +111,11 @@ def circle(task: tuple[str, int, int]) -> dict[str, Any]:
     for command in ("DT 1", "ASAS ON", f"RESO {method}"):
         bluesky.stack.stack(command)
     for i in range(count):
-        name, heading, mach = f"A{i}", float(np.degrees(angle[i]) + 180.0) % 360.0, float(draw.uniform(0.73, 0.79))
+        name, heading, mach = (
+            f"A{i}",
+            float(np.degrees(angle[i]) + 180.0) % 360.0,
+            float(draw.uniform(0.73, 0.79)),
+        )
         at, to = np.degrees([north[i], east[i]]) / EARTH, np.degrees([-north[i], -east[i]]) / EARTH
         bluesky.traf.cre(name, "A320", float(at[0]), float(at[1]), heading, 30_000 * 0.3048, mach)
         bluesky.stack.stack(f"{name} ADDWPT {to[0]} {to[1]}")
@@ -142,8 +149,12 @@ def circle(task: tuple[str, int, int]) -> dict[str, Any]:
     }
 
 
-def _fly(work: Callable[[Any], dict[str, Any]], tasks: list[Any], path: Path, workers: int) -> list[dict[str, Any]]:
-    """Return the flights of all tasks in their order, those not in the file flown now and added to it."""
+def _fly(
+    work: Callable[[Any], dict[str, Any]], tasks: list[Any], path: Path, workers: int
+) -> list[dict[str, Any]]:
+    """Return the flights of all tasks in their order, those not in the file flown now and added to
+    it.
+    """
     digest = Policy.load().sha256[:8]
 
     def key(name: str, *numbers: int) -> str:
@@ -151,7 +162,10 @@ def _fly(work: Callable[[Any], dict[str, Any]], tasks: list[Any], path: Path, wo
 
     rows: dict[str, dict[str, Any]] = {}
     if path.exists():
-        rows = {row["key"]: row for row in map(json.loads, path.read_text(encoding="utf-8").splitlines())}
+        rows = {
+            row["key"]: row
+            for row in map(json.loads, path.read_text(encoding="utf-8").splitlines())
+        }
     missing = [task for task in tasks if key(*task) not in rows]
     if missing:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -205,16 +219,26 @@ def draw(episodes: dict[str, Any], circles: dict[str, Any], path: Path) -> None:
 
     figure, axes = plt.subplots(1, 2, figsize=(8, 2.8), layout="constrained")
     if episodes:
-        shares = PUBLISHED | {name: 100.0 * found["free_of_intrusion"] for name, found in episodes.items()}
+        shares = PUBLISHED | {
+            name: 100.0 * found["free_of_intrusion"] for name, found in episodes.items()
+        }
         names = sorted(shares, key=shares.__getitem__)
         bars = axes[0].barh(names, [shares[name] for name in names], color="#7a8a99")
         bars[names.index("RLCAS")].set_color("#0b6fb8")
         axes[0].bar_label(bars, fmt="%.1f", padding=2)
-        axes[0].set(xlim=(0, 112), title="Episodes without intrusion, %", xlabel="HorizontalCREnv-v0")
-    for place, (method, colour) in enumerate(zip(METHODS, ("#0b6fb8", "#e09a2d", "#7a8a99"), strict=True)):
+        axes[0].set(
+            xlim=(0, 112), title="Episodes without intrusion, %", xlabel="HorizontalCREnv-v0"
+        )
+    for place, (method, colour) in enumerate(
+        zip(METHODS, ("#0b6fb8", "#e09a2d", "#7a8a99"), strict=True)
+    ):
         sizes = [size for size in SIZES if f"{method} {size}" in circles]
-        heights = [circles[f"{method} {n}"]["losses"] / circles[f"{method} {n}"]["draws"] for n in sizes]
-        bars = axes[1].bar(np.arange(len(sizes)) + 0.27 * (place - 1), heights, 0.25, label=method, color=colour)
+        heights = [
+            circles[f"{method} {n}"]["losses"] / circles[f"{method} {n}"]["draws"] for n in sizes
+        ]
+        bars = axes[1].bar(
+            np.arange(len(sizes)) + 0.27 * (place - 1), heights, 0.25, label=method, color=colour
+        )
         axes[1].bar_label(bars, fmt="%.3g", fontsize=7)
         axes[1].set_xticks(range(len(sizes)), [f"{n} aircraft" for n in sizes])
     axes[1].set(yscale="symlog", title="Losses of separation a circle")
@@ -228,15 +252,23 @@ def main() -> None:
     parser = Parser(description=__doc__)
     parser.add_argument("--episodes", type=int, default=1000, help="of BlueSky-Gym (default 1000)")
     parser.add_argument("--draws", type=int, default=100, help="circles of each size (default 100)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first episode and draw (default 0)")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of the first episode and draw (default 0)"
+    )
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
-    parser.add_argument("--out", type=Path, default=Path("runs/bluesky"), help="folder (default runs/bluesky)")
-    parser.add_argument("--sac", type=Path, help="file of a SAC of Stable-Baselines3, which flies the episodes, too")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/bluesky"), help="folder (default runs/bluesky)"
+    )
+    parser.add_argument(
+        "--sac", type=Path, help="file of a SAC of Stable-Baselines3, which flies the episodes, too"
+    )
     options = parser.parse_args()
     for name in ("bluesky", "bluesky_gym"):
         if find_spec(name) is None:
             raise ModuleNotFoundError(name=name)
-    seeds = [range(options.seed, options.seed + count) for count in (options.episodes, options.draws)]
+    seeds = [
+        range(options.seed, options.seed + count) for count in (options.episodes, options.draws)
+    ]
     names = ["RLCAS", "straight", *filter(None, [options.sac and str(options.sac)])]
     tasks: list[Any] = [(pilot, seed) for pilot in names for seed in seeds[0]]
     rows = _fly(episode, tasks, options.out / "episodes.jsonl", options.workers)
@@ -245,17 +277,26 @@ def main() -> None:
     for name, found in episodes.items():
         low, high = found["interval"]
         share = f"{100 * found['free_of_intrusion']:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
-        print(f"{name:10} {share} without intrusion, {found['reached']:.1%} arrive, drift {found['drift_rad']:.3f} rad")
+        print(
+            f"{name:10} {share} without intrusion, {found['reached']:.1%} arrive, drift "
+            f"{found['drift_rad']:.3f} rad"
+        )
     print("published ", ", ".join(f"{name} {value} %" for name, value in PUBLISHED.items()))
     tasks = [(method, size, seed) for seed in seeds[1] for size in SIZES for method in METHODS]
     rows = _fly(circle, tasks, options.out / "circles.jsonl", options.workers)
     circles = {}
     for size in SIZES:
-        flown = {m: [row for row in rows if (row["method"], row["aircraft"]) == (m, size)] for m in METHODS}
+        flown = {
+            m: [row for row in rows if (row["method"], row["aircraft"]) == (m, size)]
+            for m in METHODS
+        }
         for method, each in flown.items():
             if each:
                 found = circles[f"{method} {size}"] = of_circles(each, flown["RLCAS"])
-                text = "{losses} losses in {draws} draws, {intrusion_s} s, path +{extra_path:.1%}, {arrived:.1%} arrive"
+                text = (
+                    "{losses} losses in {draws} draws, {intrusion_s} s, path "
+                    "+{extra_path:.1%}, {arrived:.1%} arrive"
+                )
                 print(f"{size:2} aircraft, {method:6}", text.format(**found))
     draw(episodes, circles, options.out / "bluesky.png")
     figures = {"policy": Policy.load().sha256[:8], "published_percent": PUBLISHED}

@@ -1,8 +1,9 @@
 """The true aircraft measured: ``python -m benchmarks.c208 [--plans 100] [--resets 3000]``.
 
-Steps and ramps of the autopilot; plans of the shipped policy flown in calm air, in wind and turbulence, and with
-random loadings; speed, reproducibility and memory. Cross-track errors are those of the flight against the legs between
-the published waypoints, times of arrival those at the waypoints. One core.
+Steps and ramps of the autopilot; plans of the shipped policy flown in calm air, in wind and
+turbulence, and with random loadings; speed, reproducibility and memory. Cross-track errors are
+those of the flight against the legs between the published waypoints, times of arrival those at the
+waypoints. One core.
 """
 
 import hashlib
@@ -69,7 +70,9 @@ class Flown(NamedTuple):
 def plans_of(count: int, name: str, seed: int) -> list[Plan]:
     """Return the SAFE ones of so many plans of the shipped policy."""
     encounters = numbered(scenario(name, PAPER), seed, 0, count)
-    proposals = plan_many(request_of(encounters, PAPER), Policy.load(), Options.for_aircraft(PAPER)).proposals
+    proposals = plan_many(
+        request_of(encounters, PAPER), Policy.load(), Options.for_aircraft(PAPER)
+    ).proposals
     found = []
     for number in np.flatnonzero(proposals.safe):
         knots = Knots(*(np.asarray(field[number], dtype=float) for field in proposals.knots))
@@ -78,8 +81,12 @@ def plans_of(count: int, name: str, seed: int) -> list[Plan]:
     return found
 
 
-def judged(plan: Plan, states: list[VehicleState], late: list[float], altitudes: np.ndarray) -> Flown:
-    """Compare the states after every period with the plan; ``late`` is about how late they are, s."""
+def judged(
+    plan: Plan, states: list[VehicleState], late: list[float], altitudes: np.ndarray
+) -> Flown:
+    """Compare the states after every period with the plan; ``late`` is about how late they
+    are, s.
+    """
     clock = PERIOD * np.arange(1, len(states) + 1)
     flight = VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
     curves = Legs(*(np.broadcast_to(field, (clock.size, *field.shape)) for field in plan.legs))
@@ -87,7 +94,12 @@ def judged(plan: Plan, states: list[VehicleState], late: list[float], altitudes:
     found = deviation(curves, flight, clock - late)
     at = np.clip(np.round(plan.times / PERIOD).astype(int) - 1, 0, clock.size - 1)
     distance = np.hypot(*offset(flight, along(curves, clock)))
-    return Flown(np.abs(found.cross_track), np.abs(found.time + late)[at], np.abs(altitudes - 2500.0), distance)
+    return Flown(
+        np.abs(found.cross_track),
+        np.abs(found.time + late)[at],
+        np.abs(altitudes - 2500.0),
+        distance,
+    )
 
 
 def flown(plan: Plan, conditions: Conditions = CALM, generic: bool = False) -> Flown:
@@ -107,7 +119,9 @@ def flown(plan: Plan, conditions: Conditions = CALM, generic: bool = False) -> F
 
 def summary(name: str, flights: list[Flown]) -> dict[str, float]:
     """Return the figures of some flights, pooled."""
-    cross, late, altitude, position = (np.concatenate(field) for field in zip(*flights, strict=True))
+    cross, late, altitude, position = (
+        np.concatenate(field) for field in zip(*flights, strict=True)
+    )
     return {
         f"{name}_flights": len(flights),
         f"{name}_cross_track_rms_m": float(np.sqrt(np.mean(cross**2))),
@@ -185,8 +199,13 @@ def steps() -> dict[str, float]:
 
 
 def digest(vehicle: C208Vehicle | None = None) -> str:
-    """Return a hash of every number of a flight in turbulence, of a vehicle that is reset or of a new one."""
-    start, conditions = VehicleState(0.0, 0.0, 0.3, 75.0), Conditions(NOMINAL, 6.0, -8.0, "moderate", 7)
+    """Return a hash of every number of a flight in turbulence, of a vehicle that is reset or of a
+    new one.
+    """
+    start, conditions = (
+        VehicleState(0.0, 0.0, 0.3, 75.0),
+        Conditions(NOMINAL, 6.0, -8.0, "moderate", 7),
+    )
     if vehicle is None:
         vehicle = C208Vehicle(start, "ex", conditions)
     else:
@@ -197,7 +216,9 @@ def digest(vehicle: C208Vehicle | None = None) -> str:
 
 
 def repeatable() -> dict[str, bool]:
-    """Return whether a flight is the same to the last bit after a reset, in a new instance and in a new process."""
+    """Return whether a flight is the same to the last bit after a reset, in a new instance and in a
+    new process.
+    """
     vehicle = C208Vehicle(VehicleState(10.0, 0.0, 2.0, 60.0), "ex", Conditions(turbulence="light"))
     first = digest()
     vehicle.step(0.1, 0.02, 5.0)
@@ -216,7 +237,9 @@ def resident() -> float:
     status = Path("/proc/self/statm")
     if status.exists():
         return int(status.read_text().split()[1]) * resource.getpagesize() / 2**20
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
+        2**20 if sys.platform == "darwin" else 2**10
+    )
 
 
 def growth(resets: int) -> dict[str, float]:
@@ -234,7 +257,9 @@ def growth(resets: int) -> dict[str, float]:
 
 
 def outcomes(count: int, seed: int) -> dict[str, float]:
-    """Return how often the policy solves encounters in closed loop, flown by the surrogate and by the aircraft."""
+    """Return how often the policy solves encounters in closed loop, flown by the surrogate and by
+    the aircraft.
+    """
     policy = Policy.load()
     environments = {"surrogate": DeconflictionEnv(), "aircraft": C208Env()}
     solved, lost = dict.fromkeys(environments, 0), dict.fromkeys(environments, 0)
@@ -252,7 +277,9 @@ def outcomes(count: int, seed: int) -> dict[str, float]:
 
 
 def pace() -> dict[str, float]:
-    """Return how much faster than real time the aircraft flies on one core: the median of five flights."""
+    """Return how much faster than real time the aircraft flies on one core: the median of five
+    flights.
+    """
     ratios: dict[str, list[float]] = {"physics": [], "autopilot": []}
     for _ in range(5):
         vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, 75.0))
@@ -271,24 +298,39 @@ def pace() -> dict[str, float]:
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--plans", type=int, default=100, help="plans made; the SAFE ones are flown (default 100)")
-    parser.add_argument("--scenario", default="circle", help="family of encounters (default circle)")
+    parser.add_argument(
+        "--plans", type=int, default=100, help="plans made; the SAFE ones are flown (default 100)"
+    )
+    parser.add_argument(
+        "--scenario", default="circle", help="family of encounters (default circle)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
-    parser.add_argument("--resets", type=int, default=3_000, help="over which memory is watched (default 3000)")
-    parser.add_argument("--encounters", type=int, default=300, help="flown by the policy in closed loop (default 300)")
+    parser.add_argument(
+        "--resets", type=int, default=3_000, help="over which memory is watched (default 3000)"
+    )
+    parser.add_argument(
+        "--encounters",
+        type=int,
+        default=300,
+        help="flown by the policy in closed loop (default 300)",
+    )
     options = parser.parse_args()
     if options.plans < 1 or options.resets < 1 or options.encounters < 0:
         parser.error("--plans and --resets: expected at least 1; --encounters: at least 0")
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    figures: dict[str, Any] = {"benchmark": "c208", "seed": options.seed} | steps() | pace() | repeatable()
+    figures: dict[str, Any] = (
+        {"benchmark": "c208", "seed": options.seed} | steps() | pace() | repeatable()
+    )
     plans = plans_of(options.plans, options.scenario, options.seed)
     if not plans:
         parser.error(f"none of {options.plans} plans of {options.scenario} is SAFE; ask for more")
     began = time.perf_counter()
     calm = [flown(plan) for plan in plans]
     seconds = time.perf_counter() - began
-    figures["following_times_real_time"] = sum(float(plan.times[-1]) + 20.0 for plan in plans) / seconds
+    figures["following_times_real_time"] = (
+        sum(float(plan.times[-1]) + 20.0 for plan in plans) / seconds
+    )
     figures |= summary("calm", calm)
     figures |= summary("calm_generic_follower", [flown(plan, generic=True) for plan in plans[:20]])
     point_mass = []
@@ -312,9 +354,10 @@ def main() -> None:
             found.append(one)
             if within_power(plan, conditions):
                 able.append(one)
-        figures |= {f"{name}_flights_lost": len(lost), f"{name}_flights_too_slow_to_begin": too_slow} | summary(
-            name, found
-        )
+        figures |= {
+            f"{name}_flights_lost": len(lost),
+            f"{name}_flights_too_slow_to_begin": too_slow,
+        } | summary(name, found)
         if lost:
             figures[f"{name}_reasons"] = lost
         if able:

@@ -1,8 +1,9 @@
 """The true aircraft in pictures: ``python -m benchmarks.c208_figures --out DIR``.
 
-``aircraft``: accelerations at idle and full power against speed, beside the surrogate's limits; model against published
-points; the answer to a step of the bank. ``steps``: air speed and acceleration after steps of the speed demanded, up
-and down, as in the paper's appendix. ``envelope``: the same limits over weights and altitudes.
+``aircraft``: accelerations at idle and full power against speed, beside the surrogate's limits;
+model against published points; the answer to a step of the bank. ``steps``: air speed and
+acceleration after steps of the speed demanded, up and down, as in the paper's appendix.
+``envelope``: the same limits over weights and altitudes.
 """
 
 import math
@@ -47,14 +48,27 @@ def _accelerations(axes: Any) -> None:
         axes.plot(speed, high, color=color, label=label)
         axes.plot(speed, low, color=color, linestyle="--")
     limits = SURROGATE
-    box_x = [limits.speed_min, limits.speed_max, limits.speed_max, limits.speed_min, limits.speed_min]
+    box_x = [
+        limits.speed_min,
+        limits.speed_max,
+        limits.speed_max,
+        limits.speed_min,
+        limits.speed_min,
+    ]
     low, high = limits.acceleration_min, limits.acceleration_max
-    axes.plot(box_x, [low, low, high, high, low], color="black", linewidth=1.0, label="surrogate's limits")
+    axes.plot(
+        box_x, [low, low, high, high, low], color="black", linewidth=1.0, label="surrogate's limits"
+    )
     speed, _, most = np.array(envelope("ex")).T
     inside = (speed >= limits.speed_min) & (speed <= limits.speed_max)
     short = np.minimum(most, high)
     axes.fill_between(
-        speed[inside], short[inside], high, color=VERMILION, alpha=0.35, label="asked, not to be had (EX)"
+        speed[inside],
+        short[inside],
+        high,
+        color=VERMILION,
+        alpha=0.35,
+        label="asked, not to be had (EX)",
     )
     axes.set_xlabel("true airspeed, m/s")
     axes.set_ylabel("acceleration in level flight, m/s²")
@@ -63,12 +77,20 @@ def _accelerations(axes: Any) -> None:
 
 
 def _published(axes: Any) -> None:
-    rows = [(point, 100.0 * (measured(point) / point.value - 1.0)) for point in POINTS if point.quantity != "glide"]
+    rows = [
+        (point, 100.0 * (measured(point) / point.value - 1.0))
+        for point in POINTS
+        if point.quantity != "glide"
+    ]
     for number, (point, off) in enumerate(rows):
-        allowed = 100.0 * (point.tolerance / point.value if point.quantity == "stall" else point.tolerance)
+        allowed = 100.0 * (
+            point.tolerance / point.value if point.quantity == "stall" else point.tolerance
+        )
         axes.barh(number, 2.0 * allowed, left=-allowed, color="#E5E5E5")
         axes.plot(off, number, "o", color=BLUE if point.use == "check" else ORANGE)
-    axes.set_yticks(range(len(rows)), [f"{point.quantity}: {point.name}" for point, _ in rows], fontsize=8)
+    axes.set_yticks(
+        range(len(rows)), [f"{point.quantity}: {point.name}" for point, _ in rows], fontsize=8
+    )
     axes.invert_yaxis()
     axes.axvline(0.0, color="black", linewidth=0.6)
     axes.set_xlabel("model less published, %; grey: tolerance")
@@ -90,7 +112,8 @@ def _step(axes: Any) -> None:
 
 
 def steps_figure() -> Figure:
-    """Return the answers to steps of the speed demanded: acceleration above all that can be had, then hold.
+    """Return the answers to steps of the speed demanded: acceleration above all that can be had,
+    then hold.
 
     The demand is half of the speed's error a second. The surrogate's limits are drawn in.
     """
@@ -103,7 +126,9 @@ def steps_figure() -> Figure:
             grid[0, column].axhline(last, color=color, linewidth=0.6, linestyle=":")
             grid[1, column].plot(time, gain, color=color)
         limit = SURROGATE.acceleration_max if column == 0 else SURROGATE.acceleration_min
-        grid[1, column].axhline(limit, color="black", linestyle="--", linewidth=1.0, label="surrogate's limit")
+        grid[1, column].axhline(
+            limit, color="black", linestyle="--", linewidth=1.0, label="surrogate's limit"
+        )
         grid[0, column].set_title(f"steps of the speed: {title}, 8807 lb, 2500 m", fontsize=11)
         grid[0, column].legend(frameon=False, fontsize=8)
         grid[1, column].legend(frameon=False, fontsize=8)
@@ -114,7 +139,9 @@ def steps_figure() -> Figure:
 
 
 def stepped(first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return time (s), air speed (m/s) and acceleration (m/s^2) after a step of the speed demanded, ``[T]`` each."""
+    """Return time (s), air speed (m/s) and acceleration (m/s^2) after a step of the speed demanded,
+    ``[T]`` each.
+    """
     vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, first))
     low, high = C208_PUBLISHED.acceleration_min, C208_PUBLISHED.acceleration_max
     for _ in range(round(_SECONDS / PERIOD)):
@@ -127,7 +154,9 @@ def stepped(first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def limits_figure() -> Figure:
-    """Return where the surrogate's limits lie inside the aircraft's, over weights, altitudes and speeds."""
+    """Return where the surrogate's limits lie inside the aircraft's, over weights, altitudes and
+    speeds.
+    """
     picture = Figure(figsize=(14.0, 4.6), layout="constrained")
     left, middle, right = picture.subplots(1, 3)
     altitudes = np.array([500.0, 1500.0, 2500.0, 3500.0, 4500.0, 5500.0])
@@ -157,8 +186,8 @@ def margins(weight: float, altitude: float) -> tuple[float, float, float, float]
     """Return what bounds the surrogate's limits at a weight (lb) and altitude (m) of the EX.
 
     Returns:
-        Slowest and fastest true airspeed, m/s; the fastest at which 0.5 m/s^2 of acceleration are left (nan: none);
-        the least deceleration at idle between 50 and 100 m/s, m/s^2.
+        Slowest and fastest true airspeed, m/s; the fastest at which 0.5 m/s^2 of acceleration are
+        left (nan: none); the least deceleration at idle between 50 and 100 m/s, m/s^2.
     """
     start = VehicleState(0.0, 0.0, 0.0, 75.0)
     vehicle = C208Vehicle(start, "ex", Conditions(Loading(weight=weight)), altitude)
@@ -166,7 +195,11 @@ def margins(weight: float, altitude: float) -> tuple[float, float, float, float]
     fast = value("speed_max_operating") * 0.514444 * math.sqrt(1.225 / vehicle.measured.density)
     speeds, low, high = np.array(envelope("ex", Loading(weight=weight), altitude)).T
     # It falls with the speed: read the other way round, from its largest speed down.
-    spare = float(np.interp(SURROGATE.acceleration_max, high[::-1], speeds[::-1], left=math.nan, right=math.nan))
+    spare = float(
+        np.interp(
+            SURROGATE.acceleration_max, high[::-1], speeds[::-1], left=math.nan, right=math.nan
+        )
+    )
     within = (speeds >= SURROGATE.speed_min) & (speeds <= SURROGATE.speed_max)
     return slow, fast, spare, float(-low[within].max())
 
@@ -174,7 +207,9 @@ def margins(weight: float, altitude: float) -> tuple[float, float, float, float]
 def main() -> int:
     """Draw; return the exit code."""
     parser = Parser(prog="python -m benchmarks.c208_figures", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("runs/c208"), help="folder (default runs/c208)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/c208"), help="folder (default runs/c208)"
+    )
     options = parser.parse_args()
     save.create(options.out)
     for name, draw in (("aircraft", figure), ("steps", steps_figure), ("envelope", limits_figure)):

@@ -1,8 +1,8 @@
 """What a Dask cluster costs: ``python -m benchmarks.cluster [--encounters N]``.
 
-Start-up of a local cluster; time that a chunk takes beside its flying, by chunks whose tables are there already; and
-the same encounters flown by one and two workers of a cluster, by one and two processes of ``--workers``, and their
-ratio. Needs the extra ``cluster``.
+Start-up of a local cluster; time that a chunk takes beside its flying, by chunks whose tables are
+there already; and the same encounters flown by one and two workers of a cluster, by one and two
+processes of ``--workers``, and their ratio. Needs the extra ``cluster``.
 """
 
 import time
@@ -38,7 +38,9 @@ def idle(work: Nothing, policy: Policy) -> np.random.Generator:
 def made_up(crew: np.random.Generator, first: int, count: int) -> dict[str, np.ndarray]:
     """Return a table of the usual size, 30 columns of numbers and 5 of words."""
     words = np.array(["reached", "violation", "timeout"], dtype=object)[crew.integers(0, 3, count)]
-    return {f"number_{i}": crew.random(count) for i in range(30)} | {f"word_{i}": words for i in range(5)}
+    return {f"number_{i}": crew.random(count) for i in range(30)} | {
+        f"word_{i}": words for i in range(5)
+    }
 
 
 @contextmanager
@@ -57,9 +59,15 @@ def local(workers: int) -> Generator[tuple[Cluster, float], None, None]:
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--encounters", type=int, default=10_000, help="encounters of a measurement (default 10000)")
-    parser.add_argument("--chunk", type=int, default=1_250, help="encounters of a chunk (default 1250)")
-    parser.add_argument("--chunks", type=int, default=200, help="chunks that are not flown (default 200)")
+    parser.add_argument(
+        "--encounters", type=int, default=10_000, help="encounters of a measurement (default 10000)"
+    )
+    parser.add_argument(
+        "--chunk", type=int, default=1_250, help="encounters of a chunk (default 1250)"
+    )
+    parser.add_argument(
+        "--chunks", type=int, default=200, help="chunks that are not flown (default 200)"
+    )
     options = parser.parse_args()
 
     policy = Policy.load()
@@ -70,18 +78,31 @@ def main() -> None:
     found: dict[str, Any] = {"encounters": options.encounters, "chunk": options.chunk}
     for workers in (1, 2):
         with local(workers) as (cluster, start_s):
-            flown = cluster.fly(Task(Pilot, columns), evaluation, policy.sha256, chunks, lambda: False)
+            flown = cluster.fly(
+                Task(Pilot, columns), evaluation, policy.sha256, chunks, lambda: False
+            )
             next(flown)  # the first imports the toolkit
             begun = time.perf_counter()
             list(flown)
-            found[f"cluster_of_{workers}"] = {"start_s": start_s, "wall_s_after_first": time.perf_counter() - begun}
-            nothing = cluster.fly(Task(idle, made_up), Nothing(None), policy.sha256, empty, lambda: False)
+            found[f"cluster_of_{workers}"] = {
+                "start_s": start_s,
+                "wall_s_after_first": time.perf_counter() - begun,
+            }
+            nothing = cluster.fly(
+                Task(idle, made_up), Nothing(None), policy.sha256, empty, lambda: False
+            )
             next(nothing)
             begun, busy = time.perf_counter(), time.process_time()
             list(nothing)
-            each, here = (now / (len(empty) - 1) for now in (time.perf_counter() - begun, time.process_time() - busy))
+            each, here = (
+                now / (len(empty) - 1)
+                for now in (time.perf_counter() - begun, time.process_time() - busy)
+            )
             # The scheduler of a local cluster lives in this process.
-            more = {"overhead_ms_per_chunk": 1e3 * each, "driver_and_scheduler_cpu_ms_per_chunk": 1e3 * here}
+            more = {
+                "overhead_ms_per_chunk": 1e3 * each,
+                "driver_and_scheduler_cpu_ms_per_chunk": 1e3 * here,
+            }
             found[f"cluster_of_{workers}"] |= more
         flown = fly_chunks(Task(Pilot, columns), evaluation, workers, chunks, lambda: False)
         next(flown)

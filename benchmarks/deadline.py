@@ -1,10 +1,11 @@
 """What a deadline costs: ``python -m benchmarks.deadline --out runs/deadline [--requests 300]``.
 
-Each request is planned with every deadline: circle encounters, 2 to 8 intruders, eight of them close by, noisy reports,
-and starts so close that many cannot be resolved. Resolvable is what the planner solves without a deadline; times are
-of the thread's processor, on one core. A block of 100 requests is a file in ``--out``, and the same command goes on
-where it stopped. What comes late is asked again. In ``--out`` lie ``deadline.json`` and the figure too; the last line
-is the same JSON object.
+Each request is planned with every deadline: circle encounters, 2 to 8 intruders, eight of them
+close by, noisy reports, and starts so close that many cannot be resolved. Resolvable is what the
+planner solves without a deadline; times are of the thread's processor, on one core. A block of 100
+requests is a file in ``--out``, and the same command goes on where it stopped. What comes late is
+asked again. In ``--out`` lie ``deadline.json`` and the figure too; the last line is the same JSON
+object.
 """
 
 import gc
@@ -37,7 +38,12 @@ KINDS: dict[str, dict[str, Any]] = {
     "2 to 8": {"name": "multi"},
     "8 close by": {"name": "multi", "intruders": (8, 8), "radius": (2500.0, 4500.0)},
     "noisy": {"name": "noisy"},
-    "hardly resolvable": {"name": "circle", "radius": (1200.0, 2500.0), "conflicts_closer_than": 500.0, "attempts": 48},
+    "hardly resolvable": {
+        "name": "circle",
+        "radius": (1200.0, 2500.0),
+        "conflicts_closer_than": 500.0,
+        "attempts": 48,
+    },
 }
 EACH = 20  # requests of a kind in a block
 LATE_MS = 5.0
@@ -47,13 +53,21 @@ def requests(kind: str, first: int, count: int) -> Iterator[tuple[Any, list[Intr
     """Yield the requests of a kind from a number on: ownship, intruders and route."""
     encounters = numbered(scenario(aircraft=PAPER, **KINDS[kind]), 0, first, count)
     request, sensor = request_of(encounters, PAPER), encounters.sensor
-    place, pace, age = (float(np.max(f)) for f in (sensor.position_std, sensor.velocity_std, sensor.latency))
+    place, pace, age = (
+        float(np.max(f)) for f in (sensor.position_std, sensor.velocity_std, sensor.latency)
+    )
     for number in range(count):
         own, others, route = question(encounters, request, number)
-        yield own, [Intruder(one, age=age, position_std=place, velocity_std=pace) for one in others], route
+        yield (
+            own,
+            [Intruder(one, age=age, position_std=place, velocity_std=pace) for one in others],
+            route,
+        )
 
 
-def timed(request: tuple[Any, list[Intruder], Any], limit: float, policy: Policy) -> tuple[bool, float]:
+def timed(
+    request: tuple[Any, list[Intruder], Any], limit: float, policy: Policy
+) -> tuple[bool, float]:
     """Return whether the answer to a request with a deadline, ms, is SAFE, and its time, ms."""
     options = replace(Options.for_aircraft(policy.aircraft), deadline_s=limit * 1e-3)
     began = time.thread_time()
@@ -62,18 +76,25 @@ def timed(request: tuple[Any, list[Intruder], Any], limit: float, policy: Policy
 
 
 def answers(block: int, policy: Policy) -> dict[str, Any]:
-    """Return of the requests of a block, by kind and deadline, whether they are SAFE and the time of the answer, ms."""
+    """Return of the requests of a block, by kind and deadline, whether they are SAFE and the time
+    of the answer, ms.
+    """
     safe: dict[str, list[list[bool]]] = {}
     spent: dict[str, list[list[float]]] = {}
     for kind in KINDS:
-        rows = [[timed(one, limit, policy) for limit in DEADLINES_MS] for one in requests(kind, block * EACH, EACH)]
+        rows = [
+            [timed(one, limit, policy) for limit in DEADLINES_MS]
+            for one in requests(kind, block * EACH, EACH)
+        ]
         safe[kind] = [[good for good, _ in row] for row in rows]
         spent[kind] = [[ms for _, ms in row] for row in rows]
     return {"safe": safe, "ms": spent}
 
 
 def late_again(blocks: list[dict[str, Any]], policy: Policy) -> dict[str, int]:
-    """Answer again what came late, and return how many did each time: a shared host may hold up a thread once."""
+    """Answer again what came late, and return how many did each time: a shared host may hold up a
+    thread once.
+    """
     late = [
         (kind, block * EACH + number, limit)
         for block, rows in enumerate(blocks)
@@ -82,8 +103,14 @@ def late_again(blocks: list[dict[str, Any]], policy: Policy) -> dict[str, int]:
         for limit, ms in zip(DEADLINES_MS, row, strict=True)
         if ms - limit > LATE_MS
     ]
-    again = [timed(next(requests(kind, number, 1)), limit, policy)[1] - limit for kind, number, limit in late]
-    return {f"more_than_{LATE_MS:g}_ms_late": len(late), "late_when_asked_again": sum(ms > LATE_MS for ms in again)}
+    again = [
+        timed(next(requests(kind, number, 1)), limit, policy)[1] - limit
+        for kind, number, limit in late
+    ]
+    return {
+        f"more_than_{LATE_MS:g}_ms_late": len(late),
+        "late_when_asked_again": sum(ms > LATE_MS for ms in again),
+    }
 
 
 def figures(blocks: list[dict[str, Any]]) -> dict[str, Any]:
@@ -91,7 +118,10 @@ def figures(blocks: list[dict[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {"benchmark": "deadline", "deadlines_ms": [*DEADLINES_MS[:-1], None]}
     late = 0.0
     for kind in KINDS:
-        safe, ms = (np.array([row for block in blocks for row in block[what][kind]]) for what in ("safe", "ms"))
+        safe, ms = (
+            np.array([row for block in blocks for row in block[what][kind]])
+            for what in ("safe", "ms")
+        )
         solved = safe[safe[:, -1]]
         late = max(late, float((ms[:, :-1] - DEADLINES_MS[:-1]).max()))
         found[kind] = {
@@ -116,9 +146,16 @@ def draw(found: dict[str, Any]) -> Any:
         if found[kind]["safe_of_resolvable"]:
             left.semilogx(limits, found[kind]["safe_of_resolvable"][:-1], marker="o", label=kind)
         right.loglog(limits, found[kind]["slowest_ms"][:-1], marker="o", label=kind)
-    right.loglog(limits, [limit + LATE_MS for limit in limits], "k--", label=f"deadline + {LATE_MS:g} ms")
+    right.loglog(
+        limits, [limit + LATE_MS for limit in limits], "k--", label=f"deadline + {LATE_MS:g} ms"
+    )
     for axes, what in ((left, "SAFE of the resolvable"), (right, "slowest answer, ms")):
-        axes.set(xlabel="deadline, ms", ylabel=what, xticks=limits, xticklabels=[f"{limit:g}" for limit in limits])
+        axes.set(
+            xlabel="deadline, ms",
+            ylabel=what,
+            xticks=limits,
+            xticklabels=[f"{limit:g}" for limit in limits],
+        )
         axes.minorticks_off()
         axes.grid(alpha=0.3)
     right.legend(frameon=False)
@@ -128,8 +165,12 @@ def draw(found: dict[str, Any]) -> Any:
 def main() -> None:
     """Measure what is missing, and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="folder of the blocks, the result and the figure")
-    parser.add_argument("--requests", type=int, default=300, help="in whole blocks of 100 (default 300)")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="folder of the blocks, the result and the figure"
+    )
+    parser.add_argument(
+        "--requests", type=int, default=300, help="in whole blocks of 100 (default 300)"
+    )
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
     options = parser.parse_args()
     policy = Policy.load(options.policy)
@@ -139,13 +180,18 @@ def main() -> None:
     paths = [options.out / f"block-{block:05d}.json" for block in range(count)]
     with threadpool_limits(1):
         first = numbered(scenario("multi", PAPER), 1, 0, 1)
-        plan(*question(first, request_of(first, PAPER), 0), policy)  # the first plan of a process makes tables
-        gc.freeze()  # as the ROS nodes do: a search for garbage among all that was imported takes 10 ms and more
+        plan(
+            *question(first, request_of(first, PAPER), 0), policy
+        )  # the first plan of a process makes tables
+        # as the ROS nodes do: a search for garbage among all that was imported takes 10 ms and more
+        gc.freeze()
         for block, path in enumerate(paths):
             if not path.exists():
                 write_file(path, json.dumps({"policy": policy.sha256} | answers(block, policy)))
             elif json.loads(path.read_text())["policy"] != policy.sha256:
-                parser.error(f"--out {options.out} holds answers of another policy; expected a new folder")
+                parser.error(
+                    f"--out {options.out} holds answers of another policy; expected a new folder"
+                )
         # Held only now, for the same reason: a search through 200 blocks takes 5 ms.
         blocks = [json.loads(path.read_text()) for path in paths]
         gc.freeze()

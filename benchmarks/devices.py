@@ -1,9 +1,10 @@
-"""What splitting a training costs: ``python -m benchmarks.devices [--config FILE] [--updates 10] [--turns 2]``.
+"""What splitting a training costs: ``python -m benchmarks.devices [--config FILE] [--updates 10]
+[--turns 2]``.
 
-The training program itself, in turns: one process on all cores, and as many processes as there are cores, each held to
-one of them, which exchange their gradients over the loopback. Same configuration, same global batch. A rate is the
-median over a run's updates without the first two; the ratio is the median of the turns' ratios. The last line is one
-JSON object.
+The training program itself, in turns: one process on all cores, and as many processes as there are
+cores, each held to one of them, which exchange their gradients over the loopback. Same
+configuration, same global batch. A rate is the median over a run's updates without the first two;
+the ratio is the median of the turns' ratios. The last line is one JSON object.
 """
 
 import os
@@ -45,17 +46,41 @@ def main() -> None:
     one, many = [], []
     with tempfile.TemporaryDirectory() as folder:
         for turn in range(options.turns):
-            common = ["--config", options.config, "--set", f"steps={steps}", "--set", "warm_start=null"]
+            common = [
+                "--config",
+                options.config,
+                "--set",
+                f"steps={steps}",
+                "--set",
+                "warm_start=null",
+            ]
             common += ["--set", "evaluation.final_encounters=10"]
             common += ["--set", "evaluation.every_steps=1000000000", "--quiet"]
             out = Path(folder) / f"one-{turn}"
             _wait([_start([*common, "--out", str(out)], cores)])
             one.append(_rate(out))
             out, address = Path(folder) / f"many-{turn}", f"127.0.0.1:{_free_port()}"
-            group = [*common, "--out", str(out), "--coordinator", address, "--processes", str(len(cores))]
-            _wait([_start([*group, "--process", str(number)], [core]) for number, core in enumerate(cores)])
+            group = [
+                *common,
+                "--out",
+                str(out),
+                "--coordinator",
+                address,
+                "--processes",
+                str(len(cores)),
+            ]
+            _wait(
+                [
+                    _start([*group, "--process", str(number)], [core])
+                    for number, core in enumerate(cores)
+                ]
+            )
             many.append(_rate(out))
-            print(f"turn {turn}: one process {one[-1]:.0f}, {len(cores)} processes {many[-1]:.0f} steps/s", flush=True)
+            print(
+                f"turn {turn}: one process {one[-1]:.0f}, {len(cores)} processes {many[-1]:.0f} "
+                "steps/s",
+                flush=True,
+            )
     figures = {
         "benchmark": "devices",
         "one_process_steps_per_s": one,
@@ -70,7 +95,9 @@ def _start(arguments: list[str], cores: list[int]) -> "subprocess.Popen[bytes]":
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, cores)  # inherited by the child
     try:
-        return subprocess.Popen([sys.executable, "-m", "rlcas_jax.train", *arguments], stdout=subprocess.DEVNULL)
+        return subprocess.Popen(
+            [sys.executable, "-m", "rlcas_jax.train", *arguments], stdout=subprocess.DEVNULL
+        )
     finally:
         os.sched_setaffinity(0, before)
 
@@ -78,7 +105,9 @@ def _start(arguments: list[str], cores: list[int]) -> "subprocess.Popen[bytes]":
 def _wait(processes: list["subprocess.Popen[bytes]"]) -> None:
     for process in processes:
         if process.wait() != 0:
-            raise SystemExit(f"a training ended with status {process.returncode}; its message stands above")
+            raise SystemExit(
+                f"a training ended with status {process.returncode}; its message stands above"
+            )
 
 
 def _rate(out: Path) -> float:

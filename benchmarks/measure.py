@@ -14,7 +14,9 @@ __all__ = ["layers", "machine", "report", "seconds"]
 
 
 def layers(policy: Policy) -> list[tuple[int, ...]]:
-    """Return inputs and outputs of each layer of a policy's network; those of its encoder count once."""
+    """Return inputs and outputs of each layer of a policy's network; those of its encoder count
+    once.
+    """
     return [tensor.shape for name, tensor in policy.tensors.items() if name.endswith("/kernel")]
 
 
@@ -25,14 +27,20 @@ def machine() -> dict[str, Any]:
     name = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
-        models = [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if "model name" in line]
+        models = [
+            line.split(":", 1)[1].strip()
+            for line in info.read_text().splitlines()
+            if "model name" in line
+        ]
         name = models[0] if models else name
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {"processor": name, "cores": cores, "system": platform.system()}
 
 
 def seconds(work: Callable[[], Any], repeats: int = 5) -> list[float]:
-    """Return the wall time of each repeat, s, after one that is not counted; ``work`` waits for its own result."""
+    """Return the wall time of each repeat, s, after one that is not counted; ``work`` waits for its
+    own result.
+    """
     work()
     times = []
     for _ in range(repeats):
@@ -43,6 +51,10 @@ def seconds(work: Callable[[], Any], repeats: int = 5) -> list[float]:
 
 
 def report(figures: dict[str, Any], packages: tuple[str, ...]) -> None:
-    """Print one JSON object with the figures, the machine and the packages' versions as the last line."""
-    versions = {"python": platform.python_version()} | {name: metadata.version(name) for name in packages}
+    """Print one JSON object with the figures, the machine and the packages' versions as the last
+    line.
+    """
+    versions = {"python": platform.python_version()} | {
+        name: metadata.version(name) for name in packages
+    }
     print(json.dumps(figures | {"machine": machine(), "versions": versions}))

@@ -1,8 +1,9 @@
 """Speed of the evaluation: ``python -m benchmarks.monte_carlo [--policy FILE]``.
 
-Encounters a second for a whole evaluation of circle encounters (draw, fly with and without the policy, judge, table,
-start of the processes included), and how far that is from the limit that matrix products set: the time that the
-policy's products alone would take as matrix products, at the rate measured in the same run by as many processes.
+Encounters a second for a whole evaluation of circle encounters (draw, fly with and without the
+policy, judge, table, start of the processes included), and how far that is from the limit that
+matrix products set: the time that the policy's products alone would take as matrix products, at the
+rate measured in the same run by as many processes.
 """
 
 import math
@@ -69,7 +70,9 @@ def stages(pilot: Pilot, count: int) -> dict[str, float]:
     lap("policy_flights_s")
     bare = fly(starts, Direct(aircraft), aircraft)
     lap("baseline_flights_s")
-    classify(starts, aircraft.rules(), aircraft.limits, solved=(flown.outcome == 1) | (bare.outcome == 1))
+    classify(
+        starts, aircraft.rules(), aircraft.limits, solved=(flown.outcome == 1) | (bare.outcome == 1)
+    )
     lap("resolvability_s")
     return times
 
@@ -78,27 +81,41 @@ def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
-    parser.add_argument("--encounters", type=int, default=10_000, help="encounters of a measurement (default 10000)")
+    parser.add_argument(
+        "--encounters", type=int, default=10_000, help="encounters of a measurement (default 10000)"
+    )
     parser.add_argument("--repeats", type=int, default=3, help="measurements (default 3)")
-    parser.add_argument("--workers", type=int, default=cores(), help="processes (default: one for every core)")
+    parser.add_argument(
+        "--workers", type=int, default=cores(), help="processes (default: one for every core)"
+    )
     text = "what computes the decisions (default auto, as in eval.monte_carlo)"
     parser.add_argument("--backend", choices=("auto", "numpy", "jax"), default="auto", help=text)
     options = parser.parse_args()
 
     policy = Policy.load(options.policy)
     backend = MonteCarloConfig(backend=options.backend).backend_for(policy, options.encounters)
-    evaluation = Evaluation(options.policy, scenario("circle", PAPER), None, 0, policy.aircraft, backend=backend)
+    evaluation = Evaluation(
+        options.policy, scenario("circle", PAPER), None, 0, policy.aircraft, backend=backend
+    )
     size = MonteCarloConfig(backend=backend).chunk_for(options.encounters, options.workers)
-    chunks = [Chunk(first, min(size, options.encounters - first)) for first in range(0, options.encounters, size)]
+    chunks = [
+        Chunk(first, min(size, options.encounters - first))
+        for first in range(0, options.encounters, size)
+    ]
     walls, evaluations = [], 0.0
     for _ in range(options.repeats):
         begun = time.perf_counter()
         tables: list[dict[str, Any]] = [
-            table for _, table in fly_chunks(Task(Pilot, columns), evaluation, options.workers, chunks, lambda: False)
+            table
+            for _, table in fly_chunks(
+                Task(Pilot, columns), evaluation, options.workers, chunks, lambda: False
+            )
         ]
         walls.append(time.perf_counter() - begun)
         # The policy acts once a time step.
-        evaluations = sum(math.fsum(table["duration_s"]) for table in tables) / evaluation.aircraft.dt
+        evaluations = (
+            sum(math.fsum(table["duration_s"]) for table in tables) / evaluation.aircraft.dt
+        )
 
     shapes = layers(policy)
     with multiprocessing.get_context("spawn").Pool(options.workers) as pool:

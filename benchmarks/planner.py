@@ -1,10 +1,11 @@
 """Latency of the planner: ``python -m benchmarks.planner [--policy FILE] [--requests 2000]``.
 
-The whole of ``agents.planner.plan``, from states and route to the validated answer, one request after the other on
-one core, over random circle encounters; those that the policy solves and those that need the fallback apart. Beside it,
-in turns with it, the floor: 380 times the matrix-vector products of the network in float32 and the tanh between them,
-preallocated, features excluded. ``_cpu_`` figures count the processor's time alone, which other work on the machine
-does not lengthen so much.
+The whole of ``agents.planner.plan``, from states and route to the validated answer, one request
+after the other on one core, over random circle encounters; those that the policy solves and those
+that need the fallback apart. Beside it, in turns with it, the floor: 380 times the matrix-vector
+products of the network in float32 and the tanh between them, preallocated, features excluded.
+``_cpu_`` figures count the processor's time alone, which other work on the machine does not
+lengthen so much.
 """
 
 import os
@@ -36,7 +37,10 @@ def floor(policy: Policy) -> Any:
     """Return the bare work of 380 evaluations of a network of the policy's size, to be called."""
     rng = np.random.default_rng(0)
     factors = [rng.standard_normal(shape).astype(np.float32) for shape in layers(policy)]
-    vectors = [(np.ones(len(factor), np.float32), np.empty(factor.shape[1], np.float32)) for factor in factors]
+    vectors = [
+        (np.ones(len(factor), np.float32), np.empty(factor.shape[1], np.float32))
+        for factor in factors
+    ]
 
     def work() -> None:
         for _ in range(FLOOR_STEPS):
@@ -51,7 +55,9 @@ def floor(policy: Policy) -> Any:
 def question(
     encounters: Encounter, request: Request, number: int
 ) -> tuple[VehicleState, list[VehicleState], list[RoutePoint]]:
-    """Return what ``plan`` is asked at the start of one of the encounters: ownship, intruders, route."""
+    """Return what ``plan`` is asked at the start of one of the encounters: ownship, intruders,
+    route.
+    """
     row = take(request, number)
     own = VehicleState(*(float(field) for field in row.own))
     present = np.flatnonzero(encounters.mask[number])
@@ -65,7 +71,9 @@ def main() -> None:
     parser = Parser(description=__doc__)
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
     parser.add_argument("--requests", type=int, default=2_000, help="requests timed (default 2000)")
-    parser.add_argument("--scenario", default="circle", help="family of encounters (default circle)")
+    parser.add_argument(
+        "--scenario", default="circle", help="family of encounters (default circle)"
+    )
     options = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
@@ -86,18 +94,30 @@ def main() -> None:
             after, busy_after = time.perf_counter(), time.process_time()
             if number >= 0:
                 floors.append(middle - began)
-                kind = "unresolved" if not answer.safe else "policy" if answer.source is Source.POLICY else "fallback"
+                kind = (
+                    "unresolved"
+                    if not answer.safe
+                    else "policy"
+                    if answer.source is Source.POLICY
+                    else "fallback"
+                )
                 times[kind].append(after - middle)
                 busy[kind].append(busy_after - busy_before)
     base = float(np.median(floors))
-    figures: dict[str, Any] = {"benchmark": "planner", "requests": options.requests, "floor_median_ms": 1e3 * base}
+    figures: dict[str, Any] = {
+        "benchmark": "planner",
+        "requests": options.requests,
+        "floor_median_ms": 1e3 * base,
+    }
     for kind, values in times.items():
         figures[f"{kind}_requests"] = len(values)
         if values:
             for name, share in (("median", 50.0), ("p99", 99.0), ("p99_9", 99.9), ("max", 100.0)):
                 figures[f"{kind}_{name}_ms"] = 1e3 * float(np.percentile(values, share))
                 figures[f"{kind}_cpu_{name}_ms"] = 1e3 * float(np.percentile(busy[kind], share))
-    figures["policy_median_over_floor"] = float(np.median(times["policy"])) / base if times["policy"] else None
+    figures["policy_median_over_floor"] = (
+        float(np.median(times["policy"])) / base if times["policy"] else None
+    )
     for name, value in figures.items():
         print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
     report(figures, ("numpy",))

@@ -1,7 +1,9 @@
-"""How soon a report's page is ready in a browser: ``python -m benchmarks.report_page runs/circle/report.html``.
+"""How soon a report's page is ready in a browser: ``python -m benchmarks.report_page
+runs/circle/report.html``.
 
-Ready is when the page has read its data, drawn the plots and listed the flights: the page notes the time since its own
-start. The limit is what the browser needs to read as many bytes as JSON, measured beside it in an empty page.
+Ready is when the page has read its data, drawn the plots and listed the flights: the page notes the
+time since its own start. The limit is what the browser needs to read as many bytes as JSON,
+measured beside it in an empty page.
 """
 
 import json
@@ -12,20 +14,29 @@ from typing import Any
 from benchmarks.measure import report
 from envs.edge.command import Parser, run_cli
 
-_DESCRIPTION = "Measure how soon a report's page is ready in Chromium, ms from the start of its loading."
+_DESCRIPTION = (
+    "Measure how soon a report's page is ready in Chromium, ms from the start of its loading."
+)
 
-_PARSED = "text => { const begin = performance.now(); JSON.parse(text); return performance.now() - begin; }"
+_PARSED = (
+    "text => { const begin = performance.now(); JSON.parse(text); return performance.now() "
+    "- begin; }"
+)
 
 
 def main(argv: list[str] | None = None) -> None:
     """Measure and print the figures."""
     parser = Parser(prog="python -m benchmarks.report_page", description=_DESCRIPTION)
     parser.add_argument("page", type=Path, help="report.html, as eval.report writes it")
-    parser.add_argument("--repeats", type=int, default=5, metavar="N", help="how often it is opened (default 5)")
+    parser.add_argument(
+        "--repeats", type=int, default=5, metavar="N", help="how often it is opened (default 5)"
+    )
     options = parser.parse_args(argv)
     if not options.page.is_file():
         parser.error(f"{options.page}: no such file; python -m eval.report DIR writes one")
-    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    browser = next(
+        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+    )
     if browser is None:
         parser.error("no Chromium is installed (Debian's package: chromium)")
 

@@ -1,9 +1,9 @@
 """Speed of the surrogate: ``python -m benchmarks.surrogate``.
 
-Steps a second with reset, both vehicles, contract observation and outcome, under random actions that are drawn
-within the measured time. "Naive" is the same world as it is commonly first written: every encounter a struct under
-``vmap``, library trigonometry, a floating-point modulo for each wrap and a fresh start sampled for each encounter
-in each step in case it ends.
+Steps a second with reset, both vehicles, contract observation and outcome, under random actions
+that are drawn within the measured time. "Naive" is the same world as it is commonly first written:
+every encounter a struct under ``vmap``, library trigonometry, a floating-point modulo for each wrap
+and a fresh start sampled for each encounter in each step in case it ends.
 """
 
 from collections.abc import Callable
@@ -27,14 +27,20 @@ CIRCLE = encounters.scenario("circle", PAPER)
 
 
 def ours(count: int, steps: int, rows: int) -> Callable[[jax.Array, surrogate.State], Any]:
-    """Return a compiled function that advances ``count`` encounters by ``steps`` from a key and a state."""
+    """Return a compiled function that advances ``count`` encounters by ``steps`` from a key and a
+    state.
+    """
 
     def run(key: jax.Array, state: surrogate.State) -> Any:
         pool_key, action_key = jax.random.split(key)
-        pool = jax.vmap(surrogate.reset)(surrogate.redraw_pool(pool_key, [CIRCLE], [1.0], rows, count))
+        pool = jax.vmap(surrogate.reset)(
+            surrogate.redraw_pool(pool_key, [CIRCLE], [1.0], rows, count)
+        )
         actions = jax.random.uniform(action_key, (steps, 2, count), minval=-1.0, maxval=1.0)
 
-        def step(carry: surrogate.State, now: tuple[jax.Array, jax.Array]) -> tuple[surrogate.State, Any]:
+        def step(
+            carry: surrogate.State, now: tuple[jax.Array, jax.Array]
+        ) -> tuple[surrogate.State, Any]:
             action, index = now
             fresh = jax.tree.map(lambda field: field[index % rows], pool)
             carry = surrogate.restart(carry, fresh)
@@ -71,7 +77,9 @@ def naive(count: int, steps: int) -> Callable[[jax.Array, surrogate.State], Any]
 
 
 def library_trigonometry() -> ExitStack:
-    """Replace our polynomials by jax.numpy's functions in every module of the world while the context lasts."""
+    """Replace our polynomials by jax.numpy's functions in every module of the world while the
+    context lasts.
+    """
     replacements = {
         "sincos": lambda angle, xp: (jnp.sin(angle), jnp.cos(angle)),
         "atan2": lambda y, x, xp: jnp.arctan2(y, x),
@@ -85,7 +93,9 @@ def library_trigonometry() -> ExitStack:
     return stack
 
 
-def rate(function: Callable[[jax.Array, Any], Any], state: surrogate.State, work: int, repeats: int) -> list[float]:
+def rate(
+    function: Callable[[jax.Array, Any], Any], state: surrogate.State, work: int, repeats: int
+) -> list[float]:
     """Return steps a second of each repeat."""
     times = seconds(lambda: jax.block_until_ready(function(jax.random.key(1), state)), repeats)
     return [work / time for time in times]
@@ -94,15 +104,23 @@ def rate(function: Callable[[jax.Array, Any], Any], state: surrogate.State, work
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--environments", type=int, default=2048, help="encounters in parallel (default 2048)")
+    parser.add_argument(
+        "--environments", type=int, default=2048, help="encounters in parallel (default 2048)"
+    )
     parser.add_argument("--steps", type=int, default=256, help="steps a measurement (default 256)")
-    parser.add_argument("--rows", type=int, default=16, help="rows of the pool of starts (default 16)")
-    parser.add_argument("--repeats", type=int, default=7, help="measurements of each side (default 7)")
+    parser.add_argument(
+        "--rows", type=int, default=16, help="rows of the pool of starts (default 16)"
+    )
+    parser.add_argument(
+        "--repeats", type=int, default=7, help="measurements of each side (default 7)"
+    )
     options = parser.parse_args()
     count, steps = options.environments, options.steps
     state = jax.tree.map(
         lambda field: field[0],
-        jax.vmap(surrogate.reset)(surrogate.redraw_pool(jax.random.key(0), [CIRCLE], [1.0], 1, count)),
+        jax.vmap(surrogate.reset)(
+            surrogate.redraw_pool(jax.random.key(0), [CIRCLE], [1.0], 1, count)
+        ),
     )
     measure = partial(rate, state=state, work=count * steps, repeats=options.repeats)
     our_rate = measure(ours(count, steps, options.rows))

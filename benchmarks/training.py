@@ -2,10 +2,12 @@
 
 Measured in turns, so that a slow moment of the machine meets every side alike:
 
-- our whole update (rollout, advantages, all epochs) as training runs it, and the learner alone on the same samples;
-- the float32 matrix products of one minibatch's forward and backward pass at the same shapes, and one plain product;
-- Stable-Baselines3's PPO on the same task, network and epochs, fed by our vector environment: at its defaults, and at
-  the best of a grid of batch sizes, numbers of environments and threads.
+- our whole update (rollout, advantages, all epochs) as training runs it, and the learner alone on
+  the same samples;
+- the float32 matrix products of one minibatch's forward and backward pass at the same shapes, and
+  one plain product;
+- Stable-Baselines3's PPO on the same task, network and epochs, fed by our vector environment: at
+  its defaults, and at the best of a grid of batch sizes, numbers of environments and threads.
 
 Figures are medians; ratios are medians of the ratios within each turn.
 """
@@ -47,13 +49,19 @@ class Extent:
     repeats: int = 5
     batches: tuple[int, ...] = (64, 2048, 4096, 16384)
     environments: tuple[int, ...] = (8, 64, 1024)
-    """With the batches: the grid on which the peer's best is looked for; an empty one leaves the peer out."""
+    """With the batches: the grid on which the peer's best is looked for; an empty one leaves the
+    peer out.
+    """
     samples: int = 16_384
-    """Least samples of a rollout of the grid, a quarter where batches are small; the rate hardly depends on it."""
+    """Least samples of a rollout of the grid, a quarter where batches are small; the rate hardly
+    depends on it.
+    """
     cell_s: float = 4.0
     """Least time for a cell of the grid, s."""
     finalists: int = 2
-    """Best cells of the grid that are measured again, with every number of threads, in turns with us."""
+    """Best cells of the grid that are measured again, with every number of threads, in turns with
+    us.
+    """
 
 
 QUICK = Extent(repeats=3, batches=(64, 4096), environments=(64, 1024), cell_s=1.0, finalists=1)
@@ -79,12 +87,16 @@ def whole_update(config: TrainConfig) -> Work:
 
 
 def learner_alone(config: TrainConfig) -> Work:
-    """Return a function that learns by one update from samples of the same shapes that are made once."""
+    """Return a function that learns by one update from samples of the same shapes that are made
+    once.
+    """
     settings = task.ppo_settings(config)
     hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
     parts = ppo.learner(Actor(hidden, feature_set), Critic(hidden, feature_set), settings)
     shape = (config.ppo.environments, config.ppo.rollout)
-    start_key, seen_key, noise_key, advantage_key, key = jax.random.split(jax.random.key(config.seed), 5)
+    start_key, seen_key, noise_key, advantage_key, key = jax.random.split(
+        jax.random.key(config.seed), 5
+    )
 
     @jax.jit
     def start() -> tuple[ppo.LearnerState, ppo.Batch]:
@@ -118,7 +130,9 @@ def peer_work(model: Any, cell: Cell, threads: int) -> Work:
     return work
 
 
-def scan(config: TrainConfig, extent: Extent, threads: Sequence[int]) -> list[tuple[float, Cell, int, Work]]:
+def scan(
+    config: TrainConfig, extent: Extent, threads: Sequence[int]
+) -> list[tuple[float, Cell, int, Work]]:
     """Measure the peer on the grid; return (steps/s, cell, threads, work), the fastest first."""
     found = []
     for count in extent.environments:
@@ -149,10 +163,15 @@ def in_turns(works: dict[str, Work], repeats: int) -> dict[str, list[float]]:
 def measure(config: TrainConfig, extent: Extent) -> dict[str, Any]:
     """Measure everything and return the figures."""
     widths = networks(config)
-    minibatch = [product for network in widths for product in gemm.products(network, config.ppo.minibatch)]
+    minibatch = [
+        product for network in widths for product in gemm.products(network, config.ppo.minibatch)
+    ]
     plain = gemm.plain(config.ppo.minibatch, max(config.network.hidden))
-    # About half a second each at 100 GFLOP/s; small networks, which come nowhere near that, get a hundred rounds.
-    shapes_rounds, plain_rounds = (min(max(1, round(5e10 / gemm.flop(work))), 100) for work in (minibatch, plain))
+    # About half a second each at 100 GFLOP/s; small networks, which come nowhere near that, get a
+    # hundred rounds.
+    shapes_rounds, plain_rounds = (
+        min(max(1, round(5e10 / gemm.flop(work))), 100) for work in (minibatch, plain)
+    )
     works = {
         "ours": whole_update(config),
         "learner": learner_alone(config),
@@ -172,7 +191,9 @@ def measure(config: TrainConfig, extent: Extent) -> dict[str, Any]:
         grid = scan(config, extent, sorted({1, cores}))
         # A busy moment hits several threads harder than one, so a cell comes with both.
         finalists = list(dict.fromkeys(cell for _, cell, _, _ in grid))[: extent.finalists]
-        for place, (_, cell, threads, work) in enumerate(entry for entry in grid if entry[1] in finalists):
+        for place, (_, cell, threads, work) in enumerate(
+            entry for entry in grid if entry[1] in finalists
+        ):
             works[f"finalist {place}"], cells[f"finalist {place}"] = work, (cell, threads)
         default = sb3_task.algorithm(config, sb3_task.DEFAULTS)
         same = replace(sb3_task.DEFAULTS, epochs=config.ppo.epochs)
@@ -190,7 +211,9 @@ def measure(config: TrainConfig, extent: Extent) -> dict[str, Any]:
         shown = median(values) / (1e9 if what == "GFLOP/s" else 1.0)
         label = f"sb3 {name}: {cells[name][0]}, {cells[name][1]} threads" if name in cells else name
         print(f"{label:70} {shown:12,.1f} {what} (spread {spread(values):.0%})")
-    return _our_figures(config, rates) | (_peer_figures(rates, grid, cells) if cells else {"sb3": None})
+    return _our_figures(config, rates) | (
+        _peer_figures(rates, grid, cells) if cells else {"sb3": None}
+    )
 
 
 def spread(values: list[float]) -> float:
@@ -237,11 +260,14 @@ def _peer_figures(
         "sb3": {
             "best": _setting(*cells[best]) | _rate_figures("steps_per_s", rates[best]),
             **{
-                name.replace(" ", "_"): _setting(*cells[name]) | _rate_figures("steps_per_s", rates[name])
+                name.replace(" ", "_"): _setting(*cells[name])
+                | _rate_figures("steps_per_s", rates[name])
                 for name in cells
                 if name not in finalists
             },
-            "grid": [_setting(cell, threads) | {"steps_per_s": rate} for rate, cell, threads, _ in grid],
+            "grid": [
+                _setting(cell, threads) | {"steps_per_s": rate} for rate, cell, threads, _ in grid
+            ],
         },
         "ratio_to_sb3_best": _ratio(rates["ours"], rates[best]),
         "ratio_to_sb3_default": _ratio(rates["ours"], rates["default"]),
@@ -251,7 +277,11 @@ def _peer_figures(
 
 
 def _rate_figures(name: str, values: list[float]) -> dict[str, float]:
-    return {f"{name}_median": median(values), f"{name}_best": max(values), f"{name}_spread": spread(values)}
+    return {
+        f"{name}_median": median(values),
+        f"{name}_best": max(values),
+        f"{name}_spread": spread(values),
+    }
 
 
 def _setting(cell: Cell, threads: int) -> dict[str, int]:
@@ -282,10 +312,25 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Measure and print."""
     parser = Parser(prog="python -m benchmarks.training", description=__doc__)
     add = parser.add_argument
-    add("--config", type=Path, default=Path("configs/sprint.yaml"), help="training (default configs/sprint.yaml)")
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of it; may be given many times")
+    add(
+        "--config",
+        type=Path,
+        default=Path("configs/sprint.yaml"),
+        help="training (default configs/sprint.yaml)",
+    )
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change one key of it; may be given many times",
+    )
     add("--repeats", type=int, help="measurements of each side (default 5; 3 with --quick)")
-    add("--quick", action="store_true", help="a quarter of the rollout, fewer repeats and a smaller grid")
+    add(
+        "--quick",
+        action="store_true",
+        help="a quarter of the rollout, fewer repeats and a smaller grid",
+    )
     add("--no-sb3", action="store_true", help="leave Stable-Baselines3 out")
     options = parser.parse_args(argv)
     extent = QUICK if options.quick else Extent()
@@ -295,14 +340,19 @@ def main(argv: Sequence[str] | None = None) -> None:
         extent = replace(extent, repeats=options.repeats)
     config = load(TrainConfig, options.config, options.set)
     if config.network.feature_set == "set":
-        raise ConfigError("network.feature_set is set; expected none, cpa or mirror, as the peer takes one vector")
+        raise ConfigError(
+            "network.feature_set is set; expected none, cpa or mirror, as the peer takes one vector"
+        )
     if options.quick:
         shorter = f"ppo.rollout={max(config.ppo.rollout // 4, config.ppo.segment)}"
         config = load(TrainConfig, options.config, [*options.set, shorter])
     versions = ["jax", "jaxlib", "flax", "optax", "numpy"]
     if options.no_sb3 or not sb3_task.available():
         if not options.no_sb3:
-            print(f"Stable-Baselines3 is not installed and is left out; to have it: {sb3_task.INSTALL}")
+            print(
+                "Stable-Baselines3 is not installed and is left out; to have it: "
+                f"{sb3_task.INSTALL}"
+            )
         extent = replace(extent, batches=())
     else:
         versions += ["stable-baselines3", "torch", "gymnasium"]

@@ -1,9 +1,10 @@
 """Optimality gap of the least-cost witnesses: ``python -m benchmarks.witness``.
 
-Circle encounters in conflict. Each witness is compared with the shortest flight that an independent optimiser finds:
-free controls, constant over a thirtieth of the flight, by sequential quadratic programming (scipy's SLSQP) with the
-gradients of the world's own functions, from the witness itself and from crude flights past either side at several
-speeds. A flight counts only if it keeps the rules at every second. The straight line is a true lower bound.
+Circle encounters in conflict. Each witness is compared with the shortest flight that an independent
+optimiser finds: free controls, constant over a thirtieth of the flight, by sequential quadratic
+programming (scipy's SLSQP) with the gradients of the world's own functions, from the witness itself
+and from crude flights past either side at several speeds. A flight counts only if it keeps the
+rules at every second. The straight line is a true lower bound.
 """
 
 from functools import partial
@@ -54,7 +55,9 @@ class Problem(NamedTuple):
 
 
 def flown(controls: Any, problem: Problem) -> tuple[Any, Any, Any]:
-    """Fly controls ``[PIECES, 2]``; return the length, the last distance to the goal and the separations ``[T]``."""
+    """Fly controls ``[PIECES, 2]``; return the length, the last distance to the goal and the
+    separations ``[T]``.
+    """
     index = jnp.arange(problem.traffic.x.shape[0] - 1)
     each = controls[jnp.minimum(index * PIECES // problem.count, PIECES - 1)]
     before = jax.tree.map(lambda field: field[:-1], problem.traffic)
@@ -64,12 +67,16 @@ def flown(controls: Any, problem: Problem) -> tuple[Any, Any, Any]:
         flying, control, traffic, traffic_next = now
         acceleration, yaw_rate = commands((control[0], control[1]), SURROGATE, jnp)
         moved = advance(own, acceleration, yaw_rate, RULES.dt, SURROGATE, jnp)
-        apart = jnp.where(problem.mask, leg_separation(own, moved, traffic, traffic_next, RULES.dt, jnp), 1e6)
+        apart = jnp.where(
+            problem.mask, leg_separation(own, moved, traffic, traffic_next, RULES.dt, jnp), 1e6
+        )
         length = jnp.where(flying, 0.5 * RULES.dt * (own.speed + moved.speed), 0.0)
         kept = jax.tree.map(lambda new, old: jnp.where(flying, new, old), moved, own)
         return kept, (length, jnp.where(flying, jnp.min(apart), 1e6))
 
-    last, (lengths, apart) = jax.lax.scan(step, problem.own, (index < problem.count, each, before, after))
+    last, (lengths, apart) = jax.lax.scan(
+        step, problem.own, (index < problem.count, each, before, after)
+    )
     to_goal = distance(problem.goal[0] - last.x, problem.goal[1] - last.y, jnp)
     return jnp.sum(lengths), to_goal, apart
 
@@ -88,7 +95,9 @@ _FLOWN = jax.jit(flown)
 
 
 def optimised(guess: Any, problem: Problem, iterations: int) -> float:
-    """Return the length, m, of the best flight from a guess ``[PIECES, 2]``; inf if it breaks a rule."""
+    """Return the length, m, of the best flight from a guess ``[PIECES, 2]``; inf if it breaks a
+    rule.
+    """
     cache: dict[bytes, tuple[Any, Any]] = {}
 
     def at(flat: Any) -> tuple[Any, Any]:
@@ -103,25 +112,45 @@ def optimised(guess: Any, problem: Problem, iterations: int) -> float:
         np.clip(guess, -1.0, 1.0).ravel(),
         jac=lambda flat: at(flat)[1][0],
         bounds=[(-1.0, 1.0)] * guess.size,
-        constraints={"type": "ineq", "fun": lambda flat: at(flat)[0][1:], "jac": lambda flat: at(flat)[1][1:]},
+        constraints={
+            "type": "ineq",
+            "fun": lambda flat: at(flat)[0][1:],
+            "jac": lambda flat: at(flat)[1][1:],
+        },
         method="SLSQP",
         options={"maxiter": iterations, "ftol": 1e-6},
     )
-    length, to_goal, apart = (np.asarray(value) for value in _FLOWN(np.clip(done.x, -1, 1).reshape(-1, 2), problem))
-    return float(length) if apart.min() >= RULES.separation and to_goal <= RULES.goal_radius else np.inf
+    length, to_goal, apart = (
+        np.asarray(value) for value in _FLOWN(np.clip(done.x, -1, 1).reshape(-1, 2), problem)
+    )
+    return (
+        float(length)
+        if apart.min() >= RULES.separation and to_goal <= RULES.goal_radius
+        else np.inf
+    )
 
 
 def crude(encounter: Encounter, aside: float, speed: float) -> tuple[Any, int]:
-    """Return controls ``[T, 2]`` of a flight that aims ``aside`` rad beside the goal until the closest approach."""
+    """Return controls ``[T, 2]`` of a flight that aims ``aside`` rad beside the goal until the
+    closest approach.
+    """
     own, controls = encounter.own, []
     seen = VehicleState(*(field[None] for field in own))
-    until = float(straight_cpa(seen, VehicleState(*(field[:1] for field in encounter.intruders)), np).time[0])
+    until = float(
+        straight_cpa(seen, VehicleState(*(field[:1] for field in encounter.intruders)), np).time[0]
+    )
     for index in range(steps(RULES)):
         if distance(encounter.goal_x - own.x, encounter.goal_y - own.y, np) <= RULES.goal_radius:
             break
-        course = bearing(own, encounter.goal_x, encounter.goal_y, np) + (aside if index < until else 0.0)
-        action = np.clip([2.0 * (speed - own.speed), wrap(course, np) / SURROGATE.yaw_rate_max], -1.0, 1.0)
-        own = advance(own, *commands((action[0], action[1]), SURROGATE, np), RULES.dt, SURROGATE, np)
+        course = bearing(own, encounter.goal_x, encounter.goal_y, np) + (
+            aside if index < until else 0.0
+        )
+        action = np.clip(
+            [2.0 * (speed - own.speed), wrap(course, np) / SURROGATE.yaw_rate_max], -1.0, 1.0
+        )
+        own = advance(
+            own, *commands((action[0], action[1]), SURROGATE, np), RULES.dt, SURROGATE, np
+        )
         controls.append(action)
     return np.array(controls), len(controls)
 
@@ -130,7 +159,10 @@ def pieces(controls: Any) -> Any:
     """Return the means of controls ``[T, 2]`` over the pieces, ``[PIECES, 2]``."""
     number = np.minimum(np.arange(len(controls)) * PIECES // len(controls), PIECES - 1)
     return np.stack(
-        [np.mean(controls[number == i], axis=0) if (number == i).any() else controls[0] for i in range(PIECES)]
+        [
+            np.mean(controls[number == i], axis=0) if (number == i).any() else controls[0]
+            for i in range(PIECES)
+        ]
     )
 
 
@@ -143,7 +175,9 @@ def recorded(encounter: Encounter, witnesses: Found, number: int) -> Any:
 
 def in_conflict(count: int, seed: int) -> Encounter:
     """Return circle encounters whose straight courses pass within the separation, ``[count]``."""
-    return numbered(scenario("circle", PAPER, conflicts_closer_than=RULES.separation), seed, 0, count)
+    return numbered(
+        scenario("circle", PAPER, conflicts_closer_than=RULES.separation), seed, 0, count
+    )
 
 
 def compare(encounter: Encounter, witnesses: Found, number: int, iterations: int) -> float:
@@ -154,25 +188,37 @@ def compare(encounter: Encounter, witnesses: Found, number: int, iterations: int
     controls = recorded(encounter, witnesses, number)
     guesses = [(controls, len(controls))]
     guesses += [
-        crude(encounter, aside, speed) for aside, speed in ((0.0, 55.0), (0.0, 95.0), (0.35, 75.0), (-0.35, 75.0))
+        crude(encounter, aside, speed)
+        for aside, speed in ((0.0, 55.0), (0.0, 95.0), (0.35, 75.0), (-0.35, 75.0))
     ]
-    return min(optimised(pieces(flight), solve(np.asarray(count)), iterations) for flight, count in guesses)
+    return min(
+        optimised(pieces(flight), solve(np.asarray(count)), iterations) for flight, count in guesses
+    )
 
 
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--encounters", type=int, default=60, help="circle encounters in conflict (default 60)")
+    parser.add_argument(
+        "--encounters", type=int, default=60, help="circle encounters in conflict (default 60)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
-    parser.add_argument("--iterations", type=int, default=40, help="of each optimisation (default 40)")
+    parser.add_argument(
+        "--iterations", type=int, default=40, help="of each optimisation (default 40)"
+    )
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     encounters = in_conflict(options.encounters, options.seed)
     witnesses = least_cost(encounters, RULES, SURROGATE)
     known = np.flatnonzero(~np.isnan(witnesses.path))
-    free = np.array([compare(take(encounters, i), witnesses, int(i), options.iterations) for i in known])
+    free = np.array(
+        [compare(take(encounters, i), witnesses, int(i), options.iterations) for i in known]
+    )
     own = encounters.own
-    straight = distance(encounters.goal_x - own.x, encounters.goal_y - own.y, np)[known] - RULES.goal_radius
+    straight = (
+        distance(encounters.goal_x - own.x, encounters.goal_y - own.y, np)[known]
+        - RULES.goal_radius
+    )
     path = witnesses.path[known]
     best = np.minimum(free, path)
     figures = {

@@ -1,12 +1,17 @@
-"""What the documentation site adds to the pages of ``docs/``: hooks of mkdocs, named in ``mkdocs.yml``.
+"""What the documentation site adds to the pages of ``docs/``: hooks of mkdocs, named in
+``mkdocs.yml``.
 
-- A page for every module with public names, which mkdocstrings fills from the sources without importing them.
-- A page for every text file outside ``docs/`` that is linked to, so that the link holds on the site as in a checkout.
+- A page for every module with public names, which mkdocstrings fills from the sources without
+  importing them.
+- A page for every text file outside ``docs/`` that is linked to, so that the link holds on the site
+  as in a checkout.
 - A contents page for every folder that is linked to, or stands in ``nav``, and has none.
 - In ``nav`` a folder stands for all its pages.
 - The numbers of the shipped policy, for the page that flies it (``docs/fly/make.py``).
-- Roles of our docstrings (``:func:`size```) are links, and double backticks code: an extension of griffe.
-- A comment on the line of a class's annotated field is the field's text where it has no docstring: another one.
+- Roles of our docstrings (``:func:`size```) are links, and double backticks code: an extension of
+  griffe.
+- A comment on the line of a class's annotated field is the field's text where it has no docstring:
+  another one.
 
 A link to what does not exist is left as it is, so that the strict build refuses it.
 """
@@ -57,7 +62,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             waiting += _links_outside(text, path, docs)
     for folder in sorted(_folders(files, docs) | set(_folders_of(config.nav)), reverse=True):
         if files.get_file_from_path(f"{folder}/README.md") is None:
-            files.append(File.generated(config, f"{folder}/README.md", content=_contents(folder, files)))
+            files.append(
+                File.generated(config, f"{folder}/README.md", content=_contents(folder, files))
+            )
     config.nav = _written_out(config.nav, files)
     return files
 
@@ -91,21 +98,37 @@ def _code(root: Path) -> Iterator[tuple[str, str]]:
             summary = (ast.get_docstring(tree) or "").split("\n\n")[0].replace("\n", " ")
             summary = _ROLE.sub("", summary).replace("|", r"\|")
             if path.name == "__init__.py":
-                rows.setdefault(path.parent, []).insert(0, f"{summary}\n\n| module | what it is |\n|---|---|\n")
+                rows.setdefault(path.parent, []).insert(
+                    0, f"{summary}\n\n| module | what it is |\n|---|---|\n"
+                )
             elif _has_public_names(tree):
-                rows.setdefault(path.parent, []).append(f"| [`{module}`]({path.stem}.md) | {summary} |\n")
-                yield f"reference/code/{module.replace('.', '/')}.md", f"---\ntitle: {path.stem}\n---\n\n::: {module}\n"
+                rows.setdefault(path.parent, []).append(
+                    f"| [`{module}`]({path.stem}.md) | {summary} |\n"
+                )
+                yield (
+                    f"reference/code/{module.replace('.', '/')}.md",
+                    f"---\ntitle: {path.stem}\n---\n\n::: {module}\n",
+                )
         for folder, lines in rows.items():
             if len(lines) > 1:
                 name = folder.relative_to(root).as_posix()
-                yield f"reference/code/{name}/README.md", f"# {name.replace('/', '.')}\n\n{''.join(lines)}"
+                yield (
+                    f"reference/code/{name}/README.md",
+                    f"# {name.replace('/', '.')}\n\n{''.join(lines)}",
+                )
 
 
 def _has_public_names(tree: ast.Module) -> bool:
-    """Return whether a module has public functions or classes, or constants that a text below describes."""
+    """Return whether a module has public functions or classes, or constants that a text below
+    describes.
+    """
     described = zip(tree.body, tree.body[1:], strict=False)
-    return any(isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_" for node in tree.body) or any(
-        isinstance(node, ast.Assign | ast.AnnAssign) and ast.unparse(text)[0] in "'\"" for node, text in described
+    return any(
+        isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_"
+        for node in tree.body
+    ) or any(
+        isinstance(node, ast.Assign | ast.AnnAssign) and ast.unparse(text)[0] in "'\""
+        for node, text in described
     )
 
 
@@ -148,7 +171,11 @@ def _folders(files: Files, docs: Path) -> set[str]:
         for file in files.documentation_pages()
         for link in _LINK.finditer(file.content_string)
     }
-    return {path.relative_to(docs).as_posix() for path in targets if path.is_relative_to(docs) and path.is_dir()}
+    return {
+        path.relative_to(docs).as_posix()
+        for path in targets
+        if path.is_relative_to(docs) and path.is_dir()
+    }
 
 
 def _folders_of(nav: Any) -> Iterator[str]:
@@ -164,7 +191,11 @@ def _contents(folder: str, files: Files) -> str:
     lines = []
     for file in sorted(files, key=lambda file: file.src_uri):
         rest = file.src_uri.removeprefix(f"{folder}/")
-        if rest == file.src_uri or rest.count("/") > 1 or ("/" in rest and not rest.endswith("/README.md")):
+        if (
+            rest == file.src_uri
+            or rest.count("/") > 1
+            or ("/" in rest and not rest.endswith("/README.md"))
+        ):
             continue
         lines.append(f"- [{_title(file) if file.is_documentation_page() else rest}]({rest})\n")
     return f"# {folder.rsplit('/', 1)[-1].capitalize()}\n\n{''.join(lines)}"
@@ -187,21 +218,32 @@ def _written_out(nav: Any, files: Files) -> Any:
 def _pages(folder: str, files: Files) -> list[Any]:
     below = sorted(f.src_uri for f in files.documentation_pages() if f.src_uri.startswith(folder))
     here = [uri for uri in below if "/" not in uri.removeprefix(folder)]
-    folders = sorted({uri.removeprefix(folder).split("/")[0] for uri in below} - {posixpath.basename(u) for u in here})
+    folders = sorted(
+        {uri.removeprefix(folder).split("/")[0] for uri in below}
+        - {posixpath.basename(u) for u in here}
+    )
     index = f"{folder}README.md"
     entries: list[Any] = sorted(here, key=lambda uri: (uri != index, uri))
     return entries + [{name: _pages(f"{folder}{name}/", files)} for name in folders]
 
 
 class FieldComments(griffe.Extension):
-    """Takes the comment behind an annotated field of a class for its docstring, where it has none."""
+    """Takes the comment behind an annotated field of a class for its docstring, where it
+    has none.
+    """
 
     def on_module_node(self, *, node: Any, agent: Any, **_: Any) -> None:
         """Read the comments of a module before its fields, because its syntax tree has none."""
         tokens = tokenize.generate_tokens(io.StringIO(agent.code).readline)
-        self._comments = {each.start[0]: each.string[1:].strip() for each in tokens if each.type == tokenize.COMMENT}
+        self._comments = {
+            each.start[0]: each.string[1:].strip()
+            for each in tokens
+            if each.type == tokenize.COMMENT
+        }
 
-    def on_attribute_instance(self, *, node: Any, attr: griffe.Attribute, agent: Any, **_: Any) -> None:
+    def on_attribute_instance(
+        self, *, node: Any, attr: griffe.Attribute, agent: Any, **_: Any
+    ) -> None:
         """Give a field its text."""
         if attr.docstring is None and isinstance(node, ast.AnnAssign) and agent.current.is_class:
             text = self._comments.get(node.end_lineno, "")
@@ -227,7 +269,9 @@ class Roles(griffe.Extension):
 def _rewrite(item: griffe.Object) -> None:
     if item.docstring is not None:
         scope = item
-        item.docstring.value = _NAMED_ROLE.sub(lambda role: _reference(role[1], scope), item.docstring.value)
+        item.docstring.value = _NAMED_ROLE.sub(
+            lambda role: _reference(role[1], scope), item.docstring.value
+        )
     for member in item.members.values():
         if not member.is_alias:
             _rewrite(member)  # pyright: ignore[reportArgumentType]

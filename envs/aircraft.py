@@ -1,8 +1,9 @@
-"""The aircraft: what it can do, which separation it must keep, and the units in which all aircraft are alike.
+"""The aircraft: what it can do, which separation it must keep, and the units in which all aircraft
+are alike.
 
-Lengths in required separations D, speeds in ``speed_max`` and times in D / ``speed_max``: two aircraft with the same
-four :class:`Ratios` fly the same encounters, scaled. Everything that a rule, a scenario or an observation needs as a
-number follows from here.
+Lengths in required separations D, speeds in ``speed_max`` and times in D / ``speed_max``: two
+aircraft with the same four :class:`Ratios` fly the same encounters, scaled. Everything that a rule,
+a scenario or an observation needs as a number follows from here.
 """
 
 import math
@@ -13,7 +14,9 @@ from envs.kinematics import FASTEST, Limits
 from envs.outcome import Rules
 
 _STEPS = 300
-"""Time steps until a route counts as missed: 30 D / speed_max of 0.1 D / speed_max each (paper: 300 s of 1 s)."""
+"""Time steps until a route counts as missed: 30 D / speed_max of 0.1 D / speed_max each (paper: 300
+s of 1 s).
+"""
 
 _TRAFFIC = 1.5
 """Greatest speed of the traffic, in greatest speeds of the ownship (paper: 150 of 100 m/s)."""
@@ -24,7 +27,9 @@ class AircraftError(InputError):
 
 
 class Aircraft(NamedTuple):
-    """An aircraft and its task, SI units; floats, so that they can be data of a compiled function."""
+    """An aircraft and its task, SI units; floats, so that they can be data of a compiled
+    function.
+    """
 
     limits: Limits
     separation: Any  # required horizontal separation D, m
@@ -53,7 +58,9 @@ class Ratios(NamedTuple):
 
 
 def ratios(limits: Limits, separation: Any) -> Ratios:
-    """Return the limits (floats or ``[...]``) in units of the separation (m) and of the greatest speed."""
+    """Return the limits (floats or ``[...]``) in units of the separation (m) and of the greatest
+    speed.
+    """
     unit = separation / (limits.speed_max * limits.speed_max)
     return Ratios(
         limits.speed_min / limits.speed_max,
@@ -88,7 +95,9 @@ def new_aircraft(
     limits = Limits(*map(float, limits))
     slow, fast, most = limits.speed_min, limits.speed_max, FASTEST.speed_max
     if not 0.0 <= slow < fast <= most:
-        raise AircraftError(f"speed_min, speed_max are {slow:g}, {fast:g} m/s; expected 0 <= min < max <= {most:g}")
+        raise AircraftError(
+            f"speed_min, speed_max are {slow:g}, {fast:g} m/s; expected 0 <= min < max <= {most:g}"
+        )
     for name, low, value, high in (
         ("acceleration_min", FASTEST.acceleration_min, limits.acceleration_min, -1e-4),
         ("acceleration_max", 1e-4, limits.acceleration_max, FASTEST.acceleration_max),
@@ -114,9 +123,14 @@ def new_aircraft(
         raise AircraftError(f"goal_radius is {given.goal_radius:g} m; expected {expected}")
     turn = limits.yaw_rate_max * given.dt
     if turn > 1.0:
-        raise AircraftError(f"yaw_rate_max turns {turn:g} rad in a time step of {given.dt:g} s; expected at most 1 rad")
+        raise AircraftError(
+            f"yaw_rate_max turns {turn:g} rad in a time step of {given.dt:g} s; expected at most "
+            "1 rad"
+        )
     if abs(given.t_max / given.dt - round(given.t_max / given.dt)) > 1e-6:
-        raise AircraftError(f"t_max is {given.t_max:g} s; expected a whole number of time steps of {given.dt:g} s")
+        raise AircraftError(
+            f"t_max is {given.t_max:g} s; expected a whole number of time steps of {given.dt:g} s"
+        )
     return given
 
 

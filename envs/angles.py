@@ -1,9 +1,10 @@
 """Angles without library trigonometry: wrap, sine and cosine, and the four-quadrant arctangent.
 
-libm's functions are called one element at a time by compiled array code and would dominate a surrogate
-step, and each array library rounds them differently. These polynomials are plain arithmetic, so that they
-vectorise and agree across backends. Coefficients are our own minimax fits (largest error over the reduced
-range: sine 5e-14, arctangent 4e-8 rad). Plain floats take ``math``'s functions, which agree to 4e-8 rad.
+libm's functions are called one element at a time by compiled array code and would dominate a
+surrogate step, and each array library rounds them differently. These polynomials are plain
+arithmetic, so that they vectorise and agree across backends. Coefficients are our own minimax fits
+(largest error over the reduced range: sine 5e-14, arctangent 4e-8 rad). Plain floats take
+``math``'s functions, which agree to 4e-8 rad.
 """
 
 import math
@@ -32,8 +33,8 @@ _ATAN = (
     0.021862955446050297,
     -0.0040545651819291675,
 )
-# Smallest denominator of the arctangent's quotient: far below any length in metres that matters, and a
-# normal number in float32.
+# Smallest denominator of the arctangent's quotient: far below any length in metres that matters,
+# and a normal number in float32.
 _TINY = 1e-30
 
 
@@ -60,7 +61,9 @@ def sincos(angle: Any, xp: Any) -> tuple[Any, Any]:
 
 
 def atan2(y: Any, x: Any, xp: Any) -> Any:
-    """Return the angle of the vector (x, y) in [-pi, pi] (rad, any shape); 0 for the null vector."""
+    """Return the angle of the vector (x, y) in [-pi, pi] (rad, any shape); 0 for the null
+    vector.
+    """
     if xp is FLOATS:
         return math.atan2(y, x)
     size_x, size_y = xp.abs(x), xp.abs(y)

@@ -1,8 +1,8 @@
 """The array namespaces that the world is written over.
 
-Every function of the core takes ``xp``: ``numpy`` (evaluation), ``jax.numpy`` (training), or :data:`FLOATS` or
-:data:`EXACT_FLOATS` (plain Python floats, where one aircraft is advanced thousands of times and array overhead would
-dominate).
+Every function of the core takes ``xp``: ``numpy`` (evaluation), ``jax.numpy`` (training), or
+:data:`FLOATS` or :data:`EXACT_FLOATS` (plain Python floats, where one aircraft is advanced
+thousands of times and array overhead would dominate).
 """
 
 import math
@@ -13,8 +13,8 @@ from typing import Any
 class FloatNamespace:
     """The part of the array namespace that the core uses, for plain floats and booleans.
 
-    Both branches of ``where`` are evaluated before the choice, as with arrays, so callers guard denominators instead
-    of relying on the condition.
+    Both branches of ``where`` are evaluated before the choice, as with arrays, so callers guard
+    denominators instead of relying on the condition.
     """
 
     pi = math.pi
@@ -49,7 +49,11 @@ class FloatNamespace:
 
 
 FLOATS: Any = FloatNamespace()
-"""Plain floats with the functions of ``math`` for angles: the fastest, off by up to 4e-8 rad, 1 mm in 300 s."""
+"""Plain floats with the functions of ``math`` for angles: the fastest, off by up to 4e-8 rad, 1 mm
+in 300 s.
+"""
 
 EXACT_FLOATS: Any = FloatNamespace()
-"""Plain floats with the arrays' own polynomials for angles: equal to numpy in double precision to the last bit."""
+"""Plain floats with the arrays' own polynomials for angles: equal to numpy in double precision to
+the last bit.
+"""

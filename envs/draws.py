@@ -1,12 +1,17 @@
-"""Random numbers by position: the draws of encounter 1234 do not depend on how many others are made with it."""
+"""Random numbers by position: the draws of encounter 1234 do not depend on how many others are made
+with it.
+"""
 
 import numpy as np
 
 _WORDS_PER_COUNT = 4  # Philox gives four 64-bit words per counter value
 
 
-def uniforms(seed: int, first: int, count: int, shape: tuple[int, ...], stream: int = 0) -> np.ndarray:
-    """Return draws in [0, 1) for the encounters ``first .. first + count - 1`` of a seed >= 0, ``[count, *shape]``.
+def uniforms(
+    seed: int, first: int, count: int, shape: tuple[int, ...], stream: int = 0
+) -> np.ndarray:
+    """Return draws in [0, 1) for the encounters ``first .. first + count - 1`` of a seed >= 0,
+    ``[count, *shape]``.
 
     One encounter takes draws of a shape; each stream is an independent set of them.
     """
@@ -18,7 +23,11 @@ def uniforms(seed: int, first: int, count: int, shape: tuple[int, ...], stream: 
     return words[:, :wanted].reshape(count, *shape)
 
 
-def normals(seed: int, first: int, count: int, shape: tuple[int, ...], stream: int = 0) -> np.ndarray:
-    """Return standard normal draws, ``[count, *shape]``, by position as :func:`uniforms` (Box-Muller)."""
+def normals(
+    seed: int, first: int, count: int, shape: tuple[int, ...], stream: int = 0
+) -> np.ndarray:
+    """Return standard normal draws, ``[count, *shape]``, by position as :func:`uniforms`
+    (Box-Muller).
+    """
     pairs = uniforms(seed, first, count, (*shape, 2), stream)
     return np.sqrt(-2.0 * np.log1p(-pairs[..., 0])) * np.cos(2.0 * np.pi * pairs[..., 1])

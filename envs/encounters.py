@@ -1,8 +1,8 @@
 """Encounters and their samplers: from unit-uniform draws to two or more aircraft in conflict.
 
-A sampler is a pure function of draws, so that jax keys and a counter-based numpy generator feed the same code. Courses
-differ clockwise as seen from above, as aviation counts them: an intruder of course difference +90 degrees comes from
-the left.
+A sampler is a pure function of draws, so that jax keys and a counter-based numpy generator feed the
+same code. Courses differ clockwise as seen from above, as aviation counts them: an intruder of
+course difference +90 degrees comes from the left.
 """
 
 import math
@@ -38,27 +38,47 @@ class Encounter(NamedTuple):
 MOST_INTRUDERS = 64
 """Most intruders of an encounter: far more than one ownship meets, and cheap to hold."""
 
-SCENARIOS = ("circle", "crossing_left", "crossing_right", "head_on", "same_course", "maneuvering", "noisy", "multi")
+SCENARIOS = (
+    "circle",
+    "crossing_left",
+    "crossing_right",
+    "head_on",
+    "same_course",
+    "maneuvering",
+    "noisy",
+    "multi",
+)
 """The scenarios by name."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A family of encounters around a common conflict point (the paper's "circle" and variants of it).
+    """A family of encounters around a common conflict point (the paper's "circle" and variants of
+    it).
 
-    Ownship and intruders start so far from the centre that they would meet there at the same time; then every
-    start is displaced. Pairs (low, high) are ranges of a uniform draw; SI units. :func:`scenario` makes them.
+    Ownship and intruders start so far from the centre that they would meet there at the same time;
+    then every start is displaced. Pairs (low, high) are ranges of a uniform draw; SI units.
+    :func:`scenario` makes them.
     """
 
     name: str
     aircraft: Aircraft  # the ownship; what a scenario does not state otherwise is scaled by it
-    radius: tuple[float, float]  # distance of the ownship from the centre, m; the goal lies as far on the other side
+    radius: tuple[
+        float, float
+    ]  # distance of the ownship from the centre, m; the goal lies as far on the other side
     own_speed: tuple[float, float]  # m/s
     intruder_speed: tuple[float, float]  # m/s
-    displacement: float  # each start is moved by up to this in x and in y, m; headings and goal stay
+    displacement: (
+        float  # each start is moved by up to this in x and in y, m; headings and goal stay
+    )
     min_initial_separation: float  # starts closer than this, m, are redrawn; 0 keeps them all
-    course_difference: tuple[float, float] = (-math.pi, math.pi)  # intruder's course less own course, rad clockwise
-    conflicts_closer_than: float = math.inf  # only starts whose straight courses pass closer than this, m, are kept
+    course_difference: tuple[float, float] = (
+        -math.pi,
+        math.pi,
+    )  # intruder's course less own course, rad clockwise
+    conflicts_closer_than: float = (
+        math.inf
+    )  # only starts whose straight courses pass closer than this, m, are kept
     intruders: tuple[int, int] = (1, 1)  # fewest and most intruders
     turn_rate: float = 0.0  # largest rate of each intruder's one turn, rad/s; 0: it flies straight
     heading_change: float = math.radians(120.0)  # largest heading change of that turn, rad
@@ -76,19 +96,28 @@ class Scenario:
 def scenario(name: str, aircraft: Aircraft, **changes: Any) -> Scenario:
     """Return a scenario by its name, scaled by the aircraft, with some of its fields changed.
 
-    Lengths are in separations, speeds in ``speed_max``, latencies in time steps; for the paper's aircraft the numbers
-    are the paper's.
+    Lengths are in separations, speeds in ``speed_max``, latencies in time steps; for the paper's
+    aircraft the numbers are the paper's.
 
     Raises:
-        EncounterError: the name is unknown, or a field contradicts the aircraft; the message begins with the field.
+        EncounterError: the name is unknown, or a field contradicts the aircraft; the message begins
+            with the field.
     """
     if name not in SCENARIOS:
-        raise EncounterError(f"scenario {name!r} is unknown; expected one of {', '.join(SCENARIOS)}")
+        raise EncounterError(
+            f"scenario {name!r} is unknown; expected one of {', '.join(SCENARIOS)}"
+        )
     separation, limits = aircraft.separation, aircraft.limits
     # An aircraft that can stand still would never arrive at the conflict point.
     speeds = (max(limits.speed_min, 0.2 * limits.speed_max), limits.speed_max)
     circle = Scenario(
-        name, aircraft, (3.0 * separation, 10.0 * separation), speeds, speeds, 0.5 * separation, separation
+        name,
+        aircraft,
+        (3.0 * separation, 10.0 * separation),
+        speeds,
+        speeds,
+        0.5 * separation,
+        separation,
     )
     conflict = {"conflicts_closer_than": separation, "attempts": 48}
     own: dict[str, dict[str, Any]] = {
@@ -128,10 +157,13 @@ def _check(chosen: Scenario) -> None:
         first, last = getattr(chosen, name)
         if not low <= first <= last <= high:
             raise EncounterError(
-                f"{name} is [{first:g}, {last:g}]; expected [low, high] within {low:g} to {high:g}, {why}"
+                f"{name} is [{first:g}, {last:g}]; expected [low, high] within {low:g} to "
+                f"{high:g}, {why}"
             )
     if not chosen.own_speed[0] > 0.0:
-        raise EncounterError(f"own_speed begins at {chosen.own_speed[0]:g} m/s; expected a number above 0")
+        raise EncounterError(
+            f"own_speed begins at {chosen.own_speed[0]:g} m/s; expected a number above 0"
+        )
     for name, high in (
         ("displacement", math.inf),
         ("min_initial_separation", math.inf),
@@ -150,8 +182,8 @@ def _check(chosen: Scenario) -> None:
 def sample(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     """Turn draws ``[A, N, D]`` in [0, 1), D = ``scenario.dimensions``, into encounters ``[N]``.
 
-    Each takes the first of A attempts that meets the scenario's conditions, else its last. Also returned is whether it
-    meets them.
+    Each takes the first of A attempts that meets the scenario's conditions, else its last. Also
+    returned is whether it meets them.
     """
     encounter, accepted = _attempt(scenario, draws[0], xp)
     for attempt in range(1, draws.shape[0]):
@@ -164,7 +196,9 @@ def sample(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
 
 
 def padded(encounter: Encounter, count: int, xp: Any) -> Encounter:
-    """Return the encounters ``[N]`` with absent intruders added until there are ``count`` of them."""
+    """Return the encounters ``[N]`` with absent intruders added until there are ``count``
+    of them.
+    """
     present = encounter.mask.shape[-1]
     if count <= present:
         return encounter
@@ -173,11 +207,15 @@ def padded(encounter: Encounter, count: int, xp: Any) -> Encounter:
         return xp.concatenate([field] + [field[..., :1]] * (count - present), axis=-1)
 
     intruders, intent, mask = mapped(more, (encounter.intruders, encounter.intent, encounter.mask))
-    return encounter._replace(intruders=intruders, intent=intent, mask=mask & (xp.arange(count) < present))
+    return encounter._replace(
+        intruders=intruders, intent=intent, mask=mask & (xp.arange(count) < present)
+    )
 
 
 def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
-    """Return the encounters of one attempt, draws ``[N, D]``, and which of them meet the conditions, ``[N]``."""
+    """Return the encounters of one attempt, draws ``[N, D]``, and which of them meet the
+    conditions, ``[N]``.
+    """
     most = scenario.intruders[1]
     shared = [draws[:, i] for i in range(7)]
     each = [draws[:, 7 + i * most : 7 + (i + 1) * most] for i in range(7)]
@@ -188,7 +226,9 @@ def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     sine, cosine = sincos(course, xp)
     goal_x, goal_y = radius * cosine, radius * sine
     shift = (-scenario.displacement, scenario.displacement)
-    own = VehicleState(between(shift, shared[3]) - goal_x, between(shift, shared[4]) - goal_y, course, speed)
+    own = VehicleState(
+        between(shift, shared[3]) - goal_x, between(shift, shared[4]) - goal_y, course, speed
+    )
 
     intruder_course = wrap(course[:, None] - between(scenario.course_difference, each[0]), xp)
     intruder_speed = between(scenario.intruder_speed, each[1])
@@ -209,7 +249,9 @@ def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     turn_rate = between((-scenario.turn_rate, scenario.turn_rate), each[4])
     intent = Intent(
         onset=1.2 * cpa.time * each[5],
-        heading_change=xp.copysign((scenario.heading_change if scenario.turn_rate else 0.0) * each[6], turn_rate),
+        heading_change=xp.copysign(
+            (scenario.heading_change if scenario.turn_rate else 0.0) * each[6], turn_rate
+        ),
         turn_rate=xp.abs(turn_rate)
         if scenario.turn_rate
         else xp.full_like(turn_rate, scenario.aircraft.limits.yaw_rate_max),
@@ -221,7 +263,9 @@ def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
         between(scenario.latency, shared[6])[:, None],
     )
     apart = distance(intruders.x - seen_by.x, intruders.y - seen_by.y, xp)
-    meets = xp.logical_and(apart >= scenario.min_initial_separation, cpa.distance < scenario.conflicts_closer_than)
+    meets = xp.logical_and(
+        apart >= scenario.min_initial_separation, cpa.distance < scenario.conflicts_closer_than
+    )
     accepted = xp.all(xp.logical_or(meets, xp.logical_not(mask)), axis=-1)
     return Encounter(own, goal_x, goal_y, intruders, mask, intent, sensor), accepted
 

@@ -1,8 +1,8 @@
 """The follower: flies the legs between published waypoints on any vehicle, in position and in time.
 
-Feed-forward of the legs' mean controls over the coming period, and feedback of the errors against where the plan
-is now; both loops are critically damped, so that no error of the start overshoots. :func:`deviation` says how far a
-flight is from its plan: across it, along it, and in time.
+Feed-forward of the legs' mean controls over the coming period, and feedback of the errors against
+where the plan is now; both loops are critically damped, so that no error of the start overshoots.
+:func:`deviation` says how far a flight is from its plan: across it, along it, and in time.
 """
 
 from typing import Any, NamedTuple, Protocol
@@ -32,8 +32,12 @@ GAINS = Gains()
 
 
 def gains(dt: float) -> Gains:
-    """Return the feedback where plans have a time step of ``dt``, s, instead of 1 s: as quick in time steps."""
-    return Gains(GAINS.along / (dt * dt), GAINS.speed / dt, GAINS.across / (dt * dt), GAINS.heading / dt)
+    """Return the feedback where plans have a time step of ``dt``, s, instead of 1 s: as quick in
+    time steps.
+    """
+    return Gains(
+        GAINS.along / (dt * dt), GAINS.speed / dt, GAINS.across / (dt * dt), GAINS.heading / dt
+    )
 
 
 class Vehicle(Protocol):
@@ -45,7 +49,9 @@ class Vehicle(Protocol):
         ...
 
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
-        """Fly on for ``dt`` seconds under an acceleration (m/s^2) and a yaw rate (rad/s, positive to the left)."""
+        """Fly on for ``dt`` seconds under an acceleration (m/s^2) and a yaw rate (rad/s, positive
+        to the left).
+        """
         ...
 
 
@@ -64,8 +70,11 @@ class KinematicVehicle:
         self.state = advance(self.state, acceleration, yaw_rate, dt, limits, np)
 
 
-def guidance(legs: Legs, state: VehicleState, time: Any, dt: float = PERIOD, gains: Gains = GAINS) -> tuple[Any, Any]:
-    """Return the acceleration (m/s^2) and yaw rate (rad/s) for the coming period of ``dt`` s, ``[...]`` each.
+def guidance(
+    legs: Legs, state: VehicleState, time: Any, dt: float = PERIOD, gains: Gains = GAINS
+) -> tuple[Any, Any]:
+    """Return the acceleration (m/s^2) and yaw rate (rad/s) for the coming period of ``dt`` s,
+    ``[...]`` each.
 
     The plan's legs are ``[..., L]``, the time is on its clock, s.
     """
@@ -73,14 +82,26 @@ def guidance(legs: Legs, state: VehicleState, time: Any, dt: float = PERIOD, gai
 
 
 def steer(
-    now: VehicleState, after: VehicleState, state: VehicleState, dt: float = PERIOD, gains: Gains = GAINS
+    now: VehicleState,
+    after: VehicleState,
+    state: VehicleState,
+    dt: float = PERIOD,
+    gains: Gains = GAINS,
 ) -> tuple[Any, Any]:
-    """Return the commands that lead along two states of the plan one period apart, as :func:`guidance` does."""
+    """Return the commands that lead along two states of the plan one period apart, as
+    :func:`guidance` does.
+    """
     ahead, left = offset(state, now)
-    acceleration = (after.speed - now.speed) / dt - gains.speed * (state.speed - now.speed) - gains.along * ahead
+    acceleration = (
+        (after.speed - now.speed) / dt
+        - gains.speed * (state.speed - now.speed)
+        - gains.along * ahead
+    )
     turn = wrap(after.heading - now.heading, np) / dt
     heading_error = wrap(state.heading - now.heading, np)
-    yaw_rate = turn - gains.heading * heading_error - gains.across * left / np.maximum(state.speed, 1.0)
+    yaw_rate = (
+        turn - gains.heading * heading_error - gains.across * left / np.maximum(state.speed, 1.0)
+    )
     return acceleration, yaw_rate
 
 
@@ -88,14 +109,18 @@ class Deviation(NamedTuple):
     """Errors of a state against a plan; fields ``[...]``, SI units and radians."""
 
     cross_track: Any  # distance from the path, m, positive to its left
-    along_track: Any  # distance ahead of where the plan is now, along the path, m; negative when behind
+    along_track: (
+        Any  # distance ahead of where the plan is now, along the path, m; negative when behind
+    )
     time: Any  # how much later than planned the aircraft is at its place, s; negative when early
     heading: Any  # against the path's heading there, rad, positive to the left
     speed: Any  # against the plan's speed there, m/s
 
 
 def offset(state: VehicleState, reference: VehicleState) -> tuple[Any, Any]:
-    """Return where a state is in the frame of a reference: ahead and to the left, m, ``[...]`` each."""
+    """Return where a state is in the frame of a reference: ahead and to the left, m, ``[...]``
+    each.
+    """
     sine, cosine = np.sin(reference.heading), np.cos(reference.heading)
     x, y = state.x - reference.x, state.y - reference.y
     return x * cosine + y * sine, y * cosine - x * sine
@@ -104,8 +129,8 @@ def offset(state: VehicleState, reference: VehicleState) -> tuple[Any, Any]:
 def deviation(legs: Legs, state: VehicleState, time: Any) -> Deviation:
     """Compare a state ``[...]`` with the legs ``[..., L]`` of a plan at a time on its clock, s.
 
-    The point of the path abeam of the aircraft is found from where the plan is now, by its speed; the errors of path
-    and time are so kept apart on curves too.
+    The point of the path abeam of the aircraft is found from where the plan is now, by its speed;
+    the errors of path and time are so kept apart on curves too.
     """
     abeam = time + np.zeros(np.shape(state.x))
     for _ in range(_STEPS):
@@ -118,4 +143,10 @@ def deviation(legs: Legs, state: VehicleState, time: Any) -> Deviation:
     now = at(legs, time)
     # Mean speed between both points: exact for constant acceleration.
     along = -late * 0.5 * (reference.speed + now.speed)
-    return Deviation(left, along, late, wrap(state.heading - reference.heading, np), state.speed - reference.speed)
+    return Deviation(
+        left,
+        along,
+        late,
+        wrap(state.heading - reference.heading, np),
+        state.speed - reference.speed,
+    )

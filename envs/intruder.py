@@ -1,7 +1,8 @@
 """The intruder: a PID waypoint controller on the same kinematics, and a change of its intent.
 
-The paper's intruder flies a passive trajectory by a "simplified PID-based waypoint controller"; changing its
-intent is the paper's future work and here a part of every encounter (switched off by a change of 0 rad).
+The paper's intruder flies a passive trajectory by a "simplified PID-based waypoint controller";
+changing its intent is the paper's future work and here a part of every encounter (switched off by a
+change of 0 rad).
 """
 
 import math
@@ -13,16 +14,18 @@ from envs.angles import atan2, sincos, wrap
 from envs.kinematics import Limits, VehicleState, advance
 
 LOOKAHEAD = 10_000_000.0
-"""Distance of the waypoint, m for each second of a time step: no intruder reaches it and turns back, and a turn's own
-displacement does not bend the course flown after it (with 50 km, a change of 120 degrees at 1 degree/s would end at
-131)."""
+"""Distance of the waypoint, m for each second of a time step: no intruder reaches it and turns
+back, and a turn's own displacement does not bend the course flown after it (with 50 km, a change of
+120 degrees at 1 degree/s would end at 131)."""
 
 COASTING = Limits(0.0, math.inf, 0.0, 0.0, math.inf)
 """Limits of an intruder, which keeps its speed: none is ever reached."""
 
 
 class Gains(NamedTuple):
-    """PID gains from the heading error to the turn in a time step: with 0.5 a step takes half of the error back."""
+    """PID gains from the heading error to the turn in a time step: with 0.5 a step takes half of
+    the error back.
+    """
 
     proportional: float = 0.5
     integral: float = 0.0
@@ -41,9 +44,11 @@ class Intent(NamedTuple):
 
 
 class Recording(VehicleState):
-    """A flight that is known already, in the place of an :class:`Intent`; fields ``[..., K, T + 1]``, numpy.
+    """A flight that is known already, in the place of an :class:`Intent`; fields ``[..., K, T +
+    1]``, numpy.
 
-    Row 0 is the start, and the rows are one time step apart. After the last one the intruder flies straight on.
+    Row 0 is the start, and the rows are one time step apart. After the last one the intruder flies
+    straight on.
     """
 
 

@@ -1,8 +1,9 @@
 """Motion of an aircraft in the horizontal plane: a mass-less Dubins vehicle with speed control.
 
-The exact solution for constant acceleration and yaw rate replaces an Euler step, which would shift every
-turn by up to 50 m (source: the paper's surrogate, section "Surrogate Environment"; closed form ours).
-Frame: local ENU, x east and y north in metres; heading counter-clockwise from east in [-pi, pi).
+The exact solution for constant acceleration and yaw rate replaces an Euler step, which would shift
+every turn by up to 50 m (source: the paper's surrogate, section "Surrogate Environment"; closed
+form ours). Frame: local ENU, x east and y north in metres; heading counter-clockwise from east in
+[-pi, pi).
 """
 
 import math
@@ -12,7 +13,9 @@ from envs.angles import sincos, wrap
 
 
 class VehicleState(NamedTuple):
-    """Position, heading and speed of one or many aircraft, SI units and radians; fields ``[...]``."""
+    """Position, heading and speed of one or many aircraft, SI units and radians; fields
+    ``[...]``.
+    """
 
     x: Any  # east position, m
     y: Any  # north position, m
@@ -21,7 +24,9 @@ class VehicleState(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What a vehicle can do, SI units and radians; floats, or arrays that broadcast against the state."""
+    """What a vehicle can do, SI units and radians; floats, or arrays that broadcast against the
+    state.
+    """
 
     speed_min: Any  # m/s
     speed_max: Any  # m/s
@@ -34,7 +39,9 @@ SURROGATE = Limits(50.0, 100.0, -0.5, 0.5, math.radians(3.0))
 """The surrogate's conservative limits (paper, table "Surrogate vs. true dynamic parameters")."""
 
 FASTEST = Limits(400.0, 400.0, -20.0, 20.0, math.radians(57.0))
-"""Beyond any aircraft that this world describes: what configurations and policy files may ask for at most."""
+"""Beyond any aircraft that this world describes: what configurations and policy files may ask for
+at most.
+"""
 
 C208_PUBLISHED = Limits(31.0, 100.0, -0.8, 0.5, math.radians(5.0))
 """The true Cessna 208's limits as the paper states them (same table)."""
@@ -47,21 +54,30 @@ def within(first: Limits, second: Limits) -> Limits:
         ValueError: they share less than 1 m/s of speed.
     """
     narrower = max, min, max, min, min
-    both = Limits(*(pick(pair) for pick, pair in zip(narrower, zip(first, second, strict=True), strict=True)))
+    both = Limits(
+        *(pick(pair) for pick, pair in zip(narrower, zip(first, second, strict=True), strict=True))
+    )
     if both.speed_min >= both.speed_max - 1.0:
-        speeds, others = (f"{limits.speed_min:g} to {limits.speed_max:g} m/s" for limits in (second, first))
-        raise ValueError(f"allows {speeds}; expected a range that overlaps {others} by more than 1 m/s")
+        speeds, others = (
+            f"{limits.speed_min:g} to {limits.speed_max:g} m/s" for limits in (second, first)
+        )
+        raise ValueError(
+            f"allows {speeds}; expected a range that overlaps {others} by more than 1 m/s"
+        )
     return both
 
 
 def commands(action: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:
-    """Return the acceleration (m/s^2) and yaw rate (rad/s) that an action, a pair of ``[...]``, asks for.
+    """Return the acceleration (m/s^2) and yaw rate (rad/s) that an action, a pair of ``[...]``,
+    asks for.
 
     Its components are parts of the limits in [-1, 1]; values beyond are clipped.
     """
     throttle = xp.clip(action[0], -1.0, 1.0)
     steering = xp.clip(action[1], -1.0, 1.0)
-    acceleration = xp.where(throttle >= 0.0, throttle * limits.acceleration_max, -throttle * limits.acceleration_min)
+    acceleration = xp.where(
+        throttle >= 0.0, throttle * limits.acceleration_max, -throttle * limits.acceleration_min
+    )
     return acceleration, steering * limits.yaw_rate_max
 
 
@@ -71,20 +87,26 @@ def velocity(state: VehicleState, xp: Any) -> tuple[Any, Any]:
     return state.speed * cosine, state.speed * sine
 
 
-def advance(state: VehicleState, acceleration: Any, yaw_rate: Any, dt: Any, limits: Limits, xp: Any) -> VehicleState:
+def advance(
+    state: VehicleState, acceleration: Any, yaw_rate: Any, dt: Any, limits: Limits, xp: Any
+) -> VehicleState:
     """Move the vehicle by ``dt`` seconds under constant acceleration and yaw rate.
 
-    The speed stops at its limit inside the step: the motion is one accelerated arc up to that moment and one
-    at constant speed after it, both exact. A speed outside the limits stays until it is commanded inwards.
+    The speed stops at its limit inside the step: the motion is one accelerated arc up to that
+    moment and one at constant speed after it, both exact. A speed outside the limits stays until it
+    is commanded inwards.
 
     Args:
         state: ``[...]``.
-        acceleration: m/s^2, ``[...]``; only the speed limits are applied here, not those on commands.
+        acceleration: m/s^2, ``[...]``; only the speed limits are applied here, not those on
+            commands.
         yaw_rate: rad/s, positive to the left, ``[...]``; ``|yaw_rate| * dt`` must not exceed 1 rad.
         dt: s, broadcasts.
     """
     # The gap and not the limit is chosen: of two plain numbers numpy would make float64.
-    gap = xp.where(acceleration > 0.0, limits.speed_max - state.speed, limits.speed_min - state.speed)
+    gap = xp.where(
+        acceleration > 0.0, limits.speed_max - state.speed, limits.speed_min - state.speed
+    )
     # The guard makes a zero acceleration reach its limit after an age, not never.
     rate = xp.where(xp.abs(acceleration) < 1e-9, -1e-9, acceleration)
     accelerated = xp.clip(gap / rate, 0.0, dt)
@@ -97,17 +119,22 @@ def advance(state: VehicleState, acceleration: Any, yaw_rate: Any, dt: Any, limi
     return VehicleState(state.x + east_1 + east_2, state.y + north_1 + north_2, heading, speed)
 
 
-def _arc(heading: Any, speed: Any, acceleration: Any, yaw_rate: Any, duration: Any, xp: Any) -> tuple[Any, Any]:
+def _arc(
+    heading: Any, speed: Any, acceleration: Any, yaw_rate: Any, duration: Any, xp: Any
+) -> tuple[Any, Any]:
     """Return the displacement (m) of an arc, in the frame of its middle heading and then in ENU.
 
-    With h half the duration and theta = yaw_rate h, integrating the velocity about the middle of the arc gives
-    2 h v_m sin(theta)/theta along the middle heading and 2 h^2 a (sin(theta) - theta cos(theta))/theta^2 to its
-    left. Both quotients are power series here, exact to 1e-10 for |theta| <= 0.5 and without a pole at 0.
+    With h half the duration and theta = yaw_rate h, integrating the velocity about the middle of
+    the arc gives 2 h v_m sin(theta)/theta along the middle heading and 2 h^2 a (sin(theta) - theta
+    cos(theta))/theta^2 to its left. Both quotients are power series here, exact to 1e-10 for
+    |theta| <= 0.5 and without a pole at 0.
     """
     half = 0.5 * duration
     theta = yaw_rate * half
     square = theta * theta
-    sinc = 1.0 - square * (1.0 / 6.0) * (1.0 - square * (1.0 / 20.0) * (1.0 - square * (1.0 / 42.0)))
+    sinc = 1.0 - square * (1.0 / 6.0) * (
+        1.0 - square * (1.0 / 20.0) * (1.0 - square * (1.0 / 42.0))
+    )
     slant = theta * (1.0 / 3.0) * (1.0 - square * (1.0 / 10.0) * (1.0 - square * (1.0 / 28.0)))
     along = duration * (speed + acceleration * half) * sinc
     left = duration * half * acceleration * slant

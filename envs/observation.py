@@ -1,4 +1,5 @@
-"""The observation contract: eight numbers in [-1, 1] for one intruder, a set of rows for several, and back again.
+"""The observation contract: eight numbers in [-1, 1] for one intruder, a set of rows for several,
+and back again.
 
 Everything is scaled by the aircraft, so that alike encounters of alike aircraft are seen alike.
 """
@@ -31,19 +32,29 @@ ROW = 4
 """Numbers of the own and goal part, and of each intruder."""
 
 
-def observe(own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: Any) -> Any:
+def observe(
+    own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: Any
+) -> Any:
     """Return the observation of one intruder and the goal, ``[..., 8]`` in [-1, 1].
 
-    Own speed is scaled from the aircraft's lowest to its highest, the intruder's from 0 to the traffic's highest,
-    distances from 0 to 20 separations; angles are divided by pi (bearings relative to the own heading). What lies
-    outside is clipped. All arguments are ``[...]``, the goal in m, the aircraft ``[...]`` or floats.
+    Own speed is scaled from the aircraft's lowest to its highest, the intruder's from 0 to the
+    traffic's highest, distances from 0 to 20 separations; angles are divided by pi (bearings
+    relative to the own heading). What lies outside is clipped. All arguments are ``[...]``, the
+    goal in m, the aircraft ``[...]`` or floats.
     """
-    mine, other = _own_parts(own, goal_x, goal_y, aircraft, xp), _traffic_parts(own, intruder, aircraft, xp)
-    return _stacked([mine[0], mine[1], other[0], other[1], other[2], other[3], mine[2], mine[3]], xp)
+    mine, other = (
+        _own_parts(own, goal_x, goal_y, aircraft, xp),
+        _traffic_parts(own, intruder, aircraft, xp),
+    )
+    return _stacked(
+        [mine[0], mine[1], other[0], other[1], other[2], other[3], mine[2], mine[3]], xp
+    )
 
 
 class SetObservation(NamedTuple):
-    """An observation of several intruders: ``[..., 4]``, ``[..., K, 4]`` and ``[..., K]``, numbers in [-1, 1]."""
+    """An observation of several intruders: ``[..., 4]``, ``[..., K, 4]`` and ``[..., K]``, numbers
+    in [-1, 1].
+    """
 
     own: Any  # own speed, own heading, bearing and distance to the goal
     traffic: Any  # speed, heading, bearing and distance of each intruder; 0 where there is none
@@ -51,9 +62,16 @@ class SetObservation(NamedTuple):
 
 
 def observe_set(
-    own: VehicleState, intruders: VehicleState, mask: Any, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: Any
+    own: VehicleState,
+    intruders: VehicleState,
+    mask: Any,
+    goal_x: Any,
+    goal_y: Any,
+    aircraft: Aircraft,
+    xp: Any,
 ) -> SetObservation:
-    """Return the observation of several intruders and the goal, scaled as by :func:`observe`; arrays only.
+    """Return the observation of several intruders and the goal, scaled as by :func:`observe`;
+    arrays only.
 
     The intruders are ``[..., K]``, their mask says which of them exist; the rest is ``[...]``.
 
@@ -61,20 +79,28 @@ def observe_set(
         ValueError: the mask has another shape than the intruders.
     """
     if mask.shape != intruders.x.shape:
-        raise ValueError(f"mask has shape {mask.shape}; expected {intruders.x.shape}, that of the intruders")
+        raise ValueError(
+            f"mask has shape {mask.shape}; expected {intruders.x.shape}, that of the intruders"
+        )
     seen_by, scaled_by = beside(own), beside(aircraft)
     traffic = _stacked(_traffic_parts(seen_by, intruders, scaled_by, xp), xp)
     return SetObservation(
-        _stacked(_own_parts(own, goal_x, goal_y, aircraft, xp), xp), xp.where(mask[..., None], traffic, 0.0), mask
+        _stacked(_own_parts(own, goal_x, goal_y, aircraft, xp), xp),
+        xp.where(mask[..., None], traffic, 0.0),
+        mask,
     )
 
 
 def beside(tree: Any) -> Any:
-    """Return nested tuples with a last axis added to every array, to be set against intruders; floats stay."""
+    """Return nested tuples with a last axis added to every array, to be set against intruders;
+    floats stay.
+    """
     return mapped(lambda field: field[..., None] if getattr(field, "ndim", 0) else field, tree)
 
 
-def _own_parts(own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: Any) -> list[Any]:
+def _own_parts(
+    own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: Any
+) -> list[Any]:
     middle, half = _speeds(aircraft)
     return [
         (own.speed - middle) * (1.0 / half),
@@ -84,7 +110,9 @@ def _own_parts(own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, 
     ]
 
 
-def _traffic_parts(own: VehicleState, other: VehicleState, aircraft: Aircraft, xp: Any) -> list[Any]:
+def _traffic_parts(
+    own: VehicleState, other: VehicleState, aircraft: Aircraft, xp: Any
+) -> list[Any]:
     return [
         other.speed * (1.0 / (0.5 * aircraft.traffic_speed_max)) - 1.0,
         other.heading * (1.0 / math.pi),
@@ -109,7 +137,9 @@ def _far(aircraft: Aircraft) -> Any:
 
 
 class Decoded(NamedTuple):
-    """The geometry behind an observation in the ownship's frame (x ahead, y left); fields ``[...]``, SI units."""
+    """The geometry behind an observation in the ownship's frame (x ahead, y left); fields
+    ``[...]``, SI units.
+    """
 
     own_speed: Any
     intruder_x: Any
@@ -123,8 +153,8 @@ class Decoded(NamedTuple):
 def decode(observation: Any, aircraft: Aircraft, xp: Any) -> Decoded:
     """Recover the geometry from an observation given as eight components ``[...]`` each.
 
-    Exact but for what :func:`observe` clipped. Absolute headings enter only through their difference, so what is
-    built on this does not change when the whole scene is rotated.
+    Exact but for what :func:`observe` clipped. Absolute headings enter only through their
+    difference, so what is built on this does not change when the whole scene is rotated.
     """
     middle, half = _speeds(aircraft)
     far = _far(aircraft)
@@ -152,16 +182,18 @@ def decode(observation: Any, aircraft: Aircraft, xp: Any) -> Decoded:
 def criticality(own: VehicleState, intruders: VehicleState, aircraft: Aircraft, xp: Any) -> Any:
     """Rank intruders by urgency, smallest first, ``[..., K]``.
 
-    The rank is the time until the range falls below 1.5 separations on straight courses, tenths of the aircraft's time
-    unit (s for the paper's); where it does not, 10^4 plus the predicted distance at the closest approach, thousandths
-    of a separation; where it is below already, that distance less the 1.5 separations, which is negative. Ownship and
-    aircraft are ``[..., 1]``, the intruders ``[..., K]``.
+    The rank is the time until the range falls below 1.5 separations on straight courses, tenths of
+    the aircraft's time unit (s for the paper's); where it does not, 10^4 plus the predicted
+    distance at the closest approach, thousandths of a separation; where it is below already, that
+    distance less the 1.5 separations, which is negative. Ownship and aircraft are ``[..., 1]``, the
+    intruders ``[..., K]``.
     """
     radius = 1.5 * aircraft.separation
     length = 1_000.0 / aircraft.separation
     cpa = straight_cpa(own, intruders, xp)
     now = distance(intruders.x - own.x, intruders.y - own.y, xp)
-    # Along a straight relative course the squared range is d^2 + w^2 (t - t_cpa)^2 with w the relative speed.
+    # Along a straight relative course the squared range is d^2 + w^2 (t - t_cpa)^2 with w the
+    # relative speed.
     travelled = xp.sqrt(xp.maximum(now * now - cpa.distance * cpa.distance, 1e-9))
     inside = xp.sqrt(xp.maximum(radius * radius - cpa.distance * cpa.distance, 0.0))
     time = xp.maximum(cpa.time * (1.0 - inside / travelled), 0.0) * (10.0 / aircraft.time_unit)
@@ -170,10 +202,13 @@ def criticality(own: VehicleState, intruders: VehicleState, aircraft: Aircraft, 
     return xp.where(cpa.distance < radius, conflict, 10_000.0 + cpa.distance * length)
 
 
-def most_critical(own: VehicleState, intruders: Any, mask: Any, aircraft: Aircraft, xp: Any) -> VehicleState:
+def most_critical(
+    own: VehicleState, intruders: Any, mask: Any, aircraft: Aircraft, xp: Any
+) -> VehicleState:
     """Choose, of the intruders ``[..., K]`` present by ``mask``, the most urgent one, ``[...]``.
 
-    An absent intruder is never chosen unless all are absent. Plain floats come as a tuple of the intruders present.
+    An absent intruder is never chosen unless all are absent. Plain floats come as a tuple of the
+    intruders present.
     """
     if isinstance(xp, FloatNamespace):
         if len(intruders) == 1:
@@ -183,13 +218,16 @@ def most_critical(own: VehicleState, intruders: Any, mask: Any, aircraft: Aircra
         return VehicleState(*(field[..., 0] for field in intruders))
     rank = xp.where(mask, criticality(beside(own), intruders, beside(aircraft), xp), xp.inf)
     chosen = xp.argmin(rank, axis=-1)[..., None]
-    return VehicleState(*(xp.take_along_axis(field, chosen, axis=-1)[..., 0] for field in intruders))
+    return VehicleState(
+        *(xp.take_along_axis(field, chosen, axis=-1)[..., 0] for field in intruders)
+    )
 
 
 def ranked(
     own: VehicleState, intruders: VehicleState, mask: Any, count: int, aircraft: Aircraft, xp: Any
 ) -> tuple[VehicleState, Any]:
-    """Return the ``count`` most urgent of the intruders ``[..., K]``, the most urgent first, and their mask.
+    """Return the ``count`` most urgent of the intruders ``[..., K]``, the most urgent first, and
+    their mask.
 
     Where there are fewer, absent ones follow.
     """
@@ -200,4 +238,6 @@ def ranked(
     if missing > 0:
         order = xp.concatenate([order] + [order[..., :1]] * missing, axis=-1)
         present = xp.concatenate([present] + [xp.zeros_like(present[..., :1])] * missing, axis=-1)
-    return VehicleState(*(xp.take_along_axis(field, order, axis=-1) for field in intruders)), present
+    return VehicleState(
+        *(xp.take_along_axis(field, order, axis=-1) for field in intruders)
+    ), present

@@ -1,4 +1,6 @@
-"""The rules of an encounter: when it ends, how, and what reward the paper gives (its tables 2 and 3)."""
+"""The rules of an encounter: when it ends, how, and what reward the paper gives (its tables 2 and
+3).
+"""
 
 from typing import Any, NamedTuple
 
@@ -9,7 +11,9 @@ class Rules(NamedTuple):
     dt: Any = 1.0  # time step, s
     t_max: Any = 300.0  # duration after which the route counts as missed, s
     separation: Any = 1000.0  # required horizontal separation, m
-    goal_radius: Any = 500.0  # where the ownship has rejoined its route, m (the paper leaves it open)
+    goal_radius: Any = (
+        500.0  # where the ownship has rejoined its route, m (the paper leaves it open)
+    )
     reward_violation: Any = -100.0
     reward_goal: Any = 100.0
     reward_timeout: Any = -10.0
@@ -19,7 +23,9 @@ RULES = Rules()
 
 
 class Outcome(NamedTuple):
-    """The state of an encounter after a step: at most one of the three is true; fields are bool ``[...]``."""
+    """The state of an encounter after a step: at most one of the three is true; fields are bool
+    ``[...]``.
+    """
 
     violation: Any
     reached: Any
@@ -31,7 +37,8 @@ class Outcome(NamedTuple):
 
 
 def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: Any) -> Outcome:
-    """Judge a step by its smallest separation (m) and by goal distance (m) and time (s) at its end, ``[...]``.
+    """Judge a step by its smallest separation (m) and by goal distance (m) and time (s) at its end,
+    ``[...]``.
 
     A violation outweighs everything else in the same step; the goal outweighs the time limit.
     """
@@ -44,6 +51,12 @@ def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: Any)
 
 
 def reward(outcome: Outcome, rules: Rules, xp: Any) -> Any:
-    """Return the sparse reward of the step, ``[...]`` (paper, table "Surrogate environment reward function")."""
+    """Return the sparse reward of the step, ``[...]`` (paper, table "Surrogate environment reward
+    function").
+    """
     missed = xp.where(outcome.timeout, rules.reward_timeout, 0.0)
-    return xp.where(outcome.violation, rules.reward_violation, xp.where(outcome.reached, rules.reward_goal, missed))
+    return xp.where(
+        outcome.violation,
+        rules.reward_violation,
+        xp.where(outcome.reached, rules.reward_goal, missed),
+    )

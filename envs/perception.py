@@ -1,7 +1,8 @@
 """What the ownship knows of an intruder: a report that is late and noisy, dead-reckoned to now.
 
-Reports carry their time of validity (as ADS-B's do), so a decider extrapolates them straight ahead over their
-age. What remains is the noise, grown by the velocity error times the age, and the intruder's manoeuvres since.
+Reports carry their time of validity (as ADS-B's do), so a decider extrapolates them straight ahead
+over their age. What remains is the noise, grown by the velocity error times the age, and the
+intruder's manoeuvres since.
 """
 
 from typing import Any, NamedTuple
@@ -37,8 +38,9 @@ def perceive(
     """Return the intruder as the ownship believes it to be, ``[...]``.
 
     Args:
-        now, before, before_that: true states at this step and one and two steps ago, ``[...]``; where the flight
-            has not lasted so long, the present state carried back along its course (:func:`carried_back`).
+        now, before, before_that: true states at this step and one and two steps ago, ``[...]``;
+            where the flight has not lasted so long, the present state carried back along its course
+            (:func:`carried_back`).
         sensor: its latency must not exceed ``2 dt``.
         noise: standard normal draws, four components ``[...]`` each (x, y, vx, vy).
     """
@@ -52,6 +54,14 @@ def perceive(
     velocities = [velocity(state, xp) for state in (now, before, before_that)]
     vx = at_report(*(v[0] for v in velocities)) + sensor.velocity_std * noise[2]
     vy = at_report(*(v[1] for v in velocities)) + sensor.velocity_std * noise[3]
-    x = at_report(now.x, before.x, before_that.x) + sensor.position_std * noise[0] + vx * sensor.latency
-    y = at_report(now.y, before.y, before_that.y) + sensor.position_std * noise[1] + vy * sensor.latency
+    x = (
+        at_report(now.x, before.x, before_that.x)
+        + sensor.position_std * noise[0]
+        + vx * sensor.latency
+    )
+    y = (
+        at_report(now.y, before.y, before_that.y)
+        + sensor.position_std * noise[1]
+        + vy * sensor.latency
+    )
     return VehicleState(x, y, atan2(vy, vx, xp), distance(vx, vy, xp))

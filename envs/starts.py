@@ -1,4 +1,6 @@
-"""Encounters by number: encounter 1234 of a seed is the same wherever and with however many others it is drawn."""
+"""Encounters by number: encounter 1234 of a seed is the same wherever and with however many others
+it is drawn.
+"""
 
 import math
 from typing import Any
@@ -12,7 +14,8 @@ from envs.trees import mapped
 
 
 def numbered(scenario: Scenario, seed: int, first: int, count: int) -> Encounter:
-    """Return the encounters ``first .. first + count - 1`` of a seed, float64 fields ``[count]`` and ``[count, K]``.
+    """Return the encounters ``first .. first + count - 1`` of a seed, float64 fields ``[count]``
+    and ``[count, K]``.
 
     Raises:
         EncounterError: seed or number are out of range, or the scenario's conditions are never met.
@@ -23,8 +26,13 @@ def numbered(scenario: Scenario, seed: int, first: int, count: int) -> Encounter
     encounter, accepted = sample(scenario, np.swapaxes(uniform, 0, 1), np)
     if not accepted.all():
         number = first + int(np.argmin(accepted))
-        unmet = f"does not meet the conditions of scenario {scenario.name!r} in {scenario.attempts} attempts"
-        raise EncounterError(f"encounter {number} of seed {seed} {unmet}; allow more, or other conditions")
+        unmet = (
+            f"does not meet the conditions of scenario {scenario.name!r} in "
+            f"{scenario.attempts} attempts"
+        )
+        raise EncounterError(
+            f"encounter {number} of seed {seed} {unmet}; allow more, or other conditions"
+        )
     return encounter
 
 
@@ -37,7 +45,9 @@ def check_number(seed: int, first: int) -> None:
 
 
 def report_noise(seed: int, number: int, step: int, intruders: int) -> np.ndarray:
-    """Return the noise of one encounter's reports at a step (0, 1, ...): standard normal, x, y, vx, vy, ``[4, K]``."""
+    """Return the noise of one encounter's reports at a step (0, 1, ...): standard normal, x, y, vx,
+    vy, ``[4, K]``.
+    """
     # Stream 0 makes the starts.
     return draws.normals(seed, number, 1, (4, intruders), stream=step + 1)[0]
 
@@ -60,13 +70,18 @@ def checked(encounter: Encounter, aircraft: Aircraft, batch: tuple[int, ...] = (
         batch: leading shape; ``()`` for one encounter, which may also come as a batch of one.
 
     Raises:
-        EncounterError: a field has a wrong shape, is not finite or is out of range; the message names it.
+        EncounterError: a field has a wrong shape, is not finite or is out of range; the message
+            names it.
     """
     if not isinstance(encounter, Encounter):
-        raise EncounterError(f"encounter is a {type(encounter).__name__}; expected an envs.encounters.Encounter")
+        raise EncounterError(
+            f"encounter is a {type(encounter).__name__}; expected an envs.encounters.Encounter"
+        )
     mask = np.atleast_1d(np.asarray(encounter.mask, dtype=bool))
     if not 1 <= mask.shape[-1] <= MOST_INTRUDERS:
-        raise EncounterError(f"mask has {mask.shape[-1]} intruder columns; expected 1 to {MOST_INTRUDERS}")
+        raise EncounterError(
+            f"mask has {mask.shape[-1]} intruder columns; expected 1 to {MOST_INTRUDERS}"
+        )
     wide, narrow, turn = (*batch, mask.shape[-1]), (*batch, 1), (-math.pi, math.pi)
     ranges = {
         "own.speed": (aircraft.limits.speed_min, aircraft.limits.speed_max),
@@ -85,12 +100,19 @@ def checked(encounter: Encounter, aircraft: Aircraft, batch: tuple[int, ...] = (
 
     def part(name: str, shape: tuple[int, ...]) -> Any:
         tree = getattr(encounter, name)
-        return type(tree)(*(numbers(f"{name}.{key}", value, shape) for key, value in tree._asdict().items()))
+        return type(tree)(
+            *(numbers(f"{name}.{key}", value, shape) for key, value in tree._asdict().items())
+        )
 
     present = _shaped("mask", mask, wide)
     if not present.any(axis=-1).all():
-        raise EncounterError("mask leaves an encounter without intruders; expected at least one each")
-    goal_x, goal_y = numbers("goal_x", encounter.goal_x, batch), numbers("goal_y", encounter.goal_y, batch)
+        raise EncounterError(
+            "mask leaves an encounter without intruders; expected at least one each"
+        )
+    goal_x, goal_y = (
+        numbers("goal_x", encounter.goal_x, batch),
+        numbers("goal_y", encounter.goal_y, batch),
+    )
     others = part("intruders", wide), present, part("intent", wide), part("sensor", narrow)
     return Encounter(part("own", batch), goal_x, goal_y, *others)
 

@@ -1,7 +1,8 @@
 """The surrogate environment in JAX: thousands of encounters advance in one compiled, batched step.
 
-The update is :func:`envs.world.step`. Encounters that end start anew from a pool of pre-sampled starts that the caller
-redraws; a row of the pool is used per step, so that a reset costs no random access.
+The update is :func:`envs.world.step`. Encounters that end start anew from a pool of pre-sampled
+starts that the caller redraws; a row of the pool is used per step, so that a reset costs no random
+access.
 """
 
 from functools import partial
@@ -15,7 +16,17 @@ from envs.encounters import Encounter, Scenario
 from envs.trees import choose
 from envs.world import State, StepResult, World
 
-__all__ = ["State", "StepResult", "World", "observe", "observe_set", "redraw_pool", "reset", "restart", "step"]
+__all__ = [
+    "State",
+    "StepResult",
+    "World",
+    "observe",
+    "observe_set",
+    "redraw_pool",
+    "reset",
+    "restart",
+    "step",
+]
 
 reset = partial(world.begin, xp=jnp)
 step = partial(world.step, xp=jnp)
@@ -26,14 +37,18 @@ observe_set = partial(world.observe_set, xp=jnp)
 def restart(state: State, fresh: State) -> State:
     """Return the encounters ``[N]`` with a fresh one in place of each that has ended.
 
-    Called at the beginning of a loop's body, where ``ended`` is an input, it costs one choice per field; at its end
-    the compiler would evaluate the whole step again for every field that is chosen.
+    Called at the beginning of a loop's body, where ``ended`` is an input, it costs one choice per
+    field; at its end the compiler would evaluate the whole step again for every field that is
+    chosen.
     """
     return choose(state.ended, fresh, state, jnp)
 
 
-def redraw_pool(key: jax.Array, scenarios: list[Scenario], weights: list[float], rows: int, count: int) -> Encounter:
-    """Sample a pool of starts, ``[rows, count]``, from a mixture of scenarios by their probabilities.
+def redraw_pool(
+    key: jax.Array, scenarios: list[Scenario], weights: list[float], rows: int, count: int
+) -> Encounter:
+    """Sample a pool of starts, ``[rows, count]``, from a mixture of scenarios by their
+    probabilities.
 
     Scenarios with fewer intruders than others get absent ones. A row is used per step.
     """
@@ -53,10 +68,11 @@ def redraw_pool(key: jax.Array, scenarios: list[Scenario], weights: list[float],
 
 
 def _accepted_only(drawn: Encounter, accepted: jax.Array) -> Encounter:
-    """Replace encounters ``[N]`` that do not meet their conditions by the nearest one before that does.
+    """Replace encounters ``[N]`` that do not meet their conditions by the nearest one before that
+    does.
 
-    A pool may hold a start twice, but never one outside the scenario; redrawing each until it is accepted would
-    cost several times the random numbers.
+    A pool may hold a start twice, but never one outside the scenario; redrawing each until it is
+    accepted would cost several times the random numbers.
     """
     index = jnp.arange(accepted.shape[0])
     latest = jax.lax.cummax(jnp.where(accepted, index, -1))

@@ -9,7 +9,9 @@ T = TypeVar("T")
 
 
 def mapped(function: Callable[..., Any], *trees: Any) -> Any:
-    """Apply a function to the arrays at the same place of nested tuples of one structure; None stays None."""
+    """Apply a function to the arrays at the same place of nested tuples of one structure; None
+    stays None.
+    """
     first = trees[0]
     if first is None:
         return None
@@ -20,7 +22,9 @@ def mapped(function: Callable[..., Any], *trees: Any) -> Any:
 
 
 def take(tree: T, index: Any) -> T:
-    """Return some rows of every array: one by its number, or several by a slice, indices or a mask."""
+    """Return some rows of every array: one by its number, or several by a slice, indices or
+    a mask.
+    """
     taken: Any = tree
     if isinstance(tree, tuple):  # not by mapped: a plan takes rows thirty times
         parts = [take(field, index) for field in tree]
@@ -36,7 +40,9 @@ def column(tree: T) -> T:
 
 
 def choose(condition: Any, yes: T, no: T, xp: Any) -> T:
-    """Return arrays ``[N, ...]`` that hold ``yes`` where the condition ``[N]`` holds and else ``no``."""
+    """Return arrays ``[N, ...]`` that hold ``yes`` where the condition ``[N]`` holds and else
+    ``no``.
+    """
 
     def either(a: Any, b: Any) -> Any:
         return xp.where(condition.reshape(condition.shape + (1,) * (a.ndim - condition.ndim)), a, b)

@@ -1,10 +1,10 @@
 """Waypoints, and the one curve between two of them that planner, validator and follower share.
 
-Position alone says too little: flown histories of 20 s between the same two points differ by up to 208 m. A waypoint
-therefore carries heading, ground speed and time, and the leg between two is the gentlest motion that meets all of
-them: constant yaw rate and acceleration on each of :data:`ARCS` equal parts of its duration, with the least sum of
-squares of both. On recorded flights of the policy the curve leaves the path between the waypoints by 1.4 m (median
-of the maxima), 13 m (95 %).
+Position alone says too little: flown histories of 20 s between the same two points differ by up to
+208 m. A waypoint therefore carries heading, ground speed and time, and the leg between two is the
+gentlest motion that meets all of them: constant yaw rate and acceleration on each of :data:`ARCS`
+equal parts of its duration, with the least sum of squares of both. On recorded flights of the
+policy the curve leaves the path between the waypoints by 1.4 m (median of the maxima), 13 m (95 %).
 """
 
 from collections.abc import Sequence
@@ -20,14 +20,19 @@ ARCS = 10
 """Arcs of a leg."""
 
 CLOSED = 1e-3
-"""A leg that misses its end by more than this, m, does not exist (the waypoints contradict each other)."""
+"""A leg that misses its end by more than this, m, does not exist (the waypoints contradict each
+other).
+"""
 
 _TURN, _SPEED = 0.02**2, 0.2**2  # weights: 0.02 rad/s and 0.2 m/s^2 count alike
 _ITERATIONS, _EXACT = 12, 5e-4
-# Gauss-Legendre's rule on [0, 1]: good to 1e-9 m on an arc of a leg of 20 s, to 1e-6 m on one that turns by 1 rad.
+# Gauss-Legendre's rule on [0, 1]: good to 1e-9 m on an arc of a leg of 20 s, to 1e-6 m on one that
+# turns by 1 rad.
 _NODES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
 _WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(4)[1]
-_QUARTER = np.array([-1.0, 1.0])[:, None, None]  # with x and y exchanged, a quarter turn to the left
+_QUARTER = np.array([-1.0, 1.0])[
+    :, None, None
+]  # with x and y exchanged, a quarter turn to the left
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +42,8 @@ class Waypoint:
     index: int  # unique among the plan's waypoints and the route's points
     x: float  # east, m
     y: float  # north, m
-    heading: float  # direction of the velocity over the ground, rad counter-clockwise from east, in [-pi, pi)
+    # direction of the velocity over the ground, rad counter-clockwise from east, in [-pi, pi)
+    heading: float
     speed: float  # ground speed, m/s
     time: float  # s after the request
 
@@ -52,7 +58,9 @@ class RoutePoint:
 
 
 class Knots(NamedTuple):
-    """States with their times as arrays: where legs begin and end; fields ``[..., W]``, SI units."""
+    """States with their times as arrays: where legs begin and end; fields ``[..., W]``, SI
+    units.
+    """
 
     x: Any
     y: Any
@@ -62,7 +70,9 @@ class Knots(NamedTuple):
 
 
 class Legs(NamedTuple):
-    """Curves between consecutive knots, SI units and radians; fields ``[...]``, those of arcs ``[..., ARCS]``."""
+    """Curves between consecutive knots, SI units and radians; fields ``[...]``, those of arcs
+    ``[..., ARCS]``.
+    """
 
     time: Any  # at the beginning, s
     duration: Any  # s
@@ -76,7 +86,9 @@ class Legs(NamedTuple):
 
 
 def knots(own: VehicleState, waypoints: Sequence[Waypoint], time: float = 0.0) -> Knots:
-    """Return the state at the request and the waypoints after it as arrays, ``[1 + len(waypoints)]``."""
+    """Return the state at the request and the waypoints after it as arrays, ``[1 +
+    len(waypoints)]``.
+    """
     first = [(float(own.x), float(own.y), float(own.heading), float(own.speed), time)]
     rest = [(point.x, point.y, point.heading, point.speed, point.time) for point in waypoints]
     return Knots(*np.array(first + rest, dtype=float).T)
@@ -91,9 +103,10 @@ def leg(a: Waypoint, b: Waypoint) -> Legs:
 def legs(knots: Knots) -> Legs:
     """Return the curves between consecutive knots.
 
-    The controls follow from Gauss-Newton steps on the end position, whose minimum-norm solution is known in closed
-    form; heading and speed at the end are met exactly. Each leg is solved by itself: results do not depend on
-    what else is in the arrays. Knots ``[..., W]``, float64, finite, times increasing, give legs ``[..., W - 1]``.
+    The controls follow from Gauss-Newton steps on the end position, whose minimum-norm solution is
+    known in closed form; heading and speed at the end are met exactly. Each leg is solved by
+    itself: results do not depend on what else is in the arrays. Knots ``[..., W]``, float64,
+    finite, times increasing, give legs ``[..., W - 1]``.
     """
     shape = np.shape(knots.time)
     start = [np.asarray(field)[..., :-1].reshape(-1) for field in knots]
@@ -127,13 +140,16 @@ def legs(knots: Knots) -> Legs:
             h, mean_turn, mean_gain = h[going_on], mean_turn[going_on], mean_gain[going_on]
             omega, accel = omega[going_on], accel[going_on]
             flown, ends, off = flown[:, going_on], ends[:, going_on], off[:, going_on]
-        # What a change of each arc's yaw rate does to the end position is a rotation of the rest of the leg; of its
-        # acceleration, a push along the rest. Less their means, because the sums of both controls are fixed.
+        # What a change of each arc's yaw rate does to the end position is a rotation of the rest of
+        # the leg; of its acceleration, a push along the rest. Less their means, because the sums of
+        # both controls are fixed.
         rest = ends[..., -1:] - ends + 0.5 * flown
         turned = _centred(rest[::-1] * _QUARTER * h)
         pushed = _centred(_from_here(flown / np.maximum(np.hypot(*flown), 1e-9) * h * h))
         a11, a22 = _TURN * (turned * turned).sum(axis=-1) + _SPEED * (pushed * pushed).sum(axis=-1)
-        a12 = _TURN * (turned[0] * turned[1]).sum(axis=-1) + _SPEED * (pushed[0] * pushed[1]).sum(axis=-1)
+        a12 = _TURN * (turned[0] * turned[1]).sum(axis=-1) + _SPEED * (pushed[0] * pushed[1]).sum(
+            axis=-1
+        )
         b1, b2 = (turned * omega).sum(axis=-1) + (pushed * accel).sum(axis=-1) + off
         determinant = np.maximum(a11 * a22 - a12 * a12, 1e-12)
         m1 = ((a22 * b1 - a12 * b2) / determinant)[:, None]
@@ -144,27 +160,42 @@ def legs(knots: Knots) -> Legs:
     def shaped(field: Any) -> Any:
         return field.reshape(*shape[:-1], shape[-1] - 1, *field.shape[1:])
 
-    fields = (start[4], ARCS * step, miss, *(np.stack(start[:2])[..., None] + place), heading, speed)
+    fields = (
+        start[4],
+        ARCS * step,
+        miss,
+        *(np.stack(start[:2])[..., None] + place),
+        heading,
+        speed,
+    )
     return Legs(*(shaped(field) for field in (*fields, yaw_rate, acceleration)))
 
 
 def at(legs: Legs, time: Any) -> VehicleState:
-    """Return the state on legs ``[..., L]`` at a time (s), ``[...]``; their first and last arc go on beyond them."""
+    """Return the state on legs ``[..., L]`` at a time (s), ``[...]``; their first and last arc go
+    on beyond them.
+    """
     begun = np.sum(np.asarray(time)[..., None] >= legs.time[..., 1:], axis=-1)
     number = np.broadcast_to(begun, np.shape(legs.time)[:-1])[..., None]
-    began, duration = (np.take_along_axis(field, number, -1)[..., 0] for field in (legs.time, legs.duration))
+    began, duration = (
+        np.take_along_axis(field, number, -1)[..., 0] for field in (legs.time, legs.duration)
+    )
     seconds = time - began
     arc = np.clip(np.floor(seconds / duration * ARCS), 0, ARCS - 1).astype(np.intp)
     flat = number[..., 0] * ARCS + arc
     arcs = (field.reshape(*field.shape[:-2], -1) for field in legs[3:])
-    x, y, psi, v, omega, accel = (np.take_along_axis(field, flat[..., None], -1)[..., 0] for field in arcs)
+    x, y, psi, v, omega, accel = (
+        np.take_along_axis(field, flat[..., None], -1)[..., 0] for field in arcs
+    )
     t = seconds - arc * (duration / ARCS)
     dx, dy = _arc(psi, v, omega, accel, t)
     return VehicleState(x + dx, y + dy, wrap(psi + omega * t, np), v + accel * t)
 
 
 def _arc(heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, duration: Any) -> Any:
-    """Return the displacement of an arc, m, ``[2, ...]``: its velocity integrated by Gauss-Legendre's rule."""
+    """Return the displacement of an arc, m, ``[2, ...]``: its velocity integrated by
+    Gauss-Legendre's rule.
+    """
     # The nodes lead, so that the sum over them is the same whatever the other axes hold.
     seconds = np.multiply.outer(_NODES, duration)
     psi = yaw_rate * seconds + heading

@@ -1,8 +1,8 @@
 """The world's update, Algorithm 1 of the paper, for every array namespace.
 
-The same functions train (``jax.numpy``, batches), evaluate (``numpy``, batches) and serve one encounter at a time
-(:data:`envs.backend.EXACT_FLOATS`). Batches ``[..., K]`` keep their intruders along the last axis, plain floats keep
-them in a tuple of K.
+The same functions train (``jax.numpy``, batches), evaluate (``numpy``, batches) and serve one
+encounter at a time (:data:`envs.backend.EXACT_FLOATS`). Batches ``[..., K]`` keep their intruders
+along the last axis, plain floats keep them in a tuple of K.
 """
 
 from collections.abc import Callable
@@ -41,7 +41,9 @@ class State(NamedTuple):
     mask: Any  # which intruders exist, bool; a tuple of plain floats holds existing ones only
     intent: Any
     sensor: Sensor  # [..., 1] or plain floats
-    previous: tuple[Any, Any] | None  # intruders' vehicles one and two steps ago; None where no report is late
+    previous: (
+        tuple[Any, Any] | None
+    )  # intruders' vehicles one and two steps ago; None where no report is late
     steps: Any  # steps taken since the start
     ended: Any  # whether the last step ended the encounter, bool
     required_separation: Any = None  # by which each encounter is judged, m; None: that of the rules
@@ -57,17 +59,24 @@ class StepResult(NamedTuple):
     goal_distance: Any  # at the end of the step, m
 
 
-def begin(encounter: Encounter, xp: Any, *, history_dt: Any = None, required_separation: Any = None) -> State:
+def begin(
+    encounter: Encounter, xp: Any, *, history_dt: Any = None, required_separation: Any = None
+) -> State:
     """Return the state at the start of encounters ``[...]``.
 
     Args:
-        history_dt: the time step, s, where reports may be late and need a history of the intruders; None: they are not.
+        history_dt: the time step, s, where reports may be late and need a history of the intruders;
+            None: they are not.
         required_separation: by which each encounter is judged instead of the rules', m, ``[...]``.
     """
     previous = None
     if history_dt is not None:
         previous = tuple(
-            _each(lambda one, ago=ago: carried_back(one, ago * history_dt, xp), xp, encounter.intruders)
+            _each(
+                lambda one, ago=ago: carried_back(one, ago * history_dt, xp),
+                xp,
+                encounter.intruders,
+            )
             for ago in (1.0, 2.0)
         )
     steps = xp.zeros_like(encounter.goal_x)
@@ -87,7 +96,8 @@ def begin(encounter: Encounter, xp: Any, *, history_dt: Any = None, required_sep
 
 
 def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[State, StepResult]:
-    """Advance encounters ``[...]`` by one time step under an action of :func:`envs.kinematics.commands`.
+    """Advance encounters ``[...]`` by one time step under an action of
+    :func:`envs.kinematics.commands`.
 
     (Algorithm 1 of the paper.)
     """
@@ -105,11 +115,20 @@ def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[
 def move_intruders(state: State, dt: float, xp: Any) -> Any:
     """Return the intruders one time step later, ``[..., K]``."""
     time, dt = beside((state.steps * dt, dt))
-    return _each(lambda one, intent: intruder.step(one, intent, time, dt, xp), xp, state.intruders, state.intent)
+    return _each(
+        lambda one, intent: intruder.step(one, intent, time, dt, xp),
+        xp,
+        state.intruders,
+        state.intent,
+    )
 
 
-def evaluate(state: State, own: VehicleState, intruders: Any, rules: Rules, xp: Any) -> tuple[State, StepResult]:
-    """Return the state ``[...]`` before a step with the vehicles that it has moved, and the evaluation of the step."""
+def evaluate(
+    state: State, own: VehicleState, intruders: Any, rules: Rules, xp: Any
+) -> tuple[State, StepResult]:
+    """Return the state ``[...]`` before a step with the vehicles that it has moved, and the
+    evaluation of the step.
+    """
     if state.required_separation is not None:
         rules = rules._replace(separation=state.required_separation)
     before, after, dt = beside((state.own, own, rules.dt))
@@ -123,17 +142,23 @@ def evaluate(state: State, own: VehicleState, intruders: Any, rules: Rules, xp: 
     goal_distance = distance(state.goal_x - own.x, state.goal_y - own.y, xp)
     steps = state.steps + 1.0
     judged = outcome.judge(separation, goal_distance, steps * rules.dt, rules, xp)
-    previous = None if state.previous is None else (_vehicles(state.intruders, xp), state.previous[0])
-    moved = state._replace(own=own, intruders=intruders, previous=previous, steps=steps, ended=judged.ended(xp))
-    return moved, StepResult(judged, outcome.reward(judged, rules, xp), separations, separation, goal_distance)
+    previous = (
+        None if state.previous is None else (_vehicles(state.intruders, xp), state.previous[0])
+    )
+    moved = state._replace(
+        own=own, intruders=intruders, previous=previous, steps=steps, ended=judged.ended(xp)
+    )
+    return moved, StepResult(
+        judged, outcome.reward(judged, rules, xp), separations, separation, goal_distance
+    )
 
 
 def perceived(state: State, noise: Any, dt: Any, xp: Any) -> Any:
     """Return the intruders as the ownship believes them to be, ``[..., K]``.
 
     Args:
-        noise: standard normal draws of the reports, ``[4, ..., K]``, or of plain floats a sequence of K times 4; None
-            for perfect knowledge.
+        noise: standard normal draws of the reports, ``[4, ..., K]``, or of plain floats a sequence
+            of K times 4; None for perfect knowledge.
         dt: time step, s; reports are at most two of them old.
     """
     now = _vehicles(state.intruders, xp)
@@ -141,11 +166,19 @@ def perceived(state: State, noise: Any, dt: Any, xp: Any) -> Any:
         return now
     # Where no history is kept no report is late, and earlier states have no weight.
     earlier = (now, now) if state.previous is None else state.previous
-    return _each(lambda a, b, c, draws: perceive(a, b, c, state.sensor, draws, dt, xp), xp, now, *earlier, noise)
+    return _each(
+        lambda a, b, c, draws: perceive(a, b, c, state.sensor, draws, dt, xp),
+        xp,
+        now,
+        *earlier,
+        noise,
+    )
 
 
 def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: Any) -> Any:
-    """Return the observation of the most critical intruder and the goal, ``[..., 8]``; see :func:`perceived`."""
+    """Return the observation of the most critical intruder and the goal, ``[..., 8]``; see
+    :func:`perceived`.
+    """
     seen = perceived(state, noise, aircraft.dt, xp)
     chosen = observation.most_critical(state.own, seen, state.mask, aircraft, xp)
     return observation.observe(state.own, chosen, state.goal_x, state.goal_y, aircraft, xp)
@@ -154,7 +187,8 @@ def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: Any) -> 
 def observe_set(
     state: State, aircraft: Aircraft, noise: Any = None, count: int | None = None, *, xp: Any
 ) -> SetObservation:
-    """Return the observation of several intruders and the goal, by the noise of :func:`perceived`; arrays only.
+    """Return the observation of several intruders and the goal, by the noise of :func:`perceived`;
+    arrays only.
 
     Seen are the ``count`` most critical ones, in their order; None: all K as they come.
     """
@@ -172,7 +206,9 @@ def smallest(values: Any, mask: Any, xp: Any) -> Any:
 
 
 def _each(function: Callable[..., Any], xp: Any, *trees: Any) -> Any:
-    """Apply a function to arrays ``[..., K]`` at once, and to tuples of K plain ones one after another."""
+    """Apply a function to arrays ``[..., K]`` at once, and to tuples of K plain ones one after
+    another.
+    """
     if isinstance(xp, FloatNamespace):
         return tuple(map(function, *trees))
     return function(*trees)

@@ -1,4 +1,6 @@
-"""The configuration of a Monte Carlo evaluation: the model behind ``configs/monte_carlo.yaml`` and ``--set``."""
+"""The configuration of a Monte Carlo evaluation: the model behind ``configs/monte_carlo.yaml`` and
+``--set``.
+"""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,27 +33,40 @@ class PlannerConfig(Strict):
     """How plans are made and flown in the modes that plan."""
 
     margin: float | None = Field(default=None, ge=0.0)
-    """Added to the required separation, m; null: 0.02 m for the paper's aircraft, others in proportion."""
+    """Added to the required separation, m; null: 0.02 m for the paper's aircraft, others in
+    proportion.
+    """
     goal_radius: float | None = Field(default=None, gt=0.0)
-    """Distance from a point of the route at which the route is rejoined, m; null: the aircraft's."""
+    """Distance from a point of the route at which the route is rejoined, m; null: the aircraft's.
+    """
     rejoin_by: float | None = Field(default=None, gt=0.0)
     """Latest time of rejoining the route, s; null: the aircraft's time limit."""
     goals: int = Field(default=3, ge=1, le=10)
     """Points of the route that are tried, the next one first."""
     direct: bool = True
-    """Whether the policy's flight ends as soon as the direct way to the goal is clear; otherwise only at the goal."""
+    """Whether the policy's flight ends as soon as the direct way to the goal is clear; otherwise
+    only at the goal.
+    """
     fallback_cost_threshold: float | None = Field(default=None, ge=0.0)
-    """Cost of the policy's safe plan above which the fallback is searched too, m; 0: always; null: 1.5 separations."""
+    """Cost of the policy's safe plan above which the fallback is searched too, m; 0: always; null:
+    1.5 separations.
+    """
     exhaustive: bool = True
     """Whether the slow refinement is tried before a request is given up."""
     vehicle: VehicleConfig | None = Field(
         default=None,
-        json_schema_extra={"expected": "null, the path of a YAML file, a name that ships, or a group of keys"},
+        json_schema_extra={
+            "expected": "null, the path of a YAML file, a name that ships, or a group of keys"
+        },
     )
-    """Limits of the legs and of the vehicle that follows them; null: the aircraft's with the paper's reserve."""
+    """Limits of the legs and of the vehicle that follows them; null: the aircraft's with the
+    paper's reserve.
+    """
 
     def options(self, aircraft: Aircraft) -> Options:
-        """Return this as the planner takes it: manoeuvres inside both the aircraft's limits and the vehicle's."""
+        """Return this as the planner takes it: manoeuvres inside both the aircraft's limits and the
+        vehicle's.
+        """
         names = {"direct", "goals", "exhaustive", "rejoin_by", "fallback_cost_threshold"}
         changes: dict[str, Any] = self.model_dump(include=names, exclude_none=True)
         if self.margin is not None:
@@ -59,7 +74,9 @@ class PlannerConfig(Strict):
         radius = aircraft.goal_radius if self.goal_radius is None else self.goal_radius
         vehicle = None if self.vehicle is None else self.vehicle.limits()
         try:
-            options = Options.for_aircraft(aircraft._replace(goal_radius=radius), vehicle, **changes)
+            options = Options.for_aircraft(
+                aircraft._replace(goal_radius=radius), vehicle, **changes
+            )
             check(options)
         except RequestError as problem:
             raise ConfigError(f"planner: {problem}") from None
@@ -74,7 +91,9 @@ class TracksConfig(Strict):
     ahead: float = Field(default=220.0, ge=10.0, le=3_600.0)
     """The goal lies so many seconds ahead on the ownship's first course, at its first speed."""
     repair: bool = False
-    """Whether rows that are incomplete, out of order or impossible are dropped, and gaps filled; else: refused."""
+    """Whether rows that are incomplete, out of order or impossible are dropped, and gaps filled;
+    else: refused.
+    """
     max_gap: float = Field(default=5.0, gt=0.0, le=3_600.0)
     """Longest time between two rows of an aircraft, s."""
     within: float = Field(default=5_000.0, gt=0.0, le=100_000.0)
@@ -109,9 +128,15 @@ class TrafficConfig(Strict):
         for key, (least, most) in {"own_speed": (1.0, 300.0), "cpa_time": (0.0, 380.0)}.items():
             low, high = getattr(self, key) or (least, most)
             if not least <= low <= high <= most:
-                raise ConfigError(f"{key} is [{low:g}, {high:g}]; expected [low, high] within {least:g} to {most:g}")
+                raise ConfigError(
+                    f"{key} is [{low:g}, {high:g}]; expected [low, high] within {least:g} to "
+                    f"{most:g}"
+                )
         if self.cpa_time[1] > self.ahead:
-            raise ConfigError(f"cpa_time is up to {self.cpa_time[1]:g} s; expected at most ahead, {self.ahead:g} s")
+            raise ConfigError(
+                f"cpa_time is up to {self.cpa_time[1]:g} s; expected at most ahead, "
+                f"{self.ahead:g} s"
+            )
         return self
 
 
@@ -122,34 +147,46 @@ class MonteCarloConfig(Strict):
     """Scenarios of files that can be flown."""
 
     policy: Path | None = None
-    """Policy file (.safetensors), beside the configuration file or in the working directory; null: the shipped one."""
+    """Policy file (.safetensors), beside the configuration file or in the working directory; null:
+    the shipped one.
+    """
     policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
     mode: Literal["policy", "plan", "assured"] = "policy"
-    """What decides: policy, the network alone, once a second; plan, the planner once at the start, then the plan is
-    followed; assured, the same under a monitor that asks for new plans and falls back to a backup."""
+    """What decides: policy, the network alone, once a second; plan, the planner once at the start,
+    then the plan is followed; assured, the same under a monitor that asks for new plans and falls
+    back to a backup."""
     baseline: Literal["none", "rules", "mvp", "mvp_speed"] = "none"
-    """What decides in the policy's place, in mode policy; none: the policy. The straight flight is always flown too."""
+    """What decides in the policy's place, in mode policy; none: the policy. The straight flight is
+    always flown too.
+    """
     backend: Literal["auto", "numpy", "jax"] = "auto"
-    """What computes the policy's decisions in mode policy: numpy; or jax, compiled and some three times as fast, with
-    flights that differ by rounding. auto: jax where it is installed, for 2000 encounters or more on this machine."""
+    """What computes the policy's decisions in mode policy: numpy; or jax, compiled and some three
+    times as fast, with flights that differ by rounding. auto: jax where it is installed, for 2000
+    encounters or more on this machine."""
     scenario: str = Field(
         default="circle",
-        json_schema_extra={"expected": f"one of {', '.join(SCENARIOS)}, or {', '.join(f'{p}PATH' for p in PREFIXES)}"},
+        json_schema_extra={
+            "expected": (
+                f"one of {', '.join(SCENARIOS)}, or {', '.join(f'{p}PATH' for p in PREFIXES)}"
+            )
+        },
     )
-    """Where the encounters come from: a scenario's name; file:PATH for a CSV file of one's own; tracks:PATH for
-    recorded tracks; lincoln:PATH for traffic of an encounter model."""
+    """Where the encounters come from: a scenario's name; file:PATH for a CSV file of one's own;
+    tracks:PATH for recorded tracks; lincoln:PATH for traffic of an encounter model."""
     scenario_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """SHA-256 that the scenario's file must have; null: any."""
-    changes: dict[str, Any] = Field(default={}, json_schema_extra={"expected": "a group of a scenario's numbers"})
+    changes: dict[str, Any] = Field(
+        default={}, json_schema_extra={"expected": "a group of a scenario's numbers"}
+    )
     """Numbers of the scenario to change, such as {min_initial_separation: 0}."""
     encounters: int | None = Field(default=None, ge=1, le=100_000_000)
     """How many encounters are flown; null: 10000, or all of a file's."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Of encounters, sensor noise and bootstrap."""
     chunk: int | None = Field(default=None, ge=1, le=100_000)
-    """Encounters that are flown together and stored together; null: equal shares of the workers, at most 1250, or
-    5000 with backend jax. It changes no result."""
+    """Encounters that are flown together and stored together; null: equal shares of the workers, at
+    most 1250, or 5000 with backend jax. It changes no result."""
     workers: int = Field(default=0, ge=0, le=1024)
     """Processes that fly chunks; 0: as many as there are cores. It changes no result."""
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
@@ -158,11 +195,14 @@ class MonteCarloConfig(Strict):
     """Bootstrap resamples behind the intervals of means."""
     aircraft: AircraftConfig | None = Field(
         default=None,
-        json_schema_extra={"expected": "null, the path of a YAML file, a name that ships, or a group of keys"},
+        json_schema_extra={
+            "expected": "null, the path of a YAML file, a name that ships, or a group of keys"
+        },
     )
     """The ownship and its task, which rules, scenarios and plans follow; null: the policy's own."""
     allow_outside_domain: bool = False
-    """Whether aircraft, and more intruders, than the policy was trained for are flown all the same."""
+    """Whether aircraft, and more intruders, than the policy was trained for are flown all the same.
+    """
     planner: PlannerConfig = PlannerConfig()
     tracks: TracksConfig = TracksConfig()
     figures: bool = True
@@ -180,7 +220,9 @@ class MonteCarloConfig(Strict):
         if prefix is not None:
             if prefix not in cls.files:
                 known = " and ".join(f"{each}PATH" for each in cls.files)
-                raise ConfigError(f"{name!r} cannot be flown here; expected a sampled scenario or {known}")
+                raise ConfigError(
+                    f"{name!r} cannot be flown here; expected a sampled scenario or {known}"
+                )
             if name == prefix:
                 raise ConfigError(f"{name!r} names no file; expected {prefix}PATH")
             return f"{prefix}{_located(Path(name.removeprefix(prefix)), info)}"
@@ -188,7 +230,9 @@ class MonteCarloConfig(Strict):
             close = nearest(name, SCENARIOS)
             hint = f"; did you mean {close}?" if close else ""
             files = ", ".join(f"{each}PATH" for each in cls.files)
-            raise ConfigError(f"{name!r} is unknown; expected one of {', '.join(SCENARIOS)}, or {files}{hint}")
+            raise ConfigError(
+                f"{name!r} is unknown; expected one of {', '.join(SCENARIOS)}, or {files}{hint}"
+            )
         return name
 
     @model_validator(mode="after")
@@ -198,19 +242,29 @@ class MonteCarloConfig(Strict):
         elif self.prefix == MODEL:
             self.traffic()
         elif self.changes:
-            raise ConfigError(f"changes: {next(iter(self.changes))} cannot be changed, the encounters stand in a file")
+            raise ConfigError(
+                f"changes: {next(iter(self.changes))} cannot be changed, the encounters stand in "
+                "a file"
+            )
         if self.baseline != "none" and self.mode != "policy":
             raise ConfigError(f"baseline is {self.baseline!r}; expected none with mode {self.mode}")
         if self.backend == "jax" and (self.mode != "policy" or self.baseline != "none"):
-            raise ConfigError("backend is 'jax'; expected auto or numpy where not the policy alone decides")
+            raise ConfigError(
+                "backend is 'jax'; expected auto or numpy where not the policy alone decides"
+            )
         if self.file is None and self.scenario_sha256 is not None:
             wanted = ", ".join(f"{each}PATH" for each in self.files)
-            raise ConfigError(f"scenario_sha256 is for a scenario {wanted}, not for {self.scenario!r}; expected null")
+            raise ConfigError(
+                f"scenario_sha256 is for a scenario {wanted}, not for {self.scenario!r}; expected "
+                "null"
+            )
         return self
 
     @property
     def prefix(self) -> str | None:
-        """What kind of file the scenario is, one of :data:`PREFIXES`; None for a sampled scenario."""
+        """What kind of file the scenario is, one of :data:`PREFIXES`; None for a sampled
+        scenario.
+        """
         return next((each for each in PREFIXES if self.scenario.startswith(each)), None)
 
     @property
@@ -224,15 +278,23 @@ class MonteCarloConfig(Strict):
         return _DEFAULT_ENCOUNTERS if self.encounters is None else self.encounters
 
     def flown_aircraft(self, policy: Policy) -> Aircraft:
-        """Return the aircraft that is flown, which the policy must be trained for where no other is allowed."""
+        """Return the aircraft that is flown, which the policy must be trained for where no other is
+        allowed.
+        """
         aircraft = policy.aircraft if self.aircraft is None else self.aircraft.aircraft()
-        return policy.for_aircraft(aircraft, outside="allow" if self.allow_outside_domain else "refuse").aircraft
+        return policy.for_aircraft(
+            aircraft, outside="allow" if self.allow_outside_domain else "refuse"
+        ).aircraft
 
     def backend_for(self, policy: Policy, encounters: int) -> Literal["numpy", "jax"]:
         """Return what computes the policy's decisions, numpy or jax."""
         if self.backend != "auto":
             return self.backend
-        suits = self.mode == "policy" and self.baseline == "none" and "encoder" in policy.metadata["architecture"]
+        suits = (
+            self.mode == "policy"
+            and self.baseline == "none"
+            and "encoder" in policy.metadata["architecture"]
+        )
         pays = encounters >= _COMPILED_FROM and find_spec("jax") is not None
         return "jax" if suits and pays else "numpy"
 
@@ -243,7 +305,9 @@ class MonteCarloConfig(Strict):
         return self.chunk or -(-share // -(-share // largest))
 
     def sampled(self, aircraft: Aircraft) -> Scenario:
-        """Return the sampled scenario of an aircraft; ``ConfigError``: a change is of no number or out of range."""
+        """Return the sampled scenario of an aircraft; ``ConfigError``: a change is of no number or
+        out of range.
+        """
         try:
             return self._sampled().scenario(aircraft)
         except ConfigError as problem:
@@ -256,7 +320,9 @@ class MonteCarloConfig(Strict):
         return self._changed(ScenarioConfig, {"name": self.scenario})
 
     def traffic(self) -> TrafficConfig:
-        """Return what is drawn from an encounter model, with its changes; raises as :meth:`sampled`."""
+        """Return what is drawn from an encounter model, with its changes; raises as
+        :meth:`sampled`.
+        """
         return self._changed(TrafficConfig, {})
 
     def _changed(self, model: type[_Model], first: dict[str, Any]) -> _Model:
@@ -267,6 +333,8 @@ class MonteCarloConfig(Strict):
 
 
 def _located(path: Path, info: ValidationInfo) -> Path:
-    """Return the absolute path of a file that stands beside the configuration or in the working directory."""
+    """Return the absolute path of a file that stands beside the configuration or in the working
+    directory.
+    """
     beside = Path((info.context or {}).get("folder", "")) / path
     return (beside if beside.exists() else path).absolute()

@@ -1,4 +1,6 @@
-"""Encounters from one form of file to another: ``python -m eval.convert encounters.json own.csv``."""
+"""Encounters from one form of file to another: ``python -m eval.convert encounters.json
+own.csv``.
+"""
 
 import argparse
 import json
@@ -32,8 +34,8 @@ Turn encounters from one form of file into another; the names' ends say which:
   .json        two-aircraft encounters of MIT Lincoln Laboratory's form
   .daa, .xyz   one encounter in the form of NASA's DAIDALUS; written with local positions
 
-What the other form cannot hold is refused in one sentence; with --lossy it is left out, counted and named. What was
-written is read again before the file gets its name."""
+What the other form cannot hold is refused in one sentence; with --lossy it is left out, counted
+and named. What was written is read again before the file gets its name."""
 
 _EPILOG = """\
 examples:
@@ -45,7 +47,9 @@ _TRACKS = (".daa", ".xyz")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Convert what the command line names and return the exit status; bad input raises ``InputError``."""
+    """Convert what the command line names and return the exit status; bad input raises
+    ``InputError``.
+    """
     options = _parser().parse_args(arguments)
     for path in (options.source, options.target):
         if path.suffix not in (".csv", ".json", *_TRACKS):
@@ -65,13 +69,26 @@ def _parser() -> argparse.ArgumentParser:
     add("source", type=Path, metavar="FROM", help="file to read")
     add("target", type=Path, metavar="TO", help="file to write, a new one")
     add("--encounter", metavar="NAME", help="convert this one alone (default: all)")
-    add("--altitude-ft", type=real(-2_000.0, 60_000.0, "ft"), metavar="FT", help="of encounters that have no altitude")
+    add(
+        "--altitude-ft",
+        type=real(-2_000.0, 60_000.0, "ft"),
+        metavar="FT",
+        help="of encounters that have no altitude",
+    )
     seconds = "of encounters of ours that become tracks (default: 300)"
     add("--seconds", type=whole(1, 3_600), default=300, metavar="S", help=seconds)
     ahead = "goal, where the form has none (default: 220 s ahead)"
     add("--ahead", type=real(10.0, 3_600.0, "s"), default=220.0, metavar="S", help=ahead)
-    add("--repair", action="store_true", help="drop and fill what is wrong in tracks, and say what was done")
-    add("--lossy", action="store_true", help="leave out what the other form cannot hold, and name it")
+    add(
+        "--repair",
+        action="store_true",
+        help="drop and fill what is wrong in tracks, and say what was done",
+    )
+    add(
+        "--lossy",
+        action="store_true",
+        help="leave out what the other form cannot hold, and name it",
+    )
     return parser
 
 
@@ -82,19 +99,26 @@ def _convert(options: argparse.Namespace) -> int:
         known = [scene.name for scene in scenes]
         scenes = [scene for scene in scenes if scene.name == options.encounter]
         if not scenes:
-            raise ConfigError(f"--encounter: {options.encounter!r} is not in {source}; it holds {known[:5]} ...")
+            raise ConfigError(
+                f"--encounter: {options.encounter!r} is not in {source}; it holds {known[:5]} ..."
+            )
     lost: list[str] = []
 
     def losing(what: str, which: Sequence[Scene]) -> None:
         if which:
-            lost.append(f"{what} of {len(which)} of {len(scenes)} encounters, the first {which[0].name!r}")
+            lost.append(
+                f"{what} of {len(which)} of {len(scenes)} encounters, the first {which[0].name!r}"
+            )
 
     for kind in sorted({kind for scene in scenes for kind, rows in scene.left_out.items() if rows}):
         which = [scene for scene in scenes if scene.left_out.get(kind)]
         losing(f"{sum(scene.left_out[kind] for scene in which)} {kind}", which)
     if target == ".csv":
         losing("altitudes", [scene for scene in scenes if scene.altitudes])
-        losing("the ownship's motion after the start", [scene for scene in scenes if not scene.straight(0)])
+        losing(
+            "the ownship's motion after the start",
+            [scene for scene in scenes if not scene.straight(0)],
+        )
     else:
         losing("the goal", [scene for scene in scenes if scene.goal is not None])
         losing("the noise of reports", [scene for scene in scenes if any(scene.sensor)])
@@ -103,9 +127,14 @@ def _convert(options: argparse.Namespace) -> int:
     else:
         losing("the weight", [scene for scene in scenes if scene.weight != 1.0])
     if lost and not options.lossy:
-        raise ConfigError(f"{options.target} cannot hold {'; '.join(lost)}; expected --lossy to leave it out")
+        raise ConfigError(
+            f"{options.target} cannot hold {'; '.join(lost)}; expected --lossy to leave it out"
+        )
     if target in _TRACKS and len(scenes) != 1:
-        raise ConfigError(f"{source} holds {len(scenes)} encounters and {target} files one, expected --encounter NAME")
+        raise ConfigError(
+            f"{source} holds {len(scenes)} encounters and {target} files one, expected "
+            "--encounter NAME"
+        )
     _write(options, scenes)
     for sentence in lost:
         print(f"left out: {sentence}", file=sys.stderr)
@@ -123,7 +152,10 @@ def _read(path: Path, form: str, seconds: int, repair: bool) -> list[Scene]:
         tracks, repairs = read_daidalus(path, repair=repair)
         recorded = [(path.stem, tracks, 1.0)]
     if any(repairs):
-        print("repaired: " + ", ".join(f"{v} {k}" for k, v in repairs._asdict().items() if v), file=sys.stderr)
+        print(
+            "repaired: " + ", ".join(f"{v} {k}" for k, v in repairs._asdict().items() if v),
+            file=sys.stderr,
+        )
     return scenes_of_tracks(recorded)
 
 
@@ -135,15 +167,22 @@ def _write(options: argparse.Namespace, scenes: list[Scene]) -> None:
         with written(target) as new:
             try:
                 if form == ".csv":
-                    encounter_file.write_rows(new, rows_of_scenes(scenes, options.ahead), [s.name for s in scenes])
+                    encounter_file.write_rows(
+                        new, rows_of_scenes(scenes, options.ahead), [s.name for s in scenes]
+                    )
                 elif form == ".json":
-                    new.write_text(json.dumps(lincoln_objects(scenes, altitude), allow_nan=False) + "\n", "utf-8")
+                    new.write_text(
+                        json.dumps(lincoln_objects(scenes, altitude), allow_nan=False) + "\n",
+                        "utf-8",
+                    )
                 else:
                     new.write_text(daidalus_text(scenes[0], altitude), "utf-8")
                 again = _read(new, form, longest, repair=False)
                 check_same(scenes, again, own=form != ".csv", altitudes=form != ".csv")
             except (EncounterError, TrackError) as problem:
-                raise EncounterError(str(problem).replace(str(new), f"{target}, as it would be")) from None
+                raise EncounterError(
+                    str(problem).replace(str(new), f"{target}, as it would be")
+                ) from None
     except OSError as problem:
         raise ConfigError(f"{target}: cannot be written: {problem.strerror}") from None
 

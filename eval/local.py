@@ -1,4 +1,6 @@
-"""Where the shipped policy keeps its side under small errors: ``python -m eval.local --out runs/local``."""
+"""Where the shipped policy keeps its side under small errors: ``python -m eval.local --out
+runs/local``.
+"""
 
 import argparse
 import math
@@ -21,16 +23,19 @@ VERDICTS = ("verified", "counterexample", "open")
 QUESTIONS = ("side", "toward")
 
 _DESCRIPTION = """\
-Ask box by box what a policy does with one intruder whose reported state is wrong by up to --position and --velocity on
-each axis: may the error flip the side of the commanded turn ("side"), and may the policy then turn toward the side on
-which the intruder will pass on straight courses ("toward")? A turn of less than --allowed does not count.
+Ask box by box what a policy does with one intruder whose reported state is wrong by up to
+--position and --velocity on each axis: may the error flip the side of the commanded turn
+("side"), and may the policy then turn toward the side on which the intruder will pass on straight
+courses ("toward")? A turn of less than --allowed does not count.
 
-Boxes lie about scenes whose separation is lost in --loss seconds on straight courses, drawn evenly over the cells
-(difference of the courses, ratio of the speeds) and in each over speeds, courses, time, miss distance and goal. A box
-is verified by bounds of all of the policy, from the state to the turn; or has a counterexample, an exact scene
-that the policy answered; or stays open after --depth cuts in two.
+Boxes lie about scenes whose separation is lost in --loss seconds on straight courses, drawn
+evenly over the cells (difference of the courses, ratio of the speeds) and in each over speeds,
+courses, time, miss distance and goal. A box is verified by bounds of all of the policy, from the
+state to the turn; or has a counterexample, an exact scene that the policy answered; or stays open
+after --depth cuts in two.
 
-Written to --out: local.json and the map local.png and .svg; what they mean: docs/howto/failures.md."""
+Written to --out: local.json and the map local.png and .svg; what they mean:
+docs/howto/failures.md."""
 
 _EPILOG = """\
 examples:
@@ -39,7 +44,9 @@ examples:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Examine what the command line asks for and return the exit status; bad input raises ``InputError``."""
+    """Examine what the command line asks for and return the exit status; bad input raises
+    ``InputError``.
+    """
     from threadpoolctl import threadpool_limits
 
     from eval.plots import save as picture_folder
@@ -66,7 +73,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def examine(policy: Policy, options: argparse.Namespace) -> dict[str, Any]:
     """Return shares of the verdicts, of all boxes and of each cell."""
     scenes, cell, names = draw(policy, options)
-    half = np.repeat([options.position / policy.aircraft.separation, options.velocity / policy.limits.speed_max], 2)
+    half = np.repeat(
+        [options.position / policy.aircraft.separation, options.velocity / policy.limits.speed_max],
+        2,
+    )
     away, toward = -np.where(answers(policy, scenes) < 0.0, -1.0, 1.0), passing(scenes)
     how: dict[str, Any] = {"allowed": options.allowed, "depth": options.depth, "seed": options.seed}
     found = dict.fromkeys(QUESTIONS, decide(policy, scenes, half, away, **how))
@@ -82,7 +92,10 @@ def examine(policy: Policy, options: argparse.Namespace) -> dict[str, Any]:
 
     def shares(chosen: np.ndarray) -> dict[str, Any]:
         return {
-            name: {verdict: share(np.sum(of[chosen] == i), np.sum(chosen)) for i, verdict in enumerate(VERDICTS)}
+            name: {
+                verdict: share(np.sum(of[chosen] == i), np.sum(chosen))
+                for i, verdict in enumerate(VERDICTS)
+            }
             for name, of in found.items()
         }
 
@@ -104,7 +117,11 @@ def draw(policy: Policy, options: argparse.Namespace) -> tuple[Scenes, np.ndarra
     edges = [low, *(edge for edge in COURSES if low < edge < high), high]
     cells = [(course, ratio) for course in pairwise(edges) for ratio in pairwise(RATIOS)]
     names = ["{:g} to {:g} deg/{:g} to {:g}".format(*course, *ratio) for course, ratio in cells]
-    random, fast, unit = np.random.default_rng(options.seed), policy.limits.speed_max, policy.aircraft.separation
+    random, fast, unit = (
+        np.random.default_rng(options.seed),
+        policy.limits.speed_max,
+        policy.aircraft.separation,
+    )
     count, cell = options.boxes, np.arange(options.boxes) % len(cells)
     (from_course, to_course), (from_ratio, to_ratio) = np.array(cells)[cell].transpose(1, 2, 0)
     pace, other = np.zeros(count), np.zeros(count)
@@ -114,28 +131,42 @@ def draw(policy: Policy, options: argparse.Namespace) -> tuple[Scenes, np.ndarra
         other = np.where(wrong, pace * random.uniform(from_ratio, to_ratio), other)
     course = np.radians(random.uniform(from_course, to_course)) * random.choice([-1.0, 1.0], count)
     velocity = other[:, None] * np.stack([np.cos(course), np.sin(course)], axis=-1)
-    # Back from where the separation is lost: time to the loss, and miss distance on straight courses.
+    # Back from where the separation is lost: time to the loss, and miss distance on straight
+    # courses.
     way = velocity - np.stack([pace, 0.0 * pace], axis=-1)
     ahead = way / np.hypot(*way.T)[:, None]
     soonest, latest = (seconds * fast / unit for seconds in options.loss)
     miss, time = random.uniform(-1.0, 1.0, count), random.uniform(soonest, latest, count)
     lost = miss[:, None] * ahead[:, ::-1] * [-1.0, 1.0] - np.sqrt(1.0 - miss**2)[:, None] * ahead
-    bearing, distance = random.uniform(-0.5 * math.pi, 0.5 * math.pi, count), random.uniform(2.0, 20.0, count)
+    bearing, distance = (
+        random.uniform(-0.5 * math.pi, 0.5 * math.pi, count),
+        random.uniform(2.0, 20.0, count),
+    )
     goal = distance[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
-    return Scenes(pace, goal, np.concatenate([lost - way * time[:, None], velocity], axis=-1)), cell, names
+    return (
+        Scenes(pace, goal, np.concatenate([lost - way * time[:, None], velocity], axis=-1)),
+        cell,
+        names,
+    )
 
 
 def passing(scenes: Scenes) -> np.ndarray:
-    """Return the side on which the intruder will pass on straight courses, 1: left, -1: right, ``[N]``."""
+    """Return the side on which the intruder will pass on straight courses, 1: left, -1: right,
+    ``[N]``.
+    """
     x, y, vx, vy = scenes.state.T
     vx = vx - scenes.pace
     return np.where(y - vy * (x * vx + y * vy) / (vx * vx + vy * vy) < 0.0, -1.0, 1.0)
 
 
-def _write_vnnlib(out: Path, policy: Policy, scenes: Scenes, half: Any, away: np.ndarray, allowed: float) -> None:
-    """Write the network behind its derived inputs as ONNX, and boxes of these in which it may turn as is forbidden.
+def _write_vnnlib(
+    out: Path, policy: Policy, scenes: Scenes, half: Any, away: np.ndarray, allowed: float
+) -> None:
+    """Write the network behind its derived inputs as ONNX, and boxes of these in which it may turn
+    as is forbidden.
 
-    A box is of a scene with a part of the error; a verifier that finds it unsatisfiable says *verified*.
+    A box is of a scene with a part of the error; a verifier that finds it unsatisfiable says
+    *verified*.
     """
     from agents.learning.onnx import network_part
 
@@ -158,13 +189,21 @@ def _figure(found: dict[str, Any]) -> Any:
     """Return the map: verified share of each cell in colour, all three in numbers."""
     from eval.evidence.domain import cells_figure
 
-    courses, ratios = (list(dict.fromkeys(cell["name"].split("/")[i] for cell in found["cells"])) for i in (0, 1))
+    courses, ratios = (
+        list(dict.fromkeys(cell["name"].split("/")[i] for cell in found["cells"])) for i in (0, 1)
+    )
     panels = []
-    titles = ("side flipped: never / seen / open, %", "turn to the passing side: never / seen / open, %")
+    titles = (
+        "side flipped: never / seen / open, %",
+        "turn to the passing side: never / seen / open, %",
+    )
     for name, title in zip(QUESTIONS, titles, strict=True):
         parts = [[cell[name][verdict]["value"] for verdict in VERDICTS] for cell in found["cells"]]
         values = 100.0 * np.array(parts, float).reshape(len(courses), len(ratios), 3)
-        texts = [[" / ".join("-" if np.isnan(one) else f"{one:.0f}" for one in cell) for cell in row] for row in values]
+        texts = [
+            [" / ".join("-" if np.isnan(one) else f"{one:.0f}" for one in cell) for cell in row]
+            for row in values
+        ]
         panels.append((title, values[..., 0], texts))
     return cells_figure(panels, courses, ratios, 0.0, "verified, %")
 
@@ -175,18 +214,57 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.local", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
-    add("--out", type=Path, metavar="DIR", help="folder, new or empty (default: runs/local_DATE_TIME)")
+    add(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder, new or empty (default: runs/local_DATE_TIME)",
+    )
     add("--boxes", type=whole(1, 1_000_000), metavar="N", default=100, help="in all (default: 100)")
-    course = {"type": real(0.0, 180.0, "degrees"), "nargs": 2, "metavar": ("LOW", "HIGH"), "default": [0.0, 180.0]}
+    course = {
+        "type": real(0.0, 180.0, "degrees"),
+        "nargs": 2,
+        "metavar": ("LOW", "HIGH"),
+        "default": [0.0, 180.0],
+    }
     add("--course", **course, help="difference of the courses, degrees (default: 0 180)")
-    loss = {"type": real(0.0, 60.0, "s"), "nargs": 2, "metavar": ("LOW", "HIGH"), "default": [0.0, 30.0]}
+    loss = {
+        "type": real(0.0, 60.0, "s"),
+        "nargs": 2,
+        "metavar": ("LOW", "HIGH"),
+        "default": [0.0, 30.0],
+    }
     add("--loss", **loss, help="time to the loss of separation, s (default: 0 30)")
-    add("--position", type=real(0.0, 1000.0, "m"), metavar="M", default=30.0, help="error of x and y, m (default: 30)")
-    add("--velocity", type=real(0.0, 50.0, "m/s"), metavar="M/S", default=3.0, help="of vx and vy, m/s (default: 3)")
+    add(
+        "--position",
+        type=real(0.0, 1000.0, "m"),
+        metavar="M",
+        default=30.0,
+        help="error of x and y, m (default: 30)",
+    )
+    add(
+        "--velocity",
+        type=real(0.0, 50.0, "m/s"),
+        metavar="M/S",
+        default=3.0,
+        help="of vx and vy, m/s (default: 3)",
+    )
     allowed = "turn that does not count, of the greatest yaw rate (default: 0.1)"
     add("--allowed", type=real(0.01, 0.9), metavar="PART", default=0.1, help=allowed)
-    add("--depth", type=whole(0, 30), metavar="N", default=12, help="cuts of a box in two (default: 12)")
-    add("--seed", type=whole(0, 2**63), metavar="N", default=0, help="of scenes and samples (default: 0)")
+    add(
+        "--depth",
+        type=whole(0, 30),
+        metavar="N",
+        default=12,
+        help="cuts of a box in two (default: 12)",
+    )
+    add(
+        "--seed",
+        type=whole(0, 2**63),
+        metavar="N",
+        default=0,
+        help="of scenes and samples (default: 0)",
+    )
     also = "also write network.onnx and N boxes (default: 0)"
     add("--vnnlib", type=whole(0, 10_000), metavar="N", default=0, help=also)
     return parser

@@ -15,7 +15,9 @@ def tables() -> dict[str, list[str]]:
 
 
 def main() -> None:
-    """Write the tables into the page of the directory that the command line names; raises a ConfigError."""
+    """Write the tables into the page of the directory that the command line names; raises a
+    ConfigError.
+    """
     from agents.config.pages import write_tables
 
     write_tables("python -m eval.reference", __doc__, tables())

@@ -1,4 +1,6 @@
-"""Write the constants of the proofs from the code: ``python proofs/constants.py > proofs/Constants.v``."""
+"""Write the constants of the proofs from the code: ``python proofs/constants.py >
+proofs/Constants.v``.
+"""
 
 from fractions import Fraction
 
@@ -9,7 +11,10 @@ CONSTANTS = {"CLOSE": CLOSE, "ROUNDING": ROUNDING}
 
 def text() -> str:
     """Return the Coq file."""
-    lines = ["(* Made from the code by proofs/constants.py; tests/agents/test_proofs.py tells when it is old. *)"]
+    lines = [
+        "(* Made from the code by proofs/constants.py; tests/agents/test_proofs.py tells when it "
+        "is old. *)"
+    ]
     lines += ["", "From Coq Require Import Reals.", "Open Scope R_scope.", ""]
     for name, value in CONSTANTS.items():
         exact = Fraction(repr(value))

@@ -1,6 +1,7 @@
 """Checkpoints: any pytree of arrays in one safetensors file, written whole or not at all.
 
-A kill or a power cut at any moment leaves those before it as they were; a digest shows a damaged file.
+A kill or a power cut at any moment leaves those before it as they were; a digest shows a damaged
+file.
 """
 
 import hashlib
@@ -33,8 +34,9 @@ class CheckpointError(InputError):
 def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any]) -> Path:
     """Write a checkpoint, remove all but the newest three, and return its path.
 
-    The directory is made if it is not there, its parent is not: that of a run may have gone. The number, >= 0, orders
-    the checkpoints; leaves of the tree are arrays of dtypes that numpy knows; meta is anything that JSON can hold.
+    The directory is made if it is not there, its parent is not: that of a run may have gone. The
+    number, >= 0, orders the checkpoints; leaves of the tree are arrays of dtypes that numpy knows;
+    meta is anything that JSON can hold.
     """
     tensors = {name: np.array(leaf, order="C") for name, leaf in _leaves(tree).items()}
     directory.mkdir(exist_ok=True)
@@ -51,7 +53,9 @@ def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any]) -> Pa
 
 
 def latest(directory: Path) -> Path:
-    """Return the newest whole checkpoint, passing over others with a warning; without any raises a CheckpointError."""
+    """Return the newest whole checkpoint, passing over others with a warning; without any raises a
+    CheckpointError.
+    """
     stored = _stored(directory)
     for path in stored:
         try:
@@ -65,7 +69,9 @@ def latest(directory: Path) -> Path:
 
 
 def meta(path: Path) -> dict[str, Any]:
-    """Return the meta data of a checkpoint; raises a CheckpointError where it is not there or not whole."""
+    """Return the meta data of a checkpoint; raises a CheckpointError where it is not there or not
+    whole.
+    """
     return _read(path)[1]
 
 
@@ -73,28 +79,44 @@ def restore(path: Path, like: Any, part: str = "") -> Any:
     """Return the tree of a checkpoint, bit for bit as saved.
 
     Args:
-        like: has the structure, shapes and dtypes that are expected, for instance of ``jax.eval_shape``.
-        part: take this field alone of the named tuple that the checkpoint holds, whatever the others are.
+        like: has the structure, shapes and dtypes that are expected, for instance of
+            ``jax.eval_shape``.
+        part: take this field alone of the named tuple that the checkpoint holds, whatever the
+            others are.
 
     Raises:
         CheckpointError: the file is not there, not whole, or not of this structure.
     """
     begins = f".{part}" if part else ""
-    tensors = {name.removeprefix(begins): array for name, array in _read(path)[0].items() if name.startswith(begins)}
+    tensors = {
+        name.removeprefix(begins): array
+        for name, array in _read(path)[0].items()
+        if name.startswith(begins)
+    }
     expected = _leaves(like)
-    for name in [*(n for n in expected if n not in tensors), *(n for n in tensors if n not in expected)]:
+    for name in [
+        *(n for n in expected if n not in tensors),
+        *(n for n in tensors if n not in expected),
+    ]:
         has, lacks = (path, "this run") if name in tensors else ("this run", path)
-        raise CheckpointError(f"{path}: made by another structure ({name} is in {has} and not in {lacks})")
+        raise CheckpointError(
+            f"{path}: made by another structure ({name} is in {has} and not in {lacks})"
+        )
     for name, leaf in expected.items():
         stored, dtype = tensors[name], np.dtype(leaf.dtype)
         if (stored.shape, stored.dtype) != (leaf.shape, dtype):
             found = f"{stored.dtype}{list(stored.shape)}; expected {dtype}{list(leaf.shape)}"
             raise CheckpointError(f"{path}: {name} is {found}")
-    return jax.tree.unflatten(jax.tree.structure(like), [jnp.asarray(tensors[name]) for name in expected])
+    return jax.tree.unflatten(
+        jax.tree.structure(like), [jnp.asarray(tensors[name]) for name in expected]
+    )
 
 
 def _leaves(tree: Any) -> dict[str, Any]:
-    return {jax.tree_util.keystr(path) or "root": leaf for path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
+    return {
+        jax.tree_util.keystr(path) or "root": leaf
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
+    }
 
 
 def _digest(tensors: Mapping[str, np.ndarray], meta: str) -> str:
@@ -118,9 +140,13 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     except (OSError, SafetensorError, ValueError) as problem:
         raise CheckpointError(f"{path}: not a whole checkpoint ({problem})") from None
     if header.get("schema") != SCHEMA:
-        raise CheckpointError(f"{path}: its schema is {header.get('schema')!r}; expected {SCHEMA!r}")
+        raise CheckpointError(
+            f"{path}: its schema is {header.get('schema')!r}; expected {SCHEMA!r}"
+        )
     if _digest(tensors, header["meta"]) != header["sha256"]:
-        raise CheckpointError(f"{path}: not a whole checkpoint (its digest does not match its content)")
+        raise CheckpointError(
+            f"{path}: not a whole checkpoint (its digest does not match its content)"
+        )
     return tensors, json.loads(header["meta"])
 
 

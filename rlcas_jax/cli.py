@@ -1,4 +1,6 @@
-"""The command line of training: what it accepts, and everything that can be wrong before training begins."""
+"""The command line of training: what it accepts, and everything that can be wrong before training
+begins.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +20,8 @@ Train a conflict resolution policy in the surrogate.
   python -m rlcas_jax.train --config quick
   python -m rlcas_jax.train --config quick --set aircraft=uas --set ppo.learning_rate=3e-4 --seeds 3
   python -m rlcas_jax.train --resume runs/quick-20260131T120000-0
-  python -m rlcas_jax.train --config FILE --out runs/wide --coordinator host0:9876 --processes 2 --process 0
+  python -m rlcas_jax.train --config FILE --out runs/wide \\
+    --coordinator host0:9876 --processes 2 --process 0
 """
 
 
@@ -35,7 +38,8 @@ class Job:
 class Processes:
     """Several processes that train together."""
 
-    coordinator: str  # HOST:PORT of the first one, or auto on a cluster that JAX knows (Slurm, Open MPI, Kubernetes)
+    # HOST:PORT of the first one, or auto on a cluster that JAX knows (Slurm, Open MPI, Kubernetes)
+    coordinator: str
     count: int | None
     number: int | None
 
@@ -53,7 +57,8 @@ class Options:
 
 
 def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> Options:
-    """Read the command line, that of the process by default; raises a ConfigError, and writes nothing.
+    """Read the command line, that of the process by default; raises a ConfigError, and writes
+    nothing.
 
     The moment ``now`` stands in the default name of the directory.
     """
@@ -66,20 +71,27 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
             if getattr(given, name):
                 hint = "leave it out, or start a new run without --resume"
                 raise ConfigError(f"--{name} cannot change a run that is resumed; {hint}")
-        return Options(given.resume, _resumed(given.resume), given.quiet, True, given.devices, processes)
+        return Options(
+            given.resume, _resumed(given.resume), given.quiet, True, given.devices, processes
+        )
     overrides = overrides_of(given)
     config = load(TrainConfig, given.config, overrides)
     _check_effective(config, overrides)
     seeds = 1 if given.seeds is None else given.seeds
     if not 1 <= seeds <= SEED_END - config.seed:
-        raise ConfigError(f"--seeds is {seeds}; expected 1 to {SEED_END - config.seed} (seeds are below {SEED_END})")
+        raise ConfigError(
+            f"--seeds is {seeds}; expected 1 to {SEED_END - config.seed} (seeds are below "
+            f"{SEED_END})"
+        )
     if processes is not None and given.out is None:
         raise ConfigError("--coordinator needs --out, the same directory for all processes")
     moment = datetime.now(UTC) if now is None else now
     directory = given.out or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
     # Another process may have begun to fill it.
     if (processes is None or processes.number == 0) and not is_unused(directory):
-        raise ConfigError(f"--out {directory} exists and is not empty; name another, or go on with it by --resume")
+        raise ConfigError(
+            f"--out {directory} exists and is not empty; name another, or go on with it by --resume"
+        )
     jobs = [Job(config, directory, resume=False)]
     if seeds > 1:
         configs = [config.model_copy(update={"seed": config.seed + i}) for i in range(seeds)]
@@ -88,14 +100,18 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
 
 
 def write_configurations(options: Options) -> None:
-    """Write each run's configuration where there is none, so that a run of several seeds can be resumed."""
+    """Write each run's configuration where there is none, so that a run of several seeds can be
+    resumed.
+    """
     for job in options.jobs:
         file = job.directory / "config.yaml"
         try:
             if not file.exists():
                 write_file(file, dump(job.config))
         except OSError as problem:
-            raise ConfigError(f"--out {job.directory} cannot be written ({problem.strerror})") from None
+            raise ConfigError(
+                f"--out {job.directory} cannot be written ({problem.strerror})"
+            ) from None
 
 
 def _check_effective(config: TrainConfig, overrides: Sequence[str]) -> None:
@@ -107,34 +123,55 @@ def _check_effective(config: TrainConfig, overrides: Sequence[str]) -> None:
             for step in key.split("."):
                 at = at.get(step) if isinstance(at, dict) else None
             if at is not None:
-                raise ConfigError(f"{key} is set by phase {number} itself; expected phases.{number}.{key} (--set)")
+                raise ConfigError(
+                    f"{key} is set by phase {number} itself; expected phases.{number}.{key} (--set)"
+                )
 
 
 def _processes(coordinator: str | None, count: int | None, number: int | None) -> Processes | None:
     """Check what is said of other processes."""
     if coordinator is None:
         if (count, number) != (None, None):
-            raise ConfigError("--processes and --process need --coordinator, the address of the first process")
+            raise ConfigError(
+                "--processes and --process need --coordinator, the address of the first process"
+            )
         return None
     if coordinator != "auto":
         host, _, port = coordinator.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-            raise ConfigError(f"--coordinator is {coordinator!r}; expected HOST:PORT of the first process, or auto")
+            raise ConfigError(
+                f"--coordinator is {coordinator!r}; expected HOST:PORT of the first process, or "
+                "auto"
+            )
         if count is None or number is None or not 0 <= number < count:
             said = f"--process is {number} of --processes {count}"
-            raise ConfigError(f"{said}; expected both with --coordinator HOST:PORT, 0 to one less than their number")
+            raise ConfigError(
+                f"{said}; expected both with --coordinator HOST:PORT, 0 to one less than their "
+                "number"
+            )
     return Processes(coordinator, count, number)
 
 
 def _resumed(directory: Path) -> tuple[Job, ...]:
     single = directory / "config.yaml"
-    many = [file for file in directory.glob("seed-*/config.yaml") if file.parent.name[5:].isdecimal()]
-    files = [single] if single.is_file() else sorted(many, key=lambda file: int(file.parent.name[5:]))
+    many = [
+        file for file in directory.glob("seed-*/config.yaml") if file.parent.name[5:].isdecimal()
+    ]
+    files = (
+        [single] if single.is_file() else sorted(many, key=lambda file: int(file.parent.name[5:]))
+    )
     if not files:
-        what = "there is no such directory" if not directory.is_dir() else "it holds no config.yaml, so it is no run"
+        what = (
+            "there is no such directory"
+            if not directory.is_dir()
+            else "it holds no config.yaml, so it is no run"
+        )
         raise ConfigError(f"--resume {directory}: {what}")
     begun = [any((file.parent / "checkpoints").glob("checkpoint-*.safetensors")) for file in files]
-    return tuple(Job(load(TrainConfig, file), file.parent, resume) for file, resume in zip(files, begun, strict=True))
+    return tuple(
+        Job(load(TrainConfig, file), file.parent, resume)
+        for file, resume in zip(files, begun, strict=True)
+    )
 
 
 def add_configuration(parser: Parser) -> None:
@@ -146,9 +183,16 @@ def add_configuration(parser: Parser) -> None:
         metavar="FILE",
         help="YAML file with what differs from the defaults, or a name: best, paper, quick, sprint",
     )
-    text = "change one key, e.g. ppo.learning_rate=3e-4 or scenarios.0.weight=2; may be given many times"
+    text = (
+        "change one key, e.g. ppo.learning_rate=3e-4 or scenarios.0.weight=2; may be given "
+        "many times"
+    )
     add("--set", action="append", default=[], metavar="KEY=VALUE", help=text)
-    add("--steps", metavar="N", help="length of a training, environment steps; short for --set steps=N")
+    add(
+        "--steps",
+        metavar="N",
+        help="length of a training, environment steps; short for --set steps=N",
+    )
     add("--quiet", action="store_true", help="show no progress")
 
 
@@ -158,19 +202,45 @@ def overrides_of(given: Any) -> list[str]:
 
 
 def _parser() -> Parser:
-    parser = Parser(prog="python -m rlcas_jax.train", description=_DESCRIPTION, epilog=help_text(TrainConfig))
+    parser = Parser(
+        prog="python -m rlcas_jax.train", description=_DESCRIPTION, epilog=help_text(TrainConfig)
+    )
     add_configuration(parser)
     add = parser.add_argument
-    add("--seeds", type=int, metavar="N", help="train N seeds one after another (seed, seed + 1, ...; default: 1)")
-    add("--out", type=Path, metavar="DIR", help="new directory of the run (default: runs/NAME-TIME-SEED)")
-    add("--resume", type=Path, metavar="DIR", help="go on with the run of this directory, as it was configured")
-    text = "devices of each process to split the encounters over (default: all that JAX sees); a CPU becomes N"
+    add(
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="train N seeds one after another (seed, seed + 1, ...; default: 1)",
+    )
+    add(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="new directory of the run (default: runs/NAME-TIME-SEED)",
+    )
+    add(
+        "--resume",
+        type=Path,
+        metavar="DIR",
+        help="go on with the run of this directory, as it was configured",
+    )
+    text = (
+        "devices of each process to split the encounters over (default: all that JAX sees); a "
+        "CPU becomes N"
+    )
     add("--devices", type=int, metavar="N", help=text)
     text = (
-        "train in several processes, on one host or many: address of the first one, or auto on a cluster that JAX "
+        "train in several processes, on one host or many: address of the first one, or auto on a "
+        "cluster that JAX "
         "knows; every process gets the same command but for --process"
     )
     add("--coordinator", metavar="HOST:PORT", help=text)
     add("--processes", type=int, metavar="N", help="how many processes train together")
-    add("--process", type=int, metavar="I", help="number of this process, 0 to N - 1; the first one writes the files")
+    add(
+        "--process",
+        type=int,
+        metavar="I",
+        help="number of this process, 0 to N - 1; the first one writes the files",
+    )
     return parser

@@ -1,4 +1,6 @@
-"""Rollouts of the stochastic policy in many environments at once, and the advantages that they give."""
+"""Rollouts of the stochastic policy in many environments at once, and the advantages that they
+give.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -7,7 +9,14 @@ import jax
 import jax.numpy as jnp
 
 from agents.learning.networks import Seen
-from agents.learning.ppo import Batch, Learner, LearnerState, advantages, explained_variance, gaussian_log_prob
+from agents.learning.ppo import (
+    Batch,
+    Learner,
+    LearnerState,
+    advantages,
+    explained_variance,
+    gaussian_log_prob,
+)
 
 
 class Step(NamedTuple):
@@ -21,11 +30,13 @@ class Step(NamedTuple):
 class Environment(NamedTuple):
     """A batch of environments as pure functions."""
 
-    # (state, key) -> what the networks take, [N, ...]: derived once, instead of anew in every epoch.
+    # (state, key) -> what the networks take, [N, ...]: derived once, instead of anew in every
+    # epoch.
     observe: Callable[[Any, jax.Array], Seen]
     # (state, action [N, 2]) -> (state, Step).
     step: Callable[[Any, jax.Array], tuple[Any, Step]]
-    # (state, index of the step in the rollout) -> state with a fresh episode wherever the last step ended one.
+    # (state, index of the step in the rollout) -> state with a fresh episode wherever the last step
+    # ended one.
     restart: Callable[[Any, jax.Array], Any]
 
 
@@ -41,8 +52,9 @@ def collect(
 ) -> tuple[Any, Batch, Any, dict]:
     """Roll the policy out and prepare the samples of an update.
 
-    The noise of the actions is standard normal, ``[T, N, 2]``; the observations draw by the key. Returns the
-    environments' new state ``[N]``, samples ``[N, T, ...]``, stacked statistics ``[T, ...]`` and figures.
+    The noise of the actions is standard normal, ``[T, N, 2]``; the observations draw by the key.
+    Returns the environments' new state ``[N]``, samples ``[N, T, ...]``, stacked statistics ``[T,
+    ...]`` and figures.
     """
     steps = noise.shape[0]
 
@@ -57,16 +69,25 @@ def collect(
         world, result = environment.step(world, mean + jnp.exp(log_std) * epsilon)
         return world, (observation, mean, result)
 
-    world, (observation, mean, result) = jax.lax.scan(forward, environment_state, (jnp.arange(steps), noise))
+    world, (observation, mean, result) = jax.lax.scan(
+        forward, environment_state, (jnp.arange(steps), noise)
+    )
     last = seen(world, steps)
     log_std = state.actor["params"]["log_std"]
     action = mean + jnp.exp(log_std) * noise
     log_prob = gaussian_log_prob(action, mean, log_std)
     # One wide product over the whole rollout instead of a narrow one per step.
-    value = parts.value(state.critic, jax.tree.map(lambda a, b: jnp.concatenate([a, b[None]]), observation, last))
+    value = parts.value(
+        state.critic, jax.tree.map(lambda a, b: jnp.concatenate([a, b[None]]), observation, last)
+    )
     terminated = result.terminated.astype(value.dtype)
     estimate = advantages(result.reward, value[:-1], value[1:], terminated, discount, gae_lambda)
     target = estimate + value[:-1]
     samples = Batch(observation, action, log_prob, estimate, target)
     samples = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), samples)
-    return world, samples, result.statistics, {"explained_variance": explained_variance(value[:-1], target, parts.axis)}
+    return (
+        world,
+        samples,
+        result.statistics,
+        {"explained_variance": explained_variance(value[:-1], target, parts.axis)},
+    )

@@ -22,16 +22,23 @@ Weight = Annotated[float, Field(ge=0.0, le=1e6)]
 class NetworkConfig(Strict):
     """Actor and critic; they share the shape and no weights."""
 
-    hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(default=(256, 256), min_length=1, max_length=8)
+    hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(
+        default=(256, 256), min_length=1, max_length=8
+    )
     """Widths of the hidden layers of actor and of critic (paper: two of 256)."""
     feature_set: Literal["cpa", "mirror", "none", "set"] = "set"
-    """Inputs of the first layer: any number of intruders, how each will pass, and the least separation from any of them
-    that 22 simple manoeuvres keep, for any aircraft and exactly symmetric (set); or, of the most critical intruder
-    alone, the bare observation (none), geometry and closest point of approach derived from it inside the network
-    (cpa), or those with the intruder always left of the line to the goal, so that the policy is exactly symmetric
+    """Inputs of the first layer: any number of intruders, how each will pass, and the least
+    separation from any of them that 22 simple manoeuvres keep, for any aircraft and exactly
+    symmetric (set); or, of the most critical intruder alone, the bare observation (none), geometry
+    and closest point of approach derived from it inside the network (cpa), or those with the
+    intruder always left of the line to the goal, so that the policy is exactly symmetric
     (mirror)."""
-    encoder: tuple[Annotated[int, Field(ge=1, le=1024)], ...] = Field(default=(64, 64), min_length=1, max_length=4)
-    """Widths of the layers that every intruder of a set passes, before the greatest of each number is taken."""
+    encoder: tuple[Annotated[int, Field(ge=1, le=1024)], ...] = Field(
+        default=(64, 64), min_length=1, max_length=4
+    )
+    """Widths of the layers that every intruder of a set passes, before the greatest of each number
+    is taken.
+    """
 
 
 class PpoConfig(Strict):
@@ -40,14 +47,15 @@ class PpoConfig(Strict):
     environments: int = Field(default=1024, ge=1, le=1_000_000)
     """Encounters that are flown at the same time."""
     rollout: int = Field(default=32, ge=1, le=10_000)
-    """Time steps that each of them is flown between two updates; short ones learn more from a step."""
+    """Time steps that each of them is flown between two updates; short ones learn more from a step.
+    """
     epochs: int = Field(default=4, ge=1, le=100)
     """Passes over a rollout in an update."""
     minibatch: int = Field(default=2048, ge=2, le=10_000_000)
     """Samples a gradient step; a divisor of environments times rollout."""
     segment: int = Field(default=16, ge=1, le=10_000)
-    """Consecutive samples of one environment that stay together in a shuffle (shuffling single samples is slow on a
-    CPU), time steps; a divisor of rollout and of minibatch."""
+    """Consecutive samples of one environment that stay together in a shuffle (shuffling single
+    samples is slow on a CPU), time steps; a divisor of rollout and of minibatch."""
     learning_rate: float = Field(default=7e-4, gt=0.0, le=1.0)
     """Step size of Adam at the start."""
     learning_rate_final: float = Field(default=0.0, ge=0.0, le=1.0)
@@ -55,14 +63,17 @@ class PpoConfig(Strict):
     discount: float = Field(default=0.995, gt=0.0, le=1.0)
     """Worth of a reward one time step later."""
     gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
-    """Decay of the generalised advantage estimate: 0 trusts the critic alone, 1 the returns alone."""
+    """Decay of the generalised advantage estimate: 0 trusts the critic alone, 1 the returns alone.
+    """
     clip: float = Field(default=0.2, gt=0.0, le=1.0)
-    """How far an update may move the ratio of new to old action probability from 1 before its gradient stops."""
+    """How far an update may move the ratio of new to old action probability from 1 before its
+    gradient stops.
+    """
     entropy: Weight = 0.0
     """Weight of the entropy bonus in the loss."""
     bound: Weight = 0.0
-    """Weight in the loss of the square of what the mean action is beyond its limits, where it is clipped and noise
-    around it teaches nothing."""
+    """Weight in the loss of the square of what the mean action is beyond its limits, where it is
+    clipped and noise around it teaches nothing."""
     reward_scale: float = Field(default=0.01, gt=0.0)
     """Factor on the task's reward before learning; logged scores are unscaled."""
 
@@ -86,7 +97,8 @@ class PpoConfig(Strict):
             part = getattr(self, name)
             if whole % part:
                 raise ConfigError(
-                    f"{name} is {part}; expected a divisor of {whole_name}, {whole}, such as {_divisor(whole, part)}"
+                    f"{name} is {part}; expected a divisor of {whole_name}, {whole}, such as "
+                    f"{_divisor(whole, part)}"
                 )
         return self
 
@@ -95,10 +107,12 @@ class WorldConfig(Strict):
     """What training requires beyond the aircraft's own task, and the task's scores."""
 
     separation_spread: float = Field(default=0.0, ge=0.0, le=10.0)
-    """Each environment requires a separation of 1 to 1 + this times the aircraft's, spread evenly; the observation does
-    not show it."""
+    """Each environment requires a separation of 1 to 1 + this times the aircraft's, spread evenly;
+    the observation does not show it."""
     time_share: float = Field(default=1.0, gt=0.0, le=1.0)
-    """Share of the aircraft's time limit within which training requires the goal; the observation does not show it."""
+    """Share of the aircraft's time limit within which training requires the goal; the observation
+    does not show it.
+    """
     reward_violation: float = -100.0
     """Score of a lost separation."""
     reward_goal: float = 100.0
@@ -107,14 +121,17 @@ class WorldConfig(Strict):
     """Score of a goal missed."""
 
     def required_separation(self, environments: int, separation: float) -> np.ndarray:
-        """Return the separation that each environment requires, m, ``[environments]``, mixed over their numbers."""
+        """Return the separation that each environment requires, m, ``[environments]``, mixed over
+        their numbers.
+        """
         # By the golden ratio, so that any few neighbours cover the spread.
         share = np.modf(np.arange(environments) * (0.5 * (math.sqrt(5.0) - 1.0)))[0]
         return (separation + self.separation_spread * separation * share).astype(np.float32)
 
 
 class ShapingConfig(Strict):
-    """Rewards for learning beyond the task's, in units of the scaled reward; scores never contain them.
+    """Rewards for learning beyond the task's, in units of the scaled reward; scores never contain
+    them.
 
     The potential (goal) leaves the optimal policy as it is; the costs do not.
     """
@@ -130,9 +147,11 @@ class ShapingConfig(Strict):
 
 
 class FamilyConfig(Strict):
-    """Other aircraft that the training flies beside the configured one, so that one policy serves them all.
+    """Other aircraft that the training flies beside the configured one, so that one policy serves
+    them all.
 
-    Sizes do not count, only ratios: lengths are in separations D, speeds in the ownship's greatest speed V.
+    Sizes do not count, only ratios: lengths are in separations D, speeds in the ownship's greatest
+    speed V.
     """
 
     share: float = Field(default=0.0, ge=0.0, le=1.0)
@@ -155,7 +174,9 @@ class FamilyConfig(Strict):
             ("traffic_speed", self.traffic_speed, 1.5),
         ):
             if not 0.01 <= low <= high <= most:
-                raise ConfigError(f"{key} is [{low:g}, {high:g}]; expected [low, high] within 0.01 to {most:g}")
+                raise ConfigError(
+                    f"{key} is [{low:g}, {high:g}]; expected [low, high] within 0.01 to {most:g}"
+                )
         return self
 
 
@@ -169,7 +190,9 @@ class EvaluationConfig(Strict):
     final_encounters: int = Field(default=10_000, ge=1, le=1_000_000)
     """Encounters of the evaluation after training."""
     seed: int = Field(default=1_000_003, ge=0, lt=2**63)
-    """Of the encounters; independent of the training's seed, so that all runs are evaluated on the same encounters."""
+    """Of the encounters; independent of the training's seed, so that all runs are evaluated on the
+    same encounters.
+    """
 
 
 class CheckpointConfig(Strict):
@@ -187,30 +210,41 @@ class TrainConfig(Strict):
     name: str = Field(
         default="train",
         pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
-        json_schema_extra={"expected": "a text of at most 64 letters, digits, dots, dashes and underscores"},
+        json_schema_extra={
+            "expected": "a text of at most 64 letters, digits, dots, dashes and underscores"
+        },
     )
     """Name of the run; part of the default name of its folder."""
     seed: int = Field(default=0, ge=0, lt=SEED_END)
     """Everything random in the run follows from it."""
     steps: int = Field(default=10_000_000, ge=1, le=10**12)
-    """Length of the training, environment steps; rounded down to whole updates, of which there is at least one."""
+    """Length of the training, environment steps; rounded down to whole updates, of which there is
+    at least one.
+    """
     warm_start: Path | None = None
-    """Directory of an earlier run, or one of its checkpoints: training begins with its networks and the optimiser's
-    state (a path as seen from the working directory). Or a policy file: training begins with its actor and a fresh
-    critic. null: with fresh networks."""
+    """Directory of an earlier run, or one of its checkpoints: training begins with its networks and
+    the optimiser's state (a path as seen from the working directory). Or a policy file: training
+    begins with its actor and a fresh critic. null: with fresh networks."""
     aircraft: AircraftConfig = Field(
         default=AircraftConfig(),
-        json_schema_extra={"expected": "the path of a YAML file, a name that ships, or a group of keys"},
+        json_schema_extra={
+            "expected": "the path of a YAML file, a name that ships, or a group of keys"
+        },
     )
-    """The ownship and its task. A path is looked for beside the configuration file, then in the working directory; a
-    name such as `uas` is that of one that ships. Scenarios, rewards and observations are scaled by it."""
+    """The ownship and its task. A path is looked for beside the configuration file, then in the
+    working directory; a name such as `uas` is that of one that ships. Scenarios, rewards and
+    observations are scaled by it."""
     network: NetworkConfig = NetworkConfig()
     ppo: PpoConfig = PpoConfig()
     world: WorldConfig = WorldConfig()
-    scenarios: tuple[ScenarioConfig, ...] = Field(default=(ScenarioConfig(name="circle"),), min_length=1, max_length=64)
+    scenarios: tuple[ScenarioConfig, ...] = Field(
+        default=(ScenarioConfig(name="circle"),), min_length=1, max_length=64
+    )
     """The mixture of encounters that training draws from."""
     pool_rows: int = Field(default=16, ge=1, le=10_000)
-    """Encounters that are drawn per environment and update; an encounter that ends goes on with the next of them."""
+    """Encounters that are drawn per environment and update; an encounter that ends goes on with the
+    next of them.
+    """
     family: FamilyConfig = FamilyConfig()
     shaping: ShapingConfig = ShapingConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
@@ -218,9 +252,9 @@ class TrainConfig(Strict):
     phases: tuple[dict[str, Any], ...] = Field(
         default=(), max_length=16, json_schema_extra={"expected": "a list of groups of keys"}
     )
-    """Parts of the training, one after the other in one run: each names what differs in it from the other keys (steps,
-    ppo, world, scenarios, pool_rows and shaping), and goes on with the networks of the one before. Empty:
-    one phase."""
+    """Parts of the training, one after the other in one run: each names what differs in it from the
+    other keys (steps, ppo, world, scenarios, pool_rows and shaping), and goes on with the networks
+    of the one before. Empty: one phase."""
 
     def rules(self) -> Rules:
         """Return the task: the aircraft's, with the scores of `world`."""
@@ -228,7 +262,9 @@ class TrainConfig(Strict):
         return Rules(*self.aircraft.aircraft().rules()[:4], *scores)
 
     def drawn(self) -> list[Scenario]:
-        """Return the scenarios that training draws from, or raise a ConfigError where one contradicts the aircraft."""
+        """Return the scenarios that training draws from, or raise a ConfigError where one
+        contradicts the aircraft.
+        """
         aircraft, found = self.aircraft.aircraft(), []
         for number, entry in enumerate(self.scenarios):
             try:
@@ -238,14 +274,20 @@ class TrainConfig(Strict):
         return found
 
     def in_phases(self) -> tuple["TrainConfig", ...]:
-        """Return the configuration of each phase, itself without phases; of a training without any, its own."""
+        """Return the configuration of each phase, itself without phases; of a training without any,
+        its own.
+        """
         whole = self.model_dump(exclude={"phases"})
-        return tuple(self._phase(whole, number, changes) for number, changes in enumerate(self.phases)) or (self,)
+        return tuple(
+            self._phase(whole, number, changes) for number, changes in enumerate(self.phases)
+        ) or (self,)
 
     def _phase(self, whole: dict[str, Any], number: int, changes: dict[str, Any]) -> "TrainConfig":
         for key in changes:
             if key not in self.PHASE_KEYS:
-                raise ConfigError(f"phases.{number}.{key}: expected one of {', '.join(self.PHASE_KEYS)}")
+                raise ConfigError(
+                    f"phases.{number}.{key}: expected one of {', '.join(self.PHASE_KEYS)}"
+                )
         try:
             return validated(TrainConfig, _merged(whole, changes))
         except ConfigError as problem:
@@ -254,10 +296,13 @@ class TrainConfig(Strict):
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
         self.drawn()
-        other = self.aircraft.aircraft()._replace(t_max=PAPER.t_max) != PAPER or self.family.share > 0.0
+        other = (
+            self.aircraft.aircraft()._replace(t_max=PAPER.t_max) != PAPER or self.family.share > 0.0
+        )
         if self.network.feature_set != "set" and other:
             raise ConfigError(
-                f"network.feature_set is {self.network.feature_set}, for the paper's aircraft alone; expected set "
+                f"network.feature_set is {self.network.feature_set}, for the paper's aircraft "
+                "alone; expected set "
                 "with another aircraft or a family"
             )
         self.in_phases() if self.phases else None
@@ -273,5 +318,10 @@ def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
 
 
 def _divisor(whole: int, near: int) -> int:
-    divisors = {d for small in range(1, int(whole**0.5) + 1) if whole % small == 0 for d in (small, whole // small)}
+    divisors = {
+        d
+        for small in range(1, int(whole**0.5) + 1)
+        if whole % small == 0
+        for d in (small, whole // small)
+    }
     return min(divisors, key=lambda d: (abs(d - near), d))

@@ -1,6 +1,7 @@
 """The devices that a training runs on: one, all that are visible, or those of several processes.
 
-Encounters are split over the devices; what is learned is the same on all. The first process alone writes.
+Encounters are split over the devices; what is learned is the same on all. The first process alone
+writes.
 """
 
 from collections.abc import Sequence
@@ -47,7 +48,8 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
     """Prepare JAX, before anything else asks it for a device, and return the devices to train on.
 
     Args:
-        devices: how many each process uses; a CPU is divided into so many. None: all that are visible.
+        devices: how many each process uses; a CPU is divided into so many. None: all that are
+            visible.
         processes: the processes that train together; None: this one alone.
 
     Raises:
@@ -63,15 +65,19 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
         except (RuntimeError, ValueError) as problem:
             reason = str(problem).strip().splitlines()[0]
             raise ConfigError(
-                f"--coordinator {processes.coordinator}: the processes did not find each other ({reason})"
+                f"--coordinator {processes.coordinator}: the processes did not find each other "
+                f"({reason})"
             ) from None
     here = jax.local_devices()
     wanted = len(here) if devices is None else devices
     if wanted > len(here):
         raise ConfigError(
-            f"--devices is {wanted}; expected at most {len(here)}, the visible {here[0].platform} devices"
+            f"--devices is {wanted}; expected at most {len(here)}, the visible {here[0].platform} "
+            "devices"
         )
-    of_each = [[one for one in jax.devices() if one.process_index == i] for i in range(jax.process_count())]
+    of_each = [
+        [one for one in jax.devices() if one.process_index == i] for i in range(jax.process_count())
+    ]
     chosen = [device for theirs in of_each for device in theirs[:wanted]]
     return Devices(None if len(chosen) == 1 else Mesh(np.array(chosen), (AXIS,)))
 
@@ -82,7 +88,9 @@ def first() -> bool:
 
 
 def agreed(flags: Sequence[bool]) -> list[bool]:
-    """Return which flags any of the processes has raised; all of them must ask at the same point."""
+    """Return which flags any of the processes has raised; all of them must ask at the same
+    point.
+    """
     if jax.process_count() == 1:
         return list(flags)
     raised = np.asarray(multihost_utils.process_allgather(np.array(flags, np.int32)))
@@ -94,17 +102,26 @@ def everywhere(tree: Any) -> Any:
     if jax.process_count() == 1:
         return tree
     return jax.tree.map(
-        lambda leaf: leaf if leaf.is_fully_replicated else multihost_utils.process_allgather(leaf, tiled=True), tree
+        lambda leaf: (
+            leaf
+            if leaf.is_fully_replicated
+            else multihost_utils.process_allgather(leaf, tiled=True)
+        ),
+        tree,
     )
 
 
 def place(tree: Any, shardings: Any) -> Any:
-    """Put whole arrays, which every process has, where a tree of shardings, or its beginning, says; None: nowhere."""
+    """Put whole arrays, which every process has, where a tree of shardings, or its beginning, says;
+    None: nowhere.
+    """
     if shardings is None:
         return tree
 
     def put(sharding: NamedSharding, part: Any) -> Any:
         whole = jax.tree.map(np.asarray, part)
-        return jax.tree.map(lambda a: jax.make_array_from_callback(a.shape, sharding, a.__getitem__), whole)
+        return jax.tree.map(
+            lambda a: jax.make_array_from_callback(a.shape, sharding, a.__getitem__), whole
+        )
 
     return jax.tree.map(put, shardings, tree, is_leaf=lambda node: isinstance(node, NamedSharding))

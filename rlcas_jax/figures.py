@@ -1,6 +1,8 @@
-"""The paper's four training figures, each beside the success rate, for one run or for several seeds of it.
+"""The paper's four training figures, each beside the success rate, for one run or for several seeds
+of it.
 
-``python -m rlcas_jax.figures RUN [RUN ...] --out DIR`` draws those of finished or running trainings again.
+``python -m rlcas_jax.figures RUN [RUN ...] --out DIR`` draws those of finished or running trainings
+again.
 """
 
 from collections.abc import Sequence
@@ -17,7 +19,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAPER_SCORE = 75.0  # average episode reward that the paper reports at the end of its training
-_BLUE, _GREEN, _ORANGE, _GREY = "#0072b2", "#00795a", "#d55e00", "#767676"  # apart for every kind of colour vision
+_BLUE, _GREEN, _ORANGE, _GREY = (
+    "#0072b2",
+    "#00795a",
+    "#d55e00",
+    "#767676",
+)  # apart for every kind of colour vision
 STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
@@ -46,10 +53,12 @@ FIGURES = {
 
 
 def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
-    """Draw the figures of a training as PNG and SVG and return the files: one a metric, and ``training`` with all.
+    """Draw the figures of a training as PNG and SVG and return the files: one a metric, and
+    ``training`` with all.
 
     Args:
-        runs: directories (or metrics files) of the seeds of one configuration; of several, thin lines and a thick mean.
+        runs: directories (or metrics files) of the seeds of one configuration; of several, thin
+            lines and a thick mean.
         out: directory of the files; made if it is not there.
 
     Raises:
@@ -66,7 +75,11 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
     sheets = {name: [[name, "success"]] for name in FIGURES}
     sheets["training"] = [[*FIGURES][:2], [*FIGURES][2:], ["success", "success"]]
     with mpl.rc_context(STYLE):
-        return [file for name, layout in sheets.items() for file in save_figure(_figure(logs, layout), out / name)]
+        return [
+            file
+            for name, layout in sheets.items()
+            for file in save_figure(_figure(logs, layout), out / name)
+        ]
 
 
 def _figure(logs: Sequence[dict[str, np.ndarray]], layout: Any) -> "Figure":
@@ -86,7 +99,9 @@ def _figure(logs: Sequence[dict[str, np.ndarray]], layout: Any) -> "Figure":
             if metric == "score":
                 style: Any = {"color": _GREY, "linewidth": 1.0, "linestyle": (0, (4, 3))}
                 axes.axhline(PAPER_SCORE, label=f"paper: +{PAPER_SCORE:.0f}", **style)
-        if axes.get_legend_handles_labels()[0]:  # before the first episode ends there is nothing to show
+        if axes.get_legend_handles_labels()[
+            0
+        ]:  # before the first episode ends there is nothing to show
             axes.legend(loc="lower right")
         last = max(log["step"][-1] for log in logs)
         axes.set(title=title, xlabel=_STEPS, xlim=(0.0, 1.02e-6 * last), ylabel=unit)
@@ -102,10 +117,14 @@ def _draw_evaluations(axes: "Axes", logs: Sequence[dict[str, np.ndarray]]) -> No
         style["label"] = None
 
 
-def _lines(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], metric: str, color: str, label: str | None) -> None:
+def _lines(
+    axes: "Axes", logs: Sequence[dict[str, np.ndarray]], metric: str, color: str, label: str | None
+) -> None:
     curves = []
     for log in logs:
-        values = log.get(metric, np.full_like(log["step"], np.nan)) * (100.0 if metric == "success" else 1.0)
+        values = log.get(metric, np.full_like(log["step"], np.nan)) * (
+            100.0 if metric == "success" else 1.0
+        )
         known = np.isfinite(values)
         if known.any():
             weights = log["episodes"] if metric in _OF_EPISODES else np.ones_like(values)
@@ -115,17 +134,28 @@ def _lines(axes: "Axes", logs: Sequence[dict[str, np.ndarray]], metric: str, col
             axes.plot(*curve, color=color, linewidth=0.7, alpha=0.4)
         # Seeds that were stopped early do not bend the mean: it ends with the shortest.
         common = curves[0][0]
-        common = common[(common >= max(c[0][0] for c in curves)) & (common <= min(c[0][-1] for c in curves))]
+        common = common[
+            (common >= max(c[0][0] for c in curves)) & (common <= min(c[0][-1] for c in curves))
+        ]
         mean = np.mean([np.interp(common, *curve) for curve in curves], axis=0)
-        axes.plot(common, mean, color=color, linewidth=1.8, label=label and f"{label}: mean of {len(curves)} seeds")
+        axes.plot(
+            common,
+            mean,
+            color=color,
+            linewidth=1.8,
+            label=label and f"{label}: mean of {len(curves)} seeds",
+        )
     elif curves:
         # A run of one update is a point, which a line would not show.
         marker = "o" if len(curves[0][0]) == 1 else None
         axes.plot(*curves[0], color=color, linewidth=1.5, marker=marker, label=label)
 
 
-def stretches(steps: np.ndarray, values: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a curve of at most 400 points: the ends of stretches of equal length and the weighted means over them.
+def stretches(
+    steps: np.ndarray, values: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a curve of at most 400 points: the ends of stretches of equal length and the weighted
+    means over them.
 
     Steps (ascending), values and weights (positive) are ``[N]``.
     """
@@ -138,10 +168,22 @@ def stretches(steps: np.ndarray, values: np.ndarray, weights: np.ndarray) -> tup
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw the figures that the command line asks for; raises a ConfigError where a run has no metrics."""
-    parser = Parser(prog="python -m rlcas_jax.figures", description="Draw the figures of trainings again.")
-    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folders of the seeds of one configuration")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the figures go, PNG and SVG")
+    """Draw the figures that the command line asks for; raises a ConfigError where a run has no
+    metrics.
+    """
+    parser = Parser(
+        prog="python -m rlcas_jax.figures", description="Draw the figures of trainings again."
+    )
+    parser.add_argument(
+        "runs",
+        type=Path,
+        nargs="+",
+        metavar="RUN",
+        help="folders of the seeds of one configuration",
+    )
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="where the figures go, PNG and SVG"
+    )
     options = parser.parse_args(arguments)
     for run in options.runs:
         if not run.exists():

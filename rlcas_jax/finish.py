@@ -26,7 +26,9 @@ POLICY = "policy.safetensors"
 
 
 def finish(run: Run) -> dict[str, Any]:
-    """Evaluate the trained policy, write it, its summary and the training figures; return the summary."""
+    """Evaluate the trained policy, write it, its summary and the training figures; return the
+    summary.
+    """
     evaluation = evaluate(run)
     path = export(run, evaluation["score_mean"])
     figures = training_figures([run.directory], run.directory / "figures")
@@ -35,7 +37,9 @@ def finish(run: Run) -> dict[str, Any]:
         "seed": run.config.seed,
         "finished": run.finished,
         "steps": run.steps,
-        "training_score": run.score if math.isfinite(run.score) else None,  # no episode has ended yet
+        "training_score": run.score
+        if math.isfinite(run.score)
+        else None,  # no episode has ended yet
         "evaluation": evaluation,
         "wall_s": run.wall_s,
         "policy": path.name,
@@ -47,9 +51,11 @@ def finish(run: Run) -> dict[str, Any]:
 
 
 def evaluate(run: Run) -> dict[str, Any]:
-    """Fly the deterministic policy through the final encounters and count its successes, of all and of the resolvable.
+    """Fly the deterministic policy through the final encounters and count its successes, of all and
+    of the resolvable.
 
-    What is not proven unresolvable counts as resolvable, so that a weak search cannot flatter the rate.
+    What is not proven unresolvable counts as resolvable, so that a weak search cannot flatter the
+    rate.
     """
     began = time.monotonic()
     settings = run.config.evaluation
@@ -91,13 +97,23 @@ def export(run: Run, score: float | None) -> Path:
 
 
 def set_of(config: TrainConfig) -> SetOf:
-    """Return what the policy file says of a policy for any number of intruders, of all phases together."""
+    """Return what the policy file says of a policy for any number of intruders, of all phases
+    together.
+    """
     aircraft, encoder = config.aircraft.aircraft(), tuple(config.network.encoder)
     most = max(family.intruders[1] for phase in config.in_phases() for family in phase.drawn())
-    ends = {name: (value, value) for name, value in ratios(aircraft.limits, aircraft.separation)._asdict().items()}
+    ends = {
+        name: (value, value)
+        for name, value in ratios(aircraft.limits, aircraft.separation)._asdict().items()
+    }
     if config.family.share:
         slow, (least, most_acceleration) = config.family.speed_min, config.family.acceleration
-        bounds = slow, (-most_acceleration, -least), (least, most_acceleration), config.family.turn_radius
+        bounds = (
+            slow,
+            (-most_acceleration, -least),
+            (least, most_acceleration),
+            config.family.turn_radius,
+        )
         for name, (low, high) in zip(Ratios._fields, bounds, strict=True):
             ends[name] = (min(low, ends[name][0]), max(high, ends[name][1]))
     return SetOf(encoder, most, aircraft, ends)
@@ -109,11 +125,18 @@ def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:
     for summary in summaries:
         found = summary["evaluation"]
         state = "" if summary["finished"] else ", interrupted"
-        lines.append(f"seed {summary['seed']}: {summary['steps']:,} steps in {summary['wall_s']:.0f} s{state}")
-        score = "none yet" if summary["training_score"] is None else f"{summary['training_score']:+.1f}"
+        lines.append(
+            f"seed {summary['seed']}: {summary['steps']:,} steps in {summary['wall_s']:.0f} "
+            f"s{state}"
+        )
+        score = (
+            "none yet" if summary["training_score"] is None else f"{summary['training_score']:+.1f}"
+        )
         rows = {
             "training score (stochastic policy, last 5 % of the episodes)": score,
-            f"deterministic policy, {found['encounters']} encounters: mean score": f"{found['score_mean']:+.1f}",
+            f"deterministic policy, {found['encounters']} encounters: mean score": (
+                f"{found['score_mean']:+.1f}"
+            ),
             "resolved, of all": f"{found['success_rate']:.2%}",
             "resolved, of the resolvable": f"{found['success_given_resolvable']:.2%}",
             "separation violated": f"{found['violation_rate']:.2%}",
@@ -123,7 +146,11 @@ def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:
         }
         lines += [f"  {name:<64}{value:>9}" for name, value in rows.items()]
     if len(summaries) > 1:
-        scores = [summary["training_score"] for summary in summaries if summary["training_score"] is not None]
+        scores = [
+            summary["training_score"]
+            for summary in summaries
+            if summary["training_score"] is not None
+        ]
         given = [summary["evaluation"]["success_given_resolvable"] for summary in summaries]
         reached = f"training score {min(scores):+.1f} to {max(scores):+.1f}, " if scores else ""
         resolved = f"resolved of the resolvable {min(given):.2%} to {max(given):.2%}"

@@ -1,4 +1,6 @@
-"""The aircraft that a training flies: the configured one, and others that differ in :class:`envs.aircraft.Ratios`."""
+"""The aircraft that a training flies: the configured one, and others that differ in
+:class:`envs.aircraft.Ratios`.
+"""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -18,7 +20,9 @@ class Fleet(NamedTuple):
 
 
 def fleet(config: TrainConfig) -> Fleet:
-    """Return the ownships of a training's environments, the same for every phase and run of a seed."""
+    """Return the ownships of a training's environments, the same for every phase and run of
+    a seed.
+    """
     count, family = config.ppo.environments, config.family
     random, aircraft = np.random.default_rng((config.seed, 7)), config.aircraft.aircraft()
     share, slow, brake, power, radius, *_ = random.random((5, count))
@@ -29,7 +33,10 @@ def fleet(config: TrainConfig) -> Fleet:
 
     def rate(draw: np.ndarray) -> np.ndarray:
         """Return accelerations, as many between 1 and 2 as between 2 and 4."""
-        return np.exp(between((np.log(family.acceleration[0]), np.log(family.acceleration[1])), draw)) * unit
+        return (
+            np.exp(between((np.log(family.acceleration[0]), np.log(family.acceleration[1])), draw))
+            * unit
+        )
 
     drawn = Limits(
         between(family.speed_min, slow) * own.speed_max,
@@ -39,12 +46,20 @@ def fleet(config: TrainConfig) -> Fleet:
         own.speed_max / (between(family.turn_radius, radius) * aircraft.separation),
     )
     other = share < family.share
-    limits = Limits(*(np.where(other, mine, its).astype(np.float32) for mine, its in zip(drawn, own, strict=True)))
+    limits = Limits(
+        *(
+            np.where(other, mine, its).astype(np.float32)
+            for mine, its in zip(drawn, own, strict=True)
+        )
+    )
     return Fleet(limits, other)
 
 
-def of_fleet(scenarios: list[Scenario], flown: Fleet, config: TrainConfig, rows: int) -> list[Scenario]:
-    """Return scenarios whose draws ``[rows * N]`` begin at speeds that each environment's ownship flies.
+def of_fleet(
+    scenarios: list[Scenario], flown: Fleet, config: TrainConfig, rows: int
+) -> list[Scenario]:
+    """Return scenarios whose draws ``[rows * N]`` begin at speeds that each environment's ownship
+    flies.
 
     Intruders of other aircraft have the speeds of the family.
     """

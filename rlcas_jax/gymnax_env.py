@@ -1,7 +1,9 @@
 # pyright: reportMissingImports=false, reportIncompatibleMethodOverride=false
-"""The surrogate under gymnax's interface; importing this module registers it (docs/howto/gymnasium.md).
+"""The surrogate under gymnax's interface; importing this module registers it
+(docs/howto/gymnasium.md).
 
-Everything is a pure function of keys, state and parameters, so that a learner compiles the environment with itself.
+Everything is a pure function of keys, state and parameters, so that a learner compiles the
+environment with itself.
 """
 
 from typing import Any
@@ -32,7 +34,9 @@ class EnvState(AnyState):
 
 @struct.dataclass(kw_only=True)
 class EnvParams(AnyParams):
-    """Parameters, all of them data: the ownship may differ from environment to environment of a batch."""
+    """Parameters, all of them data: the ownship may differ from environment to environment of a
+    batch.
+    """
 
     aircraft: Aircraft
     """The ownship and its task; its time limit is ``max_steps_in_episode`` time steps."""
@@ -41,15 +45,18 @@ class EnvParams(AnyParams):
 class Deconfliction(Environment[EnvState, EnvParams]):
     """One encounter: rejoin the route and keep the required separation from every intruder.
 
-    Observation, action and reward are those of :class:`envs.gym.gymnasium_env.DeconflictionEnv`: float32 ``[8]`` of the
-    most critical intruder, or with K > 1 intruders a dict of ``own`` ``[4]``, ``traffic`` ``[K, 4]`` and ``mask``
-    ``[K]``; float32 ``[2]`` in [-1, 1], acceleration and yaw rate as parts of the limits; -100 at a violation, +100 at
-    the goal, -10 at the time limit, else 0. ``terminated`` at a violation and at the goal; the time limit truncates.
-    ``info``: ``separation`` (smallest in the step, m), ``goal_distance`` (m), ``violation`` and ``reached``.
+    Observation, action and reward are those of :class:`envs.gym.gymnasium_env.DeconflictionEnv`:
+    float32 ``[8]`` of the most critical intruder, or with K > 1 intruders a dict of ``own``
+    ``[4]``, ``traffic`` ``[K, 4]`` and ``mask`` ``[K]``; float32 ``[2]`` in [-1, 1], acceleration
+    and yaw rate as parts of the limits; -100 at a violation, +100 at the goal, -10 at the time
+    limit, else 0. ``terminated`` at a violation and at the goal; the time limit truncates.
+    ``info``: ``separation`` (smallest in the step, m), ``goal_distance`` (m), ``violation`` and
+    ``reached``.
 
     Args:
         scenario: name or Scenario; encounters are drawn from it.
-        aircraft: the ownship that scales scenario and default parameters; None: the scenario's, or the paper's.
+        aircraft: the ownship that scales scenario and default parameters; None: the scenario's, or
+            the paper's.
         intruders: K that an observation shows.
 
     Raises:
@@ -60,15 +67,21 @@ class Deconfliction(Environment[EnvState, EnvParams]):
     num_actions: int = 2
 
     def __init__(
-        self, scenario: str | Scenario = "circle", aircraft: Aircraft | None = None, intruders: int = 1
+        self,
+        scenario: str | Scenario = "circle",
+        aircraft: Aircraft | None = None,
+        intruders: int = 1,
     ) -> None:
         if not 1 <= intruders <= MOST_INTRUDERS:
-            raise EncounterError(f"intruders is {intruders}; expected a whole number from 1 to {MOST_INTRUDERS}")
+            raise EncounterError(
+                f"intruders is {intruders}; expected a whole number from 1 to {MOST_INTRUDERS}"
+            )
         if isinstance(scenario, str):
             scenario = encounters.scenario(scenario, aircraft or PAPER)
         elif aircraft not in (None, scenario.aircraft):
             raise EncounterError(
-                f"scenario {scenario.name!r} is another aircraft's; expected one of the given aircraft"
+                f"scenario {scenario.name!r} is another aircraft's; expected one of the given "
+                "aircraft"
             )
         self.scenario, self.intruders = scenario, intruders
 
@@ -76,7 +89,9 @@ class Deconfliction(Environment[EnvState, EnvParams]):
     def default_params(self) -> EnvParams:
         """The scenario's aircraft and its time limit."""
         aircraft = self.scenario.aircraft
-        return EnvParams(max_steps_in_episode=round(aircraft.t_max / aircraft.dt), aircraft=aircraft)
+        return EnvParams(
+            max_steps_in_episode=round(aircraft.t_max / aircraft.dt), aircraft=aircraft
+        )
 
     def reset_env(self, key: jax.Array, params: EnvParams) -> tuple[Any, EnvState]:
         """Draw an encounter and begin it."""
@@ -89,10 +104,16 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         speed = jnp.clip(start.own.speed, limits.speed_min, limits.speed_max)
         return self.begin(key_seen, start._replace(own=start.own._replace(speed=speed)), params)
 
-    def begin(self, key: jax.Array, encounter: Encounter, params: EnvParams) -> tuple[Any, EnvState]:
-        """Begin a given encounter, fields ``[]`` and of intruders ``[K]``; the key is that of the reports' noise."""
+    def begin(
+        self, key: jax.Array, encounter: Encounter, params: EnvParams
+    ) -> tuple[Any, EnvState]:
+        """Begin a given encounter, fields ``[]`` and of intruders ``[K]``; the key is that of the
+        reports' noise.
+        """
         history_dt = params.aircraft.dt if self.scenario.latency[1] > 0.0 else None
-        state = EnvState(time=jnp.int32(0), encounter=surrogate.reset(encounter, history_dt=history_dt))
+        state = EnvState(
+            time=jnp.int32(0), encounter=surrogate.reset(encounter, history_dt=history_dt)
+        )
         return self.observe(key, state, None, params), state
 
     def step_env(
@@ -107,7 +128,13 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         violation, reached, _ = result.outcome
         info = {"separation": result.separation, "goal_distance": result.goal_distance}
         info |= {"violation": violation, "reached": reached}
-        return self.observe(key, state, action, params), state, result.reward, violation | reached, info
+        return (
+            self.observe(key, state, action, params),
+            state,
+            result.reward,
+            violation | reached,
+            info,
+        )
 
     def observe(self, key: jax.Array, state: EnvState, action: Any, params: EnvParams) -> Any:
         """Return what the scenario's sensor reports: ``[8]``, or a dict for several intruders."""
@@ -129,7 +156,9 @@ class Deconfliction(Environment[EnvState, EnvParams]):
             return spaces.Box(-1.0, 1.0, (SIZE,))
         rows = self.intruders
         shapes = {"own": (-1.0, (ROW,)), "traffic": (-1.0, (rows, ROW)), "mask": (0.0, (rows,))}
-        return spaces.Dict({name: spaces.Box(low, 1.0, shape) for name, (low, shape) in shapes.items()})
+        return spaces.Dict(
+            {name: spaces.Box(low, 1.0, shape) for name, (low, shape) in shapes.items()}
+        )
 
 
 # Kept if it stands already: a module may be loaded twice.

@@ -1,4 +1,6 @@
-"""Ctrl-C and SIGTERM in a training: answered at once, also while JAX compiles or a compiled program runs."""
+"""Ctrl-C and SIGTERM in a training: answered at once, also while JAX compiles or a compiled program
+runs.
+"""
 
 import os
 import signal
@@ -14,9 +16,10 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 class Interrupt:
     """A context in which the first signal asks the program to stop, and the second one ends it.
 
-    The program looks at ``requested`` where it can stop. A thread takes the signals: Python itself would answer only
-    when the compiled call has returned, and an exception inside such a call can crash the process. Where nothing would
-    be lost (:meth:`waits_for` None) the first signal ends the process already.
+    The program looks at ``requested`` where it can stop. A thread takes the signals: Python itself
+    would answer only when the compiled call has returned, and an exception inside such a call can
+    crash the process. Where nothing would be lost (:meth:`waits_for` None) the first signal ends
+    the process already.
     """
 
     def __init__(self) -> None:
@@ -26,7 +29,9 @@ class Interrupt:
         self._before: list[tuple[int, Any]] = []
 
     def waits_for(self, what: str | None) -> None:
-        """Say what a signal would have to wait for from now on; None: for nothing, as there is nothing to lose."""
+        """Say what a signal would have to wait for from now on; None: for nothing, as there is
+        nothing to lose.
+        """
         self._what = what
 
     def __enter__(self) -> "Interrupt":
@@ -56,10 +61,15 @@ class Interrupt:
         if self.requested or what is None:
             _say("interrupted; the last checkpoint is kept" if what else "interrupted")
             if sys.stderr.isatty():
-                print("\x1b[?25h", end="", file=sys.stderr, flush=True)  # a live display hides the cursor
+                print(
+                    "\x1b[?25h", end="", file=sys.stderr, flush=True
+                )  # a live display hides the cursor
             os._exit(INTERRUPTED)
         self.requested = True
-        _say(f"stopping: waits for {what}; Ctrl-C again ends at once, and the last checkpoint is kept")
+        _say(
+            f"stopping: waits for {what}; Ctrl-C again ends at once, and the last checkpoint is "
+            "kept"
+        )
 
 
 def _say(text: str) -> None:

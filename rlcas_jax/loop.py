@@ -1,4 +1,6 @@
-"""The training run: updates, metrics, evaluations and checkpoints, phase after phase, until it is done or stopped."""
+"""The training run: updates, metrics, evaluations and checkpoints, phase after phase, until it is
+done or stopped.
+"""
 
 import json
 import math
@@ -37,13 +39,19 @@ class TrainingError(RuntimeError):
 
 @dataclass(frozen=True)
 class Training:
-    """A training that can begin: everything in it has been checked, and nothing has been written."""
+    """A training that can begin: everything in it has been checked, and nothing has been
+    written.
+    """
 
     config: TrainConfig
     directory: Path
     tasks: tuple[Task, ...]  # of each phase
-    learner: LearnerState | None  # networks and optimiser of a warm start; what is None is made afresh
-    resumed: tuple[int, TrainState] | None  # phase and state of the newest checkpoint; None: the training begins
+    learner: (
+        LearnerState | None
+    )  # networks and optimiser of a warm start; what is None is made afresh
+    resumed: (
+        tuple[int, TrainState] | None
+    )  # phase and state of the newest checkpoint; None: the training begins
 
 
 @dataclass(frozen=True)
@@ -60,7 +68,9 @@ class Run:
     wall_s: float  # time spent in this process, compilation included
 
 
-def prepared(config: TrainConfig, directory: Path, devices: Devices | None = None, *, resume: bool = False) -> Training:
+def prepared(
+    config: TrainConfig, directory: Path, devices: Devices | None = None, *, resume: bool = False
+) -> Training:
     """Check everything that a training on some devices needs (one by default), and write nothing.
 
     Args:
@@ -68,7 +78,8 @@ def prepared(config: TrainConfig, directory: Path, devices: Devices | None = Non
 
     Raises:
         ConfigError: the configuration is impossible, or the checkpoint is of another one.
-        CheckpointError: there is nothing to resume from, or nothing to start from, or it has other networks.
+        CheckpointError: there is nothing to resume from, or nothing to start from, or it has other
+            networks.
     """
     check_memory(config)
     phases = config.in_phases()
@@ -79,9 +90,18 @@ def prepared(config: TrainConfig, directory: Path, devices: Devices | None = Non
         path = checkpoint.latest(directory / "checkpoints")
         meta = checkpoint.meta(path)
         if meta["config"] != dump(config):
-            raise ConfigError(f"{directory}: its checkpoint was made with another configuration than its config.yaml")
+            raise ConfigError(
+                f"{directory}: its checkpoint was made with another configuration than its "
+                "config.yaml"
+            )
         number = int(meta["phase"])
-        return Training(config, directory, tasks, None, (number, checkpoint.restore(path, tasks[number].shapes())))
+        return Training(
+            config,
+            directory,
+            tasks,
+            None,
+            (number, checkpoint.restore(path, tasks[number].shapes())),
+        )
     learner = None if config.warm_start is None else warm_learner(config, tasks[0].shapes().learner)
     return Training(config, directory, tasks, learner, None)
 
@@ -99,15 +119,22 @@ def run(training: Training, reporter: progress.Reporter, interrupt: Interrupt | 
 class _Runner:
     """One run of a training; of several processes the first one alone writes."""
 
-    def __init__(self, training: Training, reporter: progress.Reporter, interrupt: Interrupt) -> None:
+    def __init__(
+        self, training: Training, reporter: progress.Reporter, interrupt: Interrupt
+    ) -> None:
         self._training, self._reporter, self._interrupt = training, reporter, interrupt
         self._began = self._last_saved = time.monotonic()
         self._writes = first()
         # Updates and environment steps before each phase, and of all.
         self._updates = [0, *accumulate(task.updates for task in training.tasks)]
-        self._steps = [0, *accumulate(task.updates * task.steps_per_update for task in training.tasks)]
+        self._steps = [
+            0,
+            *accumulate(task.updates * task.steps_per_update for task in training.tasks),
+        ]
         aircraft, settings = training.config.aircraft.aircraft(), training.config.evaluation
-        self._evaluated = numbered(scenario("circle", aircraft), settings.seed, 0, settings.encounters)
+        self._evaluated = numbered(
+            scenario("circle", aircraft), settings.seed, 0, settings.encounters
+        )
         self._log: metrics.Writer | None = None
 
     def run(self) -> Run:
@@ -135,8 +162,14 @@ class _Runner:
                 if state is None:
                     state = task.initial()
                     if learner is not None:
-                        given = {name: part for name, part in learner._asdict().items() if part is not None}
-                        state = place(state._replace(learner=state.learner._replace(**given)), task.placed)
+                        given = {
+                            name: part
+                            for name, part in learner._asdict().items()
+                            if part is not None
+                        }
+                        state = place(
+                            state._replace(learner=state.learner._replace(**given)), task.placed
+                        )
                     self._save(number, state)
                 state, stopped = self._phase(number, state)
                 self._save(number, state)
@@ -144,17 +177,28 @@ class _Runner:
                     break
                 number, state, learner = number + 1, None, everywhere(state.learner)
         done = self._done(number, state)
-        score = _final_score(metrics.read(directory / "metrics.jsonl")) if self._writes else math.nan
+        score = (
+            _final_score(metrics.read(directory / "metrics.jsonl")) if self._writes else math.nan
+        )
         wall_s = time.monotonic() - self._began
-        return Run(directory, state, task, training.config, done, done == self._steps[-1], score, wall_s)
+        return Run(
+            directory, state, task, training.config, done, done == self._steps[-1], score, wall_s
+        )
 
     def _done(self, number: int, state: TrainState) -> int:
         """Return the environment steps at a state of a phase."""
-        return self._steps[number] + int(state.update) * self._training.tasks[number].steps_per_update
+        return (
+            self._steps[number] + int(state.update) * self._training.tasks[number].steps_per_update
+        )
 
     def _phase(self, number: int, state: TrainState) -> tuple[TrainState, bool]:
-        """Train until the phase ends or a stop is asked for; return the last state and whether it was."""
-        task, every_steps = self._training.tasks[number], self._training.config.evaluation.every_steps
+        """Train until the phase ends or a stop is asked for; return the last state and whether it
+        was.
+        """
+        task, every_steps = (
+            self._training.tasks[number],
+            self._training.config.evaluation.every_steps,
+        )
         done, step, per_update = int(state.update), self._done(number, state), task.steps_per_update
         for update in range(self._updates[number] + done + 1, self._updates[number + 1] + 1):
             tick = time.monotonic()
@@ -164,18 +208,25 @@ class _Runner:
             if not row.pop("finite"):
                 raise TrainingError(
                     f"a loss or a parameter is not finite after update {update} (step {step}); "
-                    f"the last good checkpoint is {checkpoint.latest(self._training.directory / 'checkpoints')}"
+                    "the last good checkpoint is "
+                    f"{checkpoint.latest(self._training.directory / 'checkpoints')}"
                 )
             self._interrupt.waits_for("the end of this update")
             state = following
             row = {"step": step, "update": update} | row
-            row |= {"wall_s": time.monotonic() - self._began, "steps_per_s": per_update / (time.monotonic() - tick)}
+            row |= {
+                "wall_s": time.monotonic() - self._began,
+                "steps_per_s": per_update / (time.monotonic() - tick),
+            }
             if self._log is not None:
                 if (step - per_update) // every_steps != step // every_steps:
                     row |= rates(outcomes(task, state, self._evaluated), task.rules)
                 self._log.write(row)
             self._reporter.update(row)
-            due = time.monotonic() - self._last_saved >= self._training.config.checkpoint.every_seconds
+            due = (
+                time.monotonic() - self._last_saved
+                >= self._training.config.checkpoint.every_seconds
+            )
             stop, due = agreed([self._interrupt.requested, self._writes and due])
             if stop:
                 return state, True
@@ -188,14 +239,17 @@ class _Runner:
         if self._writes:
             updates = self._updates[number] + int(state.update)
             meta = {"config": dump(self._training.config), "phase": number}
-            # A phase begins with the number of updates with which the one before ended: the later file counts.
+            # A phase begins with the number of updates with which the one before ended: the later
+            # file counts.
             checkpoint.save(self._training.directory / "checkpoints", updates, whole, meta)
         self._last_saved = time.monotonic()
 
 
 def outcomes(task: Task, state: TrainState, starts: Encounter) -> Outcome:
     """Return how the deterministic policy ends encounters ``[N]``; one process may ask alone."""
-    single = jax.tree.map(lambda field: field.astype(np.float32) if field.dtype == np.float64 else field, starts)
+    single = jax.tree.map(
+        lambda field: field.astype(np.float32) if field.dtype == np.float64 else field, starts
+    )
     return Outcome(*jax.device_get(task.evaluate(jax.device_get(state.learner.actor), single)))
 
 
@@ -210,7 +264,9 @@ def rates(outcome: Outcome, rules: Rules) -> dict[str, float]:
 
 
 def _final_score(log: dict[str, np.ndarray]) -> float:
-    """Return the episodes' mean return over the last twentieth of the updates, each episode weighing the same."""
+    """Return the episodes' mean return over the last twentieth of the updates, each episode
+    weighing the same.
+    """
     if not log:
         return math.nan
     tail = max(1, len(log["step"]) // 20)
@@ -220,12 +276,18 @@ def _final_score(log: dict[str, np.ndarray]) -> float:
 
 
 def _check_scenarios(config: TrainConfig) -> None:
-    """Refuse a scenario whose conditions are met too rarely to fill a pool of starts with different ones."""
+    """Refuse a scenario whose conditions are met too rarely to fill a pool of starts with different
+    ones.
+    """
     tried = 4096
     for number, family in enumerate(config.drawn()):
-        _, accepted = sample(family, uniforms(0, 0, tried, (1, family.dimensions)).swapaxes(0, 1), np)
+        _, accepted = sample(
+            family, uniforms(0, 0, tried, (1, family.dimensions)).swapaxes(0, 1), np
+        )
         if accepted.mean() < _LEAST_ACCEPTED:
             raise ConfigError(
-                f"scenarios.{number}: {int(accepted.sum())} of {tried} draws meet the conditions of {family.name}; "
-                f"expected at least {_LEAST_ACCEPTED:.0%} (see min_initial_separation and conflicts_closer_than)"
+                f"scenarios.{number}: {int(accepted.sum())} of {tried} draws meet the conditions "
+                f"of {family.name}; "
+                f"expected at least {_LEAST_ACCEPTED:.0%} (see min_initial_separation and "
+                "conflicts_closer_than)"
             )

@@ -11,16 +11,21 @@ from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 
 _FLOAT = 4
-_START = 40  # numbers of an encounter's start with one intruder, and of each further one some of them again
+# numbers of an encounter's start with one intruder, and of each further one some of them again
+_START = 40
 
 
 def needed_bytes(config: TrainConfig) -> int:
-    """Return about how many bytes the largest phase of a training holds at once, all devices together."""
+    """Return about how many bytes the largest phase of a training holds at once, all devices
+    together.
+    """
     return max(_of_phase(phase) for phase in config.in_phases())
 
 
 def _of_phase(config: TrainConfig) -> int:
-    """Count the pool and the samples twice, as either is sorted; activations; parameters with gradients and moments."""
+    """Count the pool and the samples twice, as either is sorted; activations; parameters with
+    gradients and moments.
+    """
     ppo = config.ppo
     intruders = max(family.intruders[1] for family in config.drawn())
     network, hidden = config.network, config.network.hidden
@@ -30,7 +35,9 @@ def _of_phase(config: TrainConfig) -> int:
     # The critic sees the whole rollout at once.
     activations = max(2 * 3 * ppo.minibatch, ppo.samples) * (inputs + sum(hidden))
     widths = (inputs, *hidden)
-    parameters = 2 * 4 * sum(before * after for before, after in zip(widths, (*hidden, 2), strict=True))
+    parameters = (
+        2 * 4 * sum(before * after for before, after in zip(widths, (*hidden, 2), strict=True))
+    )
     return _FLOAT * (pool + samples + activations + parameters)
 
 
@@ -39,8 +46,10 @@ def check_memory(config: TrainConfig) -> None:
     needed, had = needed_bytes(config), _had_bytes()
     if needed > had:
         raise ConfigError(
-            f"ppo.environments {config.ppo.environments} with ppo.rollout {config.ppo.rollout} and pool_rows "
-            f"{config.pool_rows} need about {needed / 2**30:.3g} GiB of memory; expected at most {had / 2**30:.3g} GiB"
+            f"ppo.environments {config.ppo.environments} with ppo.rollout {config.ppo.rollout} "
+            "and pool_rows "
+            f"{config.pool_rows} need about {needed / 2**30:.3g} GiB of memory; expected at most "
+            f"{had / 2**30:.3g} GiB"
         )
 
 

@@ -18,42 +18,64 @@ METRICS = {
     "update": "Updates since the start of the training.",
     "wall_s": "Time since this process began the run, s. Starts anew when a run is resumed.",
     "steps_per_s": "Environment steps a second over the whole update (flying and learning).",
-    "score": "Mean return of the episodes that ended during the update: the task's sparse reward, undiscounted, without"
-    " any shaping. The policy is the stochastic one that learns; the paper's training figure is this.",
+    "score": (
+        "Mean return of the episodes that ended during the update: the task's sparse reward, "
+        "undiscounted, without any shaping. The policy is the stochastic one that learns; the "
+        "paper's training figure is this."
+    ),
     "success": "Share of those episodes that reached the goal.",
     "violation": "Share of those episodes that lost the separation.",
     "timeout": "Share of those episodes that ran out of time.",
     "episodes": "How many episodes ended during the update.",
     "episode_length": "Environment steps of the update per episode that ended in it, 1 s each.",
-    "loss": "What the optimiser minimises: policy_loss + value_loss / 2 - ppo.entropy * entropy + ppo.bound *"
-    " beyond_limits; mean over the last epoch of the update.",
+    "loss": (
+        "What the optimiser minimises: policy_loss + value_loss / 2 - ppo.entropy * entropy + "
+        "ppo.bound * beyond_limits; mean over the last epoch of the update."
+    ),
     "policy_loss": "PPO's clipped surrogate objective, negated.",
     "value_loss": "Half the critic's mean squared error, in units of the scaled reward squared.",
-    "entropy": "Entropy of the action distribution, nats; it falls as the policy becomes deterministic.",
-    "beyond_limits": "Mean square of what the mean action is beyond its limits, where it is clipped.",
+    "entropy": (
+        "Entropy of the action distribution, nats; it falls as the policy becomes deterministic."
+    ),
+    "beyond_limits": (
+        "Mean square of what the mean action is beyond its limits, where it is clipped."
+    ),
     "neg_log_prob": "Mean negative logarithm of the density of the actions taken, nats.",
-    "approx_kl": "Estimate of the divergence between the policy before and after the update, nats; above about 0.05 the"
-    " updates are too large.",
+    "approx_kl": (
+        "Estimate of the divergence between the policy before and after the update, nats; above "
+        "about 0.05 the updates are too large."
+    ),
     "clip_fraction": "Share of the samples whose probability ratio left 1 +- ppo.clip.",
-    "explained_variance": "Share of the returns' variance that the critic predicts: 1 at best, at or below 0 it is of"
-    " no use.",
+    "explained_variance": (
+        "Share of the returns' variance that the critic predicts: 1 at best, at or below 0 it "
+        "is of no use."
+    ),
     "learning_rate": "Step size of Adam in this update.",
     "grad_norm": "Global norm of the gradient before it is limited, mean over the last epoch.",
     "std_acceleration": "Standard deviation of the acceleration action; full deflection is 1.",
     "std_yaw_rate": "Standard deviation of the yaw rate action; full deflection is 1.",
-    "eval_success": "Share of the evaluation's encounters in which the deterministic policy reaches the goal.",
+    "eval_success": (
+        "Share of the evaluation's encounters in which the deterministic policy reaches the goal."
+    ),
     "eval_violation": "Share of them in which it loses the separation.",
     "eval_timeout": "Share of them in which it runs out of time.",
-    "eval_score": "Mean sparse return of the deterministic policy over them; not comparable with score.",
+    "eval_score": (
+        "Mean sparse return of the deterministic policy over them; not comparable with score."
+    ),
 }
 """What is logged, by name, with its meaning and unit."""
 
-WALL_CLOCK = ("wall_s", "steps_per_s")  # the only metrics in which two runs of one configuration differ
-_FLUSH_S = 10.0  # time between two flushes of the file for TensorBoard, each of which waits for the disk, s
+WALL_CLOCK = (
+    "wall_s",
+    "steps_per_s",
+)  # the only metrics in which two runs of one configuration differ
+# time between two flushes of the file for TensorBoard, each of which waits for the disk, s
+_FLUSH_S = 10.0
 
 
 class Writer:
-    """Appends a run's metrics to ``metrics.jsonl`` in its directory, flushed line by line; a context.
+    """Appends a run's metrics to ``metrics.jsonl`` in its directory, flushed line by line; a
+    context.
 
     Where tensorboardX is installed, the same figures go to ``tensorboard/`` beside it.
     """
@@ -62,8 +84,9 @@ class Writer:
         """Open the file of a run's directory, which exists.
 
         Args:
-            resume_update: number of updates that the run goes on after; lines of later ones are removed, so that
-                a resumed run leaves the file of an uninterrupted one. None begins a new file.
+            resume_update: number of updates that the run goes on after; lines of later ones are
+                removed, so that a resumed run leaves the file of an uninterrupted one. None begins
+                a new file.
         """
         path = directory / FILE
         last = -1 if resume_update is None else resume_update
@@ -73,12 +96,18 @@ class Writer:
         self._file: IO[str] = path.open("a", encoding="utf-8")
         self._board: _Board | None = None
         if find_spec("tensorboardX") is not None:
-            self._board = _Board(directory / "tensorboard", json.loads(kept[-1])["step"] + 1 if kept else 0)
+            self._board = _Board(
+                directory / "tensorboard", json.loads(kept[-1])["step"] + 1 if kept else 0
+            )
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Write the figures of an update by name, as in :data:`METRICS`; what is not finite becomes null."""
+        """Write the figures of an update by name, as in :data:`METRICS`; what is not finite becomes
+        null.
+        """
         if unknown := row.keys() - METRICS:
-            raise KeyError(f"metric {min(unknown)!r} has no description in rlcas_jax.metrics.METRICS")
+            raise KeyError(
+                f"metric {min(unknown)!r} has no description in rlcas_jax.metrics.METRICS"
+            )
         figures = {name: _number(name, value) for name, value in row.items()}
         self._file.write(json.dumps(figures) + "\n")
         self._file.flush()
@@ -97,7 +126,9 @@ class Writer:
 
 
 class _Board:
-    """Writes figures for TensorBoard in this thread, so that a full disk raises here; SummaryWriter has its own."""
+    """Writes figures for TensorBoard in this thread, so that a full disk raises here; SummaryWriter
+    has its own.
+    """
 
     def __init__(self, directory: Path, first_step: int) -> None:
         # TensorBoard forgets what earlier files have from this step on.
@@ -107,9 +138,15 @@ class _Board:
 
         directory.mkdir(exist_ok=True)
         messages: Any = event_pb2
-        self._writer, self._event, self._scalar = EventsWriter(str(directory / "events")), messages.Event, scalar
+        self._writer, self._event, self._scalar = (
+            EventsWriter(str(directory / "events")),
+            messages.Event,
+            scalar,
+        )
         self._flushed = time.monotonic()
-        self._write(step=first_step, session_log=messages.SessionLog(status=messages.SessionLog.START))
+        self._write(
+            step=first_step, session_log=messages.SessionLog(status=messages.SessionLog.START)
+        )
 
     def write(self, figures: Mapping[str, int | float | None]) -> None:
         for name, value in figures.items():
@@ -129,12 +166,16 @@ class _Board:
 def read(path: Path) -> dict[str, np.ndarray]:
     """Return a run's metrics by name, float64 ``[updates]``, not-a-number where a line lacks one.
 
-    The path is that of the JSONL file or of the run's directory. A last line that is only half written is left out.
+    The path is that of the JSONL file or of the run's directory. A last line that is only half
+    written is left out.
     """
     rows = [json.loads(line) for line in _lines(path / FILE if path.is_dir() else path)]
     names = dict.fromkeys(name for row in rows for name in row)
     return {
-        name: np.array([math.nan if row.get(name) is None else row[name] for row in rows], np.float64) for name in names
+        name: np.array(
+            [math.nan if row.get(name) is None else row[name] for row in rows], np.float64
+        )
+        for name in names
     }
 
 

@@ -12,7 +12,11 @@ class Reporter(Progress):
     """Shows the figures of a training's updates, elsewhere than on a terminal every ten seconds."""
 
     def __init__(
-        self, *, quiet: bool = False, stream: TextIO | None = None, clock: Callable[[], float] = time.monotonic
+        self,
+        *,
+        quiet: bool = False,
+        stream: TextIO | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Prepare; arguments as of :class:`agents.config.progress.Progress`."""
         super().__init__("steps", quiet=quiet, silence_s=10.0, stream=stream, clock=clock)

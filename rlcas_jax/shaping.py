@@ -13,15 +13,24 @@ from envs.surrogate import State
 from rlcas_jax.config import ShapingConfig, TrainConfig
 
 DETOUR = 4.0
-"""Way round per metre by which the goal lies inside the turning circle; from its centre 4.5 radii are the shortest."""
+"""Way round per metre by which the goal lies inside the turning circle; from its centre 4.5 radii
+are the shortest.
+"""
 
 
 def learning_reward(
-    reward: jax.Array, before: State, after: State, yaw_rate: jax.Array, config: TrainConfig, aircraft: Aircraft
+    reward: jax.Array,
+    before: State,
+    after: State,
+    yaw_rate: jax.Array,
+    config: TrainConfig,
+    aircraft: Aircraft,
 ) -> jax.Array:
-    """Return the reward that is learned from, ``[N]``: the scaled one of the task, shaping and costs.
+    """Return the reward that is learned from, ``[N]``: the scaled one of the task, shaping and
+    costs.
 
-    Of encounters that may have ended, the yaw rate as commanded, 1 at the limit; limits are floats or ``[N]``.
+    Of encounters that may have ended, the yaw rate as commanded, 1 at the limit; limits are floats
+    or ``[N]``.
     """
     weights = config.shaping
     potentials = potential(before, weights, aircraft), potential(after, weights, aircraft)
@@ -32,7 +41,9 @@ def learning_reward(
         cost = heading_change_cost(yaw_rate, aircraft.limits.yaw_rate_max, aircraft.dt)
         total = total - weights.heading_change_cost * cost
     if weights.path_excess_cost:
-        cost = path_excess_cost(before.own, after.own, (before.goal_x, before.goal_y), aircraft.separation)
+        cost = path_excess_cost(
+            before.own, after.own, (before.goal_x, before.goal_y), aircraft.separation
+        )
         total = total - weights.path_excess_cost * cost
     return total
 
@@ -40,8 +51,8 @@ def learning_reward(
 def potential(state: State, weights: ShapingConfig, aircraft: Aircraft) -> jax.Array:
     """Return the potential of each encounter, ``[N]``, in units of the scaled reward.
 
-    It counts the distance to the goal, and the way round where the goal lies inside the turning circle: without that,
-    circling the goal for ever is no worse than leaving it to come back.
+    It counts the distance to the goal, and the way round where the goal lies inside the turning
+    circle: without that, circling the goal for ever is no worse than leaving it to come back.
     """
     own, x, y = state.own, state.goal_x - state.own.x, state.goal_y - state.own.y
     radius = own.speed / aircraft.limits.yaw_rate_max
@@ -52,8 +63,12 @@ def potential(state: State, weights: ShapingConfig, aircraft: Aircraft) -> jax.A
     return -weights.goal * (distance(x, y, jnp) + DETOUR * inside) * (0.1 / aircraft.separation)
 
 
-def shaped(before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float) -> jax.Array:
-    """Return the shaping reward of a step: the discounted gain in potential, which is 0 once terminated."""
+def shaped(
+    before: jax.Array, after: jax.Array, terminated: jax.Array, discount: float
+) -> jax.Array:
+    """Return the shaping reward of a step: the discounted gain in potential, which is 0 once
+    terminated.
+    """
     return discount * jnp.where(terminated, 0.0, after) - before
 
 
@@ -63,7 +78,9 @@ def turn_rate_cost(yaw_rate: jax.Array) -> jax.Array:
 
 
 def heading_change_cost(yaw_rate: jax.Array, limit: float, dt: float) -> jax.Array:
-    """Return the change of heading in a step of ``dt`` s, in quarter turns, ``[N]``; the limit is in rad/s."""
+    """Return the change of heading in a step of ``dt`` s, in quarter turns, ``[N]``; the limit is
+    in rad/s.
+    """
     turned = jnp.abs(jnp.clip(yaw_rate, -1.0, 1.0)) * (limit * dt)
     return turned / (0.5 * jnp.pi)
 
@@ -71,7 +88,8 @@ def heading_change_cost(yaw_rate: jax.Array, limit: float, dt: float) -> jax.Arr
 def path_excess_cost(
     before: VehicleState, after: VehicleState, goal: tuple[jax.Array, jax.Array], separation: float
 ) -> jax.Array:
-    """Return the path of a step less what it brought the goal nearer, in ten separations, ``[N]``; the goal is x, y, m.
+    """Return the path of a step less what it brought the goal nearer, in ten separations, ``[N]``;
+    the goal is x, y, m.
 
     The discount alone favours short times, and so a fast detour over a slow straight path.
     """

@@ -1,4 +1,6 @@
-"""The starts that a training draws: its mixture of encounters, and the separation that each requires."""
+"""The starts that a training draws: its mixture of encounters, and the separation that each
+requires.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -9,12 +11,16 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.fleet import fleet, of_fleet
 
 
-def draw(key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int) -> surrogate.State:
+def draw(
+    key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int
+) -> surrogate.State:
     """Return encounters of a configuration's scenarios at their start, ``[rows, environments]``."""
     total = sum(entry.weight for entry in config.scenarios)
     weights = [entry.weight / total for entry in config.scenarios]
     flown_by, count = fleet(config), config.ppo.environments
-    pool = surrogate.redraw_pool(key, of_fleet(scenarios, flown_by, config, rows), weights, rows, count)
+    pool = surrogate.redraw_pool(
+        key, of_fleet(scenarios, flown_by, config, rows), weights, rows, count
+    )
     if flown_by.other.any():
         # A start that took another's place may be of another aircraft.
         limits = flown_by.limits
@@ -27,7 +33,9 @@ def draw(key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: i
         required = jnp.broadcast_to(jnp.asarray(by), (rows, count))
     history_dt = config.aircraft.aircraft().dt if late(scenarios) else None
     # The axis of the rows is mapped over; None has none.
-    return jax.vmap(lambda row, by: surrogate.reset(row, history_dt=history_dt, required_separation=by))(pool, required)
+    return jax.vmap(
+        lambda row, by: surrogate.reset(row, history_dt=history_dt, required_separation=by)
+    )(pool, required)
 
 
 def noisy(scenarios: list[Scenario]) -> bool:

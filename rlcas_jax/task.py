@@ -1,4 +1,6 @@
-"""The training task: the surrogate with its mixture of encounters, and one compiled update of everything."""
+"""The training task: the surrogate with its mixture of encounters, and one compiled update of
+everything.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, cast
@@ -39,7 +41,9 @@ class Task(NamedTuple):
 
     initial: Callable[[], TrainState]
     update: Callable[[TrainState], tuple[TrainState, dict[str, jax.Array]]]  # donates its argument
-    evaluate: Callable[[Any, Encounter], Outcome]  # (actor, starts [N]) -> how they end by its means
+    evaluate: Callable[
+        [Any, Encounter], Outcome
+    ]  # (actor, starts [N]) -> how they end by its means
     updates: int
     steps_per_update: int
     rules: Rules  # of the task itself, by which policies are evaluated
@@ -53,16 +57,23 @@ class Task(NamedTuple):
 def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -> Task:
     """Assemble the task of a configuration; its functions are compiled when they are first called.
 
-    The encounters are split over the devices, one by default, or a ConfigError says that they cannot be. The same are
-    flown with the same draws whatever the devices' number; each device shuffles its own. A phase has draws of its own.
+    The encounters are split over the devices, one by default, or a ConfigError says that they
+    cannot be. The same are flown with the same draws whatever the devices' number; each device
+    shuffles its own. A phase has draws of its own.
     """
     devices = Devices(None) if devices is None else devices
     _check_split(config, devices.count)
     settings = ppo_settings(config)
     network = config.network
-    hidden, feature_set, encoder = tuple(network.hidden), network.feature_set, tuple(network.encoder)
+    hidden, feature_set, encoder = (
+        tuple(network.hidden),
+        network.feature_set,
+        tuple(network.encoder),
+    )
     actor = Actor(hidden, feature_set, encoder=encoder)
-    parts = ppo.learner(actor, Critic(hidden, feature_set, encoder), settings)._replace(axis=devices.axis)
+    parts = ppo.learner(actor, Critic(hidden, feature_set, encoder), settings)._replace(
+        axis=devices.axis
+    )
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
     scenarios, flown_by = config.drawn(), fleet(config)
     count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
@@ -80,13 +91,28 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     def iterate(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
         """Roll out and learn; on several devices with the encounters of one of them."""
         learner, flying = state
-        flying_in = world._replace(rules=world.rules._replace(t_max=config.world.time_share * world.rules.t_max))
+        flying_in = world._replace(
+            rules=world.rules._replace(t_max=config.world.time_share * world.rules.t_max)
+        )
         if flown_by.other.any():
-            flying_in = flying_in._replace(aircraft=world.aircraft._replace(limits=drawn.fleet.limits))
+            flying_in = flying_in._replace(
+                aircraft=world.aircraft._replace(limits=drawn.fleet.limits)
+            )
         environment = _training_environment(config, flying_in, drawn.pool, scenarios)
-        key = drawn.observe_key if axis is None else jax.random.fold_in(drawn.observe_key, jax.lax.axis_index(axis))
+        key = (
+            drawn.observe_key
+            if axis is None
+            else jax.random.fold_in(drawn.observe_key, jax.lax.axis_index(axis))
+        )
         flown, samples, statistics, figures = collect(
-            learner, flying, drawn.noise, key, environment, parts, config.ppo.discount, config.ppo.gae_lambda
+            learner,
+            flying,
+            drawn.noise,
+            key,
+            environment,
+            parts,
+            config.ppo.discount,
+            config.ppo.gae_lambda,
         )
         learner, learned = ppo.update(learner, samples, drawn.shuffle_key, rate, parts, settings)
         return (learner, flown), figures | learned | _episodes(statistics, count * steps, axis)
@@ -94,7 +120,8 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     if devices.mesh is not None:
         whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
         drawn_specs = _Drawn(second, second, whole, whole, split)
-        # Without the check of what varies: it would add up the gradients before they can be averaged by name.
+        # Without the check of what varies: it would add up the gradients before they can be
+        # averaged by name.
         iterate = jax.shard_map(
             iterate,
             mesh=devices.mesh,
@@ -104,15 +131,22 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         )
 
     def update(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
-        pool_key, rollout_key, shuffle_key, key = jax.random.split(jax.random.wrap_key_data(state.key), 4)
+        pool_key, rollout_key, shuffle_key, key = jax.random.split(
+            jax.random.wrap_key_data(state.key), 4
+        )
         noise_key, observe_key = jax.random.split(rollout_key)
         pool = draw(pool_key, config, scenarios, config.pool_rows)
         noise = jax.random.normal(noise_key, (steps, count, 2))
         done = state.update.astype(jnp.float32) / updates
-        rate = config.ppo.learning_rate + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
+        rate = (
+            config.ppo.learning_rate
+            + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
+        )
         drawn = _Drawn(pool, noise, observe_key, shuffle_key, jax.tree.map(jnp.asarray, flown_by))
         (learner, flown), figures = iterate((state.learner, state.environment), drawn, rate)
-        finite = jax.tree.reduce(jnp.logical_and, jax.tree.map(lambda p: jnp.all(jnp.isfinite(p)), learner))
+        finite = jax.tree.reduce(
+            jnp.logical_and, jax.tree.map(lambda p: jnp.all(jnp.isfinite(p)), learner)
+        )
         std = jnp.exp(learner.actor["params"]["log_std"])
         figures |= {
             "learning_rate": rate,
@@ -134,7 +168,11 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         placed = TrainState(whole_tree, cast(Any, devices.split()), whole_tree, whole_tree)
     return Task(
         jax.jit(initial, out_shardings=placed),
-        jax.jit(update, donate_argnums=0, out_shardings=None if placed is None else (placed, devices.whole())),
+        jax.jit(
+            update,
+            donate_argnums=0,
+            out_shardings=None if placed is None else (placed, devices.whole()),
+        ),
         jax.jit(evaluate),
         updates,
         count * steps,
@@ -168,16 +206,26 @@ def ppo_settings(config: TrainConfig) -> ppo.PpoSettings:
 
 def _check_split(config: TrainConfig, devices: int) -> None:
     of = config.ppo
-    for name, value, unit in (("environments", of.environments, 1), ("minibatch", of.minibatch, of.segment)):
+    for name, value, unit in (
+        ("environments", of.environments, 1),
+        ("minibatch", of.minibatch, of.segment),
+    ):
         if value % (devices * unit):
-            what = f"{devices} devices" if unit == 1 else f"{devices} devices times segment, {devices * unit}"
+            what = (
+                f"{devices} devices"
+                if unit == 1
+                else f"{devices} devices times segment, {devices * unit}"
+            )
             raise ConfigError(f"ppo.{name} is {value}; expected a multiple of {what}")
 
 
-def seen(state: surrogate.State, aircraft: Aircraft, feature_set: str, noise: jax.Array | None = None) -> Seen:
+def seen(
+    state: surrogate.State, aircraft: Aircraft, feature_set: str, noise: jax.Array | None = None
+) -> Seen:
     """Return what networks with a feature set take of encounters ``[N]``.
 
-    The aircraft's limits are floats or ``[N]``; noise is of the reports, standard normal ``[4, N, K]``, or None.
+    The aircraft's limits are floats or ``[N]``; noise is of the reports, standard normal ``[4, N,
+    K]``, or None.
     """
     if feature_set != "set":
         return derived(surrogate.observe(state, aircraft, noise), feature_set)
@@ -186,8 +234,11 @@ def seen(state: surrogate.State, aircraft: Aircraft, feature_set: str, noise: ja
     return set_inputs(scene(state.own, intruders, state.mask, *where, jnp), jnp)
 
 
-def fly(policy: Callable[[surrogate.State], jax.Array], encounter: Encounter, world: surrogate.World) -> Outcome:
-    """Fly encounters ``[N]`` to their end with a deterministic policy, states -> actions ``[N, 2]``.
+def fly(
+    policy: Callable[[surrogate.State], jax.Array], encounter: Encounter, world: surrogate.World
+) -> Outcome:
+    """Fly encounters ``[N]`` to their end with a deterministic policy, states -> actions ``[N,
+    2]``.
 
     The time limit must be a whole number of steps, known when this is compiled.
     """
@@ -197,7 +248,9 @@ def fly(policy: Callable[[surrogate.State], jax.Array], encounter: Encounter, wo
         state, ended, outcome = carry
         action = policy(state)
         state, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
-        outcome = Outcome(*(seen | (now & ~ended) for seen, now in zip(outcome, result.outcome, strict=True)))
+        outcome = Outcome(
+            *(seen | (now & ~ended) for seen, now in zip(outcome, result.outcome, strict=True))
+        )
         return (state, ended | result.outcome.ended(jnp), outcome), None
 
     begin = (surrogate.reset(encounter), none, Outcome(none, none, none))
@@ -209,7 +262,9 @@ def fly(policy: Callable[[surrogate.State], jax.Array], encounter: Encounter, wo
 def _training_environment(
     config: TrainConfig, world: surrogate.World, pool: surrogate.State, scenarios: list[Scenario]
 ) -> Environment:
-    """Return the surrogate with scaled reward and shaping; an encounter that ends restarts from the pool's row."""
+    """Return the surrogate with scaled reward and shaping; an encounter that ends restarts from the
+    pool's row.
+    """
 
     def observe(state: surrogate.State, key: jax.Array) -> Seen:
         noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
@@ -217,16 +272,22 @@ def _training_environment(
 
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
         following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
-        reward = learning_reward(result.reward, state, following, action[:, 1], config, world.aircraft)
+        reward = learning_reward(
+            result.reward, state, following, action[:, 1], config, world.aircraft
+        )
         return following, Step(reward, following.ended, (result.reward, result.outcome))
 
     def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:
-        return surrogate.restart(state, jax.tree.map(lambda rows: rows[index % config.pool_rows], pool))
+        return surrogate.restart(
+            state, jax.tree.map(lambda rows: rows[index % config.pool_rows], pool)
+        )
 
     return Environment(observe, step, restart)
 
 
-def _episodes(statistics: tuple[jax.Array, Outcome], steps: int, axis: str | None) -> dict[str, jax.Array]:
+def _episodes(
+    statistics: tuple[jax.Array, Outcome], steps: int, axis: str | None
+) -> dict[str, jax.Array]:
     """Return the sums over the episodes that ended in the rollout; not-a-number where none did."""
     reward, outcome = statistics
 

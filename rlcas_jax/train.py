@@ -1,4 +1,6 @@
-"""Train a policy: ``python -m rlcas_jax.train --config configs/quick.yaml`` (``--help`` lists everything)."""
+"""Train a policy: ``python -m rlcas_jax.train --config configs/quick.yaml`` (``--help`` lists
+everything).
+"""
 
 import sys
 from collections.abc import Sequence
@@ -18,7 +20,9 @@ FAILED = 1
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit status: 0 done, 1 training failed, 130 interrupted."""
+    """Run the command line and return the exit status: 0 done, 1 training failed, 130
+    interrupted.
+    """
     with Interrupt() as interrupt:
         from rlcas_jax.cli import parse
 
@@ -67,12 +71,19 @@ def _train(options: "Options", interrupt: Interrupt) -> int:
                 training_figures(done, options.directory / "figures")
             print(table(options.directory, summaries))
             if not finished:
-                print(f"interrupted: go on with  python -m rlcas_jax.train --resume {options.directory}")
+                print(
+                    "interrupted: go on with  python -m rlcas_jax.train --resume "
+                    f"{options.directory}"
+                )
     return 0 if finished else INTERRUPTED
 
 
-def _job(job: "Job", options: "Options", devices: "Devices", interrupt: Interrupt) -> dict[str, Any]:
-    """Train one seed and write its files; return the summary, in other processes than the first its end."""
+def _job(
+    job: "Job", options: "Options", devices: "Devices", interrupt: Interrupt
+) -> dict[str, Any]:
+    """Train one seed and write its files; return the summary, in other processes than the first its
+    end.
+    """
     from rlcas_jax.devices import first
     from rlcas_jax.finish import finish
     from rlcas_jax.loop import prepared, run
@@ -81,7 +92,9 @@ def _job(job: "Job", options: "Options", devices: "Devices", interrupt: Interrup
 
     reporter = Reporter(quiet=options.quiet or not first())
     memory = f"needs about {needed_bytes(job.config) / 2**30:.2g} GiB of memory"
-    reporter.note(f"training {job.config.name}, seed {job.config.seed}, in {job.directory}: {memory}")
+    reporter.note(
+        f"training {job.config.name}, seed {job.config.seed}, in {job.directory}: {memory}"
+    )
     done = run(prepared(job.config, job.directory, devices, resume=job.resume), reporter, interrupt)
     interrupt.waits_for("the evaluation of the policy")
     reporter.note("evaluating the policy")
@@ -89,11 +102,20 @@ def _job(job: "Job", options: "Options", devices: "Devices", interrupt: Interrup
 
 
 def unwritten(directory: Path, problem: Exception, again: str) -> int:
-    """Say that a run's files cannot be written (a full disk, a folder that has gone), and return the exit status."""
-    what = f"{problem.filename or directory}: {problem.strerror}" if isinstance(problem, OSError) else str(problem)
+    """Say that a run's files cannot be written (a full disk, a folder that has gone), and return
+    the exit status.
+    """
+    what = (
+        f"{problem.filename or directory}: {problem.strerror}"
+        if isinstance(problem, OSError)
+        else str(problem)
+    )
     if not directory.is_dir():
         what = f"{directory} has been moved or deleted"
-    print(f"error: {what}; once it can be written again, go on with  python -m rlcas_jax.{again}", file=sys.stderr)
+    print(
+        f"error: {what}; once it can be written again, go on with  python -m rlcas_jax.{again}",
+        file=sys.stderr,
+    )
     return FAILED
 
 

@@ -1,4 +1,6 @@
-"""A warm start: the networks of an earlier run, or of a policy file, that a training begins with."""
+"""A warm start: the networks of an earlier run, or of a policy file, that a training begins
+with.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -15,9 +17,11 @@ from rlcas_jax.config import TrainConfig
 
 
 def warm_learner(config: TrainConfig, shapes: Any) -> Any:
-    """Return the networks and the optimiser that ``warm_start`` names, as a :class:`~agents.learning.ppo.LearnerState`.
+    """Return the networks and the optimiser that ``warm_start`` names, as a
+    :class:`~agents.learning.ppo.LearnerState`.
 
-    Of a policy file only the actor is taken: critic and optimiser are None, as the training makes them afresh.
+    Of a policy file only the actor is taken: critic and optimiser are None, as the training makes
+    them afresh.
 
     Args:
         config: of the training that begins; ``warm_start`` is not None.
@@ -43,5 +47,7 @@ def warm_learner(config: TrainConfig, shapes: Any) -> Any:
         ("feature_set", policy.feature_set, network.feature_set),
     ):
         if has != wanted:
-            raise ConfigError(f"warm_start: {source} has network.{key} {has}; expected {wanted} as configured")
+            raise ConfigError(
+                f"warm_start: {source} has network.{key} {has}; expected {wanted} as configured"
+            )
     return LearnerState(jax.tree.map(jnp.asarray, variables(policy.actor)), None, None)

@@ -1,7 +1,9 @@
-"""Build ``rlcas_msgs`` into the Python environment that runs this: ``python -m ros_bridge.build_interfaces``.
+"""Build ``rlcas_msgs`` into the Python environment that runs this: ``python -m
+ros_bridge.build_interfaces``.
 
-For environments whose ROS 2 comes from wheels (``make ros``). With an ordinary ROS installation use colcon instead.
-``--source`` builds another package of interfaces, such as mavros_msgs, which has no wheel.
+For environments whose ROS 2 comes from wheels (``make ros``). With an ordinary ROS installation use
+colcon instead. ``--source`` builds another package of interfaces, such as mavros_msgs, which has no
+wheel.
 """
 
 import os
@@ -20,9 +22,15 @@ _SOURCE = Path(__file__).resolve().parent / "rlcas_msgs"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Configure, build and install."""
     parser = Parser(prog="python -m ros_bridge.build_interfaces", description=__doc__)
-    parser.add_argument("--source", type=Path, default=_SOURCE, help="folder of the package (default rlcas_msgs)")
-    parser.add_argument("--prefix", type=Path, default=Path(sys.prefix), help="where to install (default: here)")
-    parser.add_argument("--build", type=Path, help="folder to build in (default build/ and the package's name)")
+    parser.add_argument(
+        "--source", type=Path, default=_SOURCE, help="folder of the package (default rlcas_msgs)"
+    )
+    parser.add_argument(
+        "--prefix", type=Path, default=Path(sys.prefix), help="where to install (default: here)"
+    )
+    parser.add_argument(
+        "--build", type=Path, help="folder to build in (default build/ and the package's name)"
+    )
     options = parser.parse_args(arguments)
     _check_environment()
     name = options.source.resolve().name
@@ -41,8 +49,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         shutil.rmtree(folder)
     steps = (
         [
-            *("cmake", "-S", str(options.source), "-B", build, "-G", "Ninja", "-DBUILD_TESTING=OFF", "-Wno-dev"),
-            *(f"-DCMAKE_INSTALL_PREFIX={options.prefix.resolve()}", f"-DPython3_EXECUTABLE={sys.executable}"),
+            *(
+                "cmake",
+                "-S",
+                str(options.source),
+                "-B",
+                build,
+                "-G",
+                "Ninja",
+                "-DBUILD_TESTING=OFF",
+                "-Wno-dev",
+            ),
+            *(
+                f"-DCMAKE_INSTALL_PREFIX={options.prefix.resolve()}",
+                f"-DPython3_EXECUTABLE={sys.executable}",
+            ),
         ],
         ["cmake", "--build", build, "--parallel", "2"],
         ["cmake", "--install", build],
@@ -51,7 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         done = subprocess.run(step, env=environment, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             print(done.stdout[-6000:], done.stderr[-6000:], sep="\n", file=sys.stderr)
-            print(f"{parser.prog}: error: '{' '.join(step[:2])}' failed; its last lines are above", file=sys.stderr)
+            print(
+                f"{parser.prog}: error: '{' '.join(step[:2])}' failed; its last lines are above",
+                file=sys.stderr,
+            )
             return 1
     print(f"{name} is installed in {options.prefix}")
     return 0
@@ -59,11 +83,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _check_environment() -> None:
     if sys.prefix == sys.base_prefix:
-        raise InputError("this Python is in no virtual environment, expected one with ROS 2 from wheels (make ros)")
+        raise InputError(
+            "this Python is in no virtual environment, expected one with ROS 2 from wheels (make "
+            "ros)"
+        )
     if not (Path(sys.prefix) / "share" / "rosidl_default_generators").is_dir():
-        raise InputError(f"{sys.prefix} holds no ROS 2 from wheels, expected it to be installed first (make ros)")
+        raise InputError(
+            f"{sys.prefix} holds no ROS 2 from wheels, expected it to be installed first (make ros)"
+        )
     if shutil.which("g++") is None and shutil.which("c++") is None and "CXX" not in os.environ:
-        raise InputError("there is no C++ compiler, expected g++ (on Debian and Ubuntu: apt install g++)")
+        raise InputError(
+            "there is no C++ compiler, expected g++ (on Debian and Ubuntu: apt install g++)"
+        )
 
 
 if __name__ == "__main__":

@@ -3,11 +3,13 @@
 
     python -m ros_bridge.demo [--aircraft uas] [--random 50] [--vehicle c208] [--record FILE]
 
-Starts runner and monitor as processes of their own on a domain of their own, flies encounters with the simulator and
-prints a table: the first answer, the smallest distance since the first SAFE plan was taken up, the largest distance
-from the plans flown, the plans that the monitor requested, and what answers took.
+Starts runner and monitor as processes of their own on a domain of their own, flies encounters with
+the simulator and prints a table: the first answer, the smallest distance since the first SAFE plan
+was taken up, the largest distance from the plans flown, the plans that the monitor requested, and
+what answers took.
 
-Exit code: 0 if every plan called SAFE kept the separation and no flight failed, 1 if not, 2 for bad input.
+Exit code: 0 if every plan called SAFE kept the separation and no flight failed, 1 if not, 2 for bad
+input.
 """
 
 import argparse
@@ -32,7 +34,9 @@ FOUR = "crossing_left,crossing_right,head_on,same_course"
 """The paper's scenarios."""
 
 MARGINS = {"kinematic": 0.025, "point_mass": 0.05, "c208": 0.05}
-"""Added to the separation for what each vehicle leaves of its plan, in separations (docs/howto/ros.md)."""
+"""Added to the separation for what each vehicle leaves of its plan, in separations
+(docs/howto/ros.md).
+"""
 
 _OPTIONS = (
     ("scenarios", FOUR, "names with commas, or none"),
@@ -55,7 +59,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         encounters = list(_encounters(options, aircraft))
         with free_domain() as domain:
             # Before ROS is loaded: no other graph is disturbed.
-            os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+            os.environ |= {
+                "ROS_DOMAIN_ID": str(domain),
+                "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            }
             return _run(options, aircraft, encounters)
     except (ValueError, RuntimeError) as error:
         raise InputError(str(error)) from error
@@ -64,17 +71,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m ros_bridge.demo", description=__doc__)
     for name, default, what in _OPTIONS:
-        parser.add_argument(f"--{name}", type=type(default), default=default, help=f"{what} (default {default})")
-    parser.add_argument("--vehicle", default="kinematic", choices=MARGINS, help="of the ownship (default kinematic)")
+        parser.add_argument(
+            f"--{name}", type=type(default), default=default, help=f"{what} (default {default})"
+        )
+    parser.add_argument(
+        "--vehicle", default="kinematic", choices=MARGINS, help="of the ownship (default kinematic)"
+    )
     margins = ", ".join(f"{name} {margin:g}" for name, margin in MARGINS.items())
-    parser.add_argument("--margin", type=float, help=f"m added to the separation (default, in separations: {margins})")
-    parser.add_argument("--aircraft", default="", metavar="FILE", help="file, or a name: uas (default: the policy's)")
-    parser.add_argument("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
+    parser.add_argument(
+        "--margin",
+        type=float,
+        help=f"m added to the separation (default, in separations: {margins})",
+    )
+    parser.add_argument(
+        "--aircraft",
+        default="",
+        metavar="FILE",
+        help="file, or a name: uas (default: the policy's)",
+    )
+    parser.add_argument(
+        "--policy", default="", metavar="FILE", help="policy file (default: the one that ships)"
+    )
     outside = "what becomes of an aircraft outside the policy's family (default refuse)"
-    parser.add_argument("--outside-domain", default="refuse", choices=("refuse", "allow"), help=outside)
-    parser.add_argument("--record", type=Path, metavar="FILE.mcap", help="record the graph (default: no recording)")
+    parser.add_argument(
+        "--outside-domain", default="refuse", choices=("refuse", "allow"), help=outside
+    )
+    parser.add_argument(
+        "--record", type=Path, metavar="FILE.mcap", help="record the graph (default: no recording)"
+    )
     shown = "show what the nodes log"
-    parser.add_argument("--verbose", dest="level", action="store_const", const="info", default="fatal", help=shown)
+    parser.add_argument(
+        "--verbose", dest="level", action="store_const", const="info", default="fatal", help=shown
+    )
     return parser
 
 
@@ -90,7 +118,9 @@ def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tup
     if options.margin is not None and not 0.0 <= options.margin <= most:
         raise ValueError(f"--margin is {options.margin:g} m, expected 0 to {most:g} m")
     named = [name for name in options.scenarios.split(",") if name not in ("", "none")]
-    wanted = [(name, options.each) for name in named] + [("circle", options.random)] * (options.random > 0)
+    wanted = [(name, options.each) for name in named] + [("circle", options.random)] * (
+        options.random > 0
+    )
     if not wanted:
         raise ValueError("--scenarios is none and --random 0, expected something to fly")
     for name, count in wanted:
@@ -99,7 +129,9 @@ def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tup
             yield f"{name} {number}", take(every, [number]), number
 
 
-def _run(options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[tuple[str, Any, int]]) -> int:
+def _run(
+    options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[tuple[str, Any, int]]
+) -> int:
     import rclpy
     from rclpy.exceptions import ParameterException
     from rclpy.parameter import Parameter
@@ -107,10 +139,14 @@ def _run(options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[t
     from ros_bridge.nodes.simulator import Simulator
     from ros_bridge.sim.flight_log import kept, table
 
-    margin = MARGINS[options.vehicle] * aircraft.separation if options.margin is None else options.margin
+    margin = (
+        MARGINS[options.vehicle] * aircraft.separation if options.margin is None else options.margin
+    )
     shared = {"aircraft": options.aircraft, "policy_file": options.policy}
     flown = {name: getattr(options, name) for name in ("vehicle", "rate", "deciding_rate")}
-    flown |= {f"traffic_{name}": getattr(options, name) for name in ("position_std", "velocity_std")}
+    flown |= {
+        f"traffic_{name}": getattr(options, name) for name in ("position_std", "velocity_std")
+    }
     rclpy.init(args=["--ros-args", "--log-level", options.level])
     try:
         given = [Parameter(name, value=value) for name, value in (shared | flown).items()]
@@ -123,7 +159,10 @@ def _run(options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[t
     unwritten = _flown(simulator, encounters, nodes, options)
     if simulator.logs:
         _evaluate(simulator, [one for _, one, _ in encounters], margin)
-        print(f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, runner and monitor as processes\n")
+        print(
+            f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, runner and "
+            "monitor as processes\n"
+        )
         print(table(simulator.logs))
     if unwritten is not None:
         raise unwritten
@@ -134,8 +173,12 @@ def _run(options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[t
     return 0 if kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
 
 
-def _flown(simulator: "Simulator", encounters: Sequence[Any], nodes: dict[str, Any], options: Any) -> OSError | None:
-    """Fly encounters beside nodes of these parameters; return why a recording could not be written."""
+def _flown(
+    simulator: "Simulator", encounters: Sequence[Any], nodes: dict[str, Any], options: Any
+) -> OSError | None:
+    """Fly encounters beside nodes of these parameters; return why a recording could not be
+    written.
+    """
     import rclpy
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
@@ -146,17 +189,35 @@ def _flown(simulator: "Simulator", encounters: Sequence[Any], nodes: dict[str, A
     processes: list[subprocess.Popen[bytes]] = []
     file = options.record
     try:
-        with nullcontext() if file is None else closing(Recorder(simulator, file, lambda: simulator.now)):
+        with (
+            nullcontext()
+            if file is None
+            else closing(Recorder(simulator, file, lambda: simulator.now))
+        ):
             for name, values in nodes.items():
-                given = [part for key, value in values.items() if value != "" for part in ("-p", f"{key}:={value}")]
-                processes.append(started(f"ros_bridge.{name}", "--ros-args", "--log-level", options.level, *given))
+                given = [
+                    part
+                    for key, value in values.items()
+                    if value != ""
+                    for part in ("-p", f"{key}:={value}")
+                ]
+                processes.append(
+                    started(
+                        f"ros_bridge.{name}", "--ros-args", "--log-level", options.level, *given
+                    )
+                )
             for name, encounter, number in encounters:
                 simulator.begin(encounter, name, number)
                 while simulator.flying:
                     executor.spin_once(timeout_sec=0.1)
-                    ended = [process.returncode for process in processes if process.poll() is not None]
+                    ended = [
+                        process.returncode for process in processes if process.poll() is not None
+                    ]
                     if ended:
-                        raise ValueError(f"runner or monitor ended with exit code {ended[0]} (--verbose shows why)")
+                        raise ValueError(
+                            f"runner or monitor ended with exit code {ended[0]} (--verbose shows "
+                            "why)"
+                        )
                 print(".", end="", file=sys.stderr, flush=True)
             print(file=sys.stderr)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -175,7 +236,9 @@ def _flown(simulator: "Simulator", encounters: Sequence[Any], nodes: dict[str, A
 
 
 def _evaluate(simulator: "Simulator", encounters: Sequence[Any], margin: float) -> None:
-    """Note which encounters can be resolved at the separation planned with: those not proven to be unresolvable."""
+    """Note which encounters can be resolved at the separation planned with: those not proven to be
+    unresolvable.
+    """
     import numpy as np
 
     from agents.resolvability.classify import Verdict, classify
@@ -185,7 +248,8 @@ def _evaluate(simulator: "Simulator", encounters: Sequence[Any], margin: float) 
     rules = aircraft.rules()._replace(separation=aircraft.separation + margin)
     for log, encounter in zip(simulator.logs, encounters, strict=False):
         if log.first != NEVER_ASKED:
-            # The first second is the time to receive all and to answer: what is lost by then counts, too.
+            # The first second is the time to receive all and to answer: what is lost by then
+            # counts, too.
             solved = np.array([log.safe_at is not None])
             verdict = classify(encounter, rules, aircraft.limits, solved=solved).verdict[0]
             log.resolvable = bool(verdict != Verdict.UNRESOLVABLE)

@@ -1,7 +1,8 @@
-"""Settings of all tests: Hypothesis repeats its examples from run to run unless a search for new ones is asked for.
+"""Settings of all tests: Hypothesis repeats its examples from run to run unless a search for new
+ones is asked for.
 
-What JAX compiles is kept as the programs keep it, for the other processes of a run and for later runs.
-"""
+What JAX compiles is kept as the programs keep it, for the other processes of a run and for later
+runs."""
 
 import gc
 import os
@@ -17,12 +18,14 @@ from envs.edge.compiled import keep_compiled
 
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("repeatable", derandomize=True, max_examples=30, **_COMMON)
-settings.register_profile("search", derandomize=False, max_examples=1000, print_blob=True, **_COMMON)
+settings.register_profile(
+    "search", derandomize=False, max_examples=1000, print_blob=True, **_COMMON
+)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
-# The first plan of a process, or one beside other work, takes more than its deadline: tests have a minute more, and
-# those of the deadline itself take FINISH.
+# The first plan of a process, or one beside other work, takes more than its deadline: tests have a
+# minute more, and those of the deadline itself take FINISH.
 FINISH, budget._FINISH = budget._FINISH, -60.0
 
 
@@ -31,7 +34,9 @@ keep_compiled()  # pytest's workers and the programs that tests start inherit it
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Collect no garbage while every library is imported: that is a quarter of the time, and there is none."""
+    """Collect no garbage while every library is imported: that is a quarter of the time, and there
+    is none.
+    """
     gc.disable()
     try:
         return (yield)
@@ -40,13 +45,17 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mix files that compute with those that wait, and keep whole each file's order; the last files are short."""
+    """Mix files that compute with those that wait, and keep whole each file's order; the last files
+    are short.
+    """
     items.sort(key=lambda item: item.path.name, reverse=True)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def freeze_what_stays() -> None:
-    """Spare the garbage collector, in every file, what earlier files left for good: millions of objects of JAX."""
+    """Spare the garbage collector, in every file, what earlier files left for good: millions of
+    objects of JAX.
+    """
     gc.collect()
     gc.freeze()
 
@@ -74,14 +83,21 @@ def trained_once() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def new_page() -> Iterator[Callable[..., Any]]:
-    """Return what opens a page in a real browser; the page waits longer than a busy machine needs."""
+    """Return what opens a page in a real browser; the page waits longer than a busy machine
+    needs.
+    """
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    chromium = next(
+        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+    )
     if chromium is None:
         pytest.skip("no Chromium is installed (Debian's package: chromium)")
     with playwright.sync_playwright() as driver:
-        # No sandbox: as root, which continuous integration is, Chromium starts no other way; the page is our own.
-        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"], timeout=240_000.0)
+        # No sandbox: as root, which continuous integration is, Chromium starts no other way; the
+        # page is our own.
+        browser = driver.chromium.launch(
+            executable_path=chromium, args=["--no-sandbox"], timeout=240_000.0
+        )
 
         def opened(**settings: Any) -> Any:
             page = browser.new_page(**settings)

@@ -1,4 +1,6 @@
-"""Helpers of several rooms' tests: backends and states, flights with trajectories, reports, and recorded encounters."""
+"""Helpers of several rooms' tests: backends and states, flights with trajectories, reports, and
+recorded encounters.
+"""
 
 import gzip
 import json
@@ -59,7 +61,9 @@ class OnObservations:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         chosen = most_critical(sight.own, sight.intruders, sight.mask, PAPER, np)
-        self.seen.append(observe(sight.own, chosen, sight.goal_x, sight.goal_y, PAPER, np).astype(np.float32))
+        self.seen.append(
+            observe(sight.own, chosen, sight.goal_x, sight.goal_y, PAPER, np).astype(np.float32)
+        )
         return self._decide(self.seen[-1]).astype(float), memory
 
 
@@ -68,7 +72,9 @@ def fly_recorded(
 ) -> tuple[Flights, Trajectories]:
     """Return flights of encounters ``[N]`` and their trajectories."""
     recorder = TrajectoryRecorder(starts)
-    return fly(starts, decider, aircraft, noise=noise, recorder=recorder, endless=endless), recorder.stack()
+    return fly(
+        starts, decider, aircraft, noise=noise, recorder=recorder, endless=endless
+    ), recorder.stack()
 
 
 def recorded(name: str) -> Path:
@@ -104,7 +110,9 @@ def flight(
     begin: float = 1_600_000_000.0,
     step: float = 1.0,
 ) -> list[dict[str, Any]]:
-    """Return a report a second: degrees, m/s, ft, m/s; a flight that climbs begins at the altitude."""
+    """Return a report a second: degrees, m/s, ft, m/s; a flight that climbs begins at the
+    altitude.
+    """
     reports = []
     for after in np.arange(0.0, seconds + 0.5 * step, step):
         x, y, back = WGS84.fwd(longitude, latitude, track, speed * after)
@@ -114,7 +122,9 @@ def flight(
                 "timestamp": 1_000.0 * (begin + after),
                 "latitude": y,
                 "longitude": x,
-                "altitude": altitude(after) if callable(altitude) else altitude + climb * after / FOOT,
+                "altitude": altitude(after)
+                if callable(altitude)
+                else altitude + climb * after / FOOT,
                 "groundspeed": speed / KNOT,
                 "track": (back + 180.0) % 360.0,
                 "vertical_rate": climb * 60.0 / FOOT,
@@ -140,7 +150,8 @@ class Backend:
     dtype: Any
 
     def apply(self, function: Callable[..., Any], *columns: Any) -> tuple[np.ndarray, ...]:
-        """Return ``function(*columns)``, a tuple of arrays ``[N]``, computed in this backend, as float64.
+        """Return ``function(*columns)``, a tuple of arrays ``[N]``, computed in this backend, as
+        float64.
 
         Plain floats are evaluated one element at a time.
         """
@@ -174,10 +185,14 @@ _positions = st.floats(-10_000.0, 10_000.0)
 @st.composite
 def states(draw: st.DrawFn) -> VehicleState:
     """Draw a vehicle within 10 km of the origin and the surrogate's speeds, as float64 scalars."""
-    return VehicleState(*(np.float64(draw(part)) for part in (_positions, _positions, headings, speeds)))
+    return VehicleState(
+        *(np.float64(draw(part)) for part in (_positions, _positions, headings, speeds))
+    )
 
 
-def random_states(generator: np.random.Generator, *shape: int, extent: float = 10_000.0) -> VehicleState:
+def random_states(
+    generator: np.random.Generator, *shape: int, extent: float = 10_000.0
+) -> VehicleState:
     """Return vehicles ``shape`` within ``extent`` of the origin and the surrogate's speeds."""
     return VehicleState(
         generator.uniform(-extent, extent, shape),
@@ -208,7 +223,10 @@ def moved(state: VehicleState, angle: float, east: float = 0.0, north: float = 0
     cosine, sine = math.cos(angle), math.sin(angle)
     heading = np.remainder(state.heading + angle + math.pi, 2.0 * math.pi) - math.pi
     return VehicleState(
-        state.x * cosine - state.y * sine + east, state.x * sine + state.y * cosine + north, heading, state.speed
+        state.x * cosine - state.y * sine + east,
+        state.x * sine + state.y * cosine + north,
+        heading,
+        state.speed,
     )
 
 

@@ -1,4 +1,6 @@
-"""The page that flies: in a real browser it decides as the policy does, within a frame, and by the keyboard alone."""
+"""The page that flies: in a real browser it decides as the policy does, within a frame, and by the
+keyboard alone.
+"""
 
 import runpy
 from collections.abc import Iterator
@@ -62,7 +64,9 @@ def test_it_decides_as_the_policy_on_a_thousand_scenes(opened: Any) -> None:
                 rng.uniform(limits.speed_min, speed),
             ]
             place = rng.uniform(-10.0, 10.0, (count, 2)) * length
-            others = np.column_stack([place, rng.uniform(-np.pi, np.pi, count), rng.uniform(0.2, 1.5, count) * speed])
+            others = np.column_stack(
+                [place, rng.uniform(-np.pi, np.pi, count), rng.uniform(0.2, 1.5, count) * speed]
+            )
             goal = rng.uniform(-25.0, 25.0, 2) * length
             scenes.append([name, own, others.tolist(), *goal.tolist()])
             seen = VehicleState(*own), VehicleState(*others.T), np.ones(count, bool), *goal
@@ -119,7 +123,10 @@ def test_it_moves_aircraft_and_measures_as_the_surrogate(opened: Any) -> None:
                 ],
             )
         ).T
-        expected = *moved[0], leg_separation(states[0], moved[0], states[1], moved[1], aircraft.dt, np)
+        expected = (
+            *moved[0],
+            leg_separation(states[0], moved[0], states[1], moved[1], aircraft.dt, np),
+        )
         np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-6)
 
 
@@ -136,7 +143,9 @@ def test_a_frame_with_eight_intruders_takes_less_than_16_ms(opened: Any) -> None
 
     def used() -> float:
         return next(
-            one["value"] for one in session.send("Performance.getMetrics")["metrics"] if one["name"] == "ThreadTime"
+            one["value"]
+            for one in session.send("Performance.getMetrics")["metrics"]
+            if one["name"] == "ThreadTime"
         )
 
     # The thread's own time, which other work on this machine does not lengthen.
@@ -163,7 +172,11 @@ def test_the_keyboard_is_enough(opened: Any) -> None:
     reached = set()
     for _ in range(30):
         opened.keyboard.press("Tab")
-        reached.add(opened.evaluate("document.activeElement.id || document.activeElement.getAttribute('aria-label')"))
+        reached.add(
+            opened.evaluate(
+                "document.activeElement.id || document.activeElement.getAttribute('aria-label')"
+            )
+        )
     assert {"play", "Time", "scene", "aircraft", "more", "again", "plan", "map"} <= reached
     assert any((name or "").startswith("Ownship, course") for name in reached)
 
@@ -179,18 +192,27 @@ def test_what_is_dragged_makes_a_new_future(opened: Any) -> None:
     opened.mouse.up()
     opened.wait_for_function("line.done && !changed")
     assert opened.evaluate("line.least.distance") != before
-    opened.wait_for_function("(said) => document.getElementById('news').textContent !== said", arg=said)
+    opened.wait_for_function(
+        "(said) => document.getElementById('news').textContent !== said", arg=said
+    )
 
 
-def test_every_scene_and_aircraft_runs_on_a_phone_and_in_the_dark(new_page: Any, page_file: Path) -> None:
+def test_every_scene_and_aircraft_runs_on_a_phone_and_in_the_dark(
+    new_page: Any, page_file: Path
+) -> None:
     page = new_page(
-        viewport={"width": 390, "height": 844}, color_scheme="dark", reduced_motion="reduce", has_touch=True
+        viewport={"width": 390, "height": 844},
+        color_scheme="dark",
+        reduced_motion="reduce",
+        has_touch=True,
     )
     wrong: list[str] = []
     page.on("pageerror", lambda problem: wrong.append(str(problem)))
     page.goto(page_file.as_uri())
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(12, 16, 22)"
-    for scene in page.eval_on_selector_all("#scene option", "options => options.map((one) => one.value)"):
+    for scene in page.eval_on_selector_all(
+        "#scene option", "options => options.map((one) => one.value)"
+    ):
         page.select_option("#scene", scene)
         page.wait_for_function("line.done && !changed")
     for name in aircraft_of(page):

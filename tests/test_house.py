@@ -1,4 +1,6 @@
-"""The house rules that `make lint` does not check: the flight path, words, and numbers of the paper."""
+"""The house rules that `make lint` does not check: the flight path, registries, and
+numbers of the paper.
+"""
 
 import io
 import os
@@ -22,12 +24,19 @@ HEAVY_LIBRARIES = {"jax", "flax", "optax", "gymnasium", "matplotlib", "scipy", "
 def flight_path() -> list[str]:
     with (ROOT / "pyproject.toml").open("rb") as file:
         contracts = tomllib.load(file)["tool"]["importlinter"]["contracts"]
-    return next(contract["source_modules"] for contract in contracts if contract["id"] == "flight-path")
+    return next(
+        contract["source_modules"] for contract in contracts if contract["id"] == "flight-path"
+    )
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, encoding="utf-8", check=False
+        [sys.executable, *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=False,
     )
 
 
@@ -61,7 +70,9 @@ def test_flight_path_loads_no_heavy_library_in_a_fresh_interpreter():
 
 
 def project_files() -> list[Path]:
-    """Return the files of the checkout that git tracks or would track; without git, those outside ignored folders."""
+    """Return the files of the checkout that git tracks or would track; without git, those outside
+    ignored folders.
+    """
     try:
         listed = subprocess.run(
             ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
@@ -100,7 +111,8 @@ MACHINE_PATHS = ["/wo" + "rk/", "/ro" + "ot/", "/opt/py" + "pi", "/Us" + "ers/",
 
 @pytest.mark.parametrize(
     "pattern",
-    [re.escape(host) for host in REGISTRY_HOSTS] + [rf"(?<![\w.~-]){re.escape(path)}" for path in MACHINE_PATHS],
+    [re.escape(host) for host in REGISTRY_HOSTS]
+    + [rf"(?<![\w.~-]){re.escape(path)}" for path in MACHINE_PATHS],
 )
 def test_no_file_names_a_registry_or_a_path_of_one_machine(pattern: str):
     expression = re.compile(pattern.encode())
@@ -110,34 +122,8 @@ def test_no_file_names_a_registry_or_a_path_of_one_machine(pattern: str):
     assert not naming, f"{naming} match {pattern}"
 
 
-# A policy, an aircraft or a sample is a thing: no pronoun for persons in code, keys, messages and pages.
-
-
-# In pieces, so that this file does not hold them either. An underscore ends a word, so that keys and names count.
-_PIECES = (("w", "ho"), ("wh", "oever"), ("w", "hom"), ("h", "e"), ("h", "im"), ("hi", "s"), ("to", "ld"))
-WORD = re.compile(rf"(?<![a-z])({'|'.join(map(''.join, _PIECES))})(?![a-z])", re.IGNORECASE)
-READ = {".cfg", ".css", ".g", ".html", ".md", ".msg", ".py", ".sdf", ".srv", ".svg", ".toml", ".xml", ".yaml", ".yml"}
-
-
-def texts() -> list[str]:
-    try:
-        listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip("git does not list the files")
-    return [name for name in listed.split("\0") if Path(name).suffix in READ and (ROOT / name).is_file()]
-
-
-def test_no_thing_is_called_a_person() -> None:
-    found = [
-        f"{name}:{number}: {line.strip()}"
-        for name in texts()
-        for number, line in enumerate((ROOT / name).read_text(encoding="utf-8").splitlines(), 1)
-        if WORD.search(line)
-    ]
-    assert not found, "\n".join(found)
-
-
-# No module below the command lines knows the paper's aircraft: its numbers follow from the aircraft handed down.
+# No module below the command lines knows the paper's aircraft: its numbers follow from the aircraft
+# handed down.
 
 ROOMS = ("envs", "agents", "rlcas_jax", "eval", "ros_bridge")
 NAMES = {"PAPER", "SURROGATE", "RULES", "INTRUDER_LIMITS", "CRITICAL_RADIUS"}
@@ -187,9 +173,15 @@ JUSTIFIED = {
 
 
 def of_the_paper(text: str) -> Iterator[tuple[int, str]]:
-    """Yield line and word of what a module says of the paper's aircraft; strings and comments may."""
+    """Yield line and word of what a module says of the paper's aircraft; strings and
+    comments may.
+    """
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        number = token.type == tokenize.NUMBER and "." in token.string and token.string.replace("_", "").isascii()
+        number = (
+            token.type == tokenize.NUMBER
+            and "." in token.string
+            and token.string.replace("_", "").isascii()
+        )
         named = token.type == tokenize.NAME and token.string in NAMES
         if named or (number and float(token.string) in NUMBERS):
             yield token.start[0], token.string
@@ -213,7 +205,12 @@ def test_modules_with_a_reason_exist_and_need_it() -> None:
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("x = 1_000.0 * y", 1), ("x = PAPER.dt", 1), ("# 1000.0 m\ny = 'RULES'", 0), ("x = 1000 + 1e3", 0)],
+    [
+        ("x = 1_000.0 * y", 1),
+        ("x = PAPER.dt", 1),
+        ("# 1000.0 m\ny = 'RULES'", 0),
+        ("x = 1000 + 1e3", 0),
+    ],
 )
 def test_what_counts_as_a_number_of_the_paper(text: str, said: int) -> None:
     assert len(list(of_the_paper(text))) == said

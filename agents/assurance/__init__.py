@@ -1,4 +1,6 @@
-"""The run-time monitor: watches the plan that is flown, asks for new ones and has a validated backup ready."""
+"""The run-time monitor: watches the plan that is flown, asks for new ones and has a validated
+backup ready.
+"""
 
 from agents.assurance.inputs import Inputs, inputs
 from agents.assurance.monitor import activate, answer, references, step

@@ -1,7 +1,8 @@
-"""Plans from the middle of flights, for the loops that fly: what is tried, one after the other, and when again.
+"""Plans from the middle of flights, for the loops that fly: what is tried, one after the other, and
+when again.
 
-A plan that is SAFE now may leave no room for a turn of an intruder, pass over the goal or reach it too late. So the
-best is tried first, and again every few seconds while something less is flown.
+A plan that is SAFE now may leave no room for a turn of an intruder, pass over the goal or reach it
+too late. So the best is tried first, and again every few seconds while something less is flown.
 """
 
 from collections.abc import Callable
@@ -16,14 +17,18 @@ from agents.planner.options import Options
 from envs.trees import scatter, take
 
 WIDE, IN_TIME, ALONG = range(3)
-"""Kinds of plans: to the goal with distance and time to spare; to the goal in time; along the route."""
+"""Kinds of plans: to the goal with distance and time to spare; to the goal in time; along the
+route.
+"""
 
 Planner = Callable[[Any, Options, int], Proposals]
 """Makes plans for some rows, numbers ``[m]``, with options, of a kind."""
 
 _SPARE = 0.5  # separations that a wide plan keeps beyond what is required
 _LEFT = 0.25  # of these, what must be left
-_SOON = 0.8  # share of the time left by which a wide plan is at the goal: later plans may need the rest
+_SOON = (
+    0.8  # share of the time left by which a wide plan is at the goal: later plans may need the rest
+)
 _AGAIN = 5  # time steps from one attempt at a better kind to the next
 
 
@@ -34,7 +39,11 @@ def tries(options: Options, left: float) -> tuple[Options, Options, Options]:
     in_time = replace(along, goals=1, rejoin_by=min(left, options.rejoin_by))
     required = options.requirement
     wide = required._replace(margin=required.margin + _SPARE * options.aircraft.separation)
-    return replace(in_time, requirement=wide, rejoin_by=min(_SOON * left, options.rejoin_by)), in_time, along
+    return (
+        replace(in_time, requirement=wide, rejoin_by=min(_SOON * left, options.rejoin_by)),
+        in_time,
+        along,
+    )
 
 
 def renewed(
@@ -46,7 +55,8 @@ def renewed(
     make: Planner,
     thresholds: Thresholds,
 ) -> tuple[Monitor, Any, Any]:
-    """Plan where the monitor asks for it, and where a better kind of plan may be had than the one that is flown.
+    """Plan where the monitor asks for it, and where a better kind of plan may be had than the one
+    that is flown.
 
     Args:
         short: whether the plan that is flown passes over the goal, or gets there too late, ``[N]``.
@@ -61,23 +71,33 @@ def renewed(
     if rows.size:
         first = np.where(reached[rows], ALONG, WIDE)
         found, kind = _planned(make, options, rows, first, np.full(rows.size, ALONG))
-        monitor, taken = answer(monitor, rows, decision.number[rows], found.knots, found.safe, thresholds)
+        monitor, taken = answer(
+            monitor, rows, decision.number[rows], found.knots, found.safe, thresholds
+        )
         short[rows[taken]] = kind[taken] == ALONG
 
     narrow = decision.separation < (1.0 + _LEFT) * unit.separation
     due = np.rint(monitor.memory.time / unit.dt) % _AGAIN == 0.0
     rows = np.flatnonzero(due & (short | narrow) & ~reached & ~monitor.on_backup & ~asked)
     if rows.size:
-        found, _ = _planned(make, options, rows, np.full(rows.size, WIDE), np.where(short[rows], IN_TIME, WIDE))
+        found, _ = _planned(
+            make, options, rows, np.full(rows.size, WIDE), np.where(short[rows], IN_TIME, WIDE)
+        )
         rows, plan = rows[found.safe], take(found.knots, found.safe)
         traffic, when = take((decision.traffic, monitor.memory.time), rows)
-        monitor = activate(monitor, rows, plan, np.ones(rows.size, dtype=bool), when, traffic, thresholds)
+        monitor = activate(
+            monitor, rows, plan, np.ones(rows.size, dtype=bool), when, traffic, thresholds
+        )
         short[rows], asked[rows] = False, True
     return monitor, short, asked
 
 
-def _planned(make: Planner, options: tuple[Options, ...], rows: Any, first: Any, last: Any) -> tuple[Proposals, Any]:
-    """Try one kind of plan after the other, of each row from its first to its last, until one is SAFE, ``[m]``."""
+def _planned(
+    make: Planner, options: tuple[Options, ...], rows: Any, first: Any, last: Any
+) -> tuple[Proposals, Any]:
+    """Try one kind of plan after the other, of each row from its first to its last, until one is
+    SAFE, ``[m]``.
+    """
     best, kind = empty(rows.size, options[0].waypoints), np.array(last)
     for number, wanted in enumerate(options):
         some = np.flatnonzero(~best.safe & (first <= number) & (number <= last))

@@ -1,9 +1,10 @@
 """The backup: a manoeuvre that is ready when no plan is.
 
-A backup is a course and a speed: the aircraft turns onto the course at the greatest rate of decisions, accelerates or
-decelerates to the speed, and holds both. It is published as knots like any plan, every leg of constant controls, and
-judged by :mod:`agents.planner.validator` over the sum of :data:`STEPS`. The one of the step before stays if it passes
-from the present state; only otherwise is the family searched.
+A backup is a course and a speed: the aircraft turns onto the course at the greatest rate of
+decisions, accelerates or decelerates to the speed, and holds both. It is published as knots like
+any plan, every leg of constant controls, and judged by :mod:`agents.planner.validator` over the sum
+of :data:`STEPS`. The one of the step before stays if it passes from the present state; only
+otherwise is the family searched.
 """
 
 from typing import Any, NamedTuple
@@ -23,7 +24,23 @@ STEPS = (5.0, 5.0, 5.0, 5.0, 10.0, 10.0, 10.0, 10.0, 20.0, 20.0, 20.0)
 """Durations of a backup's legs, in time steps; their sum is the horizon over which it is judged."""
 
 _TURNS = np.radians(
-    [0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0]
+    [
+        0.0,
+        15.0,
+        -15.0,
+        30.0,
+        -30.0,
+        45.0,
+        -45.0,
+        60.0,
+        -60.0,
+        90.0,
+        -90.0,
+        120.0,
+        -120.0,
+        150.0,
+        -150.0,
+    ]
 )
 _FAMILY_TURN = np.repeat(_TURNS, 3)
 _FAMILY_SPEED = np.tile([0.0, -1.0, 1.0], _TURNS.size)  # hold, decelerate, accelerate
@@ -47,7 +64,9 @@ class Backup(NamedTuple):
 
 
 def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) -> Knots:
-    """Return backups from the present states as knots, ``[M, B]``; every leg has constant controls."""
+    """Return backups from the present states as knots, ``[M, B]``; every leg has constant
+    controls.
+    """
     limits, state, states = thresholds.manoeuvre, own, [own]
     to_turn = wrap(course - own.heading, np)
     for duration in _durations(thresholds):
@@ -61,10 +80,17 @@ def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) ->
     return Knots(x, y, wrap(heading, np), velocity, times.copy())
 
 
-def refreshed(previous: Backup, own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds) -> Backup:
-    """Return the backups for this step, ``[N]``, from those of the step before; time on the monitor's clock, s."""
+def refreshed(
+    previous: Backup, own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds
+) -> Backup:
+    """Return the backups for this step, ``[N]``, from those of the step before; time on the
+    monitor's clock, s.
+    """
     had = np.isfinite(previous.started)
-    course, speed = np.where(had, previous.course, own.heading), np.where(had, previous.speed, own.speed)
+    course, speed = (
+        np.where(had, previous.course, own.heading),
+        np.where(had, previous.speed, own.speed),
+    )
     knots = flown(own, course, speed, thresholds)
     curves = legs(knots)
     found = validate(knots, traffic, thresholds.requirement, thresholds.limits, curves)
@@ -75,45 +101,66 @@ def refreshed(previous: Backup, own: VehicleState, traffic: Traffic, time: Any, 
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
         other = search(take(own, part), take(traffic, part), time[part], thresholds)
-        better = ~had[part] | other.safe | (other.clearance > result.clearance[part] + thresholds.backup_gain)
+        better = (
+            ~had[part]
+            | other.safe
+            | (other.clearance > result.clearance[part] + thresholds.backup_gain)
+        )
         scatter(result, part[better], take(other, better))
     return result
 
 
 def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds) -> Backup:
-    """Return the best backup of the family at a time (s), ``[N]``: a safe one, or that of greatest clearance."""
+    """Return the best backup of the family at a time (s), ``[N]``: a safe one, or that of greatest
+    clearance.
+    """
     requirement, manoeuvre = thresholds.requirement, thresholds.manoeuvre
     unit = thresholds.options.aircraft.separation
     count, each = own.x.size, _FAMILY_TURN.size
     which = np.repeat(np.arange(count), each)
     turn = np.tile(_FAMILY_TURN, count)
     course = wrap(own.heading[which] + turn, np)
-    extreme = np.where(np.tile(_FAMILY_SPEED, count) > 0.0, manoeuvre.speed_max, manoeuvre.speed_min)
+    extreme = np.where(
+        np.tile(_FAMILY_SPEED, count) > 0.0, manoeuvre.speed_max, manoeuvre.speed_min
+    )
     held = np.clip(own.speed, manoeuvre.speed_min, manoeuvre.speed_max)[which]
     speed = np.where(np.tile(_FAMILY_SPEED, count) == 0.0, held, extreme)
     base = np.where(traffic.mask, required(traffic, own, requirement), -np.inf)
     clearance = _estimate(take(own, which), course, speed, traffic, base, thresholds)
-    merit = (np.minimum(clearance, _ENOUGH * unit) - _TURN_COST * unit * np.abs(turn)).reshape(count, each)
+    merit = (np.minimum(clearance, _ENOUGH * unit) - _TURN_COST * unit * np.abs(turn)).reshape(
+        count, each
+    )
     pick = np.argsort(-merit, axis=-1, kind="stable")[:, :_TRIED] + np.arange(count)[:, None] * each
     pick = pick.ravel()
     owners = which[pick]
     knots = flown(take(own, owners), course[pick], speed[pick], thresholds)
     curves = legs(knots)
     found = validate(knots, take(traffic, owners), requirement, thresholds.limits, curves)
-    safe, spare = _safe(found, thresholds), np.where(np.isnan(found.clearance), -np.inf, found.clearance)
+    safe, spare = (
+        _safe(found, thresholds),
+        np.where(np.isnan(found.clearance), -np.inf, found.clearance),
+    )
     order = np.lexsort((np.arange(pick.size), np.where(safe, 0.0, -spare), ~safe, owners))
     best = order[::_TRIED]
-    course, speed, knots, curves, spare, safe = take((course[pick], speed[pick], knots, curves, spare, safe), best)
+    course, speed, knots, curves, spare, safe = take(
+        (course[pick], speed[pick], knots, curves, spare, safe), best
+    )
     return Backup(course, speed, knots, curves, np.array(time), spare, safe)
 
 
 def _safe(found: Findings, thresholds: Thresholds) -> Any:
-    """Return whether nothing is wrong; a start inside the margin must keep its present distance, to the last digit."""
+    """Return whether nothing is wrong; a start inside the margin must keep its present distance, to
+    the last digit.
+    """
     return found.legal & (found.clearance >= -thresholds.resolution)
 
 
-def _estimate(own: VehicleState, course: Any, speed: Any, traffic: Traffic, base: Any, thresholds: Thresholds) -> Any:
-    """Return the smallest distance less the required one of backups of a family, m, ``[N * F]``; an estimate."""
+def _estimate(
+    own: VehicleState, course: Any, speed: Any, traffic: Traffic, base: Any, thresholds: Thresholds
+) -> Any:
+    """Return the smallest distance less the required one of backups of a family, m, ``[N * F]``; an
+    estimate.
+    """
     count, limits, sigmas = base.shape[0], thresholds.manoeuvre, thresholds.requirement.sigmas
     stride, steps = _STEP * thresholds.options.aircraft.dt, round(sum(STEPS) / _STEP)
     times, wide = (np.arange(steps + 1) * stride)[:, None], column(traffic)
@@ -143,8 +190,12 @@ def _estimate(own: VehicleState, course: Any, speed: Any, traffic: Traffic, base
 def resting(count: int, thresholds: Thresholds) -> Backup:
     """Return that there has never been a backup, ``[count]``."""
     zero, no = np.zeros(count), np.zeros(count, dtype=bool)
-    knots = straight_east(count, np.arange(len(STEPS) + 1) * 10.0, thresholds.options.aircraft.limits)
-    return Backup(zero, knots.speed[:, 0].copy(), knots, legs(knots), zero + np.nan, zero - np.inf, no)
+    knots = straight_east(
+        count, np.arange(len(STEPS) + 1) * 10.0, thresholds.options.aircraft.limits
+    )
+    return Backup(
+        zero, knots.speed[:, 0].copy(), knots, legs(knots), zero + np.nan, zero - np.inf, no
+    )
 
 
 def straight_east(count: int, times: Any, limits: Limits) -> Knots:

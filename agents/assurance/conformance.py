@@ -13,8 +13,11 @@ from envs.follower import deviation
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 
-_NOISE = 3.0  # sigmas of what the plan expected and of what is believed now by which an intruder may also be off
-_REPORTS = Cause.INTRUDER_MISSING | Cause.INTRUDER_OUT_OF_ORDER  # causes that do not lie in the plan
+# sigmas of what the plan expected and of what is believed now by which an intruder may also be off
+_NOISE = 3.0
+_REPORTS = (
+    Cause.INTRUDER_MISSING | Cause.INTRUDER_OUT_OF_ORDER
+)  # causes that do not lie in the plan
 
 
 def has(causes: Any, any_of: Cause) -> Any:
@@ -23,13 +26,21 @@ def has(causes: Any, any_of: Cause) -> Any:
 
 
 def kept(plan: Course, traffic: Traffic, thresholds: Thresholds) -> Any:
-    """Return the separations that plans made against some intruders were required to keep, m, ``[N, K]``."""
-    return required(traffic, VehicleState(*(field[:, 0] for field in plan.knots[:4])), thresholds.requirement)
+    """Return the separations that plans made against some intruders were required to keep, m, ``[N,
+    K]``.
+    """
+    return required(
+        traffic, VehicleState(*(field[:, 0] for field in plan.knots[:4])), thresholds.requirement
+    )
 
 
 def floor(required_separation: Any, thresholds: Thresholds) -> Any:
-    """Return the predicted separation below which a plan with this required separation is no longer good, m."""
-    return np.maximum(thresholds.requirement.separation, required_separation - thresholds.separation_band)
+    """Return the predicted separation below which a plan with this required separation is no longer
+    good, m.
+    """
+    return np.maximum(
+        thresholds.requirement.separation, required_separation - thresholds.separation_band
+    )
 
 
 def watched(monitor: Monitor) -> Any:
@@ -38,14 +49,22 @@ def watched(monitor: Monitor) -> Any:
 
 
 def judged(
-    monitor: Monitor, memory: Memory, own: VehicleState, traffic: Traffic, causes: Any, thresholds: Thresholds
+    monitor: Monitor,
+    memory: Memory,
+    own: VehicleState,
+    traffic: Traffic,
+    causes: Any,
+    thresholds: Thresholds,
 ) -> tuple[Any, Any, dict[str, Any]]:
-    """Measure the present second against the plan; a cause begins beyond its threshold and ends below a share of it.
+    """Measure the present second against the plan; a cause begins beyond its threshold and ends
+    below a share of it.
 
-    Monitors are of the second before, all else of the present one, ``[N]`` and of the intruders ``[N, K]``.
+    Monitors are of the second before, all else of the present one, ``[N]`` and of the intruders
+    ``[N, K]``.
 
     Returns:
-        The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured, by the names of a decision's fields.
+        The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured, by the names of a
+        decision's fields.
     """
     on = watched(monitor)
     since = memory.time - monitor.started
@@ -66,7 +85,9 @@ def judged(
         causes = causes | latched(errors[:, column], limits[column], cause)
     lasting = np.max(sums / (thresholds.sustained * thresholds.memory * limits), axis=-1)
     causes = causes | latched(lasting, 1.0, Cause.ACCUMULATED)
-    causes = causes | latched(thresholds.plan_ending - (monitor.plan.knots.time[:, -1] - since), 0.0, Cause.PLAN_ENDING)
+    causes = causes | latched(
+        thresholds.plan_ending - (monitor.plan.knots.time[:, -1] - since), 0.0, Cause.PLAN_ENDING
+    )
 
     offset = np.hypot(off.cross_track, off.along_track)
     separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
@@ -92,11 +113,20 @@ def judged(
 
 
 def _outlook(
-    monitor: Monitor, own: VehicleState, traffic: Traffic, since: Any, offset: Any, thresholds: Thresholds
+    monitor: Monitor,
+    own: VehicleState,
+    traffic: Traffic,
+    since: Any,
+    offset: Any,
+    thresholds: Thresholds,
 ) -> tuple[Any, Any, Any]:
-    """Return the rest's separations ``[N, K]``, when they are lost and whether they are too small, ``[N]``."""
+    """Return the rest's separations ``[N, K]``, when they are lost and whether they are too small,
+    ``[N]``.
+    """
     requirement = thresholds.requirement
-    planned = np.where(monitor.expected.mask, kept(monitor.plan, monitor.expected, thresholds), np.inf)
+    planned = np.where(
+        monitor.expected.mask, kept(monitor.plan, monitor.expected, thresholds), np.inf
+    )
     least = floor(np.minimum(planned, required(traffic, own, requirement)), thresholds)
     # The present distance of the ownship from its plan may last: it is taken off.
     off = offset[:, None]
@@ -111,7 +141,9 @@ def _outlook(
 
 
 def _unexpected(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, Any, tuple[Any, Any]]:
-    """Return how far intruders are from what the plan expected, m and m/s, inf for new ones, and one sigma of both."""
+    """Return how far intruders are from what the plan expected, m and m/s, inf for new ones, and
+    one sigma of both.
+    """
     expected = monitor.expected
     there = predicted(expected, since[:, None])
     there = there._replace(speed=expected.state.speed)
@@ -123,4 +155,8 @@ def _unexpected(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, An
         return np.where(traffic.mask, np.where(expected.mask, error, np.inf), 0.0)
 
     place = np.hypot(uncertainty(expected, since[:, None]), uncertainty(traffic, 0.0))
-    return known(position), known(speed), (place, np.hypot(expected.velocity_std, traffic.velocity_std))
+    return (
+        known(position),
+        known(speed),
+        (place, np.hypot(expected.velocity_std, traffic.velocity_std)),
+    )

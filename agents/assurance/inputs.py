@@ -1,7 +1,7 @@
 """What the monitor is given at each time step, what of it is valid, and what it remembers.
 
-A report that is not finite, out of range, too old, out of order or from the future changes nothing but the causes;
-the last good one stays and ages.
+A report that is not finite, out of range, too old, out of order or from the future changes nothing
+but the causes; the last good one stays and ages.
 """
 
 import math
@@ -19,7 +19,9 @@ from envs.kinematics import FASTEST, VehicleState, velocity
 from envs.trees import mapped
 
 _AHEAD = 0.5  # s by which a report may seem to come from the future
-_SAME = 1e-6  # s by which the time of one report differs between two steps: rounding of now less age
+_SAME = (
+    1e-6  # s by which the time of one report differs between two steps: rounding of now less age
+)
 _FARTHEST, _LONGEST = 1e6, 1e12  # m, s
 _BASELINE = (0.2, 5.0)  # time steps between two reports that a turn rate may be read from
 _SIGNIFICANT = 3.0  # sigmas that an estimated turn must differ from straight flight
@@ -31,7 +33,9 @@ class Inputs(NamedTuple):
     time: Any  # now, on the monitor's clock, s
     own: VehicleState  # as last reported
     own_age: Any  # of that report, s
-    intruders: VehicleState  # as last reported, each in a place of its own as long as it exists, [N, K]
+    intruders: (
+        VehicleState  # as last reported, each in a place of its own as long as it exists, [N, K]
+    )
     age: Any  # of those reports, s, [N, K]
     mask: Any  # which intruders exist, bool, [N, K]; one that is updated away here is forgotten
     position_std: Any  # one sigma per axis, m, [N, K]
@@ -52,8 +56,12 @@ class Memory(NamedTuple):
     drift: Drift  # [N, K]
 
 
-def inputs(time: Any, own: VehicleState, intruders: VehicleState, mask: Any = None, **more: Any) -> Inputs:
-    """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, and every intruder exists."""
+def inputs(
+    time: Any, own: VehicleState, intruders: VehicleState, mask: Any = None, **more: Any
+) -> Inputs:
+    """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, and every
+    intruder exists.
+    """
     each, pairs = np.shape(own.x), np.shape(intruders.x)
     given = {
         "own_age": np.zeros(each),
@@ -62,7 +70,13 @@ def inputs(time: Any, own: VehicleState, intruders: VehicleState, mask: Any = No
         "velocity_std": np.zeros(pairs),
     } | more
     exists = np.ones(pairs, dtype=bool) if mask is None else mask
-    return Inputs(np.broadcast_to(np.asarray(time, float), each), own, intruders=intruders, mask=exists, **given)
+    return Inputs(
+        np.broadcast_to(np.asarray(time, float), each),
+        own,
+        intruders=intruders,
+        mask=exists,
+        **given,
+    )
 
 
 def blank(count: int, intruders: int, speed: Any) -> Memory:
@@ -79,8 +93,12 @@ def blank(count: int, intruders: int, speed: Any) -> Memory:
     )
 
 
-def updated(memory: Memory, given: Inputs, thresholds: Thresholds) -> tuple[Memory, VehicleState, Traffic, Any]:
-    """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and the causes."""
+def updated(
+    memory: Memory, given: Inputs, thresholds: Thresholds
+) -> tuple[Memory, VehicleState, Traffic, Any]:
+    """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and
+    the causes.
+    """
     clock = (np.abs(given.time) <= _LONGEST) & (given.time > memory.time)
     now = np.where(clock, given.time, np.where(np.isfinite(memory.time), memory.time, 0.0))
     causes = np.where(clock, 0, int(Cause.CLOCK)).astype(np.int32)
@@ -94,7 +112,11 @@ def updated(memory: Memory, given: Inputs, thresholds: Thresholds) -> tuple[Memo
     own_time = np.where(good, np.fmax(reported, memory.own_time), memory.own_time)
     causes |= _bit(now - own_time > thresholds.own_age, Cause.OWN_STALE)
 
-    sane = _sane(given.intruders, given.age) & _spread(given.position_std) & _spread(given.velocity_std)
+    sane = (
+        _sane(given.intruders, given.age)
+        & _spread(given.position_std)
+        & _spread(given.velocity_std)
+    )
     reported = now[:, None] - np.where(sane, given.age, 0.0)
     known = np.where(given.mask, memory.seen, -np.inf)
     ordered = (given.age >= -_AHEAD) & (reported >= known - _SAME)
@@ -117,35 +139,58 @@ def updated(memory: Memory, given: Inputs, thresholds: Thresholds) -> tuple[Memo
         (now[:, None] < drift.place_until, Cause.CONTRADICTION),
     ):
         causes |= _bit((where & given.mask).any(axis=-1), cause)
-    memory = Memory(now, own, own_time, intruders, seen, turn_rate, position_std, velocity_std, drift)
+    memory = Memory(
+        now, own, own_time, intruders, seen, turn_rate, position_std, velocity_std, drift
+    )
     return memory, *present(memory, given.mask, thresholds), causes
 
 
 def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleState, Traffic]:
-    """Return ownship and intruders now, advanced from the last good reports; intruders along the turns they show."""
+    """Return ownship and intruders now, advanced from the last good reports; intruders along the
+    turns they show.
+    """
     own_age = np.where(np.isfinite(memory.own_time), memory.time - memory.own_time, 0.0)
     known = np.isfinite(memory.seen)
     age = np.where(known, memory.time[:, None] - memory.seen, 0.0)
     turn_time = np.where(memory.turn_rate == 0.0, 0.0, thresholds.turn_time)
     reports = Traffic(
-        memory.intruders, mask & known, memory.turn_rate, turn_time, memory.position_std, memory.velocity_std, 0.0 * age
+        memory.intruders,
+        mask & known,
+        memory.turn_rate,
+        turn_time,
+        memory.position_std,
+        memory.velocity_std,
+        0.0 * age,
     )
     vx, vy = velocity(memory.own, np)
     x, y = memory.own.x + vx * own_age, memory.own.y + vy * own_age
-    return VehicleState(x, y, wrap(memory.own.heading, np), memory.own.speed), advanced(reports, age)
+    return VehicleState(x, y, wrap(memory.own.heading, np), memory.own.speed), advanced(
+        reports, age
+    )
 
 
-def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, thresholds: Thresholds) -> tuple[Any, Any]:
-    """Return the turn rates (rad/s, 0 where they may be noise) of the last two reports, and which are outside."""
+def _turn_rate(
+    memory: Memory, given: Inputs, elapsed: Any, good: Any, thresholds: Thresholds
+) -> tuple[Any, Any]:
+    """Return the turn rates (rad/s, 0 where they may be noise) of the last two reports, and which
+    are outside.
+    """
     shortest, longest = (steps * thresholds.options.aircraft.dt for steps in _BASELINE)
     comparable = good & (elapsed >= shortest) & (elapsed <= longest)
     seconds = np.where(comparable, elapsed, 1.0)
-    rate = wrap(np.where(comparable, given.intruders.heading - memory.intruders.heading, 0.0), np) / seconds
+    rate = (
+        wrap(np.where(comparable, given.intruders.heading - memory.intruders.heading, 0.0), np)
+        / seconds
+    )
     speed = np.maximum(np.where(comparable, given.intruders.speed, 1.0), 1.0)
-    std = np.hypot(np.where(comparable, given.velocity_std, 0.0), memory.velocity_std) / (speed * seconds)
+    std = np.hypot(np.where(comparable, given.velocity_std, 0.0), memory.velocity_std) / (
+        speed * seconds
+    )
     size = np.abs(rate)
     # What seems to turn faster than an aircraft can has jumped; nothing follows from that.
-    turning = (size >= np.maximum(thresholds.turn_rate_min, _SIGNIFICANT * std)) & (size <= thresholds.turn_rate_max)
+    turning = (size >= np.maximum(thresholds.turn_rate_min, _SIGNIFICANT * std)) & (
+        size <= thresholds.turn_rate_max
+    )
     fastest = thresholds.traffic["intruder_turn_rate"]
     # A track that begins anew, because its aircraft turns, adds what it lagged behind.
     outside = comparable & (excess(fastest, size) > thresholds.turn_rate_min + 2.0 * SIGMAS * std)
@@ -159,7 +204,11 @@ def _turn_rate(memory: Memory, given: Inputs, elapsed: Any, good: Any, threshold
 def _sane(state: VehicleState, age: Any) -> Any:
     """Return whether states are finite and in range; nan fails every comparison."""
     place = (np.abs(state.x) <= _FARTHEST) & (np.abs(state.y) <= _FARTHEST)
-    motion = (np.abs(state.heading) <= 2.0 * math.pi) & (state.speed >= 0.0) & (state.speed <= FASTEST.speed_max)
+    motion = (
+        (np.abs(state.heading) <= 2.0 * math.pi)
+        & (state.speed >= 0.0)
+        & (state.speed <= FASTEST.speed_max)
+    )
     return place & motion & (np.abs(age) <= _LONGEST)
 
 

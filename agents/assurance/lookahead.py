@@ -1,8 +1,8 @@
 """The outlook: how close the rest of a plan comes to the intruders as they fly now.
 
-A lower bound as the validator's (:mod:`agents.planner.validator`), in three steps, each only where the one before does
-not decide: whole legs against their chords, arcs against theirs, and parts of :data:`FINE` of an arc. Of a whole leg
-the bow is measured once, when the plan arrives.
+A lower bound as the validator's (:mod:`agents.planner.validator`), in three steps, each only where
+the one before does not decide: whole legs against their chords, arcs against theirs, and parts of
+:data:`FINE` of an arc. Of a whole leg the bow is measured once, when the plan arrives.
 """
 
 from typing import Any, NamedTuple
@@ -25,16 +25,18 @@ class Course(NamedTuple):
 
     knots: Knots  # [N, L + 1], their times on the plan's clock
     legs: Legs  # [N, L]
-    bow: Any  # largest distance of each leg from uniform motion along its chord, m, [N, L]; an upper bound
+    # largest distance of each leg from uniform motion along its chord, m, [N, L]; an upper bound
+    bow: Any
 
 
 class Outlook(NamedTuple):
     """What the rest of a plan holds; fields ``[N, K]``."""
 
-    # Smallest distance less what uncertainty grows to, m: a lower bound, exact to 5 mm below the level of interest; inf
-    # for absent intruders and after the plan's end.
+    # Smallest distance less what uncertainty grows to, m: a lower bound, exact to 5 mm below the
+    # level of interest; inf for absent intruders and after the plan's end.
     separation: Any
-    loss: Any  # when the separation first falls below the level of interest, s from now; inf where it does not
+    # when the separation first falls below the level of interest, s from now; inf where it does not
+    loss: Any
 
 
 def course(knots: Knots, legs: Legs) -> Course:
@@ -52,10 +54,11 @@ def course(knots: Knots, legs: Legs) -> Course:
 
 
 def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: float) -> Outlook:
-    """Look ahead on the rest of plans ``[N]``, ``since`` seconds on their clocks, against intruders ``[N, K]`` now.
+    """Look ahead on the rest of plans ``[N]``, ``since`` seconds on their clocks, against intruders
+    ``[N, K]`` now.
 
-    Separations above ``level``, m, ``[N, K]``, are bounded coarsely; so many sigmas of what uncertainty grows by are
-    taken off.
+    Separations above ``level``, m, ``[N, K]``, are bounded coarsely; so many sigmas of what
+    uncertainty grows by are taken off.
     """
     shape = traffic.mask.shape
     found = Outlook(np.full(shape, np.inf), np.full(shape, np.inf))
@@ -65,7 +68,9 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
     began, ended = times[:, :-1], times[:, 1:]
     ends = predicted(wide, times[..., None])
     x, y = ends.x - course.knots.x[..., None], ends.y - course.knots.y[..., None]
-    turn = np.where(began[..., None] < wide.turn_time, wide.state.speed * np.abs(wide.turn_rate), 0.0)
+    turn = np.where(
+        began[..., None] < wide.turn_time, wide.state.speed * np.abs(wide.turn_rate), 0.0
+    )
     length = (ended - began)[..., None]
     bow = course.bow[..., None] + 0.125 * turn * length * length
     near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - bow
@@ -80,21 +85,36 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
     return found
 
 
-def _arcs(found: Outlook, course: Course, since: Any, which: Any, traffic: Traffic, level: Any, sigmas: float) -> None:
+def _arcs(
+    found: Outlook,
+    course: Course,
+    since: Any,
+    which: Any,
+    traffic: Traffic,
+    level: Any,
+    sigmas: float,
+) -> None:
     """Look at the arcs of some legs, and at parts of those that are not clear."""
     n, leg, k = which
     one = column(take(traffic, (n, k)))
     arcs = take(course.legs, (n, leg))
     step = (arcs.duration / ARCS)[:, None]
-    # Of an arc begun already, all of it: what has been flown decides nothing but whether to look closer.
+    # Of an arc begun already, all of it: what has been flown decides nothing but whether to look
+    # closer.
     times = (arcs.time - since[n])[:, None] + np.arange(ARCS + 1) * step
     there = predicted(one, times)
     own_x = np.concatenate([arcs.x, course.knots.x[n, leg + 1, None]], axis=1)
     own_y = np.concatenate([arcs.y, course.knots.y[n, leg + 1, None]], axis=1)
     x, y = there.x - own_x, there.y - own_y
     pull = _pull(arcs.speed, arcs.acceleration, arcs.yaw_rate, step)
-    pull = pull + np.where(times[:, :-1] < one.turn_time, one.state.speed * np.abs(one.turn_rate), 0.0)
-    near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - 0.125 * pull * step * step - arcs.miss[:, None]
+    pull = pull + np.where(
+        times[:, :-1] < one.turn_time, one.state.speed * np.abs(one.turn_rate), 0.0
+    )
+    near = (
+        chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:])
+        - 0.125 * pull * step * step
+        - arcs.miss[:, None]
+    )
     near = near - _growth(one, one, times[:, 1:], sigmas)
     near = np.where(times[:, 1:] > 0.0, near, np.inf)
     unclear = near < level[n, k, None]
@@ -111,7 +131,10 @@ def _arcs(found: Outlook, course: Course, since: Any, which: Any, traffic: Traff
     there = predicted(one, parts)
     x, y = there.x - moved.x, there.y - moved.y
     length = np.diff(parts, axis=1)
-    near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - 0.125 * pull[m, arc][:, None] * length * length
+    near = (
+        chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:])
+        - 0.125 * pull[m, arc][:, None] * length * length
+    )
     near = near - arcs.miss[m, None] - _growth(one, one, parts[:, 1:], sigmas)
     pair = n[m], k[m]
     lost = np.min(np.where(near < level[pair][:, None], parts[:, :-1], np.inf), axis=1)

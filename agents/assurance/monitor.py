@@ -1,9 +1,10 @@
 """The run-time monitor: a pure state machine that watches plans being flown, one or many at once.
 
-At every time step :func:`step` takes the time, the own states and the intruders', with their ages. It judges what is
-left of the active plan, asks for a new one where it must, and falls back to a backup, always ready, where there is no
-plan. It never plans itself, draws no random numbers, reads no clock: the caller plans where a decision says so and
-hands the answers to :func:`answer`. States, thresholds and guarantees: docs/explanation/assurance.md.
+At every time step :func:`step` takes the time, the own states and the intruders', with their ages.
+It judges what is left of the active plan, asks for a new one where it must, and falls back to a
+backup, always ready, where there is no plan. It never plans itself, draws no random numbers, reads
+no clock: the caller plans where a decision says so and hands the answers to :func:`answer`. States,
+thresholds and guarantees: docs/explanation/assurance.md.
 """
 
 from typing import Any
@@ -24,11 +25,19 @@ from envs.waypoints import Knots, at, legs
 
 
 def activate(
-    monitor: Monitor, rows: Any, knots: Knots, safe: Any, time: Any, traffic: Traffic, thresholds: Thresholds
+    monitor: Monitor,
+    rows: Any,
+    knots: Knots,
+    safe: Any,
+    time: Any,
+    traffic: Traffic,
+    thresholds: Thresholds,
 ) -> Monitor:
-    """Begin to watch plans ``[M]`` in the rows numbered ``[M]`` of monitors ``[N]``, requested at a time, s, ``[M]``.
+    """Begin to watch plans ``[M]`` in the rows numbered ``[M]`` of monitors ``[N]``, requested at a
+    time, s, ``[M]``.
 
-    Only a safe plan is flown; a row with another plan has none and flies its backup from the next step on.
+    Only a safe plan is flown; a row with another plan has none and flies its backup from the next
+    step on.
 
     Args:
         knots: state at the request and the waypoints, ``[M, W + 1]``; nan where there is no plan.
@@ -42,7 +51,9 @@ def activate(
 
 
 def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monitor, Decision]:
-    """Judge one time step of monitors ``[N]`` by what they are given, ``[N]`` and of intruders ``[N, K]``."""
+    """Judge one time step of monitors ``[N]`` by what they are given, ``[N]`` and of intruders
+    ``[N, K]``.
+    """
     memory, own, traffic, causes = updated(monitor.memory, given, thresholds)
     idle = monitor.state == State.IDLE
     blind = has(causes, BLIND)
@@ -66,16 +77,26 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     rested = now - monitor.requested_at >= thresholds.replan_interval - 1e-9
     may_ask = rested & (~pending | silent) & ~blind & ~lost & ~idle
     held_up = (pending & ~may_ask) | ~rested | silent
-    at_once = unsafe & (refused | lost | silent | (held_up & (measured["loss"] <= thresholds.urgent)))
+    at_once = unsafe & (
+        refused | lost | silent | (held_up & (measured["loss"] <= thresholds.urgent))
+    )
     on_backup = (monitor.on_backup | (at_once & ~blind)) & ~idle
     state = np.select(
-        [idle, blind, on_backup, lost | has(causes, DOUBTFUL) | (wants & (refused | silent)), wants],
+        [
+            idle,
+            blind,
+            on_backup,
+            lost | has(causes, DOUBTFUL) | (wants & (refused | silent)),
+            wants,
+        ],
         [State.IDLE, State.DENIED, State.BACKUP, State.DENIED, State.REPLAN_REQUESTED],
         State.MONITORING,
     ).astype(np.int8)
     replan = may_ask & (wants | on_backup)
     asking = np.flatnonzero(replan)
-    monitor = _with(monitor, asking, request_traffic=take(traffic, asking), requested_at=now[asking])
+    monitor = _with(
+        monitor, asking, request_traffic=take(traffic, asking), requested_at=now[asking]
+    )
     monitor = monitor._replace(
         state=state,
         on_backup=on_backup,
@@ -84,32 +105,44 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
         sums=sums,
         requested=monitor.requested + replan,
     )
-    fly = np.where(idle, Flown.NOTHING, np.where(on_backup, Flown.BACKUP, Flown.PLAN)).astype(np.int8)
-    return monitor, Decision(state, fly, replan, monitor.requested, causes, own, traffic, **measured)
+    fly = np.where(idle, Flown.NOTHING, np.where(on_backup, Flown.BACKUP, Flown.PLAN)).astype(
+        np.int8
+    )
+    return monitor, Decision(
+        state, fly, replan, monitor.requested, causes, own, traffic, **measured
+    )
 
 
 def answer(
     monitor: Monitor, rows: Any, number: Any, knots: Knots, safe: Any, thresholds: Thresholds
 ) -> tuple[Monitor, Any]:
-    """Hand in what the planner answered to requests, ``[M]``, to rows of monitors ``[N]``, each row once.
+    """Hand in what the planner answered to requests, ``[M]``, to rows of monitors ``[N]``, each row
+    once.
 
-    A plan is taken up only if it is SAFE, answers the last request (so that it is not older than the active one),
-    and is still safe against the intruders as they are now. An answer to another request changes nothing; one that
-    cannot be flown leads to BACKUP if the rest of the active plan is not safe, else to DENIED.
+    A plan is taken up only if it is SAFE, answers the last request (so that it is not older than
+    the active one), and is still safe against the intruders as they are now. An answer to another
+    request changes nothing; one that cannot be flown leads to BACKUP if the rest of the active plan
+    is not safe, else to DENIED.
 
     Returns:
         The monitors, and which of the plans are flown now, ``[M]``.
     """
     rows = np.asarray(rows)
     current = (
-        (number == monitor.requested[rows]) & (monitor.answered[rows] < number) & (monitor.state[rows] != State.IDLE)
+        (number == monitor.requested[rows])
+        & (monitor.answered[rows] < number)
+        & (monitor.state[rows] != State.IDLE)
     )
     blind = has(monitor.causes[rows], BLIND)
     usable, plan = _usable(knots, np.asarray(safe) & current & ~blind, thresholds)
-    memory, when, known = take((monitor.memory, monitor.requested_at, monitor.request_traffic), rows[usable])
+    memory, when, known = take(
+        (monitor.memory, monitor.requested_at, monitor.request_traffic), rows[usable]
+    )
     _own, traffic = present(memory, known.mask, thresholds)
     least = floor(kept(plan, known, thresholds), thresholds) - thresholds.resolution
-    near = outlook(plan, memory.time - when, traffic, least, thresholds.requirement.sigmas).separation
+    near = outlook(
+        plan, memory.time - when, traffic, least, thresholds.requirement.sigmas
+    ).separation
     good = (near >= least).all(axis=-1)
     usable = usable[good]
 
@@ -125,7 +158,9 @@ def answer(
 
 
 def references(monitor: Monitor, time: Any, dt: float, count: int) -> VehicleState:
-    """Return the states to be flown through at a time, s, and every ``dt`` after it, ``[count + 1, N]``; IDLE: any."""
+    """Return the states to be flown through at a time, s, and every ``dt`` after it, ``[count + 1,
+    N]``; IDLE: any.
+    """
     when = np.broadcast_to(np.asarray(time, dtype=float), monitor.state.shape)
     result = VehicleState(*(np.zeros((count + 1, when.size)) for _ in range(4)))
     for rows, curves, starts in (
@@ -142,7 +177,9 @@ def references(monitor: Monitor, time: Any, dt: float, count: int) -> VehicleSta
 
 
 def _usable(knots: Knots, wanted: Any, thresholds: Thresholds) -> tuple[Any, Course]:
-    """Return the numbers of the plans ``[M]`` that are wanted and can be flown, and these as courses."""
+    """Return the numbers of the plans ``[M]`` that are wanted and can be flown, and these as
+    courses.
+    """
     rows = np.flatnonzero(wanted)
     nobody = Traffic.straight(VehicleState(*np.zeros((4, rows.size, 0))))
     rows = rows[validate(take(knots, rows), nobody, thresholds.requirement, thresholds.limits).safe]
@@ -150,7 +187,9 @@ def _usable(knots: Knots, wanted: Any, thresholds: Thresholds) -> tuple[Any, Cou
     return rows, course(plan, legs(plan))
 
 
-def _installed(monitor: Monitor, rows: Any, plan: Course, started: Any, expected: Traffic) -> Monitor:
+def _installed(
+    monitor: Monitor, rows: Any, plan: Course, started: Any, expected: Traffic
+) -> Monitor:
     what = {"plan": plan, "started": started, "expected": expected, "sums": 0.0}
     causes = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE)
     return _with(monitor, rows, **what, state=int(State.MONITORING), on_backup=False, causes=causes)

@@ -1,4 +1,5 @@
-"""Whether reports of an aircraft can be true together: how its velocity changes, and its places against velocities.
+"""Whether reports of an aircraft can be true together: how its velocity changes, and its places
+against velocities.
 
 Where they cannot one of them is wrong, and nothing that is predicted from them holds.
 """
@@ -12,11 +13,17 @@ from envs.kinematics import VehicleState, velocity
 from envs.trees import mapped
 
 SIGMAS = 5.5
-"""Standard deviations of the declared noise that excuse a report: of thousands of noisy reports none is refused."""
+"""Standard deviations of the declared noise that excuse a report: of thousands of noisy reports
+none is refused.
+"""
 
 _GAP = 5.0  # time steps between two reports, beyond which they say nothing of each other
-_WINDOW = 20.0  # time steps over which places are compared with velocities, and for which reports then must agree
-_PLACE, _SHARE = 0.06, 0.05  # differences that are always allowed: in separations, and as a share of the way flown
+# time steps over which places are compared with velocities, and for which reports then must agree
+_WINDOW = 20.0
+_PLACE, _SHARE = (
+    0.06,
+    0.05,
+)  # differences that are always allowed: in separations, and as a share of the way flown
 _SPEED = 0.02  # change of velocity that is always allowed, in the ownship's greatest speed
 
 
@@ -29,7 +36,9 @@ class Tolerance(NamedTuple):
 
 
 class Drift(NamedTuple):
-    """Where the comparison of each intruder began, and until when it is not believed; fields ``[N, K]``."""
+    """Where the comparison of each intruder began, and until when it is not believed; fields ``[N,
+    K]``.
+    """
 
     began: Any  # s; -inf before the first report
     x: Any  # place then, m
@@ -47,8 +56,11 @@ def unknown(shape: tuple[int, ...]) -> Drift:
     return Drift(never, zeros, zeros, zeros, zeros, zeros, never, never)
 
 
-def difference(moved: tuple[Any, Any], flown: tuple[Any, Any], noise: Any, allows: Tolerance) -> tuple[Any, Any]:
-    """Return how far displacements are from the integrals of the velocities, and what is allowed, m, ``[...]``.
+def difference(
+    moved: tuple[Any, Any], flown: tuple[Any, Any], noise: Any, allows: Tolerance
+) -> tuple[Any, Any]:
+    """Return how far displacements are from the integrals of the velocities, and what is allowed,
+    m, ``[...]``.
 
     The noise is one sigma of the difference, m.
     """
@@ -68,7 +80,8 @@ def followed(
     """Return the comparison with one more report of each intruder, ``[N, K]``.
 
     Args:
-        before: the last good reports, with one sigma of their positions, m, and velocities, m/s; ``report`` likewise.
+        before: the last good reports, with one sigma of their positions, m, and velocities, m/s;
+            ``report`` likewise.
         time: of the reports before and of the new ones, s; -inf where there is none before.
         good: which of the new ones are finite, in range and in order, bool.
     """
@@ -97,6 +110,16 @@ def followed(
     began, until = time[1], time[1] + _WINDOW * dt
     zero = np.zeros(elapsed.shape)
     start = (began, new.x, new.y, position_std, zero, zero)
-    kept = (*drift[:4], np.where(known, flown_x, drift.flown_x), np.where(known, flown_y, drift.flown_y))
+    kept = (
+        *drift[:4],
+        np.where(known, flown_x, drift.flown_x),
+        np.where(known, flown_y, drift.flown_y),
+    )
     window = [np.where(anew, a, b) for a, b in zip(start, kept, strict=True)]
-    return Drift(*window, *(np.where(a, until, b) for a, b in ((sudden, drift.rate_until), (apart, drift.place_until))))
+    return Drift(
+        *window,
+        *(
+            np.where(a, until, b)
+            for a, b in ((sudden, drift.rate_until), (apart, drift.place_until))
+        ),
+    )

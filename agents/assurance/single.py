@@ -1,7 +1,7 @@
 """The run-time monitor of one aircraft: ``agents.assurance`` with N = 1, by names and sentences.
 
-Intruders go by name and have the same place as long as they exist. One that is not reported any more is missing, which
-is a reason; it is forgotten only where the caller says that it is gone.
+Intruders go by name and have the same place as long as they exist. One that is not reported any
+more is missing, which is a reason; it is forgotten only where the caller says that it is gone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +35,9 @@ class Why:
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """A request for a plan, to be given to :func:`agents.planner.plan` and back to :func:`answer`."""
+    """A request for a plan, to be given to :func:`agents.planner.plan` and back to
+    :func:`answer`.
+    """
 
     number: int
     own: VehicleState
@@ -77,14 +79,24 @@ def begin(thresholds: Thresholds) -> Watch:
     return Watch(start(1, 0, thresholds), (), thresholds)
 
 
-def activate(watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str, Intruder], time: float) -> Watch:
-    """Begin to watch a plan, with states and time, s, of its request; of one that is not SAFE the backup is flown."""
+def activate(
+    watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str, Intruder], time: float
+) -> Watch:
+    """Begin to watch a plan, with states and time, s, of its request; of one that is not SAFE the
+    backup is flown.
+    """
     watch = _placed(watch, (*watch.names, *(name for name in intruders if name not in watch.names)))
     given, age = reported([intruders.get(name, Intruder(_NOWHERE)) for name in watch.names])
-    traffic = advanced(given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)), age)
+    traffic = advanced(
+        given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)),
+        age,
+    )
     knots, thresholds = _knots(own, plan, watch.thresholds), watch.thresholds
     safe = np.array([plan.safe])
-    return replace(watch, monitor=monitors.activate(watch.monitor, _ONE, knots, safe, time, traffic, thresholds))
+    return replace(
+        watch,
+        monitor=monitors.activate(watch.monitor, _ONE, knots, safe, time, traffic, thresholds),
+    )
 
 
 def step(
@@ -96,13 +108,20 @@ def step(
     own_age: float = 0.0,
     gone: Sequence[str] = (),
 ) -> tuple[Watch, Verdict]:
-    """Judge one second, s, by the last reports; ``own`` is None where it is missing, ``gone`` do not count any more."""
-    names = (*(name for name in watch.names if name not in gone), *(n for n in intruders if n not in watch.names))
+    """Judge one second, s, by the last reports; ``own`` is None where it is missing, ``gone`` do
+    not count any more.
+    """
+    names = (
+        *(name for name in watch.names if name not in gone),
+        *(n for n in intruders if n not in watch.names),
+    )
     watch = _placed(watch, names)
     seen, age = reported([intruders.get(name, Intruder(_MISSING)) for name in names])
     here = VehicleState(*(np.array([value], dtype=float) for value in (own or _MISSING)))
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
-    given = Inputs(now, here, late, seen.state, age, seen.mask, seen.position_std, seen.velocity_std)
+    given = Inputs(
+        now, here, late, seen.state, age, seen.mask, seen.position_std, seen.velocity_std
+    )
     monitor, decision = monitors.step(watch.monitor, given, watch.thresholds)
     asked = _ask(monitor, decision, watch.thresholds) if decision.replan[0] else None
     backup = _waypoints(monitor) if np.isfinite(monitor.backup.started[0]) else ()
@@ -117,7 +136,9 @@ def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
         return watch, False
     given = _knots(watch.ask.own, plan, watch.thresholds)
     safe = np.array([plan.safe])
-    monitor, taken_up = monitors.answer(watch.monitor, _ONE, np.array([number]), given, safe, watch.thresholds)
+    monitor, taken_up = monitors.answer(
+        watch.monitor, _ONE, np.array([number]), given, safe, watch.thresholds
+    )
     return replace(watch, monitor=monitor), bool(taken_up[0])
 
 
@@ -138,15 +159,28 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
         name: mapped(moved, getattr(new.memory, name), getattr(old.memory, name))
         for name in ("intruders", "seen", "turn_rate", "position_std", "velocity_std", "drift")
     }
-    rest = {name: mapped(moved, getattr(new, name), getattr(old, name)) for name in ("expected", "request_traffic")}
-    return replace(watch, monitor=old._replace(memory=old.memory._replace(**given), **rest), names=names)
+    rest = {
+        name: mapped(moved, getattr(new, name), getattr(old, name))
+        for name in ("expected", "request_traffic")
+    }
+    return replace(
+        watch, monitor=old._replace(memory=old.memory._replace(**given), **rest), names=names
+    )
 
 
 def _ask(monitor: Monitor, decision: Decision, thresholds: Thresholds) -> Ask:
-    """Return the request of one second: the last good reports with their ages, as the planner takes them."""
+    """Return the request of one second: the last good reports with their ages, as the planner takes
+    them.
+    """
     memory, own = monitor.memory, VehicleState(*(float(field[0]) for field in decision.own))
     turns = memory.turn_rate, np.where(memory.turn_rate == 0.0, 0.0, thresholds.turn_time)
-    fields = (*memory.intruders, memory.time - memory.seen, *turns, memory.position_std, memory.velocity_std)
+    fields = (
+        *memory.intruders,
+        memory.time - memory.seen,
+        *turns,
+        memory.position_std,
+        memory.velocity_std,
+    )
     rows = np.stack(fields, axis=-1)[decision.traffic.mask].tolist()
     known = tuple(Intruder(VehicleState(*row[:4]), *row[4:]) for row in rows)
     return Ask(int(decision.number[0]), own, known)
@@ -163,7 +197,9 @@ def reasons(decision: Decision, thresholds: Thresholds) -> tuple[Why, ...]:
 
 
 def _knots(own: VehicleState, plan: Plan, thresholds: Thresholds) -> Knots:
-    """Return a plan's knots, ``[1, W + 1]``; nan where it has no trajectory, or not as many waypoints as expected."""
+    """Return a plan's knots, ``[1, W + 1]``; nan where it has no trajectory, or not as many
+    waypoints as expected.
+    """
     count = thresholds.options.waypoints
     if len(plan.waypoints) != count:
         return Knots(*(np.full((1, count + 1), np.nan) for _ in range(5)))

@@ -55,17 +55,21 @@ class Decision(NamedTuple):
 
     state: Any  # code of State, int8
     fly: Any  # code of Flown, int8
-    replan: Any  # whether a plan is requested now, bool: from own, against traffic, with the number below
+    # whether a plan is requested now, bool: from own, against traffic, with the number below
+    replan: Any
     number: Any
     causes: Any  # bits of Cause, int32
     own: VehicleState  # present states, dead-reckoned
-    traffic: Traffic  # the intruders now, dead-reckoned, with the turns that their reports show, [N, K]
+    traffic: (
+        Traffic  # the intruders now, dead-reckoned, with the turns that their reports show, [N, K]
+    )
     cross_track: Any  # error against the plan, m, positive to its left
     along_track: Any  # m, positive ahead
     time_error: Any  # s, positive when late
     intruder_position: Any  # largest deviation of an intruder from its prediction, m
     intruder_velocity: Any  # m/s
-    separation: Any  # predicted separation of the rest of the plan, less the own distance from it, m; a lower bound
+    # predicted separation of the rest of the plan, less the own distance from it, m; a lower bound
+    separation: Any
     loss: Any  # when that rest falls below what is required, s from now; inf where it does not
 
 
@@ -76,7 +80,9 @@ def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:
     no_traffic = Traffic.straight(VehicleState(*np.zeros((4, count, intruders))), absent)
     options = thresholds.options
     # Keeps arrays whole where there is no plan.
-    straight = straight_east(count, np.arange(options.waypoints + 1) * options.interval, options.aircraft.limits)
+    straight = straight_east(
+        count, np.arange(options.waypoints + 1) * options.interval, options.aircraft.limits
+    )
     return Monitor(
         state=np.zeros(count, dtype=np.int8),
         on_backup=no.copy(),

@@ -1,4 +1,6 @@
-"""When the run-time monitor acts: thresholds and named causes. Derivations: docs/explanation/assurance.md."""
+"""When the run-time monitor acts: thresholds and named causes. Derivations:
+docs/explanation/assurance.md.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -41,33 +43,54 @@ SAYS = {
     Cause.OWN_STALE: ("own.age", "is more than {own_age:g} s"),
     Cause.OWN_OUT_OF_ORDER: ("own.age", "puts the state before the last one, or into the future"),
     Cause.CLOCK: ("time", "did not increase, or is no number"),
-    Cause.INTRUDER_MISSING: ("intruders", "lack a report that is finite and in range; the last good one is used"),
-    Cause.INTRUDER_STALE: ("intruders", "have a last good report older than {intruder_age:g} s, or none"),
-    Cause.INTRUDER_OUT_OF_ORDER: ("intruders", "have a report from before the last one, or from the future"),
+    Cause.INTRUDER_MISSING: (
+        "intruders",
+        "lack a report that is finite and in range; the last good one is used",
+    ),
+    Cause.INTRUDER_STALE: (
+        "intruders",
+        "have a last good report older than {intruder_age:g} s, or none",
+    ),
+    Cause.INTRUDER_OUT_OF_ORDER: (
+        "intruders",
+        "have a report from before the last one, or from the future",
+    ),
     Cause.CROSS_TRACK: ("cross_track", "is {now.cross_track:.1f} m, allowed {cross_track:g} m"),
     Cause.ALONG_TRACK: ("along_track", "is {now.along_track:.1f} m, allowed {along_track:g} m"),
     Cause.TIME_ERROR: ("time_error", "is {now.time_error:.2f} s, allowed {time_error:g} s"),
     Cause.ACCUMULATED: ("sums", "of small errors against the plan have lasted too long"),
     Cause.INTRUDER_DEVIATION: (
         "intruders",
-        "are {now.intruder_position:.0f} m and {now.intruder_velocity:.1f} m/s off their predictions",
+        "are {now.intruder_position:.0f} m and {now.intruder_velocity:.1f} m/s off their "
+        "predictions",
     ),
-    Cause.SEPARATION: ("separation", "of the rest of the plan is {now.separation:.1f} m as the intruders fly now"),
+    Cause.SEPARATION: (
+        "separation",
+        "of the rest of the plan is {now.separation:.1f} m as the intruders fly now",
+    ),
     Cause.PLAN_ENDING: ("plan", "ends in less than {plan_ending:g} s"),
     Cause.NO_ANSWER: ("planner", "has not answered within {answer_time:g} s"),
     Cause.REFUSED: ("planner", "has found no plan that may be flown"),
-    Cause.BACKUP_UNSAFE: ("backup", "does not keep the required separation; it is the one of greatest clearance"),
+    Cause.BACKUP_UNSAFE: (
+        "backup",
+        "does not keep the required separation; it is the one of greatest clearance",
+    ),
     Cause.OUTSIDE_RANGE: (
         "intruders",
-        "are outside_domain: speed, turn rate or declared noise is out of range; the policy was not trained for them",
+        "are outside_domain: speed, turn rate or declared noise is out of range; the policy was "
+        "not trained for them",
     ),
-    Cause.IMPOSSIBLE_RATE: ("intruders", "are outside_domain: a velocity changed faster than an aircraft can"),
+    Cause.IMPOSSIBLE_RATE: (
+        "intruders",
+        "are outside_domain: a velocity changed faster than an aircraft can",
+    ),
     Cause.CONTRADICTION: (
         "intruders",
         "are outside_domain: places contradict velocities, and no plan can rely on them",
     ),
 }
-"""What each cause says of what: fields of a decision are ``now``'s, others those of the thresholds."""
+"""What each cause says of what: fields of a decision are ``now``'s, others those of the thresholds.
+"""
 
 BLIND = Cause.OWN_MISSING | Cause.OWN_STALE | Cause.OWN_OUT_OF_ORDER | Cause.CLOCK
 """Nothing can be said about the ownship: DENIED."""
@@ -76,7 +99,9 @@ LOST = Cause.INTRUDER_STALE
 """Nothing can be planned against an intruder: DENIED, or BACKUP."""
 
 DOUBTFUL = Cause.IMPOSSIBLE_RATE | Cause.CONTRADICTION
-"""No plan against an intruder can be called safe: DENIED; plans are asked for and flown as the best there is."""
+"""No plan against an intruder can be called safe: DENIED; plans are asked for and flown as the best
+there is.
+"""
 
 OUTSIDE = Cause.OUTSIDE_RANGE | DOUBTFUL
 """The intruders are outside the operating domain."""
@@ -95,8 +120,9 @@ WANTING = (
 """A new plan is wanted."""
 
 
-# Share of the sigmas planned with that must be left before a new plan is asked for: what is believed of an intruder
-# wanders inside its uncertainty, and a plan that needs all of it would be void with every second report.
+# Share of the sigmas planned with that must be left before a new plan is asked for: what is
+# believed of an intruder wanders inside its uncertainty, and a plan that needs all of it would be
+# void with every second report.
 _KEPT = 0.5
 
 
@@ -109,8 +135,8 @@ class Thresholds:
     manoeuvre: Limits
     """That backups are made with."""
     separation_band: float
-    """By how much the predicted separation may fall below what the plan was required to keep, m; never below the
-    separation itself."""
+    """By how much the predicted separation may fall below what the plan was required to keep, m;
+    never below the separation itself."""
     resolution: float
     """By how much bounds of the separation may lie below the truth, m."""
     cross_track: float
@@ -128,7 +154,9 @@ class Thresholds:
     concern: float
     """Predicted separation beyond which an intruder's deviation asks for nothing, m."""
     turn_time: float
-    """For how long an intruder is expected to go on with the turn that its last two reports show, s."""
+    """For how long an intruder is expected to go on with the turn that its last two reports show,
+    s.
+    """
     turn_rate_min: float
     """Estimated turn rate below which it counts as straight, rad/s."""
     turn_rate_max: float
@@ -156,7 +184,9 @@ class Thresholds:
 
     @classmethod
     def for_plans(cls, options: Options, **changes: Any) -> "Thresholds":
-        """Return the usual thresholds, but for some changes, for plans with options; half of their sigmas count."""
+        """Return the usual thresholds, but for some changes, for plans with options; half of their
+        sigmas count.
+        """
         wanted, aircraft = options.requirement, options.aircraft
         options = replace(options, requirement=wanted._replace(sigmas=_KEPT * wanted.sigmas))
         far, step, limits = aircraft.separation, aircraft.dt, aircraft.limits
@@ -197,6 +227,8 @@ class Thresholds:
 
 
 def backup_limits(options: Options) -> Limits:
-    """Return what backups are made with: all that the vehicle can, at the speeds of decisions; each leg is constant."""
+    """Return what backups are made with: all that the vehicle can, at the speeds of decisions; each
+    leg is constant.
+    """
     both, slowest = within(options.aircraft.limits, options.limits), options.manoeuvre.speed_min
     return options.limits._replace(speed_min=max(both.speed_min, slowest), speed_max=both.speed_max)

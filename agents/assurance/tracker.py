@@ -1,10 +1,12 @@
-"""Tracks of intruders from noisy reports: fixed gains on position and velocity, begun anew when a report contradicts.
+"""Tracks of intruders from noisy reports: fixed gains on position and velocity, begun anew when a
+report contradicts.
 
-An alpha-beta tracker (Brookner, Tracking and Kalman Filtering Made Easy, 1998) whose velocity is corrected by the
-reported one, as ADS-B gives it: the estimate flies straight on between two reports, and a share of what a report
-differs from it is taken over, all of it at first and then as many parts as there were reports, down to the gains. An
-intruder that turns leaves the straight line; once that shows beyond the noise, in one report or in the mean of several,
-the track begins anew with the report. Without noise every report does, so that nothing is lost.
+An alpha-beta tracker (Brookner, Tracking and Kalman Filtering Made Easy, 1998) whose velocity is
+corrected by the reported one, as ADS-B gives it: the estimate flies straight on between two
+reports, and a share of what a report differs from it is taken over, all of it at first and then as
+many parts as there were reports, down to the gains. An intruder that turns leaves the straight
+line; once that shows beyond the noise, in one report or in the mean of several, the track begins
+anew with the report. Without noise every report does, so that nothing is lost.
 """
 
 from typing import Any, NamedTuple
@@ -17,7 +19,8 @@ from envs.trees import mapped
 
 _POSITION_GAIN, _VELOCITY_GAIN = 0.3, 0.15
 _DRIFT_GAIN = 0.3  # of the running mean of the velocity's deviations
-# Sigmas of a report beyond which a deviation, or their running mean, is no noise; wrongly for one in a thousand.
+# Sigmas of a report beyond which a deviation, or their running mean, is no noise; wrongly for one
+# in a thousand.
 _JUMP_POSITION, _JUMP_VELOCITY, _DRIFT = 4.8, 4.2, 1.9
 
 
@@ -34,17 +37,26 @@ class Tracks(NamedTuple):
 
     @property
     def errors(self) -> dict[str, Any]:
-        """Standard deviations of the estimates, per axis, as :func:`agents.assurance.inputs.inputs` takes them."""
-        return {"position_std": np.sqrt(self.position_variance), "velocity_std": np.sqrt(self.velocity_variance)}
+        """Standard deviations of the estimates, per axis, as :func:`agents.assurance.inputs.inputs`
+        takes them.
+        """
+        return {
+            "position_std": np.sqrt(self.position_variance),
+            "velocity_std": np.sqrt(self.velocity_variance),
+        }
 
 
 def begin(report: VehicleState, position_std: Any, velocity_std: Any) -> Tracks:
     """Return tracks that know one report, ``[...]``; arguments as :func:`follow` has them."""
     zero = np.zeros(np.shape(report.x))
-    return Tracks(report, zero + 1.0, zero, zero, zero + position_std**2, zero + velocity_std**2, zero)
+    return Tracks(
+        report, zero + 1.0, zero, zero, zero + position_std**2, zero + velocity_std**2, zero
+    )
 
 
-def follow(tracks: Tracks | None, report: VehicleState, position_std: Any, velocity_std: Any, dt: float) -> Tracks:
+def follow(
+    tracks: Tracks | None, report: VehicleState, position_std: Any, velocity_std: Any, dt: float
+) -> Tracks:
     """Return the tracks (None: there are none) with reports ``dt`` seconds later, ``[...]``.
 
     The standard deviations are those of the reports, per axis, m and m/s.
@@ -64,11 +76,16 @@ def follow(tracks: Tracks | None, report: VehicleState, position_std: Any, veloc
     near, slow = np.maximum(_POSITION_GAIN, 1.0 / count), np.maximum(_VELOCITY_GAIN, 1.0 / count)
     vx, vy = vx + slow * off_vx, vy + slow * off_vy
     followed = VehicleState(x + near * off_x, y + near * off_y, atan2(vy, vx, np), np.hypot(vx, vy))
-    # The errors of an estimate with any gains: what is kept of those predicted, and what is taken over of the report's.
+    # The errors of an estimate with any gains: what is kept of those predicted, and what is taken
+    # over of the report's.
     far, fast = 1.0 - near, 1.0 - slow
-    moved = tracks.position_variance + dt * (2.0 * tracks.covariance + dt * tracks.velocity_variance)
+    moved = tracks.position_variance + dt * (
+        2.0 * tracks.covariance + dt * tracks.velocity_variance
+    )
     place = far * far * moved + (near * position_std) ** 2
     motion = fast * fast * tracks.velocity_variance + (slow * velocity_std) ** 2
     both = far * fast * (tracks.covariance + dt * tracks.velocity_variance)
     kept = Tracks(followed, count, drift_x, drift_y, place, motion, both)
-    return mapped(lambda old, new: np.where(anew, new, old), kept, begin(report, position_std, velocity_std))
+    return mapped(
+        lambda old, new: np.where(anew, new, old), kept, begin(report, position_std, velocity_std)
+    )

@@ -1,14 +1,16 @@
 """Networks in the ``.nnet`` text format, and the advisory logics of the field that come in it.
 
-The format (K. Julian, Stanford, 2016) is a text: the number of layers, inputs, outputs and the widest layer; the
-layers' sizes; a number without use; minima, maxima, means and ranges of the inputs, the last two with one more for all
-outputs; then for each layer its weights, a line a row, and its biases, a line each. Comment lines, which begin with
-``//``, and blank lines may stand anywhere, a byte order mark at the beginning.
+The format (K. Julian, Stanford, 2016) is a text: the number of layers, inputs, outputs and the
+widest layer; the layers' sizes; a number without use; minima, maxima, means and ranges of the
+inputs, the last two with one more for all outputs; then for each layer its weights, a line a row,
+and its biases, a line each. Comment lines, which begin with ``//``, and blank lines may stand
+anywhere, a byte order mark at the beginning.
 
-Two logics are known by the number of inputs. HorizontalCAS has 3 (intruder ahead ft, left ft, relative heading rad)
-and advises what scores highest; ACAS Xu has 5 (distance ft, bearing rad, relative heading rad, both speeds ft/s) and
-advises what scores lowest. Both have five outputs: clear of conflict, weak left, weak right, strong left, strong right
-(1.5 and 3 deg/s), and one network for each advisory that went before.
+Two logics are known by the number of inputs. HorizontalCAS has 3 (intruder ahead ft, left ft,
+relative heading rad) and advises what scores highest; ACAS Xu has 5 (distance ft, bearing rad,
+relative heading rad, both speeds ft/s) and advises what scores lowest. Both have five outputs:
+clear of conflict, weak left, weak right, strong left, strong right (1.5 and 3 deg/s), and one
+network for each advisory that went before.
 """
 
 import math
@@ -53,7 +55,9 @@ class Network:
     span: np.ndarray
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
-        """Return outputs ``[N, O]`` for inputs ``[N, I]`` in the file's units; ValueError: wrong shape, not finite."""
+        """Return outputs ``[N, O]`` for inputs ``[N, I]`` in the file's units; ValueError: wrong
+        shape, not finite.
+        """
         inputs = np.asarray(inputs, np.float64)
         if inputs.ndim != 2 or inputs.shape[1] != len(self.low):
             raise ValueError(f"inputs have shape {inputs.shape}, expected [N, {len(self.low)}]")
@@ -78,20 +82,28 @@ def read(path: str | os.PathLike[str]) -> Network:
     ends = np.cumsum([math.prod(shape) for shape in shapes], dtype=object)
     begin = 4 + len(sizes) + 1  # after the number without use
     if len(numbers) != begin + ends[-1]:
-        raise NnetError(f"{source}: {len(numbers)} numbers, expected {begin + ends[-1]} for the sizes {sizes}")
+        raise NnetError(
+            f"{source}: {len(numbers)} numbers, expected {begin + ends[-1]} for the sizes {sizes}"
+        )
     parts = np.split(numbers[begin:], ends[:-1].astype(int))
-    low, high, mean, span, *rest = (part.reshape(shape) for part, shape in zip(parts, shapes, strict=True))
+    low, high, mean, span, *rest = (
+        part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)
+    )
     if not ((low < high).all() and (span > 0.0).all()):
-        raise NnetError(f"{source}: expected maxima of the inputs above their minima, and ranges above 0")
+        raise NnetError(
+            f"{source}: expected maxima of the inputs above their minima, and ranges above 0"
+        )
     return Network(tuple(rest[::2]), tuple(rest[1::2]), low, high, mean, span)
 
 
 @dataclass(frozen=True)
 class AdvisoryLogic:
-    """A logic flown as a decider: its advisory for the most critical intruder, else to the goal when that is clear.
+    """A logic flown as a decider: its advisory for the most critical intruder, else to the goal
+    when that is clear.
 
-    The networks see the scene as it is. They were made to keep 500 ft between aircraft of about 200 ft/s, but advise
-    long before. The way back to the goal is free where the aircraft's separation is kept.
+    The networks see the scene as it is. They were made to keep 500 ft between aircraft of about 200
+    ft/s, but advise long before. The way back to the goal is free where the aircraft's separation
+    is kept.
     """
 
     networks: tuple[Network, ...]
@@ -99,7 +111,9 @@ class AdvisoryLogic:
     aircraft: Aircraft
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return actions ``[M, 2]`` that hold the speed, and the advisories to remember; a ValueError: not finite."""
+        """Return actions ``[M, 2]`` that hold the speed, and the advisories to remember; a
+        ValueError: not finite.
+        """
         inputs = self._inputs(checked(sight))
         scores = np.empty((len(memory), len(ADVISORIES)))
         for previous in range(len(ADVISORIES)):
@@ -130,9 +144,10 @@ class AdvisoryLogic:
 def load_logic(path: str | os.PathLike[str], aircraft: Aircraft) -> AdvisoryLogic:
     """Load a logic for an aircraft by one of its networks.
 
-    A name that holds ``pra0_`` to ``pra4_`` (HorizontalCAS), ``run2a_1_`` or ``v2a_1_`` to 5 (ACAS Xu; the number after
-    it is the vertical tau's, of which 1 is co-altitude) stands for the networks of all five previous advisories, which
-    must lie beside it; another name for one that serves always.
+    A name that holds ``pra0_`` to ``pra4_`` (HorizontalCAS), ``run2a_1_`` or ``v2a_1_`` to 5 (ACAS
+    Xu; the number after it is the vertical tau's, of which 1 is co-altitude) stands for the
+    networks of all five previous advisories, which must lie beside it; another name for one that
+    serves always.
 
     Raises:
         NnetError: a network is missing, malformed, or none of a logic that is known.
@@ -143,12 +158,15 @@ def load_logic(path: str | os.PathLike[str], aircraft: Aircraft) -> AdvisoryLogi
         shape = len(network.low), len(network.biases[-1])
         if shape not in ((_HORIZONTAL, len(ADVISORIES)), (_ACAS_XU, len(ADVISORIES))):
             raise NnetError(
-                f"{sibling}: {shape[0]} inputs and {shape[1]} outputs, expected {_HORIZONTAL} (HorizontalCAS) or "
+                f"{sibling}: {shape[0]} inputs and {shape[1]} outputs, expected {_HORIZONTAL} "
+                "(HorizontalCAS) or "
                 f"{_ACAS_XU} (ACAS Xu) inputs and {len(ADVISORIES)} outputs"
             )
         networks.append(network)
     if len({len(network.low) for network in networks}) != 1:
-        raise NnetError(f"{os.fspath(path)}: the networks of the previous advisories have different inputs")
+        raise NnetError(
+            f"{os.fspath(path)}: the networks of the previous advisories have different inputs"
+        )
     return AdvisoryLogic(tuple(networks), aircraft)
 
 
@@ -159,7 +177,10 @@ def _family(path: Path) -> Sequence[Path]:
         return [path]
     before, after = path.name[: found.start(2)], path.name[found.end(2) :]
     first = 0 if found[1] == "pra" else 1
-    return [path.with_name(f"{before}{number}{after}") for number in range(first, first + len(ADVISORIES))]
+    return [
+        path.with_name(f"{before}{number}{after}")
+        for number in range(first, first + len(ADVISORIES))
+    ]
 
 
 def _product(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -188,5 +209,7 @@ def _whole(numbers: np.ndarray, count: int, source: str) -> list[int]:
     """Return the first numbers, which must be whole and positive."""
     found = numbers[:count]
     if len(found) < count or (found != np.round(found)).any() or (found < 1).any():
-        raise NnetError(f"{source}: begins with {found.tolist()}, expected {count} whole numbers of at least 1")
+        raise NnetError(
+            f"{source}: begins with {found.tolist()}, expected {count} whole numbers of at least 1"
+        )
     return found.astype(int).tolist()

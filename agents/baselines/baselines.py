@@ -1,7 +1,9 @@
-"""Deciders to compare with: what an aircraft does without a resolver, by the rules of the air, or by geometry.
+"""Deciders to compare with: what an aircraft does without a resolver, by the rules of the air, or
+by geometry.
 
-All see what a policy does, all intruders at once, and return actions of the same contract. They steer to the goal while
-nothing is in the way. ``speed`` of the two that resolve says whether they may change it: most resolvers hold it.
+All see what a policy does, all intruders at once, and return actions of the same contract. They
+steer to the goal while nothing is in the way. ``speed`` of the two that resolve says whether they
+may change it: most resolvers hold it.
 """
 
 import math
@@ -19,12 +21,15 @@ from envs.trees import column
 
 _GAIN = 0.5  # of the error of the heading that is turned in a time step
 _EVER, _PAST = 1e5, 1.05
-_MARGIN = 1.1  # separations that the resolvers aim at: they decide at every time step, for straight flight
+# separations that the resolvers aim at: they decide at every time step, for straight flight
+_MARGIN = 1.1
 _LOOKAHEAD, _PATIENCE = 120.0, 60.0  # time steps
 
 
 class Sight(NamedTuple):
-    """What a decider sees of encounters in progress; own fields ``[M]``, those of intruders ``[M, K]``."""
+    """What a decider sees of encounters in progress; own fields ``[M]``, those of intruders ``[M,
+    K]``.
+    """
 
     own: VehicleState
     intruders: VehicleState  # as reported, not as they are
@@ -47,10 +52,14 @@ class Baseline(Protocol):
 
 
 def checked(sight: Sight) -> Sight:
-    """Return a sight in which every number is finite, absent intruders aside; a ValueError names one that is not."""
+    """Return a sight in which every number is finite, absent intruders aside; a ValueError names
+    one that is not.
+    """
     fields: dict[str, Any] = {f"own.{name}": values for name, values in sight.own._asdict().items()}
     seen = sight.intruders._asdict()
-    fields |= {f"intruders.{name}": np.where(sight.mask, values, 0.0) for name, values in seen.items()}
+    fields |= {
+        f"intruders.{name}": np.where(sight.mask, values, 0.0) for name, values in seen.items()
+    }
     fields |= {"goal_x": sight.goal_x, "goal_y": sight.goal_y, "left": sight.left}
     for name, values in fields.items():
         for where in np.argwhere(~np.isfinite(values)):
@@ -62,8 +71,8 @@ def checked(sight: Sight) -> Sight:
 def course_to_goal(sight: Sight, aircraft: Aircraft) -> np.ndarray:
     """Return the course to be steered to the goal, rad in [-pi, pi), ``[M]``.
 
-    A goal inside the turning circle can never be met by turning to it: the ownship flies straight on until it is
-    outside, and turns then.
+    A goal inside the turning circle can never be met by turning to it: the ownship flies straight
+    on until it is outside, and turns then.
     """
     own = sight.own
     dx, dy = sight.goal_x - own.x, sight.goal_y - own.y
@@ -71,16 +80,20 @@ def course_to_goal(sight: Sight, aircraft: Aircraft) -> np.ndarray:
     radius = own.speed / aircraft.limits.yaw_rate_max
     side = np.where(bearing >= 0.0, 1.0, -1.0)
     # Distance of the goal from the centre of the circle to its side.
-    apart = np.hypot(dx + side * radius * np.sin(own.heading), dy - side * radius * np.cos(own.heading))
+    apart = np.hypot(
+        dx + side * radius * np.sin(own.heading), dy - side * radius * np.cos(own.heading)
+    )
     unreachable = apart < radius - 0.9 * aircraft.goal_radius
     return wrap(own.heading + np.where(unreachable, 0.0, bearing), np)
 
 
 def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
-    """Return whether the ownship may go back to its route, ``required`` metres from intruders, bool ``[M]``.
+    """Return whether the ownship may go back to its route, ``required`` metres from intruders, bool
+    ``[M]``.
 
-    It may where one turn onto the goal and straight flight to it keep clear of all intruders, and, as is usual among
-    published resolvers, where all of them are past their closest point of approach and far enough.
+    It may where one turn onto the goal and straight flight to it keep clear of all intruders, and,
+    as is usual among published resolvers, where all of them are past their closest point of
+    approach and far enough.
     """
     own, goal = column((sight.own, (sight.goal_x, sight.goal_y)))
     # Late or not: whether there is time is no question of being clear.
@@ -93,7 +106,9 @@ def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
 
 
 def steered(own: VehicleState, course: Any, aircraft: Aircraft) -> np.ndarray:
-    """Return the steering, a share of the largest turn rate in [-1, 1], that brings the heading to a course."""
+    """Return the steering, a share of the largest turn rate in [-1, 1], that brings the heading to
+    a course.
+    """
     gain = _GAIN / aircraft.dt
     return np.clip(gain * wrap(course - own.heading, np) / aircraft.limits.yaw_rate_max, -1.0, 1.0)
 
@@ -111,7 +126,9 @@ class Direct:
 
 
 class _Conflict(NamedTuple):
-    """On straight courses, ``[M, K]``: is the zone lost soon; place (m), time (s) of the CPA; distance now, then, m."""
+    """On straight courses, ``[M, K]``: is the zone lost soon; place (m), time (s) of the CPA;
+    distance now, then, m.
+    """
 
     there: np.ndarray
     x: np.ndarray
@@ -142,10 +159,11 @@ def _conflicts(sight: Sight, course: np.ndarray, protected: float, lookahead: fl
 class RightHand:
     """The rules of the air: give way to the right, keep the right of way, else straight, then turn.
 
-    An intruder that approaches head-on, from the right, or is being overtaken is given way to by a turn to the right
-    as sharp as the limits allow (ICAO Annex 2, 3.2.2; 14 CFR 91.113). To one that must give way the ownship stands on;
-    since this one does not, it turns right too where the loss is ``patience`` seconds away. When neither the present
-    course nor the one to the goal is in conflict, it goes there.
+    An intruder that approaches head-on, from the right, or is being overtaken is given way to by a
+    turn to the right as sharp as the limits allow (ICAO Annex 2, 3.2.2; 14 CFR 91.113). To one that
+    must give way the ownship stands on; since this one does not, it turns right too where the loss
+    is ``patience`` seconds away. When neither the present course nor the one to the goal is in
+    conflict, it goes there.
     """
 
     aircraft: Aircraft
@@ -158,7 +176,8 @@ class RightHand:
         lookahead = _LOOKAHEAD * self.aircraft.dt
         straight = _conflicts(sight, own.heading, protected, lookahead)
         bearing = _bearing(sight)
-        # Head-on, from the right or overtaken is ours to avoid; 110 degrees from ahead is where overtaking begins.
+        # Head-on, from the right or overtaken is ours to avoid; 110 degrees from ahead is where
+        # overtaking begins.
         from_left = (bearing > math.radians(15.0)) & (bearing < math.radians(110.0))
         last = _conflicts(sight, own.heading, protected, self.patience * self.aircraft.dt)
         ours = np.any(straight.there & ~from_left | last.there & from_left, axis=-1)
@@ -170,13 +189,15 @@ class RightHand:
 
 @dataclass(frozen=True)
 class PotentialField:
-    """The modified voltage potential (MVP): the least change of velocity that clears the closest point of approach.
+    """The modified voltage potential (MVP): the least change of velocity that clears the closest
+    point of approach.
 
-    Each intruder in conflict pushes the predicted position at the closest point of approach out of its protected
-    zone along the shortest way, within the time left until then, so that the new course touches the zone; several
-    pushes add up. Source: J. M. Hoekstra, R. N. H. W. van Gent, R. C. J. Ruigrok, "Designing for safety: the 'free
-    flight' air traffic management concept", Reliability Engineering and System Safety 75 (2002) 215; the tangent's
-    correction as in M. Ribeiro, J. Ellerbroek, J. Hoekstra, Aerospace 7 (2020) 79. Exactly head-on both sides are as
+    Each intruder in conflict pushes the predicted position at the closest point of approach out of
+    its protected zone along the shortest way, within the time left until then, so that the new
+    course touches the zone; several pushes add up. Source: J. M. Hoekstra, R. N. H. W. van Gent, R.
+    C. J. Ruigrok, "Designing for safety: the 'free flight' air traffic management concept",
+    Reliability Engineering and System Safety 75 (2002) 215; the tangent's correction as in M.
+    Ribeiro, J. Ellerbroek, J. Hoekstra, Aerospace 7 (2020) 79. Exactly head-on both sides are as
     good, and it goes right. When the course to the goal is free of conflicts, it goes there.
     """
 
@@ -199,27 +220,43 @@ class PotentialField:
         course = np.where(free, course_to_goal(sight, self.aircraft), course)
         throttle = np.zeros(len(course))
         if self.speed:
-            needed = np.hypot(sight.goal_x - own.x, sight.goal_y - own.y) / max(sight.left, self.aircraft.dt)
+            needed = np.hypot(sight.goal_x - own.x, sight.goal_y - own.y) / max(
+                sight.left, self.aircraft.dt
+            )
             hurry = np.maximum(1.05 * needed - own.speed, 0.0)
             change = np.where(resolving & ~free, np.hypot(wanted_x, wanted_y) - own.speed, hurry)
             limits = self.aircraft.limits
-            most = np.where(change >= 0.0, limits.acceleration_max, -limits.acceleration_min) * self.aircraft.dt
+            most = (
+                np.where(change >= 0.0, limits.acceleration_max, -limits.acceleration_min)
+                * self.aircraft.dt
+            )
             throttle = np.clip(change / most, -1.0, 1.0)
         return np.stack([throttle, steered(own, course, self.aircraft)], axis=-1), memory
 
-    def _push(self, sight: Sight, conflict: _Conflict, protected: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the sum over all intruders of the push towards them, to be taken off the velocity, m/s, ``[M]``."""
+    def _push(
+        self, sight: Sight, conflict: _Conflict, protected: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the sum over all intruders of the push towards them, to be taken off the velocity,
+        m/s, ``[M]``.
+        """
         miss = np.maximum(conflict.miss, 1e-9)
-        # Near a hit the shortest way out is noise: to the right of the line of sight, the zone to the left.
+        # Near a hit the shortest way out is noise: to the right of the line of sight, the zone to
+        # the left.
         x, y = sight.intruders.x - sight.own.x[:, None], sight.intruders.y - sight.own.y[:, None]
         apart = np.maximum(conflict.distance, 1e-9)
         hit = conflict.miss < 0.01 * self.aircraft.separation
-        unit_x, unit_y = np.where(hit, -y / apart, conflict.x / miss), np.where(hit, x / apart, conflict.y / miss)
-        # Pushed straight out of the circle the course would still cut it: the tangent lies a little farther out.
+        unit_x, unit_y = (
+            np.where(hit, -y / apart, conflict.x / miss),
+            np.where(hit, x / apart, conflict.y / miss),
+        )
+        # Pushed straight out of the circle the course would still cut it: the tangent lies a little
+        # farther out.
         outside = conflict.distance > protected
         ratio = np.clip(protected / apart, 0.0, 1.0), np.clip(conflict.miss / apart, 0.0, 1.0)
         tangent = np.where(outside, np.cos(np.arcsin(ratio[0]) - np.arcsin(ratio[1])), 1.0)
-        size = (protected / np.maximum(tangent, 0.1) - conflict.miss) / np.maximum(conflict.time, self.aircraft.dt)
+        size = (protected / np.maximum(tangent, 0.1) - conflict.miss) / np.maximum(
+            conflict.time, self.aircraft.dt
+        )
         size = np.where(conflict.there, size, 0.0)
         return np.sum(size * unit_x, axis=-1), np.sum(size * unit_y, axis=-1)
 

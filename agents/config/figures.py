@@ -1,4 +1,6 @@
-"""Figures of matplotlib as files: PNG and SVG, each whole or not there, and the same again from the same data."""
+"""Figures of matplotlib as files: PNG and SVG, each whole or not there, and the same again from the
+same data.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +9,8 @@ from envs.edge.files import written
 
 
 def save_figure(figure: Any, path: Path, dpi: int = 150) -> list[Path]:
-    """Write a figure of matplotlib as ``path.png`` and ``path.svg`` and return their paths; may raise an OSError.
+    """Write a figure of matplotlib as ``path.png`` and ``path.svg`` and return their paths; may
+    raise an OSError.
 
     The PNG, and what the SVG holds as pixels, have ``dpi`` of them an inch.
     """
@@ -18,7 +21,9 @@ def save_figure(figure: Any, path: Path, dpi: int = 150) -> list[Path]:
     with mpl.rc_context({"svg.hashsalt": "rlcas"}):
         with written(files[0]) as png:
             figure.savefig(png, format="png", dpi=dpi)
-        figure.set_layout_engine("none")  # keep what has just been laid out: it takes half of the time
+        figure.set_layout_engine(
+            "none"
+        )  # keep what has just been laid out: it takes half of the time
         with written(files[1]) as svg:
             figure.savefig(svg, format="svg", dpi=dpi, metadata={"Date": None})
     return files

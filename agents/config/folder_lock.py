@@ -15,9 +15,11 @@ LOCK = ".lock"
 
 @contextmanager
 def locked(folder: Path, option: str = "--out") -> Generator[None]:
-    """Make a folder if it is not there and hold it for this process alone; ``option`` names it in messages.
+    """Make a folder if it is not there and hold it for this process alone; ``option`` names it in
+    messages.
 
-    The system releases the lock when the process ends, however it ends (``flock``). A forked child shares the lock.
+    The system releases the lock when the process ends, however it ends (``flock``). A forked child
+    shares the lock.
 
     Raises:
         ConfigError: another process has it, or it cannot be written.
@@ -32,7 +34,9 @@ def locked(folder: Path, option: str = "--out") -> Generator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             holder = os.read(held, 200).decode(errors="replace").strip() or "another process"
-            raise ConfigError(f"{option} {folder} is in use by {holder}; wait for its end, or name another") from None
+            raise ConfigError(
+                f"{option} {folder} is in use by {holder}; wait for its end, or name another"
+            ) from None
         except OSError as problem:
             raise ConfigError(f"{option} {folder} cannot be locked ({problem.strerror})") from None
         with suppress(OSError):  # on a full disk the lock holds all the same

@@ -1,6 +1,8 @@
-"""What a configuration's keys are: name, kind of value, range, default and meaning, read from the models.
+"""What a configuration's keys are: name, kind of value, range, default and meaning, read from the
+models.
 
-The texts are the docstrings under the fields; ``--help``, documentation and error sentences are made from them.
+The texts are the docstrings under the fields; ``--help``, documentation and error sentences are
+made from them.
 """
 
 import difflib
@@ -23,7 +25,9 @@ RENAMED = {
     "turn": "turn_rate_cost",
     "vehicle": "aircraft",
 }
-"""New names of keys by their old ones, each the last part of a dotted key; a refusal names the new one."""
+"""New names of keys by their old ones, each the last part of a dotted key; a refusal names the new
+one.
+"""
 
 MOVED = {
     "world.vehicle": "aircraft",
@@ -32,9 +36,17 @@ MOVED = {
     "world.t_max": "aircraft.t_max_s",
     "evaluation.separation": "aircraft.separation_m",
 }
-"""New keys, from the top, by the old ones that a configuration may no longer have; a refusal names the new one."""
+"""New keys, from the top, by the old ones that a configuration may no longer have; a refusal names
+the new one.
+"""
 
-_KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", Path: "a path"}
+_KINDS = {
+    int: "a whole number",
+    float: "a number",
+    bool: "true or false",
+    str: "a text",
+    Path: "a path",
+}
 _BOUNDS = {
     "gt": "above {}",
     "ge": "at least {}",
@@ -64,7 +76,12 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
         inner, listed = nested(field.annotation)
         dotted = prefix + name
         if inner is None or listed or field.description:
-            yield Key(dotted, expected(field), _default(field), " ".join((field.description or "").split()))
+            yield Key(
+                dotted,
+                expected(field),
+                _default(field),
+                " ".join((field.description or "").split()),
+            )
         if inner is not None:
             yield from keys(inner, f"{dotted}[]." if listed else f"{dotted}.")
 
@@ -77,8 +94,12 @@ def help_text(model: type[BaseModel]) -> str:
     return "\n".join(lines)
 
 
-def markdown(model: type[BaseModel], *, beside: type[BaseModel] | None = None, but: tuple[str, ...] = ()) -> str:
-    """Return the keys as a Markdown table, without those that ``beside`` has too and those that begin with ``but``."""
+def markdown(
+    model: type[BaseModel], *, beside: type[BaseModel] | None = None, but: tuple[str, ...] = ()
+) -> str:
+    """Return the keys as a Markdown table, without those that ``beside`` has too and those that
+    begin with ``but``.
+    """
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
     known = set(keys(beside)) if beside is not None else set[Key]()
     for key in keys(model):
@@ -89,7 +110,9 @@ def markdown(model: type[BaseModel], *, beside: type[BaseModel] | None = None, b
 
 
 def _short(expected: str) -> str:
-    """Return what a key takes as a table shows it: ``whole number 1..100`` for one at least 1 and at most 100."""
+    """Return what a key takes as a table shows it: ``whole number 1..100`` for one at least 1 and
+    at most 100.
+    """
     text = re.sub(r"\ba (?=number|whole number|list|text|path|group)", "", expected)
     text = re.sub(r"at least (\S+) and at most (\S+)", r"\1..\2", text)
     for words, sign in (("at least", "≥"), ("at most", "≤"), ("above", ">"), ("below", "<")):
@@ -97,8 +120,11 @@ def _short(expected: str) -> str:
     return text
 
 
-def field_at(model: type[BaseModel], path: Sequence[str | int]) -> FieldInfo | type[BaseModel] | None:
-    """Return the field that a path of keys and list indices leads to; the model for an empty path; None: there is none.
+def field_at(
+    model: type[BaseModel], path: Sequence[str | int]
+) -> FieldInfo | type[BaseModel] | None:
+    """Return the field that a path of keys and list indices leads to; the model for an empty path;
+    None: there is none.
 
     Where a path ends inside a list or tuple of plain values, the answer is the field that holds it.
     """
@@ -123,7 +149,9 @@ def nearest(word: str, words: Iterable[str]) -> str | None:
 
 
 def one_of(word: str, words: Iterable[str]) -> str:
-    """Return the end of a refusal of a word: which ones are expected, and which of them may be meant."""
+    """Return the end of a refusal of a word: which ones are expected, and which of them may be
+    meant.
+    """
     words = list(words)
     close = nearest(word, words)
     return f"expected one of {', '.join(words)}" + (f"; did you mean {close}?" if close else "")
@@ -132,7 +160,8 @@ def one_of(word: str, words: Iterable[str]) -> str:
 def expected(field: FieldInfo) -> str:
     """Say what values a field takes: ``a number above 0 and at most 1``.
 
-    Where a validator knows more than the annotation, ``Field(json_schema_extra={"expected": ...})`` says it.
+    Where a validator knows more than the annotation, ``Field(json_schema_extra={"expected": ...})``
+    says it.
     """
     extra = field.json_schema_extra
     if isinstance(extra, dict) and "expected" in extra:
@@ -143,7 +172,9 @@ def expected(field: FieldInfo) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return a value as an error sentence quotes it: YAML in one line, texts in quotes, cut when long."""
+    """Return a value as an error sentence quotes it: YAML in one line, texts in quotes, cut when
+    long.
+    """
     text = repr(value) if isinstance(value, str) else _written(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
@@ -170,13 +201,17 @@ def _kind(annotation: Any) -> str:
 
 
 def _bounds(metadata: Iterable[Any]) -> str:
-    flat = [part for one in metadata for part in (one.metadata if isinstance(one, FieldInfo) else [one])]
+    flat = [
+        part for one in metadata for part in (one.metadata if isinstance(one, FieldInfo) else [one])
+    ]
     given = [(text, getattr(part, name, None)) for part in flat for name, text in _BOUNDS.items()]
     return " and ".join(text.format(f"{value:.10g}") for text, value in given if value is not None)
 
 
 def nested(annotation: Any) -> tuple[type[BaseModel] | None, bool]:
-    """Return the model that an annotation holds, None if it holds plain values, and whether it is a list."""
+    """Return the model that an annotation holds, None if it holds plain values, and whether it is a
+    list.
+    """
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation, False
     in_list = get_origin(annotation) in (list, tuple, Sequence)

@@ -1,4 +1,6 @@
-"""Strict configuration: YAML and ``--set`` overrides in, a frozen model or one clear sentence out."""
+"""Strict configuration: YAML and ``--set`` overrides in, a frozen model or one clear
+sentence out.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +13,17 @@ from agents.config.keys import MOVED, RENAMED, expected, field_at, nearest, nest
 from agents.config.yaml import YamlError, coerced, read, write
 from envs.edge.command import ConfigError, Parser
 
-__all__ = ["AIRCRAFT", "VEHICLES", "ConfigError", "Parser", "Strict", "dump", "file_of", "load", "validated"]
+__all__ = [
+    "AIRCRAFT",
+    "VEHICLES",
+    "ConfigError",
+    "Parser",
+    "Strict",
+    "dump",
+    "file_of",
+    "load",
+    "validated",
+]
 
 AIRCRAFT, VEHICLES = "aircraft/*.yaml", "vehicle_*.yaml"
 """Where aircraft and vehicles stand among the configurations that ship."""
@@ -24,9 +36,10 @@ Model = TypeVar("Model", bound="Strict")
 class Strict(BaseModel):
     """Base of all configuration models: frozen, no unknown keys, no silent conversions.
 
-    Only what loses nothing is converted: a whole number to a number, a number without a fraction (``1e7``) to a whole
-    one, a list to a tuple. The docstring under a field is its text in ``--help`` and in the documentation. A model's
-    own checks raise :class:`ConfigError` with a sentence that begins with the name of the key that it is about.
+    Only what loses nothing is converted: a whole number to a number, a number without a fraction
+    (``1e7``) to a whole one, a list to a tuple. The docstring under a field is its text in
+    ``--help`` and in the documentation. A model's own checks raise :class:`ConfigError` with a
+    sentence that begins with the name of the key that it is about.
     """
 
     model_config = ConfigDict(
@@ -48,7 +61,8 @@ class Strict(BaseModel):
 
 
 def file_of(path: Path, kind: str = "*.yaml") -> Path:
-    """Return the file that a path means, or that ships under a name without folder and suffix, such as ``quick``.
+    """Return the file that a path means, or that ships under a name without folder and suffix, such
+    as ``quick``.
 
     Names of a kind stand in ``configs/``. Raises a ConfigError where none of that name ships.
     """
@@ -57,17 +71,21 @@ def file_of(path: Path, kind: str = "*.yaml") -> Path:
     before = kind.rpartition("/")[2].partition("*")[0]
     names = {file.stem.removeprefix(before): file for file in sorted(_SHIPPED.glob(kind))}
     if path.name not in names:
-        raise ConfigError(f"{path.name!r} is no file and no configuration that ships; {one_of(path.name, names)}")
+        raise ConfigError(
+            f"{path.name!r} is no file and no configuration that ships; {one_of(path.name, names)}"
+        )
     return names[path.name]
 
 
 def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] = ()) -> Model:
-    """Read a configuration of a model, whose validators find the file's folder as ``info.context["folder"]``.
+    """Read a configuration of a model, whose validators find the file's folder as
+    ``info.context["folder"]``.
 
     Args:
-        path: YAML file with what differs from the defaults, or the name of one that ships; None for the defaults.
-        overrides: ``KEY=VALUE`` each, KEY dotted (``ppo.learning_rate``, ``scenarios.0.weight``), VALUE in YAML;
-            later ones win.
+        path: YAML file with what differs from the defaults, or the name of one that ships; None for
+            the defaults.
+        overrides: ``KEY=VALUE`` each, KEY dotted (``ppo.learning_rate``, ``scenarios.0.weight``),
+            VALUE in YAML; later ones win.
 
     Raises:
         ConfigError: the file cannot be read, or a key or a value is not valid.
@@ -80,19 +98,26 @@ def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] 
     return validated(model, values, path, [_override(model, values, text) for text in overrides])
 
 
-def validated(model: type[Model], values: Any, path: Path | None = None, named: Sequence[list[str]] = ()) -> Model:
-    """Return plain values, of a file, as a configuration; raise a ConfigError where a key or a value is not valid.
+def validated(
+    model: type[Model], values: Any, path: Path | None = None, named: Sequence[list[str]] = ()
+) -> Model:
+    """Return plain values, of a file, as a configuration; raise a ConfigError where a key or a
+    value is not valid.
 
     ``named`` are the paths of the keys that the command line changed.
     """
     try:
-        return model.model_validate(values, context={"folder": Path() if path is None else path.parent})
+        return model.model_validate(
+            values, context={"folder": Path() if path is None else path.parent}
+        )
     except ValidationError as problem:
         raise ConfigError(_sentence(model, problem, path, named)) from None
 
 
 def dump(model: BaseModel) -> str:
-    """Return a configuration as YAML text with every key; :func:`load` of it gives an equal model."""
+    """Return a configuration as YAML text with every key; :func:`load` of it gives an equal
+    model.
+    """
     return write(model.model_dump())
 
 
@@ -112,17 +137,26 @@ def _override(model: type[BaseModel], values: dict[str, Any], text: str) -> list
             place: Any = step
         elif isinstance(node, list):
             if not step.isdecimal() or int(step) >= len(node):
-                raise ConfigError(f"--set {text}: {step!r} is no item of a list of {len(node)}; expected 0, 1, ...")
+                raise ConfigError(
+                    f"--set {text}: {step!r} is no item of a list of {len(node)}; expected 0, 1, "
+                    "..."
+                )
             place = int(step)
         else:
-            raise ConfigError(f"--set {text}: {'.'.join(path[:depth])} is {node!r} and has no key {step!r}")
+            raise ConfigError(
+                f"--set {text}: {'.'.join(path[:depth])} is {node!r} and has no key {step!r}"
+            )
         if depth < len(path) - 1:
             node = node[place]
             continue
         field = field_at(model, path)
         try:
             # A text is taken as it stands, though YAML might see a number in it.
-            node[place] = written if isinstance(field, FieldInfo) and field.annotation is str else read(written)
+            node[place] = (
+                written
+                if isinstance(field, FieldInfo) and field.annotation is str
+                else read(written)
+            )
         except YamlError as problem:
             raise ConfigError(f"--set {dotted}: {problem}") from None
     return path
@@ -134,15 +168,26 @@ def _start(field: FieldInfo | type[BaseModel] | None) -> Any:
         return {}
     default = field.get_default(call_default_factory=True)
     items = default if isinstance(default, (list, tuple)) else [default]
-    plain = [item.model_dump(exclude_unset=True) if isinstance(item, BaseModel) else item for item in items]
+    plain = [
+        item.model_dump(exclude_unset=True) if isinstance(item, BaseModel) else item
+        for item in items
+    ]
     return plain if isinstance(default, (list, tuple)) else plain[0] if plain[0] is not None else {}
 
 
-def _sentence(model: type[BaseModel], problem: ValidationError, path: Path | None, named: Sequence[list[str]]) -> str:
-    """Say in one sentence what is wrong; an unknown key first, because other problems often follow from it."""
+def _sentence(
+    model: type[BaseModel], problem: ValidationError, path: Path | None, named: Sequence[list[str]]
+) -> str:
+    """Say in one sentence what is wrong; an unknown key first, because other problems often follow
+    from it.
+    """
     found = problem.errors(include_url=False)
     # A list with a bad item is reported a second time, as too short by that item.
-    found = [one for one in found if not any(_under(one["loc"], other["loc"]) for other in found if other is not one)]
+    found = [
+        one
+        for one in found
+        if not any(_under(one["loc"], other["loc"]) for other in found if other is not one)
+    ]
     first, *others = sorted(found, key=lambda error: error["type"] != "extra_forbidden")
     location = [str(part) for part in first["loc"]]
     by_override = any(_under(location, keys) or _under(keys, location) for keys in named)
@@ -183,7 +228,9 @@ def _complaint(model: type[BaseModel], error: Any) -> str:
         wanted = f"{'.'.join(map(str, location[:-1]))} to be {wanted}"
     mistyped = kind == "literal_error" and isinstance(value, str)
     close = nearest(value, wanted.removeprefix("one of ").split(", ")) if mistyped else None
-    return f"{key} is {shown(value)}; expected {wanted}" + (f"; did you mean {close}?" if close else "")
+    return f"{key} is {shown(value)}; expected {wanted}" + (
+        f"; did you mean {close}?" if close else ""
+    )
 
 
 def _model_at(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:

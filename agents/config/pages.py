@@ -17,13 +17,19 @@ def with_tables(page: str, tables: Sequence[str]) -> str:
     return _TABLE.sub(lambda _: next(new), page)
 
 
-def write_tables(program: str, description: str | None, tables: Mapping[str, Sequence[str]]) -> None:
-    """Write the tables of pages, by the name of the page's file, in the directory that the command line names.
+def write_tables(
+    program: str, description: str | None, tables: Mapping[str, Sequence[str]]
+) -> None:
+    """Write the tables of pages, by the name of the page's file, in the directory that the command
+    line names.
 
-    Program and description are what ``--help`` says. Raises a ConfigError where the directory lacks a page.
+    Program and description are what ``--help`` says. Raises a ConfigError where the directory lacks
+    a page.
     """
     parser = Parser(prog=program, description=description)
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where the pages are: docs/reference")
+    parser.add_argument(
+        "directory", type=Path, metavar="DIR", help="where the pages are: docs/reference"
+    )
     directory: Path = parser.parse_args().directory
     for name, new in tables.items():
         page = directory / name

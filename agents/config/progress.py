@@ -10,8 +10,8 @@ from typing import Any, Self, TextIO
 class Progress:
     """Shows what is done of a whole, some figures and the time left.
 
-    On a terminal rich draws two lines that stay in their place; a file or a pipe gets plain text without any control
-    sequences, at most a line every few seconds, and the last one.
+    On a terminal rich draws two lines that stay in their place; a file or a pipe gets plain text
+    without any control sequences, at most a line every few seconds, and the last one.
     """
 
     def __init__(
@@ -52,7 +52,9 @@ class Progress:
         return self
 
     def show(self, done: float, figures: str, rate: float) -> None:
-        """Take how far it has come, with figures, and how many units a second are done at present."""
+        """Take how far it has come, with figures, and how many units a second are done at
+        present.
+        """
         now = self._clock()
         # What comes before the first figures, such as a compilation, does not count.
         self._origin = self._origin or (done, now)
@@ -111,7 +113,13 @@ def duration(seconds: float) -> str:
         return "? s"
     whole = max(0, round(seconds))
     hours, minutes, rest = whole // 3600, whole // 60 % 60, whole % 60
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+    return (
+        f"{hours} h {minutes} min"
+        if hours
+        else f"{minutes} min {rest} s"
+        if minutes
+        else f"{rest} s"
+    )
 
 
 def spaced(value: int) -> str:

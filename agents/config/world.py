@@ -1,7 +1,8 @@
-"""The parts of a configuration that describe the world: the task, the vehicle's limits and the scenarios.
+"""The parts of a configuration that describe the world: the task, the vehicle's limits and the
+scenarios.
 
-Training and evaluation share them, so that a vehicle file or a changed scenario means the same in both. Angles
-are in degrees here, as the keys say, and radians in what the models return.
+Training and evaluation share them, so that a vehicle file or a changed scenario means the same in
+both. Angles are in degrees here, as the keys say, and radians in what the models return.
 """
 
 import math
@@ -23,7 +24,8 @@ def _degrees(angle: float) -> float:
 
 
 class VehicleConfig(Strict):
-    """Limits of the ownship, inline or as the path of a YAML file with these keys or the name of one that ships.
+    """Limits of the ownship, inline or as the path of a YAML file with these keys or the name of
+    one that ships.
 
     A path is looked for beside the configuration file first and then in the working directory.
     """
@@ -34,9 +36,13 @@ class VehicleConfig(Strict):
     """Lowest speed, m/s."""
     speed_max_mps: float = Field(default=SURROGATE.speed_max, gt=0.0, le=FASTEST.speed_max)
     """Highest speed, m/s."""
-    acceleration_min_mps2: float = Field(default=SURROGATE.acceleration_min, ge=FASTEST.acceleration_min, lt=0.0)
+    acceleration_min_mps2: float = Field(
+        default=SURROGATE.acceleration_min, ge=FASTEST.acceleration_min, lt=0.0
+    )
     """Strongest deceleration, m/s^2, negative."""
-    acceleration_max_mps2: float = Field(default=SURROGATE.acceleration_max, gt=0.0, le=FASTEST.acceleration_max)
+    acceleration_max_mps2: float = Field(
+        default=SURROGATE.acceleration_max, gt=0.0, le=FASTEST.acceleration_max
+    )
     """Strongest acceleration, m/s^2."""
     yaw_rate_max_deg_s: float = Field(
         default=_degrees(SURROGATE.yaw_rate_max), ge=0.01, le=_degrees(FASTEST.yaw_rate_max)
@@ -57,18 +63,26 @@ class VehicleConfig(Strict):
     def _check(self) -> "VehicleConfig":
         if self.speed_min_mps >= self.speed_max_mps:
             raise ConfigError(
-                f"speed_min_mps is {self.speed_min_mps}; expected less than speed_max_mps, {self.speed_max_mps}"
+                f"speed_min_mps is {self.speed_min_mps}; expected less than speed_max_mps, "
+                f"{self.speed_max_mps}"
             )
         return self
 
     def limits(self) -> Limits:
         """Return the limits as the world's functions take them."""
         accelerations = self.acceleration_min_mps2, self.acceleration_max_mps2
-        return Limits(self.speed_min_mps, self.speed_max_mps, *accelerations, math.radians(self.yaw_rate_max_deg_s))
+        return Limits(
+            self.speed_min_mps,
+            self.speed_max_mps,
+            *accelerations,
+            math.radians(self.yaw_rate_max_deg_s),
+        )
 
 
 class AircraftConfig(VehicleConfig):
-    """The ownship and its task, inline, as the path of a file, or as the name of one that ships, such as `uas`."""
+    """The ownship and its task, inline, as the path of a file, or as the name of one that ships,
+    such as `uas`.
+    """
 
     KIND: ClassVar = AIRCRAFT
 
@@ -79,9 +93,13 @@ class AircraftConfig(VehicleConfig):
     traffic_speed_max_mps: float | None = Field(default=None, gt=0.0)
     """Highest speed of the intruders, m/s; null: 1.5 times the ownship's."""
     dt_s: float | None = Field(default=None, gt=0.0)
-    """Time step of decisions, s; null: a tenth of the separation at the highest speed, with two digits."""
+    """Time step of decisions, s; null: a tenth of the separation at the highest speed, with two
+    digits.
+    """
     t_max_s: float | None = Field(default=None, gt=0.0)
-    """Time after which the goal counts as missed, s, a whole number of time steps; null: 300 of them."""
+    """Time after which the goal counts as missed, s, a whole number of time steps; null: 300 of
+    them.
+    """
 
     @model_validator(mode="after")
     def _check(self) -> "AircraftConfig":
@@ -104,10 +122,18 @@ _Range = tuple[float, float]
 _DEGREES = ("course_difference_deg", "turn_rate_deg_s", "heading_change_deg")
 _UNITS: dict[str, Callable[[Aircraft], float]] = {
     **dict.fromkeys(
-        ("radius", "displacement", "min_initial_separation", "conflicts_closer_than", "position_std"),
+        (
+            "radius",
+            "displacement",
+            "min_initial_separation",
+            "conflicts_closer_than",
+            "position_std",
+        ),
         lambda aircraft: aircraft.separation,
     ),
-    **dict.fromkeys(("own_speed", "intruder_speed", "velocity_std"), lambda aircraft: aircraft.limits.speed_max),
+    **dict.fromkeys(
+        ("own_speed", "intruder_speed", "velocity_std"), lambda aircraft: aircraft.limits.speed_max
+    ),
     "latency": lambda aircraft: aircraft.dt,
 }
 """What a number of a scenario is multiplied by where its ``units`` are the aircraft's."""
@@ -118,32 +144,41 @@ def _each(function: Callable[[float], float], value: Any) -> Any:
 
 
 class ScenarioConfig(Strict):
-    """A scenario of :data:`envs.encounters.SCENARIOS` with its share of the encounters, some of its numbers changed.
+    """A scenario of :data:`envs.encounters.SCENARIOS` with its share of the encounters, some of its
+    numbers changed.
 
     A number that is null is as the scenario has it, scaled by the aircraft.
     """
 
-    name: str = Field(default="circle", json_schema_extra={"expected": f"one of {', '.join(SCENARIOS)}"})
+    name: str = Field(
+        default="circle", json_schema_extra={"expected": f"one of {', '.join(SCENARIOS)}"}
+    )
     """The scenario that the numbers below change."""
     weight: float = Field(default=1.0, gt=0.0)
     """Share of the encounters, relative to the other scenarios' weights."""
     units: Literal["si", "aircraft"] = "si"
-    """Of the lengths, speeds and latencies below: si, m, m/s and s as each key says; aircraft, required separations,
-    highest speeds of the ownship and time steps, so that the same file serves any aircraft."""
+    """Of the lengths, speeds and latencies below: si, m, m/s and s as each key says; aircraft,
+    required separations, highest speeds of the ownship and time steps, so that the same file serves
+    any aircraft."""
     radius: _Range | None = None
-    """Range of the ownship's distance from the conflict point, m; the goal lies as far behind it."""
+    """Range of the ownship's distance from the conflict point, m; the goal lies as far behind it.
+    """
     own_speed: _Range | None = None
     """Range of the ownship's initial speed, m/s."""
     intruder_speed: _Range | None = None
     """Range of the intruders' speed, m/s."""
     course_difference_deg: _Range | None = None
-    """Range of the intruder's course less the ownship's, degrees clockwise: +90 comes from the left."""
+    """Range of the intruder's course less the ownship's, degrees clockwise: +90 comes from the
+    left.
+    """
     displacement: float | None = Field(default=None, ge=0.0)
     """Every start is moved by up to this in x and in y, m."""
     min_initial_separation: float | None = Field(default=None, ge=0.0)
     """Starts closer than this are redrawn, m; 0 keeps them all."""
     conflicts_closer_than: float | None = Field(default=None, gt=0.0)
-    """Only starts whose straight courses pass closer than this are kept, m; a large number keeps them all."""
+    """Only starts whose straight courses pass closer than this are kept, m; a large number keeps
+    them all.
+    """
     intruders: tuple[int, int] | None = None
     """Fewest and most intruders, 1 to 64."""
     turn_rate_deg_s: float | None = Field(default=None, ge=0.0, le=57.0)
@@ -157,8 +192,8 @@ class ScenarioConfig(Strict):
     latency: _Range | None = None
     """Range of the age of the reports, s, up to two time steps."""
     attempts: int | None = Field(default=None, ge=1, le=1000)
-    """How many draws an encounter has to meet the conditions, where encounters are numbered; training instead fills
-    its pool with starts that do."""
+    """How many draws an encounter has to meet the conditions, where encounters are numbered;
+    training instead fills its pool with starts that do."""
 
     @field_validator("name")
     @classmethod
@@ -170,11 +205,15 @@ class ScenarioConfig(Strict):
     @model_serializer(mode="wrap")
     def _without_null(self, handler: Any) -> dict[str, Any]:
         return {
-            key: value for key, value in handler(self).items() if value is not None and (key, value) != ("units", "si")
+            key: value
+            for key, value in handler(self).items()
+            if value is not None and (key, value) != ("units", "si")
         }
 
     def scenario(self, aircraft: Aircraft) -> Scenario:
-        """Return the scenario of an aircraft with its numbers changed; a contradiction raises a ConfigError."""
+        """Return the scenario of an aircraft with its numbers changed; a contradiction raises a
+        ConfigError.
+        """
         changes: dict[str, Any] = {}
         for key, value in self.model_dump(exclude={"name", "weight", "units"}).items():
             if key in _DEGREES:

@@ -1,7 +1,8 @@
-"""YAML as configurations write it: the plain core of YAML 1.2, and the conversions that lose nothing.
+"""YAML as configurations write it: the plain core of YAML 1.2, and the conversions that lose
+nothing.
 
-Of PyYAML, which follows YAML 1.1, ``3e-4`` is a text, ``no`` false and ``1:30`` 90. Here a number is what looks like
-one, only ``true`` and ``false`` are booleans, and a repeated key is refused.
+Of PyYAML, which follows YAML 1.1, ``3e-4`` is a text, ``no`` false and ``1:30`` 90. Here a number
+is what looks like one, only ``true`` and ``false`` are booleans, and a repeated key is refused.
 """
 
 import re
@@ -35,10 +36,15 @@ _MOST = 1_000_000  # characters of a file
 
 class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose a node; what stands for another node is refused, for a few letters may stand for a billion values."""
+        """Compose a node; what stands for another node is refused, for a few letters may stand for
+        a billion values.
+        """
         if self.check_event(yaml.AliasEvent):
             event = self.peek_event()
-            raise YamlError(f"line {event.start_mark.line + 1}: *{event.anchor} is an alias; expected the value itself")
+            raise YamlError(
+                f"line {event.start_mark.line + 1}: *{event.anchor} is an alias; expected the "
+                "value itself"
+            )
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -62,7 +68,9 @@ class _Dumper(yaml.SafeDumper):
 for _class in (_Loader, _Dumper):
     _class.yaml_implicit_resolvers = {}
     for _tag, _pattern, _first in _RESOLVERS:
-        _class.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), _first)
+        _class.add_implicit_resolver(
+            f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), _first
+        )
 
 
 def _sequence(dumper: yaml.SafeDumper, items: Any) -> yaml.Node:
@@ -76,7 +84,9 @@ _Dumper.add_multi_representer(Path, lambda dumper, path: dumper.represent_str(st
 
 
 def read(source: Path | str) -> Any:
-    """Read a YAML file (a mapping; empty: without keys) or, from a text, one value; may raise a YamlError."""
+    """Read a YAML file (a mapping; empty: without keys) or, from a text, one value; may raise a
+    YamlError.
+    """
     if isinstance(source, str):
         return _parsed(source, repr(source))
     text = text_of(str(source), YamlError)
@@ -96,7 +106,14 @@ def _parsed(text: str, name: str) -> Any:
     except YamlError as problem:
         raise YamlError(f"{name}: {problem}") from None
     # PyYAML converts what carries a tag, such as !!int, without looking at it first.
-    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as problem:
+    except (
+        yaml.YAMLError,
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        RecursionError,
+    ) as problem:
         mark = getattr(problem, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""
         what = getattr(problem, "problem", None) or str(problem)
@@ -122,7 +139,11 @@ def coerced(value: Any, annotation: Any) -> Any:
         changed = (coerced(value, argument) for argument in arguments)
         return next((new for new in changed if new is not value), value)
     if origin in (list, tuple) and isinstance(value, (list, tuple)):
-        kinds = arguments if origin is tuple and arguments[-1] is not Ellipsis else (arguments[0],) * len(value)
+        kinds = (
+            arguments
+            if origin is tuple and arguments[-1] is not Ellipsis
+            else (arguments[0],) * len(value)
+        )
         if len(kinds) == len(value):
             value = [coerced(item, kind) for item, kind in zip(value, kinds, strict=True)]
         return origin(value)

@@ -28,22 +28,29 @@ def to_policy_file(actor_variables: Mapping[str, Any], metadata: Mapping[str, An
     """Return the policy file of an actor.
 
     Args:
-        actor_variables: of :class:`agents.learning.networks.Actor`: ``{"params": {"trunk": {...}, "log_std": [2]}}``.
-        metadata: of :func:`agents.policy.schema.new_metadata`; gets the versions of what computes the file.
+        actor_variables: of :class:`agents.learning.networks.Actor`: ``{"params": {"trunk": {...},
+            "log_std": [2]}}``.
+        metadata: of :func:`agents.policy.schema.new_metadata`; gets the versions of what computes
+            the file.
 
     Raises:
-        PolicyFileError: parameters are not finite or not those of the architecture, or numpy disagrees with flax.
+        PolicyFileError: parameters are not finite or not those of the architecture, or numpy
+            disagrees with flax.
     """
     metadata = {**metadata, "versions": versions("jax", "flax", "optax", "numpy", "safetensors")}
     actor = _tensors(actor_variables)
     for name, tensor in actor.items():
         if not np.isfinite(tensor).all():
-            raise PolicyFileError(f"new policy: parameter {name} is not finite: the training has diverged")
+            raise PolicyFileError(
+                f"new policy: parameter {name} is not finite: the training has diverged"
+            )
     observations = parity_observations()
     if "family" in metadata:
         observations = parity_scenes(metadata["architecture"]["intruders"], metadata["family"])
     # Shapes are checked before flax sees them: its messages do not say which file or field.
-    content = PolicyFile(actor, observations, np.zeros((len(observations), 2), np.float32), metadata)
+    content = PolicyFile(
+        actor, observations, np.zeros((len(observations), 2), np.float32), metadata
+    )
     policy_file.serialise(content)
     content = replace(content, parity_action=_flax_actions(content).astype(np.float32))
     Policy(content, source="new policy")
@@ -53,19 +60,22 @@ def to_policy_file(actor_variables: Mapping[str, Any], metadata: Mapping[str, An
 def parity_observations() -> np.ndarray:
     """Return the observations of the parity vectors, float32 ``[P, 8]``: random ones and corners.
 
-    The two velocities differ in all of them: where they are equal the closest approach is ill-conditioned and
-    single precision agrees to three digits only.
+    The two velocities differ in all of them: where they are equal the closest approach is
+    ill-conditioned and single precision agrees to three digits only.
     """
     random = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_RANDOM_VECTORS, SIZE))
-    # Each pair of neighbouring components shares a sign: 16 of the 256 corners, and every component at both ends.
+    # Each pair of neighbouring components shares a sign: 16 of the 256 corners, and every component
+    # at both ends.
     corners = np.array([np.repeat(signs, 2) for signs in product((-1.0, 1.0), repeat=SIZE // 2)])
     return np.concatenate([random, corners]).astype(np.float32)
 
 
 def parity_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.ndarray:
-    """Return the scenes of the parity vectors, float32 ``[P, 7 + 5 most]`` (:func:`agents.policy.scene.unpacked_rows`).
+    """Return the scenes of the parity vectors, float32 ``[P, 7 + 5 most]``
+    (:func:`agents.policy.scene.unpacked_rows`).
 
-    They are random over the family, with none to all of the intruders, whose velocities differ from the ownship's.
+    They are random over the family, with none to all of the intruders, whose velocities differ from
+    the ownship's.
     """
     random = np.random.default_rng(_SEED)
     count = 2 * _RANDOM_VECTORS
@@ -76,7 +86,12 @@ def parity_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.nd
     bearing, heading = random.uniform(-np.pi, np.pi, (2, count, most))
     pace = random.uniform(0.3, 1.4, (count, most))
     present = random.random((count, most)) < random.random((count, 1))
-    each = [away * np.cos(bearing), away * np.sin(bearing), pace * np.cos(heading), pace * np.sin(heading)]
+    each = [
+        away * np.cos(bearing),
+        away * np.sin(bearing),
+        pace * np.cos(heading),
+        pace * np.sin(heading),
+    ]
     traffic = np.where(present, each, [[[1e3]], [[0.0]], [[0.0]], [[0.0]]])
     rows = np.concatenate([traffic, present[None]]).transpose(1, 2, 0).reshape(count, -1)
     own = np.stack([speed, goal * np.cos(course), goal * np.sin(course), *of_family], axis=-1)
@@ -84,13 +99,17 @@ def parity_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.nd
 
 
 def variables(tensors: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the variables of :class:`~agents.learning.networks.Actor`, of a policy file's, without ``actor/``."""
+    """Return the variables of :class:`~agents.learning.networks.Actor`, of a policy file's, without
+    ``actor/``.
+    """
     layers = {name: tensor for name, tensor in tensors.items() if name != "log_std"}
     return {"params": {"trunk": unflatten_dict(layers, sep="/"), "log_std": tensors["log_std"]}}
 
 
 def _tensors(actor_variables: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Flatten the actor's parameters to float32 arrays named ``hidden_0/kernel``, ..., ``log_std``."""
+    """Flatten the actor's parameters to float32 arrays named ``hidden_0/kernel``, ...,
+    ``log_std``.
+    """
     try:
         params = actor_variables["params"]
         tensors = flatten_dict(params["trunk"], sep="/") | {"log_std": params["log_std"]}
@@ -102,16 +121,21 @@ def _tensors(actor_variables: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _flax_actions(content: PolicyFile) -> np.ndarray:
-    """Return flax's clipped actions ``[P, 2]`` for the parity vectors, with the tensors as they will be read back.
+    """Return flax's clipped actions ``[P, 2]`` for the parity vectors, with the tensors as they
+    will be read back.
 
     In double precision: an accelerator's single-precision products may keep only ten bits.
     """
     actor = Actor(content.hidden, content.feature_set, encoder=content.encoder)
 
     def mean(weights: Any, rows: jax.Array) -> Any:
-        return actor.apply(weights, set_inputs(unpacked_rows(rows), jnp) if content.of_set else rows)[0]
+        return actor.apply(
+            weights, set_inputs(unpacked_rows(rows), jnp) if content.of_set else rows
+        )[0]
 
     with jax.enable_x64(True):
-        exact = variables({name: jnp.asarray(tensor, jnp.float64) for name, tensor in content.actor.items()})
+        exact = variables(
+            {name: jnp.asarray(tensor, jnp.float64) for name, tensor in content.actor.items()}
+        )
         actions = jax.jit(mean)(exact, jnp.asarray(content.parity_observation, jnp.float64))
         return np.clip(np.asarray(actions), -1.0, 1.0)

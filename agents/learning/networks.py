@@ -10,12 +10,14 @@ from agents.policy.features import features, mirror_sign
 from agents.policy.set_features import SetInputs
 
 Seen = jax.Array | SetInputs
-"""What a network takes: observations ``[..., 8]``, or the inputs derived from them or from scenes of several intruders;
-those of observations have no part for each intruder."""
+"""What a network takes: observations ``[..., 8]``, or the inputs derived from them or from scenes
+of several intruders; those of observations have no part for each intruder."""
 
 
 def derived(observation: Seen, feature_set: str) -> SetInputs:
-    """Return what networks with a feature set take of observations ``[..., 8]``; what is derived already as it is."""
+    """Return what networks with a feature set take of observations ``[..., 8]``; what is derived
+    already as it is.
+    """
     if isinstance(observation, SetInputs):
         return observation
     components = [observation[..., i] for i in range(observation.shape[-1])]
@@ -27,8 +29,9 @@ def derived(observation: Seen, feature_set: str) -> SetInputs:
 class Trunk(nn.Module):
     """Hidden layers with tanh, orthogonal initialisation of gain sqrt(2), and a linear head.
 
-    Of a set, each intruder passes the layers of the encoder first, and the greatest of each of their numbers joins
-    what describes the ownship: whatever the intruders' order, and blind to absent ones.
+    Of a set, each intruder passes the layers of the encoder first, and the greatest of each of
+    their numbers joins what describes the ownship: whatever the intruders' order, and blind to
+    absent ones.
     """
 
     hidden: tuple[int, ...]
@@ -38,10 +41,16 @@ class Trunk(nn.Module):
 
     @nn.compact
     def __call__(self, seen: SetInputs) -> jax.Array:
-        """Map inputs ``[..., F]``, and those of intruders ``[..., K, E]``, to ``[..., outputs]``."""
+        """Map inputs ``[..., F]``, and those of intruders ``[..., K, E]``, to ``[...,
+        outputs]``.
+        """
 
         def layer(x: jax.Array, width: int, name: str) -> jax.Array:
-            return jnp.tanh(nn.Dense(width, kernel_init=nn.initializers.orthogonal(math.sqrt(2.0)), name=name)(x))
+            return jnp.tanh(
+                nn.Dense(width, kernel_init=nn.initializers.orthogonal(math.sqrt(2.0)), name=name)(
+                    x
+                )
+            )
 
         x, each = seen.own, seen.each
         if each is not None:
@@ -51,11 +60,15 @@ class Trunk(nn.Module):
             x = jnp.concatenate([x, pooled], axis=-1)
         for i, width in enumerate(self.hidden):
             x = layer(x, width, f"hidden_{i}")
-        return nn.Dense(self.outputs, kernel_init=nn.initializers.orthogonal(self.head_gain), name="head")(x)
+        return nn.Dense(
+            self.outputs, kernel_init=nn.initializers.orthogonal(self.head_gain), name="head"
+        )(x)
 
 
 class Actor(nn.Module):
-    """Gaussian policy: a mean, which deciders clip to [-1, 1], of the observation, and a standard deviation apart."""
+    """Gaussian policy: a mean, which deciders clip to [-1, 1], of the observation, and a standard
+    deviation apart.
+    """
 
     hidden: tuple[int, ...] = (256, 256)
     feature_set: str = "cpa"
@@ -64,7 +77,9 @@ class Actor(nn.Module):
 
     @nn.compact
     def __call__(self, observation: Seen) -> tuple[jax.Array, jax.Array]:
-        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
+        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations
+        ``[..., 8]``.
+        """
         seen = derived(observation, self.feature_set)
         mean = Trunk(self.hidden, 2, 0.01, self.encoder, name="trunk")(seen)
         mean = mean * jnp.stack([jnp.ones_like(seen.mirror_sign), seen.mirror_sign], axis=-1)
@@ -82,4 +97,6 @@ class Critic(nn.Module):
     @nn.compact
     def __call__(self, observation: Seen) -> jax.Array:
         """Return the value of observations ``[..., 8]``, ``[...]``."""
-        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(derived(observation, self.feature_set))[..., 0]
+        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(
+            derived(observation, self.feature_set)
+        )[..., 0]

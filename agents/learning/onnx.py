@@ -1,7 +1,8 @@
-"""From a policy file to an ONNX model: ``python -m agents.export_onnx POLICY.safetensors OUT.onnx``.
+"""From a policy file to an ONNX model: ``python -m agents.export_onnx POLICY.safetensors
+OUT.onnx``.
 
-The model is the whole decision, with the derived inputs and the clip. It is converted from the training framework's own
-functions, so that there is no second definition.
+The model is the whole decision, with the derived inputs and the clip. It is converted from the
+training framework's own functions, so that there is no second definition.
 """
 
 import importlib
@@ -32,20 +33,22 @@ OPSET = 21
 """Of the operators, domain ``ai.onnx``."""
 
 _IR = 10  # version of the format that belongs to this set of operators; runtimes refuse later ones
-_TOLERANCE = 1e-4  # of actions from the parity vectors, which are of double precision; the model is of single
+# of actions from the parity vectors, which are of double precision; the model is of single
+_TOLERANCE = 1e-4
 
 _DESCRIPTION = """\
-Write a policy as an ONNX model, float32, N and K free, derived inputs and clip included. A policy for any number of
-intruders maps own [N, 7], traffic [N, K, 4] and present [N, K] (1 or 0) to action [N, 2]: the scene without dimension
-of docs/reference/policy-file.md. One of schema 1 maps observation [N, 8] to action [N, 2]. Input that is not finite, or
-an observation that leaves [-1, 1], gives NaN. The model is compared with the policy on its parity vectors before it is
-written."""
+Write a policy as an ONNX model, float32, N and K free, derived inputs and clip included. A policy
+for any number of intruders maps own [N, 7], traffic [N, K, 4] and present [N, K] (1 or 0) to
+action [N, 2]: the scene without dimension of docs/reference/policy-file.md. One of schema 1 maps
+observation [N, 8] to action [N, 2]. Input that is not finite, or an observation that leaves [-1,
+1], gives NaN. The model is compared with the policy on its parity vectors before it is written."""
 
 _EPILOG = """\
 example:
   python -m agents.export_onnx agents/data/policy.safetensors runs/policy.onnx
 
-Contracts, limits, architecture and digest are in the model's metadata (docs/reference/policy-file.md)."""
+Contracts, limits, architecture and digest are in the model's metadata
+(docs/reference/policy-file.md)."""
 
 
 class ExportError(InputError):
@@ -53,11 +56,16 @@ class ExportError(InputError):
 
 
 def model(content: PolicyFile) -> Any:
-    """Return the ``onnx.ModelProto`` of a policy, checked by onnx; equal policies give equal bytes."""
+    """Return the ``onnx.ModelProto`` of a policy, checked by onnx; equal policies give
+    equal bytes.
+    """
     onnx: Any = importlib.import_module("onnx")
     converter: Any = importlib.import_module("jax2onnx")
     function, shapes = _decision(content)
-    for each in ("onnx_ir", "jax2onnx"):  # the one warns of every shape that it leaves out, the other of unused plugins
+    for each in (
+        "onnx_ir",
+        "jax2onnx",
+    ):  # the one warns of every shape that it leaves out, the other of unused plugins
         logging.getLogger(each).setLevel(logging.ERROR)
     names = {"input_names": list(inputs_of(content)), "output_names": ["action"]}
     made = converter.to_onnx(function, shapes, model_name="rlcas_policy", opset=OPSET, **names)
@@ -70,11 +78,13 @@ def model(content: PolicyFile) -> Any:
 
 
 def network_part(policy: Policy) -> Any:
-    """Return the ``onnx.ModelProto`` of the network for one intruder behind its derived inputs, for verifiers.
+    """Return the ``onnx.ModelProto`` of the network for one intruder behind its derived inputs, for
+    verifiers.
 
-    Gemm, Tanh and one Add, from ``inputs`` ``[N, 53]`` to ``action`` ``[N, 2]``: before the clip, and as the scene is
-    seen mirrored (:mod:`agents.policy.set_features`: what describes the ownship, then the intruder). Raises an
-    InputError where the policy has not one layer for each intruder.
+    Gemm, Tanh and one Add, from ``inputs`` ``[N, 53]`` to ``action`` ``[N, 2]``: before the clip,
+    and as the scene is seen mirrored (:mod:`agents.policy.set_features`: what describes the
+    ownship, then the intruder). Raises an InputError where the policy has not one layer for each
+    intruder.
     """
     check_one_layer(policy)
     onnx: Any = importlib.import_module("onnx")
@@ -89,11 +99,14 @@ def network_part(policy: Policy) -> Any:
         nodes.append(node("Tanh", [name], [f"{name}/tanh"]))
         return f"{name}/tanh"
 
-    # Rows of zeros instead of slices: the encoder reads what describes the intruder, the trunk the rest.
+    # Rows of zeros instead of slices: the encoder reads what describes the intruder, the trunk the
+    # rest.
     encoder, trunk = tensors["each_0/kernel"], tensors["hidden_0/kernel"]
     each = np.pad(encoder, ((OWN, 0), (0, 0)))
     seen = tanh(gemm("each_0", "inputs", each, tensors["each_0/bias"]))
-    own = gemm("own", "inputs", np.pad(trunk[:OWN], ((0, len(encoder)), (0, 0))), tensors["hidden_0/bias"])
+    own = gemm(
+        "own", "inputs", np.pad(trunk[:OWN], ((0, len(encoder)), (0, 0))), tensors["hidden_0/bias"]
+    )
     pooled = gemm("pooled", seen, trunk[OWN:], 0.0 * tensors["hidden_0/bias"])
     nodes.append(node("Add", [own, pooled], ["hidden_0"]))
     last = tanh("hidden_0")
@@ -106,16 +119,23 @@ def network_part(policy: Policy) -> Any:
         "rlcas_policy_network",
         [onnx.helper.make_tensor_value_info("inputs", onnx.TensorProto.FLOAT, ["N", len(each)])],
         [onnx.helper.make_tensor_value_info("action", onnx.TensorProto.FLOAT, ["N", 2])],
-        [onnx.numpy_helper.from_array(np.asarray(value, np.float32), name) for name, value in values.items()],
+        [
+            onnx.numpy_helper.from_array(np.asarray(value, np.float32), name)
+            for name, value in values.items()
+        ],
     )
-    made = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", OPSET)], ir_version=_IR)
+    made = onnx.helper.make_model(
+        graph, opset_imports=[onnx.helper.make_opsetid("", OPSET)], ir_version=_IR
+    )
     onnx.helper.set_model_props(made, {"policy_sha256": policy.sha256})
     onnx.checker.check_model(made, full_check=True)
     return made
 
 
 def inputs_of(content: PolicyFile) -> dict[str, np.ndarray]:
-    """Return the model's inputs by name, with the values of the policy's parity vectors, float32."""
+    """Return the model's inputs by name, with the values of the policy's parity vectors,
+    float32.
+    """
     rows = content.parity_observation
     if not content.of_set:
         return {"observation": rows}
@@ -124,7 +144,8 @@ def inputs_of(content: PolicyFile) -> dict[str, np.ndarray]:
 
 
 def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> float:
-    """Write the ONNX model of a policy file, whole or not at all; return the largest difference on its parity vectors.
+    """Write the ONNX model of a policy file, whole or not at all; return the largest difference on
+    its parity vectors.
 
     Raises:
         PolicyFileError: the policy file is refused.
@@ -133,14 +154,18 @@ def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> fl
     """
     content = read(source)
     if Path(target).exists() and Path(target).samefile(source):
-        raise ExportError(f"{target}: is the policy file itself; expected another file for the model")
+        raise ExportError(
+            f"{target}: is the policy file itself; expected another file for the model"
+        )
     made = model(content)
     evaluator = importlib.import_module("onnx.reference").ReferenceEvaluator(made)
     (actions,) = evaluator.run(None, inputs_of(content))
     difference = float(np.abs(actions - content.parity_action).max())
     # Inverted, so that NaN is refused.
     if not difference <= _TOLERANCE:
-        raise ExportError(f"{source}: the model's actions differ by {difference:.1e}, expected {_TOLERANCE}")
+        raise ExportError(
+            f"{source}: the model's actions differ by {difference:.1e}, expected {_TOLERANCE}"
+        )
     try:
         write_file(target, made.SerializeToString(deterministic=True))
     except OSError as problem:
@@ -149,13 +174,20 @@ def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> fl
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Export what the command line asks for and return the exit status; bad input raises an InputError."""
+    """Export what the command line asks for and return the exit status; bad input raises an
+    InputError.
+    """
     parser = Parser(prog="python -m agents.export_onnx", description=_DESCRIPTION, epilog=_EPILOG)
     parser.add_argument("policy", type=Path, metavar="POLICY.safetensors", help="policy file")
-    parser.add_argument("out", type=Path, metavar="OUT.onnx", help="model to write; replaced if one is there")
+    parser.add_argument(
+        "out", type=Path, metavar="OUT.onnx", help="model to write; replaced if one is there"
+    )
     options = parser.parse_args(arguments)
     difference = export(options.policy, options.out)
-    print(f"{options.out}: opset {OPSET}, largest difference from the policy {difference:.1e} on its parity vectors")
+    print(
+        f"{options.out}: opset {OPSET}, largest difference from the policy {difference:.1e} on "
+        "its parity vectors"
+    )
     return 0
 
 
@@ -185,7 +217,9 @@ def _decision(content: PolicyFile) -> tuple[Callable[..., jax.Array], list[tuple
 
 
 def _properties(content: PolicyFile) -> dict[str, str]:
-    """Return the model's metadata: what the policy's numbers mean and which policy it is, JSON but for the digests."""
+    """Return the model's metadata: what the policy's numbers mean and which policy it is, JSON but
+    for the digests.
+    """
     kept = ("schema", "scene", "observation", "action", "limits", "task", "family")
     parts = {name: canonical(content.metadata[name]) for name in kept if name in content.metadata}
     return {

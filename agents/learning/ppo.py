@@ -1,4 +1,5 @@
-"""Proximal policy optimisation (Schulman et al. 2017): advantages, losses and the update, apart from any loop.
+"""Proximal policy optimisation (Schulman et al. 2017): advantages, losses and the update, apart
+from any loop.
 
 Time runs along the first axis of a rollout, encounters along the second: ``[T, N]``.
 """
@@ -23,11 +24,14 @@ class PpoSettings:
 
     epochs: int = 4
     minibatches: int = 32
-    segment: int = 16  # steps that stay together when a rollout is shuffled; sorting single ones is slow on a CPU
+    # steps that stay together when a rollout is shuffled; sorting single ones is slow on a CPU
+    segment: int = 16
     clip: float = 0.2
     entropy: float = 0.0
     bound: float = 0.0
-    """Weight of what the mean action is beyond [-1, 1]: there it is clipped, and noise around it teaches nothing."""
+    """Weight of what the mean action is beyond [-1, 1]: there it is clipped, and noise around it
+    teaches nothing.
+    """
     value: float = 0.5
     max_grad_norm: float = 0.5
     adam_epsilon: float = 1e-5
@@ -43,7 +47,9 @@ class Learner(NamedTuple):
     axis: str | None = None  # name of the devices' axis inside shard_map; None on one device
 
     def policy(self, variables: Any, observation: Seen) -> tuple[jax.Array, jax.Array]:
-        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations ``[..., 8]``."""
+        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations
+        ``[..., 8]``.
+        """
         applied: Any = self.actor.apply(variables, observation)
         return applied
 
@@ -74,8 +80,8 @@ class Batch(NamedTuple):
 def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
     """Return networks with Adam and clipping; the learning rate is applied by :func:`update`.
 
-    The gradient of each network is clipped by its own norm: a critic with large errors must not shorten the actor's
-    step.
+    The gradient of each network is clipped by its own norm: a critic with large errors must not
+    shorten the actor's step.
     """
     optimizer = optax.chain(
         _clip_apart(settings.max_grad_norm),
@@ -85,7 +91,9 @@ def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
 
 
 def _clip_apart(norm: float) -> optax.GradientTransformation:
-    """Return the scaling of each of several gradients, apart from the others, down to a global norm."""
+    """Return the scaling of each of several gradients, apart from the others, down to a global
+    norm.
+    """
     clip = optax.clip_by_global_norm(norm)
 
     def apart(updates: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
@@ -95,7 +103,9 @@ def _clip_apart(norm: float) -> optax.GradientTransformation:
 
 
 def initial_state(parts: Learner, key: jax.Array, blank: Seen) -> LearnerState:
-    """Initialise parameters and optimiser from a key; ``blank`` has the shapes of what the networks take."""
+    """Initialise parameters and optimiser from a key; ``blank`` has the shapes of what the networks
+    take.
+    """
     actor_key, critic_key = jax.random.split(key)
     actor, critic = parts.actor.init(actor_key, blank), parts.critic.init(critic_key, blank)
     return LearnerState(actor, critic, parts.optimizer.init((actor, critic)))
@@ -120,10 +130,12 @@ def advantages(
     discount: float,
     gae_lambda: float,
 ) -> jax.Array:
-    """Return generalised advantage estimates, ``[T, N]`` (Schulman et al. 2016), of which ``gae_lambda`` is the decay.
+    """Return generalised advantage estimates, ``[T, N]`` (Schulman et al. 2016), of which
+    ``gae_lambda`` is the decay.
 
-    Of each step, ``[T, N]``: its reward, the values of the observations before it and after it (before any reset), and
-    whether it ended the episode for good, after which nothing is worth anything.
+    Of each step, ``[T, N]``: its reward, the values of the observations before it and after it
+    (before any reset), and whether it ended the episode for good, after which nothing is worth
+    anything.
     """
     goes_on = 1.0 - terminated_t
     delta_t = reward_t + discount * value_tp1 * goes_on - value_t
@@ -134,14 +146,18 @@ def advantages(
         estimate = delta + decay * carry
         return estimate, estimate
 
-    _, estimates = jax.lax.scan(backward, jnp.zeros_like(delta_t[0]), (delta_t, decay_t), reverse=True)
+    _, estimates = jax.lax.scan(
+        backward, jnp.zeros_like(delta_t[0]), (delta_t, decay_t), reverse=True
+    )
     return estimates
 
 
 def normalized(advantage: jax.Array, axis: str | None = None) -> jax.Array:
-    """Return the advantages of minibatches ``[B, M]``, each with mean 0 and standard deviation 1 over its samples.
+    """Return the advantages of minibatches ``[B, M]``, each with mean 0 and standard deviation 1
+    over its samples.
 
-    The devices of an axis have a part of each minibatch's samples each, and get all moments in one message.
+    The devices of an axis have a part of each minibatch's samples each, and get all moments in one
+    message.
     """
     mean, std = _moments(advantage, axis)
     return (advantage - mean[:, None]) / (std[:, None] + 1e-8)
@@ -153,7 +169,9 @@ def losses(
     parts: Learner,
     settings: PpoSettings,
 ) -> tuple[jax.Array, dict]:
-    """Return the scalar loss of a minibatch and its parts, means over this device's samples; advantages as given."""
+    """Return the scalar loss of a minibatch and its parts, means over this device's samples;
+    advantages as given.
+    """
     actor_variables, critic_variables = parameters
     mean, log_std = parts.policy(actor_variables, batch.observation)
     value = parts.value(critic_variables, batch.observation)
@@ -166,7 +184,12 @@ def losses(
     value_loss = 0.5 * jnp.mean(jnp.square(value - batch.target))
     entropy = gaussian_entropy(log_std)
     beyond = jnp.mean(jnp.square(mean - jnp.clip(mean, -1.0, 1.0)).sum(axis=-1))
-    loss = policy_loss + settings.value * value_loss - settings.entropy * entropy + settings.bound * beyond
+    loss = (
+        policy_loss
+        + settings.value * value_loss
+        - settings.entropy * entropy
+        + settings.bound * beyond
+    )
     return loss, {
         "loss": loss,
         "policy_loss": policy_loss,
@@ -189,19 +212,24 @@ def update(
 ) -> tuple[LearnerState, dict]:
     """Improve the networks by some epochs over a rollout.
 
-    On several devices each shuffles and cuts up the encounters that it has flown; gradients and the advantages'
-    statistics are taken over all of them, so that every device makes the same step. The rollout is ``[N, T, ...]``, so
-    that a segment of time is contiguous; ``segment`` must divide T, and ``minibatches`` the number of segments. Returns
-    the new state and the mean of each part of the loss over the last epoch, with the gradient's norm.
+    On several devices each shuffles and cuts up the encounters that it has flown; gradients and the
+    advantages' statistics are taken over all of them, so that every device makes the same step. The
+    rollout is ``[N, T, ...]``, so that a segment of time is contiguous; ``segment`` must divide T,
+    and ``minibatches`` the number of segments. Returns the new state and the mean of each part of
+    the loss over the last epoch, with the gradient's norm.
     """
     encounters, steps = rollout.log_prob.shape
     segments = encounters * steps // settings.segment
     per_minibatch = segments // settings.minibatches
     rows = jax.tree.map(lambda a: a.reshape(segments, settings.segment, *a.shape[2:]), rollout)
 
-    def minibatch(carry: LearnerState, now: tuple[jax.Array, jax.Array]) -> tuple[LearnerState, dict]:
+    def minibatch(
+        carry: LearnerState, now: tuple[jax.Array, jax.Array]
+    ) -> tuple[LearnerState, dict]:
         chosen, advantage = now
-        batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)._replace(advantage=advantage)
+        batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)._replace(
+            advantage=advantage
+        )
         gradient_of = jax.grad(partial(losses, parts=parts, settings=settings), has_aux=True)
         gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
         if parts.axis is not None:
@@ -213,7 +241,9 @@ def update(
         return LearnerState(actor, critic, optimizer), parts_of_loss
 
     def epoch(carry: LearnerState, epoch_key: jax.Array) -> tuple[LearnerState, dict]:
-        order = jax.random.permutation(epoch_key, segments).reshape(settings.minibatches, per_minibatch)
+        order = jax.random.permutation(epoch_key, segments).reshape(
+            settings.minibatches, per_minibatch
+        )
         advantage = rows.advantage[order].reshape(settings.minibatches, -1)
         if settings.normalize_advantage:
             advantage = normalized(advantage, parts.axis)
@@ -226,7 +256,9 @@ def update(
 
 
 def explained_variance(value: jax.Array, target: jax.Array, axis: str | None = None) -> jax.Array:
-    """Return the share of the returns' variance that the critic explains, 1 at best; over all devices of an axis."""
+    """Return the share of the returns' variance that the critic explains, 1 at best; over all
+    devices of an axis.
+    """
     if axis is None:
         return 1.0 - jnp.var(target - value) / (jnp.var(target) + 1e-8)
     (_, left), (_, whole) = _moments((target - value).ravel(), axis), _moments(target.ravel(), axis)
@@ -234,16 +266,22 @@ def explained_variance(value: jax.Array, target: jax.Array, axis: str | None = N
 
 
 def _mean_of_devices(tree: Any, axis: str) -> Any:
-    """Return the mean of a tree over the devices of an axis, by one message instead of one a leaf."""
+    """Return the mean of a tree over the devices of an axis, by one message instead of one
+    a leaf.
+    """
     flat, restored = ravel_pytree(tree)
     return restored(jax.lax.pmean(flat, axis))
 
 
 def _moments(values: jax.Array, axis: str | None) -> tuple[jax.Array, jax.Array]:
-    """Return mean and standard deviation along the last axis, of all devices' values where there is an axis of them."""
+    """Return mean and standard deviation along the last axis, of all devices' values where there is
+    an axis of them.
+    """
     here = values.mean(axis=-1)
     if axis is None:
         return here, values.std(axis=-1)
     # One message: the variance over all is that within the devices and that of their means.
-    mean, square, within = jax.lax.pmean(jnp.stack([here, jnp.square(here), values.var(axis=-1)]), axis)
+    mean, square, within = jax.lax.pmean(
+        jnp.stack([here, jnp.square(here), values.var(axis=-1)]), axis
+    )
     return mean, jnp.sqrt(within + jnp.maximum(square - jnp.square(mean), 0.0))

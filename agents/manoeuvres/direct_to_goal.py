@@ -1,4 +1,6 @@
-"""The direct way back: one turn onto the goal, a straight line to it, and whether that keeps clear of the traffic."""
+"""The direct way back: one turn onto the goal, a straight line to it, and whether that keeps clear
+of the traffic.
+"""
 
 import math
 from typing import Any, NamedTuple
@@ -24,14 +26,17 @@ class Task(NamedTuple):
 
 
 def arc_end(state: VehicleState, arc: Any, length: Any) -> tuple[Any, Any]:
-    """Return where arcs from a state end that turn by ``arc``, rad, on a length, m; numpy, ``[...]`` each."""
+    """Return where arcs from a state end that turn by ``arc``, rad, on a length, m; numpy,
+    ``[...]`` each.
+    """
     # sin(x)/x by numpy is safe at 0; the chord of an arc points half-way through its turn.
     chord, middle = length * np.sinc(arc / (2.0 * math.pi)), state.heading + 0.5 * arc
     return state.x + chord * np.cos(middle), state.y + chord * np.sin(middle)
 
 
 def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:
-    """Return the speed to cover a length (m) in some seconds, m/s, and whether that is possible, ``[...]``.
+    """Return the speed to cover a length (m) in some seconds, m/s, and whether that is possible,
+    ``[...]``.
 
     The present speed where it is enough; else, accelerating at once by as much as the limits allow.
     """
@@ -46,13 +51,21 @@ def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) ->
 
 
 def clear(
-    own: VehicleState, goal: tuple[Any, Any], other: VehicleState, required: Any, time: Any, task: Task, xp: Any
+    own: VehicleState,
+    goal: tuple[Any, Any],
+    other: VehicleState,
+    required: Any,
+    time: Any,
+    task: Task,
+    xp: Any,
 ) -> Any:
-    """Return whether turning onto the goal now and flying there keeps clear of an intruder that flies straight on.
+    """Return whether turning onto the goal now and flying there keeps clear of an intruder that
+    flies straight on.
 
-    The turn is judged on the chords of its quarters, less what the arcs can leave them by, the straight line until the
-    goal's disc. A goal inside the turning circle, behind a turn of more than half a circle, or too far for the time
-    left has no such way. All ``[...]``; goal and required separation in m, time in s.
+    The turn is judged on the chords of its quarters, less what the arcs can leave them by, the
+    straight line until the goal's disc. A goal inside the turning circle, behind a turn of more
+    than half a circle, or too far for the time left has no such way. All ``[...]``; goal and
+    required separation in m, time in s.
     """
     sine, cosine = sincos(own.heading, xp)
     dx, dy = goal[0] - own.x, goal[1] - own.y
@@ -63,7 +76,8 @@ def clear(
     length = xp.sqrt(xp.maximum(square, 0.0))
     course = wrap(atan2(from_y, from_x, xp) + side * atan2(circle, length, xp), xp)
     turn = wrap(side * (course - own.heading), xp)
-    # A goal straight ahead must not become a full circle by rounding; one to be turned to by more than pi is behind.
+    # A goal straight ahead must not become a full circle by rounding; one to be turned to by more
+    # than pi is behind.
     possible = xp.logical_and(square > 0.0, turn > -1e-6)
     turn = xp.maximum(turn, 0.0)
 
@@ -89,17 +103,27 @@ def clear(
         near = _nearest(x, y, step_x, step_y, xp)
         possible = xp.logical_and(possible, near >= owed)
         x, y = x + step_x, y + step_y
-        ahead_x, ahead_y = ahead_x * part_cosine - ahead_y * part_sine, ahead_y * part_cosine + ahead_x * part_sine
+        ahead_x, ahead_y = (
+            ahead_x * part_cosine - ahead_y * part_sine,
+            ahead_y * part_cosine + ahead_x * part_sine,
+        )
 
     # In a hurry the speed changes on the way; the mean one is good enough to choose by.
     flight = straight / (0.5 * (own.speed + wanted))
     course_sine, course_cosine = sincos(course, xp)
-    step_x, step_y = other_vx * flight - straight * course_cosine, other_vy * flight - straight * course_sine
-    return xp.logical_and(possible, _nearest(x, y, step_x, step_y, xp) >= required * xp.abs(required))
+    step_x, step_y = (
+        other_vx * flight - straight * course_cosine,
+        other_vy * flight - straight * course_sine,
+    )
+    return xp.logical_and(
+        possible, _nearest(x, y, step_x, step_y, xp) >= required * xp.abs(required)
+    )
 
 
 def _nearest(x: Any, y: Any, step_x: Any, step_y: Any, xp: Any) -> Any:
     """Return the squared distance from the origin to the line from (x, y) along a step, m^2."""
-    s = xp.clip(-(x * step_x + y * step_y) / xp.maximum(step_x * step_x + step_y * step_y, 1e-9), 0.0, 1.0)
+    s = xp.clip(
+        -(x * step_x + y * step_y) / xp.maximum(step_x * step_x + step_y * step_y, 1e-9), 0.0, 1.0
+    )
     x, y = x + s * step_x, y + s * step_y
     return x * x + y * y

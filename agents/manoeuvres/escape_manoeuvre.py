@@ -1,8 +1,8 @@
 """A family of escapes: turn, fly straight until the way to the goal is clear, turn onto the goal.
 
-By Pontryagin's principle the control that maximises the distance at a closest approach turns at full rate onto one
-course and holds it, at extremal acceleration with at most one switch. A second turn at the switch serves delayed
-starts, manoeuvring intruders and several of them.
+By Pontryagin's principle the control that maximises the distance at a closest approach turns at
+full rate onto one course and holds it, at extremal acceleration with at most one switch. A second
+turn at the switch serves delayed starts, manoeuvring intruders and several of them.
 """
 
 from typing import Any, NamedTuple
@@ -27,12 +27,17 @@ class Manoeuvre(NamedTuple):
 
     turn: Any  # heading change at full rate from the start, rad, positive to the left
     throttle: Any  # acceleration at first, in [-1, 1] of the limits
-    switch: Any  # time at which the second turn is added to what is left of the first and the throttle changes, s
+    # time at which the second turn is added to what is left of the first and the throttle changes,
+    # s
+    switch: Any
     turn_after: Any  # second turn, rad
     throttle_after: Any  # acceleration from the switch on, in [-1, 1]
     resume: Any  # earliest time at which the aircraft turns onto the goal, s
-    slack: Any  # what the way to the goal keeps beyond the separation, m, from the traffic's straight courses
-    throttle_home: Any  # acceleration on the way to the goal, in [-1, 1]; full wherever time gets short
+    # what the way to the goal keeps beyond the separation, m, from the traffic's straight courses
+    slack: Any
+    throttle_home: (
+        Any  # acceleration on the way to the goal, in [-1, 1]; full wherever time gets short
+    )
 
 
 class Flight(NamedTuple):
@@ -50,7 +55,9 @@ def steps(rules: Rules) -> int:
 
 
 def tracks(encounter: Encounter, count: int, rules: Rules) -> VehicleState:
-    """Fly the intruders alone (they react to nothing); return their states about the steps, ``[count + 1, ..., K]``."""
+    """Fly the intruders alone (they react to nothing); return their states about the steps,
+    ``[count + 1, ..., K]``.
+    """
     flown = start(encounter.intruders, np)
     states = [flown.vehicle]
     for index in range(count):
@@ -75,9 +82,11 @@ def decided(
     rules: Rules,
     limits: Limits,
 ) -> tuple[tuple[Any, Any], Flight]:
-    """Return the action of one step of the escapes, ``[M]`` twice in [-1, 1], and the escapes after it, not yet moved.
+    """Return the action of one step of the escapes, ``[M]`` twice in [-1, 1], and the escapes after
+    it, not yet moved.
 
-    The time is that of the step's beginning, s; the goal's position ``[M]`` twice, m; traffic and mask ``[M, K]``.
+    The time is that of the step's beginning, s; the goal's position ``[M]`` twice, m; traffic and
+    mask ``[M, K]``.
     """
     own = flight.own
     returning = flight.returning.copy()
@@ -105,20 +114,24 @@ def fly(
 ) -> Flight:
     """Fly one step of the escapes; arguments as of :func:`decided`."""
     action, after = decided(flight, manoeuvre, time, goal, traffic, mask, rules, limits)
-    return after._replace(own=advance(flight.own, *commands(action, limits, np), rules.dt, limits, np))
+    return after._replace(
+        own=advance(flight.own, *commands(action, limits, np), rules.dt, limits, np)
+    )
 
 
 def fly_away(
     flight: Flight, manoeuvre: Manoeuvre, first: int, count: int, dt: float, limits: Limits
 ) -> tuple[VehicleState, Flight]:
-    """Fly ``count`` steps of ``dt`` seconds of escapes ``[M]`` as :func:`fly` does, from step number ``first`` on.
+    """Fly ``count`` steps of ``dt`` seconds of escapes ``[M]`` as :func:`fly` does, from step
+    number ``first`` on.
 
-    The way to the goal is the caller's: until it turns back, headings and speeds of an escape follow from its manoeuvre
-    alone, and the displacements of all steps are found at once.
+    The way to the goal is the caller's: until it turns back, headings and speeds of an escape
+    follow from its manoeuvre alone, and the displacements of all steps are found at once.
 
     Returns:
-        The states at the beginning and after every step, ``[count + 1, M]``, and the escapes at the end, their
-        headings not wrapped, so that the result does not depend on how many steps are flown at once.
+        The states at the beginning and after every step, ``[count + 1, M]``, and the escapes at the
+        end, their headings not wrapped, so that the result does not depend on how many steps are
+        flown at once.
     """
     own, full_turn = flight.own, limits.yaw_rate_max * dt
     shape = (count, np.size(own.x))
@@ -133,11 +146,16 @@ def fly_away(
     speed[0] = own.speed
     for number in range(count):
         # As in advance: a speed beyond a limit stays until it is commanded inwards.
-        bounds = np.minimum(speed[number], limits.speed_min), np.maximum(speed[number], limits.speed_max)
+        bounds = (
+            np.minimum(speed[number], limits.speed_min),
+            np.maximum(speed[number], limits.speed_max),
+        )
         np.clip(speed[number] + acceleration[number] * dt, *bounds, out=speed[number + 1])
     course = _summed(own.heading, yaw_rate * dt)
     heading = wrap(course, np)
-    moved = advance(VehicleState(0.0, 0.0, heading[:-1], speed[:-1]), acceleration, yaw_rate, dt, limits, np)
+    moved = advance(
+        VehicleState(0.0, 0.0, heading[:-1], speed[:-1]), acceleration, yaw_rate, dt, limits, np
+    )
     states = VehicleState(_summed(own.x, moved.x), _summed(own.y, moved.y), heading, speed)
     end = VehicleState(states.x[-1], states.y[-1], course[-1], speed[-1])
     return states, flight._replace(own=end)
@@ -148,8 +166,12 @@ def _summed(start: Any, steps: Any) -> Any:
     return np.add.accumulate(np.concatenate([start[None], steps]), axis=0)
 
 
-def _escaping(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Any) -> tuple[Any, Any, Any, Any]:
-    """Return turn (rad) and throttle of a step away, what is left to turn before it, and whether the switch is past."""
+def _escaping(
+    flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Return turn (rad) and throttle of a step away, what is left to turn before it, and whether
+    the switch is past.
+    """
     switched = time >= manoeuvre.switch
     to_turn = flight.to_turn + np.where(switched & ~flight.switched, manoeuvre.turn_after, 0.0)
     throttle = np.where(switched, manoeuvre.throttle_after, manoeuvre.throttle)
@@ -157,25 +179,41 @@ def _escaping(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Any)
 
 
 def _to_goal(
-    own: VehicleState, goal: tuple[Any, Any], time: float, throttle: Any, rules: Rules, limits: Limits
+    own: VehicleState,
+    goal: tuple[Any, Any],
+    time: float,
+    throttle: Any,
+    rules: Rules,
+    limits: Limits,
 ) -> tuple[Any, Any]:
     """Return the turn (rad) and the throttle of a step on the way to the goal, ``[M]`` each."""
     to_goal = bearing(own, *goal, np)
     far = distance(goal[0] - own.x, goal[1] - own.y, np)
     full_turn = limits.yaw_rate_max * rules.dt
-    # A goal inside the turning circle cannot be turned onto: fly straight until the circle has left it behind.
+    # A goal inside the turning circle cannot be turned onto: fly straight until the circle has left
+    # it behind.
     radius = own.speed / limits.yaw_rate_max
     from_centre = distance(far * np.cos(to_goal), np.abs(far * np.sin(to_goal)) - radius, np)
-    turn = np.where(from_centre < radius - 0.5 * rules.goal_radius, 0.0, np.clip(to_goal, -full_turn, full_turn))
+    turn = np.where(
+        from_centre < radius - 0.5 * rules.goal_radius, 0.0, np.clip(to_goal, -full_turn, full_turn)
+    )
     time_left = rules.t_max - time - np.abs(to_goal) / limits.yaw_rate_max
     late = far > 0.9 * own.speed * np.maximum(time_left, rules.dt)
     return turn, np.where(late, 1.0, throttle)
 
 
 def _clear(
-    own: VehicleState, goal: tuple[Any, Any], traffic: VehicleState, mask: Any, slack: Any, rules: Rules, limits: Limits
+    own: VehicleState,
+    goal: tuple[Any, Any],
+    traffic: VehicleState,
+    mask: Any,
+    slack: Any,
+    rules: Rules,
+    limits: Limits,
 ) -> Any:
-    """Return whether the traffic's straight courses are clear half-way through the turn onto the goal and after it."""
+    """Return whether the traffic's straight courses are clear half-way through the turn onto the
+    goal and after it.
+    """
     to_goal = bearing(own, *goal, np)
     turning = np.abs(to_goal) / limits.yaw_rate_max
     traffic_vx, traffic_vy = velocity(traffic, np)
@@ -183,16 +221,24 @@ def _clear(
 
     half_x, half_y = arc_end(own, 0.5 * to_goal, own.speed * 0.5 * turning)
     seconds = 0.5 * turning[:, None]
-    rx, ry = traffic.x + traffic_vx * seconds - half_x[:, None], traffic.y + traffic_vy * seconds - half_y[:, None]
+    rx, ry = (
+        traffic.x + traffic_vx * seconds - half_x[:, None],
+        traffic.y + traffic_vy * seconds - half_y[:, None],
+    )
     clear = distance(rx, ry, np) >= required
 
     x, y = arc_end(own, to_goal, own.speed * turning)
     rx, ry = rx + traffic_vx * seconds, ry + traffic_vy * seconds
     rx, ry = rx + (half_x - x)[:, None], ry + (half_y - y)[:, None]
     course = own.heading + to_goal
-    vx, vy = traffic_vx - (own.speed * np.cos(course))[:, None], traffic_vy - (own.speed * np.sin(course))[:, None]
+    vx, vy = (
+        traffic_vx - (own.speed * np.cos(course))[:, None],
+        traffic_vy - (own.speed * np.sin(course))[:, None],
+    )
     # The encounter ends at the goal: what would come closer only beyond it does not count.
     flight = np.maximum(distance(goal[0] - x, goal[1] - y, np) - rules.goal_radius, 0.0) / own.speed
-    closest = np.clip(-(rx * vx + ry * vy) / np.maximum(vx * vx + vy * vy, 1e-9), 0.0, flight[:, None])
+    closest = np.clip(
+        -(rx * vx + ry * vy) / np.maximum(vx * vx + vy * vy, 1e-9), 0.0, flight[:, None]
+    )
     clear &= distance(rx + vx * closest, ry + vy * closest, np) >= required
     return np.all(clear | ~mask, axis=-1)

@@ -1,7 +1,8 @@
-"""Search for an escape: coarse to fine through the family, then a local refinement of the nearest misses.
+"""Search for an escape: coarse to fine through the family, then a local refinement of the nearest
+misses.
 
-The search is clairvoyant: it flies against the true motion of the intruders, so that what it finds bounds from
-above what any decider without foresight can achieve.
+The search is clairvoyant: it flies against the true motion of the intruders, so that what it finds
+bounds from above what any decider without foresight can achieve.
 """
 
 from typing import Any, NamedTuple
@@ -28,7 +29,9 @@ ELITES, CHILDREN, ROUNDS = 8, 64, 16
 """Of the refinement: escapes kept, offspring a round, rounds."""
 
 SPREAD = Manoeuvre(np.radians(12.0), 0.7, 6.0, np.radians(25.0), 0.7, 12.0, 0.06, 0.5)
-"""One sigma of a first-round offspring's change; like all families here in time steps and separations."""
+"""One sigma of a first-round offspring's change; like all families here in time steps and
+separations.
+"""
 
 
 class Flown(NamedTuple):
@@ -40,7 +43,9 @@ class Flown(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The best escape of each encounter, as in :class:`Flown`; fields ``[N]``, nan where none is known to work."""
+    """The best escape of each encounter, as in :class:`Flown`; fields ``[N]``, nan where none is
+    known to work.
+    """
 
     manoeuvre: Manoeuvre
     arrival: Any
@@ -48,7 +53,9 @@ class Found(NamedTuple):
     path: Any
 
 
-def _grid(turns_deg: Any, throttles: Any = (0.0,), delays: Any = (0.0,), slacks: Any = (0.03,)) -> Manoeuvre:
+def _grid(
+    turns_deg: Any, throttles: Any = (0.0,), delays: Any = (0.0,), slacks: Any = (0.03,)
+) -> Manoeuvre:
     """Return all combinations of turns, throttles, delayed starts and slacks, ``[M]``."""
     mesh = np.meshgrid(np.radians(turns_deg), throttles, delays, slacks, indexing="ij")
     turn, throttle, delay, slack = (axis.ravel().astype(float) for axis in mesh)
@@ -60,7 +67,9 @@ def _grid(turns_deg: Any, throttles: Any = (0.0,), delays: Any = (0.0,), slacks:
 def scaled(manoeuvre: Manoeuvre, task: Aircraft | Rules) -> Manoeuvre:
     """Return manoeuvres in seconds and metres from such in time steps and separations."""
     return manoeuvre._replace(
-        switch=manoeuvre.switch * task.dt, resume=manoeuvre.resume * task.dt, slack=manoeuvre.slack * task.separation
+        switch=manoeuvre.switch * task.dt,
+        resume=manoeuvre.resume * task.dt,
+        slack=manoeuvre.slack * task.separation,
     )
 
 
@@ -74,7 +83,9 @@ COARSE = _grid(np.arange(-180.0, 180.1, 15.0), _THROTTLES)
 
 
 def _staying_away(turns_deg: Any, resumes: Any) -> Manoeuvre:
-    """Return turns that do not come back before a time: with one throttle, or slow and then fast, ``[M]``."""
+    """Return turns that do not come back before a time: with one throttle, or slow and then fast,
+    ``[M]``.
+    """
     slow_then_fast = (-1.0, 1.0)
     throttles = ((-1.0, -1.0), (0.0, 0.0), (1.0, 1.0), slow_then_fast)
     mesh = np.meshgrid(np.radians(turns_deg), np.arange(len(throttles)), resumes, indexing="ij")
@@ -85,13 +96,23 @@ def _staying_away(turns_deg: Any, resumes: Any) -> Manoeuvre:
 
 
 STAGES: tuple[Manoeuvre, ...] = (
-    concatenated(_grid([0.0], slacks=[REGARDLESS]), _grid([20.0, 45.0, 75.0, 110.0, -20.0, -45.0, -75.0, -110.0])),
+    concatenated(
+        _grid([0.0], slacks=[REGARDLESS]),
+        _grid([20.0, 45.0, 75.0, 110.0, -20.0, -45.0, -75.0, -110.0]),
+    ),
     COARSE,
     _grid(np.arange(-172.5, 172.6, 15.0), _THROTTLES),
-    _grid(np.arange(-150.0, 150.1, 15.0), _THROTTLES, delays=[5.0, 10.0, 20.0, 40.0], slacks=[0.0, 0.2]),
+    _grid(
+        np.arange(-150.0, 150.1, 15.0),
+        _THROTTLES,
+        delays=[5.0, 10.0, 20.0, 40.0],
+        slacks=[0.0, 0.2],
+    ),
     _staying_away(np.arange(-180.0, 180.1, 15.0), [20.0, 30.0]),
 )
-"""What is flown, coarse to fine: each stage only for the encounters that those before it left unsolved."""
+"""What is flown, coarse to fine: each stage only for the encounters that those before it left
+unsolved.
+"""
 
 
 def fly_out(
@@ -109,8 +130,10 @@ def fly_out(
 
     Args:
         which: number of the encounter that each escape belongs to, ``[M]``.
-        scoring: go on after a violation, to learn by how much it was missed; otherwise an escape is dropped there.
-        first: without scoring, drop all of an encounter's escapes as soon as one of them has reached the goal.
+        scoring: go on after a violation, to learn by how much it was missed; otherwise an escape is
+            dropped there.
+        first: without scoring, drop all of an encounter's escapes as soon as one of them has
+            reached the goal.
     """
     arrival, path = np.full((2, which.size), np.nan)
     closest = np.full(which.size, np.inf)
@@ -131,8 +154,11 @@ def fly_out(
         closest[rows] = np.minimum(closest[rows], separation)
         judged = judge(np.inf if scoring else separation, to_goal, time, rules, np)
         arrival[rows[judged.reached]] = time
-        # Of the last step only what lies outside the goal's circle counts, or the length would come in whole steps.
-        outside = np.clip((was_off - rules.goal_radius) / np.maximum(was_off - to_goal, 1e-9), 0.0, 1.0)
+        # Of the last step only what lies outside the goal's circle counts, or the length would come
+        # in whole steps.
+        outside = np.clip(
+            (was_off - rules.goal_radius) / np.maximum(was_off - to_goal, 1e-9), 0.0, 1.0
+        )
         path[rows[judged.reached]] = (length + outside * flown)[judged.reached]
         length, was_off = length + flown, to_goal
         going_on = ~judged.ended(np)
@@ -140,7 +166,9 @@ def fly_out(
             solved[which[judged.reached]] = True
             going_on &= ~solved[which]
         if not going_on.all():
-            rows, which, goal, mask, manoeuvre = take((rows, which, goal, mask, manoeuvre), going_on)
+            rows, which, goal, mask, manoeuvre = take(
+                (rows, which, goal, mask, manoeuvre), going_on
+            )
             flight, now, length, was_off = take((flight, now, length, was_off), going_on)
             if rows.size == 0:
                 break
@@ -148,7 +176,9 @@ def fly_out(
 
 
 def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
-    """Look for an escape of every encounter ``[N]``: the first to reach the goal of the first stage that has one."""
+    """Look for an escape of every encounter ``[N]``: the first to reach the goal of the first stage
+    that has one.
+    """
     count = np.shape(encounter.goal_x)[0]
     found = nothing(count)
     for stage in STAGES:
@@ -157,7 +187,9 @@ def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
             chosen = take(encounter, part)
             which = np.repeat(np.arange(part.size), stage.turn.size)
             family = Manoeuvre(*(np.tile(field, part.size) for field in scaled(stage, rules)))
-            flown = fly_out(chosen, tracks(chosen, steps(rules), rules), which, family, rules, limits)
+            flown = fly_out(
+                chosen, tracks(chosen, steps(rules), rules), which, family, rules, limits
+            )
             _keep_best(found, part, which, family, flown)
     left = np.flatnonzero(np.isnan(found.arrival))
     for part in parts(left, max(CHILDREN, COARSE.turn.size), encounter):
@@ -166,12 +198,16 @@ def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
 
 
 def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
-    """Improve the nearest misses of the coarse family by random changes until they keep the separation, ``[N]``."""
+    """Improve the nearest misses of the coarse family by random changes until they keep the
+    separation, ``[N]``.
+    """
     count = np.shape(encounter.goal_x)[0]
     traffic = tracks(encounter, steps(rules), rules)
     found = nothing(count)
     left, pool, scores = np.arange(count), np.zeros((len(SPREAD), count, 0)), np.zeros((count, 0))
-    coarse = np.broadcast_to(np.stack(scaled(COARSE, rules))[:, None], (len(SPREAD), count, COARSE.turn.size))
+    coarse = np.broadcast_to(
+        np.stack(scaled(COARSE, rules))[:, None], (len(SPREAD), count, COARSE.turn.size)
+    )
     for index in range(ROUNDS + 1):
         tried = offspring(pool, index - 1, rules) if index else coarse
         family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
@@ -182,8 +218,13 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
         _keep_best(found, np.arange(count), which, family, flown._replace(arrival=arrival))
 
         # What misses the goal comes after all that reach it.
-        score = np.where(np.isnan(flown.arrival), flown.separation - 1e6, flown.separation).reshape(left.size, -1)
-        pool, scores = np.concatenate([pool, tried], axis=-1), np.concatenate([scores, score], axis=-1)
+        score = np.where(np.isnan(flown.arrival), flown.separation - 1e6, flown.separation).reshape(
+            left.size, -1
+        )
+        pool, scores = (
+            np.concatenate([pool, tried], axis=-1),
+            np.concatenate([scores, score], axis=-1),
+        )
         best = np.argsort(-scores, axis=-1, kind="stable")[:, :ELITES]
         on = np.isnan(found.arrival[left])
         pool = np.take_along_axis(pool, best[None], axis=-1)[:, on]
@@ -194,8 +235,14 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
 
 
 def offspring(pool: Any, index: int, task: Aircraft | Rules) -> Any:
-    """Return variants ``[8, N, CHILDREN]`` of elites ``[8, N, ELITES]``, the same random changes for all encounters."""
-    changes = np.array(scaled(SPREAD, task))[:, None] * normals(0, index, 1, (len(SPREAD), CHILDREN))[0] * 0.8**index
+    """Return variants ``[8, N, CHILDREN]`` of elites ``[8, N, ELITES]``, the same random changes
+    for all encounters.
+    """
+    changes = (
+        np.array(scaled(SPREAD, task))[:, None]
+        * normals(0, index, 1, (len(SPREAD), CHILDREN))[0]
+        * 0.8**index
+    )
     parents = (uniforms(0, index, 1, (CHILDREN,), stream=1)[0] * ELITES).astype(int)
     return within_range(pool[..., parents] + changes[:, None])
 
@@ -215,7 +262,9 @@ def within_range(values: Any) -> Any:
 
 
 def _keep_best(found: Found, part: Any, which: Any, family: Manoeuvre, flown: Flown) -> None:
-    """Write, per encounter, the earliest arrival of what was flown (the widest of those) into what is found."""
+    """Write, per encounter, the earliest arrival of what was flown (the widest of those) into what
+    is found.
+    """
     arrived = np.flatnonzero(~np.isnan(flown.arrival))
     arrived = arrived[np.lexsort((-flown.separation[arrived], flown.arrival[arrived]))]
     owners, first = np.unique(which[arrived], return_index=True)
@@ -223,9 +272,13 @@ def _keep_best(found: Found, part: Any, which: Any, family: Manoeuvre, flown: Fl
 
 
 def doubled(encounters: Encounter) -> Encounter:
-    """Return encounters ``[N]`` in double precision; raise ValueError where there is no leading axis."""
+    """Return encounters ``[N]`` in double precision; raise ValueError where there is no leading
+    axis.
+    """
     if np.ndim(encounters.goal_x) != 1:
-        raise ValueError(f"encounters must have one leading axis [N], got shape {np.shape(encounters.goal_x)}")
+        raise ValueError(
+            f"encounters must have one leading axis [N], got shape {np.shape(encounters.goal_x)}"
+        )
     return cast(encounters, np.float64)
 
 

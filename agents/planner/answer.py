@@ -41,13 +41,19 @@ class Kind(Enum):
     NO_REJOIN = "no_rejoin"  # the route was not rejoined in time
     GOAL_BEHIND = "goal_behind"  # no point of the route lies ahead
     GOAL_TOO_FAR = "goal_too_far"  # no point of the route can be reached in time
-    ROUTE_TOO_SHORT = "route_too_short"  # the route ends before the plan does, and may not be extended
+    ROUTE_TOO_SHORT = (
+        "route_too_short"  # the route ends before the plan does, and may not be extended
+    )
     DEADLINE = "deadline"  # the computation ended before everything was searched
-    START_IN_VIOLATION = "start_in_violation"  # an intruder is closer than the separation at the request already
+    START_IN_VIOLATION = (
+        "start_in_violation"  # an intruder is closer than the separation at the request already
+    )
 
 
 class RequestError(ValueError):
-    """A request that cannot be planned for; the message says what was expected of ``field``, such as ``own.speed``."""
+    """A request that cannot be planned for; the message says what was expected of ``field``, such
+    as ``own.speed``.
+    """
 
     def __init__(self, field: str, problem: str) -> None:
         super().__init__(f"{field} {problem}")
@@ -71,7 +77,9 @@ class Reason:
 
     @classmethod
     def of(cls, kind: Kind, field: str, what: str, *place: float) -> "Reason":
-        """Return a reason whose message begins with the field; ``place`` is time, x and y, or nothing."""
+        """Return a reason whose message begins with the field; ``place`` is time, x and y, or
+        nothing.
+        """
         return cls(kind, field, f"{field} {what}", *place)
 
 
@@ -94,7 +102,9 @@ class Plan:
     reasons: tuple[Reason, ...]
     """Why the plan is not safe; empty for a safe one."""
     min_separation: float
-    """Smallest distance to any intruder on the whole plan, m; inf without intruders, nan without a trajectory."""
+    """Smallest distance to any intruder on the whole plan, m; inf without intruders, nan without a
+    trajectory.
+    """
     time_of_min_separation: float
     """s after the request; nan where there is none."""
     goal_index: int | None
@@ -103,13 +113,17 @@ class Plan:
     """When that is, s after the request; nan without a trajectory."""
     excluded: tuple[Excluded, ...]
     waypoints: tuple[Waypoint, ...]
-    """As many as asked for, the last of them a point of the route; none where no trajectory could be made."""
+    """As many as asked for, the last of them a point of the route; none where no trajectory could
+    be made.
+    """
     cost: float = float("nan")
     """Extra path, time and reversals as metres (:mod:`agents.planner.fallback`)."""
     advisory: str | None = None
     """A remark for the operator, such as that the policy's own plan was not safe."""
     unsearched: tuple[str, ...] = ()
-    """What the deadline left out or cut short: ``policy``, ``fallback``, ``refinement``, ``goal 2``, ..."""
+    """What the deadline left out or cut short: ``policy``, ``fallback``, ``refinement``, ``goal
+    2``, ...
+    """
     certify: Callable[[], bytes] | None = field(default=None, repr=False, compare=False)
     """Makes the certificate of a SAFE plan as it was made from its request; None otherwise."""
 
@@ -120,5 +134,7 @@ class Plan:
 
     @property
     def certificate(self) -> bytes | None:
-        """What ``python -m agents.check`` proves the plan from, made when it is asked for; None unless it is SAFE."""
+        """What ``python -m agents.check`` proves the plan from, made when it is asked for; None
+        unless it is SAFE.
+        """
         return self.certify() if self.safe and self.certify is not None else None

@@ -1,6 +1,8 @@
-"""What is published, checked once more: the waypoints under indices of their own, the last one a point of the route.
+"""What is published, checked once more: the waypoints under indices of their own, the last one a
+point of the route.
 
-The validator judges knots; this looks at the waypoints, and shares nothing with the modules that write them.
+The validator judges knots; this looks at the waypoints, and shares nothing with the modules that
+write them.
 """
 
 import math
@@ -15,11 +17,17 @@ ON_ROUTE = 1e-3
 
 
 def audit(
-    waypoints: Sequence[Waypoint], route: Sequence[RoutePoint], *, count: int, extended: bool = False
+    waypoints: Sequence[Waypoint],
+    route: Sequence[RoutePoint],
+    *,
+    count: int,
+    extended: bool = False,
 ) -> list[Reason]:
-    """Return what is wrong with ``count`` published waypoints, in the order in which they are flown.
+    """Return what is wrong with ``count`` published waypoints, in the order in which they are
+    flown.
 
-    ``extended`` says whether the plan may end beyond the route, on the straight line of its last leg.
+    ``extended`` says whether the plan may end beyond the route, on the straight line of its last
+    leg.
     """
     found = []
     if len(waypoints) != count:
@@ -33,14 +41,20 @@ def audit(
     for number, point in enumerate(waypoints):
         last = number == len(waypoints) - 1
         if taken[point.index] > (2 if last and ends_route else 1):
-            what = f"has index {point.index}, which another waypoint or a point of the route has too"
-            found.append(Reason.of(Kind.INDICES, f"waypoints[{number}]", what, point.time, point.x, point.y))
+            what = (
+                f"has index {point.index}, which another waypoint or a point of the route has too"
+            )
+            found.append(
+                Reason.of(Kind.INDICES, f"waypoints[{number}]", what, point.time, point.x, point.y)
+            )
     if waypoints:
         found += _last(waypoints[-1], len(waypoints) - 1, route, extended)
     return found
 
 
-def _last(point: Waypoint, number: int, route: Sequence[RoutePoint], extended: bool) -> list[Reason]:
+def _last(
+    point: Waypoint, number: int, route: Sequence[RoutePoint], extended: bool
+) -> list[Reason]:
     name = f"waypoints[{number}]"
     same = next((candidate for candidate in route if candidate.index == point.index), None)
     if same is not None:
@@ -55,10 +69,14 @@ def _last(point: Waypoint, number: int, route: Sequence[RoutePoint], extended: b
         along = ((point.x - end.x) * dx + (point.y - end.y) * dy) / length
         # Behind the route's end the nearest point of the line's extension is that end.
         along = max(along, 0.0)
-        off = math.hypot(point.x - end.x - along * dx / length, point.y - end.y - along * dy / length)
+        off = math.hypot(
+            point.x - end.x - along * dx / length, point.y - end.y - along * dy / length
+        )
         wanted = "the line on which the route goes on"
     else:
-        return [_off_route(point, name, f"has index {point.index}, which no point of the route has")]
+        return [
+            _off_route(point, name, f"has index {point.index}, which no point of the route has")
+        ]
     return [] if off <= ON_ROUTE else [_off_route(point, name, f"is {off:.3f} m off {wanted}")]
 
 

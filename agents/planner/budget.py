@@ -7,10 +7,12 @@ _FINISH = 0.003  # s of the computation that are kept for writing the answer
 
 
 class Budget:
-    """Computation of this thread until a deadline; asked between blocks of a search that take a few milliseconds.
+    """Computation of this thread until a deadline; asked between blocks of a search that take a few
+    milliseconds.
 
-    The longest block so far is taken to be as long as the next, and not begun where that would be too late. What other
-    threads and processes compute does not count, so that a busy machine costs no plans.
+    The longest block so far is taken to be as long as the next, and not begun where that would be
+    too late. What other threads and processes compute does not count, so that a busy machine costs
+    no plans.
 
     Args:
         seconds: s; inf: no deadline, and no clock is read.
@@ -25,7 +27,9 @@ class Budget:
         """What was not searched, or not to its end."""
 
     def ends(self, what: str) -> bool:
-        """Return whether another block, as long as the longest so far, would end too late; note what it leaves out."""
+        """Return whether another block, as long as the longest so far, would end too late; note
+        what it leaves out.
+        """
         if self.endless:
             return False
         now = time.thread_time()

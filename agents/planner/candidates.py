@@ -1,4 +1,6 @@
-"""From manoeuvres to plans: each is completed, validated, and kept where it is the best of its request so far."""
+"""From manoeuvres to plans: each is completed, validated, and kept where it is the best of its
+request so far.
+"""
 
 from typing import Any, NamedTuple
 
@@ -24,9 +26,13 @@ class Proposals(NamedTuple):
 
     knots: Knots  # the request and the waypoints, [N, W + 1]; nan where there is no whole plan
     goal: Any  # number of the route's point at which it is rejoined; -1 without a plan
-    last: Any  # number of the route's point that ends the plan; -1 without one; beyond the route's own if extended
+    # number of the route's point that ends the plan; -1 without one; beyond the route's own if
+    # extended
+    last: Any
     findings: Findings  # of the validator; everything is wrong with what is no plan, clearance -inf
-    too_short: Any  # whether the route ended too soon for this plan or one that it was chosen from, bool
+    too_short: (
+        Any  # whether the route ended too soon for this plan or one that it was chosen from, bool
+    )
     rejoin_time: Any  # s; nan without a plan
     path: Any  # length until the rejoining, m; nan without a plan
     cost: Any  # m; inf without a plan: path beyond the straight line, and the two weights above
@@ -51,7 +57,9 @@ def empty(count: int, waypoints: int) -> Proposals:
 
 
 def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) -> Proposals:
-    """Complete the manoeuvres ``[M]`` of requests to plans for the goals numbered ``[M]``, and validate them."""
+    """Complete the manoeuvres ``[M]`` of requests to plans for the goals numbered ``[M]``, and
+    validate them.
+    """
     whole = complete(request, rollout, goal, options)
     rows = np.flatnonzero(whole.last >= 0)
     if rows.size == 0:
@@ -59,12 +67,21 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     knots = take(whole.knots, rows)
     findings = validate(knots, take(request.traffic, rows), options.requirement, options.limits)
     goal_x, goal_y = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
-    straight = np.hypot(goal_x - request.own.x[rows], goal_y - request.own.y[rows]) - options.aircraft.goal_radius
+    straight = (
+        np.hypot(goal_x - request.own.x[rows], goal_y - request.own.y[rows])
+        - options.aircraft.goal_radius
+    )
     time, path = whole.rejoin_time[rows], whole.path[rows]
     excess = np.maximum(path - np.maximum(straight, 0.0), 0.0)
     late = np.maximum(time * request.own.speed[rows] - np.maximum(straight, 0.0), 0.0)
-    cost = excess + TIME_WEIGHT * late + REVERSAL_WEIGHT * options.aircraft.separation * whole.reversals[rows]
-    made = Proposals(knots, goal[rows], whole.last[rows], findings, whole.too_short[rows], time, path, cost)
+    cost = (
+        excess
+        + TIME_WEIGHT * late
+        + REVERSAL_WEIGHT * options.aircraft.separation * whole.reversals[rows]
+    )
+    made = Proposals(
+        knots, goal[rows], whole.last[rows], findings, whole.too_short[rows], time, path, cost
+    )
     if rows.size == goal.size:
         return made
     proposals = empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
@@ -73,7 +90,8 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
 
 
 def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
-    """Write the best of plans ``[M]`` of requests numbered ``rows`` into the best so far ``[N]``, where it is better.
+    """Write the best of plans ``[M]`` of requests numbered ``rows`` into the best so far ``[N]``,
+    where it is better.
 
     Returns:
         The numbers of the requests that have a better plan now.
@@ -88,6 +106,8 @@ def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
 
 
 def _merits(plans: Proposals) -> tuple[Any, Any, Any]:
-    """Return what plans are compared by, less is better: cost of safe ones, else clearance; legality; safety."""
+    """Return what plans are compared by, less is better: cost of safe ones, else clearance;
+    legality; safety.
+    """
     safe, found = plans.safe, plans.findings
     return np.where(safe, plans.cost, -found.clearance), ~found.legal, ~safe

@@ -1,8 +1,10 @@
-"""The certificate of a SAFE plan: what an independent checker needs to prove it anew (``python -m agents.check FILE``).
+"""The certificate of a SAFE plan: what an independent checker needs to prove it anew (``python -m
+agents.check FILE``).
 
-A certificate is one JSON object: the ownship, the published waypoints, the controls of the legs between them, the
-intruders as reported, the requirement and the limits, and a bound of the distance to each intruder. Lengths are in m,
-angles in rad, times in s after the request (docs/explanation/safe-theorem.md lists the fields).
+A certificate is one JSON object: the ownship, the published waypoints, the controls of the legs
+between them, the intruders as reported, the requirement and the limits, and a bound of the distance
+to each intruder. Lengths are in m, angles in rad, times in s after the request
+(docs/explanation/safe-theorem.md lists the fields).
 """
 
 import json
@@ -35,7 +37,9 @@ def certificate(
     own_altitude: Altitude | None,
     options: Options,
 ) -> bytes:
-    """Return the certificate of a plan for a state of floats and reports; ``excluded`` intruders do not count."""
+    """Return the certificate of a plan for a state of floats and reports; ``excluded`` intruders do
+    not count.
+    """
     out = {one.number for one in excluded}
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
     kept = [report for number, report in enumerate(reports) if number not in out]
@@ -44,10 +48,24 @@ def certificate(
     data = {
         "format": FORMAT,
         "own": list(own),
-        "waypoints": [[point.x, point.y, point.heading, point.speed, point.time] for point in published],
+        "waypoints": [
+            [point.x, point.y, point.heading, point.speed, point.time] for point in published
+        ],
         "controls": np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1).tolist(),
         "intruders": [
-            list(map(float, (*one.state, one.age, one.turn_rate, one.turn_time, one.position_std, one.velocity_std)))
+            list(
+                map(
+                    float,
+                    (
+                        *one.state,
+                        one.age,
+                        one.turn_rate,
+                        one.turn_time,
+                        one.position_std,
+                        one.velocity_std,
+                    ),
+                )
+            )
             for one in kept
         ],
         "excluded": [_heights(own_altitude, reports[number]) for number in sorted(out)],
@@ -62,7 +80,10 @@ def certificate(
 def _heights(own: Altitude | None, report: Intruder) -> list[float]:
     other = report.altitude
     assert own is not None and other is not None  # nobody is excluded otherwise
-    return [float(value) for value in (own.value, own.vertical_speed, other.value, other.vertical_speed, report.age)]
+    return [
+        float(value)
+        for value in (own.value, own.vertical_speed, other.value, other.vertical_speed, report.age)
+    ]
 
 
 def _bounds(knots: waypoints.Knots, reports: Sequence[Intruder], options: Options) -> list[float]:

@@ -1,9 +1,10 @@
 """The fallback: a family of extremal manoeuvres, searched for the safe plan of least cost.
 
-The manoeuvres of :mod:`agents.manoeuvres.escape_manoeuvre` are flown against the predicted intruders. Those that stay
-clear on the way are ranked by cost, and the first few completed and validated like any other plan. They stay within the
-surrogate's limits at first; where that yields nothing, within those that the legs may have, and with more of them; at
-the end the nearest misses are refined by random changes, each judged by the validator itself.
+The manoeuvres of :mod:`agents.manoeuvres.escape_manoeuvre` are flown against the predicted
+intruders. Those that stay clear on the way are ranked by cost, and the first few completed and
+validated like any other plan. They stay within the surrogate's limits at first; where that yields
+nothing, within those that the legs may have, and with more of them; at the end the nearest misses
+are refined by random changes, each judged by the validator itself.
 """
 
 from dataclasses import replace
@@ -14,7 +15,14 @@ import numpy as np
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
 from agents.manoeuvres.escape_search import COARSE, ELITES, STAGES, concatenated, offspring, scaled
 from agents.planner.budget import Budget
-from agents.planner.candidates import REVERSAL_WEIGHT, TIME_WEIGHT, Proposals, empty, evaluate, keep_best
+from agents.planner.candidates import (
+    REVERSAL_WEIGHT,
+    TIME_WEIGHT,
+    Proposals,
+    empty,
+    evaluate,
+    keep_best,
+)
 from agents.planner.fallback_flight import Effort, fly_out
 from agents.planner.options import Options, aggressive_limits
 from agents.planner.request import Request
@@ -28,14 +36,19 @@ _WITHIN = 0.2  # separations of clearance that small changes can bring
 _SOON = 150.0  # time steps by which the manoeuvres of the quick stages turn back
 _ENOUGH = 12  # manoeuvres of a request that end well
 _JUDGED = 16  # manoeuvres that are validated at once where there is a deadline
-_PATIENCE, _PROGRESS = 3, 0.2  # rounds of the refinement, and the part of what is missing that they must bring
+_PATIENCE, _PROGRESS = (
+    3,
+    0.2,
+)  # rounds of the refinement, and the part of what is missing that they must bring
 _FIRST = concatenated(*STAGES[:2])
 # Also manoeuvres that do not turn back before the intruder has passed.
 _SEEDS = concatenated(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
 
 
 def search(request: Request, goal: Any, options: Options, budget: Budget) -> Proposals:
-    """Return the best plan that the family's stages hold, ``[N]``; ``goal`` is the number of the point to rejoin at."""
+    """Return the best plan that the family's stages hold, ``[N]``; ``goal`` is the number of the
+    point to rejoin at.
+    """
     best, aircraft = empty(goal.size, options.waypoints), options.aircraft
     last = replace(options, manoeuvre=aggressive_limits(options))
     stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
@@ -51,7 +64,10 @@ def search(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
 
 def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Proposals:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
-    best, options = empty(goal.size, options.waypoints), replace(options, manoeuvre=aggressive_limits(options))
+    best, options = (
+        empty(goal.size, options.waypoints),
+        replace(options, manoeuvre=aggressive_limits(options)),
+    )
     aircraft = options.aircraft
     seeds, within = np.stack(scaled(_SEEDS, aircraft)), _WITHIN * aircraft.separation
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
@@ -64,7 +80,10 @@ def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
             tried = offspring(pool, index - 1, aircraft) if index else coarse
             # What begins was validated by the stages before as far as it was promising.
             score = _tried(best, left, request, goal, tried, options, budget, index > 0)
-            pool, scores = np.concatenate([pool, tried], axis=-1), np.concatenate([scores, score], axis=-1)
+            pool, scores = (
+                np.concatenate([pool, tried], axis=-1),
+                np.concatenate([scores, score], axis=-1),
+            )
             order = _elites(pool[0], scores)
             pool = np.take_along_axis(pool, order[None], axis=-1)
             scores = np.take_along_axis(scores, order, axis=-1)
@@ -80,19 +99,38 @@ def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
 
 
 def _elites(turn: Any, scores: Any) -> Any:
-    """Return the numbers of the best manoeuvres ``[n, ELITES]``, half to each side, or all would soon turn to one."""
+    """Return the numbers of the best manoeuvres ``[n, ELITES]``, half to each side, or all would
+    soon turn to one.
+    """
     each = ELITES // 2
     sides = (np.where(side, scores, scores - 1e9) for side in (turn >= 0.0, turn < 0.0))
-    return np.concatenate([np.argsort(-side, axis=-1, kind="stable")[:, :each] for side in sides], axis=-1)
+    return np.concatenate(
+        [np.argsort(-side, axis=-1, kind="stable")[:, :each] for side in sides], axis=-1
+    )
 
 
 def _tried(
-    best: Proposals, left: Any, request: Request, goal: Any, tried: Any, options: Options, budget: Budget, judge: bool
+    best: Proposals,
+    left: Any,
+    request: Request,
+    goal: Any,
+    tried: Any,
+    options: Options,
+    budget: Budget,
+    judge: bool,
 ) -> Any:
-    """Fly manoeuvres ``[8, n, M]``, perhaps judge them as plans; return how near each is to a safe one, ``[n, M]``."""
-    request, goal, which = take(request, left), goal[left], np.repeat(np.arange(left.size), tried.shape[-1])
+    """Fly manoeuvres ``[8, n, M]``, perhaps judge them as plans; return how near each is to a safe
+    one, ``[n, M]``.
+    """
+    request, goal, which = (
+        take(request, left),
+        goal[left],
+        np.repeat(np.arange(left.size), tried.shape[-1]),
+    )
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
-    rollout, closest = fly_out(request, goal, which, family, options, Effort(-np.inf, tried.size, budget=budget))
+    rollout, closest = fly_out(
+        request, goal, which, family, options, Effort(-np.inf, tried.size, budget=budget)
+    )
     score = np.minimum(closest, 1e4) - np.where(np.isfinite(rollout.time), 0.0, 1e6)
     # The most promising first: there may be no time for the others.
     order = np.argsort(-score, kind="stable") if judge else which[:0]
@@ -101,7 +139,9 @@ def _tried(
         if budget.ends("refinement"):
             break
         rows = order[first : first + block]
-        plans = evaluate(take(request, which[rows]), take(rollout, rows), goal[which[rows]], options)
+        plans = evaluate(
+            take(request, which[rows]), take(rollout, rows), goal[which[rows]], options
+        )
         keep_best(best, left[which[rows]], plans)
         # What misses the goal or a limit comes after all that do not.
         clearance, known = plans.findings.clearance, np.isfinite(plans.findings.clearance)
@@ -111,7 +151,13 @@ def _tried(
 
 
 def _improve(
-    best: Proposals, part: Any, request: Request, goal: Any, stage: Manoeuvre, options: Options, effort: Effort
+    best: Proposals,
+    part: Any,
+    request: Request,
+    goal: Any,
+    stage: Manoeuvre,
+    options: Options,
+    effort: Effort,
 ) -> None:
     """Try a stage of the family on some requests."""
     each, reversal = stage.turn.size, REVERSAL_WEIGHT * options.aircraft.separation
@@ -123,7 +169,12 @@ def _improve(
     to_x, to_y = (field[which, goal[which]] for field in (request.route_x, request.route_y))
     to_goal = np.hypot(to_x - rollout.end.x, to_y - rollout.end.y)
     time = rollout.time + to_goal / rollout.end.speed
-    cost = rollout.path + to_goal + TIME_WEIGHT * time * request.own.speed[which] + reversal * rollout.reversals
+    cost = (
+        rollout.path
+        + to_goal
+        + TIME_WEIGHT * time * request.own.speed[which]
+        + reversal * rollout.reversals
+    )
     cost = np.where(arrived, cost + 20.0 * np.maximum(options.smoothing - clearance, 0.0), np.inf)
     picked = np.zeros((part.size, each), dtype=bool)
     for order, most in ((cost, _CHEAPEST), (np.where(arrived, -clearance, np.inf), _CLEAREST)):

@@ -1,6 +1,7 @@
 """Manoeuvres of the fallback in the air: many at once, until the direct way to the goal is clear.
 
-They fly several strides at once in a few calls on arrays: a call costs more than strides flown beyond an end.
+They fly several strides at once in a few calls on arrays: a call costs more than strides flown
+beyond an end.
 """
 
 from typing import Any, NamedTuple
@@ -21,7 +22,9 @@ from envs.trees import column, mapped, scatter, take
 
 _AT_ONCE = 6  # strides flown at once at first
 _LATER = 18  # strides from turning back until uncertainty has grown to what the way back keeps
-_PAIRS = 8_192  # strides times manoeuvres times intruders at once: more do not stay in a core's cache
+_PAIRS = (
+    8_192  # strides times manoeuvres times intruders at once: more do not stay in a core's cache
+)
 
 
 def stride_of(options: Options) -> float:
@@ -33,7 +36,9 @@ class Flown(NamedTuple):
     """Manoeuvres flown until the way back is clear; fields ``[M]``."""
 
     rollout: Rollout
-    clearance: Any  # smallest distance to any intruder less the required one, until then, m; an estimate
+    clearance: (
+        Any  # smallest distance to any intruder less the required one, until then, m; an estimate
+    )
 
 
 class Effort(NamedTuple):
@@ -45,8 +50,12 @@ class Effort(NamedTuple):
     budget: Budget = Budget()  # ends the flight of all
 
 
-def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, options: Options, effort: Effort) -> Flown:
-    """Fly manoeuvres ``[M]`` of requests ``which`` until the direct way to the goal, a number ``[N]``, is clear."""
+def fly_out(
+    request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, options: Options, effort: Effort
+) -> Flown:
+    """Fly manoeuvres ``[M]`` of requests ``which`` until the direct way to the goal, a number
+    ``[N]``, is clear.
+    """
     least, enough, longest, budget = effort
     task, stride, smoothing = task_of(options), stride_of(options), options.smoothing
     last = int(min(task.until, longest) / stride + 1e-9)
@@ -75,7 +84,9 @@ def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, optio
         if scene.growth is not None:
             required = required + scene.growth[np.minimum(there + _LATER, last), owner]
         to = goal_x[owner, None], goal_y[owner, None]
-        returning[at, asking] = np.all(clear(own, to, seen, required, there[:, None] * stride, task, np), axis=-1)
+        returning[at, asking] = np.all(
+            clear(own, to, seen, required, there[:, None] * stride, task, np), axis=-1
+        )
 
         end, ended = _first(returning | ~hopeful)
         each = np.arange(rows.size)
@@ -98,12 +109,16 @@ def fly_out(request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, optio
 
 
 def _first(happens: Any) -> tuple[Any, Any]:
-    """Return in which row something ``[S, M]`` happens first, 0 where it does not, and whether it does, ``[M]``."""
+    """Return in which row something ``[S, M]`` happens first, 0 where it does not, and whether it
+    does, ``[M]``.
+    """
     return np.argmax(happens, axis=0), happens.any(axis=0)
 
 
 class _Scene(NamedTuple):
-    """Intruders at each stride (s), ``[S, N, K]``; the separation required at first (-inf: absent), its growth, m."""
+    """Intruders at each stride (s), ``[S, N, K]``; the separation required at first (-inf: absent),
+    its growth, m.
+    """
 
     others: VehicleState
     required: Any
@@ -111,13 +126,21 @@ class _Scene(NamedTuple):
     growth: Any
 
     def spare(self, flown: VehicleState, first: int, of: Any) -> Any:
-        """Return the least distance less the required one in each stride of flights, m, ``[S, M]``."""
+        """Return the least distance less the required one in each stride of flights, m,
+        ``[S, M]``.
+        """
         count = len(flown.x) - 1
         # The intruders of a single request are seen by all of its manoeuvres.
         of = slice(None) if len(self.required) == 1 else of
-        own, seen = take(flown, (..., None)), take(self.others, (slice(first, first + count + 1), of))
+        own, seen = (
+            take(flown, (..., None)),
+            take(self.others, (slice(first, first + count + 1), of)),
+        )
         before, after = take((own, seen), slice(-1)), take((own, seen), slice(1, None))
-        spare = leg_separation(before[0], after[0], before[1], after[1], self.stride, np) - self.required[of]
+        spare = (
+            leg_separation(before[0], after[0], before[1], after[1], self.stride, np)
+            - self.required[of]
+        )
         if self.growth is not None:
             spare = spare - self.growth[first : first + count, of]
         return np.min(spare, axis=-1, initial=np.inf)
@@ -128,7 +151,9 @@ def _scene(request: Request, options: Options, last: int) -> _Scene:
     traffic, stride, growth = request.traffic, stride_of(options), None
     times = np.arange(last + 2)[:, None, None] * stride
     if traffic.velocity_std.any():
-        growth = options.requirement.sigmas * (uncertainty(traffic, times[1:]) - uncertainty(traffic, 0.0))
+        growth = options.requirement.sigmas * (
+            uncertainty(traffic, times[1:]) - uncertainty(traffic, 0.0)
+        )
     owed = np.where(traffic.mask, required(traffic, request.own, options.requirement), -np.inf)
     return _Scene(predicted(traffic, times), owed, stride, growth)
 
@@ -141,23 +166,36 @@ class _Landed:
         self._end, self._done = np.full(count, last), np.zeros(count, dtype=bool)
         self.clearance = np.full(count, np.inf)
 
-    def note(self, rows: Any, strides: Any, flown: VehicleState, over: Any, done: Any, nearest: Any) -> None:
-        """Note strides, the last of them in which each is in the air, whether it turned back there, its clearance."""
+    def note(
+        self, rows: Any, strides: Any, flown: VehicleState, over: Any, done: Any, nearest: Any
+    ) -> None:
+        """Note strides, the last of them in which each is in the air, whether it turned back there,
+        its clearance.
+        """
         scatter(self._states, (slice(strides[0], strides[-1] + 1), rows), take(flown, slice(-1)))
         self._end[rows], self._done[rows], self.clearance[rows] = strides[over], done, nearest
 
     def rollout(self, limits: Limits, stride: float, spacing: int) -> Rollout:
         """Return the manoeuvres, with knots every so many strides; all of them are direct."""
-        strides, rows, end = np.arange(len(self._states.x))[:, None], np.arange(self._end.size), self._end
+        strides, rows, end = (
+            np.arange(len(self._states.x))[:, None],
+            np.arange(self._end.size),
+            self._end,
+        )
         none, speed = np.zeros((1, rows.size)), self._states.speed
         turned = wrap(np.diff(self._states.heading, axis=0), np)
         turning = (np.abs(turned) > 0.1 * limits.yaw_rate_max * stride) & (strides[1:] <= end)
         sign = np.concatenate([none, np.where(turning, np.sign(turned), 0.0)])
-        side = np.take_along_axis(sign, np.maximum.accumulate(np.where(sign != 0.0, strides, 0), axis=0), axis=0)
+        side = np.take_along_axis(
+            sign, np.maximum.accumulate(np.where(sign != 0.0, strides, 0), axis=0), axis=0
+        )
         reversals = np.sum(sign[1:] * side[:-1] < 0.0, axis=0)
         path = np.concatenate([none, np.cumsum(0.5 * stride * (speed[:-1] + speed[1:]), axis=0)])
         found = take((self._states, path), (end, rows))
-        found = mapped(lambda values: np.where(self._done, values, np.nan), (*found, side[-1], reversals, end * stride))
+        found = mapped(
+            lambda values: np.where(self._done, values, np.nan),
+            (*found, side[-1], reversals, end * stride),
+        )
         ends, path, side, reversals, time = found
         some, flown = slice(None, None, spacing), strides <= end
         knots = mapped(lambda field: np.where(flown[some], field[some], np.nan).T, self._states)

@@ -1,4 +1,6 @@
-"""Values of a request, checked one by one: each refusal names the field, the value and what was expected."""
+"""Values of a request, checked one by one: each refusal names the field, the value and what was
+expected.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +14,9 @@ _LONGEST_TEXT = 60  # of a value in a message
 
 
 def sequence(name: str, given: Any) -> Sequence[Any]:
-    """Return a sequence that is neither a text nor a single state; raise RequestError if it is none."""
+    """Return a sequence that is neither a text nor a single state; raise RequestError if it is
+    none.
+    """
     if isinstance(given, (str, bytes, VehicleState)) or not isinstance(given, Sequence):
         raise RequestError(name, f"is {type(given).__name__}, expected a sequence")
     return given
@@ -27,13 +31,19 @@ def shown(value: Any) -> str:
 
 
 def real(name: str, value: Any, low: float, high: float, unit: str) -> float:
-    """Return a number in [low, high] as a plain float; raise RequestError, which names it, if it is none."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+    """Return a number in [low, high] as a plain float; raise RequestError, which names it, if it is
+    none.
+    """
+    if isinstance(value, (bool, np.bool_)) or not isinstance(
+        value, (int, float, np.integer, np.floating)
+    ):
         raise RequestError(name, f"is {shown(value)}, expected a number")
     try:
         result = float(value)
     except OverflowError:
-        raise RequestError(name, f"is {shown(value)}, expected {low:g} to {high:g} {unit}") from None
+        raise RequestError(
+            name, f"is {shown(value)}, expected {low:g} to {high:g} {unit}"
+        ) from None
     # NaN fails every comparison.
     if not low <= result <= high:
         raise RequestError(name, f"is {result:g}, expected {low:g} to {high:g} {unit}")

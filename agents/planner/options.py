@@ -1,4 +1,6 @@
-"""How plans are made: for which aircraft, separation, limits and horizon, and how far the search goes."""
+"""How plans are made: for which aircraft, separation, limits and horizon, and how far the search
+goes.
+"""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +15,8 @@ from agents.planner.validator import LONGEST
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
 from envs.kinematics import FASTEST, Limits, within
 
-_MARGIN = 2e-5  # separations that the follower leaves the curve by, rounded up (docs/explanation/planner.md)
+# separations that the follower leaves the curve by, rounded up (docs/explanation/planner.md)
+_MARGIN = 2e-5
 _ORDINARY = 0.0524  # rad of turn in a time step, to which margins and resolutions were measured
 _RESERVE = 0.75  # of turn rate and acceleration, for curves that take 4/3 of what was flown
 _TURN_SHARE = 2.0 / 3.0  # of the turn rate, for turns along the route
@@ -34,7 +37,9 @@ _LIMITS: dict[str, tuple[float, float, str]] = {
 
 
 def agility(aircraft: Aircraft) -> float:
-    """Return how much more than usual an aircraft turns in a time step; 1 or more: errors of curves grow with it."""
+    """Return how much more than usual an aircraft turns in a time step; 1 or more: errors of curves
+    grow with it.
+    """
     return max(1.0, aircraft.limits.yaw_rate_max * aircraft.dt / _ORDINARY)
 
 
@@ -44,7 +49,9 @@ def default_margin(aircraft: Aircraft) -> float:
 
 
 def vehicle_limits(limits: Limits) -> Limits:
-    """Return what the vehicle itself can do where only the limits of decisions are known: the paper's reserve."""
+    """Return what the vehicle itself can do where only the limits of decisions are known: the
+    paper's reserve.
+    """
     return Limits(
         0.62 * limits.speed_min,
         limits.speed_max,
@@ -55,11 +62,13 @@ def vehicle_limits(limits: Limits) -> Limits:
 
 
 def comfort_limits(decisions: Limits, vehicle: Limits) -> Limits:
-    """Return limits of manoeuvres that leave the legs a reserve: smoothing between waypoints takes more than was flown.
+    """Return limits of manoeuvres that leave the legs a reserve: smoothing between waypoints takes
+    more than was flown.
 
-    The gentlest curve to the same end as an acceleration (or turn) that stops inside the leg begins with up to 4/3
-    of it. A twentieth of the greatest speed is always kept: what stands still cannot turn. Raises a ValueError where
-    the limits of decisions and of the vehicle have no speeds in common.
+    The gentlest curve to the same end as an acceleration (or turn) that stops inside the leg begins
+    with up to 4/3 of it. A twentieth of the greatest speed is always kept: what stands still cannot
+    turn. Raises a ValueError where the limits of decisions and of the vehicle have no speeds in
+    common.
     """
     both = within(decisions, vehicle)
     return Limits(
@@ -72,7 +81,9 @@ def comfort_limits(decisions: Limits, vehicle: Limits) -> Limits:
 
 
 def speed_range(limits: Limits) -> tuple[float, float]:
-    """Return between which speeds an ownship is planned for, m/s: a flown plan swings a little about its limits."""
+    """Return between which speeds an ownship is planned for, m/s: a flown plan swings a little
+    about its limits.
+    """
     swing = 0.01 * limits.speed_max
     return max(limits.speed_min - swing, swing), limits.speed_max + swing
 
@@ -93,31 +104,38 @@ class Options:
     max_age: float
     """Oldest report that is planned with, s."""
     fallback_cost_threshold: float
-    """Cost of a safe plan of the policy's, m, above which the fallback is searched too and the cheaper plan taken;
-    0 offers it always, inf never."""
+    """Cost of a safe plan of the policy's, m, above which the fallback is searched too and the
+    cheaper plan taken; 0 offers it always, inf never."""
     waypoints: int = WAYPOINTS
     """Of a plan, the last of them a point of the route."""
     spacing: int = 20
     """Time steps from waypoint to waypoint; a multiple of 5."""
     direct: bool = True
-    """Whether policy and fallback hand over to the direct way to the goal as soon as that is clear."""
+    """Whether policy and fallback hand over to the direct way to the goal as soon as that is clear.
+    """
     goals: int = 3
     """Points of the route that are tried, the next one first."""
     extend_route: bool = False
     """Whether a route that ends before the plan may be extended in its last direction."""
     vertical_filter: float = 600.0
-    """Predicted vertical separation beyond which an intruder is left out, m; no number of the aircraft gives it."""
+    """Predicted vertical separation beyond which an intruder is left out, m; no number of the
+    aircraft gives it.
+    """
     exhaustive: bool = True
     """Whether the last, slow stages of the fallback are tried before giving up."""
     deadline_s: float = 0.050
-    """Computation after which :func:`agents.planner.plan` answers with the best plan so far, s; inf: never."""
+    """Computation after which :func:`agents.planner.plan` answers with the best plan so far, s;
+    inf: never.
+    """
 
     @classmethod
-    def for_aircraft(cls, aircraft: Aircraft, vehicle: Limits | None = None, **changes: Any) -> "Options":
+    def for_aircraft(
+        cls, aircraft: Aircraft, vehicle: Limits | None = None, **changes: Any
+    ) -> "Options":
         """Return the usual options for an aircraft, but for some changes.
 
-        The legs obey the vehicle; None: the aircraft's limits with the paper's reserve. Raises a ValueError if the two
-        have no speeds in common.
+        The legs obey the vehicle; None: the aircraft's limits with the paper's reserve. Raises a
+        ValueError if the two have no speeds in common.
         """
         limits = vehicle_limits(aircraft.limits) if vehicle is None else vehicle
         usual: dict[str, Any] = {
@@ -151,22 +169,30 @@ class Options:
 
     @property
     def rejoin_reserve(self) -> float:
-        """By how much deeper than the goal radius manoeuvres enter the goal's disc, m, so that smoothed plans do."""
+        """By how much deeper than the goal radius manoeuvres enter the goal's disc, m, so that
+        smoothed plans do.
+        """
         return min(0.05 * self.aircraft.separation, 0.5 * self.aircraft.goal_radius)
 
     @property
     def slack(self) -> float:
-        """Distance beyond the required one that makes a way clear, m: the smoothing of the turn takes up to that."""
+        """Distance beyond the required one that makes a way clear, m: the smoothing of the turn
+        takes up to that.
+        """
         return 0.03 * self.aircraft.separation
 
     @property
     def smoothing(self) -> float:
-        """What legs may take from the flown clearance, m; less than that makes a manoeuvre uncertain."""
+        """What legs may take from the flown clearance, m; less than that makes a manoeuvre
+        uncertain.
+        """
         return 0.025 * self.aircraft.separation
 
 
 def aggressive_limits(options: Options) -> Limits:
-    """Return limits for a last attempt: the legs' own, less what smoothing takes; no longer those of decisions."""
+    """Return limits for a last attempt: the legs' own, less what smoothing takes; no longer those
+    of decisions.
+    """
     legs = options.limits
     return options.manoeuvre._replace(
         acceleration_min=min(_RESERVE * legs.acceleration_min, options.manoeuvre.acceleration_min),
@@ -183,7 +209,9 @@ def task_of(options: Options) -> Task:
 
 
 def check(options: Options) -> None:
-    """Refuse, by a RequestError that names it, an option that could make an unsafe plan look safe, or none possible."""
+    """Refuse, by a RequestError that names it, an option that could make an unsafe plan look safe,
+    or none possible.
+    """
     if not isinstance(options, Options):
         raise RequestError("options", f"is {type(options).__name__}, expected Options")
     for name, kind in _KINDS.items():
@@ -199,10 +227,21 @@ def check(options: Options) -> None:
         new_aircraft(**options.aircraft._asdict())
     except AircraftError as problem:
         raise RequestError("options.aircraft", f"cannot be: {problem}") from None
-    for name, low, high, step in (("waypoints", 4, 400, 1), ("spacing", EVERY, 400, EVERY), ("goals", 1, 100, 1)):
+    for name, low, high, step in (
+        ("waypoints", 4, 400, 1),
+        ("spacing", EVERY, 400, EVERY),
+        ("goals", 1, 100, 1),
+    ):
         value = getattr(options, name)
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high or value % step:
-            expected = f"an integer from {low} to {high}" + (f", a multiple of {step}" if step > 1 else "")
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int)
+            or not low <= value <= high
+            or value % step
+        ):
+            expected = f"an integer from {low} to {high}" + (
+                f", a multiple of {step}" if step > 1 else ""
+            )
             raise RequestError(f"options.{name}", f"is {shown(value)}, expected {expected}")
     if options.last_free > LONGEST:
         what = f"makes plans of {options.last_free:g} s and more, expected {LONGEST:g} s at most"
@@ -217,14 +256,24 @@ def check(options: Options) -> None:
         ("fallback_cost_threshold", 0.0, math.inf, "m"),
         ("deadline_s", 0.0, math.inf, "s"),
     ]
-    ranges += [(f"{of}.{name}", *bounds) for of in ("limits", "manoeuvre") for name, bounds in _LIMITS.items()]
+    ranges += [
+        (f"{of}.{name}", *bounds)
+        for of in ("limits", "manoeuvre")
+        for name, bounds in _LIMITS.items()
+    ]
     for name, low, high, unit in ranges:
         real(f"options.{name}", attrgetter(name)(options), low, high, unit)
     for name, limits in (("limits", options.limits), ("manoeuvre", options.manoeuvre)):
         if limits.speed_min >= limits.speed_max:
-            what = f"is {limits.speed_min:g} m/s, expected less than speed_max, {limits.speed_max:g} m/s"
+            what = (
+                f"is {limits.speed_min:g} m/s, expected less than speed_max, "
+                f"{limits.speed_max:g} m/s"
+            )
             raise RequestError(f"options.{name}.speed_min", what)
     circle = 2.0 * math.pi / options.manoeuvre.yaw_rate_max
     if circle > options.last_free:
-        what = f"makes a full circle of {circle:.0f} s, expected at most the plan's {options.last_free:.0f} s"
+        what = (
+            f"makes a full circle of {circle:.0f} s, expected at most the plan's "
+            f"{options.last_free:.0f} s"
+        )
         raise RequestError("options.manoeuvre.yaw_rate_max", what)

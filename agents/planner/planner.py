@@ -1,8 +1,10 @@
-"""The planner: a safe way round the intruders and back onto the route, as 20 waypoints, or why there is none.
+"""The planner: a safe way round the intruders and back onto the route, as 20 waypoints, or why
+there is none.
 
-Manoeuvres are the policy, rolled ahead in the surrogate to the next point of the route, and where its plan does not
-pass the validator a family that is searched; after that the same for the points beyond. Each goes through one
-pipeline (:mod:`agents.planner.candidates`): completed to a plan, validated, kept where it is the best so far.
+Manoeuvres are the policy, rolled ahead in the surrogate to the next point of the route, and where
+its plan does not pass the validator a family that is searched; after that the same for the points
+beyond. Each goes through one pipeline (:mod:`agents.planner.candidates`): completed to a plan,
+validated, kept where it is the best so far.
 """
 
 from collections.abc import Sequence
@@ -49,11 +51,13 @@ def plan(
         own_altitude: for the vertical filter; None: unknown, all intruders count.
 
     Returns:
-        A plan, SAFE or UNRESOLVED with the reasons and the trajectory of greatest separation that is known.
+        A plan, SAFE or UNRESOLVED with the reasons and the trajectory of greatest separation that
+        is known.
 
     Raises:
-        RequestError: the request is incomplete, out of range or inconsistent, or has more intruders than the policy was
-            trained with (``policy.for_aircraft(..., outside="allow")`` takes them); it names the field.
+        RequestError: the request is incomplete, out of range or inconsistent, or has more intruders
+            than the policy was trained with (``policy.for_aircraft(..., outside="allow")`` takes
+            them); it names the field.
     """
     if options is not None:
         check(options)
@@ -73,16 +77,26 @@ def plan(
     if goal >= 0:  # without a point ahead the policy decides nothing
         others = list(map(VehicleState, *(field.tolist() for field in one.traffic.state)))
         said += policy.departures(start, others, float(one.route_x[goal]), float(one.route_y[goal]))
-    certify = partial(certificate, start, tuple(intruders), answer.waypoints, excluded, own_altitude, options)
-    return replace(answer, advisory="; ".join(filter(None, said)) or None, certify=certify if answer.safe else None)
+    certify = partial(
+        certificate, start, tuple(intruders), answer.waypoints, excluded, own_altitude, options
+    )
+    return replace(
+        answer,
+        advisory="; ".join(filter(None, said)) or None,
+        certify=certify if answer.safe else None,
+    )
 
 
 def _of_domain(intruders: Sequence[VehicleState | Intruder]) -> dict[str, list[float]]:
-    """Return the quantities of the operating domain (:mod:`agents.policy.domain`), without far intruders."""
+    """Return the quantities of the operating domain (:mod:`agents.policy.domain`), without far
+    intruders.
+    """
     reported = [one for one in intruders if isinstance(one, Intruder)]
     return {
         "intruders": [len(intruders)],
-        "intruder_speed": [one.state.speed if isinstance(one, Intruder) else one.speed for one in intruders],
+        "intruder_speed": [
+            one.state.speed if isinstance(one, Intruder) else one.speed for one in intruders
+        ],
         "intruder_turn_rate": [abs(one.turn_rate) for one in reported],
         "position_std": [one.position_std for one in reported],
         "velocity_std": [one.velocity_std for one in reported],
@@ -93,14 +107,16 @@ def _of_domain(intruders: Sequence[VehicleState | Intruder]) -> dict[str, list[f
 def plan_many(request: Request, policy: Policy, options: Options, *, floats: bool = False) -> Plans:
     """Plan many requests ``[N]``, in range, each as if it were alone, and without a deadline.
 
-    With ``floats`` the policy is rolled one request after the other in plain floats: ten times faster for one, and
-    rounded differently. Raises a RequestError where a number is not finite.
+    With ``floats`` the policy is rolled one request after the other in plain floats: ten times
+    faster for one, and rounded differently. Raises a RequestError where a number is not finite.
     """
     finite(request)
     return _planned(request, eligible(request, options), policy, options, Budget(), floats=floats)
 
 
-def _planned(request: Request, goals: Any, policy: Policy, options: Options, budget: Budget, *, floats: bool) -> Plans:
+def _planned(
+    request: Request, goals: Any, policy: Policy, options: Options, budget: Budget, *, floats: bool
+) -> Plans:
     """Plan requests of which every number is finite, to points of the route ``[N, goals]``."""
     count = request.points.size
     best = empty(count, options.waypoints)

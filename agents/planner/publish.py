@@ -1,6 +1,8 @@
-"""What leaves the planner: the best plan of a request as waypoints, SAFE or with the reasons why not.
+"""What leaves the planner: the best plan of a request as waypoints, SAFE or with the reasons why
+not.
 
-SAFE is decided here and nowhere else: by the validator for the plan's knots, by the audit for what is published.
+SAFE is decided here and nowhere else: by the validator for the plan's knots, by the audit for what
+is published.
 """
 
 from collections.abc import Sequence
@@ -21,7 +23,9 @@ from envs.waypoints import Knots, RoutePoint, Waypoint
 from envs.waypoints import knots as knots_of
 
 JOIN = 5
-"""Least time to the waypoint at which a late plan is joined, time steps; a shorter leg turns hard on any error."""
+"""Least time to the waypoint at which a late plan is joined, time steps; a shorter leg turns hard
+on any error.
+"""
 
 _SOURCES = (Source.NONE, Source.POLICY, Source.FALLBACK)
 
@@ -47,18 +51,32 @@ def published(
     """Write the plan of one request ``[1]``.
 
     Args:
-        next_goal: number of the first point of the route that may be rejoined at; -1: there is none.
+        next_goal: number of the first point of the route that may be rejoined at; -1: there is
+            none.
         kept: numbers of the intruders that were not left out.
     """
     best = take(plans.proposals, 0)
     waypoints = _waypoints(best, route)
-    slips = audit(waypoints, route, count=options.waypoints, extended=options.extend_route) if waypoints else []
-    slips += [_outlasting(one, waypoints[-1]) for one in excluded if waypoints and not waypoints[-1].time <= one.until]
+    slips = (
+        audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
+        if waypoints
+        else []
+    )
+    slips += [
+        _outlasting(one, waypoints[-1])
+        for one in excluded
+        if waypoints and not waypoints[-1].time <= one.until
+    ]
     valid = bool(best.findings.safe)
     safe = valid and not slips
-    reasons = tuple(slips) if valid else (*_reasons(request, best, next_goal, kept, options), *slips)
+    reasons = (
+        tuple(slips) if valid else (*_reasons(request, best, next_goal, kept, options), *slips)
+    )
     if skipped and not safe:
-        what = f"options.deadline_s of {options.deadline_s:g} s was reached before: {', '.join(skipped)}"
+        what = (
+            f"options.deadline_s of {options.deadline_s:g} s was reached before: "
+            f"{', '.join(skipped)}"
+        )
         reasons = (*reasons, Reason(Kind.DEADLINE, "options.deadline_s", what))
     advisory = None
     if safe and not plans.policy_safe[0]:
@@ -81,7 +99,9 @@ def published(
 
 def _outlasting(one: Excluded, end: Waypoint) -> Reason:
     """Return that a plan goes on longer than an intruder is known to stay above or below."""
-    what = f"was left out until {one.until:.0f} s, expected until the plan's end at {end.time:.0f} s"
+    what = (
+        f"was left out until {one.until:.0f} s, expected until the plan's end at {end.time:.0f} s"
+    )
     return Reason.of(Kind.SEPARATION, f"intruders[{one.number}]", what, end.time, end.x, end.y)
 
 
@@ -100,11 +120,17 @@ def rechecked(
     options: Options,
     own_altitude: Altitude | None = None,
 ) -> Plan:
-    """Return a plan as checked ``late`` seconds after its request, by what is there then: SAFE only if it still is."""
+    """Return a plan as checked ``late`` seconds after its request, by what is there then: SAFE only
+    if it still is.
+    """
     if not plan.safe or late <= 0.0:
         return plan
     least = JOIN * options.aircraft.dt
-    left = [replace(point, time=point.time - late) for point in plan.waypoints if point.time - late >= least]
+    left = [
+        replace(point, time=point.time - late)
+        for point in plan.waypoints
+        if point.time - late >= least
+    ]
     try:
         check(options)
         request, excluded, _ = checked(own, intruders, route, options, own_altitude)
@@ -112,7 +138,11 @@ def rechecked(
         return _void(plan, late, str(error))
     curve = Knots(*(field[None] for field in knots_of(own, left)))
     found = validate(curve, request.traffic, options.requirement, options.limits)
-    outlasted = [_outlasting(one, left[-1]).message for one in excluded if left and not left[-1].time <= one.until]
+    outlasted = [
+        _outlasting(one, left[-1]).message
+        for one in excluded
+        if left and not left[-1].time <= one.until
+    ]
     if outlasted:
         return _void(plan, late, outlasted[0])
     if bool(found.safe[0]):
@@ -123,7 +153,9 @@ def rechecked(
 
 def _void(plan: Plan, late: float, why: str) -> Plan:
     message = f"plan was found {late:.1f} s after the request and is too late: {why}"
-    return replace(plan, status=Status.UNRESOLVED, reasons=(Reason(Kind.SEPARATION, "plan", message),))
+    return replace(
+        plan, status=Status.UNRESOLVED, reasons=(Reason(Kind.SEPARATION, "plan", message),)
+    )
 
 
 def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, ...]:
@@ -138,7 +170,9 @@ def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, 
     return tuple(Waypoint(index, *row) for index, row in zip(indices, rows, strict=True))
 
 
-def _reasons(request: Request, best: Proposals, next_goal: int, kept: list[int], options: Options) -> list[Reason]:
+def _reasons(
+    request: Request, best: Proposals, next_goal: int, kept: list[int], options: Options
+) -> list[Reason]:
     """Return everything that is wrong with one request ``[1]`` and its best plan ``[]``."""
     reasons = []
     requirement = options.requirement
@@ -146,7 +180,10 @@ def _reasons(request: Request, best: Proposals, next_goal: int, kept: list[int],
     apart = np.hypot(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None])[0]
     for number, far in zip(kept, apart, strict=True):
         if far < requirement.separation:
-            what = f"is {far:.1f} m away at the request, expected {requirement.separation:.1f} m or more"
+            what = (
+                f"is {far:.1f} m away at the request, expected {requirement.separation:.1f} m "
+                "or more"
+            )
             place = 0.0, float(own.x[0]), float(own.y[0])
             reasons.append(Reason.of(Kind.START_IN_VIOLATION, f"intruders[{number}]", what, *place))
     if next_goal < 0:
@@ -168,7 +205,9 @@ def _no_goal(request: Request, options: Options) -> Reason:
     if ahead:
         what = f"has no point that can be reached in time; the nearest is {nearest:.0f} m away"
         return Reason.of(Kind.GOAL_TOO_FAR, "route", what)
-    return Reason.of(Kind.GOAL_BEHIND, "route", "lies behind: the ownship has passed all of its points")
+    return Reason.of(
+        Kind.GOAL_BEHIND, "route", "lies behind: the ownship has passed all of its points"
+    )
 
 
 def _finding(found: Findings, check: int, kept: list[int], wanted: float) -> Reason:
@@ -177,9 +216,18 @@ def _finding(found: Findings, check: int, kept: list[int], wanted: float) -> Rea
     time, x, y = (float(field[check]) for field in (found.time, found.x, found.y))
     if kind is Kind.SEPARATION:
         what = (
-            f"comes closer than required from {time:.1f} s on; the smallest distance to any intruder is "
-            f"{found.min_separation:.1f} m at {found.time_of_min_separation:.1f} s, expected {wanted:.1f} m or more"
+            f"comes closer than required from {time:.1f} s on; the smallest distance to any "
+            "intruder is "
+            f"{found.min_separation:.1f} m at {found.time_of_min_separation:.1f} s, expected "
+            f"{wanted:.1f} m or more"
         )
         return Reason.of(kind, f"intruders[{kept[int(found.intruder)]}]", what, time, x, y)
     name = f"waypoints[{found.leg[check]}]"
-    return Reason(kind, name, f"the leg to {name} fails the check of {kind.value} from {time:.1f} s on", time, x, y)
+    return Reason(
+        kind,
+        name,
+        f"the leg to {name} fails the check of {kind.value} from {time:.1f} s on",
+        time,
+        x,
+        y,
+    )

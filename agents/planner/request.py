@@ -16,7 +16,9 @@ from envs.kinematics import FASTEST, VehicleState
 from envs.waypoints import RoutePoint
 
 _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whatever the aircraft
-_MOST_TURN = 32.0  # rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
+_MOST_TURN = (
+    32.0  # rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
+)
 _LONGEST_EXTENSION = 5.0  # of a route's last leg, separations
 
 
@@ -39,11 +41,14 @@ class Intruder:
     state: VehicleState
     """At the time of the report."""
     age: float = 0.0
-    """Of the report at the request, s; the planner advances the state over it, along the turn while that lasts."""
+    """Of the report at the request, s; the planner advances the state over it, along the turn while
+    that lasts.
+    """
     turn_rate: float = 0.0
     """With which it is expected to go on turning, rad/s, positive to the left."""
     turn_time: float = 0.0
-    """For how long after the report (not after the request) it turns, s; straight ahead after that."""
+    """For how long after the report (not after the request) it turns, s; straight ahead after that.
+    """
     position_std: float = 0.0
     """One sigma per axis at the time of the report, m (from ADS-B's NACp: half its 95 % radius)."""
     velocity_std: float = 0.0
@@ -72,7 +77,8 @@ def checked(
     """Check one request, whose options are (:func:`agents.planner.options.check`).
 
     Returns:
-        The request as arrays with N = 1, the intruders left out, and the numbers of those that are in.
+        The request as arrays with N = 1, the intruders left out, and the numbers of those that are
+        in.
 
     Raises:
         RequestError: something is missing, not finite, out of range or inconsistent.
@@ -83,7 +89,11 @@ def checked(
         raise RequestError("own.speed", f"is {state.speed:g} m/s, expected {low:g} to {high:g}")
     _altitude("own_altitude", own_altitude)
     reports = [
-        _report(f"intruders[{number}]", given if isinstance(given, Intruder) else Intruder(given), options)
+        _report(
+            f"intruders[{number}]",
+            given if isinstance(given, Intruder) else Intruder(given),
+            options,
+        )
         for number, given in enumerate(sequence("intruders", intruders))
     ]
     x, y = _route(route)
@@ -97,26 +107,35 @@ def checked(
     kept = [number for number in range(len(reports)) if number not in out]
     seen, age = reported([reports[number] for number in kept])
     traffic = advanced(seen, age)
-    # Plans are checked against the traffic as of the request: it must fly what the reports say, by the validator's own
-    # arithmetic.
+    # Plans are checked against the traffic as of the request: it must fly what the reports say, by
+    # the validator's own arithmetic.
     for number in np.flatnonzero(~same_flight(seen, age, traffic)[0]) if age.any() else ():
-        raise RequestError(f"intruders[{kept[number]}]", "cannot be advanced from its report to the request")
+        raise RequestError(
+            f"intruders[{kept[number]}]", "cannot be advanced from its report to the request"
+        )
     one = VehicleState(*(np.array([value]) for value in state))
     return Request(one, traffic, x[None], y[None], np.array([x.size])), tuple(excluded), kept
 
 
 def reported(reports: Sequence[Intruder]) -> tuple[Traffic, Any]:
     """Return checked reports as arrays as of their own times, and their ages, s, ``[1, K]``."""
-    rows = [(*one.state, one.turn_rate, one.turn_time, one.position_std, one.velocity_std, one.age) for one in reports]
+    rows = [
+        (*one.state, one.turn_rate, one.turn_time, one.position_std, one.velocity_std, one.age)
+        for one in reports
+    ]
     each = np.array(rows, dtype=float).reshape(len(rows), 9).T[:, None, :]
     x, y, heading, speed, *more, age = each
     rate, lasts, position, drift = more
     mask = np.ones((1, len(rows)), dtype=bool)
-    return Traffic(VehicleState(x, y, heading, speed), mask, rate, lasts, position, drift, 0.0 * age), age
+    return Traffic(
+        VehicleState(x, y, heading, speed), mask, rate, lasts, position, drift, 0.0 * age
+    ), age
 
 
 def finite(request: Request) -> None:
-    """Refuse, by a RequestError, requests ``[N]`` with a number of what exists that is not finite."""
+    """Refuse, by a RequestError, requests ``[N]`` with a number of what exists that is not
+    finite.
+    """
     traffic, exists = request.traffic, np.arange(request.route_x.shape[1]) < request.points[:, None]
     fields = {f"own.{name}": (values, True) for name, values in request.own._asdict().items()}
     seen = traffic.state._asdict() | dict(zip(traffic._fields[2:], traffic[2:], strict=True))
@@ -124,14 +143,18 @@ def finite(request: Request) -> None:
     fields |= {"route_x": (request.route_x, exists), "route_y": (request.route_y, exists)}
     for name, (values, counts) in fields.items():
         for where in np.argwhere(~np.isfinite(values) & counts):
-            raise RequestError(f"{name}{where.tolist()}", f"is {values[tuple(where)]}, expected a finite number")
+            raise RequestError(
+                f"{name}{where.tolist()}", f"is {values[tuple(where)]}, expected a finite number"
+            )
 
 
 def eligible(request: Request, options: Options) -> Any:
-    """Return the numbers of the route's points that may be rejoined at, the next one first, ``[N, goals]``; -1: none.
+    """Return the numbers of the route's points that may be rejoined at, the next one first, ``[N,
+    goals]``; -1: none.
 
-    A point counts as passed when the ownship is within the goal radius of it, or beyond it in the direction in which
-    the route goes on there. Points that cannot be reached in time at the greatest speed are left out.
+    A point counts as passed when the ownship is within the goal radius of it, or beyond it in the
+    direction in which the route goes on there. Points that cannot be reached in time at the
+    greatest speed are left out.
     """
     x, y, points = request.route_x, request.route_y, request.points
     number = np.arange(x.shape[1])
@@ -141,7 +164,9 @@ def eligible(request: Request, options: Options) -> Any:
     off_x, off_y = request.own.x[:, None] - x, request.own.y[:, None] - y
     far = np.hypot(off_x, off_y) - options.aircraft.goal_radius
     passed = ((off_x * dx + off_y * dy > 0.0) | (far <= 0.0)) & exists
-    first = np.argmin(np.concatenate([passed, np.zeros((points.size, 1), dtype=bool)], axis=1), axis=1)
+    first = np.argmin(
+        np.concatenate([passed, np.zeros((points.size, 1), dtype=bool)], axis=1), axis=1
+    )
     fastest = np.maximum(options.manoeuvre.speed_max, request.own.speed)[:, None]
     near = far <= fastest * options.rejoin_by
     chosen = first[:, None] + np.arange(options.goals)
@@ -177,11 +202,17 @@ def _report(name: str, report: Intruder, options: Options) -> Intruder:
     _altitude(f"{name}.altitude", report.altitude)
     age = real(f"{name}.age", report.age, -0.5, math.inf, "s")
     if age > options.max_age:
-        raise RequestError(f"{name}.age", f"is {age:g} s: the report is stale, expected {options.max_age:g} s at most")
+        raise RequestError(
+            f"{name}.age",
+            f"is {age:g} s: the report is stale, expected {options.max_age:g} s at most",
+        )
     rate = real(f"{name}.turn_rate", report.turn_rate, -0.5, 0.5, "rad/s")
     lasts = real(f"{name}.turn_time", report.turn_time, 0.0, 1_000.0, "s")
     if abs(rate) * lasts > _MOST_TURN:
-        what = f"is {lasts:g} s: a turn of {abs(rate) * lasts:.0f} rad, expected {_MOST_TURN:g} rad at most"
+        what = (
+            f"is {lasts:g} s: a turn of {abs(rate) * lasts:.0f} rad, expected {_MOST_TURN:g} "
+            "rad at most"
+        )
         raise RequestError(f"{name}.turn_time", what)
     return Intruder(
         state,
@@ -195,7 +226,9 @@ def _report(name: str, report: Intruder, options: Options) -> Intruder:
 
 
 def _latest_end(x: Any, y: Any, options: Options) -> float:
-    """Return a time that no plan along a route outlasts, s: its last leg is the route's longest at most."""
+    """Return a time that no plan along a route outlasts, s: its last leg is the route's longest at
+    most.
+    """
     extension = _LONGEST_EXTENSION * options.aircraft.separation
     longest = max(float(np.max(np.hypot(np.diff(x), np.diff(y)))), extension)
     return options.waypoints * options.interval + longest / speed_range(options.aircraft.limits)[0]
@@ -224,13 +257,24 @@ def _route(route: Any) -> tuple[Any, Any]:
         name = f"route[{number}]"
         if not isinstance(point, RoutePoint):
             raise RequestError(name, f"is {type(point).__name__}, expected a RoutePoint")
-        if isinstance(point.index, bool) or not isinstance(point.index, int) or not 0 <= point.index < 2**31:
-            raise RequestError(f"{name}.index", f"is {shown(point.index)}, expected an integer from 0 to 2147483647")
+        if (
+            isinstance(point.index, bool)
+            or not isinstance(point.index, int)
+            or not 0 <= point.index < 2**31
+        ):
+            raise RequestError(
+                f"{name}.index",
+                f"is {shown(point.index)}, expected an integer from 0 to 2147483647",
+            )
         if point.index in indices:
-            raise RequestError(f"{name}.index", f"is {shown(point.index)} again, expected one of its own")
+            raise RequestError(
+                f"{name}.index", f"is {shown(point.index)} again, expected one of its own"
+            )
         indices.add(point.index)
         x.append(real(f"{name}.x", point.x, -_FARTHEST, _FARTHEST, "m"))
         y.append(real(f"{name}.y", point.y, -_FARTHEST, _FARTHEST, "m"))
         if number and math.hypot(x[-1] - x[-2], y[-1] - y[-2]) < 1.0:
-            raise RequestError(name, "is closer than 1 m to the point before it, expected another place")
+            raise RequestError(
+                name, "is closer than 1 m to the point before it, expected another place"
+            )
     return np.array(x), np.array(y)

@@ -1,8 +1,10 @@
-"""The policy flown ahead in the surrogate: from the request until the way back to the route is clear, or it is back.
+"""The policy flown ahead in the surrogate: from the request until the way back to the route is
+clear, or it is back.
 
-The same functions of the core twice: over plain floats for one request, where arrays of one element would cost ten
-times their arithmetic, and over arrays for many. The policy sees all intruders, as predicted, at every time step. Every
-few steps the direct way to the goal is looked at; once it is clear, the policy has done its work.
+The same functions of the core twice: over plain floats for one request, where arrays of one element
+would cost ten times their arithmetic, and over arrays for many. The policy sees all intruders, as
+predicted, at every time step. Every few steps the direct way to the goal is looked at; once it is
+clear, the policy has done its work.
 """
 
 import math
@@ -27,8 +29,11 @@ _AHEAD = 64  # time steps for which the intruders are predicted at once; most fl
 class Rollout(NamedTuple):
     """Where manoeuvres lead; fields ``[N]``, those of knots ``[N, S]``."""
 
-    knots: VehicleState  # at each waypoint's time, the first at the request, [N, S]; nan after the end
-    end: VehicleState  # where the way back is clear, or the goal within the radius; nan where neither was in time
+    knots: (
+        VehicleState  # at each waypoint's time, the first at the request, [N, S]; nan after the end
+    )
+    # where the way back is clear, or the goal within the radius; nan where neither was in time
+    end: VehicleState
     time: Any  # when that is, s; nan where it was not
     direct: Any  # whether the goal still lies ahead, on the direct way, bool
     path: Any  # length flown until the end, m
@@ -37,12 +42,18 @@ class Rollout(NamedTuple):
 
 
 def roll(
-    request: Request, goal: Any, policy: Policy, options: Options, budget: Budget | None = None, *, floats: bool = False
+    request: Request,
+    goal: Any,
+    policy: Policy,
+    options: Options,
+    budget: Budget | None = None,
+    *,
+    floats: bool = False,
 ) -> Rollout:
     """Roll the policy ahead to the points of the route numbered ``goal``, ``[N]``.
 
-    With ``floats`` one request after the other, in plain floats, until the budget ends: faster for fewer than about a
-    hundred.
+    With ``floats`` one request after the other, in plain floats, until the budget ends: faster for
+    fewer than about a hundred.
     """
     rows, traffic, count = np.arange(goal.size), request.traffic, goal.size
     goal_x, goal_y = request.route_x[rows, goal], request.route_y[rows, goal]
@@ -51,7 +62,12 @@ def roll(
         given = (take((request.own, traffic, (goal_x, goal_y), owed), row) for row in rows)
         each = [_roll_one(*one, policy, options, budget or Budget()) for one in given]
         return mapped(lambda *fields: np.concatenate(fields), *each)
-    task, limits, dt, spacing = task_of(options), options.manoeuvre, options.aircraft.dt, options.spacing
+    task, limits, dt, spacing = (
+        task_of(options),
+        options.manoeuvre,
+        options.aircraft.dt,
+        options.spacing,
+    )
     steps = int(task.until / dt + 1e-9)
     result = _empty(count, steps // spacing + 1)
     state = VehicleState(*(np.array(field, dtype=float) for field in request.own))
@@ -64,12 +80,17 @@ def roll(
         arrived = distance(goal_x - state.x, goal_y - state.y, np) <= task.radius
         ended = arrived
         if options.direct and step % EVERY == 0:
-            ended = ended | _all_clear(state, (goal_x, goal_y), seen, traffic.mask, owed, time, task)
+            ended = ended | _all_clear(
+                state, (goal_x, goal_y), seen, traffic.mask, owed, time, task
+            )
         if ended.any():
-            landed = take((state, np.full(rows.size, time), ~arrived, path, turn_sign, reversals), ended)
+            landed = take(
+                (state, np.full(rows.size, time), ~arrived, path, turn_sign, reversals), ended
+            )
             scatter(result[1:], rows[ended], landed)
             rows, goal_x, goal_y, traffic, seen, owed, state, path, turn_sign, reversals = take(
-                (rows, goal_x, goal_y, traffic, seen, owed, state, path, turn_sign, reversals), ~ended
+                (rows, goal_x, goal_y, traffic, seen, owed, state, path, turn_sign, reversals),
+                ~ended,
             )
         if rows.size == 0 or step == steps:
             break
@@ -77,17 +98,32 @@ def roll(
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
         moved = advance(state, acceleration, yaw_rate, dt, limits, np)
         path += 0.5 * dt * (state.speed + moved.speed)
-        turning = np.where(np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max, np.sign(yaw_rate), turn_sign)
+        turning = np.where(
+            np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max, np.sign(yaw_rate), turn_sign
+        )
         reversals += turning * turn_sign < 0.0
         turn_sign, state = turning, moved
     return result
 
 
 def _roll_one(
-    own: VehicleState, traffic: Traffic, goal: Any, owed: Any, policy: Policy, options: Options, budget: Budget
+    own: VehicleState,
+    traffic: Traffic,
+    goal: Any,
+    owed: Any,
+    policy: Policy,
+    options: Options,
+    budget: Budget,
 ) -> Rollout:
-    """Roll one request in plain floats, against intruders ``[K]``; fields ``[1]`` and ``[1, S]``."""
-    task, limits, dt, spacing = task_of(options), options.manoeuvre, options.aircraft.dt, options.spacing
+    """Roll one request in plain floats, against intruders ``[K]``; fields ``[1]`` and ``[1,
+    S]``.
+    """
+    task, limits, dt, spacing = (
+        task_of(options),
+        options.manoeuvre,
+        options.aircraft.dt,
+        options.spacing,
+    )
     steps = int(task.until / dt + 1e-9)
     result = _empty(1, steps // spacing + 1)
     traffic, owed = take(traffic, traffic.mask), owed[traffic.mask].tolist()
@@ -131,12 +167,21 @@ def _roll_one(
 def _tracks(traffic: Traffic, first: int, dt: float) -> list[list[VehicleState]]:
     """Return the predicted states of intruders ``[K]`` in some time steps, in plain floats."""
     seen = predicted(traffic, np.arange(first, first + _AHEAD)[:, None] * dt)
-    each = (zip(*(field[:, k].tolist() for field in seen), strict=True) for k in range(traffic.mask.size))
+    each = (
+        zip(*(field[:, k].tolist() for field in seen), strict=True)
+        for k in range(traffic.mask.size)
+    )
     return [list(map(VehicleState._make, track)) for track in each]
 
 
 def _all_clear(
-    state: VehicleState, goal: tuple[Any, Any], seen: VehicleState, mask: Any, owed: Any, time: float, task: Task
+    state: VehicleState,
+    goal: tuple[Any, Any],
+    seen: VehicleState,
+    mask: Any,
+    owed: Any,
+    time: float,
+    task: Task,
 ) -> Any:
     """Return whether the direct way is clear of all intruders, ``[N]``."""
     if mask.shape[-1] == 0:
@@ -146,6 +191,9 @@ def _all_clear(
 
 
 def _empty(count: int, points: int) -> Rollout:
-    knots, end = VehicleState(*np.full((4, count, points), np.nan)), VehicleState(*np.full((4, count), np.nan))
+    knots, end = (
+        VehicleState(*np.full((4, count, points), np.nan)),
+        VehicleState(*np.full((4, count), np.nan)),
+    )
     time, path, turn_sign, reversals = np.full((4, count), np.nan)
     return Rollout(knots, end, time, np.zeros(count, dtype=bool), path, turn_sign, reversals)

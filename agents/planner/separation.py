@@ -12,19 +12,24 @@ from envs.trees import column, mapped
 from envs.waypoints import ARCS, Legs
 
 FINE = 32
-"""Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of uncertainty."""
+"""Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of
+uncertainty.
+"""
 
-_NODES, _FACTORS = (part[:, None, None] for part in np.polynomial.legendre.leggauss(4))  # the nodes lead
+_NODES, _FACTORS = (
+    part[:, None, None] for part in np.polynomial.legendre.leggauss(4)
+)  # the nodes lead
 _SHARES, _WEIGHTS = 0.5 * (1.0 + _NODES), 0.5 * _FACTORS
 _SAME_PLACE = 1e-6  # m by which an intruder may leave its report's flight for rounding's sake
 _STRAIGHT = 1e-30  # rad/s of a turn that is none
 
 
 def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
-    """Return whether intruders as of the request fly on as their reports, of some age (s) then, say, ``[N, K]``.
+    """Return whether intruders as of the request fly on as their reports, of some age (s) then,
+    say, ``[N, K]``.
 
-    They are looked at where they stand, half-way through the turn, at its end and long after it: two arcs of one rate
-    through the same points are the same, two straight lines too.
+    They are looked at where they stand, half-way through the turn, at its end and long after it:
+    two arcs of one rate through the same points are the same, two straight lines too.
     """
     said, used = (mapped(np.ravel, given) for given in (reports, traffic))
     turn = used.turn_time[:, None]
@@ -36,12 +41,19 @@ def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
 
 
 def chords(
-    begin: Any, length: Any, start: tuple[Any, Any], end: tuple[Any, Any], traffic: Traffic, pull: Any
+    begin: Any,
+    length: Any,
+    start: tuple[Any, Any],
+    end: tuple[Any, Any],
+    traffic: Traffic,
+    pull: Any,
 ) -> tuple[Any, Any]:
-    """Return a lower bound and an attained value of the distance from intruders ``[n, K]``, m, ``[n, A, K]``.
+    """Return a lower bound and an attained value of the distance from intruders ``[n, K]``, m,
+    ``[n, A, K]``.
 
-    The parts begin at some times and last some seconds, ``[n, A]``, between own positions, m, ``[n, A]`` each; ``pull``
-    is the largest relative acceleration, m/s^2, and broadcasts against ``[n, A, K]``.
+    The parts begin at some times and last some seconds, ``[n, A]``, between own positions, m, ``[n,
+    A]`` each; ``pull`` is the largest relative acceleration, m/s^2, and broadcasts against ``[n, A,
+    K]``.
     """
     # Beginnings and ends in one array, [2, n, A] and [2, n, A, K]: half the calls, the same bits.
     own_x, own_y, times = np.stack([(*start, begin), (*end, begin + length)], axis=1)
@@ -52,9 +64,9 @@ def chords(
     first, last = np.sqrt(x * x + y * y)
     near_x, near_y = x0 + s * dx, y0 + s * dy
     near = np.sqrt(near_x * near_x + near_y * near_y)
-    # A share s of the part from its beginning, the motion leaves the chord by 4 bow s (1 - s) at most. Where the chord
-    # is nearest at an end, from which the range opens by at least g s, the distance is smaller than there by at most
-    # (4 bow - g)^2 / (16 bow).
+    # A share s of the part from its beginning, the motion leaves the chord by 4 bow s (1 - s) at
+    # most. Where the chord is nearest at an end, from which the range opens by at least g s, the
+    # distance is smaller than there by at most (4 bow - g)^2 / (16 bow).
     bow = np.maximum(pull * (0.125 * length[..., None] ** 2), 1e-12)
     opening = np.where(s <= 0.0, (x0 * dx + y0 * dy) / np.maximum(first, 1e-9), 0.0)
     opening = np.where(s >= 1.0, -(x1 * dx + y1 * dy) / np.maximum(last, 1e-9), opening)
@@ -63,10 +75,16 @@ def chords(
 
 
 def _flown(traffic: Traffic, time: Any) -> tuple[Any, Any]:
-    """Return the positions of intruders ``[...]`` at times that broadcast, m: they turn, then fly straight."""
+    """Return the positions of intruders ``[...]`` at times that broadcast, m: they turn, then fly
+    straight.
+    """
     state = traffic.state
-    x, y = (start + state.speed * part(state.heading) * time for start, part in ((state.x, np.cos), (state.y, np.sin)))
-    # Only turning ones are treated apart, so that the rounding of one does not depend on the others.
+    x, y = (
+        start + state.speed * part(state.heading) * time
+        for start, part in ((state.x, np.cos), (state.y, np.sin))
+    )
+    # Only turning ones are treated apart, so that the rounding of one does not depend on the
+    # others.
     turning = (np.abs(traffic.turn_rate) > _STRAIGHT) & (traffic.turn_time > 0.0)
     if turning.any():
         turns = np.nonzero(np.broadcast_to(turning, x.shape))
@@ -77,7 +95,8 @@ def _flown(traffic: Traffic, time: Any) -> tuple[Any, Any]:
 
 def _turning(one: Traffic, time: Any) -> tuple[Any, Any]:
     turning = np.minimum(time, one.turn_time)
-    # A turn's chord points half-way through it. Differences of sines would lose 0.1 mm in turns of 1e-9 rad/s.
+    # A turn's chord points half-way through it. Differences of sines would lose 0.1 mm in turns of
+    # 1e-9 rad/s.
     half = 0.5 * one.turn_rate * turning
     chord = 2.0 * one.state.speed * np.sin(half) / one.turn_rate
     middle, after = one.state.heading + half, one.state.heading + 2.0 * half
@@ -88,19 +107,28 @@ def _turning(one: Traffic, time: Any) -> tuple[Any, Any]:
 
 
 def growth(traffic: Traffic, time: Any, requirement: Requirement) -> Any:
-    """Return what uncertainty adds to the required distance by a time since the request, m, ``[n, A, K]``."""
+    """Return what uncertainty adds to the required distance by a time since the request, m, ``[n,
+    A, K]``.
+    """
     if not traffic.velocity_std.any():
         return np.zeros((1, 1, 1))
-    std, drift, age = (field[:, None] for field in (traffic.position_std, traffic.velocity_std, traffic.age))
+    std, drift, age = (
+        field[:, None] for field in (traffic.position_std, traffic.velocity_std, traffic.age)
+    )
     first = np.hypot(std, drift * age)
     return requirement.sigmas * (np.hypot(std, drift * (age + time[..., None])) - first)
 
 
-def along(x: Any, y: Any, heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, part: Any) -> tuple[Any, Any]:
-    """Return positions on arcs ``[m, 1]`` after 0 to :data:`FINE` parts of some seconds: Gauss-Legendre's rule."""
+def along(
+    x: Any, y: Any, heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, part: Any
+) -> tuple[Any, Any]:
+    """Return positions on arcs ``[m, 1]`` after 0 to :data:`FINE` parts of some seconds:
+    Gauss-Legendre's rule.
+    """
     time = np.arange(FINE + 1) * part
-    # Velocities as complex numbers: the course at a node of the rule turns by the same from part to part, and turning
-    # it takes less than half the time of another sine and cosine. The error grows to some 1e-14.
+    # Velocities as complex numbers: the course at a node of the rule turns by the same from part to
+    # part, and turning it takes less than half the time of another sine and cosine. The error grows
+    # to some 1e-14.
     start, turn = np.cos(heading) + 1j * np.sin(heading), yaw_rate * (_SHARES * part)
     turns = np.broadcast_to(np.cos(turn) + 1j * np.sin(turn), (len(_SHARES), len(time), FINE))
     starts = np.broadcast_to(start, (len(_SHARES), len(time), 1))
@@ -112,11 +140,18 @@ def along(x: Any, y: Any, heading: Any, speed: Any, yaw_rate: Any, acceleration:
 def blur(curves: Legs) -> Any:
     """Return the error of positions on each leg by Gauss-Legendre's rule, m, ``[..., L]``.
 
-    Proven in proofs/Quadrature.v (``blur_sound``): below 1 nm on legs of 20 s, 1 micrometre on those of a minute.
+    Proven in proofs/Quadrature.v (``blur_sound``): below 1 nm on legs of 20 s, 1 micrometre on
+    those of a minute.
     """
     half = 0.5 * curves.duration[..., None] / ARCS
     turn, gain = np.abs(curves.yaw_rate * half), np.abs(curves.acceleration) * half
     quickest = np.maximum(curves.speed, curves.speed + 2.0 * half * curves.acceleration)
     square = turn * turn
-    each = 2.0 / 9.0 * half * (quickest * turn / 40320.0 + gain / 5040.0) * (square * square * square * turn)
+    each = (
+        2.0
+        / 9.0
+        * half
+        * (quickest * turn / 40320.0 + gain / 5040.0)
+        * (square * square * square * turn)
+    )
     return np.sum(each, axis=-1)

@@ -18,13 +18,23 @@ class Traffic(NamedTuple):
     turn_time: Any  # for how long it does, s; straight ahead after that
     position_std: Any  # one sigma of the position, per axis, at the time of the report, m
     velocity_std: Any  # one sigma of the velocity, per axis, m/s
-    age: Any  # of the report at the request, s: for so long the velocity's error has moved the position already
+    # of the report at the request, s: for so long the velocity's error has moved the position
+    # already
+    age: Any
 
     @classmethod
     def straight(cls, state: VehicleState, mask: Any = None) -> "Traffic":
         """Return intruders that are known exactly and fly straight ahead, ``[..., K]``."""
         zero = np.zeros(np.shape(state.x))
-        return cls(state, np.ones(zero.shape, dtype=bool) if mask is None else mask, zero, zero, zero, zero, zero)
+        return cls(
+            state,
+            np.ones(zero.shape, dtype=bool) if mask is None else mask,
+            zero,
+            zero,
+            zero,
+            zero,
+            zero,
+        )
 
 
 class Requirement(NamedTuple):
@@ -36,7 +46,9 @@ class Requirement(NamedTuple):
 
 
 def predicted(traffic: Traffic, time: Any) -> VehicleState:
-    """Return the intruders ``[..., K]`` some seconds (that broadcast) after the request: a turn, then straight on."""
+    """Return the intruders ``[..., K]`` some seconds (that broadcast) after the request: a turn,
+    then straight on.
+    """
     state = traffic.state
     turning = np.minimum(time, traffic.turn_time)
     arc = traffic.turn_rate * turning
@@ -47,13 +59,17 @@ def predicted(traffic: Traffic, time: Any) -> VehicleState:
 
 
 def advanced(reports: Traffic, age: Any) -> Traffic:
-    """Return the intruders ``[..., K]`` at the request from reports of an age, s: turned on, below 0 moved back.
+    """Return the intruders ``[..., K]`` at the request from reports of an age, s: turned on, below
+    0 moved back.
 
-    The spreads stay those of the reports: one error of the velocity lasts from the report on, so that what it adds
-    before the request and after it must not be added like independent errors (:func:`uncertainty`).
+    The spreads stay those of the reports: one error of the velocity lasts from the report on, so
+    that what it adds before the request and after it must not be added like independent errors
+    (:func:`uncertainty`).
     """
     if not np.any(age):
-        return reports._replace(state=reports.state._replace(heading=wrap(reports.state.heading, np)))
+        return reports._replace(
+            state=reports.state._replace(heading=wrap(reports.state.heading, np))
+        )
     turn_rate = np.where(reports.turn_time > 0.0, reports.turn_rate, 0.0)
     turn_time = np.where(turn_rate == 0.0, 0.0, np.maximum(reports.turn_time - age, 0.0))
     turning = reports._replace(turn_rate=turn_rate)
@@ -61,7 +77,9 @@ def advanced(reports: Traffic, age: Any) -> Traffic:
 
 
 def uncertainty(traffic: Traffic, time: Any) -> Any:
-    """Return one sigma of the positions some seconds after the request, per axis, m, ``[..., K]``."""
+    """Return one sigma of the positions some seconds after the request, per axis, m,
+    ``[..., K]``.
+    """
     drift = traffic.velocity_std * (traffic.age + time)
     return np.sqrt(traffic.position_std**2 + drift * drift)
 
@@ -69,9 +87,11 @@ def uncertainty(traffic: Traffic, time: Any) -> Any:
 def required(traffic: Traffic, own: VehicleState, requirement: Requirement) -> Any:
     """Return the separation required from each intruder before uncertainty grows, m, ``[..., K]``.
 
-    Where the request begins inside the margin, the present distance from the ownship ``[...]`` must not decrease; it is
-    never less than the separation.
+    Where the request begins inside the margin, the present distance from the ownship ``[...]`` must
+    not decrease; it is never less than the separation.
     """
     away = np.hypot(traffic.state.x - own.x[..., None], traffic.state.y - own.y[..., None])
-    wanted = requirement.separation + requirement.margin + requirement.sigmas * uncertainty(traffic, 0.0)
+    wanted = (
+        requirement.separation + requirement.margin + requirement.sigmas * uncertainty(traffic, 0.0)
+    )
     return np.maximum(requirement.separation, np.minimum(wanted, away))

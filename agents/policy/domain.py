@@ -1,7 +1,9 @@
-"""The operating domain: which aircraft and traffic a policy was trained for and is claimed; others are refused or said.
+"""The operating domain: which aircraft and traffic a policy was trained for and is claimed; others
+are refused or said.
 
-Evaluation, planner and bridge take the ranges from here. Lengths are in required separations, speeds in the ownship's
-greatest; traffic is that of the trainings (configs/best.yaml), noise and latency those of the scenario ``noisy``.
+Evaluation, planner and bridge take the ranges from here. Lengths are in required separations,
+speeds in the ownship's greatest; traffic is that of the trainings (configs/best.yaml), noise and
+latency those of the scenario ``noisy``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,19 +18,30 @@ from envs.edge.command import InputError
 TRAFFIC_SPEED = (0.4, 1.3)
 """Intruders' speeds, in the ownship's greatest."""
 
-_DISTANCE = 21.5  # of an intruder at the start, separations: two displaced starts on a circle of ten
+_DISTANCE = (
+    21.5  # of an intruder at the start, separations: two displaced starts on a circle of ten
+)
 _NOISE = 0.03  # one sigma of a report, separations and greatest speeds
 _LATENCY = 2.0  # time steps
-_UNITS = {"intruders": "", "position_std": " m", "distance": " m", "latency": " s", "intruder_turn_rate": " rad/s"}
+_UNITS = {
+    "intruders": "",
+    "position_std": " m",
+    "distance": " m",
+    "latency": " s",
+    "intruder_turn_rate": " rad/s",
+}
 _TOLERANCE = 0.01  # of a ratio; an aircraft is never known better
 
 
 class OutsideDomainError(InputError):
-    """An aircraft that the policy was not trained for; the message names the number and its range."""
+    """An aircraft that the policy was not trained for; the message names the number and its
+    range.
+    """
 
 
 def check_domain(content: PolicyFile, aircraft: Aircraft) -> None:
-    """Raise an OutsideDomainError where one of an aircraft's ratios is out of the range of a policy file's family.
+    """Raise an OutsideDomainError where one of an aircraft's ratios is out of the range of a policy
+    file's family.
 
     A file of schema 1 knows the ratios of its own aircraft alone.
     """
@@ -39,13 +52,17 @@ def check_domain(content: PolicyFile, aircraft: Aircraft) -> None:
         if not low - _TOLERANCE * abs(low) <= value <= high + _TOLERANCE * abs(high):
             units = dict(zip(Ratios._fields, ("V", "V^2/D", "V^2/D", "D"), strict=True))[name]
             raise OutsideDomainError(
-                f"outside_domain: {name} is {value:.3g} {units}; expected {low:.3g} to {high:.3g}, what the policy was "
-                f"trained for (D: separation {aircraft.separation:g} m; V: {aircraft.limits.speed_max:g} m/s)"
+                f"outside_domain: {name} is {value:.3g} {units}; expected {low:.3g} to "
+                f"{high:.3g}, what the policy was "
+                f"trained for (D: separation {aircraft.separation:g} m; V: "
+                f"{aircraft.limits.speed_max:g} m/s)"
             )
 
 
 def domain(content: PolicyFile, aircraft: Aircraft) -> dict[str, tuple[float, float]]:
-    """Return the range of each quantity of the traffic, SI, for an aircraft of the policy's family."""
+    """Return the range of each quantity of the traffic, SI, for an aircraft of the policy's
+    family.
+    """
     return {
         "intruders": (0, content.metadata["architecture"]["intruders"] if content.of_set else 1),
         "own_speed": (aircraft.limits.speed_min, aircraft.limits.speed_max),
@@ -68,18 +85,27 @@ def traffic(aircraft: Aircraft) -> dict[str, tuple[float, float]]:
 
 
 def excess(allowed: tuple[float, float], values: Any) -> np.ndarray:
-    """Return by how much values ``[N]`` are outside a range; what is less than 1 % of its upper end is 0."""
+    """Return by how much values ``[N]`` are outside a range; what is less than 1 % of its upper end
+    is 0.
+    """
     beyond = np.maximum(allowed[0] - values, values - allowed[1])
     return np.where(beyond > _TOLERANCE * allowed[1], beyond, 0.0)
 
 
-def departures(allowed: Mapping[str, tuple[float, float]], values: Mapping[str, Sequence[float]]) -> list[str]:
-    """Return a sentence for each quantity of :func:`domain` that has values outside its range, with the furthest."""
+def departures(
+    allowed: Mapping[str, tuple[float, float]], values: Mapping[str, Sequence[float]]
+) -> list[str]:
+    """Return a sentence for each quantity of :func:`domain` that has values outside its range, with
+    the furthest.
+    """
     said = []
     for name, given in values.items():
         (low, high), found = allowed[name], np.asarray(given, float)
         beyond = excess((low, high), found)
         if beyond.any():
             worst, unit = found[np.argmax(beyond)], _UNITS.get(name, " m/s")
-            said.append(f"outside_domain: {name} is {worst:.4g}{unit}; expected {low:.4g} to {high:.4g}{unit}")
+            said.append(
+                f"outside_domain: {name} is {worst:.4g}{unit}; expected {low:.4g} to "
+                f"{high:.4g}{unit}"
+            )
     return said

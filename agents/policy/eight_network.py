@@ -1,4 +1,6 @@
-"""The network of schema 1 in numpy: eight numbers of the most critical intruder and the goal to an action."""
+"""The network of schema 1 in numpy: eight numbers of the most critical intruder and the goal to an
+action.
+"""
 
 from collections.abc import Sequence
 from copy import copy
@@ -21,7 +23,9 @@ _BLOCK = 256  # rows at a time, whose activations stay in cache; changes no bit
 
 
 class EightNetwork:
-    """The deterministic network of a policy file of schema 1; ``layers``: kernel ``[in, out]``, bias ``[out]``."""
+    """The deterministic network of a policy file of schema 1; ``layers``: kernel ``[in, out]``,
+    bias ``[out]``.
+    """
 
     def __init__(self, content: PolicyFile, dtype: DTypeLike) -> None:
         """Take the tensors of a file; float32 or float64 is the precision of the products."""
@@ -30,37 +34,57 @@ class EightNetwork:
         self.layers = content.layers("hidden", dtype) + content.layers("head", dtype)
 
     def for_aircraft(self, aircraft: Aircraft) -> "EightNetwork":
-        """Return the network with observations scaled by another aircraft, alike to the one it was trained for."""
+        """Return the network with observations scaled by another aircraft, alike to the one it was
+        trained for.
+        """
         other, trained, limits = copy(self), self._trained, PAPER.limits
-        length, speed = aircraft.separation / trained.separation, aircraft.limits.speed_max / trained.limits.speed_max
+        length, speed = (
+            aircraft.separation / trained.separation,
+            aircraft.limits.speed_max / trained.limits.speed_max,
+        )
         other._scales = PAPER._replace(
-            limits=limits._replace(speed_min=speed * limits.speed_min, speed_max=speed * limits.speed_max),
+            limits=limits._replace(
+                speed_min=speed * limits.speed_min, speed_max=speed * limits.speed_max
+            ),
             separation=length * PAPER.separation,
             traffic_speed_max=speed * PAPER.traffic_speed_max,
         )
         return other
 
     def of_observations(self, observation: np.ndarray) -> np.ndarray:
-        """Return the actions ``[N, 2]`` for observations ``[N, 8]``, in the precision of the layers."""
+        """Return the actions ``[N, 2]`` for observations ``[N, 8]``, in the precision of the
+        layers.
+        """
         observation = observation.astype(self._dtype, copy=False)
-        blocks = [self._block(observation[i : i + _BLOCK]) for i in range(0, len(observation), _BLOCK)]
+        blocks = [
+            self._block(observation[i : i + _BLOCK]) for i in range(0, len(observation), _BLOCK)
+        ]
         return np.concatenate(blocks) if blocks else np.empty((0, 2), self._dtype)
 
     of_parity = of_observations
 
     def of_states(
-        self, own: VehicleState, seen: VehicleState, present: np.ndarray, goal_x: np.ndarray, goal_y: np.ndarray
+        self,
+        own: VehicleState,
+        seen: VehicleState,
+        present: np.ndarray,
+        goal_x: np.ndarray,
+        goal_y: np.ndarray,
     ) -> np.ndarray:
         """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``."""
         if not present.any(axis=-1).all():
             seen, present = _never_alone(own, seen, present, self._scales)
         critical = most_critical(own, seen, present, self._scales, np)
-        return self.of_observations(observe(own, critical, goal_x, goal_y, self._scales, np).astype(np.float32))
+        return self.of_observations(
+            observe(own, critical, goal_x, goal_y, self._scales, np).astype(np.float32)
+        )
 
     def of_one(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
     ) -> tuple[float, float]:
-        """Return the action of one aircraft: features in double precision, then products with a vector."""
+        """Return the action of one aircraft: features in double precision, then products with a
+        vector.
+        """
         if len(intruders) == 1:
             other = intruders[0]
         elif intruders:
@@ -75,7 +99,9 @@ class EightNetwork:
     def _block(self, observation: np.ndarray) -> np.ndarray:
         # Components become contiguous rows: elementwise work on strided columns is twice as slow.
         components = list(np.ascontiguousarray(observation.T))
-        x = rows_through(np.stack(features(components, self._feature_set, np), axis=-1), self.layers, np)
+        x = rows_through(
+            np.stack(features(components, self._feature_set, np), axis=-1), self.layers, np
+        )
         x[:, 1] *= mirror_sign(components, self._feature_set, np)
         return x
 
@@ -85,13 +111,22 @@ def _absent(own: VehicleState, scales: Aircraft, xp: Any) -> VehicleState:
     sine, cosine = sincos(own.heading, xp)
     away = wrap(own.heading + np.pi, xp)
     behind, speed = _BEHIND * scales.separation, scales.limits.speed_min
-    return VehicleState(own.x - behind * cosine, own.y - behind * sine, away, own.speed * 0.0 + speed)
+    return VehicleState(
+        own.x - behind * cosine, own.y - behind * sine, away, own.speed * 0.0 + speed
+    )
 
 
 def _never_alone(
     own: VehicleState, seen: VehicleState, present: np.ndarray, scales: Aircraft
 ) -> tuple[VehicleState, np.ndarray]:
-    """Return intruders and which exist with one more, without effect, that exists where there is no other."""
+    """Return intruders and which exist with one more, without effect, that exists where there is no
+    other.
+    """
     behind = _absent(own, scales, np)
-    fields = (np.concatenate([field, one[..., None]], axis=-1) for field, one in zip(seen, behind, strict=True))
-    return VehicleState(*fields), np.concatenate([present, ~present.any(axis=-1, keepdims=True)], axis=-1)
+    fields = (
+        np.concatenate([field, one[..., None]], axis=-1)
+        for field, one in zip(seen, behind, strict=True)
+    )
+    return VehicleState(*fields), np.concatenate(
+        [present, ~present.any(axis=-1, keepdims=True)], axis=-1
+    )

@@ -1,6 +1,8 @@
-"""Inputs that the network derives from the eight numbers of an observation inside its own forward pass.
+"""Inputs that the network derives from the eight numbers of an observation inside its own forward
+pass.
 
-They say in the ownship's frame what a conflict is about: whether, when and on which side the aircraft will pass.
+They say in the ownship's frame what a conflict is about: whether, when and on which side the
+aircraft will pass.
 """
 
 from typing import Any
@@ -10,12 +12,20 @@ from envs.aircraft import PAPER
 from envs.observation import decode
 
 FEATURE_SETS = ("none", "cpa", "mirror")
-"""``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of approach; ``mirror``: the
-same with every scene seen so that the intruder is left of the line to the goal: an exactly symmetric policy."""
+"""``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of
+approach; ``mirror``: the same with every scene seen so that the intruder is left of the line to the
+goal: an exactly symmetric policy."""
 
 _SIZES = {"none": 8, "cpa": 22, "mirror": 22}
 _FAR = 10.0 * PAPER.separation
-_UNITS = 25.0, 300.0, 1.0 / 60.0, 1.0 / 1_000.0, 1.0 / 5_000.0, 1.0  # of :func:`passing`, for m and m/s
+_UNITS = (
+    25.0,
+    300.0,
+    1.0 / 60.0,
+    1.0 / 1_000.0,
+    1.0 / 5_000.0,
+    1.0,
+)  # of :func:`passing`, for m and m/s
 
 _INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 
@@ -23,28 +33,35 @@ _INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 def size(feature_set: str) -> int:
     """Return the number of inputs of the first layer; raises a ValueError for an unknown set."""
     if feature_set not in _SIZES:
-        raise ValueError(f"feature set {feature_set!r} is unknown; expected one of {', '.join(FEATURE_SETS)}")
+        raise ValueError(
+            f"feature set {feature_set!r} is unknown; expected one of {', '.join(FEATURE_SETS)}"
+        )
     return _SIZES[feature_set]
 
 
 def mirror_sign(observation: list[Any], feature_set: str, xp: Any) -> Any:
-    """Return the factor of the network's yaw rate, ``[...]`` or 1.0: -1 where the scene is seen mirrored.
+    """Return the factor of the network's yaw rate, ``[...]`` or 1.0: -1 where the scene is seen
+    mirrored.
 
-    The scene is mirrored where the intruder is to the right of the line to the goal. That line moves with the positions
-    alone; by the intruder's bearing, which a turn changes at once, a policy came to flutter behind an intruder.
+    The scene is mirrored where the intruder is to the right of the line to the goal. That line
+    moves with the positions alone; by the intruder's bearing, which a turn changes at once, a
+    policy came to flutter behind an intruder.
     """
     if feature_set != "mirror":
         return 1.0
-    # The sine of the angle from the goal to the intruder has the sign of the angle within half a turn, and the other
-    # one beyond. Not a choice between constants, which numpy would widen to float64; -0.0 counts as left.
+    # The sine of the angle from the goal to the intruder has the sign of the angle within half a
+    # turn, and the other one beyond. Not a choice between constants, which numpy would widen to
+    # float64; -0.0 counts as left.
     angle = observation[_INTRUDER] - observation[_GOAL] + 1e-30
     return xp.copysign(1.0, angle) * xp.copysign(1.0, 1.0 - xp.abs(angle))
 
 
 def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
-    """Return the inputs of the network's first layer, :func:`size` times ``[...]``, all within about [-3, 3].
+    """Return the inputs of the network's first layer, :func:`size` times ``[...]``, all within
+    about [-3, 3].
 
-    They are derived from the eight components of the contract, ``[...]`` each, by one of :data:`FEATURE_SETS`.
+    They are derived from the eight components of the contract, ``[...]`` each, by one of
+    :data:`FEATURE_SETS`.
     """
     size(feature_set)
     if feature_set == "none":
@@ -80,5 +97,9 @@ def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
         soft(goal_range * (1.0 / 1_000.0), xp),
         vx * 0.01,
         (x * vx + y * vy) / (intruder_range * 100.0),
-        *(value for time, miss, far, depth in (ahead, to_goal) for value in (time, miss * sign, far * sign, depth)),
+        *(
+            value
+            for time, miss, far, depth in (ahead, to_goal)
+            for value in (time, miss * sign, far * sign, depth)
+        ),
     ]

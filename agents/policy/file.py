@@ -1,6 +1,8 @@
-"""Reading and writing of a policy: one safetensors file with tensors, JSON metadata and a digest over both.
+"""Reading and writing of a policy: one safetensors file with tensors, JSON metadata and a digest
+over both.
 
-The format stands in docs/reference/policy-file.md. All of a file is checked before any of it is used.
+The format stands in docs/reference/policy-file.md. All of a file is checked before any of it is
+used.
 """
 
 import json
@@ -42,10 +44,12 @@ class PolicyFile:
     """Content of a policy file."""
 
     actor: Mapping[str, np.ndarray]
-    """Float32 tensors by name without ``actor/``: ``hidden_0/kernel`` [in, out], ``hidden_0/bias`` [out], ...,
-    ``head/kernel``, ``head/bias``, and ``log_std`` [2], which flying ignores."""
+    """Float32 tensors by name without ``actor/``: ``hidden_0/kernel`` [in, out], ``hidden_0/bias``
+    [out], ..., ``head/kernel``, ``head/bias``, and ``log_std`` [2], which flying ignores."""
     parity_observation: np.ndarray
-    """Observations, float32 ``[P, 8]``, or rows of scenes (:func:`agents.policy.scene.unpacked_rows`), and"""
+    """Observations, float32 ``[P, 8]``, or rows of scenes
+    (:func:`agents.policy.scene.unpacked_rows`), and
+    """
     parity_action: np.ndarray
     """the actions ``[P, 2]`` that the training framework computes for them."""
     metadata: Mapping[str, Any]
@@ -55,7 +59,10 @@ class PolicyFile:
     def tensors(self) -> dict[str, np.ndarray]:
         """All tensors by their names in the file."""
         named = {f"actor/{name}": tensor for name, tensor in self.actor.items()}
-        return named | {PARITY_OBSERVATION: self.parity_observation, PARITY_ACTION: self.parity_action}
+        return named | {
+            PARITY_OBSERVATION: self.parity_observation,
+            PARITY_ACTION: self.parity_action,
+        }
 
     @cached_property
     def sha256(self) -> str:
@@ -73,11 +80,14 @@ class PolicyFile:
         return tuple(self.metadata["architecture"].get("encoder", ()))
 
     def layers(self, kind: str, dtype: DTypeLike) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return kernel ``[in, out]`` and bias ``[out]`` of the layers of a kind: ``each``, ``hidden`` or ``head``."""
+        """Return kernel ``[in, out]`` and bias ``[out]`` of the layers of a kind: ``each``,
+        ``hidden`` or ``head``.
+        """
         count = {"each": len(self.encoder), "hidden": len(self.hidden)}
         names = [f"{kind}_{i}" for i in range(count[kind])] if kind in count else [kind]
         return [
-            (self.actor[f"{name}/kernel"].astype(dtype), self.actor[f"{name}/bias"].astype(dtype)) for name in names
+            (self.actor[f"{name}/kernel"].astype(dtype), self.actor[f"{name}/bias"].astype(dtype))
+            for name in names
         ]
 
     @property
@@ -87,12 +97,16 @@ class PolicyFile:
 
     @property
     def feature_set(self) -> str:
-        """The inputs that the network derives: ``set``, or one of :data:`agents.policy.features.FEATURE_SETS`."""
+        """The inputs that the network derives: ``set``, or one of
+        :data:`agents.policy.features.FEATURE_SETS`.
+        """
         return "set" if self.of_set else self.metadata["architecture"]["feature_set"]
 
     @property
     def aircraft(self) -> Aircraft:
-        """The aircraft that the policy was trained for; of schema 1 with the paper's separation and traffic."""
+        """The aircraft that the policy was trained for; of schema 1 with the paper's separation and
+        traffic.
+        """
         if not self.of_set:
             return PAPER._replace(limits=self.limits)
         return Aircraft(self.limits, **self.metadata["task"])
@@ -104,7 +118,9 @@ class PolicyFile:
 
 
 def read(path: str | os.PathLike[str]) -> PolicyFile:
-    """Return a policy file; raises a PolicyFileError where it is missing, unreadable, too large or not right."""
+    """Return a policy file; raises a PolicyFileError where it is missing, unreadable, too large or
+    not right.
+    """
     source = Path(path)
     try:
         check_regular(source)
@@ -115,13 +131,17 @@ def read(path: str | os.PathLike[str]) -> PolicyFile:
     except FileNotFoundError as error:
         raise PolicyFileError(f"{source}: no such policy file") from error
     except OSError as error:
-        message = f"{source}: cannot be read: {error.strerror}, expected a policy file (.safetensors)"
+        message = (
+            f"{source}: cannot be read: {error.strerror}, expected a policy file (.safetensors)"
+        )
         raise PolicyFileError(message) from error
     return parse(data, str(source))
 
 
 def claims(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file says of itself that it is a policy, damaged or not; False where it cannot be read."""
+    """Return whether a file says of itself that it is a policy, damaged or not; False where it
+    cannot be read.
+    """
     try:
         check_regular(path)
         with safe_open(path, "np") as tensors:
@@ -131,12 +151,15 @@ def claims(path: str | os.PathLike[str]) -> bool:
 
 
 def parse(data: bytes, source: str) -> PolicyFile:
-    """Check the bytes of a policy file, whose name is for messages, and return its content; arrays are read-only.
+    """Check the bytes of a policy file, whose name is for messages, and return its content; arrays
+    are read-only.
 
-    The parity vectors are returned, not evaluated: that takes the network (:class:`agents.inference.Policy`).
+    The parity vectors are returned, not evaluated: that takes the network
+    (:class:`agents.inference.Policy`).
 
     Raises:
-        PolicyFileError: the bytes are no policy file of this schema, or are damaged, inconsistent or not finite.
+        PolicyFileError: the bytes are no policy file of this schema, or are damaged, inconsistent
+            or not finite.
     """
     tensors, entry = _loaded(data, source)
     metadata = _metadata(entry, source)
@@ -145,7 +168,9 @@ def parse(data: bytes, source: str) -> PolicyFile:
     _check_tensors(tensors, tensor_shapes(metadata), source)
     actual = digest(tensors, metadata)
     if claimed != actual:
-        raise PolicyFileError(f"{source}: the content has SHA-256 {actual}, expected {claimed!r}: edited or damaged")
+        raise PolicyFileError(
+            f"{source}: the content has SHA-256 {actual}, expected {claimed!r}: edited or damaged"
+        )
     check_values(tensors, source)
     for tensor in tensors.values():
         tensor.flags.writeable = False
@@ -155,7 +180,9 @@ def parse(data: bytes, source: str) -> PolicyFile:
 
 
 def serialise(policy: PolicyFile) -> bytes:
-    """Return the bytes of a policy file, equal ones for equal content; raises a PolicyFileError as :func:`parse`."""
+    """Return the bytes of a policy file, equal ones for equal content; raises a PolicyFileError as
+    :func:`parse`.
+    """
     tensors = {name: np.ascontiguousarray(tensor) for name, tensor in policy.tensors.items()}
     try:
         document = canonical({**policy.metadata, "sha256": digest(tensors, policy.metadata)})
@@ -169,7 +196,9 @@ def serialise(policy: PolicyFile) -> bytes:
 
 
 def write(path: str | os.PathLike[str], policy: PolicyFile) -> None:
-    """Write a policy file, whole or not at all, even in a power cut; raise a PolicyFileError where it cannot be."""
+    """Write a policy file, whole or not at all, even in a power cut; raise a PolicyFileError where
+    it cannot be.
+    """
     data = serialise(policy)
     try:
         write_file(path, data)
@@ -188,7 +217,8 @@ def _loaded(data: bytes, source: str) -> tuple[dict[str, np.ndarray], Any]:
     except (SafetensorError, LookupError, ValueError, RecursionError) as error:
         raise PolicyFileError(f"{source}: not a valid safetensors file: {error}") from error
     entry = header.pop("__metadata__", None)
-    # The digest covers what the header means. Holding its text to one spelling makes every byte count.
+    # The digest covers what the header means. Holding its text to one spelling makes every byte
+    # count.
     if text != plain + " " * blanks or any(each.keys() != _ENTRY for each in header.values()):
         raise PolicyFileError(f"{source}: the header is not in canonical form: edited or damaged")
     return tensors, entry
@@ -196,30 +226,47 @@ def _loaded(data: bytes, source: str) -> tuple[dict[str, np.ndarray], Any]:
 
 def _metadata(entry: Any, source: str) -> dict[str, Any]:
     if not isinstance(entry, dict) or list(entry) != [_KEY] or not isinstance(entry[_KEY], str):
-        raise PolicyFileError(f"{source}: no policy metadata, expected the one key {_KEY!r} in the header")
+        raise PolicyFileError(
+            f"{source}: no policy metadata, expected the one key {_KEY!r} in the header"
+        )
     try:
         document = json.loads(entry[_KEY])
         same = canonical(document) == entry[_KEY]
     except (ValueError, RecursionError) as error:
         raise PolicyFileError(f"{source}: metadata is not canonical JSON: {error}") from error
     if not isinstance(document, dict) or not same:
-        raise PolicyFileError(f"{source}: metadata is not one object of canonical JSON: edited or damaged")
+        raise PolicyFileError(
+            f"{source}: metadata is not one object of canonical JSON: edited or damaged"
+        )
     return document
 
 
 def _check_tensors(
     tensors: Mapping[str, np.ndarray], shapes: Mapping[str, tuple[int | None, ...]], source: str
 ) -> None:
-    """Raise unless these are exactly the tensors of the architecture, in float32 and of its shapes."""
+    """Raise unless these are exactly the tensors of the architecture, in float32 and of its
+    shapes.
+    """
     for name in sorted(shapes.keys() ^ tensors.keys(), key=lambda name: (name in tensors, name)):
         what = "is unexpected" if name in tensors else "is missing"
         raise PolicyFileError(f"{source}: tensor {name!r} {what}; expected {', '.join(shapes)}")
     for name, expected in shapes.items():
-        shape, wanted = tensors[name].shape, ["P" if length is None else length for length in expected]
+        shape, wanted = (
+            tensors[name].shape,
+            ["P" if length is None else length for length in expected],
+        )
         if tensors[name].dtype != np.float32:
-            raise PolicyFileError(f"{source}: tensor {name} has dtype {tensors[name].dtype}, expected float32")
-        if len(shape) != len(wanted) or any(want not in ("P", have) for have, want in zip(shape, wanted, strict=True)):
-            raise PolicyFileError(f"{source}: tensor {name} has shape {list(shape)}, expected {wanted}")
+            raise PolicyFileError(
+                f"{source}: tensor {name} has dtype {tensors[name].dtype}, expected float32"
+            )
+        if len(shape) != len(wanted) or any(
+            want not in ("P", have) for have, want in zip(shape, wanted, strict=True)
+        ):
+            raise PolicyFileError(
+                f"{source}: tensor {name} has shape {list(shape)}, expected {wanted}"
+            )
     counts = {len(tensors[PARITY_OBSERVATION]), len(tensors[PARITY_ACTION])}
     if len(counts) != 1 or counts == {0}:
-        raise PolicyFileError(f"{source}: parity tensors hold {sorted(counts)} vectors, expected one number above 0")
+        raise PolicyFileError(
+            f"{source}: parity tensors hold {sorted(counts)} vectors, expected one number above 0"
+        )

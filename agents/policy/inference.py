@@ -21,23 +21,30 @@ from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE
 
 PARITY_TOLERANCE = 2e-5
-"""Largest difference of an action from the training framework's, both evaluated in double precision."""
+"""Largest difference of an action from the training framework's, both evaluated in double
+precision.
+"""
 
-_ROUNDING_TOLERANCE = 1e-3  # for the precision and paths that fly: a trained network amplifies float32's rounding
+_ROUNDING_TOLERANCE = (
+    1e-3  # for the precision and paths that fly: a trained network amplifies float32's rounding
+)
 
 TOLERANCE = 1e-5
 """By how much a component may leave [-1, 1]; it is clipped. More is an error of the caller."""
 
 _SHIPPED = "data/policy.safetensors"
 _BOUND = 1.0 + TOLERANCE
-_NOT_FINITE = "the policy gives an action that is not finite; expected finite states and bounded weights"
+_NOT_FINITE = (
+    "the policy gives an action that is not finite; expected finite states and bounded weights"
+)
 
 
 class Policy:
     """A deterministic policy: observations ``[..., 8]`` to actions ``[..., 2]``, both in [-1, 1].
 
-    Calls share no state, so that one policy serves many threads. Every row has the same bits in any company, on one
-    machine, with one version of numpy and one number of BLAS threads; one is fastest for these sizes.
+    Calls share no state, so that one policy serves many threads. Every row has the same bits in any
+    company, on one machine, with one version of numpy and one number of BLAS threads; one is
+    fastest for these sizes.
 
     Attributes:
         sha256: digest of the policy file.
@@ -49,7 +56,9 @@ class Policy:
         dtype: in which the network is evaluated.
     """
 
-    def __init__(self, content: PolicyFile, dtype: DTypeLike = np.float32, *, source: str = "policy") -> None:
+    def __init__(
+        self, content: PolicyFile, dtype: DTypeLike = np.float32, *, source: str = "policy"
+    ) -> None:
         """Build the network, in float32 or float64, and compare it with the file's parity vectors.
 
         Raises:
@@ -61,7 +70,12 @@ class Policy:
             raise ValueError(f"dtype is {self.dtype}, expected float32 or float64")
         self.sha256, self.metadata = content.sha256, content.metadata
         self.limits, self.aircraft, self.tensors = content.limits, content.aircraft, content.actor
-        self.layers, self._content, self._outside, self._unlike = content.layers, content, "refuse", list[str]()
+        self.layers, self._content, self._outside, self._unlike = (
+            content.layers,
+            content,
+            "refuse",
+            list[str](),
+        )
         self.most = int(self.domain["intruders"][1])
         kind = SetNetwork if content.of_set else EightNetwork
         # In float64 so that a difference is one of meaning, never of rounding.
@@ -70,11 +84,13 @@ class Policy:
         _check_parity(self._decider, content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
 
     def for_aircraft(self, aircraft: Aircraft, *, outside: str = "refuse") -> "Policy":
-        """Return this policy for another aircraft: it takes that one's states, and its actions mean that one's limits.
+        """Return this policy for another aircraft: it takes that one's states, and its actions mean
+        that one's limits.
 
         Args:
             aircraft: of the family that the policy was trained for.
-            outside: ``allow`` takes an aircraft outside that family, and more intruders than it was trained with, too.
+            outside: ``allow`` takes an aircraft outside that family, and more intruders than it was
+                trained with, too.
 
         Raises:
             OutsideDomainError: the aircraft is outside the family.
@@ -95,21 +111,28 @@ class Policy:
 
     @property
     def domain(self) -> dict[str, tuple[float, float]]:
-        """Ranges of the traffic that the policy was trained for and is claimed, SI, for its aircraft."""
+        """Ranges of the traffic that the policy was trained for and is claimed, SI, for its
+        aircraft.
+        """
         return domain(self._content, self.aircraft)
 
     def check_intruders(self, count: int) -> None:
-        """Raise an OutsideDomainError for more intruders than in training, unless :meth:`for_aircraft` allowed them."""
+        """Raise an OutsideDomainError for more intruders than in training, unless
+        :meth:`for_aircraft` allowed them.
+        """
         if self._outside == "refuse" and count > self.most:
             raise OutsideDomainError(
-                f"outside_domain: there are {count} intruders; expected {self.most} at most, what the policy was "
+                f"outside_domain: there are {count} intruders; expected {self.most} at most, what "
+                "the policy was "
                 "trained with (--allow-outside-domain flies all the same)"
             )
 
     def departures(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
     ) -> list[str]:
-        """Return how aircraft and scene are unlike all that the policy was trained with, a sentence each."""
+        """Return how aircraft and scene are unlike all that the policy was trained with, a sentence
+        each.
+        """
         box = novelty.shipped(self.sha256)
         if box is None or not isinstance(self._decider, SetNetwork):
             return [*self._unlike]
@@ -117,23 +140,29 @@ class Policy:
         return [*self._unlike, *novelty.said(box, mine, each)]
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str] | None = None, dtype: DTypeLike = np.float32) -> "Policy":
-        """Load a policy file, by default the one that ships; raises a PolicyFileError where it cannot be used."""
+    def load(
+        cls, path: str | os.PathLike[str] | None = None, dtype: DTypeLike = np.float32
+    ) -> "Policy":
+        """Load a policy file, by default the one that ships; raises a PolicyFileError where it
+        cannot be used.
+        """
         if path is not None:
             return cls(read(path), dtype, source=os.fspath(path))
         source = f"agents/{_SHIPPED}"
         try:
             data = resources.files("agents").joinpath(_SHIPPED).read_bytes()
         except OSError as error:
-            raise PolicyFileError(f"{source}: this installation ships no policy; give the path of one") from error
+            raise PolicyFileError(
+                f"{source}: this installation ships no policy; give the path of one"
+            ) from error
         return cls(parse(data, source), dtype, source=source)
 
     def __call__(self, observation: ArrayLike) -> np.ndarray:
         """Return the actions ``[..., 2]`` for observations ``[..., 8]``, in the policy's dtype.
 
         Raises:
-            ValueError: the last axis is not 8, or a component is not a number, not finite or outside [-1, 1] by
-                more than :data:`TOLERANCE`.
+            ValueError: the last axis is not 8, or a component is not a number, not finite or
+                outside [-1, 1] by more than :data:`TOLERANCE`.
         """
         array = self._checked(np.asarray(observation))
         if array.size == 0:
@@ -142,7 +171,12 @@ class Policy:
         return _clipped(actions).reshape(*array.shape[:-1], 2)
 
     def command(
-        self, own: VehicleState, intruders: VehicleState, present: ArrayLike, goal_x: Any, goal_y: Any
+        self,
+        own: VehicleState,
+        intruders: VehicleState,
+        present: ArrayLike,
+        goal_x: Any,
+        goal_y: Any,
     ) -> np.ndarray:
         """Return the actions ``[..., 2]``, float64; every row has the same bits in any company.
 
@@ -153,29 +187,43 @@ class Policy:
             goal_x, goal_y: m, ``[...]``.
 
         Raises:
-            ValueError: a shape is wrong, or a number is not finite; ``OutsideDomainError``: there are too many.
+            ValueError: a shape is wrong, or a number is not finite; ``OutsideDomainError``: there
+                are too many.
         """
         shape, present = np.shape(own.x), np.asarray(present, bool)
         if present.shape[:-1] != shape or present.ndim != len(shape) + 1:
-            raise ValueError(f"present has shape {present.shape}, expected {shape} and an axis of the intruders")
-        own = VehicleState(*(_shaped(f"own.{name}", field, shape) for name, field in own._asdict().items()))
+            raise ValueError(
+                f"present has shape {present.shape}, expected {shape} and an axis of the intruders"
+            )
+        own = VehicleState(
+            *(_shaped(f"own.{name}", field, shape) for name, field in own._asdict().items())
+        )
         goal_x, goal_y = _shaped("goal_x", goal_x, shape), _shaped("goal_y", goal_y, shape)
         fields = intruders._asdict().items()
-        seen = VehicleState(*(_shaped(f"intruders.{name}", field, present.shape) for name, field in fields))
+        seen = VehicleState(
+            *(_shaped(f"intruders.{name}", field, present.shape) for name, field in fields)
+        )
         if present.shape[-1] > self.most:
             self.check_intruders(int(np.max(np.count_nonzero(present, axis=-1), initial=0)))
-        one, wide = VehicleState(*(field.reshape(-1) for field in own)), (own.x.size, present.shape[-1])
+        one, wide = (
+            VehicleState(*(field.reshape(-1) for field in own)),
+            (own.x.size, present.shape[-1]),
+        )
         each = VehicleState(*(field.reshape(wide) for field in seen))
-        actions = self._decider.of_states(one, each, present.reshape(wide), goal_x.reshape(-1), goal_y.reshape(-1))
+        actions = self._decider.of_states(
+            one, each, present.reshape(wide), goal_x.reshape(-1), goal_y.reshape(-1)
+        )
         return _clipped(actions).astype(float).reshape(*shape, 2)
 
     def command_one(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
     ) -> tuple[float, float]:
-        """Return the action of one aircraft in plain floats, SI: the fast path of a step-by-step rollout.
+        """Return the action of one aircraft in plain floats, SI: the fast path of a step-by-step
+        rollout.
 
         Raises:
-            ValueError: a number is not finite; ``OutsideDomainError``: there are too many intruders.
+            ValueError: a number is not finite; ``OutsideDomainError``: there are too many
+                intruders.
         """
         self.check_intruders(len(intruders))
         throttle, steering = self._decider.of_one(own, intruders, goal_x, goal_y)
@@ -193,7 +241,10 @@ class Policy:
         if bad.any():
             *row, component = np.argwhere(bad)[0].tolist()
             where, value = f" of row {row}" if row else "", array[(*row, component)]
-            raise ValueError(f"observation component {NAMES[component]!r}{where} is {value}, expected one in [-1, 1]")
+            raise ValueError(
+                f"observation component {NAMES[component]!r}{where} is {value}, expected one in "
+                "[-1, 1]"
+            )
         return array.clip(-1.0, 1.0).astype(self.dtype, copy=False)
 
 
@@ -213,13 +264,16 @@ def _clipped(actions: np.ndarray) -> np.ndarray:
 def _check_parity(
     network: EightNetwork | SetNetwork, content: PolicyFile, tolerance: float, how: str, source: str
 ) -> None:
-    """Raise unless a network's actions for the file's parity vectors are the file's, within the tolerance."""
+    """Raise unless a network's actions for the file's parity vectors are the file's, within the
+    tolerance.
+    """
     actions = np.clip(network.of_parity(content.parity_observation), -1.0, 1.0)
     difference = np.abs(actions - content.parity_action).max(axis=-1)
     # Inverted, so that NaN is refused.
     if not difference.max() <= tolerance:
         worst = int(difference.argmax())
         raise PolicyFileError(
-            f"{source}: the network {how} gives action {actions[worst].tolist()} for parity vector {worst}, expected "
+            f"{source}: the network {how} gives action {actions[worst].tolist()} for parity "
+            f"vector {worst}, expected "
             f"{content.parity_action[worst].tolist()} within {tolerance}"
         )

@@ -1,7 +1,9 @@
-"""Novelty: the network's own inputs against the box of what training saw, two numbers for each input.
+"""Novelty: the network's own inputs against the box of what training saw, two numbers for each
+input.
 
-The inputs are mirrored and without dimension (:mod:`agents.policy.set_features`), so that a scene, its mirror image and
-the same scene of a larger aircraft are equally new. The box of the policy that ships lies beside it.
+The inputs are mirrored and without dimension (:mod:`agents.policy.set_features`), so that a scene,
+its mirror image and the same scene of a larger aircraft are equally new. The box of the policy that
+ships lies beside it.
 """
 
 import json
@@ -17,9 +19,21 @@ from agents.policy.set_features import SetInputs, set_inputs
 from envs.aircraft import Aircraft
 from envs.kinematics import VehicleState
 
-_PASSING = ("time to closest approach", "miss distance", "miss distance from afar", "depth of the conflict")
+_PASSING = (
+    "time to closest approach",
+    "miss distance",
+    "miss distance from afar",
+    "depth of the conflict",
+)
 OWN = (
-    *("own speed in its range", "own speed", "goal ahead", "goal to the side", "goal distance", "goal nearness"),
+    *(
+        "own speed in its range",
+        "own speed",
+        "goal ahead",
+        "goal to the side",
+        "goal distance",
+        "goal nearness",
+    ),
     *("goal outside the left turning circle", "goal outside the right turning circle"),
     *("least speed", "deceleration", "acceleration", "turn radius"),
     *("separation that the best manoeuvre keeps", "its acceleration", "its turn"),
@@ -28,13 +42,20 @@ OWN = (
 """Names of the inputs of the ownship."""
 EACH = (
     *("intruder ahead", "intruder to the side", "intruder distance", "intruder nearness"),
-    *("intruder velocity ahead", "intruder velocity to the side", "relative velocity ahead", "range rate"),
+    *(
+        "intruder velocity ahead",
+        "intruder velocity to the side",
+        "relative velocity ahead",
+        "range rate",
+    ),
     *_PASSING,
     *(f"{name} on the course to the goal" for name in _PASSING),
 )
 """Names of the inputs of an intruder."""
 
-_MARGIN = 0.02  # of an input's range in training; flights that training did not draw leave it by less
+_MARGIN = (
+    0.02  # of an input's range in training; flights that training did not draw leave it by less
+)
 
 
 class Box(NamedTuple):
@@ -47,19 +68,29 @@ class Box(NamedTuple):
 @cache
 def shipped(sha256: str) -> Box | None:
     """Return the box of the policy with this digest; None unless it is the one that ships."""
-    kept = json.loads(resources.files("agents").joinpath("data/inputs.json").read_text(encoding="utf-8"))
+    kept = json.loads(
+        resources.files("agents").joinpath("data/inputs.json").read_text(encoding="utf-8")
+    )
     return Box(np.array(kept["own"]), np.array(kept["each"])) if kept["policy"] == sha256 else None
 
 
 def inputs_of(
-    own: VehicleState, intruders: VehicleState, present: np.ndarray, goal: tuple[np.ndarray, np.ndarray], one: Aircraft
+    own: VehicleState,
+    intruders: VehicleState,
+    present: np.ndarray,
+    goal: tuple[np.ndarray, np.ndarray],
+    one: Aircraft,
 ) -> SetInputs:
-    """Return the network's inputs for states ``[N]`` and ``[N, K]`` with K >= 1, present ones bool ``[N, K]``."""
+    """Return the network's inputs for states ``[N]`` and ``[N, K]`` with K >= 1, present ones bool
+    ``[N, K]``.
+    """
     return set_inputs(scene(own, intruders, present, *goal, one.limits, one.separation, np), np)
 
 
 def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
-    """Return by how much each input is outside the box, ``[..., 37]`` and ``[..., K, 16]``; nan is infinitely far."""
+    """Return by how much each input is outside the box, ``[..., 37]`` and ``[..., K, 16]``; nan is
+    infinitely far.
+    """
     found = []
     for (low, high), values in ((box.own, inputs.own), (box.each, inputs.each)):
         beyond = np.maximum(low - values, values - high)
@@ -69,17 +100,24 @@ def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
 
 
 def said(box: Box, own: Sequence[float], each: Sequence[Sequence[float]]) -> list[str]:
-    """Return a sentence about the newest of one scene's inputs, ``[37]`` and ``[K, 16]``; none if training saw such."""
+    """Return a sentence about the newest of one scene's inputs, ``[37]`` and ``[K, 16]``; none if
+    training saw such.
+    """
     if not each:
         return []
     inputs = SetInputs(np.array(own), np.array(each), np.ones(len(each), bool), 1.0)
     values = np.concatenate([inputs.own, inputs.each.ravel()])
     ranges = np.concatenate([box.own, np.tile(box.each, len(each))], axis=1)
-    beyond = np.concatenate([part.ravel() for part in excess(box, inputs)]) / (ranges[1] - ranges[0])
+    beyond = np.concatenate([part.ravel() for part in excess(box, inputs)]) / (
+        ranges[1] - ranges[0]
+    )
     worst = int(np.argmax(beyond))
     if not beyond[worst] > 0.0:
         return []
     number, name = divmod(worst - len(OWN), len(EACH))
     what = OWN[worst] if worst < len(OWN) else f"{EACH[name]} (intruder {number})"
     low, high = ranges[:, worst]
-    return [f"outside_domain: novelty: {what} is {values[worst]:.3g}; training saw {low:.3g} to {high:.3g}"]
+    return [
+        f"outside_domain: novelty: {what} is {values[worst]:.3g}; training saw {low:.3g} to "
+        f"{high:.3g}"
+    ]

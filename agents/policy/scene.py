@@ -1,7 +1,9 @@
-"""What a policy sees: the traffic and the goal in the ownship's frame, in the units in which all aircraft are alike.
+"""What a policy sees: the traffic and the goal in the ownship's frame, in the units in which all
+aircraft are alike.
 
-Lengths are in required separations D, speeds in the ownship's greatest speed, times in their quotient
-(:mod:`envs.aircraft`); x points ahead and y to the left. Beyond 20 D only the direction counts.
+Lengths are in required separations D, speeds in the ownship's greatest speed, times in their
+quotient (:mod:`envs.aircraft`); x points ahead and y to the left. Beyond 20 D only the direction
+counts.
 """
 
 import math
@@ -44,7 +46,8 @@ def scene(
     separation: Any,
     xp: Any,
 ) -> Scene:
-    """Return the scene of states ``[...]`` and ``[..., K]`` in SI units; of absent intruders anything finite.
+    """Return the scene of states ``[...]`` and ``[..., K]`` in SI units; of absent intruders
+    anything finite.
 
     Limits and required separation are floats or ``[...]``.
     """
@@ -52,8 +55,15 @@ def scene(
     sine, cosine = sincos(own.heading, xp)
     ahead, left = _turned((goal_x - own.x) * length, (goal_y - own.y) * length, cosine, sine)
     pulled = xp.minimum(1.0, FARTHEST / xp.maximum(distance(ahead, left, xp), 1e-6))
-    sine, cosine, length, speed = (xp.asarray(value)[..., None] for value in (sine, cosine, length, speed))
-    x, y = _turned((intruders.x - own.x[..., None]) * length, (intruders.y - own.y[..., None]) * length, cosine, sine)
+    sine, cosine, length, speed = (
+        xp.asarray(value)[..., None] for value in (sine, cosine, length, speed)
+    )
+    x, y = _turned(
+        (intruders.x - own.x[..., None]) * length,
+        (intruders.y - own.y[..., None]) * length,
+        cosine,
+        sine,
+    )
     nearer = xp.minimum(1.0, FARTHEST / xp.maximum(distance(x, y, xp), 1e-6))
     course_sine, course_cosine = sincos(intruders.heading, xp)
     pace = intruders.speed * speed
@@ -90,7 +100,12 @@ def scene_of_one(
 
     places = [seen(one.x, one.y) for one in intruders]
     velocities = [
-        _turned(one.speed * speed * math.cos(one.heading), one.speed * speed * math.sin(one.heading), cosine, sine)
+        _turned(
+            one.speed * speed * math.cos(one.heading),
+            one.speed * speed * math.sin(one.heading),
+            cosine,
+            sine,
+        )
         for one in intruders
     ]
     goal = seen(goal_x, goal_y)
@@ -117,7 +132,8 @@ def width(most: int) -> int:
 
 
 def unpacked(own: Any, traffic: Any) -> Scene:
-    """Return the scenes of rows ``[..., 7]`` and ``[..., K, 5]``, as a policy file's parity vectors hold them.
+    """Return the scenes of rows ``[..., 7]`` and ``[..., K, 5]``, as a policy file's parity vectors
+    hold them.
 
     The latter hold of each place for an intruder x, y, vx, vy and whether there is one, 1 or 0.
     """
@@ -137,14 +153,23 @@ def unpacked_rows(rows: Any) -> Scene:
 
 
 def mirrored(seen: Scene, xp: Any) -> tuple[Scene, Any]:
-    """Return the scene with most of the traffic left of the line to the goal, and the sign of its y axis, ``[...]``.
+    """Return the scene with most of the traffic left of the line to the goal, and the sign of its y
+    axis, ``[...]``.
 
-    A policy that decides on this scene, and turns by that sign, is exactly symmetric. Each intruder counts by how soon
-    and how close it passes on straight courses; the line to the goal moves with positions alone, so that no turn
-    changes the sign at once. Without traffic the goal is seen to the left.
+    A policy that decides on this scene, and turns by that sign, is exactly symmetric. Each intruder
+    counts by how soon and how close it passes on straight courses; the line to the goal moves with
+    positions alone, so that no turn changes the sign at once. Without traffic the goal is seen to
+    the left.
     """
     towards = _towards(
-        seen.x, seen.y, seen.vx, seen.vy, seen.own_speed[..., None], seen.goal_x[..., None], seen.goal_y[..., None], xp
+        seen.x,
+        seen.y,
+        seen.vx,
+        seen.vy,
+        seen.own_speed[..., None],
+        seen.goal_x[..., None],
+        seen.goal_y[..., None],
+        xp,
     )
     total = xp.sum(xp.where(seen.present, towards, 0.0), axis=-1)
     sign = xp.copysign(xp.ones_like(total), total + 1e-20 * seen.goal_y)
@@ -155,26 +180,34 @@ def mirrored(seen: Scene, xp: Any) -> tuple[Scene, Any]:
 def mirrored_one(seen: Scene) -> tuple[Scene, float]:
     """Return :func:`mirrored` of a scene of plain floats."""
     intruders = zip(seen.x, seen.y, seen.vx, seen.vy, strict=True)
-    total = sum(_towards(*one, seen.own_speed, seen.goal_x, seen.goal_y, FLOATS) for one in intruders)
+    total = sum(
+        _towards(*one, seen.own_speed, seen.goal_x, seen.goal_y, FLOATS) for one in intruders
+    )
     sign = math.copysign(1.0, total + 1e-20 * seen.goal_y)
     if sign > 0.0:
         return seen, sign
-    return seen._replace(goal_y=-seen.goal_y, y=[-y for y in seen.y], vy=[-vy for vy in seen.vy]), sign
+    return seen._replace(
+        goal_y=-seen.goal_y, y=[-y for y in seen.y], vy=[-vy for vy in seen.vy]
+    ), sign
 
 
-# What is on the line to the goal, to rounding, counts as left: two aircraft that are exact images of each other then
-# turn to the same hand and pass.
+# What is on the line to the goal, to rounding, counts as left: two aircraft that are exact images
+# of each other then turn to the same hand and pass.
 _TIE = 1e-9
 
 
 def _towards(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_x: Any, goal_y: Any, xp: Any) -> Any:
-    """Return how much an intruder counts, positive to the left of the line to the goal, ``[..., K]``."""
+    """Return how much an intruder counts, positive to the left of the line to the goal, ``[...,
+    K]``.
+    """
     away = xp.maximum(distance(x, y, xp), 1e-3)
     relative_x, relative_y = vx - pace, vy
     square = relative_x * relative_x + relative_y * relative_y + 0.0025
     time = xp.clip(-(x * relative_x + y * relative_y) / square, 0.0, 30.0)
     closest_x, closest_y = x + relative_x * time, y + relative_y * time
-    weight = 1.0 / ((1.0 + 0.1 * time * time) * (1.0 + closest_x * closest_x + closest_y * closest_y))
+    weight = 1.0 / (
+        (1.0 + 0.1 * time * time) * (1.0 + closest_x * closest_x + closest_y * closest_y)
+    )
     return weight * ((goal_x * y - goal_y * x) / away + _TIE)
 
 

@@ -1,6 +1,8 @@
-"""What a policy file must say: its metadata, its tensors, and the checks on both (docs/reference/policy-file.md).
+"""What a policy file must say: its metadata, its tensors, and the checks on both
+(docs/reference/policy-file.md).
 
-Observation and action contracts stand in every file: a policy of other meanings is refused instead of flown.
+Observation and action contracts stand in every file: a policy of other meanings is refused instead
+of flown.
 """
 
 import json
@@ -21,7 +23,9 @@ from envs.observation import NAMES, SIZE
 
 
 class PolicyFileError(InputError):
-    """A policy file that cannot be used; the message says which file, what is wrong, where, what was expected."""
+    """A policy file that cannot be used; the message says which file, what is wrong, where, what
+    was expected.
+    """
 
 
 SCHEMA = {"name": "rlcas-policy", "version": 1}
@@ -31,7 +35,10 @@ SET_SCHEMA = {"name": "rlcas-policy", "version": 2}
 """Of policies that see any number of intruders, for a family of aircraft."""
 
 SCENE = {
-    "units": "lengths in required separations D, speeds in the ownship's greatest speed V, accelerations in V^2/D",
+    "units": (
+        "lengths in required separations D, speeds in the ownship's greatest speed V, "
+        "accelerations in V^2/D"
+    ),
     "frame": "origin at the ownship, x ahead, y left; velocities over the ground",
     "own": ["speed", "goal_x", "goal_y", *Ratios._fields],
     "intruder": ["x", "y", "vx", "vy", "present"],
@@ -44,11 +51,16 @@ OBSERVATION = {
     "middle": [75.0, 0.0, 75.0, 0.0, 0.0, 10_000.0, 0.0, 10_000.0],
     "half_range": [25.0, math.pi, 75.0, math.pi, math.pi, 10_000.0, math.pi, 10_000.0],
     "unit": ["m/s", "rad", "m/s", "rad", "rad", "m", "rad", "m"],
-    "convention": "headings counter-clockwise from east; bearings from own heading, left positive; clipped to [-1, 1]",
+    "convention": (
+        "headings counter-clockwise from east; bearings from own heading, left "
+        "positive; clipped to [-1, 1]"
+    ),
 }
 ACTION = {
     "names": ["acceleration", "yaw_rate"],
-    "convention": "fractions of the vehicle limits in [-1, 1]; positive yaw rate is counter-clockwise",
+    "convention": (
+        "fractions of the vehicle limits in [-1, 1]; positive yaw rate is counter-clockwise"
+    ),
 }
 
 PARITY_OBSERVATION, PARITY_ACTION = "parity/observation", "parity/action"
@@ -75,7 +87,13 @@ _SET_FIELDS: dict[str, Any] = _COMMON | {
     "scene": dict,
     "task": dict.fromkeys(_OF_AIRCRAFT, float),
     "family": dict.fromkeys(Ratios._fields, list),
-    "architecture": {"hidden": list, "encoder": list, "intruders": int, "activation": str, "output": str},
+    "architecture": {
+        "hidden": list,
+        "encoder": list,
+        "intruders": int,
+        "activation": str,
+        "output": str,
+    },
 }
 
 
@@ -111,7 +129,11 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
     Raises:
         PolicyFileError: something of it is of a type, or a value, that a policy file cannot hold.
     """
-    architecture: dict[str, Any] = {"hidden": [int(width) for width in hidden], "activation": "tanh", "output": "clip"}
+    architecture: dict[str, Any] = {
+        "hidden": [int(width) for width in hidden],
+        "activation": "tanh",
+        "output": "clip",
+    }
     if of_set is None:
         own = {"schema": dict(SCHEMA), "observation": OBSERVATION}
         architecture["feature_set"] = feature_set
@@ -120,11 +142,20 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
             "schema": dict(SET_SCHEMA),
             "scene": SCENE,
             "task": {name: float(getattr(of_set.aircraft, name)) for name in _OF_AIRCRAFT},
-            "family": {name: [float(bound) for bound in of_set.family[name]] for name in Ratios._fields},
+            "family": {
+                name: [float(bound) for bound in of_set.family[name]] for name in Ratios._fields
+            },
         }
-        architecture |= {"encoder": [int(width) for width in of_set.encoder], "intruders": int(of_set.intruders)}
+        architecture |= {
+            "encoder": [int(width) for width in of_set.encoder],
+            "intruders": int(of_set.intruders),
+        }
     try:
-        training = {"config": config, "config_sha256": sha256(canonical(config)), "steps": int(steps)}
+        training = {
+            "config": config,
+            "config_sha256": sha256(canonical(config)),
+            "steps": int(steps),
+        }
         document = own | {
             "action": ACTION,
             "limits": {name: float(value) for name, value in limits._asdict().items()},
@@ -141,11 +172,15 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
 
 
 def check_metadata(document: Any, source: str) -> None:
-    """Raise :class:`PolicyFileError` unless the metadata has the schema's fields, types and values."""
+    """Raise :class:`PolicyFileError` unless the metadata has the schema's fields, types and
+    values.
+    """
 
     def demand(holds: bool, name: str, value: Any, expected: str) -> None:
         if not holds:
-            raise PolicyFileError(f"{source}: metadata.{name} is {_brief(value)}, expected {expected}")
+            raise PolicyFileError(
+                f"{source}: metadata.{name} is {_brief(value)}, expected {expected}"
+            )
 
     schema = document.get("schema") if isinstance(document, dict) else None
     demand(schema in (SCHEMA, SET_SCHEMA), "schema", schema, f"{SCHEMA} or {SET_SCHEMA}")
@@ -154,38 +189,59 @@ def check_metadata(document: Any, source: str) -> None:
     architecture, training = document["architecture"], document["training"]
     fixed = {"architecture.activation": (architecture["activation"], "tanh")}
     fixed |= {"architecture.output": (architecture["output"], "clip")}
-    fixed |= {"training.config_sha256": (training["config_sha256"], sha256(canonical(training["config"])))}
-    for name, contract in (("scene", SCENE) if of_set else ("observation", OBSERVATION), ("action", ACTION)):
+    fixed |= {
+        "training.config_sha256": (training["config_sha256"], sha256(canonical(training["config"])))
+    }
+    for name, contract in (
+        ("scene", SCENE) if of_set else ("observation", OBSERVATION),
+        ("action", ACTION),
+    ):
         keys = sorted(contract.keys() | document[name].keys())
         fixed |= {f"{name}.{key}": (document[name].get(key), contract.get(key)) for key in keys}
     for name, (value, expected) in fixed.items():
         demand(value == expected, name, value, _brief(expected))
     for name in ("hidden", "encoder") if of_set else ("hidden",):
         widths = architecture[name]
-        good = 1 <= len(widths) <= _MAX_LAYERS and all(_is(w, int) and 1 <= w <= _MAX_WIDTH for w in widths)
-        demand(good, f"architecture.{name}", widths, f"1 to {_MAX_LAYERS} widths of 1 to {_MAX_WIDTH}")
+        good = 1 <= len(widths) <= _MAX_LAYERS and all(
+            _is(w, int) and 1 <= w <= _MAX_WIDTH for w in widths
+        )
+        demand(
+            good, f"architecture.{name}", widths, f"1 to {_MAX_LAYERS} widths of 1 to {_MAX_WIDTH}"
+        )
     limits = Limits(**document["limits"])
     if of_set:
         intruders = architecture["intruders"]
-        demand(1 <= intruders <= _MAX_INTRUDERS, "architecture.intruders", intruders, f"1 to {_MAX_INTRUDERS}")
+        demand(
+            1 <= intruders <= _MAX_INTRUDERS,
+            "architecture.intruders",
+            intruders,
+            f"1 to {_MAX_INTRUDERS}",
+        )
         try:
             new_aircraft(limits, **document["task"])
         except AircraftError as error:
             raise PolicyFileError(f"{source}: metadata.task: {error}") from None
         for name, bounds in document["family"].items():
-            good = len(bounds) == 2 and all(_is(b, float) for b in bounds) and bounds[0] <= bounds[1]
+            good = (
+                len(bounds) == 2 and all(_is(b, float) for b in bounds) and bounds[0] <= bounds[1]
+            )
             demand(good, f"family.{name}", bounds, "[lowest, highest]")
     else:
         feature_set = architecture["feature_set"]
         known = ", ".join(FEATURE_SETS)
-        demand(feature_set in FEATURE_SETS, "architecture.feature_set", feature_set, f"one of {known}")
+        demand(
+            feature_set in FEATURE_SETS, "architecture.feature_set", feature_set, f"one of {known}"
+        )
     possible = (
         0.0 <= limits.speed_min < limits.speed_max <= FASTEST.speed_max
         and FASTEST.acceleration_min <= limits.acceleration_min < 0.0 < limits.acceleration_max
         and limits.acceleration_max <= FASTEST.acceleration_max
         and _LEAST_YAW_RATE <= limits.yaw_rate_max <= FASTEST.yaw_rate_max
     )
-    expected = f"speed_min below speed_max, a yaw rate of at least {_LEAST_YAW_RATE}, and none beyond {tuple(FASTEST)}"
+    expected = (
+        f"speed_min below speed_max, a yaw rate of at least {_LEAST_YAW_RATE}, and none "
+        f"beyond {tuple(FASTEST)}"
+    )
     demand(possible, "limits", document["limits"], f"those of a vehicle: {expected}")
     demand(training["steps"] >= 0, "training.steps", training["steps"], "0 or more")
     for name, version in document["versions"].items():
@@ -193,13 +249,17 @@ def check_metadata(document: Any, source: str) -> None:
 
 
 def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ...]]:
-    """Return the shape of every tensor that belongs to (checked) metadata; None is the number of parity vectors."""
+    """Return the shape of every tensor that belongs to (checked) metadata; None is the number of
+    parity vectors.
+    """
     architecture = document["architecture"]
     shapes: dict[str, tuple[int | None, ...]] = {}
     outputs = len(ACTION["names"])
     of_set = document["schema"] == SET_SCHEMA
     width, rows = OWN if of_set else size(architecture["feature_set"]), SIZE
-    layers = [(f"hidden_{i}", units) for i, units in enumerate(architecture["hidden"])] + [("head", outputs)]
+    layers = [(f"hidden_{i}", units) for i, units in enumerate(architecture["hidden"])] + [
+        ("head", outputs)
+    ]
     if of_set:
         encoder = EACH
         for i, units in enumerate(architecture["encoder"]):
@@ -209,32 +269,50 @@ def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ..
     for name, units in layers:
         shapes |= {f"actor/{name}/kernel": (width, units), f"actor/{name}/bias": (units,)}
         width = units
-    return shapes | {"actor/log_std": (outputs,), PARITY_OBSERVATION: (None, rows), PARITY_ACTION: (None, outputs)}
+    return shapes | {
+        "actor/log_std": (outputs,),
+        PARITY_OBSERVATION: (None, rows),
+        PARITY_ACTION: (None, outputs),
+    }
 
 
 def check_values(tensors: Mapping[str, np.ndarray], source: str) -> None:
-    """Raise :class:`PolicyFileError` unless all tensors are finite and bounded, the parity vectors by 1."""
+    """Raise :class:`PolicyFileError` unless all tensors are finite and bounded, the parity vectors
+    by 1.
+    """
     of_set = any(name.startswith("actor/each_") for name in tensors)
     # Parity vectors of schema 2 hold lengths in separations, within twenty of them.
     for name, tensor in tensors.items():
         if not np.isfinite(tensor).all():
             index = np.argwhere(~np.isfinite(tensor))[0].tolist()
             raise PolicyFileError(f"{source}: tensor {name} is not finite at {index}")
-        most = 1.0 if name == PARITY_ACTION or (name == PARITY_OBSERVATION and not of_set) else _MAX_WEIGHT
+        most = (
+            1.0
+            if name == PARITY_ACTION or (name == PARITY_OBSERVATION and not of_set)
+            else _MAX_WEIGHT
+        )
         if np.abs(tensor).max() > most:
             raise PolicyFileError(f"{source}: tensor {name} leaves [{-most:g}, {most:g}]")
 
 
-def _check_fields(value: Mapping[str, Any], fields: Mapping[str, Any], path: str, source: str) -> None:
+def _check_fields(
+    value: Mapping[str, Any], fields: Mapping[str, Any], path: str, source: str
+) -> None:
     """Raise unless an object has exactly these fields, of these types."""
     missing, unexpected = sorted(fields.keys() - value.keys()), sorted(value.keys() - fields.keys())
     if missing or unexpected:
-        what = f"lacks {', '.join(missing)}" if missing else f"has unexpected {_brief(', '.join(unexpected))}"
+        what = (
+            f"lacks {', '.join(missing)}"
+            if missing
+            else f"has unexpected {_brief(', '.join(unexpected))}"
+        )
         raise PolicyFileError(f"{source}: {path} {what}; expected the fields {', '.join(fields)}")
     for name, expected in fields.items():
         kind = dict if isinstance(expected, dict) else expected
         if not _is(value[name], kind):
-            raise PolicyFileError(f"{source}: {path}.{name} is {_brief(value[name])}, expected {_words(kind)}")
+            raise PolicyFileError(
+                f"{source}: {path}.{name} is {_brief(value[name])}, expected {_words(kind)}"
+            )
         if isinstance(expected, dict):
             _check_fields(value[name], expected, f"{path}.{name}", source)
 
@@ -245,7 +323,13 @@ def _is(value: Any, kind: Any) -> bool:
 
 
 def _words(kind: Any) -> str:
-    names = {dict: "an object", list: "a list", str: "a string", int: "an integer", float: "a number with a point"}
+    names = {
+        dict: "an object",
+        list: "a list",
+        str: "a string",
+        int: "an integer",
+        float: "a number with a point",
+    }
     return "a number with a point, or null" if isinstance(kind, tuple) else names[kind]
 
 

@@ -1,7 +1,8 @@
-"""Inputs of the network for any number of intruders: one vector for the ownship, one for each intruder.
+"""Inputs of the network for any number of intruders: one vector for the ownship, one for each
+intruder.
 
-They are derived from the scene inside the network's own forward pass, for jax and numpy alike, and do not change with
-the order of the intruders, nor with absent ones.
+They are derived from the scene inside the network's own forward pass, for jax and numpy alike, and
+do not change with the order of the intruders, nor with absent ones.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +23,14 @@ KEPT_UNIT = 0.03
 ALIKE = 0.05
 """Between what manoeuvres keep, squashed: 1.5 thousandths of D near the separation."""
 
-_UNITS = 0.0025, 30.0, 1.0 / 6.0, 1.0, 0.2, 0.0  # of :func:`passing`, for lengths in D and speeds in the greatest
+_UNITS = (
+    0.0025,
+    30.0,
+    1.0 / 6.0,
+    1.0,
+    0.2,
+    0.0,
+)  # of :func:`passing`, for lengths in D and speeds in the greatest
 
 
 class SetInputs(NamedTuple):
@@ -35,9 +43,12 @@ class SetInputs(NamedTuple):
 
 
 def set_inputs(seen: Scene, xp: Any) -> SetInputs:
-    """Return the inputs for scenes ``[...]``, not mirrored, with K >= 1 intruders' places; all within about [-3, 3]."""
+    """Return the inputs for scenes ``[...]``, not mirrored, with K >= 1 intruders' places; all
+    within about [-3, 3].
+    """
     seen, sign = mirrored(seen, xp)
-    # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the number of rows.
+    # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the
+    # number of rows.
     kept = xp.stack(list(escapes.kept(seen, xp)), axis=-1)
     spare = soft((kept - 1.0) * (1.0 / KEPT_UNIT), xp)  # [..., 22]
     own = own_part(seen, xp.zeros_like(seen.own_speed), xp)
@@ -45,7 +56,14 @@ def set_inputs(seen: Scene, xp: Any) -> SetInputs:
     to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
     cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
     each = each_part(
-        seen.x, seen.y, seen.vx, seen.vy, seen.own_speed[..., None], cosine[..., None], sine[..., None], xp
+        seen.x,
+        seen.y,
+        seen.vx,
+        seen.vy,
+        seen.own_speed[..., None],
+        cosine[..., None],
+        sine[..., None],
+        xp,
     )
     return SetInputs(
         xp.concatenate([xp.stack([*own, *advice], axis=-1), spare], axis=-1),
@@ -56,7 +74,8 @@ def set_inputs(seen: Scene, xp: Any) -> SetInputs:
 
 
 def set_inputs_of_one(seen: Scene, kept: np.ndarray) -> tuple[list[float], list[list[float]]]:
-    """Return the inputs for one mirrored scene of plain floats: for the ownship, and a list for each intruder present.
+    """Return the inputs for one mirrored scene of plain floats: for the ownship, and a list for
+    each intruder present.
 
     ``kept`` is what :func:`agents.policy.escapes.kept` gives of it, ``[22]``.
     """
@@ -70,12 +89,16 @@ def set_inputs_of_one(seen: Scene, kept: np.ndarray) -> tuple[list[float], list[
 
 
 def own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
-    """Return what describes the ownship, its goal and its limits, 12 times ``[...]``; ``zero`` has that shape."""
+    """Return what describes the ownship, its goal and its limits, 12 times ``[...]``; ``zero`` has
+    that shape.
+    """
     to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
     speed, ratios = seen.own_speed, seen.ratios
     radius = speed * ratios.turn_radius
     # Of the turning circles.
-    outside = [distance(seen.goal_x, seen.goal_y - side * radius, xp) - radius for side in (1.0, -1.0)]
+    outside = [
+        distance(seen.goal_x, seen.goal_y - side * radius, xp) - radius for side in (1.0, -1.0)
+    ]
     return [
         (2.0 * speed - 1.0 - ratios.speed_min) / (1.0 - ratios.speed_min),
         speed,
@@ -91,8 +114,12 @@ def own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
     ]
 
 
-def each_part(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_cosine: Any, goal_sine: Any, xp: Any) -> list[Any]:
-    """Return what describes an intruder, 16 times ``[..., K]``, beside own speed and the goal's direction."""
+def each_part(
+    x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_cosine: Any, goal_sine: Any, xp: Any
+) -> list[Any]:
+    """Return what describes an intruder, 16 times ``[..., K]``, beside own speed and the goal's
+    direction.
+    """
     away = distance(x, y, xp) + 1e-6
     relative = vx - pace
     return [
@@ -111,9 +138,11 @@ def each_part(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_cosine: Any, goa
 
 
 def _advice(spare: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
-    """Return what the best manoeuvre keeps, and how it accelerates and turns, 1 at the limit; ``[...]`` each.
+    """Return what the best manoeuvre keeps, and how it accelerates and turns, 1 at the limit;
+    ``[...]`` each.
 
-    Of manoeuvres that keep nearly as much it is the mean of what they do, so that nothing hangs on rounding.
+    Of manoeuvres that keep nearly as much it is the mean of what they do, so that nothing hangs on
+    rounding.
     """
     most = spare.max(axis=-1)
     behind = (most[..., None] - spare) * (1.0 / ALIKE)
@@ -123,16 +152,19 @@ def _advice(spare: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
     return most, (share * throttles).sum(axis=-1) / whole, (share * steering).sum(axis=-1) / whole
 
 
-def passing(x: Any, y: Any, vx: Any, vy: Any, units: tuple[float, ...], xp: Any) -> tuple[Any, Any, Any, Any]:
-    """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight course.
+def passing(
+    x: Any, y: Any, vx: Any, vy: Any, units: tuple[float, ...], xp: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight
+    course.
 
-    Returns the time to the closest approach, the signed miss distance at two scales (left positive) and how deep the
-    separation is entered ahead. Slow relative speeds are softened: there the quotients would amplify the rounding of
-    float32.
+    Returns the time to the closest approach, the signed miss distance at two scales (left positive)
+    and how deep the separation is entered ahead. Slow relative speeds are softened: there the
+    quotients would amplify the rounding of float32.
 
     Args:
-        units: square of the speed that softens, how far ahead is looked, and what a time, a length, a length far away
-            and the square of a range are scaled by or softened with.
+        units: square of the speed that softens, how far ahead is looked, and what a time, a length,
+            a length far away and the square of a range are scaled by or softened with.
     """
     slow, horizon, per_time, per_length, per_far, floor = units
     square = vx * vx + vy * vy + slow

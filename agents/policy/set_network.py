@@ -1,7 +1,8 @@
-"""The network for any number of intruders: scenes to actions (:class:`agents.learning.networks.Trunk`).
+"""The network for any number of intruders: scenes to actions
+(:class:`agents.learning.networks.Trunk`).
 
-In numpy every row is a vector product of its own, because BLAS rounds the rows of a matrix product by the size of their
-batch: a scene gives the same bits in any company.
+In numpy every row is a vector product of its own, because BLAS rounds the rows of a matrix product
+by the size of their batch: a scene gives the same bits in any company.
 """
 
 from collections.abc import Sequence
@@ -33,7 +34,9 @@ class SetNetwork:
     """The deterministic network of a policy file of schema 2."""
 
     def __init__(self, content: PolicyFile, dtype: DTypeLike) -> None:
-        """Take the tensors of a file; float32 or float64 is the precision in which the scene is evaluated."""
+        """Take the tensors of a file; float32 or float64 is the precision in which the scene is
+        evaluated.
+        """
         self._dtype, self._aircraft = np.dtype(dtype), content.aircraft
         self._encoder = content.layers("each", dtype)
         self._trunk = content.layers("hidden", dtype) + content.layers("head", dtype)
@@ -42,11 +45,16 @@ class SetNetwork:
     def for_aircraft(self, aircraft: Aircraft) -> "SetNetwork":
         """Return the network for states of another aircraft."""
         other = copy(self)
-        other._aircraft, other._kept = aircraft, KeptByOne(ratios(aircraft.limits, aircraft.separation))
+        other._aircraft, other._kept = (
+            aircraft,
+            KeptByOne(ratios(aircraft.limits, aircraft.separation)),
+        )
         return other
 
     def of_parity(self, rows: np.ndarray) -> np.ndarray:
-        """Return the actions ``[P, 2]`` for a file's parity vectors (:func:`agents.policy.scene.unpacked_rows`)."""
+        """Return the actions ``[P, 2]`` for a file's parity vectors
+        (:func:`agents.policy.scene.unpacked_rows`).
+        """
         return self._of_scenes(unpacked_rows(rows))
 
     def of_observations(self, observation: np.ndarray) -> np.ndarray:
@@ -57,10 +65,17 @@ class SetNetwork:
         vx, vy = found.intruder_vx, found.intruder_vy
         fields = found.intruder_x, found.intruder_y, atan2(vy, vx, np), distance(vx, vy, np)
         seen = VehicleState(*(field[:, None] for field in fields))
-        return self.of_states(own, seen, np.ones((len(observation), 1), bool), found.goal_x, found.goal_y)
+        return self.of_states(
+            own, seen, np.ones((len(observation), 1), bool), found.goal_x, found.goal_y
+        )
 
     def of_states(
-        self, own: VehicleState, seen: VehicleState, present: np.ndarray, goal_x: np.ndarray, goal_y: np.ndarray
+        self,
+        own: VehicleState,
+        seen: VehicleState,
+        present: np.ndarray,
+        goal_x: np.ndarray,
+        goal_y: np.ndarray,
     ) -> np.ndarray:
         """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``."""
         if present.shape[-1] == 0:
@@ -89,25 +104,37 @@ class SetNetwork:
     def inputs_of_one(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
     ) -> tuple[list[float], list[list[float]], float]:
-        """Return the inputs of one aircraft, those of each intruder, and how the scene is mirrored, 1 or -1."""
+        """Return the inputs of one aircraft, those of each intruder, and how the scene is mirrored,
+        1 or -1.
+        """
         limits, separation = self._aircraft.limits, self._aircraft.separation
         seen, sign = mirrored_one(scene_of_one(own, intruders, goal_x, goal_y, limits, separation))
         return *set_inputs_of_one(seen, self._kept(seen)), sign
 
     def _of_scenes(self, seen: Scene) -> np.ndarray:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""
-        seen = mapped(lambda field: field if np.asarray(field).dtype == bool else np.asarray(field, self._dtype), seen)
+        seen = mapped(
+            lambda field: (
+                field if np.asarray(field).dtype == bool else np.asarray(field, self._dtype)
+            ),
+            seen,
+        )
         if len(seen.own_speed) <= _SCENES:
             return actions(set_inputs(seen, np), self._encoder, self._trunk, np)
         blocks = [slice(first, first + _SCENES) for first in range(0, len(seen.own_speed), _SCENES)]
-        parts = (mapped(lambda field, at=at: field[at] if np.ndim(field) else field, seen) for at in blocks)
+        parts = (
+            mapped(lambda field, at=at: field[at] if np.ndim(field) else field, seen)
+            for at in blocks
+        )
         return np.concatenate([self._of_scenes(part) for part in parts])
 
 
 def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: Any) -> Any:
     """Return the actions ``[N, 2]`` of the network's layers for inputs ``[N]``."""
     own, each, present, sign = inputs
-    each = xp.tanh(rows_through(each.reshape(-1, each.shape[-1]), encoder, xp)).reshape(*present.shape, -1)
+    each = xp.tanh(rows_through(each.reshape(-1, each.shape[-1]), encoder, xp)).reshape(
+        *present.shape, -1
+    )
     pooled = xp.where(present[..., None], each, -1.0).max(axis=-2)
     action = rows_through(xp.concatenate([own, pooled], axis=-1), trunk, xp)
     return action * xp.stack([xp.ones_like(sign), sign], axis=-1)
@@ -135,6 +162,10 @@ def one_through(x: np.ndarray, layers: Layers) -> list[float]:
 
 
 def check_one_layer(policy: Any) -> None:
-    """Refuse a :class:`agents.policy.inference.Policy` but one of schema 2 with one layer for each intruder."""
+    """Refuse a :class:`agents.policy.inference.Policy` but one of schema 2 with one layer for each
+    intruder.
+    """
     if len(policy.metadata["architecture"].get("encoder", ())) != 1:
-        raise InputError("the policy has not one layer for each intruder; expected one of schema 2 that has")
+        raise InputError(
+            "the policy has not one layer for each intruder; expected one of schema 2 that has"
+        )

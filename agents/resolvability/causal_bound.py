@@ -1,16 +1,35 @@
-"""The causal bound: what an oracle achieves that sees the present exactly and knows nothing of the future.
+"""The causal bound: what an oracle achieves that sees the present exactly and knows nothing of the
+future.
 
-At every time step it sees all states and the turn of the step before. It simulates escapes against several futures of
-the intruders and follows the one that keeps most distance in them. What it solves, a decider without foresight can
-solve: a lower bound of what such deciders can achieve, as the clairvoyant search's is an upper one.
+At every time step it sees all states and the turn of the step before. It simulates escapes against
+several futures of the intruders and follows the one that keeps most distance in them. What it
+solves, a decider without foresight can solve: a lower bound of what such deciders can achieve, as
+the clairvoyant search's is an upper one.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.escape_manoeuvre import REGARDLESS, Flight, Manoeuvre, fly, steps, takeoff, tracks
-from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated, doubled, fly_out, parts, scaled, search
+from agents.manoeuvres.escape_manoeuvre import (
+    REGARDLESS,
+    Flight,
+    Manoeuvre,
+    fly,
+    steps,
+    takeoff,
+    tracks,
+)
+from agents.manoeuvres.escape_search import (
+    COARSE,
+    STAGES,
+    concatenated,
+    doubled,
+    fly_out,
+    parts,
+    scaled,
+    search,
+)
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import IntruderState, start, step
@@ -27,11 +46,15 @@ _EVERY = 10  # time steps between searches for a better plan while the intruders
 _DEAR = 0.001  # separations that a time step of flight must be worth
 
 _WEIGHTS, _STEEP = (0.5, 0.25, 0.25), 4.0
-"""Of the futures, the straight courses first; what a metre below the separation costs more than one above it."""
+"""Of the futures, the straight courses first; what a metre below the separation costs more than one
+above it.
+"""
 
 _STRIDE = 2.0  # time step of simulated escapes, in time steps of the task
 _LOST = -10.0  # worth of a plan, in separations, below which it fails
-_TURN = np.radians(90.0)  # heading change of an intruder that might begin to turn now, or goes on turning, rad
+_TURN = np.radians(
+    90.0
+)  # heading change of an intruder that might begin to turn now, or goes on turning, rad
 
 _FAMILY = concatenated(STAGES[0], COARSE)
 
@@ -52,7 +75,9 @@ class Causal(NamedTuple):
 
 
 class _Air(NamedTuple):
-    """Encounters (whose intents the oracle does not see) and states now, ``[M]``; turn rates of the second before."""
+    """Encounters (whose intents the oracle does not see) and states now, ``[M]``; turn rates of the
+    second before.
+    """
 
     number: Any
     encounter: Encounter
@@ -63,7 +88,9 @@ class _Air(NamedTuple):
 
 
 def causal(encounters: Encounter, rules: Rules, limits: Limits) -> Causal:
-    """Let the oracle fly encounters ``[N]`` (numpy); raise ValueError where they have no leading axis."""
+    """Let the oracle fly encounters ``[N]`` (numpy); raise ValueError where they have no leading
+    axis.
+    """
     chosen, count = doubled(encounters), np.size(encounters.goal_x)
     inf, nan = np.full(count, np.inf), np.full(count, np.nan)
     record = VehicleState(*np.full((len(VehicleState._fields), steps(rules) + 1, count), np.nan))
@@ -76,17 +103,30 @@ def causal(encounters: Encounter, rules: Rules, limits: Limits) -> Causal:
 def _fly(encounter: Encounter, part: Any, rules: Rules, limits: Limits, result: Causal) -> None:
     """Fly a part of the encounters to their ends and write them into the result."""
     nothing = Manoeuvre(*np.zeros((len(Manoeuvre._fields), part.size)))
-    air = _Air(part, encounter, encounter.own, start(encounter.intruders, np), 0.0 * encounter.intruders.x, nothing)
+    air = _Air(
+        part,
+        encounter,
+        encounter.own,
+        start(encounter.intruders, np),
+        0.0 * encounter.intruders.x,
+        nothing,
+    )
     scatter(result.own, (0, part), air.own)
     for index in range(steps(rules)):
         elapsed = index * rules.dt
         left = rules._replace(t_max=rules.t_max - elapsed)
         air = air._replace(plan=_planned(air, index, left, limits))
-        goal, mask, now = (air.encounter.goal_x, air.encounter.goal_y), air.encounter.mask, air.intruders.vehicle
+        goal, mask, now = (
+            (air.encounter.goal_x, air.encounter.goal_y),
+            air.encounter.mask,
+            air.intruders.vehicle,
+        )
         before = takeoff(air.own, air.plan)
         flight = fly(before, air.plan, 0.0, goal, now, mask, left, limits)
         traffic = step(air.intruders, air.encounter.intent, elapsed, rules.dt, np)
-        apart = leg_separation(column(air.own), column(flight.own), now, traffic.vehicle, rules.dt, np)
+        apart = leg_separation(
+            column(air.own), column(flight.own), now, traffic.vehicle, rules.dt, np
+        )
         separation = np.min(np.where(mask, apart, np.inf), axis=-1)
         to_goal = distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np)
         ended = judge(separation, to_goal, elapsed + rules.dt, rules, np)
@@ -105,7 +145,9 @@ def _fly(encounter: Encounter, part: Any, rules: Rules, limits: Limits, result: 
 
 
 def _planned(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
-    """Return the plans to follow from now on: the old ones, unless these fail and better ones are found."""
+    """Return the plans to follow from now on: the old ones, unless these fail and better ones are
+    found.
+    """
     plan = np.stack(air.plan)
     surprised = np.any((np.abs(air.rate) > 1e-6) & air.encounter.mask, axis=-1)
     rows = np.flatnonzero(surprised | (index % _EVERY == 0))
@@ -114,7 +156,9 @@ def _planned(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
     def futures(rows: Any) -> list[Encounter]:
         own, intruders = take((air.own, air.intruders.vehicle), rows)
         return _futures(
-            take(air.encounter, rows)._replace(own=own, intruders=intruders), air.rate[rows], limits.yaw_rate_max
+            take(air.encounter, rows)._replace(own=own, intruders=intruders),
+            air.rate[rows],
+            limits.yaw_rate_max,
         )
 
     def value(rows: Any, tried: Any) -> Any:
@@ -131,7 +175,8 @@ def _planned(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
         worth = value(part, tried)
         best = np.argmax(worth, axis=-1)
         plan[:, part] = np.take_along_axis(tried, best[None, :, None], axis=-1)[:, :, 0]
-        # Where no plan keeps clear of the straight courses, a thorough search may find one that just does.
+        # Where no plan keeps clear of the straight courses, a thorough search may find one that
+        # just does.
         lost = part[np.max(worth, axis=-1) < _LOST * rules.separation]
         if lost.size:
             found = search(futures(lost)[0], rules, limits)
@@ -141,12 +186,16 @@ def _planned(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
 
 
 def _futures(present: Encounter, rate: Any, most: float) -> list[Encounter]:
-    """Return how encounters ``[M]`` may go on: straight courses, then turns as seen, else at the rate ``most``."""
+    """Return how encounters ``[M]`` may go on: straight courses, then turns as seen, else at the
+    rate ``most``.
+    """
     turning = np.abs(rate) > 1e-6
     zero = np.zeros_like(rate)
 
     def turned(change: Any, turn_rate: Any) -> Encounter:
-        intent = present.intent._replace(onset=zero, heading_change=zero + change, turn_rate=zero + turn_rate)
+        intent = present.intent._replace(
+            onset=zero, heading_change=zero + change, turn_rate=zero + turn_rate
+        )
         return present._replace(intent=intent)
 
     side, fast = np.sign(rate), np.where(turning, np.abs(rate), most)
@@ -156,14 +205,18 @@ def _futures(present: Encounter, rate: Any, most: float) -> list[Encounter]:
 
 
 def _value(futures: list[Encounter], tried: Any, rules: Rules, limits: Limits) -> Any:
-    """Return what plans ``[8, M, C]`` are worth in the futures: mean distances less a little for the time, m."""
+    """Return what plans ``[8, M, C]`` are worth in the futures: mean distances less a little for
+    the time, m.
+    """
     shape = (len(futures), *tried.shape[1:])
     together = futures[0]
     for future in futures[1:]:
         together = joined(together, future)
     which = np.repeat(np.arange(shape[0] * shape[1]), shape[2])
     family = Manoeuvre(*(np.tile(np.ascontiguousarray(field).ravel(), shape[0]) for field in tried))
-    flown = fly_out(together, tracks(together, steps(rules), rules), which, family, rules, limits, scoring=True)
+    flown = fly_out(
+        together, tracks(together, steps(rules), rules), which, family, rules, limits, scoring=True
+    )
     arrival, separation = (field.reshape(shape) for field in flown[:2])
     weights = np.array(_WEIGHTS)[:, None, None]
     unit, enough = rules.separation, ENOUGH * rules.separation
@@ -172,7 +225,8 @@ def _value(futures: list[Encounter], tried: Any, rules: Rules, limits: Limits) -
     value = np.sum(weights * kept, axis=0) - dear * arrival[0]
     lost = _LOST * unit
     failed = np.minimum(separation[0], enough) + 2.0 * lost + lost * np.isnan(arrival[0])
-    # A plan that does not keep the separation on the straight courses, or does not arrive, comes after all that do.
+    # A plan that does not keep the separation on the straight courses, or does not arrive, comes
+    # after all that do.
     return np.where((separation[0] < rules.separation) | np.isnan(arrival[0]), failed, value)
 
 

@@ -1,9 +1,10 @@
 """Whether an encounter can be resolved at all: by an escape to show, not by a proof, or not known.
 
-An encounter is resolvable if some control history within the limits keeps the separation until it reaches the goal
-within ``rules.t_max`` (the definition of policy mode). Success of a decider is judged against all encounters that are
-not *proven* unresolvable, so that a weak search here can never flatter it. ``classify`` stops at the first escape that
-works; :func:`agents.resolvability.witness.least_cost` looks for the shortest.
+An encounter is resolvable if some control history within the limits keeps the separation until it
+reaches the goal within ``rules.t_max`` (the definition of policy mode). Success of a decider is
+judged against all encounters that are not *proven* unresolvable, so that a weak search here can
+never flatter it. ``classify`` stops at the first escape that works;
+:func:`agents.resolvability.witness.least_cost` looks for the shortest.
 """
 
 from enum import IntEnum
@@ -37,7 +38,9 @@ class Method(IntEnum):
     SOLVED_ELSEWHERE = 1  # the caller said so
     SEARCH = 2  # a witness was found
     START = 3  # proof: it starts in violation
-    CONTAINMENT = 4  # proof: one intruder's disc contains everything that can be reached at one time
+    CONTAINMENT = (
+        4  # proof: one intruder's disc contains everything that can be reached at one time
+    )
     SPLITTING = 5  # proof: the same for each of several sets of control histories
     GOAL = 6  # proof: the goal is out of reach in time
 
@@ -47,7 +50,9 @@ class Resolvability(NamedTuple):
 
     verdict: Any  # Verdict, int8
     method: Any  # Method, int8
-    witness: Manoeuvre  # parameters of an escape that works; nan where none was searched for or found
+    witness: (
+        Manoeuvre  # parameters of an escape that works; nan where none was searched for or found
+    )
     arrival: Any  # time at which the witness reaches the goal, s; nan without one
     separation: Any  # smallest distance of the witness to any intruder, m; nan without one
     proof_time: Any  # time by which any control history has failed, s; nan without a proof
@@ -68,12 +73,14 @@ def classify(
     """Decide which encounters ``[N]`` (numpy) are resolvable.
 
     Args:
-        solved: bool ``[N]``; those that any other method has solved are resolvable without a search.
-        reserve: by how much more a proof needs the separation to be missed, m, as where it is not known to that how
-            the intruders fly between the seconds.
+        solved: bool ``[N]``; those that any other method has solved are resolvable without a
+            search.
+        reserve: by how much more a proof needs the separation to be missed, m, as where it is not
+            known to that how the intruders fly between the seconds.
 
     Raises:
-        ValueError: ``encounters`` has no leading axis, or ``solved`` is not one bool for each of them.
+        ValueError: ``encounters`` has no leading axis, or ``solved`` is not one bool for each of
+            them.
     """
     chosen, count = doubled(encounters), np.size(encounters.goal_x)
     known = np.zeros(count, dtype=bool) if solved is None else np.asarray(solved)
@@ -91,13 +98,16 @@ def classify(
 
 
 def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limits) -> Replay:
-    """Fly the witness of one encounter, both without a leading axis (``take(encounters, 7)``), until that ends.
+    """Fly the witness of one encounter, both without a leading axis (``take(encounters, 7)``),
+    until that ends.
 
     Raises a ValueError where there is none (its parameters are nan).
     """
     if not np.all(np.isfinite(witness)):
         raise ValueError("the encounter has no witness: its manoeuvre is not finite")
-    one, manoeuvre = mapped(lambda field: np.asarray(field)[None], (cast(encounter, np.float64), witness))
+    one, manoeuvre = mapped(
+        lambda field: np.asarray(field)[None], (cast(encounter, np.float64), witness)
+    )
     traffic = tracks(one, steps(rules), rules)
     flight, goal = takeoff(one.own, manoeuvre), (one.goal_x, one.goal_y)
     states, separations = [flight.own], []
@@ -108,15 +118,28 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
         states.append(flight.own)
         separations.append(float(np.min(np.where(one.mask, apart, np.inf))))
         to_goal = distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np)
-        if judge(np.array(separations[-1:]), to_goal, (index + 1) * rules.dt, rules, np).ended(np).all():
+        if (
+            judge(np.array(separations[-1:]), to_goal, (index + 1) * rules.dt, rules, np)
+            .ended(np)
+            .all()
+        ):
             break
     flown = np.arange(len(states))
     own = VehicleState(*(np.concatenate(field) for field in zip(*states, strict=True)))
     return Replay(flown * rules.dt, own, take(traffic, (flown, 0)), np.array(separations))
 
 
-def _decide(chosen: Encounter, part: Any, rules: Rules, limits: Limits, reserve: float, result: Resolvability) -> None:
-    """Write the verdicts of the encounters numbered ``part`` into the result: what is cheap comes first."""
+def _decide(
+    chosen: Encounter,
+    part: Any,
+    rules: Rules,
+    limits: Limits,
+    reserve: float,
+    result: Resolvability,
+) -> None:
+    """Write the verdicts of the encounters numbered ``part`` into the result: what is cheap comes
+    first.
+    """
     missed = rules._replace(separation=rules.separation - reserve)
     ahead = look_ahead(chosen, rules, limits)
 

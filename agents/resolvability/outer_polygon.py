@@ -1,8 +1,10 @@
-"""Convex polygons given by their supports, and what is left of them outside a disc or beside a line.
+"""Convex polygons given by their supports, and what is left of them outside a disc or beside a
+line.
 
-A polygon is {x : n_k . x <= h_k} for the fan of :data:`agents.resolvability.reachable_bound.DIRECTIONS`; fields of
-supports are ``[M, D]``, m. Supports are *consistent*: those of some convex set, so that every side touches it and
-neighbouring sides meet in the polygon's corners. Sums, largest values and the results here are consistent again.
+A polygon is {x : n_k . x <= h_k} for the fan of
+:data:`agents.resolvability.reachable_bound.DIRECTIONS`; fields of supports are ``[M, D]``, m.
+Supports are *consistent*: those of some convex set, so that every side touches it and neighbouring
+sides meet in the polygon's corners. Sums, largest values and the results here are consistent again.
 """
 
 import math
@@ -20,12 +22,14 @@ _COSINE, _SINE = math.cos(DIRECTIONS[1]), math.sin(DIRECTIONS[1])
 
 
 def outside(supports: Any, x: float, y: float, radius: float) -> tuple[Any, Any]:
-    """Shrink polygons, by their supports ``[M, D]``, to the convex hull of what they have outside a disc, all m.
+    """Shrink polygons, by their supports ``[M, D]``, to the convex hull of what they have outside a
+    disc, all m.
 
-    A point of a polygon on the disc's edge can be moved both ways along its tangent without entering the disc. So the
-    hull's corners are the polygon's corners outside the disc and the points where its sides cross the disc's edge. A
-    polygon inside the union of two discs is so emptied by the one after the other. Returned is also whether anything is
-    left, bool ``[M]`` (supports of what is empty stay).
+    A point of a polygon on the disc's edge can be moved both ways along its tangent without
+    entering the disc. So the hull's corners are the polygon's corners outside the disc and the
+    points where its sides cross the disc's edge. A polygon inside the union of two discs is so
+    emptied by the one after the other. Returned is also whether anything is left, bool ``[M]``
+    (supports of what is empty stay).
     """
     corner_x, corner_y = corners(supports)
     corner_x, corner_y = corner_x - x, corner_y - y
@@ -44,12 +48,17 @@ def outside(supports: Any, x: float, y: float, radius: float) -> tuple[Any, Any]
     root = np.sqrt(np.maximum(half * half - square * beyond, 0.0))
     part = np.clip(np.where(gone, root - half, -root - half) / square, 0.0, 1.0)
     shrunk = supports.copy()
-    shrunk[rows] = _hull(corner_x, corner_y, ~gone, side_x, side_y, part, crosses) + x * _NORMAL_X + y * _NORMAL_Y
+    shrunk[rows] = (
+        _hull(corner_x, corner_y, ~gone, side_x, side_y, part, crosses)
+        + x * _NORMAL_X
+        + y * _NORMAL_Y
+    )
     return shrunk, left
 
 
 def beside(supports: Any, direction: Any, place: Any) -> Any:
-    """Return the supports of the parts of polygons with n_k . x <= place, k being the direction, m, ``[M, D]``.
+    """Return the supports of the parts of polygons with n_k . x <= place, k being the direction, m,
+    ``[M, D]``.
 
     Some of each polygon must lie on that side.
     """
@@ -68,12 +77,19 @@ def corners(supports: Any) -> tuple[Any, Any]:
     return _NORMAL_X * supports - _NORMAL_Y * along, _NORMAL_Y * supports + _NORMAL_X * along
 
 
-def _hull(corner_x: Any, corner_y: Any, kept: Any, side_x: Any, side_y: Any, part: Any, crosses: Any) -> Any:
-    """Return the supports of the corners kept and of the points at ``part`` of the sides that cross, ``[M, D]``."""
+def _hull(
+    corner_x: Any, corner_y: Any, kept: Any, side_x: Any, side_y: Any, part: Any, crosses: Any
+) -> Any:
+    """Return the supports of the corners kept and of the points at ``part`` of the sides that
+    cross, ``[M, D]``.
+    """
     x = np.concatenate([corner_x, corner_x + part * side_x], axis=1)
     y = np.concatenate([corner_y, corner_y + part * side_y], axis=1)
     barred = np.where(np.concatenate([kept, crosses], axis=1), 0.0, -np.inf)
-    along = [np.max(x * nx + y * ny + barred, axis=1) for nx, ny in zip(_NORMAL_X, _NORMAL_Y, strict=True)]
+    along = [
+        np.max(x * nx + y * ny + barred, axis=1)
+        for nx, ny in zip(_NORMAL_X, _NORMAL_Y, strict=True)
+    ]
     return np.stack(along, axis=1) + ROUNDING
 
 

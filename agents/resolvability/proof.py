@@ -1,9 +1,10 @@
 """Proofs that no control history resolves an encounter.
 
-A violation cannot be avoided if at some time, before the encounter can have ended at the goal, everything that the
-ownship can reach lies inside one intruder's disc. If the whole does not, its parts may: the states that are still clear
-of all discs are followed (:mod:`agents.resolvability.reachable_set`), or the control histories are split in two by
-their heading or speed at some time, again and again.
+A violation cannot be avoided if at some time, before the encounter can have ended at the goal,
+everything that the ownship can reach lies inside one intruder's disc. If the whole does not, its
+parts may: the states that are still clear of all discs are followed
+(:mod:`agents.resolvability.reachable_set`), or the control histories are split in two by their
+heading or speed at some time, again and again.
 """
 
 import math
@@ -12,7 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import steps
-from agents.resolvability.reachable_bound import DIRECTIONS, Funnel, delta, farthest, narrowed, relaxed, root, support
+from agents.resolvability.reachable_bound import (
+    DIRECTIONS,
+    Funnel,
+    delta,
+    farthest,
+    narrowed,
+    relaxed,
+    root,
+    support,
+)
 from agents.resolvability.reachable_set import Cells, last_time
 from envs.angles import sincos, wrap
 from envs.encounters import Encounter
@@ -32,7 +42,9 @@ CELLS = (
     Cells(turn=math.radians(30.0), speed=0.12, place=1.0, tests=80, most=3_000),
     Cells(turn=math.radians(15.0), speed=0.08, place=1.0, tests=60, most=3_000),
 )
-"""How finely survivors are divided, in greatest speeds and separations; one grid after the other until one proves."""
+"""How finely survivors are divided, in greatest speeds and separations; one grid after the other
+until one proves.
+"""
 
 NODES = 300
 """Sets of control histories that a proof by halving may look at."""
@@ -49,7 +61,8 @@ class Ahead(NamedTuple):
 
     speed: Any  # initial, m/s, [N]
     start_distance: Any  # to the nearest intruder at the start, m, [N]
-    x: Any  # intruders in the ownship's initial frame at the test times, m, [N, K, T]; far off where absent
+    # intruders in the ownship's initial frame at the test times, m, [N, K, T]; far off where absent
+    x: Any
     y: Any
     goal_x: Any  # goal in the same frame, m, [N]
     goal_y: Any
@@ -57,14 +70,18 @@ class Ahead(NamedTuple):
 
 
 def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
-    """Fly the intruders of encounters ``[N]`` over the horizon of proofs and ask whether the goal is in reach."""
+    """Fly the intruders of encounters ``[N]`` over the horizon of proofs and ask whether the goal
+    is in reach.
+    """
     own = encounter.own
     sine, cosine = sincos(own.heading, np)
 
     def in_frame(x: Any, y: Any) -> tuple[Any, Any]:
         """Return positions ``[..., N, K]`` in the ownship's initial frame."""
         east, north = x - own.x[:, None], y - own.y[:, None]
-        return cosine[:, None] * east + sine[:, None] * north, cosine[:, None] * north - sine[:, None] * east
+        return cosine[:, None] * east + sine[:, None] * north, cosine[:, None] * north - sine[
+            :, None
+        ] * east
 
     times = _test_times(rules, limits)
     flown = start(encounter.intruders, np)
@@ -82,17 +99,26 @@ def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
         times, flown, index = times[~within], after, index + 1
     x, y = np.where(encounter.mask, np.concatenate(places, axis=1), 1e9).transpose(0, 2, 3, 1)
     start_distance = np.min(np.where(encounter.mask, began, np.inf), axis=-1)
-    goal_x, goal_y = (place[:, 0] for place in in_frame(encounter.goal_x[:, None], encounter.goal_y[:, None]))
+    goal_x, goal_y = (
+        place[:, 0] for place in in_frame(encounter.goal_x[:, None], encounter.goal_y[:, None])
+    )
     out_of_reach = _out_of_reach(own.speed, goal_x, goal_y, rules, limits)
     return Ahead(own.speed, start_distance, x, y, goal_x, goal_y, out_of_reach)
 
 
 def contained(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
-    """Return the time by which every control history has violated the separation, nan where not proven, ``[N]``."""
+    """Return the time by which every control history has violated the separation, nan where not
+    proven, ``[N]``.
+    """
     proven = np.full(ahead.speed.shape, np.nan)
-    # The straight flight is among the histories: an intruder that does not meet it contains nothing.
-    straight = distance(ahead.x - (ahead.speed[:, None] * _test_times(rules, limits))[:, None], ahead.y, np)
-    near = np.flatnonzero(np.min(straight, axis=(-1, -2)) <= rules.separation - delta(rules, limits))
+    # The straight flight is among the histories: an intruder that does not meet it contains
+    # nothing.
+    straight = distance(
+        ahead.x - (ahead.speed[:, None] * _test_times(rules, limits))[:, None], ahead.y, np
+    )
+    near = np.flatnonzero(
+        np.min(straight, axis=(-1, -2)) <= rules.separation - delta(rules, limits)
+    )
     size = _block(ahead)
     for first in range(0, near.size, size):
         part = near[first : first + size]
@@ -104,7 +130,9 @@ def contained(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
 
 
 def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Any:
-    """As :func:`contained`, for parts of the control histories: survivors, else up to so many halves of halves."""
+    """As :func:`contained`, for parts of the control histories: survivors, else up to so many
+    halves of halves.
+    """
     proven = np.full(ahead.speed.shape, np.nan)
     for index in range(ahead.speed.size):
         one = take(ahead, slice(index, index + 1))
@@ -117,9 +145,13 @@ def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Any
 
 
 def _survived(ahead: Ahead, cells: Cells, rules: Rules, limits: Limits) -> float:
-    """Follow what is still clear of all intruders of one encounter; return when nothing is, nan if something stays."""
+    """Follow what is still clear of all intruders of one encounter; return when nothing is, nan if
+    something stays.
+    """
     granted, radius = relaxed(limits), rules.separation - delta(rules, limits)
-    cells = cells._replace(speed=cells.speed * limits.speed_max, place=cells.place * rules.separation)
+    cells = cells._replace(
+        speed=cells.speed * limits.speed_max, place=cells.place * rules.separation
+    )
     fastest = max(granted.speed_max, ahead.speed[0])
     reach = radius + fastest * _test_times(rules, limits)
     near = np.any(distance(ahead.x[0], ahead.y[0], np) <= reach, axis=-1)
@@ -129,28 +161,38 @@ def _survived(ahead: Ahead, cells: Cells, rules: Rules, limits: Limits) -> float
 
 
 def _halved(ahead: Ahead, nodes: int, rules: Rules, limits: Limits) -> float:
-    """Halve the control histories of one encounter until all are contained; return the last time, nan if some stay."""
+    """Halve the control histories of one encounter until all are contained; return the last time,
+    nan if some stay.
+    """
     times, size = _times(rules, limits), _block(ahead)
     funnel = root(ahead.speed, times, relaxed(limits))
     looked_at, latest = funnel.turn_low.shape[0], 0.0
     while looked_at <= nodes:
-        blocks = [take(funnel, slice(i, i + size)) for i in range(0, funnel.turn_low.shape[0], size)]
+        blocks = [
+            take(funnel, slice(i, i + size)) for i in range(0, funnel.turn_low.shape[0], size)
+        ]
         looks = [_look(block, ahead, rules, limits) for block in blocks]
         ended, promising = (np.concatenate(part) for part in zip(*looks, strict=True))
         latest = max(latest, float(np.max(ended, where=~np.isnan(ended), initial=0.0)))
         open_still = np.isnan(ended)
         if not open_still.any():
             return latest
-        funnel = _halves(take(funnel, open_still), promising[open_still], times, STEP * rules.dt, limits)
+        funnel = _halves(
+            take(funnel, open_still), promising[open_still], times, STEP * rules.dt, limits
+        )
         looked_at += funnel.turn_low.shape[0]
     return np.nan
 
 
 def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[Any, Any]:
-    """Return the first time at which a disc contains funnels ``[N]`` (nan: none), and when that is nearest."""
+    """Return the first time at which a disc contains funnels ``[N]`` (nan: none), and when that is
+    nearest.
+    """
     supports = support(funnel, DIRECTIONS, STEP * rules.dt, relaxed(limits), stride=STRIDE)
     times = _test_times(rules, limits)
-    excess = np.min(farthest(supports, ahead.x, ahead.y), axis=-2) - (rules.separation - delta(rules, limits))
+    excess = np.min(farthest(supports, ahead.x, ahead.y), axis=-2) - (
+        rules.separation - delta(rules, limits)
+    )
     excess = np.where(_under_way(supports, ahead, rules, limits), excess, np.inf)
     contains = excess <= 0.0
     ended = np.where(contains.any(axis=-1), times[np.argmax(contains, axis=-1)], np.nan)
@@ -159,7 +201,9 @@ def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[A
 
 
 def _halves(funnel: Funnel, promising: Any, times: Any, step: float, limits: Limits) -> Funnel:
-    """Split funnels where it narrows most what can be reached until the promising times, ``[N]`` -> ``[2 N]``."""
+    """Split funnels where it narrows most what can be reached until the promising times, ``[N]`` ->
+    ``[2 N]``.
+    """
     rows = np.arange(promising.size)
     until = times <= promising[:, None]
     none = np.full(promising.size, np.nan)
@@ -175,36 +219,52 @@ def _halves(funnel: Funnel, promising: Any, times: Any, step: float, limits: Lim
             better = width < least
             least = np.where(better, width, least)
             chosen = tuple(
-                Funnel(*(np.where(better[:, None], new, old) for new, old in zip(half, best, strict=True)))
+                Funnel(
+                    *(
+                        np.where(better[:, None], new, old)
+                        for new, old in zip(half, best, strict=True)
+                    )
+                )
                 for half, best in zip(halves, chosen, strict=True)
             )
     return Funnel(*(np.concatenate(pair) for pair in zip(*chosen, strict=True)))
 
 
 def _width(funnel: Funnel) -> Any:
-    """Return how fast the reachable set widens, m/s, ``[N, T]``: it guides the splitting, and is no bound."""
+    """Return how fast the reachable set widens, m/s, ``[N, T]``: it guides the splitting, and is no
+    bound.
+    """
     turn = np.minimum(funnel.turn_high - funnel.turn_low, 3.0)
-    return 0.5 * (funnel.speed_low + funnel.speed_high) * turn + funnel.speed_high - funnel.speed_low
+    return (
+        0.5 * (funnel.speed_low + funnel.speed_high) * turn + funnel.speed_high - funnel.speed_low
+    )
 
 
 def _under_way(supports: Any, ahead: Ahead, rules: Rules, limits: Limits) -> Any:
-    """Return whether no history of the funnels can have ended at the goal by the test times, ``[N, T]``."""
+    """Return whether no history of the funnels can have ended at the goal by the test times, ``[N,
+    T]``.
+    """
     flight = np.maximum(relaxed(limits).speed_max, ahead.speed) * STRIDE * (STEP * rules.dt)
-    # What cannot be within the goal's radius and a stride's flight of it now has not been at it since the last test.
+    # What cannot be within the goal's radius and a stride's flight of it now has not been at it
+    # since the last test.
     goal = np.cos(DIRECTIONS) * ahead.goal_x[:, None] + np.sin(DIRECTIONS) * ahead.goal_y[:, None]
     short_of = goal - (rules.goal_radius + delta(rules, limits) + flight)[:, None]
     return np.logical_and.accumulate(np.any(supports < short_of[..., None], axis=-2), axis=-1)
 
 
 def _out_of_reach(speed: Any, goal_x: Any, goal_y: Any, rules: Rules, limits: Limits) -> Any:
-    """Return whether the outer set at the end does not touch the goal's disc in some direction, bool ``[N]``."""
+    """Return whether the outer set at the end does not touch the goal's disc in some direction,
+    bool ``[N]``.
+    """
     coarse = STRIDE * STEP * rules.dt
     times = coarse * np.arange(int(np.ceil(steps(rules) * rules.dt / coarse)) + 1)
     direction = np.arctan2(goal_y, goal_x)[:, None]
     funnel = root(speed, times, relaxed(limits))
     reach = support(funnel, direction, coarse, relaxed(limits), growing=True)[:, 0]
     # The support is convex in time, since its integrand grows: it is largest at one of the ends.
-    return np.maximum(reach[:, -1], 0.0) < distance(goal_x, goal_y, np) - (rules.goal_radius + delta(rules, limits))
+    return np.maximum(reach[:, -1], 0.0) < distance(goal_x, goal_y, np) - (
+        rules.goal_radius + delta(rules, limits)
+    )
 
 
 def _block(ahead: Ahead) -> int:
@@ -212,7 +272,9 @@ def _block(ahead: Ahead) -> int:
 
 
 def _times(rules: Rules, limits: Limits) -> Any:
-    """Return the times of the funnels, s: half as long again as it takes to move aside by the separation."""
+    """Return the times of the funnels, s: half as long again as it takes to move aside by the
+    separation.
+    """
     # A guide, no bound: the shorter the horizon, the less is proven.
     slow, stride = max(limits.speed_min, 0.1 * limits.speed_max), STRIDE * STEP * rules.dt
     radius = slow / limits.yaw_rate_max

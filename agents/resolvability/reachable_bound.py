@@ -1,13 +1,16 @@
-"""An outer bound of where the ownship can be, from relaxed limits: the ground of every proof of unresolvability.
+"""An outer bound of where the ownship can be, from relaxed limits: the ground of every proof of
+unresolvability.
 
-A set of control histories is a *funnel*: bounds on heading and speed over time. In a direction n the position can
-have come no farther by time t than its support
+A set of control histories is a *funnel*: bounds on heading and speed over time. In a direction n
+the position can have come no farther by time t than its support
 
-    h(n, t) = integral from 0 to t of max{ s cos(a - n) : heading a and speed s inside the funnel } d tau
+    h(n, t) = integral from 0 to t of max{ s cos(a - n) : heading a and speed s inside the funnel }
+    d tau
 
-(heading and speed chosen anew at each instant, regardless of each other: a relaxation), and so it lies in the
-polygon that the supports in all directions of a fan bound. Every rounding here is outwards: see :func:`support`
-and :func:`farthest`. The frame is the ownship's at the start, x ahead and y to the left.
+(heading and speed chosen anew at each instant, regardless of each other: a relaxation), and so it
+lies in the polygon that the supports in all directions of a fan bound. Every rounding here is
+outwards: see :func:`support` and :func:`farthest`. The frame is the ownship's at the start, x ahead
+and y to the left.
 """
 
 import math
@@ -51,7 +54,8 @@ def relaxed(limits: Limits) -> Limits:
 
 
 def root(speed: Any, times: Any, limits: Limits) -> Funnel:
-    """Return the funnel of all control histories at times ``[T]``, s, within limits as proofs grant them.
+    """Return the funnel of all control histories at times ``[T]``, s, within limits as proofs grant
+    them.
 
     The initial speed ``[N]``, m/s, may lie outside the limits and stay there.
     """
@@ -61,25 +65,35 @@ def root(speed: Any, times: Any, limits: Limits) -> Funnel:
 
 
 def speeds(low: Any, high: Any, seconds: Any, limits: Limits) -> tuple[Any, Any]:
-    """Return the least and the greatest speeds some time later, m/s, ``[...]``; one outside the limits may stay."""
+    """Return the least and the greatest speeds some time later, m/s, ``[...]``; one outside the
+    limits may stay.
+    """
     slowest = np.minimum(low, np.maximum(limits.speed_min, low + limits.acceleration_min * seconds))
-    fastest = np.maximum(high, np.minimum(limits.speed_max, high + limits.acceleration_max * seconds))
+    fastest = np.maximum(
+        high, np.minimum(limits.speed_max, high + limits.acceleration_max * seconds)
+    )
     return slowest, fastest
 
 
 def towards(funnel: Funnel, directions: Any) -> Any:
-    """Return the largest speed in directions, rad from the initial heading, that a funnel allows, m/s, ``[...]``."""
+    """Return the largest speed in directions, rad from the initial heading, that a funnel allows,
+    m/s, ``[...]``.
+    """
     middle = 0.5 * (funnel.turn_low + funnel.turn_high)
     half_width = 0.5 * (funnel.turn_high - funnel.turn_low)
     cosine = np.cos(np.maximum(np.abs(wrap(directions - middle, np)) - half_width, 0.0))
     return np.where(cosine >= 0.0, funnel.speed_high, funnel.speed_low) * cosine
 
 
-def narrowed(funnel: Funnel, times: Any, at: Any, turn: Any, speed: Any, limits: Limits) -> tuple[Funnel, Funnel]:
-    """Cut funnels ``[N, T]`` in two: the histories at most, and those at least, at a turn or speed at a time ``[N]``.
+def narrowed(
+    funnel: Funnel, times: Any, at: Any, turn: Any, speed: Any, limits: Limits
+) -> tuple[Funnel, Funnel]:
+    """Cut funnels ``[N, T]`` in two: the histories at most, and those at least, at a turn or speed
+    at a time ``[N]``.
 
-    A history that is at most at a turn at a time was, and will be, no farther from it than the limits allow. Of the
-    heading change (rad) and the speed (m/s) the one that does not divide is nan.
+    A history that is at most at a turn at a time was, and will be, no farther from it than the
+    limits allow. Of the heading change (rad) and the speed (m/s) the one that does not divide is
+    nan.
     """
     later = times - at[:, None]
     turned = limits.yaw_rate_max * np.abs(later)
@@ -98,19 +112,30 @@ def narrowed(funnel: Funnel, times: Any, at: Any, turn: Any, speed: Any, limits:
 
 
 def support(
-    funnel: Funnel, directions: Any, step: float, limits: Limits, *, growing: bool = False, stride: int = 1
+    funnel: Funnel,
+    directions: Any,
+    step: float,
+    limits: Limits,
+    *,
+    growing: bool = False,
+    stride: int = 1,
 ) -> Any:
-    """Return upper bounds of the support functions at every ``stride``-th time but 0, m, ``[..., D, T']``.
+    """Return upper bounds of the support functions at every ``stride``-th time but 0, m, ``[..., D,
+    T']``.
 
-    The integrand changes at no more than L = speed_max yaw_rate_max + acceleration_max per second, so that its
-    integral over a cell exceeds the trapezium by at most L step^2 / 4 - (change)^2 / (4 L), which is added: below
-    0.0036 m a cell at 0.05 s, or 1.8 m over 25 s. If it only grows (true of :func:`root`), it exceeds it by at most
-    |change| step / 2. The funnel ``[..., T]`` has times ``step`` seconds apart, directions are rad, ``[..., D]``.
+    The integrand changes at no more than L = speed_max yaw_rate_max + acceleration_max per second,
+    so that its integral over a cell exceeds the trapezium by at most L step^2 / 4 - (change)^2 / (4
+    L), which is added: below 0.0036 m a cell at 0.05 s, or 1.8 m over 25 s. If it only grows (true
+    of :func:`root`), it exceeds it by at most
+    |change| step / 2. The funnel ``[..., T]`` has times ``step`` seconds apart; directions
+    are rad, ``[..., D]``.
     """
     rate = towards(mapped(lambda bound: bound[..., None, :], funnel), directions[..., None])
     change = rate[..., 1:] - rate[..., :-1]
     top_speed = np.maximum(limits.speed_max, funnel.speed_high.max(axis=-1))[..., None, None]
-    steepest = top_speed * limits.yaw_rate_max + max(limits.acceleration_max, -limits.acceleration_min)
+    steepest = top_speed * limits.yaw_rate_max + max(
+        limits.acceleration_max, -limits.acceleration_min
+    )
     excess = np.maximum(0.25 * (steepest * step * step - change * change / steepest), 0.0)
     if growing:
         excess = np.minimum(excess, 0.5 * step * np.abs(change))
@@ -121,14 +146,20 @@ def support(
 def farthest(supports: Any, x: Any, y: Any) -> Any:
     """Bound the distance of any point of the polygons from points (x, y), m, ``[..., K, T]``.
 
-    A point seen from (x, y) between two neighbours of the fan obeys both their supports ``[..., D, T]``, so that it is
-    no farther than their vertex, or, where that lies outside the sector between them, than the end of the shorter side.
+    A point seen from (x, y) between two neighbours of the fan obeys both their supports ``[..., D,
+    T]``, so that it is no farther than their vertex, or, where that lies outside the sector between
+    them, than the end of the shorter side.
     """
-    along = np.cos(DIRECTIONS)[:, None] * x[..., None, :] + np.sin(DIRECTIONS)[:, None] * y[..., None, :]
+    along = (
+        np.cos(DIRECTIONS)[:, None] * x[..., None, :]
+        + np.sin(DIRECTIONS)[:, None] * y[..., None, :]
+    )
     reach = supports[..., None, :, :] - along
     next_reach = np.roll(reach, -1, axis=-2)
     cosine, sine = math.cos(DIRECTIONS[1]), math.sin(DIRECTIONS[1])
     low, high = np.minimum(reach, next_reach), np.maximum(reach, next_reach)
     square = low * low + high * high - 2.0 * low * high * cosine
-    sector = np.where(high * cosine > low, np.maximum(low, 0.0) / cosine, np.sqrt(np.maximum(square, 0.0)) / sine)
+    sector = np.where(
+        high * cosine > low, np.maximum(low, 0.0) / cosine, np.sqrt(np.maximum(square, 0.0)) / sine
+    )
     return np.max(sector, axis=-2)

@@ -1,10 +1,13 @@
-"""An outer bound of the states in which no intruder has been met yet: a proof where the gaps close one by one.
+"""An outer bound of the states in which no intruder has been met yet: a proof where the gaps close
+one by one.
 
-The states are followed forward in time as sets, each an interval of headings, one of speeds and a polygon of
-positions. In each segment of time every set branches into those of its histories that end in one cell of heading and
-speed (cf. :func:`agents.resolvability.reachable_bound.narrowed`); at each test time what lies inside an intruder's disc
-is cut off (:func:`agents.resolvability.outer_polygon.outside`); after the segment the polygons are cut along a grid,
-and the sets of one cell are merged. If nothing is left, every history has violated the separation.
+The states are followed forward in time as sets, each an interval of headings, one of speeds and a
+polygon of positions. In each segment of time every set branches into those of its histories that
+end in one cell of heading and speed (cf. :func:`agents.resolvability.reachable_bound.narrowed`); at
+each test time what lies inside an intruder's disc is cut off
+(:func:`agents.resolvability.outer_polygon.outside`); after the segment the polygons are cut along a
+grid, and the sets of one cell are merged. If nothing is left, every history has violated the
+separation.
 """
 
 from typing import Any, NamedTuple
@@ -45,13 +48,15 @@ def last_time(
     cells: Cells,
     limits: Limits,
 ) -> float:
-    """Return the time at which the last history has met an intruder, s; nan where that is not proven.
+    """Return the time at which the last history has met an intruder, s; nan where that is not
+    proven.
 
     Args:
         speed: initial, m/s.
-        discs: x and y of the intruders at the test times, ``[K, T]``, and the radius to stay out of, m.
-        goal: x, y and the distance from it, m, within which a history counts as ended; it holds for one stride's
-            flight as well, because it is asked at the test times alone.
+        discs: x and y of the intruders at the test times, ``[K, T]``, and the radius to stay out
+            of, m.
+        goal: x, y and the distance from it, m, within which a history counts as ended; it holds for
+            one stride's flight as well, because it is asked at the test times alone.
         stride: between test times, s.
     """
     x, y, radius = discs
@@ -72,7 +77,9 @@ def last_time(
                 return np.nan
             left = np.ones(row.size, dtype=bool)
             for intruder in range(x.shape[0]):
-                supports, some = outside(supports, x[intruder, first + test], y[intruder, first + test], radius)
+                supports, some = outside(
+                    supports, x[intruder, first + test], y[intruder, first + test], radius
+                )
                 left &= some
             supports, row = supports[left], row[left]
             if not row.size:
@@ -84,24 +91,33 @@ def last_time(
 
 
 def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tuple[Any, States]:
-    """Return the cells of turn and speed ``[B]`` in which sets ``[M]`` can end: the set each comes from, and bounds."""
+    """Return the cells of turn and speed ``[B]`` in which sets ``[M]`` can end: the set each comes
+    from, and bounds.
+    """
     slowest, fastest = speeds(states.speed_low, states.speed_high, seconds, limits)
     turned = limits.yaw_rate_max * seconds
-    parent, turn_low, turn_high = _divided(states.turn_low - turned, states.turn_high + turned, cells.turn)
+    parent, turn_low, turn_high = _divided(
+        states.turn_low - turned, states.turn_high + turned, cells.turn
+    )
     again, speed_low, speed_high = _divided(slowest[parent], fastest[parent], cells.speed)
-    ended = States(turn_low[again], turn_high[again], speed_low, speed_high, np.zeros((again.size, 0)))
+    ended = States(
+        turn_low[again], turn_high[again], speed_low, speed_high, np.zeros((again.size, 0))
+    )
     return parent[again], ended
 
 
 def moves(before: States, ended: States, tests: int, stride: float, limits: Limits) -> Any:
-    """Bound how far histories between two sets of bounds move in each stride (s) of a segment; yield ``[M, D]``, m.
+    """Bound how far histories between two sets of bounds move in each stride (s) of a segment;
+    yield ``[M, D]``, m.
 
-    The integrand is that of :func:`agents.resolvability.reachable_bound.support`, by the trapezium over a whole stride.
-    Between kinks it is s cos(b), with s and b linear in time, or greater than such functions by a change between them:
-    its second derivative is no less than -(s w^2 + 2 a w), so that the trapezium misses at most that times stride^3 /
-    12. A bound on the turn has one kink, from w to -w, in the segment: interpolated over its stride, it misses a
-    triangle of w stride^2 / 4. A bound on the speed has kinks of 2 a in all, which miss a stride^2 / 4. All of them are
-    added in the first stride, for both bounds: a direction may depend on the one and later on the other.
+    The integrand is that of :func:`agents.resolvability.reachable_bound.support`, by the trapezium
+    over a whole stride. Between kinks it is s cos(b), with s and b linear in time, or greater than
+    such functions by a change between them: its second derivative is no less than -(s w^2 + 2 a w),
+    so that the trapezium misses at most that times stride^3 /
+    12. A bound on the turn has one kink, from w to -w, in the segment: interpolated over its
+    stride, it misses a triangle of w stride^2 / 4. A bound on the speed has kinks of 2 a in all,
+    which miss a stride^2 / 4. All of them are added in the first stride, for both bounds: a
+    direction may depend on the one and later on the other.
     """
     rate, strongest = limits.yaw_rate_max, max(limits.acceleration_max, -limits.acceleration_min)
     top_speed = max(limits.speed_max, float(np.max(before.speed_high)))
@@ -149,7 +165,9 @@ def merged(states: States, cells: Cells) -> States:
 
 
 def _gridded(states: States, ahead: int, place: float) -> States:
-    """Cut polygons at every multiple of ``place`` in one direction; overlaps of up to a millimetre stay."""
+    """Cut polygons at every multiple of ``place`` in one direction; overlaps of up to a millimetre
+    stay.
+    """
     back = ahead + DIRECTIONS.size // 2
     done = []
     while True:
@@ -166,7 +184,9 @@ def _gridded(states: States, ahead: int, place: float) -> States:
 
 
 def _passes(states: States, x: Any, y: Any, radius: float, stride: float) -> bool:
-    """Return whether a straight flight stays clear of intruders ``[K, T]``: it would always be among the survivors."""
+    """Return whether a straight flight stays clear of intruders ``[K, T]``: it would always be
+    among the survivors.
+    """
     # The mean of a polygon's corners lies in it.
     place_x, place_y = (np.mean(corner, axis=1) for corner in corners(states.supports))
     time = stride * np.arange(1, x.shape[1] + 1)
@@ -183,7 +203,9 @@ def _passes(states: States, x: Any, y: Any, radius: float, stride: float) -> boo
 
 
 def _divided(low: Any, high: Any, width: float) -> tuple[Any, Any, Any]:
-    """Cut intervals ``[M]`` at the multiples of a width; return the number of each piece's interval, and its ends."""
+    """Cut intervals ``[M]`` at the multiples of a width; return the number of each piece's
+    interval, and its ends.
+    """
     first = np.floor(low / width)
     count = np.maximum(np.ceil(high / width) - first, 1.0).astype(int)
     of = np.repeat(np.arange(count.size), count)

@@ -1,7 +1,7 @@
 """The least-cost witness: the shortest flight known that resolves an encounter.
 
-All escapes of the search that work, and a family that stays near the direct route, are flown; the shortest of them
-breed a local refinement, a differential evolution whose draws are fixed.
+All escapes of the search that work, and a family that stays near the direct route, are flown; the
+shortest of them breed a local refinement, a differential evolution whose draws are fixed.
 """
 
 from typing import Any
@@ -30,28 +30,41 @@ from envs.relative import bearing
 from envs.trees import scatter, take
 
 SECOND = 1e-3
-"""Cost of a second of flight, m: of flights of the same length the earlier arrival is the better, for any aircraft."""
+"""Cost of a second of flight, m: of flights of the same length the earlier arrival is the better,
+for any aircraft.
+"""
 
 ROUNDS = 40
 """Of the refinement."""
 
-_ELITES, _CHILDREN, _DECAY = 12, 48, 0.9  # flights kept, offspring a round, factor a round on the spread of the changes
-_MARGIN = 1e-6  # required beyond the separation, m, so that a replay whose sums round otherwise keeps it too
+_ELITES, _CHILDREN, _DECAY = (
+    12,
+    48,
+    0.9,
+)  # flights kept, offspring a round, factor a round on the spread of the changes
+# required beyond the separation, m, so that a replay whose sums round otherwise keeps it too
+_MARGIN = 1e-6
 
 _THROTTLES = (-1.0, 0.0, 1.0)
 _NEAR_DEG = (0.0, 4.0, -4.0, 9.0, -9.0, 16.0, -16.0, 30.0, -30.0)
 
 
 def least_cost(
-    encounters: Encounter, rules: Rules, limits: Limits, start: Manoeuvre | None = None, rounds: int = ROUNDS
+    encounters: Encounter,
+    rules: Rules,
+    limits: Limits,
+    start: Manoeuvre | None = None,
+    rounds: int = ROUNDS,
 ) -> Found:
-    """Look for the shortest flights that keep the separation until they reach the goal in time, for encounters ``[N]``.
+    """Look for the shortest flights that keep the separation until they reach the goal in time, for
+    encounters ``[N]``.
 
-    The cost is the path's length up to the goal's circle plus :data:`SECOND` for each second until the arrival.
-    The result of one encounter depends on no other.
+    The cost is the path's length up to the goal's circle plus :data:`SECOND` for each second until
+    the arrival. The result of one encounter depends on no other.
 
     Args:
-        start: escapes known already, ``[N]``, such as the witnesses of ``classify``; nan where none is.
+        start: escapes known already, ``[N]``, such as the witnesses of ``classify``; nan where none
+            is.
         rounds: of the refinement; fewer are faster and cost some optimality.
 
     Raises:
@@ -81,7 +94,8 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
         pool[:, left, :1] = rescued
         scatter(flown, (left, slice(1)), _fly(encounter, traffic, left, rescued, rules, limits))
 
-    # Offspring of one round are the same changes for every encounter, so that results do not depend on the batch.
+    # Offspring of one round are the same changes for every encounter, so that results do not depend
+    # on the batch.
     changes = normals(1, 0, rounds, (len(SPREAD), _CHILDREN))
     draws = uniforms(1, 0, rounds, (5, _CHILDREN), stream=1)
     for index in range(rounds):
@@ -92,7 +106,9 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
         spread = np.array(scaled(SPREAD, rules))[:, None] * (changes[index] * _DECAY**index)
         tried = _offspring(pool[:, alive], working[alive], spread, draws[index])
         outcome = _fly(encounter, traffic, alive, tried, rules, limits)
-        both = Flown(*(np.concatenate([a[alive], b], axis=-1) for a, b in zip(flown, outcome, strict=True)))
+        both = Flown(
+            *(np.concatenate([a[alive], b], axis=-1) for a, b in zip(flown, outcome, strict=True))
+        )
         kept, kept_flown = _best(np.concatenate([pool[:, alive], tried], axis=-1), both, _ELITES)
         pool[:, alive] = kept
         scatter(flown, alive, kept_flown)
@@ -103,7 +119,9 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
 
 
 def _direct(encounter: Encounter, rules: Rules) -> Any:
-    """Return flights near the direct route, which let the intruder pass by their speed: ``[8, N, F]``."""
+    """Return flights near the direct route, which let the intruder pass by their speed: ``[8, N,
+    F]``.
+    """
     to_goal = bearing(encounter.own, encounter.goal_x, encounter.goal_y, np)
     mesh = np.meshgrid(np.radians(_NEAR_DEG), _THROTTLES, _THROTTLES, indexing="ij")
     aside, throttle, home = (axis.ravel() for axis in mesh)
@@ -114,34 +132,49 @@ def _direct(encounter: Encounter, rules: Rules) -> Any:
 
 
 def _offspring(pool: Any, working: Any, changes: Any, draws: Any) -> Any:
-    """Return variants ``[8, N, C]`` of flights ``[8, N, E]``, best first, ``working`` of which work, by some draws."""
+    """Return variants ``[8, N, C]`` of flights ``[8, N, E]``, best first, ``working`` of which
+    work, by some draws.
+    """
     last = np.maximum(working - 1, 0)[:, None]
 
     def some(draw: Any) -> Any:
-        return np.take_along_axis(pool, np.minimum((draw * (last + 1)).astype(int), last)[None], axis=-1)
+        return np.take_along_axis(
+            pool, np.minimum((draw * (last + 1)).astype(int), last)[None], axis=-1
+        )
 
-    # The better parent is the likelier; half of the offspring vary along the differences between the flights kept.
+    # The better parent is the likelier; half of the offspring vary along the differences between
+    # the flights kept.
     parent, one, other = some(draws[0] ** 2), some(draws[1]), some(draws[2])
     along = np.where(draws[3] < 0.5, draws[4], 0.0) * (one - other)
     noise = changes * np.where(draws[3] < 0.5, 0.2, 1.0)
     return within_range(parent + along + noise[:, None])
 
 
-def _fly(encounter: Encounter, traffic: VehicleState, rows: Any, tried: Any, rules: Rules, limits: Limits) -> Flown:
-    """Fly candidates ``[8, R, C]`` of the encounters numbered ``rows``; fields ``[R, C]``, nan arrival if they fail."""
+def _fly(
+    encounter: Encounter, traffic: VehicleState, rows: Any, tried: Any, rules: Rules, limits: Limits
+) -> Flown:
+    """Fly candidates ``[8, R, C]`` of the encounters numbered ``rows``; fields ``[R, C]``, nan
+    arrival if they fail.
+    """
     size = tried.shape[-1]
     flat = np.ascontiguousarray(tried.reshape(tried.shape[0], -1))
     which = np.repeat(rows, size)
     able = np.flatnonzero(np.isfinite(flat).all(axis=0))
     stricter = rules._replace(separation=rules.separation + _MARGIN)
-    flown = fly_out(encounter, traffic, which[able], Manoeuvre(*flat[:, able]), stricter, limits, first=False)
+    flown = fly_out(
+        encounter, traffic, which[able], Manoeuvre(*flat[:, able]), stricter, limits, first=False
+    )
     result = Flown(*np.full((3, which.size), np.nan))
     scatter(result, able, flown)
     return Flown(*(field.reshape(-1, size) for field in result))
 
 
 def _best(pool: Any, flown: Flown, most: int) -> tuple[Any, Flown]:
-    """Return the cheapest flights ``[8, N, most]`` that work, cheapest first, then those that do not."""
+    """Return the cheapest flights ``[8, N, most]`` that work, cheapest first, then those that do
+    not.
+    """
     cost = np.where(np.isnan(flown.arrival), np.inf, flown.path + SECOND * flown.arrival)
     best = np.argsort(cost, axis=-1, kind="stable")[:, :most]
-    return np.take_along_axis(pool, best[None], axis=-1), Flown(*(np.take_along_axis(f, best, axis=-1) for f in flown))
+    return np.take_along_axis(pool, best[None], axis=-1), Flown(
+        *(np.take_along_axis(f, best, axis=-1) for f in flown)
+    )

@@ -1,8 +1,9 @@
-"""What is read off learning curves: scores in windows of steps, times to a score, intervals over seeds.
+"""What is read off learning curves: scores in windows of steps, times to a score, intervals over
+seeds.
 
-The training score of a window is the mean sparse return of the episodes that ended in it, the same for every learner.
-A run is a few seeds, so intervals are Student's t: of scores as they are, of times on a logarithmic scale, because
-what is compared is how many times faster a learner is.
+The training score of a window is the mean sparse return of the episodes that ended in it, the same
+for every learner. A run is a few seeds, so intervals are Student's t: of scores as they are, of
+times on a logarithmic scale, because what is compared is how many times faster a learner is.
 """
 
 import math
@@ -29,8 +30,9 @@ __all__ = [
 ]
 
 WINDOW = 131_072
-"""Environment steps of a window, at least: as many for every learner, so that no curve crosses a score by noise
-sooner than another. About a thousand episodes, whose mean has a standard error of some 2."""
+"""Environment steps of a window, at least: as many for every learner, so that no curve crosses a
+score by noise sooner than another. About a thousand episodes, whose mean has a standard error of
+some 2."""
 TAIL = 0.05
 """Share of a training over which the score at a moment is taken, as our trainings report theirs."""
 CONFIDENCE = 0.95
@@ -73,7 +75,9 @@ class Windows:
         self._begun = Flown(0, 0.0, 0)
 
     def add(self, flown: Flown, wall_s: float) -> Point | None:
-        """Count an update that took so long, s; return the point where a window has ended with it."""
+        """Count an update that took so long, s; return the point where a window has ended
+        with it.
+        """
         self._steps += flown.steps
         self._wall_s += wall_s
         steps, returns, episodes = self._begun
@@ -84,11 +88,15 @@ class Windows:
         """End the window where it is."""
         _, returns, episodes = self._begun
         self._begun = Flown(0, 0.0, 0)
-        return Point(self._steps, self._wall_s, returns / episodes if episodes else math.nan, episodes)
+        return Point(
+            self._steps, self._wall_s, returns / episodes if episodes else math.nan, episodes
+        )
 
 
 def reached(curve: Sequence[Point], score: float, axis: Axis) -> float | None:
-    """Return where a curve first comes to a score, between two windows' ends by a straight line; None if never."""
+    """Return where a curve first comes to a score, between two windows' ends by a straight line;
+    None if never.
+    """
     before: Point | None = None
     for point in curve:
         if math.isnan(point.score):
@@ -104,19 +112,28 @@ def reached(curve: Sequence[Point], score: float, axis: Axis) -> float | None:
 
 
 def score_at(curve: Sequence[Point], where: float, axis: Axis, tail: float = TAIL) -> float:
-    """Return the mean over the episodes of the last share of a curve up to a place, of its last window there at least.
+    """Return the mean over the episodes of the last share of a curve up to a place, of its last
+    window there at least.
 
     Not a number where no episode had ended by then.
     """
-    known = [point for point in curve if getattr(point, axis) <= where * (1.0 + 1e-9) and point.episodes > 0]
+    known = [
+        point
+        for point in curve
+        if getattr(point, axis) <= where * (1.0 + 1e-9) and point.episodes > 0
+    ]
     if not known:
         return math.nan
     last = [point for point in known if getattr(point, axis) > (1.0 - tail) * where] or known[-1:]
-    return float(np.average([point.score for point in last], weights=[point.episodes for point in last]))
+    return float(
+        np.average([point.score for point in last], weights=[point.episodes for point in last])
+    )
 
 
 def t_mean(values: Sequence[float], confidence: float = CONFIDENCE) -> Interval:
-    """Return the mean of seeds with Student's interval; of a single one the interval is not known."""
+    """Return the mean of seeds with Student's interval; of a single one the interval is not
+    known.
+    """
     if not values:
         return Interval(math.nan, math.nan, math.nan)
     mean, error, freedom = _moments(values)
@@ -137,13 +154,17 @@ class Times(NamedTuple):
         return bool(self.seeds) and None not in self.seeds
 
     def mean(self) -> Interval:
-        """Return the geometric mean with its interval; not a number where a seed did not come to the score."""
+        """Return the geometric mean with its interval; not a number where a seed did not come to
+        the score.
+        """
         if not self.complete:
             return Interval(math.nan, math.nan, math.nan)
         return Interval(*(math.exp(x) for x in t_mean(self.logarithms())))
 
     def at_least(self) -> float:
-        """Return the geometric mean with the length of each seed that did not come to the score in its time's place."""
+        """Return the geometric mean with the length of each seed that did not come to the score in
+        its time's place.
+        """
         return math.exp(float(np.mean(self.logarithms())))
 
     def logarithms(self) -> list[float]:
@@ -159,11 +180,15 @@ def ratio(theirs: Times, ours: Times, confidence: float = CONFIDENCE) -> Interva
     """
     if not (theirs.complete and ours.complete):
         return Interval(math.nan, math.nan, math.nan)
-    (mean, error, freedom), (our_mean, our_error, our_freedom) = map(_moments, (theirs.logarithms(), ours.logarithms()))
+    (mean, error, freedom), (our_mean, our_error, our_freedom) = map(
+        _moments, (theirs.logarithms(), ours.logarithms())
+    )
     squares = (error**2, our_error**2)
     spread = sum(squares)
     # Welch and Satterthwaite; without any spread the degrees of freedom do not matter.
-    terms = [square**2 / max(f, 1) for square, f in zip(squares, (freedom, our_freedom), strict=True)]
+    terms = [
+        square**2 / max(f, 1) for square, f in zip(squares, (freedom, our_freedom), strict=True)
+    ]
     joint = spread**2 / sum(terms) if spread > 0.0 else 1.0
     if freedom == 0 or our_freedom == 0:
         joint = 0.0

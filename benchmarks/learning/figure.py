@@ -34,7 +34,9 @@ _GREY = "#767676"
 _PLACES = 200
 
 
-def draw(curves: Mapping[str, Sequence[Sequence[Point]]], scores: Sequence[float], path: Path) -> list[Path]:
+def draw(
+    curves: Mapping[str, Sequence[Sequence[Point]]], scores: Sequence[float], path: Path
+) -> list[Path]:
     """Draw the learners' curves as PNG and SVG and return the files.
 
     Args:
@@ -47,16 +49,36 @@ def draw(curves: Mapping[str, Sequence[Sequence[Point]]], scores: Sequence[float
         left, right = figure.subplots(1, 2, sharey=True)
         _panel(left, curves, scores, "steps")
         _panel(right, curves, scores, "wall_s")
-        left.set(title="For equal environment steps", xlabel="environment steps, millions", ylabel="training score")
+        left.set(
+            title="For equal environment steps",
+            xlabel="environment steps, millions",
+            ylabel="training score",
+        )
         right.set(title="For equal wall time", xlabel="wall time of training, s")
         seeds = max(len(runs) for runs in curves.values())
-        note = "one seed" if seeds == 1 else f"mean and {CONFIDENCE:.0%} t interval of {seeds} seeds, each a thin line"
+        note = (
+            "one seed"
+            if seeds == 1
+            else f"mean and {CONFIDENCE:.0%} t interval of {seeds} seeds, each a thin line"
+        )
         handles, labels = left.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), title=note, title_fontsize=8.0)
+        figure.legend(
+            handles,
+            labels,
+            loc="outside lower center",
+            ncols=len(handles),
+            title=note,
+            title_fontsize=8.0,
+        )
         return save_figure(figure, path)
 
 
-def _panel(axes: "Axes", curves: Mapping[str, Sequence[Sequence[Point]]], scores: Sequence[float], along: Axis) -> None:
+def _panel(
+    axes: "Axes",
+    curves: Mapping[str, Sequence[Sequence[Point]]],
+    scores: Sequence[float],
+    along: Axis,
+) -> None:
     scale = 1e-6 if along == "steps" else 1.0
     end = 0.0
     for learner, runs in curves.items():
@@ -105,4 +127,6 @@ def _panel(axes: "Axes", curves: Mapping[str, Sequence[Sequence[Point]]], scores
 
 def _arrays(run: Sequence[Point], along: Axis) -> tuple[np.ndarray, np.ndarray]:
     known = [point for point in run if np.isfinite(point.score)]
-    return np.array([getattr(point, along) for point in known], float), np.array([point.score for point in known])
+    return np.array([getattr(point, along) for point in known], float), np.array(
+        [point.score for point in known]
+    )

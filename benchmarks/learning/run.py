@@ -1,11 +1,12 @@
 """Learning curves beside the peers': ``python -m benchmarks.learning [--quick] [--out DIR]``.
 
-Our PPO, Stable-Baselines3's and SBX's learn the same task on the same machine: the same encounters, inputs, shaping,
-networks and schedule of the learning rate. First each tries the same settings for the same wall time and keeps the one
-with the best score, or with ``--trial-target`` the one that comes to a score soonest; then each trains all seeds for
-the same number of steps, in turns, each in a process of its own and one at a time. Read off: the time to a training
-score, scores after equal steps and after equal wall time, with intervals over the seeds. The same command goes on
-where it was stopped.
+Our PPO, Stable-Baselines3's and SBX's learn the same task on the same machine: the same encounters,
+inputs, shaping, networks and schedule of the learning rate. First each tries the same settings for
+the same wall time and keeps the one with the best score, or with ``--trial-target`` the one that
+comes to a score soonest; then each trains all seeds for the same number of steps, in turns, each in
+a process of its own and one at a time. Read off: the time to a training score, scores after equal
+steps and after equal wall time, with intervals over the seeds. The same command goes on where it
+was stopped.
 """
 
 import json
@@ -63,7 +64,9 @@ class Extent:
     trial_seeds: int = 1
     """Trainings of a trial."""
     trial_target: float | None = None
-    """Training score that trials are to reach soon, and end at; None: they are judged by the score at their end."""
+    """Training score that trials are to reach soon, and end at; None: they are judged by the score
+    at their end.
+    """
 
 
 QUICK = Extent(steps=400_000, seeds=2, budget_s=30.0, trials=2, trial_s=6.0)
@@ -86,7 +89,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise ConfigError(f"--out {options.out}: {problem.strerror}; expected a directory to write to") from None
+        raise ConfigError(
+            f"--out {options.out}: {problem.strerror}; expected a directory to write to"
+        ) from None
     try:
         runs = _trained(config, extent, learners, options.out)
     except RunError as problem:
@@ -95,19 +100,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     figures = summary(runs.seeds) | {
         "configuration": config.name,
         "hidden": list(config.network.hidden),
-        **{name: value for name, value in asdict(extent).items() if name not in ("seeds", "trials")},
+        **{
+            name: value for name, value in asdict(extent).items() if name not in ("seeds", "trials")
+        },
         "settings": runs.chosen,
         "trials": {
-            name: [described(trial, extent.trial_target) for trial in tried] for name, tried in runs.trials.items()
+            name: [described(trial, extent.trial_target) for trial in tried]
+            for name, tried in runs.trials.items()
         },
     }
     curves = {name: [log.curve for log in logs] for name, logs in runs.seeds.items()}
     files = learning_figure.draw(curves, SCORES, options.out / "learning")
     _write_curves(runs, options.out / "curves.parquet")
-    write_file(options.out / "summary.json", json.dumps(figures | {"machine": machine()}, indent=2) + "\n")
+    write_file(
+        options.out / "summary.json", json.dumps(figures | {"machine": machine()}, indent=2) + "\n"
+    )
     print(_table(figures))
-    print(f"written: {', '.join(map(str, files))}, {options.out / 'curves.parquet'}, {options.out / 'summary.json'}")
-    report(figures, tuple(dict.fromkeys(package for name in learners for package in PACKAGES[name])))
+    print(
+        f"written: {', '.join(map(str, files))}, {options.out / 'curves.parquet'}, "
+        f"{options.out / 'summary.json'}"
+    )
+    report(
+        figures, tuple(dict.fromkeys(package for name in learners for package in PACKAGES[name]))
+    )
     return 0
 
 
@@ -118,14 +133,25 @@ def summary(seeds: Mapping[str, Sequence[Log]]) -> dict[str, Any]:
         seeds: runs of each learner.
     """
     # A seed that diverged has no score at the end; that it is missing there is said beside it.
-    lasting = {name: [log.curve for log in logs if log.ended != "diverged"] for name, logs in seeds.items()}
+    lasting = {
+        name: [log.curve for log in logs if log.ended != "diverged"] for name, logs in seeds.items()
+    }
     curves = {name: [log.curve for log in logs] for name, logs in seeds.items()}
     ends: dict[Axis, float] = {
-        axis: min((getattr(curve[-1], axis) for runs in lasting.values() for curve in runs if curve), default=0.0)
+        axis: min(
+            (getattr(curve[-1], axis) for runs in lasting.values() for curve in runs if curve),
+            default=0.0,
+        )
         for axis in ("steps", "wall_s")
     }
-    times = {name: {score: _times(runs, score) for score in SCORES} for name, runs in curves.items()}
-    found: dict[str, Any] = {"equal_steps": ends["steps"], "equal_wall_s": ends["wall_s"], "learners": {}}
+    times = {
+        name: {score: _times(runs, score) for score in SCORES} for name, runs in curves.items()
+    }
+    found: dict[str, Any] = {
+        "equal_steps": ends["steps"],
+        "equal_wall_s": ends["wall_s"],
+        "learners": {},
+    }
     for name, runs in curves.items():
         whole = [curve for curve in runs if curve]
         figures: dict[str, Any] = {
@@ -142,7 +168,10 @@ def summary(seeds: Mapping[str, Sequence[Log]]) -> dict[str, Any]:
             figures[f"time_to_{score:.0f}_s"] = _time_figures(times[name][score])
         found["learners"][name] = figures
     found["ratios"] = {
-        name: {f"time_to_{score:.0f}": _ratio(of[score], times["ours"][score], TARGETS[name]) for score in SCORES}
+        name: {
+            f"time_to_{score:.0f}": _ratio(of[score], times["ours"][score], TARGETS[name])
+            for score in SCORES
+        }
         for name, of in times.items()
         if name != "ours" and "ours" in times
     }
@@ -151,7 +180,10 @@ def summary(seeds: Mapping[str, Sequence[Log]]) -> dict[str, Any]:
 
 def _times(runs: Sequence[Sequence[Point]], score: float) -> Times:
     whole = [curve for curve in runs if curve]
-    return Times(tuple(reached(curve, score, "wall_s") for curve in whole), tuple(curve[-1].wall_s for curve in whole))
+    return Times(
+        tuple(reached(curve, score, "wall_s") for curve in whole),
+        tuple(curve[-1].wall_s for curve in whole),
+    )
 
 
 def _time_figures(times: Times) -> dict[str, Any]:
@@ -166,21 +198,47 @@ def _ratio(theirs: Times, ours: Times, target: float) -> dict[str, Any]:
     if math.isfinite(found.low):
         # As with every target here: what is sure of it, not what is likely.
         return figures | {"met": found.low >= target}
-    bound = theirs.at_least() / ours.mean().value if ours.complete and theirs.seeds and not theirs.complete else None
+    bound = (
+        theirs.at_least() / ours.mean().value
+        if ours.complete and theirs.seeds and not theirs.complete
+        else None
+    )
     return figures | ({} if bound is None else {"at_least": bound}) | {"met": None}
 
 
 def _plain(interval: Interval) -> dict[str, float | None]:
-    return {key: value if math.isfinite(value) else None for key, value in interval._asdict().items()}
+    return {
+        key: value if math.isfinite(value) else None for key, value in interval._asdict().items()
+    }
 
 
 def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
     parser = Parser(prog="python -m benchmarks.learning", description=__doc__)
     add = parser.add_argument
-    add("--config", type=Path, default=Path("configs/sprint.yaml"), help="training (default configs/sprint.yaml)")
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of it; may be given many times")
-    add("--learner", action="append", choices=LEARNERS, help="a learner; may be given several times (default: all)")
-    add("--steps", type=int, help="environment steps of a training (default 5000000; 400000 with --quick)")
+    add(
+        "--config",
+        type=Path,
+        default=Path("configs/sprint.yaml"),
+        help="training (default configs/sprint.yaml)",
+    )
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change one key of it; may be given many times",
+    )
+    add(
+        "--learner",
+        action="append",
+        choices=LEARNERS,
+        help="a learner; may be given several times (default: all)",
+    )
+    add(
+        "--steps",
+        type=int,
+        help="environment steps of a training (default 5000000; 400000 with --quick)",
+    )
     add("--seeds", type=int, help="trainings of each learner (default 3; 2 with --quick)")
     add(
         "--budget",
@@ -189,20 +247,41 @@ def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
         metavar="SECONDS",
         help="most time of a training, s (default 600; 30 with --quick)",
     )
-    add("--trials", type=int, help="settings that every learner tries first; 0: none (default 4; 2 with --quick)")
-    add("--trial-seconds", dest="trial_s", type=float, help="most time of each of them, s (default 40; 6 with --quick)")
+    add(
+        "--trials",
+        type=int,
+        help="settings that every learner tries first; 0: none (default 4; 2 with --quick)",
+    )
+    add(
+        "--trial-seconds",
+        dest="trial_s",
+        type=float,
+        help="most time of each of them, s (default 40; 6 with --quick)",
+    )
     add("--trial-seeds", type=int, help="trainings of each of them (default 1)")
     add(
         "--trial-target",
         type=float,
         metavar="SCORE",
-        help="choose the setting that comes to this training score soonest (default: the best score at the end)",
+        help="choose the setting that comes to this training score soonest (default: the best "
+        "score at the end)",
     )
-    add("--quick", action="store_true", help="short trainings: shows that it works, and no learner at its end")
-    add("--out", type=Path, default=Path("runs/learning"), help="directory of the results (default runs/learning)")
+    add(
+        "--quick",
+        action="store_true",
+        help="short trainings: shows that it works, and no learner at its end",
+    )
+    add(
+        "--out",
+        type=Path,
+        default=Path("runs/learning"),
+        help="directory of the results (default runs/learning)",
+    )
     options = parser.parse_args(argv)
     given = {name: getattr(options, name) for name in asdict(QUICK)}
-    extent = replace(QUICK if options.quick else Extent(), **{k: v for k, v in given.items() if v is not None})
+    extent = replace(
+        QUICK if options.quick else Extent(), **{k: v for k, v in given.items() if v is not None}
+    )
     for name, least in (("steps", 1), ("seeds", 1), ("trials", 0), ("trial_seeds", 1)):
         if getattr(extent, name) < least:
             option = name.replace("_", "-")
@@ -211,22 +290,32 @@ def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
         if not 0.0 < seconds < math.inf:
             raise ConfigError(f"{option} is {seconds}; expected more than 0 s")
     if extent.trial_target is not None and not -100.0 < extent.trial_target < 100.0:
-        raise ConfigError(f"--trial-target is {extent.trial_target}; expected a training score between -100 and 100")
+        raise ConfigError(
+            f"--trial-target is {extent.trial_target}; expected a training score between -100 and "
+            "100"
+        )
     config = load(TrainConfig, options.config, [*options.set, f"steps={extent.steps}"])
     check(config)
     return options, extent, config
 
 
 def _present(wanted: Sequence[str] | None) -> list[str]:
-    """Return the learners; name those that are not installed, and refuse that where one was asked for."""
+    """Return the learners; name those that are not installed, and refuse that where one was asked
+    for.
+    """
     learners = []
     for name in dict.fromkeys(wanted or LEARNERS):
         if available(name):
             learners.append(name)
         elif wanted:
-            raise ConfigError(f"--learner {name}: {LEARNERS[name]} is not installed; to have it: {sb3_task.INSTALL}")
+            raise ConfigError(
+                f"--learner {name}: {LEARNERS[name]} is not installed; to have it: "
+                f"{sb3_task.INSTALL}"
+            )
         else:
-            print(f"{LEARNERS[name]} is not installed and is left out; to have it: {sb3_task.INSTALL}")
+            print(
+                f"{LEARNERS[name]} is not installed and is left out; to have it: {sb3_task.INSTALL}"
+            )
     return learners
 
 
@@ -234,14 +323,22 @@ def _trained(config: TrainConfig, extent: Extent, learners: Sequence[str], out: 
     """Make the trials and trainings that are missing."""
     tried = settings(config, extent.trials)
     trials: dict[str, list[Trial]] = {name: [] for name in learners}
-    trial_seeds = [(config.seed + _TRIAL_SEED + number) % SEED_END for number in range(extent.trial_seeds)]
+    trial_seeds = [
+        (config.seed + _TRIAL_SEED + number) % SEED_END for number in range(extent.trial_seeds)
+    ]
     # In turns, so that a slow moment of the machine meets every learner alike.
     for number, setting in enumerate(tried):
         for name in learners:
             first = f"{name}-{number}"
             names = [first, *(f"{first}-seed{more}" for more in range(1, extent.trial_seeds))]
             logs = tuple(
-                _run(name, changed(config, setting, seed), extent.trial_s, out / "trials" / run, extent.trial_target)
+                _run(
+                    name,
+                    changed(config, setting, seed),
+                    extent.trial_s,
+                    out / "trials" / run,
+                    extent.trial_target,
+                )
                 for run, seed in zip(names, trial_seeds, strict=True)
             )
             trials[name].append(Trial(setting, logs))
@@ -253,11 +350,15 @@ def _trained(config: TrainConfig, extent: Extent, learners: Sequence[str], out: 
     for number in range(extent.seeds):
         for name in learners:
             seeded = changed(config, chosen[name], (config.seed + number) % SEED_END)
-            seeds[name].append(_run(name, seeded, extent.budget_s, out / "runs" / f"{name}-seed{number}"))
+            seeds[name].append(
+                _run(name, seeded, extent.budget_s, out / "runs" / f"{name}-seed{number}")
+            )
     return _Runs(trials, chosen, seeds)
 
 
-def _run(learner: str, config: TrainConfig, seconds: float, path: Path, until: float | None = None) -> Log:
+def _run(
+    learner: str, config: TrainConfig, seconds: float, path: Path, until: float | None = None
+) -> Log:
     """Train in a process of its own, no longer than until a score, unless it is done.
 
     Raises:
@@ -269,7 +370,10 @@ def _run(learner: str, config: TrainConfig, seconds: float, path: Path, until: f
     if done is not None and done.ended is not None:
         same_end = (done.header.get("seconds"), done.header.get("until")) == (seconds, until)
         if not file.exists() or file.read_text(encoding="utf-8") != text or not same_end:
-            raise ConfigError(f"{log_file}: it was made with other options; expected the same ones, or another --out")
+            raise ConfigError(
+                f"{log_file}: it was made with other options; expected the same ones, or another "
+                "--out"
+            )
         print(f"{path.name}: done before", flush=True)
         return done
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -283,12 +387,25 @@ def _run(learner: str, config: TrainConfig, seconds: float, path: Path, until: f
 
 
 def _process(learner: str, config: Path, seconds: float, out: Path, until: float | None) -> None:
-    """Run :mod:`benchmarks.learning.training` in a process of its own, on the CPU as every learner here."""
-    options = ["--learner", learner, "--config", str(config), "--seconds", repr(seconds), "--out", str(out)]
+    """Run :mod:`benchmarks.learning.training` in a process of its own, on the CPU as every learner
+    here.
+    """
+    options = [
+        "--learner",
+        learner,
+        "--config",
+        str(config),
+        "--seconds",
+        repr(seconds),
+        "--out",
+        str(out),
+    ]
     if until is not None:
         options += ["--until", repr(until)]
     command = [sys.executable, "-m", "benchmarks.learning.training", *options]
-    status = subprocess.run(command, env=os.environ | {"JAX_PLATFORMS": "cpu"}, check=False).returncode
+    status = subprocess.run(
+        command, env=os.environ | {"JAX_PLATFORMS": "cpu"}, check=False
+    ).returncode
     if status == 130:
         raise KeyboardInterrupt
     if status:
@@ -300,7 +417,10 @@ def _write_curves(runs: _Runs, path: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    named = [("trial", name, [log for one in tried for log in one.logs]) for name, tried in runs.trials.items()]
+    named = [
+        ("trial", name, [log for one in tried for log in one.logs])
+        for name, tried in runs.trials.items()
+    ]
     named += [("seed", name, logs) for name, logs in runs.seeds.items()]
     table = [
         {"phase": phase, "learner": name, "number": number} | point._asdict()
@@ -308,14 +428,21 @@ def _write_curves(runs: _Runs, path: Path) -> None:
         for number, log in enumerate(logs)
         for point in log.curve
     ]
-    kinds = {"phase": pa.string(), "learner": pa.string(), "number": pa.int64(), "steps": pa.int64()}
+    kinds = {
+        "phase": pa.string(),
+        "learner": pa.string(),
+        "number": pa.int64(),
+        "steps": pa.int64(),
+    }
     kinds |= {"wall_s": pa.float64(), "score": pa.float64(), "episodes": pa.int64()}
     pq.write_table(pa.Table.from_pylist(table, schema=pa.schema(list(kinds.items()))), path)
 
 
 def _table(figures: Mapping[str, Any]) -> str:
     """Return the figures as lines for a terminal."""
-    lines = [f"{'':6} {'steps/s':>9} " + "".join(f"{f'time to +{score:.0f}, s':>28}" for score in SCORES)]
+    lines = [
+        f"{'':6} {'steps/s':>9} " + "".join(f"{f'time to +{score:.0f}, s':>28}" for score in SCORES)
+    ]
     for name, own in figures["learners"].items():
         rate = own["steps_per_s"]["value"]
         cells = "".join(f"{_cell(own[f'time_to_{score:.0f}_s']):>28}" for score in SCORES)
@@ -323,9 +450,13 @@ def _table(figures: Mapping[str, Any]) -> str:
     for name, own in figures["ratios"].items():
         cells = "".join(f"{_cell(own[f'time_to_{score:.0f}']):>28}" for score in SCORES)
         lines.append(f"{f'{name} / ours':16} {cells}   (wanted: {TARGETS[name]:g})")
-    for axis, where in (("steps", f"{figures['equal_steps']:,} steps"), ("wall_s", f"{figures['equal_wall_s']:.0f} s")):
+    for axis, where in (
+        ("steps", f"{figures['equal_steps']:,} steps"),
+        ("wall_s", f"{figures['equal_wall_s']:.0f} s"),
+    ):
         scores = ", ".join(
-            f"{name} {_cell(own[f'score_after_equal_{axis}'])}" for name, own in figures["learners"].items()
+            f"{name} {_cell(own[f'score_after_equal_{axis}'])}"
+            for name, own in figures["learners"].items()
         )
         lines.append(f"score after {where}: {scores}")
     for name, own in figures["learners"].items():

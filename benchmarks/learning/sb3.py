@@ -1,9 +1,10 @@
 """Stable-Baselines3's PPO on our task: the thin layer that feeds it from our vector environment.
 
-What it gets is the cheapest form of the same work. The first layer's derived inputs are computed once a step by one
-compiled call outside its networks, where ours are computed anew in every epoch; the time limit ends an episode for
-good, as in our training, so it never evaluates a final observation; infos are shared empty dictionaries. Reward
-shaping is left out of :func:`environment`; :mod:`benchmarks.learning.sides` has it. Needs the extra ``peers``.
+What it gets is the cheapest form of the same work. The first layer's derived inputs are computed
+once a step by one compiled call outside its networks, where ours are computed anew in every epoch;
+the time limit ends an episode for good, as in our training, so it never evaluates a final
+observation; infos are shared empty dictionaries. Reward shaping is left out of :func:`environment`;
+:mod:`benchmarks.learning.sides` has it. Needs the extra ``peers``.
 """
 
 import importlib
@@ -26,7 +27,17 @@ from envs.observation import SIZE
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["DEFAULTS", "INSTALL", "Cell", "Flying", "algorithm", "available", "environment", "in_peers_form", "numbers"]
+__all__ = [
+    "DEFAULTS",
+    "INSTALL",
+    "Cell",
+    "Flying",
+    "algorithm",
+    "available",
+    "environment",
+    "in_peers_form",
+    "numbers",
+]
 
 INSTALL = "pip install -c constraints/peers.txt '.[peers]'"
 """How to get Stable-Baselines3."""
@@ -58,12 +69,16 @@ DEFAULTS = Cell(environments=1, steps=2048, batch=64, epochs=10)
 
 def available() -> bool:
     """Return whether the extra ``peers`` is installed."""
-    return all(importlib.util.find_spec(name) is not None for name in ("stable_baselines3", "torch"))
+    return all(
+        importlib.util.find_spec(name) is not None for name in ("stable_baselines3", "torch")
+    )
 
 
 @partial(jax.jit, static_argnames="feature_set")
 def _inputs(observation: jax.Array, feature_set: str) -> jax.Array:
-    return jnp.stack(features.features([observation[:, i] for i in range(SIZE)], feature_set, jnp), axis=-1)
+    return jnp.stack(
+        features.features([observation[:, i] for i in range(SIZE)], feature_set, jnp), axis=-1
+    )
 
 
 def _mirrored_back(actions: np.ndarray, observation: np.ndarray, feature_set: str) -> np.ndarray:
@@ -83,7 +98,9 @@ class Flying(Protocol):
         ...
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Fly on by actions ``[N, 2]``; return inputs ``[N, F]``, rewards ``[N]`` and which episodes ended ``[N]``."""
+        """Fly on by actions ``[N, 2]``; return inputs ``[N, F]``, rewards ``[N]`` and which
+        episodes ended ``[N]``.
+        """
         ...
 
 
@@ -114,14 +131,16 @@ class _FirstScenario:
 def environment(config: TrainConfig, count: int) -> Any:
     """Return our vector environment as a ``stable_baselines3.common.vec_env.VecEnv``.
 
-    Its observations are the inputs of our networks' first layer, its rewards are scaled as in our training. It flies
-    the first scenario of the configuration.
+    Its observations are the inputs of our networks' first layer, its rewards are scaled as in our
+    training. It flies the first scenario of the configuration.
 
     Args:
         config: of the training.
         count: number of environments.
     """
-    return in_peers_form(_FirstScenario(config, count), count, features.size(config.network.feature_set))
+    return in_peers_form(
+        _FirstScenario(config, count), count, features.size(config.network.feature_set)
+    )
 
 
 def in_peers_form(flying: Flying, count: int, width: int) -> Any:
@@ -139,7 +158,9 @@ def in_peers_form(flying: Flying, count: int, width: int) -> Any:
         """The encounters in the peer's form."""
 
         def __init__(self) -> None:
-            super().__init__(count, spaces.Box(-np.inf, np.inf, (width,), np.float32), action_space())
+            super().__init__(
+                count, spaces.Box(-np.inf, np.inf, (width,), np.float32), action_space()
+            )
             self._actions = np.zeros((count, 2), np.float32)
 
         def reset(self) -> np.ndarray:
@@ -160,7 +181,9 @@ def in_peers_form(flying: Flying, count: int, width: int) -> Any:
         def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
             raise TypeError("the benchmark does not reach into single environments")
 
-        def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        def env_method(
+            self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any
+        ) -> list[Any]:
             raise TypeError("the benchmark does not reach into single environments")
 
         def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
@@ -170,7 +193,8 @@ def in_peers_form(flying: Flying, count: int, width: int) -> Any:
 
 
 def numbers(config: TrainConfig, cell: Cell, activation: Any) -> dict[str, Any]:
-    """Return a configuration's numbers under the names that Stable-Baselines3's and SBX's PPO share.
+    """Return a configuration's numbers under the names that Stable-Baselines3's and SBX's PPO
+    share.
 
     Args:
         config: of the training.
@@ -186,7 +210,8 @@ def numbers(config: TrainConfig, cell: Cell, activation: Any) -> dict[str, Any]:
         "gae_lambda": config.ppo.gae_lambda,
         "clip_range": config.ppo.clip,
         "ent_coef": config.ppo.entropy,
-        "vf_coef": 0.5 * task.ppo_settings(config).value,  # of the squared error, which our loss halves first
+        "vf_coef": 0.5
+        * task.ppo_settings(config).value,  # of the squared error, which our loss halves first
         "max_grad_norm": task.ppo_settings(config).max_grad_norm,
         "normalize_advantage": task.ppo_settings(config).normalize_advantage,
         "policy_kwargs": {
@@ -200,16 +225,20 @@ def numbers(config: TrainConfig, cell: Cell, activation: Any) -> dict[str, Any]:
     }
 
 
-def algorithm(config: TrainConfig, cell: Cell, flown: Any = None, rate: Callable[[float], float] | None = None) -> Any:
+def algorithm(
+    config: TrainConfig, cell: Cell, flown: Any = None, rate: Callable[[float], float] | None = None
+) -> Any:
     """Return ``stable_baselines3.PPO`` with the configuration's networks and numbers, on the CPU.
 
-    Each ``learn(cell.samples, log_interval=None, reset_num_timesteps=False)`` is one rollout and one update.
+    Each ``learn(cell.samples, log_interval=None, reset_num_timesteps=False)`` is one rollout and
+    one update.
 
     Args:
         config: of the training.
         cell: sizes of rollout and batch, epochs.
         flown: its environment; that of :func:`environment` by default.
-        rate: its learning rate, a function of what is left of a call of ``learn``; the configuration's by default.
+        rate: its learning rate, a function of what is left of a call of ``learn``; the
+            configuration's by default.
     """
     torch: Any = importlib.import_module("torch")
     peer: Any = importlib.import_module("stable_baselines3")

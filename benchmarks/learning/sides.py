@@ -1,13 +1,13 @@
 """The learners that are compared: our PPO, Stable-Baselines3's and SBX's, one update at a time.
 
-All have the same networks (widths, tanh, orthogonal initialisation), inputs, rewards, discount, clipping, Adam and
-learning rate; each shuffles, clips gradients and steps as its own code does. SBX has an optimiser for each network and
-clips their gradients apart. Peers need the extra ``peers``.
+All have the same networks (widths, tanh, orthogonal initialisation), inputs, rewards, discount,
+clipping, Adam and learning rate; each shuffles, clips gradients and steps as its own code does. SBX
+has an optimiser for each network and clips their gradients apart. Peers need the extra ``peers``.
 
-The peers fly our training task: the same encounters, rewards, shaping and restarts, a compiled call a step, put
-together from the functions that our own training is made of; a test holds both to the same rewards and inputs. What a
-peer gets is the cheapest form: the first layer's inputs are derived once a step in that call, where our networks derive
-them anew in every epoch.
+The peers fly our training task: the same encounters, rewards, shaping and restarts, a compiled call
+a step, put together from the functions that our own training is made of; a test holds both to the
+same rewards and inputs. What a peer gets is the cheapest form: the first layer's inputs are derived
+once a step in that call, where our networks derive them anew in every epoch.
 """
 
 import copy
@@ -32,7 +32,17 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.shaping import learning_reward
 from rlcas_jax.starts import draw, noisy
 
-__all__ = ["LEARNERS", "PACKAGES", "DivergedError", "Side", "TrainingFlight", "available", "check", "side", "updates"]
+__all__ = [
+    "LEARNERS",
+    "PACKAGES",
+    "DivergedError",
+    "Side",
+    "TrainingFlight",
+    "available",
+    "check",
+    "side",
+    "updates",
+]
 
 LEARNERS = {"ours": "this toolkit", "sb3": "Stable-Baselines3", "sbx": "SBX"}
 """What is compared, by the name on the command line."""
@@ -40,11 +50,24 @@ LEARNERS = {"ours": "this toolkit", "sb3": "Stable-Baselines3", "sbx": "SBX"}
 PACKAGES = {
     "ours": ("jax", "jaxlib", "flax", "optax"),
     "sb3": ("stable-baselines3", "torch"),
-    "sbx": ("sbx-rl", "stable-baselines3", "torch", "jax", "jaxlib", "flax", "optax", "tfp-nightly"),
+    "sbx": (
+        "sbx-rl",
+        "stable-baselines3",
+        "torch",
+        "jax",
+        "jaxlib",
+        "flax",
+        "optax",
+        "tfp-nightly",
+    ),
 }
 """Distributions whose versions decide a learner's figures."""
 
-_MODULES = {"ours": (), "sb3": ("stable_baselines3", "torch"), "sbx": ("sbx", "stable_baselines3", "torch")}
+_MODULES = {
+    "ours": (),
+    "sb3": ("stable_baselines3", "torch"),
+    "sbx": ("sbx", "stable_baselines3", "torch"),
+}
 
 
 class DivergedError(RuntimeError):
@@ -100,7 +123,11 @@ class _Ours:
         if not figures["finite"]:
             raise DivergedError
         episodes = int(figures["episodes"])
-        return Flown(self._task.steps_per_update, float(figures["score"]) * episodes if episodes else 0.0, episodes)
+        return Flown(
+            self._task.steps_per_update,
+            float(figures["score"]) * episodes if episodes else 0.0,
+            episodes,
+        )
 
 
 class _Peer:
@@ -129,7 +156,8 @@ class _Peer:
         try:
             self._learn()
         except ValueError:
-            # What torch and the task say of a distribution or an action that is not finite; anything else is a defect.
+            # What torch and the task say of a distribution or an action that is not finite;
+            # anything else is a defect.
             if self._weights.finite():
                 raise
             raise DivergedError from None
@@ -139,7 +167,9 @@ class _Peer:
         return Flown(self._cell.samples, *self._flight.flown())
 
     def _learn(self) -> None:
-        self._model.learn(self._cell.samples, log_interval=None, reset_num_timesteps=self._done == 0)
+        self._model.learn(
+            self._cell.samples, log_interval=None, reset_num_timesteps=self._done == 0
+        )
 
     def _rate(self, _: float) -> float:
         first, last = self._config.ppo.learning_rate, self._config.ppo.learning_rate_final
@@ -199,15 +229,24 @@ def _sbx(config: TrainConfig, cell: Cell, flown: Any, rate: Any) -> Any:
     # It would begin with smaller weights: it has an option for the actor's head alone.
     actor_key, critic_key = jax.random.split(jax.random.key(config.seed))
     policy = model.policy
-    policy.actor_state = policy.actor_state.replace(params=_orthogonal(policy.actor_state.params, actor_key, 0.01))
-    policy.vf_state = policy.vf_state.replace(params=_orthogonal(policy.vf_state.params, critic_key, 1.0))
+    policy.actor_state = policy.actor_state.replace(
+        params=_orthogonal(policy.actor_state.params, actor_key, 0.01)
+    )
+    policy.vf_state = policy.vf_state.replace(
+        params=_orthogonal(policy.vf_state.params, critic_key, 1.0)
+    )
     return model
 
 
 def _orthogonal(variables: Any, key: jax.Array, head_gain: float) -> Any:
-    """Return flax variables ``Dense_0, Dense_1, ...`` with orthogonal kernels, as our networks begin."""
+    """Return flax variables ``Dense_0, Dense_1, ...`` with orthogonal kernels, as our networks
+    begin.
+    """
     layers = dict(variables["params"])
-    names = sorted((name for name in layers if name.startswith("Dense_")), key=lambda name: int(name.split("_")[1]))
+    names = sorted(
+        (name for name in layers if name.startswith("Dense_")),
+        key=lambda name: int(name.split("_")[1]),
+    )
     for name, own in zip(names, jax.random.split(key, len(names)), strict=True):
         gain = head_gain if name == names[-1] else math.sqrt(2.0)
         kernel = jax.nn.initializers.orthogonal(gain)(own, layers[name]["kernel"].shape)
@@ -216,9 +255,13 @@ def _orthogonal(variables: Any, key: jax.Array, head_gain: float) -> Any:
 
 
 def check(config: TrainConfig) -> None:
-    """Raise :class:`ConfigError` where the task has noisy or late reports, or the network takes no single vector."""
+    """Raise :class:`ConfigError` where the task has noisy or late reports, or the network takes no
+    single vector.
+    """
     if config.network.feature_set == "set":
-        raise ConfigError("network.feature_set is set; expected none, cpa or mirror, as peers take one vector")
+        raise ConfigError(
+            "network.feature_set is set; expected none, cpa or mirror, as peers take one vector"
+        )
     for number, entry in enumerate(config.drawn()):
         if noisy([entry]):
             raise ConfigError(
@@ -230,7 +273,8 @@ def check(config: TrainConfig) -> None:
 class TrainingFlight:
     """The environments of a training configuration, :class:`benchmarks.learning.sb3.Flying`.
 
-    Starts come from a pool that is drawn anew for every rollout, as in our training. Scores are counted on the way.
+    Starts come from a pool that is drawn anew for every rollout, as in our training. Scores are
+    counted on the way.
 
     Args:
         config: of the training; without noisy or late reports.
@@ -248,7 +292,9 @@ class TrainingFlight:
         self._draw, self._begin, self._step = _compiled(config)
 
     def reset(self) -> np.ndarray:
-        """Begin anew from the configuration's seed and return the inputs of the first layer, ``[N, F]``."""
+        """Begin anew from the configuration's seed and return the inputs of the first layer, ``[N,
+        F]``.
+        """
         self._key, self._row = jax.random.key(self._config.seed), 0
         self.returns, self.episodes = 0.0, 0
         self._redraw()
@@ -256,7 +302,8 @@ class TrainingFlight:
         return np.array(seen)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Fly on by actions ``[N, 2]``; return inputs, rewards for learning (scaled, shaped) and ends.
+        """Fly on by actions ``[N, 2]``; return inputs, rewards for learning (scaled, shaped) and
+        ends.
 
         Raises:
             ValueError: an action is not finite.
@@ -268,7 +315,9 @@ class TrainingFlight:
             self._redraw()
             self._row = 0
         row = self._row % self._config.pool_rows
-        self._state, self._hand, seen, packed = self._step(self._state, self._hand, actions, self._pool, row)
+        self._state, self._hand, seen, packed = self._step(
+            self._state, self._hand, actions, self._pool, row
+        )
         reward, sparse, ended = np.asarray(packed).T
         done = ended > 0.0
         self.returns += float(sparse.sum(dtype=np.float64))
@@ -276,7 +325,9 @@ class TrainingFlight:
         return np.array(seen), reward.copy(), done
 
     def flown(self) -> tuple[float, int]:
-        """Return the sum of the sparse rewards and the number of episodes ended since the last call."""
+        """Return the sum of the sparse rewards and the number of episodes ended since the last
+        call.
+        """
         counted = self.returns, self.episodes
         self.returns, self.episodes = 0.0, 0
         return counted
@@ -307,8 +358,11 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
         state: surrogate.State, hand: jax.Array, action: jax.Array, pool: surrogate.State, row: int
     ) -> tuple[surrogate.State, jax.Array, jax.Array, jax.Array]:
         moved, result = surrogate.step(state, (action[:, 0], action[:, 1] * hand), world)
-        reward = learning_reward(result.reward, state, moved, action[:, 1], config, config.aircraft.aircraft())
-        # The barrier keeps the compiler from flying the step again for every field that the restart chooses.
+        reward = learning_reward(
+            result.reward, state, moved, action[:, 1], config, config.aircraft.aircraft()
+        )
+        # The barrier keeps the compiler from flying the step again for every field that the restart
+        # chooses.
         moved, reward = jax.lax.optimization_barrier((moved, reward))
         following = surrogate.restart(moved, jax.tree.map(lambda rows: rows[row], pool))
         return following, *seen(following), jnp.stack([reward, result.reward, moved.ended], axis=-1)

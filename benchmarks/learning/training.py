@@ -1,7 +1,8 @@
-"""One training of the comparison, in a process of its own: ``python -m benchmarks.learning.training`` (``--help``).
+"""One training of the comparison, in a process of its own: ``python -m
+benchmarks.learning.training`` (``--help``).
 
-:mod:`benchmarks.learning` starts it. It appends a line to its file for every window and says in the last how it
-ended; a file without that line is of a run that was stopped, which begins anew.
+:mod:`benchmarks.learning` starts it. It appends a line to its file for every window and says in the
+last how it ended; a file without that line is of a run that was stopped, which begins anew.
 """
 
 import json
@@ -34,7 +35,9 @@ class Log:
     startup_s: float
     """Time to build, compile and warm up, s."""
     ended: str | None
-    """Why it ended: ``steps``, ``time``, ``score`` or ``diverged``; None where it was stopped or is still going on."""
+    """Why it ended: ``steps``, ``time``, ``score`` or ``diverged``; None where it was stopped or is
+    still going on.
+    """
 
 
 def read(path: Path) -> Log | None:
@@ -52,14 +55,26 @@ def read(path: Path) -> Log | None:
             return None
         curve = [_point(row) for row in _having(rows, "steps")]
     except (ValueError, TypeError, KeyError, AttributeError):
-        raise ConfigError(f"{path}: it is no file of a run; remove it, or choose another --out") from None
+        raise ConfigError(
+            f"{path}: it is no file of a run; remove it, or choose another --out"
+        ) from None
     startup = [row["startup_s"] for row in _having(rows, "startup_s")]
     ends = [row["ended"] for row in _having(rows, "ended")]
-    return Log(rows[0], tuple(curve), startup[0] if startup else math.nan, ends[0] if ends else None)
+    return Log(
+        rows[0], tuple(curve), startup[0] if startup else math.nan, ends[0] if ends else None
+    )
 
 
-def train(learner: str, config: TrainConfig, seconds: float, path: Path, name: str, until: float | None = None) -> None:
-    """Train until the steps are done, the time is up, a score is reached or the learner diverges, and write it down.
+def train(
+    learner: str,
+    config: TrainConfig,
+    seconds: float,
+    path: Path,
+    name: str,
+    until: float | None = None,
+) -> None:
+    """Train until the steps are done, the time is up, a score is reached or the learner diverges,
+    and write it down.
 
     Args:
         learner: one of :data:`benchmarks.learning.sides.LEARNERS`.
@@ -102,8 +117,15 @@ def train(learner: str, config: TrainConfig, seconds: float, path: Path, name: s
                 points += 1
                 say(point._asdict() | {"score": None if math.isnan(point.score) else point.score})
                 if spent - shown >= _SAID_EVERY_S or last:
-                    score = "no episode ended" if math.isnan(point.score) else f"score {point.score:+.1f}"
-                    print(f"  {name}: {point.steps / 1e6:.2f} M steps, {spent:.0f} s, {score}", flush=True)
+                    score = (
+                        "no episode ended"
+                        if math.isnan(point.score)
+                        else f"score {point.score:+.1f}"
+                    )
+                    print(
+                        f"  {name}: {point.steps / 1e6:.2f} M steps, {spent:.0f} s, {score}",
+                        flush=True,
+                    )
                     shown = spent
             if os.getppid() != parent:
                 return  # nobody is left to read it
@@ -119,14 +141,26 @@ def main(argv: Sequence[str] | None = None) -> None:
     add = parser.add_argument
     add("--learner", choices=LEARNERS, required=True, help="the learner")
     add("--config", type=Path, required=True, help="YAML file of the training")
-    add("--seconds", type=float, default=600.0, help="most time of the training, s; starting is not counted")
-    add("--until", type=float, metavar="SCORE", help="end where a window has this training score (default: none does)")
+    add(
+        "--seconds",
+        type=float,
+        default=600.0,
+        help="most time of the training, s; starting is not counted",
+    )
+    add(
+        "--until",
+        type=float,
+        metavar="SCORE",
+        help="end where a window has this training score (default: none does)",
+    )
     add("--out", type=Path, required=True, help="file of the run; what is there is replaced")
     options = parser.parse_args(argv)
     if not options.seconds > 0.0:
         raise ConfigError(f"--seconds is {options.seconds}; expected more than 0")
     if not available(options.learner):
-        raise ConfigError(f"--learner {options.learner}: {LEARNERS[options.learner]} is not installed")
+        raise ConfigError(
+            f"--learner {options.learner}: {LEARNERS[options.learner]} is not installed"
+        )
     if not options.out.parent.is_dir():
         raise ConfigError(f"--out {options.out}: there is no directory {options.out.parent}")
     config = load(TrainConfig, options.config)
@@ -134,7 +168,12 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _point(row: dict[str, Any]) -> Point:
-    return Point(row["steps"], row["wall_s"], math.nan if row["score"] is None else row["score"], row["episodes"])
+    return Point(
+        row["steps"],
+        row["wall_s"],
+        math.nan if row["score"] is None else row["score"],
+        row["episodes"],
+    )
 
 
 def _having(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:

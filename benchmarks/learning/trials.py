@@ -1,4 +1,6 @@
-"""The settings that every learner tries, and which of its trials is the best: by score, or by the time to a score."""
+"""The settings that every learner tries, and which of its trials is the best: by score, or by the
+time to a score.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -36,10 +38,11 @@ _TRIED = 10_000
 
 
 def settings(config: TrainConfig, trials: int) -> list[Setting]:
-    """Return what is tried: the configuration itself, the peer's best sizes, then points spread over the space.
+    """Return what is tried: the configuration itself, the peer's best sizes, then points spread
+    over the space.
 
-    A point that the configuration refuses, or with more samples an update than a window of the curves has steps, is
-    replaced by the next.
+    A point that the configuration refuses, or with more samples an update than a window of the
+    curves has steps, is replaced by the next.
 
     Raises:
         ConfigError: so many different ones cannot be had.
@@ -53,7 +56,8 @@ def settings(config: TrainConfig, trials: int) -> list[Setting]:
             found.append(setting)
     if len(found) < trials:
         raise ConfigError(
-            f"--trials is {trials}; expected at most {len(found)}, which is what this configuration takes"
+            f"--trials is {trials}; expected at most {len(found)}, which is what this "
+            "configuration takes"
         )
     return found
 
@@ -68,14 +72,16 @@ def _proposed(own: Setting) -> Iterator[Setting]:
     yield own
     yield own | PEERS_BEST
     low, high = np.log(LEARNING_RATE)
-    # Roberts' sequence, which spreads any first few points evenly; it begins in the middle of the space.
+    # Roberts' sequence, which spreads any first few points evenly; it begins in the middle of the
+    # space.
     dimensions = 1 + len(SPACE)
     base = _root(dimensions)
     steps = base ** -np.arange(1.0, dimensions + 1.0)
     for number in count():
         share, *places = np.modf(0.5 + number * steps)[0]
         chosen = {
-            key: values[int(place * len(values))] for (key, values), place in zip(SPACE.items(), places, strict=True)
+            key: values[int(place * len(values))]
+            for (key, values), place in zip(SPACE.items(), places, strict=True)
         }
         yield {"learning_rate": float(f"{np.exp(low + share * (high - low)):.2g}")} | chosen
 
@@ -107,14 +113,17 @@ class Trial:
     logs: tuple[Log, ...]
 
     def score(self) -> float:
-        """Return the mean over the seeds of the score of the last fifth of a trial's time, not of what came after it.
+        """Return the mean over the seeds of the score of the last fifth of a trial's time, not of
+        what came after it.
 
         The worst there is, where one diverged or ended no window in its time.
         """
         return fmean(map(_score, self.logs))
 
     def times(self, score: float) -> Times:
-        """Return when the seeds came to a score, s of training; None and the whole time of one that never did."""
+        """Return when the seeds came to a score, s of training; None and the whole time of one that
+        never did.
+        """
         found = [reached(log.curve, score, "wall_s") for log in self.logs]
         return Times(tuple(found), tuple(float(log.header["seconds"]) for log in self.logs))
 
@@ -124,8 +133,8 @@ def best(tried: Sequence[Trial], target: float | None) -> dict[str, float]:
 
     Args:
         tried: of one learner, one at least.
-        target: the score that is to be reached soon: most seeds that reach it first, then the least geometric mean of
-            the times; None: the score at the end.
+        target: the score that is to be reached soon: most seeds that reach it first, then the least
+            geometric mean of the times; None: the score at the end.
     """
     if target is None:
         return max(tried, key=Trial.score).setting

@@ -1,14 +1,16 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Latency of the runner on a real graph: ``python -m benchmarks.ros.latency [--calls 1000]``.
 
-Runner, translator and caller are processes of their own; DDS on loopback. All the time the caller publishes a fix and
-a velocity at 100 Hz, which the translator passes on as the ownship's state at 100 Hz, and the intruder at 20 Hz. Each
-call asks for the plan of another random circle encounter, which flies on until the next, before which the simulated
-clock steps back, so that the runner forgets the one before; in turns with it goes the floor, an empty service
-(std_srvs/Trigger) of a fourth process on the same graph. ``end to end`` is from the call to the answer in the caller's
-hands, ``computation`` what the runner says that it took, ``overhead`` the difference. Beside them: the time from the
-start of the runner's process until it says that it is active; the times from a kill and start until it answers at all
-and until a plan is SAFE, with the inputs that its last refusals missed; and its memory. Needs ``make ros``.
+Runner, translator and caller are processes of their own; DDS on loopback. All the time the caller
+publishes a fix and a velocity at 100 Hz, which the translator passes on as the ownship's state at
+100 Hz, and the intruder at 20 Hz. Each call asks for the plan of another random circle encounter,
+which flies on until the next, before which the simulated clock steps back, so that the runner
+forgets the one before; in turns with it goes the floor, an empty service (std_srvs/Trigger) of a
+fourth process on the same graph. ``end to end`` is from the call to the answer in the caller's
+hands, ``computation`` what the runner says that it took, ``overhead`` the difference. Beside them:
+the time from the start of the runner's process until it says that it is active; the times from a
+kill and start until it answers at all and until a plan is SAFE, with the inputs that its last
+refusals missed; and its memory. Needs ``make ros``.
 """
 
 import argparse
@@ -24,7 +26,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.measure import report
-from benchmarks.ros.graph import ORIGIN, PATIENCE, ahead, cores_stolen, placed, resident, scheduled, start, way
+from benchmarks.ros.graph import (
+    ORIGIN,
+    PATIENCE,
+    ahead,
+    cores_stolen,
+    placed,
+    resident,
+    scheduled,
+    start,
+    way,
+)
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
@@ -39,7 +51,10 @@ OWN_RATE, TRAFFIC_RATE = 100.0, 20.0  # Hz
 SETTLE = 3.5 / TRAFFIC_RATE  # s until a scene is known
 RESTARTS = 30
 RUNNER = ("ros_bridge.runner", "--ros-args", "-p", "use_sim_time:=true", "-p", "margin:=0.02")
-BEGIN, BACK = 1_000_000.0, 5.0  # s on the clock of the first scene, and by how much each scene begins earlier
+BEGIN, BACK = (
+    1_000_000.0,
+    5.0,
+)  # s on the clock of the first scene, and by how much each scene begins earlier
 
 
 def empty_service() -> None:
@@ -75,9 +90,15 @@ class Caller:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.fix = self.node.create_publisher(NavSatFix, f"{TRANSLATOR}/input/fix", qos.SENSOR)
-        self.velocity = self.node.create_publisher(TwistStamped, f"{TRANSLATOR}/input/velocity", qos.SENSOR)
-        self.traffic = self.node.create_publisher(AircraftState, f"{NODE}/input/traffic", qos.TRAFFIC)
-        self.origin = self.node.create_publisher(GeoReference, f"{NODE}/input/geo_reference", qos.LATCHED)
+        self.velocity = self.node.create_publisher(
+            TwistStamped, f"{TRANSLATOR}/input/velocity", qos.SENSOR
+        )
+        self.traffic = self.node.create_publisher(
+            AircraftState, f"{NODE}/input/traffic", qos.TRAFFIC
+        )
+        self.origin = self.node.create_publisher(
+            GeoReference, f"{NODE}/input/geo_reference", qos.LATCHED
+        )
         self.plan = self.node.create_client(GenerateTrajectory, f"{NODE}/generate_trajectory")
         self.empty = self.node.create_client(Trigger, "/empty/call")
 
@@ -93,7 +114,10 @@ class Caller:
             if not client.wait_for_service(PATIENCE):
                 raise SystemExit(f"{client.srv_name} did not come up within {PATIENCE:g} s")
         every = (self.fix, self.velocity, self.traffic, self.origin)
-        self.spin(lambda: all(one.get_subscription_count() > 0 for one in every), "runner and translator to subscribe")
+        self.spin(
+            lambda: all(one.get_subscription_count() > 0 for one in every),
+            "runner and translator to subscribe",
+        )
 
     def spin(self, until: Callable[[], bool], what: str) -> None:
         """Publish and listen until something holds."""
@@ -133,7 +157,9 @@ class Caller:
         twist.header.stamp = now
         twist.twist.linear.x, twist.twist.linear.y = east, north
         self.velocity.publish(twist)
-        fix = NavSatFix(status=NavSatStatus(status=0), latitude=at[0], longitude=at[1], altitude=2_500.0)
+        fix = NavSatFix(
+            status=NavSatStatus(status=0), latitude=at[0], longitude=at[1], altitude=2_500.0
+        )
         fix.header.stamp = now
         self.fix.publish(fix)
 
@@ -162,7 +188,9 @@ class Caller:
 
 
 def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
-    """Return end-to-end and computing times by kind of plan, and times of the empty service in turns, s."""
+    """Return end-to-end and computing times by kind of plan, and times of the empty service in
+    turns, s.
+    """
     from rlcas_msgs.msg import Trajectory
     from rlcas_msgs.srv import GenerateTrajectory
     from std_srvs.srv import Trigger
@@ -176,10 +204,14 @@ def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
         other = VehicleState(*(float(field[0]) for field in row.traffic.state))
         caller.show(own, other)
         floor, _ = caller.call(caller.empty, Trigger.Request())
-        asked = GenerateTrajectory.Request(reason=3, route=way(row.route_x.tolist(), row.route_y.tolist()))
+        asked = GenerateTrajectory.Request(
+            reason=3, route=way(row.route_x.tolist(), row.route_y.tolist())
+        )
         took, answer = caller.call(caller.plan, asked)
         if answer.status not in (answer.STATUS_SAFE, answer.STATUS_UNRESOLVED):
-            raise SystemExit(f"encounter {first + number}: status {answer.status}: {answer.message}")
+            raise SystemExit(
+                f"encounter {first + number}: status {answer.status}: {answer.message}"
+            )
         safe = answer.status == answer.STATUS_SAFE
         kind = kinds[answer.trajectory.source] if safe else "unresolved"
         times["empty"].append(floor)
@@ -189,7 +221,9 @@ def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
     return times
 
 
-def restarted(caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[str, Any]) -> "subprocess.Popen[bytes]":
+def restarted(
+    caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[str, Any]
+) -> "subprocess.Popen[bytes]":
     """Kill the runner and start it again, several times; return the last one."""
     from rlcas_msgs.srv import GenerateTrajectory
 
@@ -220,7 +254,10 @@ def restarted(caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[s
         for future in asked:
             caller.plan.remove_pending_request(future)
     for name, times in (("answer", answered), ("safe_plan", first)):
-        figures |= {f"killed_to_{name}_median_s": float(np.median(times)), f"killed_to_{name}_max_s": max(times)}
+        figures |= {
+            f"killed_to_{name}_median_s": float(np.median(times)),
+            f"killed_to_{name}_max_s": max(times),
+        }
     figures["last_missed_before_the_plan"] = dict(missed)
     return runner
 
@@ -242,7 +279,9 @@ def activated() -> Start:
     """Start a runner, and end it as soon as it says that it is active."""
     stolen, began = cores_stolen(), time.perf_counter()
     command = [sys.executable, "-m", "ros_bridge.runner"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as runner:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as runner:
         assert runner.stdout is not None
         for line in runner.stdout:
             if line.rstrip().endswith("active"):
@@ -291,7 +330,10 @@ def flown(calls: int) -> dict[str, Any]:
         figures["runner_resident_mib"] = resident(servers[0])
         ready = [activated() for _ in range(RESTARTS)]
         wall = [one.wall for one in ready]
-        figures |= {"start_to_active_median_s": float(np.median(wall)), "start_to_active_max_s": max(wall)}
+        figures |= {
+            "start_to_active_median_s": float(np.median(wall)),
+            "start_to_active_max_s": max(wall),
+        }
         figures["starts_to_active_s"] = [round(one, 3) for one in sorted(wall)]
         figures["slowest_start_s"] = max(ready)._asdict()
         servers[0] = restarted(caller, servers[0], figures)

@@ -1,12 +1,14 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""An hour of traffic and 10000 requests: ``python -m benchmarks.ros.soak [--requests 10000] [--hours 1]``.
+"""An hour of traffic and 10000 requests: ``python -m benchmarks.ros.soak [--requests 10000]
+[--hours 1]``.
 
-Runner and monitor are processes of their own on simulated time. The ownship flies a circle of 20 km (10 reports a
-second), twenty others cross the area on straight lines (a report a second each); one that has crossed is replaced by
-another with a new name. Requests come evenly over the time; the plans are published and watched by the monitor, whose
-own requests come on top, but never flown. The last line is one JSON object; the exit code is 1 if a request got no
-answer, an answer was a fault of the runner's, or memory or times of the answers grew from the first tenth (after it has
-warmed up) to the last: by more than 5 MiB, or half. Needs ``make ros``.
+Runner and monitor are processes of their own on simulated time. The ownship flies a circle of 20 km
+(10 reports a second), twenty others cross the area on straight lines (a report a second each); one
+that has crossed is replaced by another with a new name. Requests come evenly over the time; the
+plans are published and watched by the monitor, whose own requests come on top, but never flown. The
+last line is one JSON object; the exit code is 1 if a request got no answer, an answer was a fault
+of the runner's, or memory or times of the answers grew from the first tenth (after it has warmed
+up) to the last: by more than 5 MiB, or half. Needs ``make ros``.
 """
 
 import argparse
@@ -61,7 +63,9 @@ class Sky:
         bearing, offset = self._random.uniform(-math.pi, math.pi), self._random.uniform(-0.8, 0.8)
         course = float(wrap(np.asarray(bearing + math.pi + offset), np))
         speed = float(self._random.uniform(50.0, 100.0))
-        return f"{self.made:06x}", VehicleState(REACH * math.cos(bearing), REACH * math.sin(bearing), course, speed)
+        return f"{self.made:06x}", VehicleState(
+            REACH * math.cos(bearing), REACH * math.sin(bearing), course, speed
+        )
 
 
 def own_at(time: float) -> VehicleState:
@@ -95,7 +99,9 @@ class World:
         self.origin = make(GeoReference, f"{RUNNER}/input/geo_reference", qos.LATCHED)
         self.client = self.node.create_client(GenerateTrajectory, f"{RUNNER}/generate_trajectory")
         self.judgements: Counter[int] = Counter()
-        self.node.create_subscription(AssuranceStatus, f"{MONITOR}/output/status", self._on_status, qos.LATCHED)
+        self.node.create_subscription(
+            AssuranceStatus, f"{MONITOR}/output/status", self._on_status, qos.LATCHED
+        )
         self.answered = 0
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, qos.EVENTS)
         self.sky, self.time, self.ticks = Sky(seed), 1.0, 0
@@ -106,7 +112,9 @@ class World:
 
     def _on_health(self, message: Any) -> None:
         for status in message.status:
-            counts = [int(value.value) for value in status.values if value.key.startswith("answers ")]
+            counts = [
+                int(value.value) for value in status.values if value.key.startswith("answers ")
+            ]
             if status.name.endswith("rlcas_runner"):
                 self.answered = sum(counts)
 
@@ -114,7 +122,9 @@ class World:
         """Wait until runner and monitor listen."""
         end = time.monotonic() + PATIENCE
         every = (self.own, self.traffic, self.origin, self.clock)
-        while not self.client.service_is_ready() or any(one.get_subscription_count() < 2 for one in every):
+        while not self.client.service_is_ready() or any(
+            one.get_subscription_count() < 2 for one in every
+        ):
             if time.monotonic() > end:
                 raise SystemExit(f"runner and monitor did not come up within {PATIENCE:g} s")
             self.executor.spin_once(timeout_sec=0.02)
@@ -172,7 +182,9 @@ def main() -> int:
     parser = Parser(description=__doc__)
     parser.add_argument("--requests", type=int, default=10_000, help="how many (default 10000)")
     parser.add_argument("--hours", type=float, default=1.0, help="of simulated time (default 1)")
-    parser.add_argument("--rate", type=float, default=10.0, help="times real time, at most (default 10)")
+    parser.add_argument(
+        "--rate", type=float, default=10.0, help="times real time, at most (default 10)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the traffic (default 0)")
     options = parser.parse_args()
     for name, least in (("requests", 100), ("hours", 0.02), ("rate", 0.1)):
@@ -190,7 +202,15 @@ def main() -> int:
 def soaked(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     """Fly and ask; return the figures, and whether nothing grew or was lost."""
     # An aircraft that has left the area is stale, and requests are refused, until it is forgotten.
-    given = ("--ros-args", "--log-level", "fatal", "-p", "use_sim_time:=true", "-p", "forget_after:=8.0")
+    given = (
+        "--ros-args",
+        "--log-level",
+        "fatal",
+        "-p",
+        "use_sim_time:=true",
+        "-p",
+        "forget_after:=8.0",
+    )
     nodes = [start("ros_bridge.runner", *given), start("ros_bridge.monitor", *given)]
     ticks = round(options.hours * 3600.0 / TICK)
     due = np.linspace(50, ticks, options.requests, endpoint=False).astype(int).tolist()
@@ -209,7 +229,9 @@ def soaked(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
             if tick % max(ticks // 200, 1) == 0:
                 memory.append([resident(node) for node in nodes])
             if tick % max(ticks // 20, 1) == 0:
-                print(f"{100.0 * tick / ticks:.0f} %, {asked} requests", file=sys.stderr, flush=True)
+                print(
+                    f"{100.0 * tick / ticks:.0f} %, {asked} requests", file=sys.stderr, flush=True
+                )
             rest = (tick + 1) * TICK / options.rate - (time.perf_counter() - began)
             if rest > 0.0:
                 world.executor.spin_once(timeout_sec=rest)

@@ -1,8 +1,9 @@
 """Requests that try to make the planner call a bad plan safe, drawn by number.
 
-Request 1234 of a seed is the same with however many others it is drawn: its family follows from the number, the
-options that it is planned with too, and its draws from :mod:`envs.draws`. Frame: local ENU, metres, radians. They are
-of the paper's aircraft, and can be scaled to others, drawn at random too.
+Request 1234 of a seed is the same with however many others it is drawn: its family follows from the
+number, the options that it is planned with too, and its draws from :mod:`envs.draws`. Frame: local
+ENU, metres, radians. They are of the paper's aircraft, and can be scaled to others, drawn at random
+too.
 """
 
 import math
@@ -49,10 +50,11 @@ class Family:
     share: int
     """Of 100 requests."""
     kinds: tuple[str, ...] = ("meeting",)
-    """Of intruders, alike in number: ``meeting`` (closest to the ownship's straight flight within 250 s), ``near``
-    (1000..1100 m away at the request), ``ahead`` (close to the route when the ownship should be there, 60..500 s),
-    ``trail`` (on the route now, the same way or against it), ``goal`` (over a point of the route when the ownship
-    should be), ``co-located`` (at the beginning of the route), ``inside`` (closer than 1000 m at the request)."""
+    """Of intruders, alike in number: ``meeting`` (closest to the ownship's straight flight within
+    250 s), ``near`` (1000..1100 m away at the request), ``ahead`` (close to the route when the
+    ownship should be there, 60..500 s), ``trail`` (on the route now, the same way or against it),
+    ``goal`` (over a point of the route when the ownship should be), ``co-located`` (at the
+    beginning of the route), ``inside`` (closer than 1000 m at the request)."""
     intruders: tuple[int, int] = (1, 1)
     """Fewest and most."""
     bend: float = 0.0
@@ -83,29 +85,56 @@ FAMILIES = (
     Family("circle of many", 6, intruders=(2, 8), astray=8.0),
     Family("near starts", 12, ("near",), (1, 2), astray=30.0),
     Family("envelope ends", 8, ("meeting", "near"), (1, 3), ends=0.9, astray=60.0),
-    Family("bends", 8, ("meeting", "ahead", "goal"), (0, 3), 150.0, spacing=_DENSE, off=1_000.0, astray=30.0),
+    Family(
+        "bends",
+        8,
+        ("meeting", "ahead", "goal"),
+        (0, 3),
+        150.0,
+        spacing=_DENSE,
+        off=1_000.0,
+        astray=30.0,
+    ),
     Family("zig-zag", 5, ("meeting", "ahead"), (0, 2), 150.0, True, _DENSE, ends=0.3),
-    Family("coincident points", 5, ("meeting", "goal"), (0, 2), 90.0, spacing=_DENSE, coincident=0.4),
+    Family(
+        "coincident points", 5, ("meeting", "goal"), (0, 2), 90.0, spacing=_DENSE, coincident=0.4
+    ),
     Family("off the route", 8, _MIXED, (0, 3), 60.0, spacing=_DENSE, off=5_000.0, astray=180.0),
     Family("after the rejoin", 10, ("ahead", "trail"), (1, 3), 40.0, spacing=(3_000.0, 10_000.0)),
     Family("at the goal", 6, ("goal",), (1, 2), 40.0, spacing=(4_000.0, 12_000.0), astray=20.0),
     Family("turning", 8, ("meeting", "near", "ahead"), (1, 3), turning=1.0, astray=20.0),
     Family("uncertain", 5, _MIXED, (1, 3), 30.0, unsure=1.0, turning=0.3),
-    Family("co-located", 2, ("co-located", "inside", "near"), (1, 2), 20.0, off=5_000.0, astray=90.0),
-    Family("everything", 3, _KINDS, (0, 8), 150.0, False, _DENSE, 0.1, 5_000.0, 180.0, 0.3, 0.4, 0.3),
+    Family(
+        "co-located", 2, ("co-located", "inside", "near"), (1, 2), 20.0, off=5_000.0, astray=90.0
+    ),
+    Family(
+        "everything", 3, _KINDS, (0, 8), 150.0, False, _DENSE, 0.1, 5_000.0, 180.0, 0.3, 0.4, 0.3
+    ),
 )
 """In the order of the tally; their shares sum to 100."""
 
 _NAMES = (
-    *("default", "no margin", "margin 50 m", "extended route", "one goal", "not direct", "cheapest"),
+    *(
+        "default",
+        "no margin",
+        "margin 50 m",
+        "extended route",
+        "one goal",
+        "not direct",
+        "cheapest",
+    ),
     *("rejoin by 60 s", "rejoin by 340 s", "exhaustive"),
 )
 
 
 def variants(aircraft: Aircraft) -> dict[str, Options]:
-    """Return how requests are planned, by name; only the last with the slow last stages of the fallback."""
+    """Return how requests are planned, by name; only the last with the slow last stages of the
+    fallback.
+    """
 
-    def options(margin: float | None = 1e-4, *, exhaustive: bool = False, **changes: Any) -> Options:
+    def options(
+        margin: float | None = 1e-4, *, exhaustive: bool = False, **changes: Any
+    ) -> Options:
         if margin is not None:
             changes["requirement"] = Requirement(aircraft.separation, margin * aircraft.separation)
         return Options.for_aircraft(aircraft, exhaustive=exhaustive, **changes)
@@ -129,17 +158,20 @@ VARIANTS = variants(PAPER)
 """Of the paper's aircraft."""
 
 _TURNS = np.concatenate([np.tile(np.arange(len(VARIANTS) - 1), 7), [len(VARIANTS) - 1]])
-"""Variants of successive hundreds of requests: each alike often, exhaustive planning for 1 in 64."""
+"""Variants of successive hundreds of requests: each alike often, exhaustive planning for 1 in 64.
+"""
 
-_CYCLE = np.random.default_rng(1).permutation(np.repeat(np.arange(len(FAMILIES)), [one.share for one in FAMILIES]))
+_CYCLE = np.random.default_rng(1).permutation(
+    np.repeat(np.arange(len(FAMILIES)), [one.share for one in FAMILIES])
+)
 
 
 class Drawn(NamedTuple):
     """Requests and where they come from; fields ``[N]``."""
 
     request: Request
-    """Intruders ``[N, MOST_INTRUDERS]``; those that the mask leaves out are there to be ignored. Routes ``[N,
-    MOST_POINTS]``."""
+    """Intruders ``[N, MOST_INTRUDERS]``; those that the mask leaves out are there to be ignored.
+    Routes ``[N, MOST_POINTS]``."""
     number: Any
     family: Any
     """Place in :data:`FAMILIES`."""
@@ -166,9 +198,13 @@ def drawn(seed: int, first: int, count: int) -> Drawn:
     route, points = _routes(which, origin, course, own_draws, point_draws)
     speed = 50.0 + 50.0 * own_draws[6]
     edge = np.array([49.0, 49.5, 50.0, 50.0, 99.5, 99.6, 99.9, 100.0, 100.5, 101.0])
-    speed = np.where(own_draws[7] < _each("ends")[which], edge[(own_draws[8] * edge.size).astype(int)], speed)
+    speed = np.where(
+        own_draws[7] < _each("ends")[which], edge[(own_draws[8] * edge.size).astype(int)], speed
+    )
     # Half of those that may be astray are, by a share of the most that grows slowly.
-    astray = np.radians(_each("astray")[which]) * np.where(own_draws[9] < 0.5, own_draws[10] ** 2, own_draws[10])
+    astray = np.radians(_each("astray")[which]) * np.where(
+        own_draws[9] < 0.5, own_draws[10] ** 2, own_draws[10]
+    )
     heading = course + np.where(own_draws[11] < 0.5, -astray, astray)
     off = _each("off")[which] * own_draws[12] * np.exp(2j * math.pi * own_draws[13])
     place = route[:, 0] + off
@@ -187,11 +223,18 @@ def _routes(which: Any, origin: Any, course: Any, own: Any, points: Any) -> tupl
     """Return routes ``[N, MOST_POINTS]`` as complex positions, m, and how many points each has."""
     bend = np.radians(_each("bend")[which])[:, None]
     sides = np.where(np.arange(MOST_POINTS) % 2 == 0, 1.0, -1.0)
-    turn = np.where(_each("zigzag")[which][:, None], sides * (0.5 + 0.5 * points[0]), 2.0 * points[0] - 1.0) * bend
+    turn = (
+        np.where(
+            _each("zigzag")[which][:, None], sides * (0.5 + 0.5 * points[0]), 2.0 * points[0] - 1.0
+        )
+        * bend
+    )
     turn[:, 0] = 0.0
     low, high = (_each("spacing")[which][:, side, None] for side in (0, 1))
     spacing = low * (high / low) ** points[1]
-    spacing = np.where(points[2] < _each("coincident")[which][:, None], 1.0 + 29.0 * points[3], spacing)
+    spacing = np.where(
+        points[2] < _each("coincident")[which][:, None], 1.0 + 29.0 * points[3], spacing
+    )
     # The first leg of straight routes is as long as an encounter's.
     plain = (low == high)[:, 0]
     spacing[:, 0] = np.where(plain, 6_000.0 + 14_000.0 * own[4], spacing[:, 0])
@@ -207,8 +250,12 @@ def _routes(which: Any, origin: Any, course: Any, own: Any, points: Any) -> tupl
     return places, count
 
 
-def _traffic(which: Any, own: tuple[Any, Any, Any], route: Any, points: Any, u: Any, extra: Any) -> Traffic:
-    """Return the intruders ``[N, MOST_INTRUDERS]``, draws ``u`` ``[_EACH_INTRUDER, N, MOST_INTRUDERS]``."""
+def _traffic(
+    which: Any, own: tuple[Any, Any, Any], route: Any, points: Any, u: Any, extra: Any
+) -> Traffic:
+    """Return the intruders ``[N, MOST_INTRUDERS]``, draws ``u`` ``[_EACH_INTRUDER, N,
+    MOST_INTRUDERS]``.
+    """
     place, heading, speed = (field[:, None] for field in own)
     lists = [[_KINDS.index(name) for name in family.kinds] for family in FAMILIES]
     lengths = np.array([len(kinds) for kinds in lists])
@@ -217,9 +264,13 @@ def _traffic(which: Any, own: tuple[Any, Any, Any], route: Any, points: Any, u: 
     name = np.array(_KINDS)[kind]
 
     pace = np.where(
-        u[1] < 0.1, 0.0, np.where(u[1] < 0.2, 150.0, np.where(u[1] < 0.5, 150.0 * u[2], 50.0 + 50.0 * u[2]))
+        u[1] < 0.1,
+        0.0,
+        np.where(u[1] < 0.2, 150.0, np.where(u[1] < 0.5, 150.0 * u[2], 50.0 + 50.0 * u[2])),
     )
-    pace = np.where((name == "trail") | ((name == "ahead") & (u[3] < 0.6)), speed + 40.0 * (u[2] - 0.5), pace)
+    pace = np.where(
+        (name == "trail") | ((name == "ahead") & (u[3] < 0.6)), speed + 40.0 * (u[2] - 0.5), pace
+    )
     turns = u[4] < _each("turning")[which][:, None]
     rate = np.where(turns, np.radians(5.0) * (2.0 * u[5] - 1.0), 0.0)
     lasts = np.where(turns, 400.0 * u[6] ** 2, 0.0)
@@ -230,14 +281,18 @@ def _traffic(which: Any, own: tuple[Any, Any, Any], route: Any, points: Any, u: 
     meet_time = 15.0 + 235.0 * u[11]
     ahead_time = 60.0 + 440.0 * u[11]
     on_route, along = _on_route(route, points, place, speed * ahead_time)
-    way = np.array([0.0, 0.0, math.pi, 0.5 * math.pi])[(u[12] * 4.0).astype(int)] + 0.2 * (u[13] - 0.5)
+    way = np.array([0.0, 0.0, math.pi, 0.5 * math.pi])[(u[12] * 4.0).astype(int)] + 0.2 * (
+        u[13] - 0.5
+    )
     now_route, now_along = _on_route(route, points, place, 30_000.0 * u[11])
     goal = 1 + (u[12] * np.minimum(points[:, None] - 1, 2)).astype(int)
     goal_place = np.take_along_axis(route, goal, 1)
     goal_time = np.abs(goal_place - place) / speed + 30.0 * (u[13] - 0.5)
     near = np.where(name == "inside", 1_000.0 * u[11], 1_000.0 + 100.0 * u[11] ** 2)
     around = place + near * np.exp(1j * any_course)
-    towards = np.where(u[12] < 0.5, any_course + math.pi + 1.5 * (u[13] - 0.5), 2.0 * math.pi * u[13])
+    towards = np.where(
+        u[12] < 0.5, any_course + math.pi + 1.5 * (u[13] - 0.5), 2.0 * math.pi * u[13]
+    )
     choices = [name == kind for kind in ("meeting", "ahead", "trail", "goal", "co-located")]
     zero = np.zeros(u[0].shape)
     places = (
@@ -249,7 +304,13 @@ def _traffic(which: Any, own: tuple[Any, Any, Any], route: Any, points: Any, u: 
     )
     where = np.select(choices, places, around)
     when = np.select(choices, (meet_time, ahead_time, zero, goal_time, zero), zero)
-    courses = (any_course, along + way, now_along + np.where(u[12] < 0.8, 0.0, math.pi), any_course, any_course)
+    courses = (
+        any_course,
+        along + way,
+        now_along + np.where(u[12] < 0.8, 0.0, math.pi),
+        any_course,
+        any_course,
+    )
     there = np.select(choices, courses, towards)
     begin = there - rate * np.minimum(when, lasts)
     start = where - travelled(begin, pace, rate, lasts, when)
@@ -265,7 +326,8 @@ def _traffic(which: Any, own: tuple[Any, Any, Any], route: Any, points: Any, u: 
 
 
 def _on_route(route: Any, points: Any, place: Any, length: Any) -> tuple[Any, Any]:
-    """Return the positions and courses at lengths ``[N, K]`` along routes, beyond their ends straight on.
+    """Return the positions and courses at lengths ``[N, K]`` along routes, beyond their ends
+    straight on.
 
     The ownship's way to the first point is the first leg.
     """
@@ -289,13 +351,17 @@ def _wrapped(angle: Any) -> Any:
 
 
 def random_aircraft(rng: np.random.Generator) -> Aircraft:
-    """Return an aircraft of 25 to 240 m/s that flies 4 to 60 s for a separation, and turns in 0.3 to 2.5 of them."""
+    """Return an aircraft of 25 to 240 m/s that flies 4 to 60 s for a separation, and turns in 0.3
+    to 2.5 of them.
+    """
     fastest = float(25.0 * (240.0 / 25.0) ** rng.uniform())
     separation = fastest * float(4.0 * 15.0 ** rng.uniform())
     turn = fastest / (float(rng.uniform(0.3, 2.5)) * separation)
     push = fastest * fastest / separation * rng.uniform(0.02, 0.1, 2)
     slowest = float(rng.uniform(0.3, 0.7)) * fastest
-    return new_aircraft(Limits(slowest, fastest, -1.5 * float(push[0]), float(push[1]), turn), separation)
+    return new_aircraft(
+        Limits(slowest, fastest, -1.5 * float(push[0]), float(push[1]), turn), separation
+    )
 
 
 def random_options(aircraft: Aircraft, rng: np.random.Generator) -> Options:
@@ -304,7 +370,9 @@ def random_options(aircraft: Aircraft, rng: np.random.Generator) -> Options:
     margin = float(rng.choice([0.0, 0.02, 0.1, 10.0, 50.0])) * unit
     return Options.for_aircraft(
         aircraft,
-        requirement=Requirement(aircraft.separation, margin, float(rng.choice([0.0, 1.0, 2.0, 3.0]))),
+        requirement=Requirement(
+            aircraft.separation, margin, float(rng.choice([0.0, 1.0, 2.0, 3.0]))
+        ),
         goals=1,
         extend_route=bool(rng.random() < 0.5),
         exhaustive=False,
@@ -317,15 +385,22 @@ def policy_for(aircraft: Aircraft) -> Policy:
 
 
 def scaled(request: Request, aircraft: Aircraft) -> Request:
-    """Return requests for the paper's aircraft as another's: lengths in separations, speeds in its greatest speed."""
-    length, pace = aircraft.separation / PAPER.separation, aircraft.limits.speed_max / PAPER.limits.speed_max
+    """Return requests for the paper's aircraft as another's: lengths in separations, speeds in its
+    greatest speed.
+    """
+    length, pace = (
+        aircraft.separation / PAPER.separation,
+        aircraft.limits.speed_max / PAPER.limits.speed_max,
+    )
     own, traffic = request.own, request.traffic
 
     def state(one: VehicleState) -> VehicleState:
         return VehicleState(length * one.x, length * one.y, one.heading, pace * one.speed)
 
     moving: Any = state(own)
-    moving = moving._replace(speed=np.clip(moving.speed, aircraft.limits.speed_min, aircraft.limits.speed_max))
+    moving = moving._replace(
+        speed=np.clip(moving.speed, aircraft.limits.speed_min, aircraft.limits.speed_max)
+    )
     time = length / pace
     seen = traffic._replace(
         state=state(traffic.state),

@@ -1,7 +1,8 @@
-"""Batches of adversarial requests, planned, and what their SAFE plans break when they are judged anew.
+"""Batches of adversarial requests, planned, and what their SAFE plans break when they are judged
+anew.
 
-The batch that a request is planned in follows from its number and the size of the blocks, so that its plan does too:
-evaluated in other company the policy's network rounds differently.
+The batch that a request is planned in follows from its number and the size of the blocks, so that
+its plan does too: evaluated in other company the policy's network rounds differently.
 """
 
 import warnings
@@ -18,7 +19,15 @@ from agents.planner.planner import plan_many
 from agents.planner.request import Options, Request
 from agents.policy.inference import Policy
 from benchmarks.safety import published
-from benchmarks.safety.adversary import FAMILIES, VARIANTS, Drawn, drawn, random_aircraft, scaled, variants
+from benchmarks.safety.adversary import (
+    FAMILIES,
+    VARIANTS,
+    Drawn,
+    drawn,
+    random_aircraft,
+    scaled,
+    variants,
+)
 from benchmarks.safety.reflight import refly
 from benchmarks.safety.resimulation import CHECKS, Route, resimulate
 from envs import draws
@@ -53,12 +62,18 @@ class Batch(NamedTuple):
     family: str = ""
     """Name of the only family that is planned; empty: all are."""
     any_aircraft: bool = False
-    """Whether the requests are scaled to an aircraft drawn by the batch's first number; else the paper's."""
+    """Whether the requests are scaled to an aircraft drawn by the batch's first number; else the
+    paper's.
+    """
 
     @property
     def aircraft(self) -> Aircraft:
         """Whose requests they are."""
-        return random_aircraft(np.random.default_rng([self.seed, self.hundreds[0]])) if self.any_aircraft else PAPER
+        return (
+            random_aircraft(np.random.default_rng([self.seed, self.hundreds[0]]))
+            if self.any_aircraft
+            else PAPER
+        )
 
 
 @dataclass
@@ -71,8 +86,8 @@ class Tally:
     single: Counter[str] = field(default_factory=Counter)
     """Answers of ``plan``: safe, unresolved, refused."""
     counts: Counter[str] = field(default_factory=Counter)
-    """SAFE plans re-flown, and those of them that came closer than 1000 m because they began or were asked to be
-    closer than the follower's error beyond it."""
+    """SAFE plans re-flown, and those of them that came closer than 1000 m because they began or
+    were asked to be closer than the follower's error beyond it."""
     violations: list[dict[str, Any]] = field(default_factory=list)
     spare: float = np.inf
     """Smallest separation of a SAFE plan less the required one, m."""
@@ -90,12 +105,16 @@ class Tally:
         self.violations += other.violations
         self.spare = min(self.spare, other.spare)
         self.flown, self.error = min(self.flown, other.flown), max(self.error, other.error)
-        self.use = {name: max(self.use.get(name, 0.0), value) for name, value in other.use.items()} or self.use
+        self.use = {
+            name: max(self.use.get(name, 0.0), value) for name, value in other.use.items()
+        } or self.use
 
     @classmethod
     def of(cls, written: dict[str, Any]) -> "Tally":
         """Return the tally that these numbers, its ``vars``, were written of."""
-        counters: dict[str, Any] = {name: Counter(written[name]) for name in ("requests", "safe", "single", "counts")}
+        counters: dict[str, Any] = {
+            name: Counter(written[name]) for name in ("requests", "safe", "single", "counts")
+        }
         return cls(**(written | counters))
 
     def blame(self, check: str, number: int, **more: Any) -> None:
@@ -111,11 +130,14 @@ class Tally:
         return {
             "requests": self.requests.total(),
             "safe": self.safe.total(),
-            "families": {one.name: [self.requests[one.name], self.safe[one.name]] for one in FAMILIES},
+            "families": {
+                one.name: [self.requests[one.name], self.safe[one.name]] for one in FAMILIES
+            },
             "through_plan": dict(sorted(self.single.items())),
             "violations": len(self.violations),
             "violations_by_check": {
-                name: {"count": len(numbers), "first": sorted(numbers)[:_SHOWN]} for name, numbers in checks.items()
+                name: {"count": len(numbers), "first": sorted(numbers)[:_SHOWN]}
+                for name, numbers in checks.items()
             },
             "smallest_spare_separation_m": self.spare if np.isfinite(self.spare) else None,
             "largest_limit_use": self.use,
@@ -128,9 +150,18 @@ class Tally:
 
 
 def tasks(
-    seed: int, first: int, count: int, single: int, block: int, family: str = "", *, any_aircraft: bool = False
+    seed: int,
+    first: int,
+    count: int,
+    single: int,
+    block: int,
+    family: str = "",
+    *,
+    any_aircraft: bool = False,
 ) -> Iterator[Batch]:
-    """Return the batches of requests ``first .. first + count - 1``, the first ``single`` of them one by one too."""
+    """Return the batches of requests ``first .. first + count - 1``, the first ``single`` of them
+    one by one too.
+    """
     for hundred in range(first // HUNDRED * HUNDRED, first + single if single else 0, HUNDRED):
         yield Batch(seed, (hundred,), first, first + single, True, family, any_aircraft)
     for begin in range(first // block * block, first + count, block):
@@ -139,7 +170,9 @@ def tasks(
             alike.setdefault(_variant(hundred), []).append(hundred)
         for hundreds in alike.values():
             if any(first < hundred + HUNDRED and hundred < first + count for hundred in hundreds):
-                yield Batch(seed, tuple(hundreds), first, first + count, False, family, any_aircraft)
+                yield Batch(
+                    seed, tuple(hundreds), first, first + count, False, family, any_aircraft
+                )
 
 
 def attack(batch: Batch, policy: Policy) -> Tally:
@@ -150,7 +183,10 @@ def attack(batch: Batch, policy: Policy) -> Tally:
         requests = mapped(lambda *fields: np.concatenate(fields), *parts)
         tally = Tally()
         if batch.family:
-            requests = take(requests, np.array([FAMILIES[family].name == batch.family for family in requests.family]))
+            requests = take(
+                requests,
+                np.array([FAMILIES[family].name == batch.family for family in requests.family]),
+            )
             if requests.number.size == 0:
                 return tally
         wanted = (requests.number >= batch.first) & (requests.number < batch.end)
@@ -176,7 +212,9 @@ def attack(batch: Batch, policy: Policy) -> Tally:
         return tally
 
 
-def judge(tally: Tally, seed: int, requests: Drawn, knots: Knots, last: Any, options: Options) -> None:
+def judge(
+    tally: Tally, seed: int, requests: Drawn, knots: Knots, last: Any, options: Options
+) -> None:
     """Judge SAFE plans ``[N]``: re-simulate all, re-fly some."""
     if len(last) == 0:
         return
@@ -185,23 +223,43 @@ def judge(tally: Tally, seed: int, requests: Drawn, knots: Knots, last: Any, opt
     ceilings = np.maximum(limits.speed_max, request.own.speed)
     for ceiling in np.unique(ceilings):
         rows = np.flatnonzero(ceilings == ceiling)
-        part, plans, own_limits = take(request, rows), take(knots, rows), limits._replace(speed_max=float(ceiling))
+        part, plans, own_limits = (
+            take(request, rows),
+            take(knots, rows),
+            limits._replace(speed_max=float(ceiling)),
+        )
         route = Route(part.route_x, part.route_y, part.points, last[rows])
         verdict = resimulate(plans, part.own, part.traffic, route, options, own_limits)
         for check, row in np.argwhere(verdict.wrong).tolist():
-            _blame(tally, CHECKS[check], requests, rows[row], separation=float(verdict.min_separation[row]))
-        tally.spare = min(tally.spare, float(verdict.min_separation.min()) - options.requirement.separation)
+            _blame(
+                tally,
+                CHECKS[check],
+                requests,
+                rows[row],
+                separation=float(verdict.min_separation[row]),
+            )
+        tally.spare = min(
+            tally.spare, float(verdict.min_separation.min()) - options.requirement.separation
+        )
         for name, value in _use(plans, own_limits).items():
             tally.use[name] = max(tally.use.get(name, 0.0), value)
-        # ... but no vehicle of ours gets back to a speed beyond it that it has left (envs.kinematics.advance).
+        # ... but no vehicle of ours gets back to a speed beyond it that it has left
+        # (envs.kinematics.advance).
         for row in np.flatnonzero(_rising(plans, limits)):
             _blame(tally, "speed beyond the limit regained", requests, rows[row])
-    chosen = np.array([draws.uniforms(seed, int(number), 1, (1,), 1)[0, 0] for number in requests.number]) < REFLOWN
+    chosen = (
+        np.array(
+            [draws.uniforms(seed, int(number), 1, (1,), 1)[0, 0] for number in requests.number]
+        )
+        < REFLOWN
+    )
     rows = np.flatnonzero(chosen & np.isfinite(np.stack(knots)).all(axis=(0, 2)))
     if rows.size == 0 or options.aircraft != PAPER:
         return  # the follower of this attack is tuned to time steps of 1 s
     flight = refly(take(knots, rows), take(request, rows), options.requirement, limits)
-    tally.counts.update({"reflown": rows.size, "below 1000 m": int(np.sum(flight.separation < 1000.0))})
+    tally.counts.update(
+        {"reflown": rows.size, "below 1000 m": int(np.sum(flight.separation < 1000.0))}
+    )
     tally.flown = min(tally.flown, float(flight.separation.min()))
     tally.error = max(tally.error, float(flight.error.max()))
     for name, wrong in (("flown separation", flight.too_close), ("flown error", flight.astray)):
@@ -232,7 +290,14 @@ def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, option
             places.append(row)
     if judged:
         knots, last, request = mapped(lambda *fields: np.stack(fields), *judged)
-        judge(tally, seed, take(requests, np.array(places))._replace(request=request), knots, last, options)
+        judge(
+            tally,
+            seed,
+            take(requests, np.array(places))._replace(request=request),
+            knots,
+            last,
+            options,
+        )
 
 
 def _families(requests: Drawn, rows: Any) -> Counter[str]:

@@ -1,10 +1,12 @@
-"""The attack on certificates: ``python -m benchmarks.safety.certificates [--plans 1000] [--out runs/certificates]``.
+"""The attack on certificates: ``python -m benchmarks.safety.certificates [--plans 1000] [--out
+runs/certificates]``.
 
-Blocks of requests (:mod:`benchmarks.safety.adversary`), each for an aircraft drawn at random and scaled to it, are
-planned side by side. The independent checker must accept the certificate of every SAFE plan. Then one thing of each is
-moved a little (:mod:`benchmarks.safety.mutation`); where :mod:`benchmarks.safety.judgement` finds that wrong, the
-checker must refuse it. Two certificates of a block go through the command line too. With ``--out`` a run that was
-stopped goes on after its last whole block. The last line is one JSON object; exit status 1 means that a certificate was
+Blocks of requests (:mod:`benchmarks.safety.adversary`), each for an aircraft drawn at random and
+scaled to it, are planned side by side. The independent checker must accept the certificate of every
+SAFE plan. Then one thing of each is moved a little (:mod:`benchmarks.safety.mutation`); where
+:mod:`benchmarks.safety.judgement` finds that wrong, the checker must refuse it. Two certificates of
+a block go through the command line too. With ``--out`` a run that was stopped goes on after its
+last whole block. The last line is one JSON object; exit status 1 means that a certificate was
 refused, or a wrong one accepted.
 """
 
@@ -58,7 +60,9 @@ class _Asked(NamedTuple):
 
 
 def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
-    """Return the numbers of those requests of a block that have a SAFE plan, and the plans' certificates."""
+    """Return the numbers of those requests of a block that have a SAFE plan, and the plans'
+    certificates.
+    """
     rng = np.random.default_rng([seed, block, 0])
     one = adversary.random_aircraft(rng)
     options = adversary.random_options(one, rng)
@@ -70,7 +74,9 @@ def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
         question = published.question(seed, first + row, take(requests, row))
         try:
             check_options(options)
-            request, excluded, _ = checked(question.own, question.intruders, question.route, options, question.altitude)
+            request, excluded, _ = checked(
+                question.own, question.intruders, question.route, options, question.altitude
+            )
         except RequestError:
             continue
         asked.append(_Asked(first + row, question, request, excluded))
@@ -82,7 +88,13 @@ def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
         each = asked[row]
         if any(points[-1].time > one.until for one in each.excluded):
             continue  # ``plan`` does not publish it
-        given = each.question.own, each.question.intruders, points, each.excluded, each.question.altitude
+        given = (
+            each.question.own,
+            each.question.intruders,
+            points,
+            each.excluded,
+            each.question.altitude,
+        )
         found.append((each.number, certificate(*given, options)))
     return found
 
@@ -92,7 +104,10 @@ def _side_by_side(requests: list[Request]) -> Request:
 
     def joined(*fields: Any) -> Any:
         most = max(field.shape[-1] for field in fields)
-        wide = [np.pad(field, ((0, 0), (0, most - field.shape[1]))) if field.ndim == 2 else field for field in fields]
+        wide = [
+            np.pad(field, ((0, 0), (0, most - field.shape[1]))) if field.ndim == 2 else field
+            for field in fields
+        ]
         return np.concatenate(wide)
 
     return mapped(joined, *requests)
@@ -107,7 +122,9 @@ def _refused(data: dict[str, Any]) -> str:
 
 
 def attack(seed: int, block: int) -> dict[str, Any]:
-    """Certify the SAFE plans of a block, and move something of each; return what is found as JSON."""
+    """Certify the SAFE plans of a block, and move something of each; return what is found
+    as JSON.
+    """
     counts: Counter[str] = Counter()
     failures: list[str] = []
     begun, slowest, largest = time.process_time(), 0.0, 0
@@ -124,9 +141,13 @@ def attack(seed: int, block: int) -> dict[str, Any]:
             changed.append(moved(right[-1], np.random.default_rng([seed, number, 1])))
         counts["certificates"] = len(files)
         faults, judged = wrong([data for data, _ in changed]), wrong(right)
-        for (number, _), (data, kind), bad, before in zip(files, changed, faults, judged, strict=True):
+        for (number, _), (data, kind), bad, before in zip(
+            files, changed, faults, judged, strict=True
+        ):
             why = _refused(data)
-            counts[f"moved {kind}: {'wrong' if bad else 'right'}, {'refused' if why else 'accepted'}"] += 1
+            counts[
+                f"moved {kind}: {'wrong' if bad else 'right'}, {'refused' if why else 'accepted'}"
+            ] += 1
             if before:
                 failures.append(f"request {number}: {before} is wrong though the plan is SAFE")
             if bad and not why:
@@ -154,7 +175,9 @@ def _results(seed: int, blocks: Iterator[int], workers: int) -> Iterator[dict[st
         return
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as executor:
         while True:
-            yield from executor.map(attack, [seed] * workers, [next(blocks) for _ in range(workers)])
+            yield from executor.map(
+                attack, [seed] * workers, [next(blocks) for _ in range(workers)]
+            )
 
 
 def _before(path: Path, seed: int) -> list[dict[str, Any]]:
@@ -163,7 +186,10 @@ def _before(path: Path, seed: int) -> list[dict[str, Any]]:
     whole = [line for line in lines if line.endswith(b"\n")]
     done = [json.loads(line) for line in whole]
     if any(one["seed"] != seed for one in done):
-        raise InputError(f"{path} is of seed {done[0]['seed']}; expected --seed {done[0]['seed']} or another --out")
+        raise InputError(
+            f"{path} is of seed {done[0]['seed']}; expected --seed {done[0]['seed']} or another "
+            "--out"
+        )
     if len(whole) < len(lines):
         path.write_bytes(b"".join(whole))
     return done
@@ -172,12 +198,24 @@ def _before(path: Path, seed: int) -> list[dict[str, Any]]:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
     assert __doc__ is not None
-    parser = Parser(prog="python -m benchmarks.safety.certificates", description=__doc__.split("\n\n")[0])
-    parser.add_argument("--plans", type=int, default=1_000, help="SAFE plans at least (default 1000)")
+    parser = Parser(
+        prog="python -m benchmarks.safety.certificates", description=__doc__.split("\n\n")[0]
+    )
+    parser.add_argument(
+        "--plans", type=int, default=1_000, help="SAFE plans at least (default 1000)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the requests (default 0)")
-    parser.add_argument("--first", type=int, default=0, help="number of the first block (default 0)")
-    parser.add_argument("--workers", type=int, default=cores(), help="processes (default: one for every core)")
-    parser.add_argument("--out", type=Path, help="directory for the figures of each block; a stopped run goes on there")
+    parser.add_argument(
+        "--first", type=int, default=0, help="number of the first block (default 0)"
+    )
+    parser.add_argument(
+        "--workers", type=int, default=cores(), help="processes (default: one for every core)"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help="directory for the figures of each block; a stopped run goes on there",
+    )
     options = parser.parse_args(arguments)
     for name, least in (("plans", 1), ("seed", 0), ("first", 0), ("workers", 1)):
         if getattr(options, name) < least:
@@ -191,7 +229,9 @@ def main(arguments: list[str] | None = None) -> int:
     for one in done:
         counts.update(one["counts"])
     complete = counts["certificates"] >= options.plans
-    blocks = (block for block in count(options.first) if block not in {one["block"] for one in done})
+    blocks = (
+        block for block in count(options.first) if block not in {one["block"] for one in done}
+    )
     try:
         for one in () if complete else _results(options.seed, blocks, options.workers):
             done.append(one)
@@ -200,14 +240,24 @@ def main(arguments: list[str] | None = None) -> int:
                 with path.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(one) + "\n")
             bad = sum(len(each["failures"]) for each in done)
-            print(f"{counts['certificates']} certificates, {bad} failures", *one["failures"], sep="\n", file=sys.stderr)
+            print(
+                f"{counts['certificates']} certificates, {bad} failures",
+                *one["failures"],
+                sep="\n",
+                file=sys.stderr,
+            )
             complete = counts["certificates"] >= options.plans
             if complete:
                 break
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was done", file=sys.stderr)
     failures = [problem for one in done for problem in one["failures"]]
-    figures = {"benchmark": "certificates", "seed": options.seed, "first": options.first, "complete": complete}
+    figures = {
+        "benchmark": "certificates",
+        "seed": options.seed,
+        "first": options.first,
+        "complete": complete,
+    }
     figures |= {"blocks": len(done), "failures": failures, "counts": dict(sorted(counts.items()))}
     for name in _FIGURES[2:]:
         figures[name] = max((one[name] for one in done), default=0)

@@ -1,9 +1,10 @@
 """Whether certificates are wrong, decided by sampling: what the checker is held against.
 
-A certificate is wrong where its plan contradicts the statement of docs/explanation/safe-theorem.md at a time that was
-sampled. Nothing of checker or validator is used but the contract of a leg (:func:`envs.waypoints.legs`). Every plan of
-a batch is sampled :data:`COARSE` s apart at most; only where both aircraft together could come too near between two
-samples is that interval searched, from a thirtieth to a thirtieth of it (:data:`ROUNDS`).
+A certificate is wrong where its plan contradicts the statement of docs/explanation/safe-theorem.md
+at a time that was sampled. Nothing of checker or validator is used but the contract of a leg
+(:func:`envs.waypoints.legs`). Every plan of a batch is sampled :data:`COARSE` s apart at most; only
+where both aircraft together could come too near between two samples is that interval searched, from
+a thirtieth to a thirtieth of it (:data:`ROUNDS`).
 """
 
 import math
@@ -28,7 +29,9 @@ _CURVE = 1e-6  # rad/s and m/s^2 that controls may differ from those of the leg'
 
 
 class Flight(NamedTuple):
-    """Plans of as many waypoints, as flown by their controls; fields ``[N, A]`` over their arcs, positions complex."""
+    """Plans of as many waypoints, as flown by their controls; fields ``[N, A]`` over their arcs,
+    positions complex.
+    """
 
     begin: Any
     """s after the request."""
@@ -49,7 +52,10 @@ class Flight(NamedTuple):
 
 def flights(certificates: list[dict[str, Any]]) -> Flight:
     """Return the plans of certificates with the same number of waypoints, ``[N, A]``."""
-    points, given = _points(certificates), np.array([data["controls"] for data in certificates], dtype=float)
+    points, given = (
+        _points(certificates),
+        np.array([data["controls"] for data in certificates], dtype=float),
+    )
     rate, gain = given[..., :ARCS], given[..., ARCS:]
     step = (np.diff(points[..., 4], axis=1) / ARCS)[..., None]
     heading = points[:, :-1, 2, None] + _summed(rate * step)[..., :-1]
@@ -68,7 +74,9 @@ def controls(certificates: list[dict[str, Any]]) -> Any:
 
 
 def wrong(certificates: list[dict[str, Any]]) -> list[str]:
-    """Return what is wrong with each certificate, or nothing; all have the same number of waypoints."""
+    """Return what is wrong with each certificate, or nothing; all have the same number of
+    waypoints.
+    """
     found: list[list[str]] = [[] for _ in certificates]
     times = _points(certificates)[..., 4]
     for row, data in enumerate(certificates):
@@ -77,7 +85,10 @@ def wrong(certificates: list[dict[str, Any]]) -> list[str]:
             found[row].append("negative")
         if not (np.diff(times[row]) > 0.0).all():
             found[row].append("times")
-        if any(not _above_or_below(one, times[row, -1], data["requirement"]["vertical"]) for one in data["excluded"]):
+        if any(
+            not _above_or_below(one, times[row, -1], data["requirement"]["vertical"])
+            for one in data["excluded"]
+        ):
             found[row].append("excluded")
     rows = [row for row, names in enumerate(found) if not {"negative", "times"} & set(names)]
     sound = [certificates[row] for row in rows]
@@ -92,7 +103,9 @@ def wrong(certificates: list[dict[str, Any]]) -> list[str]:
 
 
 def _points(certificates: list[dict[str, Any]]) -> Any:
-    return np.array([[[*data["own"], 0.0], *data["waypoints"]] for data in certificates], dtype=float)
+    return np.array(
+        [[[*data["own"], 0.0], *data["waypoints"]] for data in certificates], dtype=float
+    )
 
 
 def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Any]:
@@ -104,12 +117,20 @@ def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Any]:
     seconds = flight.length[last]
     row, arc = np.arange(count)[:, None], np.arange(flight.begin.shape[1])[last[1]]
     ends = flight.at(row, arc, seconds) - points[:, 1:, 0] - 1j * points[:, 1:, 1]
-    courses = np.exp(1j * (flight.heading[last] + flight.rate[last] * seconds)) - np.exp(1j * points[:, 1:, 2])
+    courses = np.exp(1j * (flight.heading[last] + flight.rate[last] * seconds)) - np.exp(
+        1j * points[:, 1:, 2]
+    )
     after = flight.speed + flight.acceleration * flight.length
     speeds = after[last] - points[:, 1:, 3]
     low, high, least, most, rate = (
         np.array([data["limits"][name] for data in certificates])[:, None]
-        for name in ("speed_min", "speed_max", "acceleration_min", "acceleration_max", "yaw_rate_max")
+        for name in (
+            "speed_min",
+            "speed_max",
+            "acceleration_min",
+            "acceleration_max",
+            "yaw_rate_max",
+        )
     )
     begun = points[:, :1, 3]
     checks = {
@@ -133,9 +154,13 @@ def _above_or_below(row: list[float], end: float, apart: float) -> bool:
 
 
 def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Any:
-    """Return where an intruder is sampled closer than the statement or the certificate's bound allows, ``[N]``."""
+    """Return where an intruder is sampled closer than the statement or the certificate's bound
+    allows, ``[N]``.
+    """
     bad = np.zeros(len(certificates), dtype=bool)
-    owner = np.array([row for row, data in enumerate(certificates) for _ in data["intruders"]], dtype=int)
+    owner = np.array(
+        [row for row, data in enumerate(certificates) for _ in data["intruders"]], dtype=int
+    )
     if owner.size == 0:
         return bad
     traffic = np.array([one for data in certificates for one in data["intruders"]]).T
@@ -198,8 +223,12 @@ class _Needs(NamedTuple):
         return np.maximum(np.maximum(need - _MARGIN, separation - _BELOW), claim)
 
 
-def kept(certificates: list[dict[str, Any]], flight: Flight, owner: Any, traffic: Any, claim: Any) -> _Needs:
-    """Return what pairs must keep; ``owner``: row of each one's plan ``[P]``, ``traffic``: ``[9, P]``."""
+def kept(
+    certificates: list[dict[str, Any]], flight: Flight, owner: Any, traffic: Any, claim: Any
+) -> _Needs:
+    """Return what pairs must keep; ``owner``: row of each one's plan ``[P]``, ``traffic``: ``[9,
+    P]``.
+    """
     separation, margin, sigmas = (
         np.array([data["requirement"][name] for data in certificates])[owner]
         for name in ("separation", "margin", "sigmas")
@@ -221,7 +250,9 @@ def apart(flight: Flight, traffic: Any, row: Any, arc: Any, seconds: Any) -> Any
 
 
 def _moved(heading: Any, speed: Any, rate: Any, acceleration: Any, t: Any) -> Any:
-    """Return how far one gets in some seconds: power series of the integral of (v + a t) exp(i w t), complex m."""
+    """Return how far one gets in some seconds: power series of the integral of (v + a t) exp(i w
+    t), complex m.
+    """
     turn = 1j * (rate * t)
     largest, term, n = float(np.max(np.abs(turn), initial=0.0)), 1.0, 0
     power: Any = np.ones(np.shape(turn), dtype=complex)

@@ -20,14 +20,20 @@ _STEPS = 40  # of an arc, where the closest approach is looked for
 
 
 def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any], str]:
-    """Return a certificate with something moved by 1 mm to 30 m, or as much in other units, and what was moved.
+    """Return a certificate with something moved by 1 mm to 30 m, or as much in other units, and
+    what was moved.
 
-    An ``approach`` shifts an intruder by more, so that it comes as close as the separation but for 1 mm to 30 m.
+    An ``approach`` shifts an intruder by more, so that it comes as close as the separation but for
+    1 mm to 30 m.
     """
     data = json.loads(json.dumps(data))
     size = float(10.0 ** rng.uniform(-3.0, 1.5) * rng.choice([-1.0, 1.0]))  # m
     leg, part = int(rng.integers(len(data["waypoints"]))), int(rng.integers(5))
-    kinds = [*_KINDS, *(_TRAFFIC_KINDS if data["intruders"] else ()), *(["excluded"] if data["excluded"] else [])]
+    kinds = [
+        *_KINDS,
+        *(_TRAFFIC_KINDS if data["intruders"] else ()),
+        *(["excluded"] if data["excluded"] else []),
+    ]
     kind = kinds[int(rng.integers(len(kinds)))]
     if kind == "own":
         data["own"][part % 4] += size * _UNITS[part % 4]
@@ -40,12 +46,21 @@ def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any
         data["controls"][leg][int(rng.integers(2 * ARCS))] += size * 1e-3
     elif kind == "limit":
         name = list(data["limits"])[part]
-        data["limits"][name] -= abs(size) * (0.02 if part < 2 else 1e-3) * (1.0 if part in (1, 3, 4) else -1.0)
+        data["limits"][name] -= (
+            abs(size) * (0.02 if part < 2 else 1e-3) * (1.0 if part in (1, 3, 4) else -1.0)
+        )
     elif kind == "intruder":
-        row, field = data["intruders"][int(rng.integers(len(data["intruders"])))], int(rng.integers(9))
+        row, field = (
+            data["intruders"][int(rng.integers(len(data["intruders"])))],
+            int(rng.integers(9)),
+        )
         row[field] += (abs(size) if field > 5 else size) * _INTRUDER_UNITS[field]
     elif kind == "approach":
-        approach(data, int(rng.integers(len(data["intruders"]))), data["requirement"]["separation"] + size)
+        approach(
+            data,
+            int(rng.integers(len(data["intruders"]))),
+            data["requirement"]["separation"] + size,
+        )
     elif kind == "bound":
         data["bounds"][int(rng.integers(len(data["bounds"])))] += abs(size)
     elif kind == "excluded":
@@ -69,7 +84,9 @@ def approach(data: dict[str, Any], number: int, distance: float) -> None:
     fine = np.clip(seconds[arc, step] + length / _STEPS * np.linspace(-1.0, 1.0, 1001), 0.0, length)
     when = fine[np.argmin(apart(flight, traffic[..., 0], 0, arc, fine))]
     x, y, heading, speed, age, rate, lasts = row[:7]
-    there = travelled(heading, speed, rate if lasts > 0.0 else 0.0, lasts, flight.begin[0, arc] + when + age)
+    there = travelled(
+        heading, speed, rate if lasts > 0.0 else 0.0, lasts, flight.begin[0, arc] + when + age
+    )
     nearest = complex(x, y) + complex(there) - complex(flight.at(0, arc, when))
     shift = nearest / abs(nearest) * (distance - abs(nearest))
     row[0], row[1] = x + shift.real, y + shift.imag

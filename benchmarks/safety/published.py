@@ -1,8 +1,10 @@
-"""Requests of the attack as a user of ``agents.planner.plan`` writes them, and what its answer must keep.
+"""Requests of the attack as a user of ``agents.planner.plan`` writes them, and what its answer must
+keep.
 
-The reports of the intruders are some seconds old, turning ones turned then already, some straight ones have just ended
-a turn, some have altitudes, and the indices of the route are drawn so that careless new ones would meet them. What the
-planner is given is the report; what it is judged by is where that leads, by this package's own arithmetic.
+The reports of the intruders are some seconds old, turning ones turned then already, some straight
+ones have just ended a turn, some have altitudes, and the indices of the route are drawn so that
+careless new ones would meet them. What the planner is given is the report; what it is judged by is
+where that leads, by this package's own arithmetic.
 """
 
 import math
@@ -32,11 +34,14 @@ class Question(NamedTuple):
     route: list[RoutePoint]
     altitude: Altitude | None
     truth: Request
-    """The same as arrays without leading axis, intruders ``[K]``: those reported, at the request."""
+    """The same as arrays without leading axis, intruders ``[K]``: those reported, at the request.
+    """
 
     def asked(self, policy: Policy, options: Options) -> Plan:
         """Return the planner's answer."""
-        return plan(self.own, self.intruders, self.route, policy, options, own_altitude=self.altitude)
+        return plan(
+            self.own, self.intruders, self.route, policy, options, own_altitude=self.altitude
+        )
 
 
 def question(seed: int, number: int, request: Request) -> Question:
@@ -58,27 +63,45 @@ def question(seed: int, number: int, request: Request) -> Question:
         height = None
         if rng.random() < 0.3:
             reference = "msl" if rng.random() < 0.8 else "wgs84"
-            height = Altitude(float(rng.uniform(-1_000.0, 5_000.0)), reference, float(rng.normal(0.0, 3.0)))
-        intruders.append(Intruder(state, age, rate, lasts, float(one.position_std), float(one.velocity_std), height))
+            height = Altitude(
+                float(rng.uniform(-1_000.0, 5_000.0)), reference, float(rng.normal(0.0, 3.0))
+            )
+        intruders.append(
+            Intruder(
+                state, age, rate, lasts, float(one.position_std), float(one.velocity_std), height
+            )
+        )
     count = int(request.points)
     indices = rng.permutation(2 * count)[:count].tolist()
-    points = zip(indices, request.route_x[:count].tolist(), request.route_y[:count].tolist(), strict=True)
+    points = zip(
+        indices, request.route_x[:count].tolist(), request.route_y[:count].tolist(), strict=True
+    )
     own = VehicleState(*(float(value) for value in request.own))
     altitude = Altitude(2_000.0, "msl", float(rng.normal(0.0, 3.0))) if rng.random() < 0.7 else None
     truth = request._replace(traffic=take(traffic._replace(age=ages), order))
     return Question(own, intruders, [RoutePoint(*point) for point in points], altitude, truth)
 
 
-def _reported(rng: np.random.Generator, one: Traffic, age: float) -> tuple[VehicleState, float, float]:
-    """Return the state, turn rate and duration of a turn in a report of some age that leads to an intruder ``[]``."""
+def _reported(
+    rng: np.random.Generator, one: Traffic, age: float
+) -> tuple[VehicleState, float, float]:
+    """Return the state, turn rate and duration of a turn in a report of some age that leads to an
+    intruder ``[]``.
+    """
     x, y, heading, speed = (float(value) for value in one.state)
     rate, lasts = float(one.turn_rate), float(one.turn_time) + age
     if rate == 0.0 or lasts <= max(age, 0.0):
         ended = age > 0.0 and rng.random() < 0.5
-        rate, lasts = (float(rng.uniform(-0.08, 0.08)), float(rng.uniform(0.0, age))) if ended else (0.0, 0.0)
+        rate, lasts = (
+            (float(rng.uniform(-0.08, 0.08)), float(rng.uniform(0.0, age))) if ended else (0.0, 0.0)
+        )
     before = heading - rate * min(age, lasts)
     place = x + 1j * y - complex(travelled(before, speed, rate, lasts, age))
-    return VehicleState(place.real, place.imag, math.remainder(before, 2.0 * math.pi), speed), rate, lasts
+    return (
+        VehicleState(place.real, place.imag, math.remainder(before, 2.0 * math.pi), speed),
+        rate,
+        lasts,
+    )
 
 
 def faults(question: Question, answer: Plan, options: Options) -> list[str]:
@@ -115,7 +138,8 @@ def _apart(question: Question, number: int, end: float, options: Options) -> boo
 
 
 def as_arrays(question: Question, answer: Plan) -> tuple[Knots, Any, Request]:
-    """Return a plan's knots ``[21]``, the number of its last point of the route, and the request as it was planned for.
+    """Return a plan's knots ``[21]``, the number of its last point of the route, and the request as
+    it was planned for.
 
     The request has no leading axis; intruders that were left out are masked.
     """

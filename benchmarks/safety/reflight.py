@@ -1,6 +1,8 @@
-"""SAFE plans as the follower flies them, on an integration of the kinematics of its own, checked every 0.02 s.
+"""SAFE plans as the follower flies them, on an integration of the kinematics of its own, checked
+every 0.02 s.
 
-What is shared with the planner: the contract of the legs (:mod:`envs.waypoints`) and the follower itself.
+What is shared with the planner: the contract of the legs (:mod:`envs.waypoints`) and the follower
+itself.
 """
 
 from typing import Any, NamedTuple
@@ -65,7 +67,9 @@ def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limi
         acceleration, yaw_rate = steer(now, after, own)
         gain, rate = _commanded(own, acceleration, yaw_rate, limits)
         flight = _moved(own, gain, rate, _PARTS)
-        apart = np.abs(others.place(np.full((1, 1, 1), time)) - (own.x + 1j * own.y)[:, None, None])[..., 0]
+        apart = np.abs(
+            others.place(np.full((1, 1, 1), time)) - (own.x + 1j * own.y)[:, None, None]
+        )[..., 0]
         # Beyond its last waypoint a plan promises nothing.
         flying = ends >= time + PERIOD
         apart = np.where(mask & flying[:, None], apart, np.inf)
@@ -76,20 +80,36 @@ def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limi
             away = VehicleColumns(*(field[n, k] for field in others)).place(time + _PARTS) - place
             np.minimum.at(separation, rows[n], _closest(away))
         end = flight[:, -1]
-        own = VehicleState(own.x + end.real, own.y + end.imag, own.heading + rate * PERIOD, own.speed + gain * PERIOD)
-        error[rows] = np.maximum(error[rows], np.where(flying, np.hypot(own.x - after.x, own.y - after.y), 0.0))
+        own = VehicleState(
+            own.x + end.real,
+            own.y + end.imag,
+            own.heading + rate * PERIOD,
+            own.speed + gain * PERIOD,
+        )
+        error[rows] = np.maximum(
+            error[rows], np.where(flying, np.hypot(own.x - after.x, own.y - after.y), 0.0)
+        )
         now, period = after, period + 1
         if period % _COMPRESS == 0:
             on = ends > period * PERIOD
-            rows, curves, mask, ends, own, now, others = take((rows, curves, mask, ends, own, now, others), on)
+            rows, curves, mask, ends, own, now, others = take(
+                (rows, curves, mask, ends, own, now, others), on
+            )
     floor = np.minimum(1_000.0, nearest - _MARGIN)
     return Reflight(separation, error, separation < floor - 1e-3, error > _ALLOWED)
 
 
-def _commanded(own: VehicleState, acceleration: Any, yaw_rate: Any, limits: Limits) -> tuple[Any, Any]:
-    """Return what the vehicle does of its commands, m/s^2 and rad/s, ``[n]``; it never leaves its speeds."""
+def _commanded(
+    own: VehicleState, acceleration: Any, yaw_rate: Any, limits: Limits
+) -> tuple[Any, Any]:
+    """Return what the vehicle does of its commands, m/s^2 and rad/s, ``[n]``; it never leaves its
+    speeds.
+    """
     gain = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
-    slowest, fastest = np.minimum(limits.speed_min, own.speed), np.maximum(limits.speed_max, own.speed)
+    slowest, fastest = (
+        np.minimum(limits.speed_min, own.speed),
+        np.maximum(limits.speed_max, own.speed),
+    )
     gain = np.clip(gain, (slowest - own.speed) / PERIOD, (fastest - own.speed) / PERIOD)
     return gain, np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
 

@@ -1,9 +1,11 @@
-"""A second opinion on plans: their published legs integrated anew, and every intruder's distance sampled.
+"""A second opinion on plans: their published legs integrated anew, and every intruder's distance
+sampled.
 
-Nothing of validator, rollout or tail is used, nor their kinematics: the contract of a leg (:func:`envs.waypoints.legs`:
-constant yaw rate and acceleration on each of its arcs) is taken at its word, integrated from its waypoint by Simpson's
-rule on steps of :data:`COARSE` s and 0.05 rad at most, and must end at the next one. Where the distance to an intruder
-could be too small, by the speeds of both alone, it is sampled every :data:`CLOSE` s at most.
+Nothing of validator, rollout or tail is used, nor their kinematics: the contract of a leg
+(:func:`envs.waypoints.legs`: constant yaw rate and acceleration on each of its arcs) is taken at
+its word, integrated from its waypoint by Simpson's rule on steps of :data:`COARSE` s and 0.05 rad
+at most, and must end at the next one. Where the distance to an intruder could be too small, by the
+speeds of both alone, it is sampled every :data:`CLOSE` s at most.
 """
 
 import math
@@ -17,7 +19,18 @@ from envs.kinematics import Limits
 from envs.trees import take
 from envs.waypoints import ARCS, Knots, Legs, legs
 
-__all__ = ["CHECKS", "CLOSE", "COARSE", "TOLERANCE", "Route", "Verdict", "growth", "kept", "resimulate", "travelled"]
+__all__ = [
+    "CHECKS",
+    "CLOSE",
+    "COARSE",
+    "TOLERANCE",
+    "Route",
+    "Verdict",
+    "growth",
+    "kept",
+    "resimulate",
+    "travelled",
+]
 
 COARSE = 0.5
 CLOSE = 0.02
@@ -26,7 +39,18 @@ _TURN = 0.05  # rad in a step at most: there Simpson's rule is good to 3e-9 of t
 TOLERANCE = 1e-3
 """Of positions and distances, m."""
 
-CHECKS = ("start", "not finite", "times", "last", "leg", "speed", "acceleration", "turn rate", "required", "separation")
+CHECKS = (
+    "start",
+    "not finite",
+    "times",
+    "last",
+    "leg",
+    "speed",
+    "acceleration",
+    "turn rate",
+    "required",
+    "separation",
+)
 """``required``: closer than asked for; ``separation``: closer than the required separation."""
 
 _EXACT = 1e-6  # tolerance of headings (rad), speeds (m/s) and controls
@@ -53,7 +77,8 @@ class Verdict(NamedTuple):
 
 
 def travelled(heading: Any, speed: Any, rate: Any, lasts: Any, time: Any) -> Any:
-    """Return how far an aircraft gets that turns for a while and then flies straight on, complex m, ``[...]``.
+    """Return how far an aircraft gets that turns for a while and then flies straight on, complex m,
+    ``[...]``.
 
     Args:
         heading: at the beginning, rad.
@@ -71,15 +96,20 @@ def travelled(heading: Any, speed: Any, rate: Any, lasts: Any, time: Any) -> Any
 
 
 def growth(traffic: Traffic, time: Any, sigmas: float) -> Any:
-    """Return what a growing uncertainty adds to the distance to keep, m; ``time`` broadcasts against ``[..., K]``."""
+    """Return what a growing uncertainty adds to the distance to keep, m; ``time`` broadcasts
+    against ``[..., K]``.
+    """
     first, later = (
-        np.sqrt(traffic.position_std**2 + (traffic.velocity_std * t) ** 2) for t in (traffic.age, traffic.age + time)
+        np.sqrt(traffic.position_std**2 + (traffic.velocity_std * t) ** 2)
+        for t in (traffic.age, traffic.age + time)
     )
     return sigmas * (later - first)
 
 
 def kept(own: Any, traffic: Traffic, requirement: Requirement) -> Any:
-    """Return the distance to keep at the request, m, ``[N, K]``; ``own``: complex positions ``[N]``."""
+    """Return the distance to keep at the request, m, ``[N, K]``; ``own``: complex positions
+    ``[N]``.
+    """
     away = np.abs(traffic.state.x + 1j * traffic.state.y - own[:, None])
     std = np.hypot(traffic.position_std, traffic.velocity_std * traffic.age)
     wanted = requirement.separation + requirement.margin + requirement.sigmas * std
@@ -109,7 +139,9 @@ def resimulate(
     for first in range(0, count, _ROWS):
         rows = np.arange(first, min(first + _ROWS, count))
         part = take((knots, own, traffic, route), rows)
-        finite = np.isfinite(np.stack(part[0])).all(axis=(0, 2)) & (np.diff(part[0].time, axis=1) > 0.0).all(axis=1)
+        finite = np.isfinite(np.stack(part[0])).all(axis=(0, 2)) & (
+            np.diff(part[0].time, axis=1) > 0.0
+        ).all(axis=1)
         verdict.wrong[CHECKS.index("not finite"), rows[~finite]] = True
         rows, (knots_, own_, traffic_, route_) = rows[finite], take(part, finite)
         wrong, nearest = _judge(knots_, own_, traffic_, options, limits)
@@ -127,12 +159,21 @@ def _off_route(knots: Knots, route: Route, extend: bool) -> Any:
     there = np.abs(place[number, np.where(inside, route.last, 0)] - last) <= TOLERANCE
     end, before = place[number, route.points - 1], place[number, route.points - 2]
     relative = (last - end) * np.conj((end - before) / np.abs(end - before))
-    beyond = (route.last >= route.points) & (relative.real > 0.0) & (np.abs(relative.imag) <= 0.01) & extend
+    beyond = (
+        (route.last >= route.points)
+        & (relative.real > 0.0)
+        & (np.abs(relative.imag) <= 0.01)
+        & extend
+    )
     return ~((inside & there) | beyond)
 
 
-def _judge(knots: Knots, own: Any, traffic: Traffic, options: Options, limits: Limits) -> tuple[Any, Any]:
-    """Return what is wrong, ``[C, n]``, and the smallest distances, ``[n]``, of plans with increasing times."""
+def _judge(
+    knots: Knots, own: Any, traffic: Traffic, options: Options, limits: Limits
+) -> tuple[Any, Any]:
+    """Return what is wrong, ``[C, n]``, and the smallest distances, ``[n]``, of plans with
+    increasing times.
+    """
     count, requirement, fixed = len(knots.time), options.requirement, options.waypoints - 1
     wrong, nearest = np.zeros((len(CHECKS), count), dtype=bool), np.full(count, np.inf)
     if count == 0:
@@ -166,7 +207,10 @@ def _judge(knots: Knots, own: Any, traffic: Traffic, options: Options, limits: L
         found("leg", np.abs(np.exp(1j * final[2]) - np.exp(1j * end.heading)) > _EXACT)
         found("leg", np.abs(final[3] - end.speed) > _EXACT)
         found("leg", np.abs(final[0] - end.time) > _EXACT)
-        found("speed", (flight[3] < limits.speed_min - _EXACT) | (flight[3] > limits.speed_max + _EXACT))
+        found(
+            "speed",
+            (flight[3] < limits.speed_min - _EXACT) | (flight[3] > limits.speed_max + _EXACT),
+        )
         closest, short = _distances(flight, one, step, traffic, need, requirement.sigmas)
         nearest = np.minimum(nearest, closest)
         found("required", short < -TOLERANCE)
@@ -175,12 +219,18 @@ def _judge(knots: Knots, own: Any, traffic: Traffic, options: Options, limits: L
 
 
 def _integrated(begin: Knots, curves: Legs, step: int) -> tuple[Any, Any, Any, Any]:
-    """Return times, complex positions, headings and speeds along legs, ``[n, L, ARCS * step + 1]`` each."""
+    """Return times, complex positions, headings and speeds along legs, ``[n, L, ARCS * step + 1]``
+    each.
+    """
     h = (curves.duration / (ARCS * step))[..., None]
-    rate, gain = (np.repeat(field, step, axis=-1) for field in (curves.yaw_rate, curves.acceleration))
+    rate, gain = (
+        np.repeat(field, step, axis=-1) for field in (curves.yaw_rate, curves.acceleration)
+    )
     heading = begin.heading[..., None] + _summed(rate * h)
     speed = begin.speed[..., None] + _summed(gain * h)
-    place = (begin.x + 1j * begin.y)[..., None] + _summed(_moved(heading[..., :-1], speed[..., :-1], rate, gain, h))
+    place = (begin.x + 1j * begin.y)[..., None] + _summed(
+        _moved(heading[..., :-1], speed[..., :-1], rate, gain, h)
+    )
     time = begin.time[..., None] + h * np.arange(ARCS * step + 1)
     return time, place, heading, speed
 
@@ -198,13 +248,19 @@ def _summed(parts: Any) -> Any:
     return np.concatenate([np.zeros((*parts.shape[:-1], 1)), np.cumsum(parts, axis=-1)], axis=-1)
 
 
-def _distances(flight: Any, curves: Legs, step: int, traffic: Traffic, need: Any, sigmas: float) -> tuple[Any, Any]:
-    """Return the smallest distance, m, and the smallest of distance less the one to keep, ``[n]`` each."""
+def _distances(
+    flight: Any, curves: Legs, step: int, traffic: Traffic, need: Any, sigmas: float
+) -> tuple[Any, Any]:
+    """Return the smallest distance, m, and the smallest of distance less the one to keep, ``[n]``
+    each.
+    """
     count, crowd = need.shape
     nearest, short = np.full(count, np.inf), np.full(count, np.inf)
     state = traffic.state
     time, place, heading, speed = flight
-    rate, gain = (np.repeat(field, step, axis=-1) for field in (curves.yaw_rate, curves.acceleration))
+    rate, gain = (
+        np.repeat(field, step, axis=-1) for field in (curves.yaw_rate, curves.acceleration)
+    )
     h = np.broadcast_to((curves.duration / (ARCS * step))[..., None], rate.shape)
     for k in range(crowd):
         rows = np.flatnonzero(traffic.mask[:, k])
@@ -259,9 +315,13 @@ class VehicleColumns(NamedTuple):
 
     def place(self, time: Any) -> Any:
         """Return complex positions, m."""
-        return self.x + 1j * self.y + travelled(self.heading, self.speed, self.rate, self.lasts, time)
+        return (
+            self.x + 1j * self.y + travelled(self.heading, self.speed, self.rate, self.lasts, time)
+        )
 
     def grown(self, time: Any, sigmas: float) -> Any:
         """Return what the uncertainty adds to the distance to keep, m."""
-        now, later = (np.hypot(self.position_std, self.velocity_std * (self.age + t)) for t in (0.0, time))
+        now, later = (
+            np.hypot(self.position_std, self.velocity_std * (self.age + t)) for t in (0.0, time)
+        )
         return sigmas * (later - now)

@@ -1,4 +1,5 @@
-"""The page that flies a policy in the browser: ``python docs/fly/make.py OUT`` writes it into a folder, ready to open.
+"""The page that flies a policy in the browser: ``python docs/fly/make.py OUT`` writes it into a
+folder, ready to open.
 
 The site has it too: its hooks call :func:`weights`, so that it flies the policy that is shipped.
 """
@@ -44,14 +45,19 @@ def weights(path: Path = SHIPPED) -> str:
     """
     content = read(path)
     if not content.of_set:
-        raise PolicyFileError(f"{path}: a policy for one intruder; expected one for any number (schema 2)")
+        raise PolicyFileError(
+            f"{path}: a policy for one intruder; expected one for any number (schema 2)"
+        )
     aircraft = {
-        name: load(AircraftConfig, ROOT / "configs" / "aircraft" / f"{name}.yaml").aircraft() for name in AIRCRAFT
+        name: load(AircraftConfig, ROOT / "configs" / "aircraft" / f"{name}.yaml").aircraft()
+        for name in AIRCRAFT
     }
     for one in aircraft.values():
         check_domain(content, one)
     layers = content.metadata["architecture"]
-    names = [f"each_{i}" for i in range(len(layers["encoder"]))] + [f"hidden_{i}" for i in range(len(layers["hidden"]))]
+    names = [f"each_{i}" for i in range(len(layers["encoder"]))] + [
+        f"hidden_{i}" for i in range(len(layers["hidden"]))
+    ]
     names.append("head")
     tensors = [content.actor[f"{name}/{part}"] for name in names for part in ("kernel", "bias")]
     document: dict[str, Any] = {
@@ -62,7 +68,9 @@ def weights(path: Path = SHIPPED) -> str:
             for name, one in aircraft.items()
         },
         "layers": [(name, *content.actor[f"{name}/kernel"].shape) for name in names],
-        "data": base64.b64encode(b"".join(tensor.astype("<f4").tobytes() for tensor in tensors)).decode("ascii"),
+        "data": base64.b64encode(
+            b"".join(tensor.astype("<f4").tobytes() for tensor in tensors)
+        ).decode("ascii"),
     }
     return f"const WEIGHTS = {json.dumps(document)};\n"
 
@@ -78,13 +86,20 @@ def write(folder: Path, path: Path = SHIPPED) -> Path:
 
 
 def film(page_file: Path, out: Path) -> None:
-    """Film eight aircraft of which each decides for itself, on a clock of the film's own, as an animated WebP."""
+    """Film eight aircraft of which each decides for itself, on a clock of the film's own, as an
+    animated WebP.
+    """
     image = importlib.import_module("PIL.Image")
     frames: list[Any] = []
     with importlib.import_module("playwright.sync_api").sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        browser = driver.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
         page = browser.new_page(viewport=_VIEW, reduced_motion="reduce")
-        page.add_init_script("let drawn = 9; Math.random = () => (drawn = (drawn * 16807) % 2147483647) / 2147483647;")
+        page.add_init_script(
+            "let drawn = 9; Math.random = () => (drawn = (drawn * 16807) % 2147483647) / "
+            "2147483647;"
+        )
         page.goto(page_file.resolve().as_uri())
         page.check("[name=decides][value=all]", force=True)
         page.select_option("#scene", "sides")
@@ -95,21 +110,45 @@ def film(page_file: Path, out: Path) -> None:
         for moment in np.arange(0.0, steps - 1.0, _STEPS):
             page.evaluate("(moment) => { time = moment; shown = line; tell(draw()); }", moment)
             shot = page.screenshot(
-                clip={"x": 360.0, "y": 16.0, "width": _VIEW["width"] - 376.0, "height": _VIEW["height"] - 32.0}
+                clip={
+                    "x": 360.0,
+                    "y": 16.0,
+                    "width": _VIEW["width"] - 376.0,
+                    "height": _VIEW["height"] - 32.0,
+                }
             )
             frames.append(image.open(io.BytesIO(shot)).convert("RGB"))
         browser.close()
     durations = [_EVERY] * (len(frames) - 1) + [2_000]
-    frames[0].save(out, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=60, method=3)
+    frames[0].save(
+        out,
+        save_all=True,
+        append_images=frames[1:],
+        duration=durations,
+        loop=0,
+        quality=60,
+        method=3,
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write what the command line asks for and return the exit status."""
     parser = Parser(prog="python docs/fly/make.py", description=__doc__)
-    parser.add_argument("out", type=Path, metavar="OUT", help="folder to write; files of these names are replaced")
-    parser.add_argument("--policy", type=Path, metavar="FILE", default=SHIPPED, help="default: the one that is shipped")
     parser.add_argument(
-        "--film", type=Path, metavar="FILE.webp", help="film the page too (needs playwright, Chromium, Pillow)"
+        "out", type=Path, metavar="OUT", help="folder to write; files of these names are replaced"
+    )
+    parser.add_argument(
+        "--policy",
+        type=Path,
+        metavar="FILE",
+        default=SHIPPED,
+        help="default: the one that is shipped",
+    )
+    parser.add_argument(
+        "--film",
+        type=Path,
+        metavar="FILE.webp",
+        help="film the page too (needs playwright, Chromium, Pillow)",
     )
     options = parser.parse_args(arguments)
     page_file = write(options.out, options.policy)

@@ -1,11 +1,12 @@
 """The autopilot of the true aircraft: roll, yaw, pitch and speed, 20 times a second.
 
-Every loop is a model followed by feedback: what the aircraft must do for the demand is computed from the facts and the
-stored equilibria, and gains act on what is left. An equilibrium depends on the lift coefficient alone, so that one
-table serves every weight W, load factor n and density rho: at speed V it is read at V sqrt(rho / rho_0 W_0 / (n W)),
-and its thrust is scaled by n W / W_0.
+Every loop is a model followed by feedback: what the aircraft must do for the demand is computed
+from the facts and the stored equilibria, and gains act on what is left. An equilibrium depends on
+the lift coefficient alone, so that one table serves every weight W, load factor n and density rho:
+at speed V it is read at V sqrt(rho / rho_0 W_0 / (n W)), and its thrust is scaled by n W / W_0.
 
-Demands are those of an observer that moves with the air: an acceleration along the flight path and one across it.
+Demands are those of an observer that moves with the air: an acceleration along the flight path and
+one across it.
 """
 
 import math
@@ -28,19 +29,23 @@ _ROLL_FREQUENCY, _ROLL_DAMPING = 3.0, 0.9
 _ROLL_SHARE = 0.75  # of the roll rate that full aileron sustains
 _ROLL_ACCELERATION = 1.2  # rad/s^2
 ROLL_DELAY = 2.0 * _ROLL_DAMPING / _ROLL_FREQUENCY + 0.10
-"""How much later than demanded a bank is flown, s: the oscillator's delay, the servos' and half a period."""
+"""How much later than demanded a bank is flown, s: the oscillator's delay, the servos' and half a
+period.
+"""
 
 _ALPHA_MARGIN = math.radians(3.0)  # below the stall's angle of attack
-# Times the stall's speed at the present load: held by thrust, then by giving up altitude. Gusts add to both.
+# Times the stall's speed at the present load: held by thrust, then by giving up altitude. Gusts add
+# to both.
 _SLOWEST, _FLOOR = 1.08, 1.04
 _GUST_SHARE, _GUST_LAG = 1.5, 20.0  # times their mean size, which is taken over so many seconds
 
 
 class Measured(NamedTuple):
-    """What the autopilot sees; SI units (weight in N) and radians, body axes x forward, y right, z down.
+    """What the autopilot sees; SI units (weight in N) and radians, body axes x forward, y right, z
+    down.
 
-    ``airspeed`` is the true one, gusts included, ``steady_airspeed`` that of the flight path against the slowly varying
-    wind; ``spool`` is the share of its range between idle and full.
+    ``airspeed`` is the true one, gusts included, ``steady_airspeed`` that of the flight path
+    against the slowly varying wind; ``spool`` is the share of its range between idle and full.
     """
 
     bank: float
@@ -74,11 +79,18 @@ class Autopilot:
     It remembers integrals, filters and servos and takes over in the equilibrium ``begin``.
     """
 
-    def __init__(self, variant: Variant, loading: Loading, altitude: float, density: float, begin: Trim) -> None:
+    def __init__(
+        self, variant: Variant, loading: Loading, altitude: float, density: float, begin: Trim
+    ) -> None:
         self._altitude = altitude
-        self._alpha, self._elevator, self._thrust = map(level_curve, ("alpha", "elevator", "thrust"))
+        self._alpha, self._elevator, self._thrust = map(
+            level_curve, ("alpha", "elevator", "thrust")
+        )
         self._density_0 = density_at(REFERENCE_ALTITUDE)
-        here = [np.array([np.interp(density, DENSITIES, row) for row in thrusts]) for thrusts in tables(variant)]
+        here = [
+            np.array([np.interp(density, DENSITIES, row) for row in thrusts])
+            for thrusts in tables(variant)
+        ]
         self._idle, self._top = (Curve(SPEEDS, thrust, 20.0) for thrust in here)
 
         self._area, self._span = value("wing_area") * FOOT**2, value("wing_span") * FOOT
@@ -108,7 +120,9 @@ class Autopilot:
         return math.sqrt(2.0 * measured.weight / (measured.density * self._area * self._top_lift))
 
     def fly(self, measured: Measured, along: float, left: float) -> Controls:
-        """Return the controls for the coming period from accelerations along the path through the air and across it."""
+        """Return the controls for the coming period from accelerations along the path through the
+        air and across it.
+        """
         m = measured
         speed = max(m.airspeed, 30.0)
         pressure = 0.5 * m.density * speed * speed
@@ -116,16 +130,22 @@ class Autopilot:
         stall = self.stall_speed(m) + _GUST_SHARE * self._gust
         aileron, rudder = self._lateral(m, left, speed, pressure, stall)
         load = 1.0 / max(math.cos(self.bank_reference), 0.5)
-        equivalent = speed * math.sqrt(m.density / self._density_0 * REFERENCE_WEIGHT / (load * m.weight))
+        equivalent = speed * math.sqrt(
+            m.density / self._density_0 * REFERENCE_WEIGHT / (load * m.weight)
+        )
         elevator = self._vertical(m, load, speed, equivalent, stall)
         throttle = self._speed(m, along, load, equivalent, stall)
         for index, demand in enumerate((elevator, aileron, rudder)):
             step = _held((demand - self._servos[index]) * self._servo_share, self._servo_step)
-            self._servos[index] = max(self._low[index], min(self._high[index], self._servos[index] + step))
+            self._servos[index] = max(
+                self._low[index], min(self._high[index], self._servos[index] + step)
+            )
         elevator, aileron, rudder = self._servos
         return Controls(elevator, aileron, rudder, throttle)
 
-    def _lateral(self, m: Measured, left: float, speed: float, pressure: float, stall: float) -> tuple[float, float]:
+    def _lateral(
+        self, m: Measured, left: float, speed: float, pressure: float, stall: float
+    ) -> tuple[float, float]:
         # The load that the wing can carry with the margin to the stall bounds the bank.
         load_max = max(1.02, (speed / (_FLOOR * stall)) ** 2)
         bank_max = min(BANK_MAX, math.acos(1.0 / load_max))
@@ -135,7 +155,9 @@ class Autopilot:
         demand = _held(wanted_bank, bank_max)
 
         half_turn = 0.5 * self._span / speed
-        rate_max = _ROLL_SHARE * value("roll_aileron") * self._high[1] / (-value("roll_rate") * half_turn)
+        rate_max = (
+            _ROLL_SHARE * value("roll_aileron") * self._high[1] / (-value("roll_rate") * half_turn)
+        )
         acceleration = _ROLL_FREQUENCY**2 * (demand - self.bank_reference)
         acceleration -= 2.0 * _ROLL_DAMPING * _ROLL_FREQUENCY * self._roll_reference
         acceleration = _held(acceleration, _ROLL_ACCELERATION)
@@ -157,12 +179,16 @@ class Autopilot:
         aileron = (balance + damping) / value("roll_aileron") + self._aileron_integral
 
         self._rudder_integral = _held(self._rudder_integral - 0.25 * m.beta * TICK, 0.15)
-        yawing = (value("yaw_rate") * wanted_yaw + value("yaw_roll_rate") * lift * wanted) * half_turn
+        yawing = (
+            value("yaw_rate") * wanted_yaw + value("yaw_roll_rate") * lift * wanted
+        ) * half_turn
         yawing += value("yaw_aileron") * lift * aileron
         rudder = -yawing / value("yaw_rudder") - 1.0 * (wanted_yaw - m.yaw_rate)
         return aileron, rudder - 0.4 * m.beta + self._rudder_integral
 
-    def _vertical(self, m: Measured, load: float, speed: float, equivalent: float, stall: float) -> float:
+    def _vertical(
+        self, m: Measured, load: float, speed: float, equivalent: float, stall: float
+    ) -> float:
         height = self._altitude - m.altitude
         climb = _held(0.35 * height, CLIMB_MAX)
         floor = _FLOOR * stall * math.sqrt(load)
@@ -171,7 +197,9 @@ class Autopilot:
         else:
             self._climb_integral = _held(self._climb_integral + 0.03 * height * TICK, 1.0)
         alpha = self._alpha(equivalent)
-        wanted = (climb + self._climb_integral + 0.5 * (climb - m.climb)) / speed + alpha * math.cos(m.bank)
+        wanted = (
+            climb + self._climb_integral + 0.5 * (climb - m.climb)
+        ) / speed + alpha * math.cos(m.bank)
         # Never more than what brings the angle of attack to its limit.
         limit = self._stall_angle - _ALPHA_MARGIN
         wanted = min(wanted, m.pitch + limit - m.alpha)
@@ -186,7 +214,9 @@ class Autopilot:
         gain = 0.5 * (70.0 / speed) ** 2
         return steady - gain * error + self._elevator_integral
 
-    def _speed(self, m: Measured, along: float, load: float, equivalent: float, stall: float) -> float:
+    def _speed(
+        self, m: Measured, along: float, load: float, equivalent: float, stall: float
+    ) -> float:
         slow = _SLOWEST * stall * math.sqrt(max(load, self._load_wanted))
         fast = self._speed_max * math.sqrt(DENSITY_0 / m.density)
         reference = self.speed_reference + along * TICK

@@ -34,7 +34,9 @@ _BOUNDS = {
 
 
 def checked(loading: Loading) -> Loading:
-    """Return the loading; raises a ValueError where a number is outside what the model stands for."""
+    """Return the loading; raises a ValueError where a number is outside what the model
+    stands for.
+    """
     for name, (low, high) in _BOUNDS.items():
         number = getattr(loading, name)
         if number is not None and not low <= number <= high:
@@ -67,9 +69,14 @@ def check_start(state: VehicleState, conditions: Conditions, altitude: float) ->
     """Raise a ValueError for a beginning that is none."""
     check_state(state)
     if conditions.turbulence not in TURBULENCE:
-        raise ValueError(f"turbulence is {conditions.turbulence!r}; expected one of {', '.join(TURBULENCE)}")
+        raise ValueError(
+            f"turbulence is {conditions.turbulence!r}; expected one of {', '.join(TURBULENCE)}"
+        )
     if not math.hypot(conditions.wind_east, conditions.wind_north) <= 30.0:
-        raise ValueError(f"the wind is ({conditions.wind_east}, {conditions.wind_north}) m/s; expected at most 30 m/s")
+        raise ValueError(
+            f"the wind is ({conditions.wind_east}, {conditions.wind_north}) m/s; expected at most "
+            "30 m/s"
+        )
     if not 0 <= conditions.seed < 2**31:
         raise ValueError(f"seed is {conditions.seed}; expected 0 to {2**31 - 1}")
     if not 300.0 <= altitude <= 7000.0:

@@ -1,8 +1,10 @@
-"""What is known of the Cessna 208B, and what had to be estimated: the only numbers that the model is made of.
+"""What is known of the Cessna 208B, and what had to be estimated: the only numbers that the model
+is made of.
 
-They stand with their sources in ``data/facts.csv``. "Estimate" means that no published figure was found and says what
-stands behind the number instead; "fit" names the published point that determined it. Published performance is in
-``data/points.csv``; each point says whether the model was fitted to it or is merely checked against it.
+They stand with their sources in ``data/facts.csv``. "Estimate" means that no published figure was
+found and says what stands behind the number instead; "fit" names the published point that
+determined it. Published performance is in ``data/points.csv``; each point says whether the model
+was fitted to it or is merely checked against it.
 """
 
 import csv
@@ -27,7 +29,9 @@ def _rows(name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-FACTS = {row["name"]: Fact(float(row["value"]), row["unit"], row["source"]) for row in _rows("facts.csv")}
+FACTS = {
+    row["name"]: Fact(float(row["value"]), row["unit"], row["source"]) for row in _rows("facts.csv")
+}
 """The airframe, both variants."""
 
 
@@ -43,8 +47,8 @@ class Variant(NamedTuple):
     engine: str  # name of the JSBSim engine
     rated_power: float  # shp, flat-rated: pilot's operating handbook 208B
     thermodynamic_power: float
-    """shp if nothing were flat-rated, in proportion to the density; at sea level an estimate after the maker's class,
-    1075 shp, for the EX, and in the same ratio for the other."""
+    """shp if nothing were flat-rated, in proportion to the density; at sea level an estimate after
+    the maker's class, 1075 shp, for the EX, and in the same ratio for the other."""
     takeoff_weight: float  # lb: pilot's operating handbook 208B
 
 
@@ -64,20 +68,29 @@ class Point(NamedTuple):
     weight: float  # lb
     altitude: float  # pressure altitude, ft
     temperature: float  # above the standard atmosphere, K
-    setting: float  # cruise: shaft power, shp; climb and glide: calibrated airspeed, kt; stall: flaps, deg, at idle
-    value: float  # cruise: KTAS; climb: ft/min; stall: KCAS; glide: least share of the best lift-to-drag ratio
-    tolerance: float  # cruise and climb: share of the value; stall: kt; glide: nothing below the value
+    # cruise: shaft power, shp; climb and glide: calibrated airspeed, kt; stall: flaps, deg, at idle
+    setting: float
+    # cruise: KTAS; climb: ft/min; stall: KCAS; glide: least share of the best lift-to-drag ratio
+    value: float
+    tolerance: (
+        float  # cruise and climb: share of the value; stall: kt; glide: nothing below the value
+    )
     use: Literal["fit", "check"]
     source: str
 
 
 # Maximum cruise power of the EX if the air had sea level density, shp.
-_SETTING_UNITS = {"of cruise power": VARIANTS["ex"].thermodynamic_power * value("cruise_power_share")}
+_SETTING_UNITS = {
+    "of cruise power": VARIANTS["ex"].thermodynamic_power * value("cruise_power_share")
+}
 
 
 def _point(row: dict[str, str]) -> Point:
     fields: dict[str, Any] = {name: row[name] for name in Point._fields}
-    fields |= {name: float(row[name]) for name in ("weight", "altitude", "temperature", "value", "tolerance")}
+    fields |= {
+        name: float(row[name])
+        for name in ("weight", "altitude", "temperature", "value", "tolerance")
+    }
     setting = float(row["setting"]) * _SETTING_UNITS.get(row["setting_unit"], 1.0)
     return Point(**fields | {"pod": row["pod"] == "yes", "setting": setting})
 

@@ -1,6 +1,7 @@
 """JSBSim behind names that are checked: one aircraft, silent, every property resolved once.
 
-JSBSim answers 0 for a property that does not exist and creates it where one writes to it; here both are errors.
+JSBSim answers 0 for a property that does not exist and creates it where one writes to it; here both
+are errors.
 """
 
 import tempfile
@@ -28,14 +29,18 @@ def _jsbsim() -> Any:
     import jsbsim
 
     if not _silence:
-        nothing = {name: lambda *_: None for name in ("set_level", "file_location", "message", "format", "flush")}
+        nothing = {
+            name: lambda *_: None
+            for name in ("set_level", "file_location", "message", "format", "flush")
+        }
         _silence.append(type("Silence", (jsbsim.FGLogger,), nothing)())
         jsbsim.set_logger(_silence[0])
     return jsbsim
 
 
 class Fdm:
-    """A JSBSim executive with one aircraft, a variant of :data:`envs.c208.facts.VARIANTS` under a loading.
+    """A JSBSim executive with one aircraft, a variant of :data:`envs.c208.facts.VARIANTS` under a
+    loading.
 
     Raises:
         FdmError: the variant is unknown, a file is missing, or JSBSim does not load the aircraft.
@@ -58,7 +63,9 @@ class Fdm:
             with tempfile.TemporaryDirectory(prefix="c208-") as folder:
                 home = Path(folder) / self.variant.name
                 home.mkdir()
-                (home / f"{self.variant.name}.xml").write_text(aircraft(self.variant, loading), encoding="utf-8")
+                (home / f"{self.variant.name}.xml").write_text(
+                    aircraft(self.variant, loading), encoding="utf-8"
+                )
                 self._load(Path(folder))
         self.exec.set_dt(STEP)
         self._manager = self.exec.get_property_manager()
@@ -67,7 +74,10 @@ class Fdm:
     def _load(self, folder: Path) -> None:
         self.exec.set_aircraft_path(str(folder))
         if not self.exec.load_model(self.variant.name):
-            raise FdmError(f"JSBSim does not load {folder / self.variant.name}; python -m envs.c208.model writes it")
+            raise FdmError(
+                f"JSBSim does not load {folder / self.variant.name}; python -m envs.c208.model "
+                "writes it"
+            )
 
     def node(self, name: str) -> "jsbsim.FGPropertyNode":
         """Return the node of a property; raises a FdmError where JSBSim has none of that name."""
@@ -87,7 +97,8 @@ class Fdm:
         self.node(name).set_double_value(number)
 
     def initialise(self, initial: dict[str, float], controls: dict[str, float]) -> None:
-        """Begin anew: initial conditions by their ``ic/`` names, controls by their ``fcs/`` names, engine running.
+        """Begin anew: initial conditions by their ``ic/`` names, controls by their ``fcs/`` names,
+        engine running.
 
         The surfaces and the spool begin at their commands, without their lag.
 
@@ -97,7 +108,8 @@ class Fdm:
         # What blew in the last flight must not blow at the initial conditions of this one.
         self.set("atmosphere/turb-type", 0.0)
         self.set("atmosphere/turbulence/milspec/severity", 0.0)
-        # 2: the models are reset, initial conditions not run yet. Commands set now reach servos that have no past.
+        # 2: the models are reset, initial conditions not run yet. Commands set now reach servos
+        # that have no past.
         self.exec.reset_to_initial_conditions(2)
         for name, number in initial.items():
             self.set(f"ic/{name}", number)

@@ -1,7 +1,9 @@
-"""FlightGear as a viewer: JSBSim's own output moves its aircraft, multiplayer packets move the intruders.
+"""FlightGear as a viewer: JSBSim's own output moves its aircraft, multiplayer packets move the
+intruders.
 
-All is UDP: a FlightGear that is not there goes unnoticed. The ownship's packets (FGNetFDM of FlightGear's net_fdm.hxx,
-version 24) go to the port named, the intruders' (T_MsgHdr and T_PositionMsg of its mpmessages.hxx) to the next one.
+All is UDP: a FlightGear that is not there goes unnoticed. The ownship's packets (FGNetFDM of
+FlightGear's net_fdm.hxx, version 24) go to the port named, the intruders' (T_MsgHdr and
+T_PositionMsg of its mpmessages.hxx) to the next one.
 """
 
 import math
@@ -20,7 +22,14 @@ from envs.formats.local_frame import geocentric
 from envs.kinematics import VehicleState
 
 _PACKET = struct.Struct(">6I8s96s5d15fI")
-_HEADER = 0x46474653, 0x00010001, 7, _PACKET.size, 100, 0  # "FGFS", protocol 1.1, a position, length, range NM, no port
+_HEADER = (
+    0x46474653,
+    0x00010001,
+    7,
+    _PACKET.size,
+    100,
+    0,
+)  # "FGFS", protocol 1.1, a position, length, range NM, no port
 _MODEL = b"Aircraft/Cessna208Caravan/Models/Cessna208-ai.xml"  # in AI/ of FlightGear's base package
 _LAG = 0.1  # between two packets, s
 
@@ -33,7 +42,9 @@ class FlightGear(NamedTuple):
     paced: bool  # whether JSBSim is held to real time
 
     def attach(self, executive: Any) -> None:
-        """Give JSBSim its output to here, silent until :meth:`begin`; its next initial conditions open it."""
+        """Give JSBSim its output to here, silent until :meth:`begin`; its next initial conditions
+        open it.
+        """
         name = f'name="{self.host}" port="{self.port}" protocol="UDP"'
         with tempfile.NamedTemporaryFile("w", suffix=".xml") as file:
             file.write(f'<output type="FLIGHTGEAR" rate="{1.0 / STEP:g}" {name}/>')
@@ -42,7 +53,9 @@ class FlightGear(NamedTuple):
         executive.disable_output()
 
     def begin(self, executive: Any) -> Callable[[], bool]:
-        """Show what JSBSim flies from now on; return what runs one of its steps, in real time where that is asked."""
+        """Show what JSBSim flies from now on; return what runs one of its steps, in real time where
+        that is asked.
+        """
         executive.enable_output()
         due = time.monotonic()
 
@@ -55,26 +68,38 @@ class FlightGear(NamedTuple):
 
         return run if self.paced else executive.run
 
-    def send(self, latitude: np.ndarray, longitude: np.ndarray, altitude: float, others: VehicleState) -> None:
-        """Show intruders ``[K]``, wings level: their places, rad, altitude, m, headings and speeds."""
+    def send(
+        self, latitude: np.ndarray, longitude: np.ndarray, altitude: float, others: VehicleState
+    ) -> None:
+        """Show intruders ``[K]``, wings level: their places, rad, altitude, m, headings and
+        speeds.
+        """
         # Imported here, because few flights are shown.
         from scipy.spatial.transform import Rotation
 
         places = geocentric(latitude, longitude, altitude)
         # From the Earth's axes to those of a level aircraft, as angle times axis.
-        angles = np.stack((longitude, -0.5 * math.pi - latitude, 0.5 * math.pi - others.heading), axis=-1)
+        angles = np.stack(
+            (longitude, -0.5 * math.pi - latitude, 0.5 * math.pi - others.heading), axis=-1
+        )
         turned = Rotation.from_euler("ZYZ", angles).as_rotvec()
         now = time.time()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
-            for number, (place, axis, speed) in enumerate(zip(places, turned, others.speed, strict=True)):
+            for number, (place, axis, speed) in enumerate(
+                zip(places, turned, others.speed, strict=True)
+            ):
                 name = f"INTR{number + 1}".encode()
                 still = (0.0,) * 11  # sideways and down, turn rates, accelerations
-                packet = _PACKET.pack(*_HEADER, name, _MODEL, now, _LAG, *place, *axis, speed, *still, 0)
+                packet = _PACKET.pack(
+                    *_HEADER, name, _MODEL, now, _LAG, *place, *axis, speed, *still, 0
+                )
                 udp.sendto(packet, (self.host, self.port + 1))
 
 
 def flightgear_at(address: str, *, paced: bool) -> FlightGear:
-    """Return the FlightGear at ``HOST:PORT``; a ConfigError where that is no address or cannot be resolved."""
+    """Return the FlightGear at ``HOST:PORT``; a ConfigError where that is no address or cannot be
+    resolved.
+    """
     host, _, port = address.rpartition(":")
     wanted = "expected HOST:PORT with a port of 1 to 65534, such as localhost:5550"
     if not host or not port.isdecimal() or not 0 < int(port) < 65535:
@@ -82,5 +107,7 @@ def flightgear_at(address: str, *, paced: bool) -> FlightGear:
     try:
         found = socket.getaddrinfo(host, int(port), socket.AF_INET, socket.SOCK_DGRAM)
     except (OSError, UnicodeError):
-        raise ConfigError(f"flightgear is {address!r}: the host cannot be resolved; {wanted}") from None
+        raise ConfigError(
+            f"flightgear is {address!r}: the host cannot be resolved; {wanted}"
+        ) from None
     return FlightGear(str(found[0][4][0]), int(port), paced)

@@ -1,8 +1,8 @@
 """Flies the legs between published waypoints on the true aircraft, in position and in time.
 
-The generic follower of :mod:`envs.follower` commands what the plan does now; an aircraft that rolls does it most of a
-second later. Here the plan's curvature and acceleration are looked up as far ahead as the aircraft lags, and only what
-is left is fed back.
+The generic follower of :mod:`envs.follower` commands what the plan does now; an aircraft that rolls
+does it most of a second later. Here the plan's curvature and acceleration are looked up as far
+ahead as the aircraft lags, and only what is left is fed back.
 """
 
 import bisect
@@ -36,7 +36,8 @@ LOOKAHEAD = Lookahead()
 
 
 class Path:
-    """A plan's legs ``[L]`` as plain floats, which give the state over the ground at a time in microseconds.
+    """A plan's legs ``[L]`` as plain floats, which give the state over the ground at a time in
+    microseconds.
 
     The wind carries the legs along from time 0 on; the plan's clock was 0 at the time ``began``, s.
     """
@@ -66,16 +67,23 @@ class Path:
 
 
 class Guide:
-    """Turns where the aircraft is into commands; remembers how late it is, so that the place abeam is found again."""
+    """Turns where the aircraft is into commands; remembers how late it is, so that the place abeam
+    is found again.
+    """
 
     def __init__(self, path: Path, gains: Lookahead = LOOKAHEAD, late: float = 0.0) -> None:
         self._path, self._gains, self.late = path, gains, late
-        """How much later than planned the aircraft was at its place when last asked, s; negative when early."""
+        """How much later than planned the aircraft was at its place when last asked, s; negative
+        when early.
+        """
 
     def commands(self, state: VehicleState, time: float, dt: float = PERIOD) -> tuple[float, float]:
-        """Return the acceleration (m/s^2) and turn rate (rad/s) for a period from a time of the plan's clock on."""
+        """Return the acceleration (m/s^2) and turn rate (rad/s) for a period from a time of the
+        plan's clock on.
+        """
         path, gains = self._path, self._gains
-        # Across the path the point abeam counts, not where the plan is by now: a late aircraft flies the same path.
+        # Across the path the point abeam counts, not where the plan is by now: a late aircraft
+        # flies the same path.
         abeam = time - self.late
         place = path.at(abeam)
         for _ in range(_SEARCH):
@@ -100,7 +108,9 @@ class Guide:
 def follow(
     vehicle: Vehicle, path: Path, until: float, gains: Lookahead = LOOKAHEAD
 ) -> tuple[list[VehicleState], list[float]]:
-    """Fly a plan from its beginning and return the state and the lateness (s) after every period."""
+    """Fly a plan from its beginning and return the state and the lateness (s) after every
+    period.
+    """
     guide, states, late = Guide(path, gains), [], []
     for number in range(round(until / PERIOD)):
         acceleration, turn = guide.commands(vehicle.state, number * PERIOD)

@@ -1,7 +1,7 @@
 """The encounter flown by the true aircraft, ``rlcas/C208-v0``; importing this module registers it.
 
-Observation, action, reward and ends are those of :class:`envs.gym.gymnasium_env.DeconflictionEnv`: what was trained in
-the surrogate runs here unchanged. Nothing is meant to be trained on it.
+Observation, action, reward and ends are those of :class:`envs.gym.gymnasium_env.DeconflictionEnv`:
+what was trained in the surrogate runs here unchanged. Nothing is meant to be trained on it.
 """
 
 from typing import Any
@@ -24,12 +24,14 @@ ENV_ID = "rlcas/C208-v0"
 class C208Env(DeconflictionEnv):
     """One encounter of the true aircraft, at 2500 m, under its autopilot.
 
-    The action's accelerations and turn rates are those of ``aircraft`` over the ground; the aircraft reaches them with
-    its lags, as far as its power and its wing allow. ``info`` also holds ``altitude`` and ``airspeed``. A flight
-    that the aircraft does not survive raises :class:`envs.c208.vehicle.FlightError`.
+    The action's accelerations and turn rates are those of ``aircraft`` over the ground; the
+    aircraft reaches them with its lags, as far as its power and its wing allow. ``info`` also holds
+    ``altitude`` and ``airspeed``. A flight that the aircraft does not survive raises
+    :class:`envs.c208.vehicle.FlightError`.
 
-    ``variant`` is a name in :data:`envs.c208.facts.VARIANTS`. The conditions hold for every flight, but to the seed of
-    the turbulence the encounter's number is added. The other settings are those of the surrogate's environment.
+    ``variant`` is a name in :data:`envs.c208.facts.VARIANTS`. The conditions hold for every flight,
+    but to the seed of the turbulence the encounter's number is added. The other settings are those
+    of the surrogate's environment.
     """
 
     def __init__(
@@ -44,8 +46,12 @@ class C208Env(DeconflictionEnv):
         self._variant, self._conditions = variant, conditions
         self._vehicle: C208Vehicle | None = None
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin the next encounter, or the one that the options ask for; an EncounterError if it cannot be flown."""
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin the next encounter, or the one that the options ask for; an EncounterError if it
+        cannot be flown.
+        """
         self._vehicle = None
         observation, info = super().reset(seed=seed, options=options)
         assert self._flight is not None
@@ -53,13 +59,17 @@ class C208Env(DeconflictionEnv):
         try:
             self._vehicle = C208Vehicle(self._flight.own, self._variant, conditions)
         except FlightError as problem:
-            raise EncounterError(f"encounter {self._number} cannot be flown by the aircraft: {problem}") from problem
+            raise EncounterError(
+                f"encounter {self._number} cannot be flown by the aircraft: {problem}"
+            ) from problem
         return observation, info | self._measured()
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Fly on for one time step, as the surrogate's environment does, or raise a FlightError."""
         if self._vehicle is None:
-            raise error.ResetNeeded("step was called before reset; call reset to begin an encounter")
+            raise error.ResetNeeded(
+                "step was called before reset; call reset to begin an encounter"
+            )
         observation, reward, terminated, truncated, info = super().step(action)
         return observation, reward, terminated, truncated, info | self._measured()
 
@@ -74,7 +84,10 @@ class C208Env(DeconflictionEnv):
 
     def _measured(self) -> dict[str, float]:
         assert self._vehicle is not None
-        return {"altitude": self._vehicle.measured.altitude, "airspeed": self._vehicle.measured.airspeed}
+        return {
+            "altitude": self._vehicle.measured.altitude,
+            "airspeed": self._vehicle.measured.airspeed,
+        }
 
 
 # Kept if it stands already, as in the surrogate's module.

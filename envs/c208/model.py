@@ -1,9 +1,11 @@
-"""Writes the JSBSim aircraft and engines from the facts: ``python -m envs.c208.model`` renews the files that ship.
+"""Writes the JSBSim aircraft and engines from the facts: ``python -m envs.c208.model`` renews the
+files that ship.
 
-``data/aircraft.template.xml`` and ``data/engine.template.xml`` name the facts; what follows from several of them is
-worked out here. Frames as JSBSim has them: station, butt line and water line in inches, x aft; body axes x forward,
-y right, z down. The forces act at 30 % of the mean chord; JSBSim carries the moments to the centre of gravity.
-Positive deflections: elevator with the trailing edge down, rudder left, aileron to roll right.
+``data/aircraft.template.xml`` and ``data/engine.template.xml`` name the facts; what follows from
+several of them is worked out here. Frames as JSBSim has them: station, butt line and water line in
+inches, x aft; body axes x forward, y right, z down. The forces act at 30 % of the mean chord;
+JSBSim carries the moments to the centre of gravity. Positive deflections: elevator with the
+trailing edge down, rudder left, aileron to roll right.
 """
 
 import math
@@ -22,8 +24,14 @@ _WRITTEN = "Written by python -m envs.c208.model: change the facts or the templa
 
 
 def lift_curve(slope_factor: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return angles of attack (rad) and lift coefficients, flaps up, elevator at rest: straight, rounded, falling."""
-    slope, top, rounding = value("lift_slope") * slope_factor, value("lift_max"), value("lift_rounding")
+    """Return angles of attack (rad) and lift coefficients, flaps up, elevator at rest: straight,
+    rounded, falling.
+    """
+    slope, top, rounding = (
+        value("lift_slope") * slope_factor,
+        value("lift_max"),
+        value("lift_rounding"),
+    )
     knee = (top - rounding - value("lift_zero")) / slope
     # A parabola that continues the line and is level at the top.
     reach = 2.0 * rounding / slope
@@ -32,7 +40,9 @@ def lift_curve(slope_factor: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     beyond = np.array([0.05, 0.10, 0.20, 0.35, 0.70, 1.2])
     falling = np.array([-0.06, -0.16, -0.35, -0.50, -0.65, -1.2])
     alpha = np.concatenate([[-0.8, -0.35, -0.25], knee + reach * share, knee + reach + beyond])
-    lift = np.concatenate([[-0.6, -1.05, value("lift_zero") - 0.25 * slope], rounded, top + falling])
+    lift = np.concatenate(
+        [[-0.6, -1.05, value("lift_zero") - 0.25 * slope], rounded, top + falling]
+    )
     return alpha, lift
 
 
@@ -43,7 +53,9 @@ def stall_angle(slope_factor: float = 1.0) -> float:
 
 
 def aircraft(variant: Variant, loading: Loading = NOMINAL) -> str:
-    """Return the text of a JSBSim aircraft; a ValueError for a loading outside what the model stands for."""
+    """Return the text of a JSBSim aircraft; a ValueError for a loading outside what the model
+    stands for.
+    """
     checked(loading)
     weight = loading.weight or variant.takeoff_weight
     chord, leading_edge = value("mean_chord"), value("mean_chord_leading_edge")
@@ -62,10 +74,13 @@ def aircraft(variant: Variant, loading: Loading = NOMINAL) -> str:
         # The fuel is at the centre of gravity: burning it changes the weight alone.
         station=leading_edge + loading.centre_of_gravity * chord,
         empty_weight=weight - value("fuel"),
-        drag_clean=value("drag_zero") * loading.drag_factor + (value("drag_pod") if loading.pod else 0.0),
+        drag_clean=value("drag_zero") * loading.drag_factor
+        + (value("drag_pod") if loading.pod else 0.0),
         stall=stall_angle(loading.lift_slope_factor),
         lift_curve="\n".join(f"      {alpha:.6f}  {lift:.6f}" for alpha, lift in curve),
-        **{f"{axis}_inertia": value(f"inertia_{axis}") * scale for axis in ("roll", "pitch", "yaw")},
+        **{
+            f"{axis}_inertia": value(f"inertia_{axis}") * scale for axis in ("roll", "pitch", "yaw")
+        },
         **{f"{name}_low": -math.radians(low) for name, (low, _) in travels.items()},
         **{f"{name}_high": math.radians(high) for name, (_, high) in travels.items()},
     )
@@ -74,9 +89,9 @@ def aircraft(variant: Variant, loading: Loading = NOMINAL) -> str:
 def engine(variant: Variant) -> str:
     """Return the text of a JSBSim turbine whose thrust is that of the turboprop.
 
-    JSBSim's thrust is idle + (maximum - idle) n^2 with n the spool's speed between idle and maximum, and its table
-    of maximum thrust is a share of what lies between idle and the static rating. A spool seeks its target at a rate
-    in proportion to its distance from it.
+    JSBSim's thrust is idle + (maximum - idle) n^2 with n the spool's speed between idle and
+    maximum, and its table of maximum thrust is a share of what lies between idle and the static
+    rating. A spool seeks its target at a rate in proportion to its distance from it.
     """
     idle, top = propulsion.tables(variant)
     rating = float(top[0, -2])
@@ -99,7 +114,10 @@ def _filled(template: str, variant: Variant, **numbers: Any) -> str:
 
 
 def _table(values: np.ndarray) -> str:
-    lines = ["                " + "  ".join(f"{density / SLUG_PER_FT3:.8f}" for density in propulsion.DENSITIES)]
+    lines = [
+        "                "
+        + "  ".join(f"{density / SLUG_PER_FT3:.8f}" for density in propulsion.DENSITIES)
+    ]
     for speed, row in zip(propulsion.SPEEDS, values, strict=True):
         lines.append(f"    {speed / FOOT:.6f}  " + "  ".join(f"{number:.8f}" for number in row))
     return "\n".join(lines)
@@ -107,7 +125,9 @@ def _table(values: np.ndarray) -> str:
 
 def files() -> dict[Path, str]:
     """Return the files that ship and their text."""
-    found = {DATA / "engine" / "direct.xml": '<?xml version="1.0"?>\n<direct name="Direct">\n</direct>\n'}
+    found = {
+        DATA / "engine" / "direct.xml": '<?xml version="1.0"?>\n<direct name="Direct">\n</direct>\n'
+    }
     for variant in VARIANTS.values():
         found[DATA / "aircraft" / variant.name / f"{variant.name}.xml"] = aircraft(variant)
         found[DATA / "engine" / f"{variant.engine}.xml"] = engine(variant)

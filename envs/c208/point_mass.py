@@ -1,8 +1,10 @@
-"""The low-fidelity counterpart of the true aircraft: a point mass in three dimensions with first-order lags.
+"""The low-fidelity counterpart of the true aircraft: a point mass in three dimensions with
+first-order lags.
 
-Bank, longitudinal acceleration and climb follow their commands with one lag each; the accelerations are bounded by
-the stored drag and by the thrust at idle and full power at the altitude held. It shows which errors of the true
-aircraft come from lags and limits alone. No sideslip, no angle of attack, no turbulence.
+Bank, longitudinal acceleration and climb follow their commands with one lag each; the accelerations
+are bounded by the stored drag and by the thrust at idle and full power at the altitude held. It
+shows which errors of the true aircraft come from lags and limits alone. No sideslip, no angle of
+attack, no turbulence.
 """
 
 import math
@@ -23,9 +25,11 @@ _LONGEST = 0.05  # of an integration step, s
 
 
 class PointMassVehicle:
-    """A point mass with the aircraft's drag, thrust and greatest weight; satisfies :class:`envs.follower.Vehicle`.
+    """A point mass with the aircraft's drag, thrust and greatest weight; satisfies
+    :class:`envs.follower.Vehicle`.
 
-    It begins in a state over the ground, at ``start_altitude`` (None: the one to hold), and holds ``altitude``, m.
+    It begins in a state over the ground, at ``start_altitude`` (None: the one to hold), and holds
+    ``altitude``, m.
 
     Raises:
         ValueError: the state is not finite, or the variant unknown.
@@ -51,7 +55,10 @@ class PointMassVehicle:
         self.airspeed, self._course = math.hypot(east, north), math.atan2(north, east)
         self._weight = VARIANTS[variant].takeoff_weight * POUND
         speeds, self._density = np.linspace(25.0, 130.0, 211), density_at(altitude)
-        thrusts = (given(VARIANTS[variant], speeds, self._density) for given in (idle_thrust, maximum_thrust))
+        thrusts = (
+            given(VARIANTS[variant], speeds, self._density)
+            for given in (idle_thrust, maximum_thrust)
+        )
         self._idle, self._top = (Curve(speeds, np.asarray(thrust)) for thrust in thrusts)
         self._drag = level_curve("thrust")
 
@@ -64,14 +71,18 @@ class PointMassVehicle:
         return VehicleState(self._x, self._y, math.atan2(north, east), math.hypot(east, north))
 
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
-        """Fly on under an acceleration along the track (m/s^2) and its turn rate (rad/s, positive to the left).
+        """Fly on under an acceleration along the track (m/s^2) and its turn rate (rad/s, positive
+        to the left).
 
         Raises:
             ValueError: a command is not finite or ``dt`` is not positive.
         """
         acceleration, yaw_rate = float(acceleration), float(yaw_rate)
         if not (math.isfinite(acceleration) and math.isfinite(yaw_rate) and dt > 0.0):
-            raise ValueError(f"the command is ({acceleration}, {yaw_rate}) for {dt} s; expected finite numbers, dt > 0")
+            raise ValueError(
+                f"the command is ({acceleration}, {yaw_rate}) for {dt} s; expected finite "
+                "numbers, dt > 0"
+            )
         low, high = self.reach()
         steps = math.ceil(dt / _LONGEST - 1e-9)
         for _ in range(steps):
@@ -80,14 +91,18 @@ class PointMassVehicle:
     def reach(self) -> tuple[float, float]:
         """Return the accelerations along the path that idle and full power give now, m/s^2."""
         share = self._weight / REFERENCE_WEIGHT / math.cos(self.bank)
-        drag = share * self._drag(self.airspeed * math.sqrt(self._density / density_at(REFERENCE_ALTITUDE) / share))
+        drag = share * self._drag(
+            self.airspeed * math.sqrt(self._density / density_at(REFERENCE_ALTITUDE) / share)
+        )
         forces = self._idle(self.airspeed), self._top(self.airspeed)
         mass = self._weight / GRAVITY
         slope = GRAVITY * self.climb / self.airspeed
         low, high = ((force - drag) / mass - slope for force in forces)
         return low, high
 
-    def _advance(self, acceleration: float, yaw_rate: float, dt: float, low: float, high: float) -> None:
+    def _advance(
+        self, acceleration: float, yaw_rate: float, dt: float, low: float, high: float
+    ) -> None:
         state = self.state
         along, left = air_demands(state, acceleration, yaw_rate, self._wind, (low, high))
         bank = min(max(math.atan(left / GRAVITY), -BANK_MAX), BANK_MAX)
@@ -107,5 +122,9 @@ class PointMassVehicle:
         self.bank, self._along, self.climb = after
         end = self.state
         # Trapezoid on the velocity: a centimetre in a minute of turning at this step.
-        self._x += 0.5 * dt * (state.speed * math.cos(state.heading) + end.speed * math.cos(end.heading))
-        self._y += 0.5 * dt * (state.speed * math.sin(state.heading) + end.speed * math.sin(end.heading))
+        self._x += (
+            0.5 * dt * (state.speed * math.cos(state.heading) + end.speed * math.cos(end.heading))
+        )
+        self._y += (
+            0.5 * dt * (state.speed * math.sin(state.heading) + end.speed * math.sin(end.heading))
+        )

@@ -1,9 +1,9 @@
 """Thrust of a governed turboprop: momentum theory of the disc, its losses, and a flat-rated engine.
 
-A power P turned into thrust T by an ideal disc of area A satisfies 2 rho A v (V + v)^2 = P with T = 2 rho A v (V + v)
-(Rankine and Froude). What the blades lose is one factor on P. The slipstream, faster than the flight by 2 v, adds
-to the drag of what it washes: that is taken from the thrust. At idle the blades' own drag takes more than the engine
-gives: thrust is negative.
+A power P turned into thrust T by an ideal disc of area A satisfies 2 rho A v (V + v)^2 = P with T =
+2 rho A v (V + v) (Rankine and Froude). What the blades lose is one factor on P. The slipstream,
+faster than the flight by 2 v, adds to the drag of what it washes: that is taken from the thrust. At
+idle the blades' own drag takes more than the engine gives: thrust is negative.
 """
 
 import math
@@ -22,7 +22,9 @@ SPEEDS = np.array([0.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 1
 DENSITIES = np.array([0.40, 0.55, 0.70, 0.80, 0.90, 0.98, 1.08, 1.16, 1.225, 1.35])
 """Air densities of the tables, kg/m^3."""
 
-_SLOWEST = 35.0  # below this speed the blades rest on their low-pitch stop and the drag stops growing, m/s
+_SLOWEST = (
+    35.0  # below this speed the blades rest on their low-pitch stop and the drag stops growing, m/s
+)
 
 
 def density_at(altitude: float) -> float:
@@ -31,11 +33,14 @@ def density_at(altitude: float) -> float:
 
 
 def thrust(power: Any, speed: Any, density: Any) -> Any:
-    """Return the installed thrust (N) of a shaft power (W) at a true airspeed (m/s); arrays broadcast."""
+    """Return the installed thrust (N) of a shaft power (W) at a true airspeed (m/s); arrays
+    broadcast.
+    """
     diameter = value("propeller_diameter") * 0.0254
     area = 0.25 * math.pi * diameter**2
     power = value("propeller_losses") * np.asarray(power, dtype=float)
-    # Newton's steps on the induced velocity from above: the left side is convex, so that they cannot overshoot.
+    # Newton's steps on the induced velocity from above: the left side is convex, so that they
+    # cannot overshoot.
     induced = np.cbrt(power / (2.0 * density * area)) + 0.0 * np.asarray(speed)
     for _ in range(30):
         excess = 2.0 * density * area * induced * (speed + induced) ** 2 - power
@@ -46,13 +51,19 @@ def thrust(power: Any, speed: Any, density: Any) -> Any:
 
 
 def maximum_thrust(variant: Variant, speed: Any, density: Any) -> Any:
-    """Return the thrust at full throttle, N: rated power, or what the thinner air leaves of the thermodynamic one."""
-    power = np.minimum(variant.rated_power, variant.thermodynamic_power * np.asarray(density) / DENSITY_0)
+    """Return the thrust at full throttle, N: rated power, or what the thinner air leaves of the
+    thermodynamic one.
+    """
+    power = np.minimum(
+        variant.rated_power, variant.thermodynamic_power * np.asarray(density) / DENSITY_0
+    )
     return thrust(power * HORSEPOWER, speed, density)
 
 
 def idle_thrust(variant: Variant, speed: Any, density: Any) -> Any:
-    """Return the thrust at flight idle, N, governed speed: negative, the blades' drag less the engine's power."""
+    """Return the thrust at flight idle, N, governed speed: negative, the blades' drag less the
+    engine's power.
+    """
     diameter, turns = value("propeller_diameter") * 0.0254, value("propeller_speed") / 60.0
     profile = value("profile_power") * np.asarray(density) * turns**3 * diameter**5
     idle = value("idle_power") * variant.rated_power * HORSEPOWER * np.asarray(density) / DENSITY_0
@@ -66,9 +77,11 @@ def tables(variant: Variant) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Curve:
-    """A function of one number by its values ``y`` at increasing ``x``, ``[N]``; faster than numpy's for one.
+    """A function of one number by its values ``y`` at increasing ``x``, ``[N]``; faster than
+    numpy's for one.
 
-    It is tabulated at 241 equal steps from ``low``, x[0] by default, to x[-1], and constant beyond them.
+    It is tabulated at 241 equal steps from ``low``, x[0] by default, to x[-1], and constant beyond
+    them.
     """
 
     def __init__(self, x: np.ndarray, y: np.ndarray, low: float | None = None) -> None:

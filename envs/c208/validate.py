@@ -1,9 +1,11 @@
-"""The model against what is published: ``python -m envs.c208.validate``; exits with 1 if a tolerance is missed.
+"""The model against what is published: ``python -m envs.c208.validate``; exits with 1 if a
+tolerance is missed.
 
-Cruise is the level speed at which the drag equals the thrust of the stated shaft power, climb the steady one at full
-power, the stall the slowest steady glide at idle, all equilibria of the JSBSim aircraft. The modes are those of its
-linearisation, judged by level 1 of MIL-F-8785C (class I, cruise), because no measured ones are published. What the
-aircraft does at idle is reported only: nothing reliable is published.
+Cruise is the level speed at which the drag equals the thrust of the stated shaft power, climb the
+steady one at full power, the stall the slowest steady glide at idle, all equilibria of the JSBSim
+aircraft. The modes are those of its linearisation, judged by level 1 of MIL-F-8785C (class I,
+cruise), because no measured ones are published. What the aircraft does at idle is reported only:
+nothing reliable is published.
 """
 
 import math
@@ -62,7 +64,11 @@ def measured(point: Point) -> float:
         return _cruise(air, point.setting * HORSEPOWER) / KNOT
     if point.quantity == "climb":
         speed = air.true(point.setting * KNOT)
-        return speed * math.sin(solve(air.fdm, speed, air.altitude, throttle=1.0).gamma) / (FOOT / 60.0)
+        return (
+            speed
+            * math.sin(solve(air.fdm, speed, air.altitude, throttle=1.0).gamma)
+            / (FOOT / 60.0)
+        )
     if point.quantity == "stall":
         return _stall(air, point.setting) * math.sqrt(air.density / DENSITY_0) / KNOT
     return _glide(air, point.setting)
@@ -102,11 +108,15 @@ def _stall(air: _Air, flaps: float) -> float:
 
 
 def _glide(air: _Air, calibrated: float) -> float:
-    """Return the glide ratio at a calibrated airspeed (kt), propeller feathered, as a share of the best one."""
+    """Return the glide ratio at a calibrated airspeed (kt), propeller feathered, as a share of the
+    best one.
+    """
 
     def ratio(knots: float) -> float:
         speed = air.true(knots * KNOT)
-        idle, top = (given(air.fdm.variant, speed, air.density) for given in (idle_thrust, maximum_thrust))
+        idle, top = (
+            given(air.fdm.variant, speed, air.density) for given in (idle_thrust, maximum_thrust)
+        )
         # Feathered blades neither pull nor brake: the throttle at which the thrust is nothing.
         throttle = math.sqrt(max(float(idle / (idle - top)), 0.0))
         return -1.0 / math.tan(solve(air.fdm, speed, air.altitude, throttle=throttle).gamma)
@@ -124,15 +134,22 @@ def _performance() -> Iterator[Verdict]:
         elif point.quantity == "stall":
             kept, tolerance = abs(off) <= point.tolerance, f"{point.tolerance:g} kt"
         else:
-            kept, tolerance = abs(off) <= point.tolerance * point.value, f"{100.0 * point.tolerance:g} %"
+            kept, tolerance = (
+                abs(off) <= point.tolerance * point.value,
+                f"{100.0 * point.tolerance:g} %",
+            )
         name = f"{point.quantity}: {point.name}, {point.altitude:.0f} ft"
-        yield Verdict(name, figure, units[point.quantity], f"{point.value:g}", tolerance, point.use, kept)
+        yield Verdict(
+            name, figure, units[point.quantity], f"{point.value:g}", tolerance, point.use, kept
+        )
 
 
 def modes(speed: float) -> dict[str, tuple[float, float]]:
-    """Return the EX's modes of level flight at a true airspeed (m/s), reference altitude, by their names.
+    """Return the EX's modes of level flight at a true airspeed (m/s), reference altitude, by their
+    names.
 
-    Each is the undamped frequency, rad/s (of a real eigenvalue its size), and the damping ratio (1 or -1).
+    Each is the undamped frequency, rad/s (of a real eigenvalue its size), and the damping ratio (1
+    or -1).
     """
     # A throw-away executive: JSBSim's linearisation leaves the engine changed.
     fdm = Fdm()
@@ -146,7 +163,9 @@ def modes(speed: float) -> dict[str, tuple[float, float]]:
         index = [names.index(name) for name in kept]
         return np.linalg.eigvals(matrix[np.ix_(index, index)])
 
-    pitching = sorted((root for root in roots("Vt", "Alpha", "Theta", "Q") if root.imag >= 0.0), key=abs)
+    pitching = sorted(
+        (root for root in roots("Vt", "Alpha", "Theta", "Q") if root.imag >= 0.0), key=abs
+    )
     rolling = sorted(roots("Phi", "P", "Beta", "R"), key=abs)
     turning = [root for root in rolling if root.imag > 1e-6]
     single = [root for root in rolling if abs(root.imag) <= 1e-6]
@@ -160,7 +179,9 @@ def modes(speed: float) -> dict[str, tuple[float, float]]:
 def _handling() -> Iterator[Verdict]:
     for speed in (55.0, 70.0, 90.0):
 
-        def judged(name: str, figure: float, unit: str, limit: str, kept: bool, level: str = "level 1") -> Verdict:
+        def judged(
+            name: str, figure: float, unit: str, limit: str, kept: bool, level: str = "level 1"
+        ) -> Verdict:
             return Verdict(f"{name}, at {speed:.0f} m/s", figure, unit, limit, level, "check", kept)  # noqa: B023
 
         found = modes(speed)
@@ -173,16 +194,21 @@ def _handling() -> Iterator[Verdict]:
         yield judged("short period: damping", short, "", "0.30 to 2.0", 0.30 <= short <= 2.0)
         yield judged("phugoid: damping", phugoid, "", "0.04", phugoid >= 0.04)
         yield judged("Dutch roll: damping", dutch, "", "0.08", dutch >= 0.08)
-        yield judged("Dutch roll: frequency", dutch_frequency, "rad/s", "0.4", dutch_frequency >= 0.4)
+        yield judged(
+            "Dutch roll: frequency", dutch_frequency, "rad/s", "0.4", dutch_frequency >= 0.4
+        )
         yield judged("roll: time constant", lag, "s", "1.4", roll > 0.0 and lag <= 1.4)
-        yield judged("spiral: time to double", doubling, "s", f"{least:g}", doubling >= least, level)
+        yield judged(
+            "spiral: time to double", doubling, "s", f"{least:g}", doubling >= least, level
+        )
         yield Verdict(f"short period: frequency, at {speed:.0f} m/s", frequency, "rad/s")
 
 
 def envelope(
     variant: str = "ex", loading: Loading = NOMINAL, altitude: float = REFERENCE_ALTITUDE
 ) -> list[tuple[float, float, float]]:
-    """Return true airspeed (m/s) and the accelerations (m/s^2) that idle and full power give in level flight.
+    """Return true airspeed (m/s) and the accelerations (m/s^2) that idle and full power give in
+    level flight.
 
     Speeds without a level equilibrium at the altitude (m) are left out.
     """
@@ -194,7 +220,10 @@ def envelope(
             needed = solve(fdm, float(speed), altitude)
         except TrimError:
             continue
-        forces = (float(given(fdm.variant, speed, _density(fdm))) for given in (idle_thrust, maximum_thrust))
+        forces = (
+            float(given(fdm.variant, speed, _density(fdm)))
+            for given in (idle_thrust, maximum_thrust)
+        )
         low, high = ((force - needed.thrust) * math.cos(needed.alpha) / mass for force in forces)
         found.append((float(speed), low, high))
     return found
@@ -213,7 +242,8 @@ def _spool() -> Iterator[Verdict]:
     for variant in VARIANTS:
         fdm = Fdm(variant)
         solve(fdm, 60.0, throttle=0.0)
-        # In the first step after its initial conditions JSBSim's turbine takes the throttle's place at once.
+        # In the first step after its initial conditions JSBSim's turbine takes the throttle's place
+        # at once.
         fdm.exec.run()
         fdm.set("fcs/throttle-cmd-norm", 1.0)
         steps = 0
@@ -232,10 +262,16 @@ def main() -> int:
     missed = 0
     for row in (*_performance(), *_spool(), *_handling(), *_idle()):
         mark = "" if row.kept else "  MISSED"
-        print(f"{row.name:58}{row.model:9.3f} {row.published:>11} {row.unit:8}{row.tolerance:>10} {row.use:7}{mark}")
+        print(
+            f"{row.name:58}{row.model:9.3f} {row.published:>11} {row.unit:8}{row.tolerance:>10} "
+            f"{row.use:7}{mark}"
+        )
         missed += not row.kept
     checks = sum(point.use == "check" for point in POINTS)
-    print(f"{missed} tolerances missed; {checks} of the {len(POINTS)} published points were not used in the fit")
+    print(
+        f"{missed} tolerances missed; {checks} of the {len(POINTS)} published points were not "
+        "used in the fit"
+    )
     return 1 if missed else 0
 
 

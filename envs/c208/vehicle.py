@@ -1,8 +1,10 @@
-"""The true aircraft as a vehicle: the Cessna 208B in JSBSim under its autopilot, in the local frame.
+"""The true aircraft as a vehicle: the Cessna 208B in JSBSim under its autopilot, in the local
+frame.
 
-Physics at 60 Hz, autopilot at 20 Hz. The local frame is that of :mod:`envs.kinematics`: x east and y north in metres,
-from longitudes and latitudes at the equator, scaled at the flight's altitude; at 40 km from its origin it is true to
-a metre. Every period the flight is checked; one that fails raises :class:`FlightError` with its reason.
+Physics at 60 Hz, autopilot at 20 Hz. The local frame is that of :mod:`envs.kinematics`: x east and
+y north in metres, from longitudes and latitudes at the equator, scaled at the flight's altitude; at
+40 km from its origin it is true to a metre. Every period the flight is checked; one that fails
+raises :class:`FlightError` with its reason.
 """
 
 import math
@@ -19,12 +21,27 @@ from envs.c208.flightgear import FlightGear
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve, surfaces
 from envs.kinematics import VehicleState
 
-_EQUATOR, _MERIDIAN = 6_378_137.0, 6_335_439.3  # radii of curvature at the equator along both, m (WGS 84)
+_EQUATOR, _MERIDIAN = (
+    6_378_137.0,
+    6_335_439.3,
+)  # radii of curvature at the equator along both, m (WGS 84)
 _SUBSTEPS = round(TICK / STEP)
 _WIND_LAG = 10.0  # of the autopilot's estimate of the wind, s
 _LEAD_IN = 20.0  # flown before the start, so that no transient of the initial state is left, s
 
-LOG_COLUMNS = ("time", "x", "y", "altitude", "heading", "speed", "airspeed", "bank", "alpha", "beta", "throttle")
+LOG_COLUMNS = (
+    "time",
+    "x",
+    "y",
+    "altitude",
+    "heading",
+    "speed",
+    "airspeed",
+    "bank",
+    "alpha",
+    "beta",
+    "throttle",
+)
 """Of :meth:`C208Vehicle.log`; SI units and radians."""
 
 
@@ -33,15 +50,18 @@ class FlightError(RuntimeError):
 
 
 class StartError(FlightError):
-    """The aircraft cannot be where the flight is to begin: too slow, or too fast, through the air."""
+    """The aircraft cannot be where the flight is to begin: too slow, or too fast, through
+    the air.
+    """
 
 
 class C208Vehicle:
     """One flight of the true aircraft; satisfies :class:`envs.follower.Vehicle`.
 
-    Commands over the ground are reached with the lags of engine and roll, for which :mod:`envs.c208.guidance` looks
-    ahead. ``state`` is that over the ground now, ``measured`` what the autopilot sees. A flight of 20 s before the
-    first state is not seen. ``altitude`` is held, m above the sea; a viewer shows the flight from its start on.
+    Commands over the ground are reached with the lags of engine and roll, for which
+    :mod:`envs.c208.guidance` looks ahead. ``state`` is that over the ground now, ``measured`` what
+    the autopilot sees. A flight of 20 s before the first state is not seen. ``altitude`` is held, m
+    above the sea; a viewer shows the flight from its start on.
 
     Raises:
         StartError: the aircraft cannot fly so slowly or so fast at the start.
@@ -61,11 +81,16 @@ class C208Vehicle:
         self._variant, self._viewer = variant, viewer
         self.reset(state, conditions, altitude)
 
-    def reset(self, state: VehicleState, conditions: Conditions = CALM, altitude: float = REFERENCE_ALTITUDE) -> None:
+    def reset(
+        self,
+        state: VehicleState,
+        conditions: Conditions = CALM,
+        altitude: float = REFERENCE_ALTITUDE,
+    ) -> None:
         """Begin another flight; as the constructor does, to the last bit.
 
-        JSBSim keeps the past of its gusts and the rounding of its angles over a reset of its own: every flight has an
-        executive to itself, which takes a millisecond to load.
+        JSBSim keeps the past of its gusts and the rounding of its angles over a reset of its own:
+        every flight has an executive to itself, which takes a millisecond to load.
         """
         check_start(state, conditions, altitude)
         self.fdm = Fdm(self._variant, conditions.loading)
@@ -95,10 +120,31 @@ class C208Vehicle:
     def _nodes(self) -> None:
         node = self.fdm.node
         names = (
-            *("attitude/phi-rad", "attitude/theta-rad", "velocities/p-rad_sec", "velocities/q-rad_sec"),
-            *("velocities/r-rad_sec", "aero/alpha-rad", "aero/beta-rad", "velocities/vt-fps", "position/h-sl-ft"),
-            *("velocities/h-dot-fps", "atmosphere/rho-slugs_ft3", "inertia/weight-lbs", "propulsion/engine/n2"),
-            *("velocities/v-east-fps", "velocities/v-north-fps", "position/long-gc-rad", "position/lat-geod-rad"),
+            *(
+                "attitude/phi-rad",
+                "attitude/theta-rad",
+                "velocities/p-rad_sec",
+                "velocities/q-rad_sec",
+            ),
+            *(
+                "velocities/r-rad_sec",
+                "aero/alpha-rad",
+                "aero/beta-rad",
+                "velocities/vt-fps",
+                "position/h-sl-ft",
+            ),
+            *(
+                "velocities/h-dot-fps",
+                "atmosphere/rho-slugs_ft3",
+                "inertia/weight-lbs",
+                "propulsion/engine/n2",
+            ),
+            *(
+                "velocities/v-east-fps",
+                "velocities/v-north-fps",
+                "position/long-gc-rad",
+                "position/lat-geod-rad",
+            ),
             *("atmosphere/total-wind-east-fps", "atmosphere/total-wind-north-fps"),
         )
         self._read = [node(name).get_double_value for name in names]
@@ -119,10 +165,20 @@ class C208Vehicle:
             raise StartError(f"the flight cannot begin: {problem}") from problem
         nose = math.atan2(air_north, air_east)
         drift = math.remainder(heading - nose, 2.0 * math.pi)
-        initial = {"lat-geod-deg": 0.0, "long-gc-deg": 0.0, "h-sl-ft": self._altitude / FOOT, "vt-fps": speed / FOOT}
+        initial = {
+            "lat-geod-deg": 0.0,
+            "long-gc-deg": 0.0,
+            "h-sl-ft": self._altitude / FOOT,
+            "vt-fps": speed / FOOT,
+        }
         initial |= {"alpha-deg": math.degrees(trim.alpha), "gamma-deg": 0.0}
-        # Without wind yet the drift is a sideslip to the other side; the wind, set below, takes it away.
-        initial |= {"beta-deg": -math.degrees(drift), "phi-deg": 0.0, "theta-deg": math.degrees(trim.alpha)}
+        # Without wind yet the drift is a sideslip to the other side; the wind, set below, takes it
+        # away.
+        initial |= {
+            "beta-deg": -math.degrees(drift),
+            "phi-deg": 0.0,
+            "theta-deg": math.degrees(trim.alpha),
+        }
         initial |= {"psi-true-deg": math.degrees(math.pi / 2.0 - nose) % 360.0}
         initial |= {"p-rad_sec": 0.0, "q-rad_sec": 0.0, "r-rad_sec": 0.0}
         fdm.initialise(initial, surfaces(trim.elevator, trim.throttle))
@@ -143,23 +199,29 @@ class C208Vehicle:
         self._see()
 
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
-        """Fly on under an acceleration along the track (m/s^2) and its turn rate (rad/s, positive to the left).
+        """Fly on under an acceleration along the track (m/s^2) and its turn rate (rad/s, positive
+        to the left).
 
         Raises:
             FlightError: the flight has failed.
-            ValueError: a command is not finite, or ``dt`` (s) no multiple of :data:`envs.c208.autopilot.TICK`.
+            ValueError: a command is not finite, or ``dt`` (s) no multiple of
+                :data:`envs.c208.autopilot.TICK`.
         """
         ticks = round(dt / TICK)
         if ticks < 1 or abs(ticks * TICK - dt) > 1e-9:
             raise ValueError(f"dt is {dt} s; expected a multiple of {TICK} s")
         acceleration, yaw_rate = float(acceleration), float(yaw_rate)
         if not (math.isfinite(acceleration) and math.isfinite(yaw_rate)):
-            raise ValueError(f"the command is ({acceleration}, {yaw_rate}); expected two finite numbers")
+            raise ValueError(
+                f"the command is ({acceleration}, {yaw_rate}); expected two finite numbers"
+            )
         for _ in range(ticks):
             self._tick(acceleration, yaw_rate)
 
     def log(self) -> np.ndarray:
-        """Return the flight so far, a row a period of the autopilot, columns :data:`LOG_COLUMNS`, ``[T, 11]``."""
+        """Return the flight so far, a row a period of the autopilot, columns :data:`LOG_COLUMNS`,
+        ``[T, 11]``.
+        """
         return np.array(self._rows).reshape(-1, len(LOG_COLUMNS))
 
     def show(self, others: VehicleState) -> None:
@@ -174,7 +236,12 @@ class C208Vehicle:
         controls = self.autopilot.fly(self.measured, *demands)
         up, down, aileron, rudder = self._travel
         elevator = controls.elevator * (down if controls.elevator > 0.0 else up)
-        commands = (elevator, controls.aileron * aileron, controls.rudder * rudder, controls.throttle)
+        commands = (
+            elevator,
+            controls.aileron * aileron,
+            controls.rudder * rudder,
+            controls.throttle,
+        )
         for write, command in zip(self._write, commands, strict=True):
             write(command)
         self._throttle = controls.throttle
@@ -185,7 +252,21 @@ class C208Vehicle:
 
     def _see(self) -> None:
         values = [read() for read in self._read]
-        bank, pitch, roll, pitching, yawing, alpha, beta, airspeed, height, climb, density, weight, spool = values[:13]
+        (
+            bank,
+            pitch,
+            roll,
+            pitching,
+            yawing,
+            alpha,
+            beta,
+            airspeed,
+            height,
+            climb,
+            density,
+            weight,
+            spool,
+        ) = values[:13]
         east, north, longitude, latitude, wind_east, wind_north = values[13:]
         east, north, airspeed, altitude = east * FOOT, north * FOOT, airspeed * FOOT, height * FOOT
         share = TICK / _WIND_LAG
@@ -199,7 +280,13 @@ class C208Vehicle:
         self.measured = Measured(
             *(bank, pitch, roll, pitching, yawing, alpha, beta, airspeed),
             math.hypot(east - blow_east, north - blow_north),
-            *(altitude, climb * FOOT, density * SLUG_PER_FT3, weight * POUND, (spool - 60.0) / 40.0),
+            *(
+                altitude,
+                climb * FOOT,
+                density * SLUG_PER_FT3,
+                weight * POUND,
+                (spool - 60.0) / 40.0,
+            ),
         )
         problem = _problem(self.state, self.measured)
         if problem:
@@ -214,9 +301,15 @@ def _problem(state: VehicleState, m: Measured) -> str | None:
     if m.altitude < 150.0:
         return f"the aircraft is {m.altitude:.0f} m above the sea, below 150 m,"
     if abs(m.bank) > math.radians(75.0) or abs(m.pitch) > math.radians(45.0):
-        return f"the attitude is lost (bank {math.degrees(m.bank):.0f} deg, pitch {math.degrees(m.pitch):.0f} deg)"
+        return (
+            f"the attitude is lost (bank {math.degrees(m.bank):.0f} deg, pitch "
+            f"{math.degrees(m.pitch):.0f} deg)"
+        )
     if abs(m.alpha) > math.radians(30.0) or abs(m.beta) > math.radians(40.0):
-        return f"the flow is lost (alpha {math.degrees(m.alpha):.0f} deg, beta {math.degrees(m.beta):.0f} deg)"
+        return (
+            f"the flow is lost (alpha {math.degrees(m.alpha):.0f} deg, beta "
+            f"{math.degrees(m.beta):.0f} deg)"
+        )
     if not 20.0 < m.airspeed < 150.0:
         return f"the airspeed is {m.airspeed:.0f} m/s, outside 20 to 150 m/s,"
     return None

@@ -1,1 +1,3 @@
-"""The edge of every program: its command line, its refusals and its files; the standard library alone."""
+"""The edge of every program: its command line, its refusals and its files; the standard library
+alone.
+"""

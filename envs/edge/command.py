@@ -1,6 +1,7 @@
 """A command line that refuses in one sentence, and the guard around every program's main function.
 
-Nothing but the standard library is imported here, so that the guard also catches what is not installed.
+Nothing but the standard library is imported here, so that the guard also catches what is not
+installed.
 """
 
 import argparse
@@ -30,10 +31,11 @@ class ConfigError(InputError):
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that raises :class:`ConfigError` where argparse would print its usage and exit.
+    """An argument parser that raises :class:`ConfigError` where argparse would print its usage and
+    exit.
 
-    It also refuses what argparse accepts silently: an option that stands twice, of which it takes the last, and
-    arguments that are no text. Every parser knows ``--version``.
+    It also refuses what argparse accepts silently: an option that stands twice, of which it takes
+    the last, and arguments that are no text. Every parser knows ``--version``.
     """
 
     def __init__(self, **settings: Any) -> None:
@@ -67,7 +69,11 @@ class _Once(argparse.Action):
     """Stores a value; an option that stands twice is refused."""
 
     def __call__(
-        self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: str | None = None
+        self,
+        parser: Any,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
     ) -> None:
         if option_string is not None and self.dest in parser.given:
             parser.error(f"argument {option_string} stands twice; expected it once")
@@ -78,9 +84,10 @@ class _Once(argparse.Action):
 def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
     """Run a program's main function and exit with its status.
 
-    Bad input (:class:`InputError`) ends with one line on stderr and status 2; a missing extra, a full disk and what
-    no machine holds with one line and status 1; Ctrl-C with 130. Everything else is a defect and keeps its traceback.
-    ``main`` returns the status (None: 0) or is a name, ``package.module:function``, to be imported under the guard.
+    Bad input (:class:`InputError`) ends with one line on stderr and status 2; a missing extra, a
+    full disk and what no machine holds with one line and status 1; Ctrl-C with 130. Everything else
+    is a defect and keeps its traceback. ``main`` returns the status (None: 0) or is a name,
+    ``package.module:function``, to be imported under the guard.
     """
     try:
         status = _run(main)
@@ -91,14 +98,19 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
         print("interrupted", file=sys.stderr)
         status = 130
     except BrokenPipeError:
-        # What reads the output has ended (``| head``); what is still buffered must not complain at the exit.
+        # What reads the output has ended (``| head``); what is still buffered must not complain at
+        # the exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
     except ModuleNotFoundError as problem:
         extra = extra_of(problem.name, main if isinstance(main, str) else "")
         if extra is None:
             raise
-        status = _say(f"{problem.name} is not installed; expected the extra: pip install 'rlcas-toolkit[{extra}]'", 1)
+        status = _say(
+            f"{problem.name} is not installed; expected the extra: pip install "
+            f"'rlcas-toolkit[{extra}]'",
+            1,
+        )
     except OSError as problem:
         if problem.errno is None:
             raise
@@ -107,7 +119,11 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
             # Buffered output to the full disk must not complain again at the exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (MemoryError, RecursionError, OverflowError) as problem:
-        what = {MemoryError: "out of memory", RecursionError: "nested too deeply", OverflowError: "a number too large"}
+        what = {
+            MemoryError: "out of memory",
+            RecursionError: "nested too deeply",
+            OverflowError: "a number too large",
+        }
         words = next(text for kind, text in what.items() if isinstance(problem, kind))
         status = _say(f"{words}: {str(problem) or type(problem).__name__}, {_place(problem)}", 1)
     sys.exit(status)
@@ -123,12 +139,14 @@ train = partial(run_cli, "rlcas_jax.train:main")
 
 
 def visible(text: str) -> str:
-    """Return a text with its control and format characters, which may reverse what follows, as their codes.
+    """Return a text with its control and format characters, which may reverse what follows, as
+    their codes.
 
     Line feeds stay.
     """
     return "".join(
-        f"\\u{ord(each):04x}" if each != "\n" and unicodedata.category(each) in _HIDDEN else each for each in text
+        f"\\u{ord(each):04x}" if each != "\n" and unicodedata.category(each) in _HIDDEN else each
+        for each in text
     )
 
 

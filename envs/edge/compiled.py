@@ -1,8 +1,9 @@
 """What JAX compiles, kept in the user's cache folder for the next program that compiles the same.
 
-Machine code fits only the processor that it was made for: versions, the processor and its instructions are part of the
-folder's name. A folder that cannot be used costs time only. JAX has variables of its own to say otherwise:
-``JAX_ENABLE_COMPILATION_CACHE=false`` keeps nothing, ``JAX_COMPILATION_CACHE_DIR`` names another folder.
+Machine code fits only the processor that it was made for: versions, the processor and its
+instructions are part of the folder's name. A folder that cannot be used costs time only. JAX has
+variables of its own to say otherwise: ``JAX_ENABLE_COMPILATION_CACHE=false`` keeps nothing,
+``JAX_COMPILATION_CACHE_DIR`` names another folder.
 """
 
 import hashlib
@@ -17,7 +18,9 @@ _LARGE = 1 << 30
 
 
 def keep_compiled() -> None:
-    """Have JAX keep what it compiles, in this process if it is not imported yet and in those that this one starts."""
+    """Have JAX keep what it compiles, in this process if it is not imported yet and in those that
+    this one starts.
+    """
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
     try:
@@ -36,15 +39,28 @@ def keep_compiled() -> None:
 
 def _folder() -> Path:
     """Return the folder of what is compiled with these versions on this processor."""
-    made_with = [platform.python_version(), *(metadata.version(name) for name in ("jax", "jaxlib")), _processor()]
+    made_with = [
+        platform.python_version(),
+        *(metadata.version(name) for name in ("jax", "jaxlib")),
+        _processor(),
+    ]
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return root / "rlcas-toolkit" / "compiled" / hashlib.sha256("\n".join(made_with).encode()).hexdigest()[:16]
+    return (
+        root
+        / "rlcas-toolkit"
+        / "compiled"
+        / hashlib.sha256("\n".join(made_with).encode()).hexdigest()[:16]
+    )
 
 
 def _processor() -> str:
-    """Return the processor's model and its instructions; where the system does not say them, the machine's name."""
+    """Return the processor's model and its instructions; where the system does not say them, the
+    machine's name.
+    """
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return f"{platform.machine()} {platform.node()}"
-    return "\n".join(sorted({line for line in lines if line.startswith(("model", "flags", "Features", "CPU "))}))
+    return "\n".join(
+        sorted({line for line in lines if line.startswith(("model", "flags", "Features", "CPU "))})
+    )

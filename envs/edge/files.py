@@ -14,12 +14,14 @@ from envs.edge.command import ConfigError
 
 @contextmanager
 def written(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
-    """Give the path of a new file that takes the name ``target`` when the block ends well, even over a power cut.
+    """Give the path of a new file that takes the name ``target`` when the block ends well, even
+    over a power cut.
 
     Readers see the old file or the whole new one; where the block raises, nothing is left behind.
 
     Raises:
-        OSError: it cannot be written, with the target as its file name; the folder is tried before the block.
+        OSError: it cannot be written, with the target as its file name; the folder is tried before
+            the block.
     """
     target = Path(target)
     temporary: Path | None = None
@@ -27,7 +29,9 @@ def written(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
         if target.is_dir():
             raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
         # In the same folder, because a rename is atomic only within one file system.
-        descriptor, name = tempfile.mkstemp(prefix=f".{target.name[:200]}.", suffix=".tmp", dir=target.parent)
+        descriptor, name = tempfile.mkstemp(
+            prefix=f".{target.name[:200]}.", suffix=".tmp", dir=target.parent
+        )
         temporary = Path(name)
         os.close(descriptor)
         yield temporary
@@ -51,19 +55,24 @@ def written(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
 
 
 def write_file(target: str | os.PathLike[str], content: str | bytes) -> None:
-    """Write a text, in UTF-8 and with line feeds alone, or bytes; atomic and with the errors of :func:`written`."""
+    """Write a text, in UTF-8 and with line feeds alone, or bytes; atomic and with the errors of
+    :func:`written`.
+    """
     with written(target) as path:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def check_regular(path: str | os.PathLike[str]) -> None:
-    """Raise an OSError where there is no such file or it is no regular one: a named pipe, a device, a folder."""
+    """Raise an OSError where there is no such file or it is no regular one: a named pipe, a device,
+    a folder.
+    """
     if not stat.S_ISREG(Path(path).stat().st_mode):
         raise OSError(errno.EINVAL, "not a regular file", os.fspath(path))
 
 
 def check_space(folder: Path, needed: int, what: str) -> None:
-    """Raise a ConfigError where the disk of an output folder, new or not, has less room than needed, bytes.
+    """Raise a ConfigError where the disk of an output folder, new or not, has less room than
+    needed, bytes.
 
     ``what`` says what the room is for, such as ``10000 rows``.
     """
@@ -72,5 +81,6 @@ def check_space(folder: Path, needed: int, what: str) -> None:
     # What has no size, such as /proc, refuses by itself.
     if disk.total and disk.free < needed:
         raise ConfigError(
-            f"--out {folder}: {disk.free / 1e6:.1f} MB are free there, expected about {needed / 1e6:.1f} MB for {what}"
+            f"--out {folder}: {disk.free / 1e6:.1f} MB are free there, expected about "
+            f"{needed / 1e6:.1f} MB for {what}"
         ) from OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -1,4 +1,6 @@
-"""What is installed: versions, the extra of a missing module, and whether another package hides the toolkit's."""
+"""What is installed: versions, the extra of a missing module, and whether another package hides the
+toolkit's.
+"""
 
 import importlib.util
 import platform
@@ -8,7 +10,16 @@ from pathlib import Path
 PACKAGES = ("rlcas_jax", "envs", "agents", "eval", "ros_bridge")
 
 EXTRAS = {
-    "report": ("matplotlib", "pyarrow", "pydantic", "pyproj", "rich", "scipy", "threadpoolctl", "yaml"),
+    "report": (
+        "matplotlib",
+        "pyarrow",
+        "pydantic",
+        "pyproj",
+        "rich",
+        "scipy",
+        "threadpoolctl",
+        "yaml",
+    ),
     "train": ("flax", "jax", "optax"),
     "gymnax": ("gymnax",),
     "sim": ("gymnasium", "jsbsim"),
@@ -19,7 +30,15 @@ EXTRAS = {
     "peers": ("sbx", "stable_baselines3", "torch"),
     "bluesky": ("bluesky", "bluesky_gym"),
     "ros": (
-        *("builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "mcap", "mcap_ros2", "nav_msgs", "rcl_interfaces"),
+        *(
+            "builtin_interfaces",
+            "diagnostic_msgs",
+            "geometry_msgs",
+            "mcap",
+            "mcap_ros2",
+            "nav_msgs",
+            "rcl_interfaces",
+        ),
         *("rclpy", "rlcas_msgs", "rosgraph_msgs", "rosidl_adapter", "sensor_msgs", "std_msgs"),
         *("unique_identifier_msgs", "visualization_msgs"),
     ),
@@ -31,20 +50,27 @@ _OF_PACKAGE = {"rlcas_jax": "train", "ros_bridge": "ros"}
 
 
 def extra_of(module: str | None, command: str) -> str | None:
-    """Return the extra that installs a module, None where none does; by the command where several extras do."""
+    """Return the extra that installs a module, None where none does; by the command where several
+    extras do.
+    """
     top = (module or "").partition(".")[0]
     found = next((extra for extra, modules in EXTRAS.items() if top in modules), None)
     return _OF_PACKAGE.get(command.partition(".")[0], found) if found == "report" else found
 
 
 def foreign() -> str:
-    """Return why the toolkit's packages cannot be used: another one of the same, common name hides one; or ""."""
+    """Return why the toolkit's packages cannot be used: another one of the same, common name hides
+    one; or "".
+    """
     home = Path(__file__).resolve().parents[2]
     for name in PACKAGES:
         spec = importlib.util.find_spec(name)
         at = None if spec is None or spec.origin is None else Path(spec.origin).resolve().parent
         if at is not None and at != home / name:
-            return f"the package {name} is {at}; expected {home / name}: something else hides the toolkit's"
+            return (
+                f"the package {name} is {at}; expected {home / name}: something else hides the "
+                "toolkit's"
+            )
     return ""
 
 

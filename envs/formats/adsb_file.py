@@ -1,9 +1,9 @@
 """ADS-B reports as JSON, plain or gzipped: a list of objects, one a report.
 
-``icao24`` (upper or lower case), ``timestamp`` (ms), ``latitude`` and ``longitude`` (deg), ``altitude`` (ft),
-``groundspeed`` (kt), ``track`` (deg clockwise from north) and ``vertical_rate`` (ft/min); null where a receiver had no
-value. ``onground`` (or ``on_ground``) is optional; reports on the ground are left out. The units are those of the form
-and stand nowhere in the file.
+``icao24`` (upper or lower case), ``timestamp`` (ms), ``latitude`` and ``longitude`` (deg),
+``altitude`` (ft), ``groundspeed`` (kt), ``track`` (deg clockwise from north) and ``vertical_rate``
+(ft/min); null where a receiver had no value. ``onground`` (or ``on_ground``) is optional; reports
+on the ground are left out. The units are those of the form and stand nowhere in the file.
 """
 
 import math
@@ -16,7 +16,9 @@ from envs.traffic.text_file import json_of, text_of
 from envs.traffic.track_units import FOOT, KNOT, Range
 from envs.traffic.tracks import Repairs, TrackError
 
-_STANDING = 10.0  # m; a position that stays the same while the aircraft flies further than this is stale
+_STANDING = (
+    10.0  # m; a position that stays the same while the aircraft flies further than this is stale
+)
 
 _FIELDS = {
     "time": ("timestamp", Range(0.0, 1e14, 1e-3)),
@@ -34,29 +36,36 @@ _GROUND = frozenset(("onground", "on_ground", "onGround"))
 
 
 def is_adsb(path: str | os.PathLike[str]) -> bool:
-    """Return whether an ``icao24`` is in a JSON file's first 4096 characters; a TrackError if it cannot be read."""
+    """Return whether an ``icao24`` is in a JSON file's first 4096 characters; a TrackError if it
+    cannot be read.
+    """
     return '"icao24"' in text_of(os.fspath(path))[:4096]
 
 
 def ordered_flights(
     path: str | os.PathLike[str], apart: float, *, repair: bool = False, max_gap: float = 5.0
 ) -> Iterator[tuple[str, list[Rows], Repairs]]:
-    """Yield for each aircraft its address, its flights as ordered reports, and what it took to order them.
+    """Yield for each aircraft its address, its flights as ordered reports, and what it took to
+    order them.
 
     Args:
-        apart: reports of an aircraft with more time than this between them are of different flights, s.
-        repair: drop rows that are incomplete, out of order or impossible, and fill gaps, instead of refusing the file.
+        apart: reports of an aircraft with more time than this between them are of different
+            flights, s.
+        repair: drop rows that are incomplete, out of order or impossible, and fill gaps, instead of
+            refusing the file.
         max_gap: longest time between two rows of a flight, s.
 
     Raises:
-        TrackError: the file cannot be read, or a report is not as expected; the message names file, report (counted
-            from 1) and field.
+        TrackError: the file cannot be read, or a report is not as expected; the message names file,
+            report (counted from 1) and field.
     """
     source = os.fspath(path)
     rows: dict[str, Rows] = {}
     for number, name, report in _airborne(source):
         where = f"{source} report {number}"
-        rows.setdefault(name, []).append((number, {key: _value(report, key, where, repair) for key in _FIELDS}))
+        rows.setdefault(name, []).append(
+            (number, {key: _value(report, key, where, repair) for key in _FIELDS})
+        )
     how = Reading(source, repair, max_gap, "report", apart, _STANDING, _NAMES)
     for name, found in rows.items():
         yield name, *flights_of(name, found, how)
@@ -88,7 +97,9 @@ def _on_ground(value: Any, where: str) -> bool:
 
 
 def _value(report: dict[str, Any], key: str, where: str, repair: bool) -> float:
-    """Return a value in SI units; nan where the receiver had none, and for repair where it is out of range."""
+    """Return a value in SI units; nan where the receiver had none, and for repair where it is out
+    of range.
+    """
     name, accepted = _FIELDS[key]
     if name not in report:
         raise TrackError(f"{where}, field {name}: missing")

@@ -1,8 +1,9 @@
-"""Encounters in ADS-B reports: pairs of aircraft that came near each other, from a while before their closest approach.
+"""Encounters in ADS-B reports: pairs of aircraft that came near each other, from a while before
+their closest approach.
 
-Reports on the ground are left out. Reports of an aircraft more than :data:`APART` seconds apart are of different
-flights. Distances are chords of the ellipsoid between points on straight lines between the reports, at each whole
-second at which the altitudes differ little enough.
+Reports on the ground are left out. Reports of an aircraft more than :data:`APART` seconds apart are
+of different flights. Distances are chords of the ellipsoid between points on straight lines between
+the reports, at each whole second at which the altitudes differ little enough.
 """
 
 import itertools
@@ -31,14 +32,18 @@ class Nearby(NamedTuple):
     within: float  # smallest horizontal distance, m, at most
     vertical: float  # difference of the altitudes then, m, at most
     lead: float
-    """Seconds before the closest approach at which the encounter begins; later where one is not known so long."""
+    """Seconds before the closest approach at which the encounter begins; later where one is not
+    known so long.
+    """
 
 
 class _Flight(NamedTuple):
     name: str
     rows: Rows
     time: np.ndarray  # whole seconds, [T]
-    place: np.ndarray  # Cartesian about the Earth's centre, m, [T, 3]: these distances are the same for every reference
+    # Cartesian about the Earth's centre, m, [T, 3]: these distances are the same for every
+    # reference
+    place: np.ndarray
     altitude: np.ndarray
 
 
@@ -50,9 +55,11 @@ def adsb_pairs(
     repair: bool = False,
     max_gap: float = 5.0,
 ) -> tuple[list[tuple[str, Track, Sequence[Track]]], Repairs]:
-    """Return the encounters in a file of reports: name, the ownship's track and the intruder's, by time.
+    """Return the encounters in a file of reports: name, the ownship's track and the intruder's, by
+    time.
 
-    The ownship is the one that begins within the aircraft's speeds; of two, the one with the smaller address.
+    The ownship is the one that begins within the aircraft's speeds; of two, the one with the
+    smaller address.
 
     Args:
         path, repair, max_gap: as of :func:`envs.formats.adsb_file.ordered_flights`.
@@ -60,13 +67,16 @@ def adsb_pairs(
         aircraft: what the ownship is taken for.
 
     Raises:
-        TrackError: the file cannot be read or a report is not as expected; the message names file, report and field.
+        TrackError: the file cannot be read or a report is not as expected; the message names file,
+            report and field.
     """
     source = os.fspath(path)
     flights, repairs = [], []
     for name, found, done in ordered_flights(source, APART, repair=repair, max_gap=max_gap):
         repairs.append(done)
-        lasting = (rows for rows in found if rows and rows[-1][1]["time"] - rows[0][1]["time"] >= _SHORTEST)
+        lasting = (
+            rows for rows in found if rows and rows[-1][1]["time"] - rows[0][1]["time"] >= _SHORTEST
+        )
         flights += [_flight(name, rows) for rows in lasting]
     if not flights:
         raise TrackError(f"{source}: no flight of {_SHORTEST:g} s, expected at least two")
@@ -79,7 +89,9 @@ def _flight(name: str, rows: Rows) -> _Flight:
         np.array([values[key] for _, values in rows]) for key in ("time", "lat", "lon", "alt")
     )
     whole = np.arange(math.ceil(time[0]), math.floor(time[-1]) + 1, dtype=np.float64)
-    place = np.stack([np.interp(whole, time, axis) for axis in geocentric(latitude, longitude).T], axis=-1)
+    place = np.stack(
+        [np.interp(whole, time, axis) for axis in geocentric(latitude, longitude).T], axis=-1
+    )
     return _Flight(name, rows, whole, place, np.interp(whole, time, altitude))
 
 
@@ -89,9 +101,13 @@ def _met(flights: Sequence[_Flight], nearby: Nearby) -> Iterator[tuple[float, _F
         begin, end = max(one.time[0], other.time[0]), min(one.time[-1], other.time[-1])
         if one.name == other.name or end - begin < _SHORTEST:
             continue
-        mine, theirs = (slice(int(begin - each.time[0]), int(end - each.time[0]) + 1) for each in (one, other))
+        mine, theirs = (
+            slice(int(begin - each.time[0]), int(end - each.time[0]) + 1) for each in (one, other)
+        )
         apart = np.linalg.norm(one.place[mine] - other.place[theirs], axis=-1)
-        near = (abs(one.altitude[mine] - other.altitude[theirs]) <= nearby.vertical) & (apart <= nearby.within)
+        near = (abs(one.altitude[mine] - other.altitude[theirs]) <= nearby.vertical) & (
+            apart <= nearby.within
+        )
         while near.any():
             closest = int(np.argmin(np.where(near, apart, np.inf)))
             if closest >= _SHORTEST:
@@ -111,8 +127,14 @@ def _encounter(
     fits = [limits.speed_min <= _speed(flight, begin) <= limits.speed_max for flight in pair]
     pair = pair[::-1] if fits[1] and not fits[0] else pair
     rows = [_during(flight.rows, begin, begin + horizon(aircraft)) for flight in pair]
-    tracks = [track_of(each.name, some, place_of(rows[0][0])) for each, some in zip(pair, rows, strict=True)]
-    tracks = [at_times(track, np.concatenate([[begin], track.time[track.time > begin]])) for track in tracks]
+    tracks = [
+        track_of(each.name, some, place_of(rows[0][0]))
+        for each, some in zip(pair, rows, strict=True)
+    ]
+    tracks = [
+        at_times(track, np.concatenate([[begin], track.time[track.time > begin]]))
+        for track in tracks
+    ]
     x, y = tracks[0].x[0], tracks[0].y[0]
     mine, theirs = (track._replace(x=track.x - x, y=track.y - y) for track in tracks)
     return f"{mine.name}-{theirs.name}-{time:.0f}", mine, [theirs]

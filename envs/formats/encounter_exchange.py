@@ -1,17 +1,18 @@
-"""Encounters on their way between files: what a file of ours, of Lincoln Laboratory and of DAIDALUS can hold of them.
+"""Encounters on their way between files: what a file of ours, of Lincoln Laboratory and of DAIDALUS
+can hold of them.
 
 | | ours (.csv) | Lincoln Laboratory's (.json) | DAIDALUS' (.daa, .xyz) |
 |---|---|---|---|
 | encounters | many | many | one |
 | intruders | many | one | many |
-| their motion | straight, or one turn | events: turn rate and acceleration in time | positions and velocities in time |
+| their motion | straight, or one turn | rates and accelerations | positions, velocities |
 | the ownship's motion | none | as the intruder's | as the intruders' |
 | goal, noise | yes | no | no |
 | altitudes | no | yes | yes |
 
-Numbers are exact where the form has them. Motion is turned into events or into a row a second. :func:`check_same` holds
-what a reader makes of a written file against what went in: an encounter that another form cannot hold within
-:data:`EXACT` is refused.
+Numbers are exact where the form has them. Motion is turned into events or into a row a second.
+:func:`check_same` holds what a reader makes of a written file against what went in: an encounter
+that another form cannot hold within :data:`EXACT` is refused.
 """
 
 import math
@@ -43,17 +44,24 @@ class Scene(NamedTuple):
     sensor: Sensor = Sensor(0.0, 0.0, 0.0)
     altitudes: bool = True  # whether they are known; otherwise those of the tracks are 0
     weight: float = 1.0
-    left_out: Mapping[str, int] = {}  # how many rows or values of the recorded tracks, by kind, are not in these
+    left_out: Mapping[
+        str, int
+    ] = {}  # how many rows or values of the recorded tracks, by kind, are not in these
 
     def straight(self, which: int) -> bool:
         """Return whether an aircraft flies straight on at its first speed, within :data:`EXACT`."""
         track = self.tracks[which]
-        off = np.hypot(track.x - track.x[0] - track.vx[0] * track.time, track.y - track.y[0] - track.vy[0] * track.time)
+        off = np.hypot(
+            track.x - track.x[0] - track.vx[0] * track.time,
+            track.y - track.y[0] - track.vy[0] * track.time,
+        )
         return bool(off.max() <= EXACT)
 
 
 def scenes_of(encounters: Encounter, names: Sequence[str], seconds: int) -> list[Scene]:
-    """Return encounters of ours ``[N]``, flown for some seconds: the ownship straight on, the intruders their turns."""
+    """Return encounters of ours ``[N]``, flown for some seconds: the ownship straight on, the
+    intruders their turns.
+    """
     times = np.arange(seconds + 1.0)
     flying = intruder.start(encounters.intruders, np)
     states = [flying.vehicle]
@@ -63,21 +71,29 @@ def scenes_of(encounters: Encounter, names: Sequence[str], seconds: int) -> list
     others = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
     own, ahead = encounters.own, encounters.own.speed * times[:, None]
     x, y = own.x + ahead * np.cos(own.heading), own.y + ahead * np.sin(own.heading)
-    straight = VehicleState(x, y, *(np.broadcast_to(field, ahead.shape) for field in (own.heading, own.speed)))
+    straight = VehicleState(
+        x, y, *(np.broadcast_to(field, ahead.shape) for field in (own.heading, own.speed))
+    )
     scenes = []
     for i, name in enumerate(names):
         present = np.flatnonzero(encounters.mask[i]).tolist()
         tracks = [_track("ownship", take(straight, np.s_[:, i]), times)]
-        tracks += [_track(f"intruder{n}", take(others, np.s_[:, i, k]), times) for n, k in enumerate(present, start=1)]
+        tracks += [
+            _track(f"intruder{n}", take(others, np.s_[:, i, k]), times)
+            for n, k in enumerate(present, start=1)
+        ]
         goal = float(encounters.goal_x[i]), float(encounters.goal_y[i])
-        intents = tuple(Intent(*(float(field[i, k]) for field in encounters.intent)) for k in present)
+        intents = tuple(
+            Intent(*(float(field[i, k]) for field in encounters.intent)) for k in present
+        )
         sensor = Sensor(*(float(field[i, 0]) for field in encounters.sensor))
         scenes.append(Scene(name, tuple(tracks), goal, intents, sensor, altitudes=False))
     return scenes
 
 
 def scenes_of_tracks(encounters: Sequence[tuple[str, Sequence[Track], float]]) -> list[Scene]:
-    """Return recorded encounters, name, tracks and weight each, with a row a second from the ownship's first on.
+    """Return recorded encounters, name, tracks and weight each, with a row a second from the
+    ownship's first on.
 
     Raises:
         EncounterError: a track begins later than the ownship's, or none lasts a second.
@@ -88,13 +104,20 @@ def scenes_of_tracks(encounters: Sequence[tuple[str, Sequence[Track], float]]) -
         late = next((track for track in tracks if track.time[0] > begin), None)
         if late is not None or end - begin < 1.0:
             which = "a track" if late is None else f"the track of {late.name!r}"
-            raise EncounterError(f"encounter {name!r}: {which} does not cover the ownship's first second")
+            raise EncounterError(
+                f"encounter {name!r}: {which} does not cover the ownship's first second"
+            )
         times = np.minimum(np.arange(begin, end + 1e-6), end)
         rows = [at_times(track, times)._replace(time=times - begin, extra={}) for track in tracks]
-        outside = sum(int(np.sum((track.time < begin) | (track.time > times[-1] + 1e-6))) for track in tracks)
+        outside = sum(
+            int(np.sum((track.time < begin) | (track.time > times[-1] + 1e-6))) for track in tracks
+        )
         columns = sorted({column for track in tracks for column in track.extra})
         left_out = {"rows at times that not all tracks cover": outside}
-        left_out |= {f"values of column {column}": sum(len(track.time) for track in tracks) for column in columns}
+        left_out |= {
+            f"values of column {column}": sum(len(track.time) for track in tracks)
+            for column in columns
+        }
         scenes.append(Scene(name, tuple(rows), None, None, weight=weight, left_out=left_out))
     return scenes
 
@@ -102,27 +125,35 @@ def scenes_of_tracks(encounters: Sequence[tuple[str, Sequence[Track], float]]) -
 def rows_of_scenes(scenes: Sequence[Scene], ahead: float) -> list[list[list[float]]]:
     """Return scenes as rows of :func:`envs.formats.encounter_file.write_rows`.
 
-    Where a form has no goal, it lies some seconds ahead. Intruders whose intent is not known fly straight on: whether
-    that is their motion is for :func:`check_same`.
+    Where a form has no goal, it lies some seconds ahead. Intruders whose intent is not known fly
+    straight on: whether that is their motion is for :func:`check_same`.
     """
     groups = []
     for scene in scenes:
         own, *others = map(_start, scene.tracks)
         x, y, heading, speed = own
-        goal = scene.goal or (x + ahead * speed * math.cos(heading), y + ahead * speed * math.sin(heading))
+        goal = scene.goal or (
+            x + ahead * speed * math.cos(heading),
+            y + ahead * speed * math.sin(heading),
+        )
         intents = scene.intents or [Intent(0.0, 0.0, math.radians(3.0))] * len(others)
         pairs = zip(others, intents, strict=True)
         groups.append([[*own, *goal, *other, *intent, *scene.sensor] for other, intent in pairs])
     return groups
 
 
-def check_same(scenes: Sequence[Scene], again: Sequence[Scene], *, own: bool = True, altitudes: bool = True) -> None:
-    """Raise an EncounterError where scenes that were written and read again are not the same within :data:`EXACT`.
+def check_same(
+    scenes: Sequence[Scene], again: Sequence[Scene], *, own: bool = True, altitudes: bool = True
+) -> None:
+    """Raise an EncounterError where scenes that were written and read again are not the same within
+    :data:`EXACT`.
 
     ``own`` and ``altitudes`` say whether the ownship's motion and the altitudes are compared.
     """
     if [len(scene.tracks) for scene in scenes] != [len(scene.tracks) for scene in again]:
-        raise EncounterError(f"{len(scenes)} encounters, of which {len(again)} are read again, or other aircraft")
+        raise EncounterError(
+            f"{len(scenes)} encounters, of which {len(again)} are read again, or other aircraft"
+        )
     for scene, other in zip(scenes, again, strict=True):
         for one, two in list(zip(scene.tracks, other.tracks, strict=True))[0 if own else 1 :]:
             rows = min(len(one.time), len(two.time))
@@ -130,20 +161,30 @@ def check_same(scenes: Sequence[Scene], again: Sequence[Scene], *, own: bool = T
             apart = [getattr(one, field)[:rows] - getattr(two, field)[:rows] for field in fields]
             off = float(np.sqrt(np.sum(np.square(apart), axis=0)).max())
             if off > EXACT or rows < len(one.time):
-                far = f"{off:.1f} m off its track for {rows} of {len(one.time)} s, expected at most {EXACT:g} m"
-                raise EncounterError(f"encounter {scene.name!r}: this form does not hold {one.name!r}: {far}")
+                far = (
+                    f"{off:.1f} m off its track for {rows} of {len(one.time)} s, expected at "
+                    f"most {EXACT:g} m"
+                )
+                raise EncounterError(
+                    f"encounter {scene.name!r}: this form does not hold {one.name!r}: {far}"
+                )
 
 
 def lincoln_objects(scenes: Sequence[Scene], altitude: float | None) -> list[dict[str, Any]]:
-    """Return scenes in the form of Lincoln Laboratory's files; ``altitude`` (m) is that of scenes that have none.
+    """Return scenes in the form of Lincoln Laboratory's files; ``altitude`` (m) is that of scenes
+    that have none.
 
     Raises:
         EncounterError: a scene has more than one intruder or no altitude.
     """
     names = [scene.name for scene in scenes]
     # Names that are numbers are kept; where some are not, all come back as places in the file.
-    numbers = [int(name) for name in names] if all(map(is_number, names)) else range(1, len(names) + 1)
-    return [_lincoln(number, scene, altitude) for number, scene in zip(numbers, scenes, strict=True)]
+    numbers = (
+        [int(name) for name in names] if all(map(is_number, names)) else range(1, len(names) + 1)
+    )
+    return [
+        _lincoln(number, scene, altitude) for number, scene in zip(numbers, scenes, strict=True)
+    ]
 
 
 def is_number(name: str) -> bool:
@@ -153,7 +194,10 @@ def is_number(name: str) -> bool:
 
 def _lincoln(number: int, scene: Scene, altitude: float | None) -> dict[str, Any]:
     if len(scene.tracks) != 2:
-        has = f"has {len(scene.tracks) - 1} intruders, expected one, because a .json file holds two aircraft"
+        has = (
+            f"has {len(scene.tracks) - 1} intruders, expected one, because a .json file holds "
+            "two aircraft"
+        )
         raise EncounterError(f"encounter {scene.name!r} {has}")
     tracks = _at_height(scene, altitude)
     states = [_lincoln_state(track) for track in tracks]
@@ -171,41 +215,66 @@ def _lincoln(number: int, scene: Scene, altitude: float | None) -> dict[str, Any
 
 
 def _lincoln_state(track: Track) -> tuple[float, float, np.ndarray]:
-    """Return speed along the path, course (clockwise from north) and the events of a track with a row a second."""
+    """Return speed along the path, course (clockwise from north) and the events of a track with a
+    row a second.
+    """
     ground = np.hypot(track.vx, track.vy)
     course = np.unwrap(np.arctan2(track.vx, track.vy))
     rate = track.vertical_rate
     along = np.hypot(ground, rate)
-    rows = np.stack([track.time[:-1], rate[:-1] / FOOT, np.diff(course), np.diff(along) / FOOT], axis=1)
+    rows = np.stack(
+        [track.time[:-1], rate[:-1] / FOOT, np.diff(course), np.diff(along) / FOOT], axis=1
+    )
     # An event holds until the next: rows that command the same again are left out.
     changes = np.concatenate([[True], np.any(np.abs(np.diff(rows[:, 1:], axis=0)) > 1e-12, axis=1)])
     return float(along[0]), float(course[0]), rows[changes]
 
 
 def daidalus_text(scene: Scene, altitude: float | None) -> str:
-    """Return a scene in the form of DAIDALUS' files: local positions and velocities, a row an aircraft and second.
+    """Return a scene in the form of DAIDALUS' files: local positions and velocities, a row an
+    aircraft and second.
 
     Raises:
         EncounterError: altitudes are neither known nor given, or a name cannot stand in a file.
     """
     tracks = _at_height(scene, altitude)
     labels = [track.name for track in tracks]
-    if len(set(labels)) < len(labels) or any(not label or set(label) & set(" ,#\t") for label in labels):
-        raise EncounterError(f"encounter {scene.name!r}: names {labels}, expected different ones without blanks or , #")
-    lines = ["NAME, sx, sy, sz, vx, vy, vz, time", "[none], [m], [m], [m], [m/s], [m/s], [m/s], [s]"]
+    if len(set(labels)) < len(labels) or any(
+        not label or set(label) & set(" ,#\t") for label in labels
+    ):
+        raise EncounterError(
+            f"encounter {scene.name!r}: names {labels}, expected different ones without blanks or "
+            ", #"
+        )
+    lines = [
+        "NAME, sx, sy, sz, vx, vy, vz, time",
+        "[none], [m], [m], [m], [m/s], [m/s], [m/s], [s]",
+    ]
     for row in range(len(tracks[0].time)):
         for track in tracks:
-            fields = (track.x, track.y, track.altitude, track.vx, track.vy, track.vertical_rate, track.time)
+            fields = (
+                track.x,
+                track.y,
+                track.altitude,
+                track.vx,
+                track.vy,
+                track.vertical_rate,
+                track.time,
+            )
             lines.append(", ".join([track.name, *(repr(float(field[row])) for field in fields)]))
     return "\n".join(lines) + "\n"
 
 
 def _at_height(scene: Scene, altitude: float | None) -> list[Track]:
-    """Return a scene's tracks with their altitudes, or with the given one (m) where they have none."""
+    """Return a scene's tracks with their altitudes, or with the given one (m) where they
+    have none.
+    """
     if scene.altitudes:
         return list(scene.tracks)
     if altitude is None:
-        raise EncounterError(f"encounter {scene.name!r} has no altitude, expected one for this form (--altitude-ft)")
+        raise EncounterError(
+            f"encounter {scene.name!r} has no altitude, expected one for this form (--altitude-ft)"
+        )
     return [track._replace(altitude=np.full(len(track.time), altitude)) for track in scene.tracks]
 
 
@@ -217,4 +286,9 @@ def _track(name: str, flown: VehicleState, times: np.ndarray) -> Track:
 
 def _start(track: Track) -> list[float]:
     heading = math.atan2(track.vy[0], track.vx[0])
-    return [float(track.x[0]), float(track.y[0]), heading, float(math.hypot(track.vx[0], track.vy[0]))]
+    return [
+        float(track.x[0]),
+        float(track.y[0]),
+        heading,
+        float(math.hypot(track.vx[0], track.vy[0])),
+    ]

@@ -1,8 +1,8 @@
 """Encounters as a CSV file: one row an intruder, rows with the same ``encounter`` belong together.
 
-The columns stand in :data:`COLUMNS` (for users: docs/howto/own-encounters.md). Units are in their names: SI
-and degrees. Positions are local ENU, x east and y north; headings counter-clockwise from east, so that a track
-(clockwise from north) of T degrees is a heading of 90 - T.
+The columns stand in :data:`COLUMNS` (for users: docs/howto/own-encounters.md). Units are in their
+names: SI and degrees. Positions are local ENU, x east and y north; headings counter-clockwise from
+east, so that a track (clockwise from north) of T degrees is a heading of 90 - T.
 """
 
 import csv
@@ -37,7 +37,8 @@ class Column(NamedTuple):
     low: float
     high: float  # both ends belong to the range
     default: float | None  # value where the column or the cell is missing; None: it is required
-    shared: bool  # whether all rows of an encounter must agree, because it does not belong to one intruder
+    # whether all rows of an encounter must agree, because it does not belong to one intruder
+    shared: bool
     text: str
     scale: float = 1.0  # SI value of one unit
 
@@ -45,19 +46,57 @@ class Column(NamedTuple):
 COLUMNS = (
     Column("own_x_m", -_FAR, _FAR, None, True, "start of the ownship, east"),
     Column("own_y_m", -_FAR, _FAR, None, True, "start of the ownship, north"),
-    Column("own_heading_deg", -360.0, 360.0, None, True, "its heading, counter-clockwise from east", _DEGREES),
+    Column(
+        "own_heading_deg",
+        -360.0,
+        360.0,
+        None,
+        True,
+        "its heading, counter-clockwise from east",
+        _DEGREES,
+    ),
     Column("own_speed_m_s", 0.0, FASTEST.speed_max, None, True, "its speed"),
     Column("goal_x_m", -_FAR, _FAR, None, True, "goal, east"),
     Column("goal_y_m", -_FAR, _FAR, None, True, "goal, north"),
     Column("intruder_x_m", -_FAR, _FAR, None, False, "start of the intruder, east"),
     Column("intruder_y_m", -_FAR, _FAR, None, False, "start of the intruder, north"),
-    Column("intruder_heading_deg", -360.0, 360.0, None, False, "its heading, as the ownship's", _DEGREES),
+    Column(
+        "intruder_heading_deg",
+        -360.0,
+        360.0,
+        None,
+        False,
+        "its heading, as the ownship's",
+        _DEGREES,
+    ),
     Column("intruder_speed_m_s", 0.0, FASTEST.speed_max, None, False, "its speed"),
     Column("turn_onset_s", 0.0, 1e6, 0.0, False, "when the intruder changes its course"),
-    Column("turn_change_deg", -180.0, 180.0, 0.0, False, "by how much, positive to the left; 0: not at all", _DEGREES),
+    Column(
+        "turn_change_deg",
+        -180.0,
+        180.0,
+        0.0,
+        False,
+        "by how much, positive to the left; 0: not at all",
+        _DEGREES,
+    ),
     Column("turn_rate_deg_s", 0.0, 30.0, 3.0, False, "its largest turn rate", _DEGREES),
-    Column("position_std_m", 0.0, 10_000.0, 0.0, True, "noise of reported positions, one sigma per axis"),
-    Column("velocity_std_m_s", 0.0, 100.0, 0.0, True, "noise of reported velocities, one sigma per axis"),
+    Column(
+        "position_std_m",
+        0.0,
+        10_000.0,
+        0.0,
+        True,
+        "noise of reported positions, one sigma per axis",
+    ),
+    Column(
+        "velocity_std_m_s",
+        0.0,
+        100.0,
+        0.0,
+        True,
+        "noise of reported velocities, one sigma per axis",
+    ),
     Column("latency_s", 0.0, 2.0, 0.0, True, "age of the reports"),
 )
 """The columns beside ``encounter``, which holds any text that names an encounter."""
@@ -66,19 +105,22 @@ _KEY = "encounter"
 _ALL = (_KEY, *(column.name for column in COLUMNS))
 
 
-def read(path: str | os.PathLike[str], aircraft: Aircraft | None = None) -> tuple[Encounter, list[str]]:
+def read(
+    path: str | os.PathLike[str], aircraft: Aircraft | None = None
+) -> tuple[Encounter, list[str]]:
     """Read a file of encounters.
 
     Args:
         path: CSV in UTF-8 with a header line; lines that are empty or begin with ``#`` are skipped.
-        aircraft: whose encounters they are to be: speeds outside its own or its traffic's are refused; None: any.
+        aircraft: whose encounters they are to be: speeds outside its own or its traffic's are
+            refused; None: any.
 
     Returns:
         The encounters ``[N]`` in the order of their first rows, float64, and their names.
 
     Raises:
-        EncounterError: the file cannot be read or something in it is not as documented; the message names file,
-            line, column, value and what was expected.
+        EncounterError: the file cannot be read or something in it is not as documented; the message
+            names file, line, column, value and what was expected.
     """
     source = os.fspath(path)
     lines = _lines(source)
@@ -89,53 +131,80 @@ def read(path: str | os.PathLike[str], aircraft: Aircraft | None = None) -> tupl
     for number, cells in lines[1:]:
         where = f"{source} line {number}"
         if len(cells) != len(header):
-            raise EncounterError(f"{where}: {len(cells)} cells, expected {len(header)} as in the header")
+            raise EncounterError(
+                f"{where}: {len(cells)} cells, expected {len(header)} as in the header"
+            )
         row = dict(zip(header, cells, strict=True))
         name = row[_KEY]
         if not name:
-            raise EncounterError(f"{where}, column {_KEY}: empty, expected a text that names the encounter")
+            raise EncounterError(
+                f"{where}, column {_KEY}: empty, expected a text that names the encounter"
+            )
         group = groups.setdefault(name, [])
         values = [_number(row.get(column.name, ""), column, where) for column in columns]
         if group:
             _check_shared(values, group[0], name, where)
         if len(group) == MOST_INTRUDERS:
-            raise EncounterError(f"{where}: encounter {name!r} has more than {MOST_INTRUDERS} intruders")
+            raise EncounterError(
+                f"{where}: encounter {name!r} has more than {MOST_INTRUDERS} intruders"
+            )
         group.append((number, values))
     if not groups:
         raise EncounterError(f"{source}: no encounter, expected at least one line below the header")
     places = len(groups) * max(map(len, groups.values()))
     if places > _MOST_PLACES:
         size = f"{len(groups)} encounters of up to {places // len(groups)} intruders"
-        raise EncounterError(f"{source}: {size}, expected a product of at most {_MOST_PLACES}: divide the file")
+        raise EncounterError(
+            f"{source}: {size}, expected a product of at most {_MOST_PLACES}: divide the file"
+        )
     return _encounters([[values for _, values in group] for group in groups.values()]), list(groups)
 
 
-def write(path: str | os.PathLike[str], encounters: Encounter, names: Sequence[str] | None = None) -> None:
-    """Write encounters ``[N]`` of any float type as :func:`write_rows` does; without names they are 0, 1, 2, ..."""
+def write(
+    path: str | os.PathLike[str], encounters: Encounter, names: Sequence[str] | None = None
+) -> None:
+    """Write encounters ``[N]`` of any float type as :func:`write_rows` does; without names they are
+    0, 1, 2, ...
+    """
     states = [*encounters.own, encounters.goal_x, encounters.goal_y]
     many = [*encounters.intruders, *encounters.intent]
     groups = []
     for i, mask in enumerate(encounters.mask):
         own, noise = [field[i] for field in states], [field[i, 0] for field in encounters.sensor]
-        groups.append([[*own, *(field[i, k] for field in many), *noise] for k in np.flatnonzero(mask).tolist()])
+        groups.append(
+            [
+                [*own, *(field[i, k] for field in many), *noise]
+                for k in np.flatnonzero(mask).tolist()
+            ]
+        )
     write_rows(path, groups, [str(i) for i in range(len(groups))] if names is None else names)
 
 
-def write_rows(path: str | os.PathLike[str], groups: Sequence[Sequence[Sequence[Any]]], names: Sequence[str]) -> None:
-    """Write encounters atomically as a file that :func:`read` gives back (to rounding of the degrees).
+def write_rows(
+    path: str | os.PathLike[str], groups: Sequence[Sequence[Sequence[Any]]], names: Sequence[str]
+) -> None:
+    """Write encounters atomically as a file that :func:`read` gives back (to rounding of the
+    degrees).
 
     Args:
-        groups: of each encounter a row an intruder, in SI units and in the order of :data:`COLUMNS`.
+        groups: of each encounter a row an intruder, in SI units and in the order of
+            :data:`COLUMNS`.
         names: of the encounters, distinct.
 
     Raises:
-        EncounterError: a name is empty or stands twice, an encounter has no intruder, a value is out of its column's
-            range, or the file cannot be written.
+        EncounterError: a name is empty or stands twice, an encounter has no intruder, a value is
+            out of its column's range, or the file cannot be written.
     """
     target = Path(path)
     names = [str(name) for name in names]
-    if len(names) != len(groups) or len(set(names)) != len(names) or not all(n.strip() == n and n for n in names):
-        raise EncounterError(f"{target}: expected {len(groups)} distinct names without blanks around them")
+    if (
+        len(names) != len(groups)
+        or len(set(names)) != len(names)
+        or not all(n.strip() == n and n for n in names)
+    ):
+        raise EncounterError(
+            f"{target}: expected {len(groups)} distinct names without blanks around them"
+        )
     if any(name.startswith("#") for name in names):
         raise EncounterError(f"{target}: a name that begins with # would read as a comment")
     lines: list[list[str]] = [list(_ALL)]
@@ -151,7 +220,9 @@ def write_rows(path: str | os.PathLike[str], groups: Sequence[Sequence[Sequence[
     except OSError as problem:
         raise EncounterError(f"{target}: cannot be written: {problem.strerror}") from problem
     except UnicodeEncodeError as problem:
-        raise EncounterError(f"{target}: {ascii(problem.object)[:40]}, expected names that UTF-8 can hold") from None
+        raise EncounterError(
+            f"{target}: {ascii(problem.object)[:40]}, expected names that UTF-8 can hold"
+        ) from None
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
@@ -161,9 +232,13 @@ def _lines(source: str) -> list[tuple[int, list[str]]]:
         lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]
     except csv.Error as error:
         raise EncounterError(f"{source}: not a CSV file: {error}") from None
-    lines = [(number, cells) for number, cells in lines if any(cells) and not cells[0].startswith("#")]
+    lines = [
+        (number, cells) for number, cells in lines if any(cells) and not cells[0].startswith("#")
+    ]
     if not lines:
-        raise EncounterError(f"{source}: the file is empty, expected a header line with {', '.join(_ALL)}")
+        raise EncounterError(
+            f"{source}: the file is empty, expected a header line with {', '.join(_ALL)}"
+        )
     return lines
 
 
@@ -178,12 +253,17 @@ def _check_header(header: list[str], where: str) -> None:
     required = [_KEY, *(column.name for column in COLUMNS if column.default is None)]
     missing = [name for name in required if name not in header]
     if missing:
-        raise EncounterError(f"{where}: column {missing[0]} is missing; required are {', '.join(required)}")
+        raise EncounterError(
+            f"{where}: column {missing[0]} is missing; required are {', '.join(required)}"
+        )
 
 
 def _columns_of(aircraft: Aircraft) -> list[Column]:
     speeds = {
-        "own_speed_m_s": {"low": float(aircraft.limits.speed_min), "high": float(aircraft.limits.speed_max)},
+        "own_speed_m_s": {
+            "low": float(aircraft.limits.speed_min),
+            "high": float(aircraft.limits.speed_max),
+        },
         "intruder_speed_m_s": {"high": float(aircraft.traffic_speed_max)},
     }
     return [column._replace(**speeds.get(column.name, {})) for column in COLUMNS]
@@ -198,11 +278,15 @@ def _number(cell: str, column: Column, where: str) -> float:
         value = math.nan
     if not column.low <= value <= column.high:
         wanted = f"expected a number from {column.low:g} to {column.high:g}"
-        raise EncounterError(f"{where}, column {column.name}: {repr(cell) if cell else 'empty'}, {wanted}")
+        raise EncounterError(
+            f"{where}, column {column.name}: {repr(cell) if cell else 'empty'}, {wanted}"
+        )
     return value
 
 
-def _check_shared(values: list[float], first: tuple[int, list[float]], name: str, where: str) -> None:
+def _check_shared(
+    values: list[float], first: tuple[int, list[float]], name: str, where: str
+) -> None:
     for column, value, before in zip(COLUMNS, values, first[1], strict=True):
         if column.shared and value != before:
             same = f"expected {before!r} as in line {first[0]}, the first of encounter {name!r}"
@@ -217,7 +301,9 @@ def _encounters(groups: list[list[list[float]]]) -> Encounter:
     shared = {name: np.ascontiguousarray(values[:, 0]) for name, values in column.items()}
 
     def state(of: str, columns: dict[str, np.ndarray]) -> VehicleState:
-        x, y, heading, speed = (columns[f"{of}_{name}"] for name in ("x_m", "y_m", "heading_deg", "speed_m_s"))
+        x, y, heading, speed = (
+            columns[f"{of}_{name}"] for name in ("x_m", "y_m", "heading_deg", "speed_m_s")
+        )
         return VehicleState(x, y, wrap(heading, np), speed)
 
     return Encounter(
@@ -227,13 +313,17 @@ def _encounters(groups: list[list[list[float]]]) -> Encounter:
         intruders=state("intruder", column),
         mask=np.arange(most) < np.array([len(group) for group in groups])[:, None],
         intent=Intent(column["turn_onset_s"], column["turn_change_deg"], column["turn_rate_deg_s"]),
-        sensor=Sensor(*(shared[name][:, None] for name in ("position_std_m", "velocity_std_m_s", "latency_s"))),
+        sensor=Sensor(
+            *(shared[name][:, None] for name in ("position_std_m", "velocity_std_m_s", "latency_s"))
+        ),
     )
 
 
 def _texts(values: Sequence[Any], where: str) -> list[str]:
     """Return the cells of a row; the aircraft's speeds are the reader's to check."""
-    texts = [repr(float(value) / column.scale) for value, column in zip(values, COLUMNS, strict=True)]
+    texts = [
+        repr(float(value) / column.scale) for value, column in zip(values, COLUMNS, strict=True)
+    ]
     for text, column in zip(texts, COLUMNS, strict=True):
         _number(text, column, where)
     return texts

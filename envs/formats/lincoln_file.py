@@ -1,9 +1,11 @@
-"""Two-aircraft encounters of MIT Lincoln Laboratory's airspace models: the JSON form, and their flight.
+"""Two-aircraft encounters of MIT Lincoln Laboratory's airspace models: the JSON form, and their
+flight.
 
-A file is a list of objects: initial conditions in feet, feet per second and radians clockwise from north, each a pair
-[ownship, intruder], and for each aircraft its events, rows of time (s), vertical rate (ft/s), turn rate (rad/s,
-clockwise) and acceleration (ft/s^2), which hold until the next row. ``meta`` has what the models' own simulation found:
-horizontal and vertical miss distance (ft) at the time of closest approach, counted in tenths of a second from 1.
+A file is a list of objects: initial conditions in feet, feet per second and radians clockwise from
+north, each a pair [ownship, intruder], and for each aircraft its events, rows of time (s), vertical
+rate (ft/s), turn rate (rad/s, clockwise) and acceleration (ft/s^2), which hold until the next row.
+``meta`` has what the models' own simulation found: horizontal and vertical miss distance (ft) at
+the time of closest approach, counted in tenths of a second from 1.
 
 The flight here is a plain kinematic one, without the vehicles' limits and lags.
 """
@@ -50,7 +52,9 @@ class LincolnEncounter(NamedTuple):
     speed: np.ndarray  # m/s, along the flight path
     track: np.ndarray  # rad
     duration: float  # s
-    events: tuple[np.ndarray, np.ndarray]  # [E, 4] each: time s, vertical rate m/s, turn rate rad/s, acceleration m/s^2
+    events: tuple[
+        np.ndarray, np.ndarray
+    ]  # [E, 4] each: time s, vertical rate m/s, turn rate rad/s, acceleration m/s^2
     miss: float  # published horizontal miss distance, m; nan if there is none
     time: float  # published time of closest approach, s; nan if there is none
     weight: float  # importance weight; 1 if there is none
@@ -60,24 +64,33 @@ class LincolnEncounter(NamedTuple):
 def read_lincoln(path: str | os.PathLike[str], *, repair: bool = False) -> list[LincolnEncounter]:
     """Read a file of encounters.
 
-    For ``repair`` events that are not finite or out of order are dropped; nothing can make up for initial conditions.
+    For ``repair`` events that are not finite or out of order are dropped; nothing can make up for
+    initial conditions.
 
     Raises:
-        TrackError: the file cannot be read or is not as documented; the message names file, encounter and field (the
-            line, where the file is no JSON at all).
+        TrackError: the file cannot be read or is not as documented; the message names file,
+            encounter and field (the line, where the file is no JSON at all).
     """
     source = os.fspath(path)
     found = json_of(source)
     if not isinstance(found, list) or not found:
         raise TrackError(f"{source}: expected a list of encounters that is not empty")
-    encounters = [_encounter(each, f"{source} encounter {i + 1}", repair) for i, each in enumerate(found)]
+    encounters = [
+        _encounter(each, f"{source} encounter {i + 1}", repair) for i, each in enumerate(found)
+    ]
     total = sum(one.duration for one in encounters)
     if total > _LONGEST_FILE:
-        raise TrackError(f"{source}: {total:.0f} s in all, expected at most {_LONGEST_FILE:.0f} s: divide the file")
+        raise TrackError(
+            f"{source}: {total:.0f} s in all, expected at most {_LONGEST_FILE:.0f} s: divide the "
+            "file"
+        )
     numbers: set[int] = set()
     for i, one in enumerate(encounters):
         if one.number in numbers:
-            raise TrackError(f"{source} encounter {i + 1}, field id: {one.number} stands twice, expected distinct ones")
+            raise TrackError(
+                f"{source} encounter {i + 1}, field id: {one.number} stands twice, expected "
+                "distinct ones"
+            )
         numbers.add(one.number)
     return encounters
 
@@ -85,8 +98,9 @@ def read_lincoln(path: str | os.PathLike[str], *, repair: bool = False) -> list[
 def tracks_of(encounter: LincolnEncounter) -> tuple[Track, Track]:
     """Fly an encounter and return the tracks of the ownship and the intruder, a row each 0.1 s.
 
-    The speed along the flight path grows by the acceleration, its horizontal part is what the vertical rate leaves of
-    it, and the track turns at the turn rate; each event holds until the next one.
+    The speed along the flight path grows by the acceleration, its horizontal part is what the
+    vertical rate leaves of it, and the track turns at the turn rate; each event holds until the
+    next one.
     """
     return _flown(encounter, 0, "ownship"), _flown(encounter, 1, "intruder")
 
@@ -106,7 +120,9 @@ def _flown(encounter: LincolnEncounter, i: int, name: str) -> Track:
     north = encounter.north[i] + _summed(level * np.cos(middle_track))
     altitude = encounter.altitude[i] + _summed(rate)
     ground = np.sqrt(np.maximum(speed**2 - climb**2, 0.0))
-    return Track(name, time, east, north, altitude, ground * np.sin(track), ground * np.cos(track), climb, {})
+    return Track(
+        name, time, east, north, altitude, ground * np.sin(track), ground * np.cos(track), climb, {}
+    )
 
 
 def _summed(rates: np.ndarray) -> np.ndarray:
@@ -119,10 +135,15 @@ def _encounter(each: Any, where: str, repair: bool) -> LincolnEncounter:
     state = [_pair(each, key, where) for key in _STATE]
     duration = _one(each, "runTime_s", where)
     if not 0.0 < duration <= _LONGEST:
-        raise TrackError(f"{where}, field runTime_s: {duration:g}, expected more than 0 and at most {_LONGEST:g} s")
+        raise TrackError(
+            f"{where}, field runTime_s: {duration:g}, expected more than 0 and at most "
+            f"{_LONGEST:g} s"
+        )
     events = each.get(EVENTS)
     if not isinstance(events, list) or len(events) != 2:
-        raise TrackError(f"{where}, field {EVENTS}: expected a list of events for each of two aircraft")
+        raise TrackError(
+            f"{where}, field {EVENTS}: expected a list of events for each of two aircraft"
+        )
     meta = each.get("meta", {})
     if not isinstance(meta, dict):
         raise TrackError(f"{where}, field meta: expected an object")
@@ -166,15 +187,22 @@ def _events(rows: Any, where: str, repair: bool) -> tuple[np.ndarray, Repairs]:
         values = _row(row, f"{where}, row {i + 1}")
         if kept and values[0] <= kept[-1][0]:
             if not repair:
-                raise TrackError(f"{where}, row {i + 1}, time: {values[0]:g} s, expected more than {kept[-1][0]:g} s")
+                raise TrackError(
+                    f"{where}, row {i + 1}, time: {values[0]:g} s, expected more than "
+                    f"{kept[-1][0]:g} s"
+                )
             late += 1
             continue
         kept.append(values)
     # Without events nothing is ever commanded.
-    return np.array(kept or [[0.0] * len(_EVENT_FIELDS)]), Repairs(not_finite=bad, out_of_order=late)
+    return np.array(kept or [[0.0] * len(_EVENT_FIELDS)]), Repairs(
+        not_finite=bad, out_of_order=late
+    )
 
 
-def _check_flight(events: np.ndarray, duration: float, altitude: float, speed: float, where: str) -> None:
+def _check_flight(
+    events: np.ndarray, duration: float, altitude: float, speed: float, where: str
+) -> None:
     """Raise where events lead out of the altitudes and speeds that a file may begin with."""
     held = np.diff(np.clip(np.append(events[:, 0], duration), 0.0, duration))
     for name, key, begin, rates in (
@@ -187,7 +215,9 @@ def _check_flight(events: np.ndarray, duration: float, altitude: float, speed: f
         if values.max() > high or (key == "h_ft" and values.min() < low):
             row = int(np.argmax((values > high) | (values < low)))
             bounds = f"expected {low:g} to {high:.6g}, as of {key}"
-            raise TrackError(f"{where}, row {row + 1}: leads to the {name} {values[row]:.6g}, {bounds}")
+            raise TrackError(
+                f"{where}, row {row + 1}: leads to the {name} {values[row]:.6g}, {bounds}"
+            )
 
 
 def _is_none(value: Any) -> bool:
@@ -196,14 +226,21 @@ def _is_none(value: Any) -> bool:
 
 def _row(row: Any, where: str) -> list[float]:
     if not isinstance(row, list) or len(row) != len(_EVENT_FIELDS):
-        raise TrackError(f"{where}: expected {len(_EVENT_FIELDS)} numbers: {', '.join(_EVENT_FIELDS)}")
-    return [_number(row[i], f"{where}, {name}", _EVENT_FIELDS[name]) for i, name in enumerate(_EVENT_FIELDS)]
+        raise TrackError(
+            f"{where}: expected {len(_EVENT_FIELDS)} numbers: {', '.join(_EVENT_FIELDS)}"
+        )
+    return [
+        _number(row[i], f"{where}, {name}", _EVENT_FIELDS[name])
+        for i, name in enumerate(_EVENT_FIELDS)
+    ]
 
 
 def _pair(each: dict[str, Any], key: str, where: str) -> np.ndarray:
     values = each.get(key)
     if not isinstance(values, list) or len(values) != 2:
-        raise TrackError(f"{where}, field {key}: expected a pair of numbers, the ownship's and the intruder's")
+        raise TrackError(
+            f"{where}, field {key}: expected a pair of numbers, the ownship's and the intruder's"
+        )
     return np.array([_number(value, f"{where}, field {key}", _STATE[key]) for value in values])
 
 
@@ -212,6 +249,10 @@ def _one(each: dict[str, Any], key: str, where: str) -> float:
 
 
 def _number(value: Any, where: str, accepted: Range) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _ANY.high:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, (int, float))
+        or not abs(value) <= _ANY.high
+    ):
         raise TrackError(f"{where}: {repr(value)[:40]}, expected a finite number")
     return accepted.si(value, where)

@@ -1,11 +1,12 @@
 """Geographic positions on the WGS-84 ellipsoid as metres east and north of an origin, and back.
 
-The map is azimuthal equidistant about the origin: a point lies at its geodesic distance, in the direction in which the
-geodesic leaves the origin. Distances from the origin are exact, and between any two points within 57 km of it good to
-0.6 m (within 60 km to 0.69 m); a tangent plane would sink 282 m under the ellipsoid there, so altitudes stay altitudes
-and never enter the map. Away from the origin the map's north is not true north: the angle between them, the
-convergence, turns velocities and headings at the point where they are measured (0.58 degrees 60 km east of an origin at
-47 degrees latitude, tens of degrees near a pole).
+The map is azimuthal equidistant about the origin: a point lies at its geodesic distance, in the
+direction in which the geodesic leaves the origin. Distances from the origin are exact, and between
+any two points within 57 km of it good to 0.6 m (within 60 km to 0.69 m); a tangent plane would sink
+282 m under the ellipsoid there, so altitudes stay altitudes and never enter the map. Away from the
+origin the map's north is not true north: the angle between them, the convergence, turns velocities
+and headings at the point where they are measured (0.58 degrees 60 km east of an origin at 47
+degrees latitude, tens of degrees near a pole).
 """
 
 import math
@@ -44,7 +45,9 @@ class Place(NamedTuple):
     convergence: np.ndarray  # direction of the map's north, rad clockwise from true north
 
     def velocity(self, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return velocities, given by true east and north at the points, along the map's x and y."""
+        """Return velocities, given by true east and north at the points, along the map's x
+        and y.
+        """
         cosine, sine = np.cos(self.convergence), np.sin(self.convergence)
         return east * cosine - north * sine, east * sine + north * cosine
 
@@ -58,7 +61,9 @@ class Geodetic(NamedTuple):
 
 
 def local(latitude: Any, longitude: Any, reference: tuple[float, float]) -> Place:
-    """Return where latitudes and longitudes ``[...]`` are on the map about those of a reference, rad."""
+    """Return where latitudes and longitudes ``[...]`` are on the map about those of a reference,
+    rad.
+    """
     latitude, longitude = np.asarray(latitude, np.float64), np.asarray(longitude, np.float64)
     start = np.full(latitude.shape, reference[1]), np.full(latitude.shape, reference[0])
     out, back, length = map(np.asarray, wgs84().inv(*start, longitude, latitude, radians=True))
@@ -74,12 +79,16 @@ class LocalFrame:
     longitude: float
 
     def place(self, latitude: Any, longitude: Any) -> Place:
-        """Return where points ``[...]`` are, degrees; 360 degrees of longitude more or less make no difference."""
+        """Return where points ``[...]`` are, degrees; 360 degrees of longitude more or less make no
+        difference.
+        """
         here = math.radians(self.latitude), math.radians(self.longitude)
         return local(np.radians(latitude), np.radians(longitude), here)
 
     def geodetic(self, x: Any, y: Any) -> Geodetic:
-        """Return the points of the ellipsoid at x and y, m, ``[...]``: the inverse of :meth:`place`."""
+        """Return the points of the ellipsoid at x and y, m, ``[...]``: the inverse of
+        :meth:`place`.
+        """
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         out, length = np.arctan2(x, y), np.hypot(x, y)
         start = np.full(x.shape, self.longitude), np.full(x.shape, self.latitude)
@@ -95,21 +104,32 @@ def distance(latitude_a: float, longitude_a: float, latitude_b: float, longitude
     return float(wgs84().inv(longitude_a, latitude_a, longitude_b, latitude_b)[2])
 
 
-def displacement(latitude_a: float, longitude_a: float, latitude_b: float, longitude_b: float) -> tuple[float, float]:
+def displacement(
+    latitude_a: float, longitude_a: float, latitude_b: float, longitude_b: float
+) -> tuple[float, float]:
     """Return the way from one point to another, degrees, true east and north at the first, m."""
     out, _, length = wgs84().inv(longitude_a, latitude_a, longitude_b, latitude_b)
     return length * math.sin(math.radians(out)), length * math.cos(math.radians(out))
 
 
-def carried(latitude: float, longitude: float, east: float, north: float, seconds: float) -> tuple[float, float]:
-    """Return latitude and longitude, degrees, after flying straight ahead for some seconds at a velocity in m/s."""
+def carried(
+    latitude: float, longitude: float, east: float, north: float, seconds: float
+) -> tuple[float, float]:
+    """Return latitude and longitude, degrees, after flying straight ahead for some seconds at a
+    velocity in m/s.
+    """
     track = math.degrees(math.atan2(east, north))
-    longitude, latitude, _ = wgs84().fwd(longitude, latitude, track, math.hypot(east, north) * seconds)
+    longitude, latitude, _ = wgs84().fwd(
+        longitude, latitude, track, math.hypot(east, north) * seconds
+    )
     return float(latitude), float(longitude)
 
 
 def geocentric(latitude: np.ndarray, longitude: np.ndarray, altitude: float = 0.0) -> np.ndarray:
-    """Return points (rad, m above the ellipsoid) in Cartesian coordinates about the Earth's centre, m, ``[..., 3]``."""
+    """Return points (rad, m above the ellipsoid) in Cartesian coordinates about the Earth's centre,
+    m, ``[..., 3]``.
+    """
     return np.stack(
-        _cartesian().transform(longitude, latitude, np.full_like(latitude, altitude), radians=True), axis=-1
+        _cartesian().transform(longitude, latitude, np.full_like(latitude, altitude), radians=True),
+        axis=-1,
     )

@@ -1,8 +1,9 @@
 """Recorded tracks in the files of NASA's DAIDALUS.
 
-A ``.daa`` or ``.xyz`` file is a text: comments begin with ``#``; a line of column names; a line of units in brackets,
-which differ from file to file and are honoured; then a row an aircraft and time, the ownship's first. Cells are
-separated by commas or blanks. A file without units, or with one that is unknown, is refused.
+A ``.daa`` or ``.xyz`` file is a text: comments begin with ``#``; a line of column names; a line of
+units in brackets, which differ from file to file and are honoured; then a row an aircraft and time,
+the ownship's first. Cells are separated by commas or blanks. A file without units, or with one that
+is unknown, is refused.
 """
 
 import math
@@ -17,7 +18,9 @@ from envs.traffic.tracks import DISTANT, TrackError, TrackFile
 
 
 class _Column(NamedTuple):
-    """What we call a column and what it measures; the range that is accepted is in SI units and radians."""
+    """What we call a column and what it measures; the range that is accepted is in SI units and
+    radians.
+    """
 
     key: str
     family: str
@@ -44,8 +47,14 @@ _COLUMNS = {
         ("heading", _Column("heading", "angle", -_TURN, _TURN)),
         ("airspeed", _Column("airspeed", "speed", 0.0, _FAST)),
         ("alerter", _Column("alerter", "none")),
-        *((f"s{axis}_std", _Column(f"s{axis}_std", "length")) for axis in ("_ew", "_ns", "_en", "z")),
-        *((f"v{axis}_std", _Column(f"v{axis}_std", "speed")) for axis in ("_ew", "_ns", "_en", "z")),
+        *(
+            (f"s{axis}_std", _Column(f"s{axis}_std", "length"))
+            for axis in ("_ew", "_ns", "_en", "z")
+        ),
+        *(
+            (f"v{axis}_std", _Column(f"v{axis}_std", "speed"))
+            for axis in ("_ew", "_ns", "_en", "z")
+        ),
     )
     for name in names.split()
 }
@@ -55,40 +64,51 @@ _NEEDED = ("name", "alt", "vs", "time")
 _CHOICES = ((("lat", "lon"), ("sx", "sy")), (("trk", "gs"), ("vx", "vy")))
 
 
-def read_daidalus(path: str | os.PathLike[str], *, repair: bool = False, max_gap: float = 5.0) -> TrackFile:
+def read_daidalus(
+    path: str | os.PathLike[str], *, repair: bool = False, max_gap: float = 5.0
+) -> TrackFile:
     """Read a ``.daa`` or ``.xyz`` file.
 
     Geographic positions become local ones around the ownship's first.
 
     Args:
-        repair: drop rows that are not finite, out of range, out of order or impossible, and fill gaps, instead of
-            refusing the file.
+        repair: drop rows that are not finite, out of range, out of order or impossible, and fill
+            gaps, instead of refusing the file.
         max_gap: longest time between two rows of an aircraft, s.
 
     Raises:
-        TrackError: the file cannot be read, a unit is missing or unknown, or a row is not as expected; the message
-            names file, line and field.
+        TrackError: the file cannot be read, a unit is missing or unknown, or a row is not as
+            expected; the message names file, line and field.
     """
     source = os.fspath(path)
     if not max_gap > 0.0:
         raise TrackError(f"{source}: max_gap is {max_gap:g} s, expected a positive number")
     lines = _lines(source)
     if len(lines) < 3:
-        raise TrackError(f"{source}: {len(lines)} lines, expected column names, units and at least one row")
+        raise TrackError(
+            f"{source}: {len(lines)} lines, expected column names, units and at least one row"
+        )
     fields = _header(source, lines[0], lines[1])
     rows: dict[str, Rows] = {}
     for number, cells in lines[2:]:
         where = f"{source} line {number}"
         if len(cells) != len(fields):
-            raise TrackError(f"{where}: {len(cells)} fields, expected {len(fields)} as in the line of names")
+            raise TrackError(
+                f"{where}: {len(cells)} fields, expected {len(fields)} as in the line of names"
+            )
         row = dict(zip(fields, cells, strict=True))
         name = row.pop("name")
-        values = {key: _number(cell, fields[key], f"{where}, field {key}", repair) for key, cell in row.items()}
+        values = {
+            key: _number(cell, fields[key], f"{where}, field {key}", repair)
+            for key, cell in row.items()
+        }
         if not name:
             raise TrackError(f"{where}, field name: empty, expected the name of an aircraft")
         rows.setdefault(name, []).append((number, values))
     if len({name.casefold() for name in rows}) < len(rows):
-        raise TrackError(f"{source}, field name: {sorted(rows)[:8]}, expected no two that differ only in case")
+        raise TrackError(
+            f"{source}, field name: {sorted(rows)[:8]}, expected no two that differ only in case"
+        )
     return track_file(rows, Reading(source, repair, max_gap))
 
 
@@ -102,21 +122,30 @@ def _lines(source: str) -> list[tuple[int, list[str]]]:
     return lines
 
 
-def _header(source: str, names: tuple[int, list[str]], units: tuple[int, list[str]]) -> dict[str, Range]:
+def _header(
+    source: str, names: tuple[int, list[str]], units: tuple[int, list[str]]
+) -> dict[str, Range]:
     """Return the columns in the order of the file: our names, and what is accepted of each."""
     where, where_units = f"{source} line {names[0]}", f"{source} line {units[0]}"
     if len(units[1]) != len(names[1]):
-        raise TrackError(f"{where_units}: {len(units[1])} units, expected {len(names[1])}, one in brackets a name")
+        raise TrackError(
+            f"{where_units}: {len(units[1])} units, expected {len(names[1])}, one in brackets a "
+            "name"
+        )
     fields: dict[str, Range] = {}
     for name, unit in zip(names[1], units[1], strict=True):
         if name.lower() not in _COLUMNS:
-            raise TrackError(f"{where}: column {name!r} is unknown, expected some of {', '.join(_COLUMNS)}")
+            raise TrackError(
+                f"{where}: column {name!r} is unknown, expected some of {', '.join(_COLUMNS)}"
+            )
         key, family, low, high = _COLUMNS[name.lower()]
         bare = unit[1:-1] if unit.startswith("[") and unit.endswith("]") else unit
         scale = si(bare, family)
         if scale is None or (bare == unit and bare.lower() != "unitless"):
             known = ", ".join(FAMILIES[family])
-            raise TrackError(f"{where_units}, field {key}: unit {unit!r}, expected one in brackets of {known}")
+            raise TrackError(
+                f"{where_units}, field {key}: unit {unit!r}, expected one in brackets of {known}"
+            )
         if key in fields:
             raise TrackError(f"{where}: column {key} stands twice")
         hint = DEGREES if family == "angle" and scale == 1.0 else ""

@@ -1,12 +1,14 @@
 """Rows of recorded tracks, ordered in time and held against each other.
 
-From one row to the next, and over each :data:`WINDOW` seconds, the change of position must be what the reported
-velocities make of it (by the trapezoidal rule), within
+From one row to the next, and over each :data:`WINDOW` seconds, the change of position must be what
+the reported velocities make of it (by the trapezoidal rule), within
 
-    ``POSITION + VELOCITY t + ACCELERATION / 4 sum(dt^2)`` horizontally and ``HEIGHT + CLIMB t`` vertically,
+    ``POSITION + VELOCITY t + ACCELERATION / 4 sum(dt^2)`` horizontally and ``HEIGHT + CLIMB t``
+    vertically,
 
-t seconds in all and dt from row to row; the last term is what an acceleration between two rows can do. A row that
-no aircraft could have reached so is an outlier, of another aircraft with the same address, or of another clock.
+t seconds in all and dt from row to row; the last term is what an acceleration between two rows can
+do. A row that no aircraft could have reached so is an outlier, of another aircraft with the same
+address, or of another clock.
 
 Nothing is repaired unless asked for, and what was repaired is counted.
 """
@@ -29,7 +31,8 @@ POSITION, VELOCITY, ACCELERATION = 300.0, 50.0, 5.0
 HEIGHT, CLIMB = 100.0, 50.0  # m and m/s, vertically
 WINDOW = 20.0  # s
 
-_LASTING = 30.0  # rows that agree with each other for so long, s, but not with the rest, are a flight of their own
+# rows that agree with each other for so long, s, but not with the rest, are a flight of their own
+_LASTING = 30.0
 _MOST_FILLED = 100_000  # rows across the gaps of an aircraft
 _MOST_OPEN = 8  # flights of one aircraft that a row is held against: the latest
 
@@ -55,19 +58,24 @@ class Reading(NamedTuple):
 
 
 def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
-    """Return the tracks of aircraft, local to the first position of the first one where positions are geographic.
+    """Return the tracks of aircraft, local to the first position of the first one where positions
+    are geographic.
 
-    The rows are by the aircraft's names. Of those that contradict each other the longest flight is taken.
+    The rows are by the aircraft's names. Of those that contradict each other the longest flight is
+    taken.
 
     Raises:
-        TrackError: something is wrong and must not be repaired, nothing is left, or tracks are too far apart.
+        TrackError: something is wrong and must not be repaired, nothing is left, or tracks are too
+            far apart.
     """
     kept, done = {}, []
     for name, each in rows.items():
         flights, repairs = flights_of(name, each, how)
         kept[name] = max(flights, key=len)
         if not kept[name]:
-            raise TrackError(f"{how.source}: no row of {name!r} is left, expected at least one that is finite")
+            raise TrackError(
+                f"{how.source}: no row of {name!r} is left, expected at least one that is finite"
+            )
         others = sum(map(len, flights)) - len(kept[name])
         done.append(repairs._replace(impossible=repairs.impossible + others, split=0))
     reference = place_of(next(iter(kept.values()))[0])
@@ -75,7 +83,10 @@ def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
     for track in tracks:
         far = float(np.hypot(track.x, track.y).max())
         if far > DISTANT:
-            away = f"{far / 1e3:.0f} km from where {tracks[0].name!r} begins, expected at most {DISTANT / 1e3:.0f} km"
+            away = (
+                f"{far / 1e3:.0f} km from where {tracks[0].name!r} begins, expected at most "
+                f"{DISTANT / 1e3:.0f} km"
+            )
             raise TrackError(f"{how.source}: {track.name!r} is {away}")
     return TrackFile(tracks, summed(done))
 
@@ -86,7 +97,9 @@ def place_of(row: tuple[int, dict[str, float]]) -> tuple[float, float] | None:
 
 
 def track_of(name: str, rows: Rows, reference: tuple[float, float] | None) -> Track:
-    """Return the track of an aircraft's ordered rows, local to a latitude and longitude if they have such."""
+    """Return the track of an aircraft's ordered rows, local to a latitude and longitude if they
+    have such.
+    """
     columns = {key: np.array([values[key] for _, values in rows]) for key in rows[0][1]}
     if "gs" in columns:
         course, speed = columns.pop("trk"), columns.pop("gs")
@@ -104,7 +117,8 @@ def track_of(name: str, rows: Rows, reference: tuple[float, float] | None) -> Tr
 
 
 def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs]:
-    """Return the flights of an aircraft, each in order and without gaps, at least one, and what it took.
+    """Return the flights of an aircraft, each in order and without gaps, at least one, and what it
+    took.
 
     Raises:
         TrackError: something is wrong and must not be repaired.
@@ -116,7 +130,9 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
         bad = next((key for key, value in values.items() if not math.isfinite(value)), None)
         if bad is not None:
             if not how.repair:
-                raise TrackError(f"{how.field(number, bad)}: {values[bad]}, expected a finite number")
+                raise TrackError(
+                    f"{how.field(number, bad)}: {values[bad]}, expected a finite number"
+                )
             counts["not_finite"] += 1
             continue
         fault, refusal, filled = "", "", 0
@@ -140,7 +156,9 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
             raise TrackError(refusal)
         counts["filled"] += filled
         if counts["filled"] > _MOST_FILLED:
-            raise TrackError(f"{how.source}: the gaps of {name!r} take more than {_MOST_FILLED} rows to fill")
+            raise TrackError(
+                f"{how.source}: the gaps of {name!r} take more than {_MOST_FILLED} rows to fill"
+            )
         if fault:
             counts[fault] += 1
     kept: list[Rows] = []
@@ -149,12 +167,16 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
         lasting = [flight for flight in group if flight is longest or flight.lasts() >= _LASTING]
         kept += [flight.rows for flight in lasting]
         counts["split"] += len(lasting) - 1
-        counts["impossible"] += sum(len(flight.rows) for flight in group) - sum(len(flight.rows) for flight in lasting)
+        counts["impossible"] += sum(len(flight.rows) for flight in group) - sum(
+            len(flight.rows) for flight in lasting
+        )
     return kept or [[]], Repairs(**counts)
 
 
 class _Flight:
-    """Rows that follow from each other, and what their positions miss of their velocities since the first."""
+    """Rows that follow from each other, and what their positions miss of their velocities since the
+    first.
+    """
 
     def __init__(self, name: str, number: int, values: dict[str, float]) -> None:
         self.name = name
@@ -167,7 +189,9 @@ class _Flight:
         return self.times[-1] - self.times[0]
 
     def add(self, number: int, values: dict[str, float], how: Reading) -> tuple[str, str, int]:
-        """Add a row; return the fault that keeps it out or "", a sentence on it, and how many rows were filled in."""
+        """Add a row; return the fault that keeps it out or "", a sentence on it, and how many rows
+        were filled in.
+        """
         (line, last), time = self.rows[-1], values["time"]
         step, of = time - last["time"], f"of {self.name!r}"
         if step <= 0.0:
@@ -177,12 +201,22 @@ class _Flight:
             if before < 0:
                 return ("apart" if self.times[0] - time > how.apart else "impossible"), sentence, 0
             again = _Flight(self.name, *self.rows[before])
-            return ("impossible" if again.strays(number, values, how) else "out_of_order"), sentence, 0
+            return (
+                ("impossible" if again.strays(number, values, how) else "out_of_order"),
+                sentence,
+                0,
+            )
         if step > how.apart:
             return "apart", "", 0
         place = ("lat", "lon") if "lat" in last else ("sx", "sy")
-        if all(last[key] == values[key] for key in place) and values.get("gs", 0.0) * step > how.standing:
-            same = f"the position of {time:.15g} s is that of {last['time']:.15g} s at {values['gs']:.0f} m/s"
+        if (
+            all(last[key] == values[key] for key in place)
+            and values.get("gs", 0.0) * step > how.standing
+        ):
+            same = (
+                f"the position of {time:.15g} s is that of {last['time']:.15g} s at "
+                f"{values['gs']:.0f} m/s"
+            )
             return "stale", f"{how.field(number, place[0])}: {same}, expected another", 0
         parts = math.ceil(min(step / how.max_gap, _MOST_FILLED + 1))
         if parts > 1 and (not how.repair or parts > _MOST_FILLED):
@@ -191,8 +225,16 @@ class _Flight:
         size = len(self.rows)
         for part in range(1, parts + 1):
             share = part / parts
-            each = values if part == parts else {key: _mixed(key, last[key], values[key], share) for key in last}
-            strays = "no time passes" if each["time"] <= self.times[-1] else self.strays(number, each, how)
+            each = (
+                values
+                if part == parts
+                else {key: _mixed(key, last[key], values[key], share) for key in last}
+            )
+            strays = (
+                "no time passes"
+                if each["time"] <= self.times[-1]
+                else self.strays(number, each, how)
+            )
             if strays:
                 del self.rows[size:], self.times[size:], self.missed[size:]
                 return "impossible", strays, 0
@@ -201,31 +243,50 @@ class _Flight:
         return "", "", parts - 1
 
     def strays(self, number: int, values: dict[str, float], how: Reading) -> str:
-        """Return why no aircraft can come from the last rows to another; "" if one can: what it misses is noted."""
+        """Return why no aircraft can come from the last rows to another; "" if one can: what it
+        misses is noted.
+        """
         step = values["time"] - self.times[-1]
         off = (*_missed(self.rows[-1][1], values), 0.25 * ACCELERATION * step * step)
         total = tuple(map(operator.add, self.missed[-1], off))
         begin = max(bisect_right(self.times, values["time"] - WINDOW) - 1, 0)
-        for row, missed in ((-1, off), (begin, tuple(map(operator.sub, total, self.missed[begin])))):
+        for row, missed in (
+            (-1, off),
+            (begin, tuple(map(operator.sub, total, self.missed[begin]))),
+        ):
             east, north, up, bend = missed
             seconds = values["time"] - self.times[row]
             for key, far, most in (
                 ("alt", abs(up), HEIGHT + CLIMB * seconds),
-                ("lat" if "lat" in values else "sx", math.hypot(east, north), POSITION + VELOCITY * seconds + bend),
+                (
+                    "lat" if "lat" in values else "sx",
+                    math.hypot(east, north),
+                    POSITION + VELOCITY * seconds + bend,
+                ),
             ):
                 if not far <= most:
-                    lead = f"{how.noun} {self.rows[row][0]} of {self.name!r} and the velocities since lead"
-                    where = f"{far:.0f} m off where {lead} in {seconds:g} s, expected at most {most:.0f} m"
+                    lead = (
+                        f"{how.noun} {self.rows[row][0]} of {self.name!r} and the velocities "
+                        "since lead"
+                    )
+                    where = (
+                        f"{far:.0f} m off where {lead} in {seconds:g} s, expected at most "
+                        f"{most:.0f} m"
+                    )
                     return f"{how.field(number, key)}: {where}"
         self.missed.append(total)
         return ""
 
 
 def _missed(before: dict[str, float], after: dict[str, float]) -> tuple[float, float, float]:
-    """Return how far a row is, east, north and up, m, from where the velocities of both rows lead from the first."""
+    """Return how far a row is, east, north and up, m, from where the velocities of both rows lead
+    from the first.
+    """
     step, turn = after["time"] - before["time"], 0.0
     if "lat" in before:
-        out, back, length = wgs84().inv(before["lon"], before["lat"], after["lon"], after["lat"], radians=True)
+        out, back, length = wgs84().inv(
+            before["lon"], before["lat"], after["lon"], after["lat"], radians=True
+        )
         east, north = length * math.sin(out), length * math.cos(out)
         turn = back + math.pi - out if length > 1e-6 else 0.0
     else:

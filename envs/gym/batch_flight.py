@@ -1,4 +1,6 @@
-"""The surrogate as a host drives it: one compiled call and one transfer a step, fresh starts from a pool."""
+"""The surrogate as a host drives it: one compiled call and one transfer a step, fresh starts from a
+pool.
+"""
 
 from functools import partial
 from typing import NamedTuple
@@ -32,12 +34,14 @@ class Setting(NamedTuple):
 
 
 @partial(jax.jit, static_argnums=3)
-def begin(encounter: Encounter, key: jax.Array, tick: int, setting: Setting) -> tuple[State, jax.Array]:
+def begin(
+    encounter: Encounter, key: jax.Array, tick: int, setting: Setting
+) -> tuple[State, jax.Array]:
     """Begin encounters ``[N]``, float32, in the call number ``tick`` under a key.
 
     Returns:
-        The state and, packed as float32 ``[N, S + 2]``: observation (S), distance to the nearest intruder and to the
-        goal, m.
+        The state and, packed as float32 ``[N, S + 2]``: observation (S), distance to the nearest
+        intruder and to the goal, m.
     """
     state = surrogate.reset(encounter, history_dt=setting.history_dt)
     seen = _seen(state, jax.random.fold_in(key, tick), setting)
@@ -54,7 +58,8 @@ def step(
     tick: int,
     setting: Setting,
 ) -> tuple[State, jax.Array]:
-    """Advance all encounters; the n-th (from 0) that ends in this step begins anew from row ``used + n`` of the pool.
+    """Advance all encounters; the n-th (from 0) that ends in this step begins anew from row ``used
+    + n`` of the pool.
 
     Args:
         state: ``[N]``; its memory is taken over.
@@ -64,21 +69,27 @@ def step(
         tick: number of the call under this key.
 
     Returns:
-        The state to go on with and, packed as float32 ``[N, 2 S + 6]``, because a transfer costs more than what it
-        carries: observation (S), observation at the end of the step (S), reward, code of the outcome (0 flying,
-        1 violation, 2 reached, 3 timeout), smallest separation in the step, goal distance, and of the fresh start the
-        distance to the nearest intruder and to the goal, m.
+        The state to go on with and, packed as float32 ``[N, 2 S + 6]``, because a transfer costs
+        more than what it
+        carries: observation (S), observation at the end of the step (S), reward, code of the
+        outcome (0 flying, 1 violation, 2 reached, 3 timeout), smallest separation in the step, goal
+        distance, and of the fresh start the distance to the nearest intruder and to the goal, m.
     """
     final, result = surrogate.step(state, (actions[:, 0], actions[:, 1]), setting.world)
     # Encounters that go on point at some row too; what they get from there is not used.
     row = jnp.maximum(used + jnp.cumsum(final.ended) - 1, 0)
-    fresh = surrogate.reset(jax.tree.map(lambda field: field[row], pool), history_dt=setting.history_dt)
+    fresh = surrogate.reset(
+        jax.tree.map(lambda field: field[row], pool), history_dt=setting.history_dt
+    )
     following = surrogate.restart(final, fresh)
-    # Of an encounter's two observations only one is ever followed by an action, so they may share the noise.
+    # Of an encounter's two observations only one is ever followed by an action, so they may share
+    # the noise.
     noise_key = jax.random.fold_in(key, tick)
     violation, reached, timeout = result.outcome
     code = 1.0 * violation + 2.0 * reached + 3.0 * timeout
-    columns = jnp.stack([result.reward, code, result.separation, result.goal_distance, *_distances(fresh)], axis=-1)
+    columns = jnp.stack(
+        [result.reward, code, result.separation, result.goal_distance, *_distances(fresh)], axis=-1
+    )
     packed = [_seen(following, noise_key, setting), _seen(final, noise_key, setting), columns]
     return following, jnp.concatenate(packed, axis=-1)
 
@@ -89,7 +100,9 @@ def _seen(state: State, key: jax.Array, setting: Setting) -> jax.Array:
     if setting.intruders == 1:
         return surrogate.observe(state, aircraft, noise)
     parts = surrogate.observe_set(state, aircraft, noise, setting.intruders)
-    return jnp.concatenate([part.reshape(part.shape[0], -1).astype(jnp.float32) for part in parts], axis=-1)
+    return jnp.concatenate(
+        [part.reshape(part.shape[0], -1).astype(jnp.float32) for part in parts], axis=-1
+    )
 
 
 def _distances(state: State) -> tuple[jax.Array, jax.Array]:

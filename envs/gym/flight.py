@@ -1,8 +1,9 @@
-"""One encounter in plain floats: the world's step, where arrays of one element would cost ten times as much.
+"""One encounter in plain floats: the world's step, where arrays of one element would cost ten times
+as much.
 
-Every operation is the one that numpy does in double precision, so a flight equals numpy's to the last bit and the
-surrogate's in double precision to 1e-6 m. (In single precision the surrogate's own rounding at 10 km is 1 mm in every
-step.)
+Every operation is the one that numpy does in double precision, so a flight equals numpy's to the
+last bit and the surrogate's in double precision to 1e-6 m. (In single precision the surrogate's own
+rounding at 10 km is 1 mm in every step.)
 """
 
 from functools import partial
@@ -22,7 +23,9 @@ from envs.world import State
 
 
 def begin(encounter: Encounter, dt: float) -> State:
-    """Return the start of one encounter, intruders ``[K]``, without the absent ones, for a time step of ``dt`` s."""
+    """Return the start of one encounter, intruders ``[K]``, without the absent ones, for a time
+    step of ``dt`` s.
+    """
     present = np.flatnonzero(encounter.mask)
 
     def each(tree: Any) -> Any:
@@ -31,7 +34,9 @@ def begin(encounter: Encounter, dt: float) -> State:
     own, goal_x, goal_y = mapped(float, (encounter.own, encounter.goal_x, encounter.goal_y))
     sensor = mapped(lambda field: float(field[0]), encounter.sensor)
     mask = (True,) * len(present)
-    plain = Encounter(own, goal_x, goal_y, each(encounter.intruders), mask, each(encounter.intent), sensor)
+    plain = Encounter(
+        own, goal_x, goal_y, each(encounter.intruders), mask, each(encounter.intent), sensor
+    )
     return world.begin(plain, EXACT_FLOATS, history_dt=dt)
 
 
@@ -39,12 +44,20 @@ step = partial(world.step, xp=EXACT_FLOATS)
 
 
 def observe(state: State, aircraft: Aircraft, noise: np.ndarray | None = None) -> np.ndarray:
-    """Return the observation of the most critical intruder, float32 ``[8]``, by the noise ``[4, K]`` or None."""
-    return np.array(world.observe(state, aircraft, _listed(noise), xp=EXACT_FLOATS), dtype=np.float32)
+    """Return the observation of the most critical intruder, float32 ``[8]``, by the noise ``[4,
+    K]`` or None.
+    """
+    return np.array(
+        world.observe(state, aircraft, _listed(noise), xp=EXACT_FLOATS), dtype=np.float32
+    )
 
 
-def observe_set(state: State, count: int, aircraft: Aircraft, noise: np.ndarray | None = None) -> SetObservation:
-    """Return the observation of the ``count`` most critical intruders, the most critical first, numpy."""
+def observe_set(
+    state: State, count: int, aircraft: Aircraft, noise: np.ndarray | None = None
+) -> SetObservation:
+    """Return the observation of the ``count`` most critical intruders, the most critical first,
+    numpy.
+    """
     perceived = world.perceived(state, _listed(noise), aircraft.dt, EXACT_FLOATS)
     own, seen = VehicleState(*map(np.float64, state.own)), VehicleState(*np.array(perceived).T)
     seen, mask = observation.ranked(own, seen, np.array(state.mask), count, aircraft, np)
@@ -59,4 +72,6 @@ def separations(state: State) -> tuple[float, ...]:
     """Return the present distance to each intruder, m, ``[K]``."""
     own = state.own
     vehicles = (one.vehicle for one in state.intruders)
-    return tuple(distance(vehicle.x - own.x, vehicle.y - own.y, EXACT_FLOATS) for vehicle in vehicles)
+    return tuple(
+        distance(vehicle.x - own.x, vehicle.y - own.y, EXACT_FLOATS) for vehicle in vehicles
+    )

@@ -1,4 +1,6 @@
-"""What the single and the vectorised Gymnasium environment have in common: spaces, names and checks of input."""
+"""What the single and the vectorised Gymnasium environment have in common: spaces, names and checks
+of input.
+"""
 
 import os
 import sys
@@ -22,13 +24,23 @@ _OPTIONS = ("scenario", "encounter")
 
 def has_display() -> bool:
     """Return whether this process may open a window: on Linux, whether it is given a display."""
-    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return not sys.platform.startswith("linux") or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    )
 
 
 def observation_space(intruders: int) -> spaces.Space[Any]:
-    """Return the space of an observation: float32 ``[8]`` for one intruder, a ``Dict`` for more (at most 64)."""
-    if isinstance(intruders, bool) or not isinstance(intruders, int) or not 1 <= intruders <= MOST_INTRUDERS:
-        raise EncounterError(f"intruders is {intruders!r}; expected a whole number from 1 to {MOST_INTRUDERS}")
+    """Return the space of an observation: float32 ``[8]`` for one intruder, a ``Dict`` for more (at
+    most 64).
+    """
+    if (
+        isinstance(intruders, bool)
+        or not isinstance(intruders, int)
+        or not 1 <= intruders <= MOST_INTRUDERS
+    ):
+        raise EncounterError(
+            f"intruders is {intruders!r}; expected a whole number from 1 to {MOST_INTRUDERS}"
+        )
     if intruders == 1:
         return spaces.Box(-1.0, 1.0, (SIZE,), np.float32)
     return spaces.Dict(
@@ -41,10 +53,16 @@ def observation_space(intruders: int) -> spaces.Space[Any]:
 
 
 def as_dict(packed: np.ndarray, intruders: int) -> dict[str, np.ndarray]:
-    """Return observations as the ``Dict`` space has them, from own, traffic and mask in one array ``[..., S]``."""
+    """Return observations as the ``Dict`` space has them, from own, traffic and mask in one array
+    ``[..., S]``.
+    """
     own, traffic, mask = np.split(packed, [ROW, ROW + ROW * intruders], axis=-1)
     rows = traffic.reshape(*packed.shape[:-1], intruders, ROW)
-    return {"own": own.astype(np.float32), "traffic": rows.astype(np.float32), "mask": mask.astype(np.int8)}
+    return {
+        "own": own.astype(np.float32),
+        "traffic": rows.astype(np.float32),
+        "mask": mask.astype(np.int8),
+    }
 
 
 def action_space() -> spaces.Box:
@@ -53,49 +71,72 @@ def action_space() -> spaces.Box:
 
 
 def family(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
-    """Return the scenario meant; an EncounterError where there is none of that name or it is another aircraft's."""
+    """Return the scenario meant; an EncounterError where there is none of that name or it is
+    another aircraft's.
+    """
     if isinstance(wanted, str):
         return scenario(wanted, aircraft)
     if not isinstance(wanted, Scenario):
-        raise EncounterError(f"scenario is {wanted!r}; expected a name or an envs.encounters.Scenario")
+        raise EncounterError(
+            f"scenario is {wanted!r}; expected a name or an envs.encounters.Scenario"
+        )
     if wanted.aircraft != aircraft:
-        raise EncounterError(f"scenario {wanted.name!r} is another aircraft's; expected one of the aircraft that flies")
+        raise EncounterError(
+            f"scenario {wanted.name!r} is another aircraft's; expected one of the aircraft that "
+            "flies"
+        )
     return wanted
 
 
 def checked_world(aircraft: Aircraft, rules: Rules | None) -> World:
-    """Return the world of an aircraft, by its own rules or others; an EncounterError for another time step."""
+    """Return the world of an aircraft, by its own rules or others; an EncounterError for another
+    time step.
+    """
     chosen = aircraft.rules() if rules is None else rules
     if chosen.dt != aircraft.dt:
-        raise EncounterError(f"rules.dt is {chosen.dt:g} s; expected {aircraft.dt:g} s, the aircraft's time step")
+        raise EncounterError(
+            f"rules.dt is {chosen.dt:g} s; expected {aircraft.dt:g} s, the aircraft's time step"
+        )
     return World(Rules(*map(float, chosen)), aircraft)
 
 
 def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the options of a reset, or raise an EncounterError for one that is unknown or of a wrong type."""
+    """Return the options of a reset, or raise an EncounterError for one that is unknown or of a
+    wrong type.
+    """
     chosen = dict(options or {})
     for key in chosen:
         if key not in _OPTIONS:
             near = get_close_matches(str(key), _OPTIONS, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"expected some of {', '.join(_OPTIONS)}"
+            hint = (
+                f"did you mean {near[0]!r}?" if near else f"expected some of {', '.join(_OPTIONS)}"
+            )
             raise EncounterError(f"reset option {key!r} is unknown; {hint}")
     wanted = chosen.get("encounter")
     if isinstance(wanted, (int, np.integer)) and not isinstance(wanted, bool):
         chosen["encounter"] = int(wanted)
     elif "encounter" in chosen and not isinstance(wanted, Encounter):
-        raise EncounterError(f"reset option 'encounter' is {wanted!r}; expected a number or an Encounter")
+        raise EncounterError(
+            f"reset option 'encounter' is {wanted!r}; expected a number or an Encounter"
+        )
     return chosen
 
 
 def checked_actions(action: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return actions as float32, or raise an InvalidAction for another shape or what is not finite."""
+    """Return actions as float32, or raise an InvalidAction for another shape or what is not
+    finite.
+    """
     try:
         numbers = np.asarray(action, dtype=np.float32)
     except (TypeError, ValueError):
-        raise error.InvalidAction(f"action {action!r} is not numeric; expected floats of shape {shape}") from None
+        raise error.InvalidAction(
+            f"action {action!r} is not numeric; expected floats of shape {shape}"
+        ) from None
     if numbers.shape != shape:
         raise error.InvalidAction(f"action has shape {numbers.shape}; expected {shape}")
     if not np.isfinite(numbers).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(numbers))[0])
-        raise error.InvalidAction(f"action{list(where)} is {numbers[where]}; expected a finite number in [-1, 1]")
+        raise error.InvalidAction(
+            f"action{list(where)} is {numbers[where]}; expected a finite number in [-1, 1]"
+        )
     return numbers

@@ -1,6 +1,8 @@
-"""The encounter as a Gymnasium environment, ``rlcas/Deconfliction-v0``; importing this module registers it.
+"""The encounter as a Gymnasium environment, ``rlcas/Deconfliction-v0``; importing this module
+registers it.
 
-The vectorised one is :class:`envs.gym.gymnasium_vector.DeconflictionVectorEnv`; usage: docs/howto/gymnasium.md.
+The vectorised one is :class:`envs.gym.gymnasium_vector.DeconflictionVectorEnv`; usage:
+docs/howto/gymnasium.md.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -36,40 +38,42 @@ ENV_ID = "rlcas/Deconfliction-v0"
 
 
 class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
-    """One encounter of the surrogate: rejoin the route and keep the required separation from every intruder.
+    """One encounter of the surrogate: rejoin the route and keep the required separation from every
+    intruder.
 
     Observation: with ``intruders=1`` float32 ``[8]`` in [-1, 1], components in the order of
-        :data:`envs.observation.NAMES`, of the most critical intruder as the scenario's sensor reports it; with K > 1
-        intruders a dict of ``own`` (float32 ``[4]``), ``traffic`` (float32 ``[K, 4]``, the K most critical, the most
-        critical first) and ``mask`` (int8 ``[K]``, 1 for a row that holds an intruder); see
-        :class:`envs.observation.SetObservation`.
-    Action: float32 ``[2]`` in [-1, 1], acceleration and yaw rate as parts of the aircraft's limits (the paper's:
-        0.5 m/s^2 and 3 deg/s), positive to the left; values beyond are clipped.
-    Reward: sparse; -100 at a violation, +100 at the goal, -10 at ``t_max``, else 0.
-    Termination: ``terminated`` at a violation (closest approach within a step, by continuous motion) and at the
+        :data:`envs.observation.NAMES`, of the most critical intruder as the scenario's sensor
+        reports it; with K > 1 intruders a dict of ``own`` (float32 ``[4]``), ``traffic`` (float32
+        ``[K, 4]``, the K most critical, the most critical first) and ``mask`` (int8 ``[K]``, 1 for
+        a row that holds an intruder); see :class:`envs.observation.SetObservation`.
+    Action: float32 ``[2]`` in [-1, 1], acceleration and yaw rate as parts of the aircraft's limits
+        (the paper's: 0.5 m/s^2 and 3 deg/s), positive to the left; values beyond are clipped.
+    Reward: sparse; -100 at a violation, +100 at the goal, -10 at ``t_max``, else 0. Termination:
+    ``terminated`` at a violation (closest approach within a step, by continuous motion) and at the
         goal; ``truncated`` at ``t_max``, because the observation holds no clock.
-    Info: ``separation`` (smallest in the step, m), ``min_separation`` (since the start, m), ``goal_distance`` (m),
-        ``time`` (s), ``outcome`` (one of
+    Info: ``separation`` (smallest in the step, m), ``min_separation`` (since the start, m),
+        ``goal_distance`` (m), ``time`` (s), ``outcome`` (one of
         :data:`envs.gym.gymnasium_contract.OUTCOMES`), ``encounter`` (its number; -1 for one given).
 
-    Encounters are numbered: ``reset(seed=s)`` begins encounter 0 of seed s, each later ``reset()`` the next one.
-    They are, with the noise of the reports, those that the Monte Carlo evaluator flies. ``reset(options=...)``
-    takes ``scenario`` (a name or a Scenario, which stays until changed) and ``encounter`` (a number, or an
-    :class:`envs.encounters.Encounter`).
+    Encounters are numbered: ``reset(seed=s)`` begins encounter 0 of seed s, each later ``reset()``
+    the next one. They are, with the noise of the reports, those that the Monte Carlo evaluator
+    flies. ``reset(options=...)`` takes ``scenario`` (a name or a Scenario, which stays until
+    changed) and ``encounter`` (a number, or an :class:`envs.encounters.Encounter`).
 
     Args:
         scenario: name or Scenario.
         aircraft: the ownship; all else is scaled by it.
         intruders: K that an observation shows.
         rules: of the task; None: the aircraft's.
-        render_mode: None, ``"rgb_array"`` or ``"human"``, which needs a display; ``metadata`` names it only with one.
+        render_mode: None, ``"rgb_array"`` or ``"human"``, which needs a display; ``metadata`` names
+            it only with one.
         render_size: side of the picture, pixels.
 
     Raises:
         EncounterError: (a ValueError) the scenario or encounter is impossible.
-        gymnasium.error.Error: UnsupportedMode for another render mode or where no window can be opened, ResetNeeded
-            for a step or picture before the first reset or a step after the end, InvalidAction for an action of a wrong
-            shape or that is not finite.
+        gymnasium.error.Error: UnsupportedMode for another render mode or where no window can be
+            opened, ResetNeeded for a step or picture before the first reset or a step after the
+            end, InvalidAction for an action of a wrong shape or that is not finite.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 20}  # noqa: RUF012 - Gymnasium's form
@@ -85,7 +89,9 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         render_size: int = 600,
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise error.UnsupportedMode(f"render_mode is {render_mode!r}; expected None, 'rgb_array' or 'human'")
+            raise error.UnsupportedMode(
+                f"render_mode is {render_mode!r}; expected None, 'rgb_array' or 'human'"
+            )
         if not has_display():
             # Gymnasium's check_env tries every mode that the environment names.
             self.metadata = self.metadata | {"render_modes": ["rgb_array"]}
@@ -108,7 +114,9 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         self._picture: Drawing | None = None
         self._window: Window | None = None
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         """Begin the next encounter, or the one that the options ask for."""
         chosen = checked_options(options)
         super().reset(seed=seed)
@@ -136,15 +144,21 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             if self._window is not None and self._window.closed:
                 self._window = None
             self.render()
-        goal_distance = float(np.hypot(encounter.goal_x - encounter.own.x, encounter.goal_y - encounter.own.y))
+        goal_distance = float(
+            np.hypot(encounter.goal_x - encounter.own.x, encounter.goal_y - encounter.own.y)
+        )
         return self._observe(), self._info(min(separations), goal_distance)
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Fly on for one time step."""
         if self._flight is None:
-            raise error.ResetNeeded("step was called before reset; call reset to begin an encounter")
+            raise error.ResetNeeded(
+                "step was called before reset; call reset to begin an encounter"
+            )
         if self._outcome != OUTCOMES[0]:
-            raise error.ResetNeeded(f"the encounter has ended ({self._outcome}); call reset to begin another one")
+            raise error.ResetNeeded(
+                f"the encounter has ended ({self._outcome}); call reset to begin another one"
+            )
         acceleration, yaw_rate = checked_actions(action, (2,)).tolist()
         self._flight, result = self._advance(self._flight, (acceleration, yaw_rate))
         self._min_separation = min(self._min_separation, result.separation)
@@ -158,12 +172,18 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         return self._observe(), float(result.reward), terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
-        """Return the picture, uint8 ``[size, size, 3]``, show it in a window, or do nothing, by the render mode."""
+        """Return the picture, uint8 ``[size, size, 3]``, show it in a window, or do nothing, by the
+        render mode.
+        """
         if self.render_mode is None:
-            gymnasium.logger.warn('render draws nothing: give render_mode="rgb_array" or "human" to gymnasium.make')
+            gymnasium.logger.warn(
+                'render draws nothing: give render_mode="rgb_array" or "human" to gymnasium.make'
+            )
             return None
         if self._flight is None:
-            raise error.ResetNeeded("render was called before reset; call reset to begin an encounter")
+            raise error.ResetNeeded(
+                "render was called before reset; call reset to begin an encounter"
+            )
         # Matplotlib is loaded for drawing only.
         if self.render_mode == "rgb_array":
             from envs.gym.rendering import Drawing
@@ -188,7 +208,11 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         from envs.gym.rendering import Scene
 
         assert self._flight is not None
-        label = "an encounter of your own" if self._label < 0 else f"{self.scenario.name}, encounter {self._label}"
+        label = (
+            "an encounter of your own"
+            if self._label < 0
+            else f"{self.scenario.name}, encounter {self._label}"
+        )
         own, intruders, separations = (np.array(rows) for rows in zip(*self._frames, strict=True))
         return Scene(
             own,
@@ -216,7 +240,9 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         noise = None
         if self._noisy:
             # Absent intruders have draws too, as they have in the evaluator.
-            drawn = starts.report_noise(self._seed, self._number, int(self._flight.steps), len(self._mask))
+            drawn = starts.report_noise(
+                self._seed, self._number, int(self._flight.steps), len(self._mask)
+            )
             noise = drawn[:, self._mask]
         if self._rows == 1:
             return flight.observe(self._flight, self.world.aircraft, noise)

@@ -1,4 +1,6 @@
-"""Many encounters as one Gymnasium vector environment: the compiled surrogate behind a host-side step."""
+"""Many encounters as one Gymnasium vector environment: the compiled surrogate behind a host-side
+step.
+"""
 
 from typing import Any
 
@@ -30,24 +32,28 @@ _LEAST = 1_024  # fewest starts drawn beyond those of one step, so that drawing 
 
 
 class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
-    """N encounters of :class:`envs.gym.gymnasium_env.DeconflictionEnv`, in single precision on jax's device.
+    """N encounters of :class:`envs.gym.gymnasium_env.DeconflictionEnv`, in single precision on
+    jax's device.
 
-    Spaces, reward, termination and the keys of ``infos`` are those of the single environment, batched; ``infos``
-    carries a mask ``_key`` for each key. An encounter that ends begins anew in the same step
-    (``AutoresetMode.SAME_STEP``): the observation and the infos returned are then the new encounter's, the last
-    ones of the old stand in ``infos["final_obs"]`` and ``infos["final_info"]``, present where
-    ``infos["_final_obs"]`` holds.
+    Spaces, reward, termination and the keys of ``infos`` are those of the single environment,
+    batched; ``infos`` carries a mask ``_key`` for each key. An encounter that ends begins anew in
+    the same step (``AutoresetMode.SAME_STEP``): the observation and the infos returned are then the
+    new encounter's, the last ones of the old stand in ``infos["final_obs"]`` and
+    ``infos["final_info"]``, present where ``infos["_final_obs"]`` holds.
 
-    ``reset(seed=s)`` begins the encounters 0 .. N-1 of seed s; those that follow take the next numbers in the order
-    in which they begin (in one step: by index). Starts are drawn on the host in advance. ``reset(options=...)``
-    takes ``scenario`` as the single environment does and ``encounter``: the first number, or an Encounter with
-    N rows. Noise of reports comes from the device's own generator, so it is not the single environment's.
+    ``reset(seed=s)`` begins the encounters 0 .. N-1 of seed s; those that follow take the next
+    numbers in the order in which they begin (in one step: by index). Starts are drawn on the host
+    in advance. ``reset(options=...)`` takes ``scenario`` as the single environment does and
+    ``encounter``: the first number, or an Encounter with N rows. Noise of reports comes from the
+    device's own generator, so it is not the single environment's.
 
     ``num_envs`` is N; the other arguments are the single environment's, which also makes pictures.
 
     Raises:
-        ValueError: ``num_envs`` is below 1; an EncounterError for an impossible scenario or encounter.
-        gymnasium.error.Error: as of the single environment; ClosedEnvironmentError for a reset or step after close.
+        ValueError: ``num_envs`` is below 1; an EncounterError for an impossible scenario or
+            encounter.
+        gymnasium.error.Error: as of the single environment; ClosedEnvironmentError for a reset or
+            step after close.
     """
 
     def __init__(
@@ -78,12 +84,16 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         self._next = self._ticks = 0
         self._state: State | None = None
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         """Begin all encounters anew."""
         self._check_open()
         chosen = checked_options(options)
         if seed is not None and not isinstance(seed, (int, np.integer)):
-            raise EncounterError(f"seed is {seed!r}; expected one integer for all encounters, or None")
+            raise EncounterError(
+                f"seed is {seed!r}; expected one integer for all encounters, or None"
+            )
         super().reset(seed=seed)
         if seed is not None or self._seed is None:
             self._seed = int(self.np_random.integers(2**63)) if seed is None else int(seed)
@@ -100,10 +110,20 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
             self._next = wanted + self.num_envs
         columns, most = encounter.mask.shape[-1], self.scenario.intruders[1]
         if most > columns:
-            has = f"have {columns} intruder columns; expected {most}, as scenario {self.scenario.name!r} has"
+            has = (
+                f"have {columns} intruder columns; expected {most}, as scenario "
+                f"{self.scenario.name!r} has"
+            )
             raise EncounterError(f"the encounters given {has}, which follows them")
-        spread = (self.scenario.position_std, self.scenario.velocity_std, self.scenario.latency[1], *encounter.sensor)
-        self._setting = Setting(self.world, any(np.any(np.asarray(one) > 0.0) for one in spread), self._rows)
+        spread = (
+            self.scenario.position_std,
+            self.scenario.velocity_std,
+            self.scenario.latency[1],
+            *encounter.sensor,
+        )
+        self._setting = Setting(
+            self.world, any(np.any(np.asarray(one) > 0.0) for one in spread), self._rows
+        )
         self._draw_pool(columns)
 
         # Counted on through resets, so that no noise comes twice under a seed.
@@ -117,14 +137,18 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         self._min_separation = host[:, size].astype(np.float64)
         return self._shaped(host[:, :size]), self._infos(self._min_separation, host[:, size + 1])
 
-    def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Fly on for one time step under actions ``[N, 2]`` and begin anew what has ended.
 
         Rewards are float64 ``[N]``, terminations and truncations bool ``[N]``.
         """
         self._check_open()
         if self._state is None:
-            raise error.ResetNeeded("step was called before reset; call reset to begin the encounters")
+            raise error.ResetNeeded(
+                "step was called before reset; call reset to begin the encounters"
+            )
         checked = checked_actions(actions, (self.num_envs, 2))
         self._ticks += 1
         self._state, packed = batch_flight.step(
@@ -133,7 +157,9 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         host = np.asarray(packed)
         size = self._setting.size
         seen, final_seen = host[:, :size], host[:, size : 2 * size]
-        reward, code, separation, goal_distance, new_separation, new_goal_distance = host[:, 2 * size :].T
+        reward, code, separation, goal_distance, new_separation, new_goal_distance = host[
+            :, 2 * size :
+        ].T
         ended = code > 0.0
         self._steps += 1
         self._min_separation = np.minimum(self._min_separation, separation)
@@ -145,7 +171,13 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         else:
             final = {}
         infos = final | self._infos(separation, goal_distance)
-        return self._shaped(seen), reward.astype(np.float64), (code == 1.0) | (code == 2.0), code == 3.0, infos
+        return (
+            self._shaped(seen),
+            reward.astype(np.float64),
+            (code == 1.0) | (code == 2.0),
+            code == 3.0,
+            infos,
+        )
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the device's memory."""
@@ -163,7 +195,9 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         """Draw the next starts, always equally many, so that the step is compiled once."""
         count = self.num_envs + max(self.num_envs, _LEAST)
         assert self._seed is not None
-        drawn = starts.cast(starts.numbered(self.scenario, self._seed, self._next, count), np.float32)
+        drawn = starts.cast(
+            starts.numbered(self.scenario, self._seed, self._next, count), np.float32
+        )
         self._pool, self._used = jax.device_put(padded(drawn, columns, np)), 0
 
     def _restart(self, ended: np.ndarray, new_separation: np.ndarray) -> None:
@@ -179,9 +213,16 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
             self._draw_pool(columns)
 
     def _final(
-        self, ended: np.ndarray, seen: np.ndarray, code: np.ndarray, separation: np.ndarray, goal: np.ndarray
+        self,
+        ended: np.ndarray,
+        seen: np.ndarray,
+        code: np.ndarray,
+        separation: np.ndarray,
+        goal: np.ndarray,
     ) -> dict[str, Any]:
-        """Return the last observations and infos of encounters that have ended, in Gymnasium's form."""
+        """Return the last observations and infos of encounters that have ended, in Gymnasium's
+        form.
+        """
         final_obs = np.full(self.num_envs, None, dtype=object)
         outcomes = np.full(self.num_envs, None, dtype=object)
         for index in np.flatnonzero(ended):

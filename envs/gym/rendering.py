@@ -1,7 +1,7 @@
 """Pictures of an encounter, as arrays or in a window (:mod:`envs.gym.window`).
 
-A drawing owns its figure and its artists, which move from frame to frame. Colours follow Okabe and Ito, so that they
-differ for colour-blind eyes, and also differ in lightness and shape.
+A drawing owns its figure and its artists, which move from frame to frame. Colours follow Okabe and
+Ito, so that they differ for colour-blind eyes, and also differ in lightness and shape.
 """
 
 from typing import Any, NamedTuple
@@ -22,10 +22,20 @@ _INK, _FAINT, _GRID, _PAPER = "#22272e", "#6a737d", "#e4e8ec", "#ffffff"
 _INCHES = 6.0
 _AXES = (0.1, 0.072, 0.85, 0.85)  # left, bottom, width, height as parts of the figure
 _MARGIN, _MARGIN_PART = 1.1, 0.05  # km, and part of the extent, for the discs of 1 km and the texts
-_NEAR = 5_000.0  # an intruder that has left the scene is kept in view while it is closer than this, m
+_NEAR = (
+    5_000.0  # an intruder that has left the scene is kept in view while it is closer than this, m
+)
 _LEADER = 60.0  # s of flight that the line ahead of an aircraft stands for
 # Outline of an aircraft seen from above, nose along +x, of unit length.
-_NOSE_TO_TAIL = [(0.5, 0.0), (0.42, 0.08), (0.2, 0.1), (0.1, 0.5), (-0.08, 0.5), (-0.06, 0.1), (-0.28, 0.07)]
+_NOSE_TO_TAIL = [
+    (0.5, 0.0),
+    (0.42, 0.08),
+    (0.2, 0.1),
+    (0.1, 0.5),
+    (-0.08, 0.5),
+    (-0.06, 0.1),
+    (-0.28, 0.07),
+]
 _OUTLINE = np.array([*_NOSE_TO_TAIL, (-0.34, 0.24), (-0.48, 0.24), (-0.44, 0.0)])
 _AIRCRAFT = np.concatenate([_OUTLINE, _OUTLINE[-2:0:-1] * (1.0, -1.0)])
 _VERDICTS = {
@@ -40,7 +50,9 @@ class Scene(NamedTuple):
 
     own: np.ndarray  # x, y (m), heading (rad), speed (m/s), [T + 1, 4]
     intruders: np.ndarray  # the same of each intruder, [T + 1, K, 4]
-    separations: np.ndarray  # smallest distance to each during the step that ends at that moment, m, [T + 1, K]
+    separations: (
+        np.ndarray
+    )  # smallest distance to each during the step that ends at that moment, m, [T + 1, K]
     goal: tuple[float, float]  # m
     goal_radius: float  # m
     required: float  # separation below which a trail turns red, m
@@ -52,7 +64,8 @@ class Scene(NamedTuple):
 def view(scene: Scene) -> tuple[float, float, float]:
     """Return the west and south edge and the side of the square to be seen, km.
 
-    It holds the starts, the goal, the ownship's path and what is near it, and only grows during an encounter.
+    It holds the starts, the goal, the ownship's path and what is near it, and only grows during an
+    encounter.
     """
     near = np.hypot(*np.moveaxis(scene.intruders[..., :2] - scene.own[:, None, :2], -1, 0)) < _NEAR
     near[0] = True
@@ -66,7 +79,9 @@ def view(scene: Scene) -> tuple[float, float, float]:
 
 
 class Drawing:
-    """The artists of a picture of ``size`` pixels a side, on a canvas of their own or on a window's figure."""
+    """The artists of a picture of ``size`` pixels a side, on a canvas of their own or on a window's
+    figure.
+    """
 
     def __init__(self, size: int = 600, figure: Figure | None = None) -> None:
         if figure is None:
@@ -105,10 +120,18 @@ class Drawing:
         axes.set_ylabel("north, km", color=_FAINT, fontsize=8.5, labelpad=1)
         self._axes = axes
 
-        (self._route,) = axes.plot([], [], color=_FAINT, linewidth=1.0, linestyle=(0, (4, 4)), zorder=1)
-        self._goal = axes.add_patch(Circle((0.0, 0.0), 1.0, facecolor=GOAL + "38", edgecolor=GOAL, linewidth=1.6))
-        (self._goal_mark,) = axes.plot([], [], marker="*", markersize=9, color=GOAL, linestyle="none")
-        (self._start,) = axes.plot([], [], marker="o", markersize=6, color=OWNSHIP, markerfacecolor=_PAPER, zorder=3)
+        (self._route,) = axes.plot(
+            [], [], color=_FAINT, linewidth=1.0, linestyle=(0, (4, 4)), zorder=1
+        )
+        self._goal = axes.add_patch(
+            Circle((0.0, 0.0), 1.0, facecolor=GOAL + "38", edgecolor=GOAL, linewidth=1.6)
+        )
+        (self._goal_mark,) = axes.plot(
+            [], [], marker="*", markersize=9, color=GOAL, linestyle="none"
+        )
+        (self._start,) = axes.plot(
+            [], [], marker="o", markersize=6, color=OWNSHIP, markerfacecolor=_PAPER, zorder=3
+        )
         small = {"fontsize": 8.5, "clip_on": True, "ha": "center", "va": "center"}
         self._goal_text = axes.text(0.0, 0.0, "goal", color="#00704f", **small)
         self._start_text = axes.text(0.0, 0.0, "start", color=_FAINT, **small)
@@ -119,7 +142,14 @@ class Drawing:
         self._leaders = LineCollection([], zorder=4, linewidths=1.0)
         self._red = LineCollection([], zorder=5, linewidths=4.0, colors=VIOLATION, capstyle="round")
         self._planes = PolyCollection([], zorder=6, edgecolors=_INK, linewidths=0.7)
-        for collection in (self._discs, self._link, self._trails, self._leaders, self._red, self._planes):
+        for collection in (
+            self._discs,
+            self._link,
+            self._trails,
+            self._leaders,
+            self._red,
+            self._planes,
+        ):
             axes.add_collection(collection, autolim=False)
         self._labels: list[Any] = []
 
@@ -163,17 +193,23 @@ class Drawing:
         discs = [Circle(tuple(at), scene.required / 1000.0) for at in now[1:]]
         self._discs.set_paths(discs)
         edges = [VIOLATION if near else INTRUDER for near in close_now]
-        self._discs.set(facecolors=[edge + "26" for edge in edges], edgecolors=[edge + "b0" for edge in edges])
+        self._discs.set(
+            facecolors=[edge + "26" for edge in edges], edgecolors=[edge + "b0" for edge in edges]
+        )
 
         self._trails.set(segments=paths, colors=colours)
         both = np.concatenate([close.any(axis=1, keepdims=True), close], axis=1)
         steps = np.stack([paths[:, :-1], paths[:, 1:]], axis=2)
         self._red.set_segments(list(steps[both[1:].T]))
         self._leaders.set(
-            segments=np.stack([now, now + ahead * speed[:, None] * (_LEADER / 1000.0)], axis=1), colors=colours
+            segments=np.stack([now, now + ahead * speed[:, None] * (_LEADER / 1000.0)], axis=1),
+            colors=colours,
         )
         nearest = int(np.argmin(scene.separations[-1]))
-        self._link.set(segments=[now[[0, nearest + 1]]], colors=edges[nearest] if close_now[nearest] else _FAINT)
+        self._link.set(
+            segments=[now[[0, nearest + 1]]],
+            colors=edges[nearest] if close_now[nearest] else _FAINT,
+        )
 
         sizes = np.array([34.0] + [27.0] * count) * self._pixel
         turn = np.stack([ahead, np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)], axis=1)
@@ -184,7 +220,13 @@ class Drawing:
 
     def _name(self, now: np.ndarray, ahead: np.ndarray, nearest: int) -> None:
         while len(self._labels) < len(now):
-            style = {"fontsize": 8.5, "fontweight": "bold", "ha": "center", "va": "center", "zorder": 7}
+            style = {
+                "fontsize": 8.5,
+                "fontweight": "bold",
+                "ha": "center",
+                "va": "center",
+                "zorder": 7,
+            }
             colour = "#8a5f00" if self._labels else OWNSHIP
             self._labels.append(self._axes.text(0.0, 0.0, "", clip_on=True, color=colour, **style))
         only = len(now) == 2

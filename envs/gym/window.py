@@ -27,7 +27,8 @@ class Window:
         except Exception as problem:
             # Toolkits raise errors of their own where there is no display.
             raise error.UnsupportedMode(
-                'render_mode "human": a window needs a display and an interactive matplotlib backend such as TkAgg or '
+                'render_mode "human": a window needs a display and an interactive matplotlib '
+                "backend such as TkAgg or "
                 f'QtAgg ({problem}); use render_mode="rgb_array" where there is none'
             ) from problem
         self._pyplot = plt
@@ -42,7 +43,9 @@ class Window:
         return not self._pyplot.fignum_exists(self._figure.number)
 
     def show(self, scene: Scene) -> None:
-        """Show the scene and wait until its time in the sequence; nothing happens once the window is closed."""
+        """Show the scene and wait until its time in the sequence; nothing happens once the window
+        is closed.
+        """
         if self.closed:
             return
         self._drawing.update(scene)

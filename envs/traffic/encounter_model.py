@@ -1,19 +1,23 @@
-"""Public Bayesian models of uncorrelated air traffic: the files of MIT Lincoln Laboratory's encounter models.
+"""Public Bayesian models of uncorrelated air traffic: the files of MIT Lincoln Laboratory's
+encounter models.
 
-A model is a dynamic Bayesian network. The initial network draws airspace class, altitude layer, airspeed, acceleration,
-vertical rate and turn rate; the transition network draws the last three anew each second. A file is a text of blocks,
-each with a line ``# name``:
+A model is a dynamic Bayesian network. The initial network draws airspace class, altitude layer,
+airspeed, acceleration, vertical rate and turn rate; the transition network draws the last three
+anew each second. A file is a text of blocks, each with a line ``# name``:
 
 ``labels_initial``, ``labels_transition``  names of the variables, in quotes, between commas
-``G_initial``, ``G_transition``            a row a variable: 1 under each variable that it is a parent of
-``r_initial``, ``r_transition``            how many bins each variable has
-``N_initial``, ``N_transition``            counts, variable after variable, bin after bin, the first parent fastest;
+``G_initial``, ``G_transition``            a row a variable: 1 under each variable that it is a
+parent of ``r_initial``, ``r_transition``            how many bins each variable has ``N_initial``,
+``N_transition``            counts, variable after variable, bin after bin, the first parent
+fastest;
                                            of the transition network only the variables at t+1
-``boundaries``                             a line an initial variable: edges of its bins, or ``*`` for a category
-``resample_rates``                         chance a second that a value is drawn anew inside its bin
+``boundaries``                             a line an initial variable: edges of its bins, or ``*``
+for a category ``resample_rates``                         chance a second that a value is drawn anew
+inside its bin
 
-The units stand nowhere in the file, they are those of the form: kt, kt/s, ft/min, deg/s clockwise, ft above ground.
-(Kochenderfer et al., Uncorrelated encounter model of the National Airspace System, ATC-345, 2008.)
+The units stand nowhere in the file, they are those of the form: kt, kt/s, ft/min, deg/s clockwise,
+ft above ground. (Kochenderfer et al., Uncorrelated encounter model of the National Airspace System,
+ATC-345, 2008.)
 """
 
 import math
@@ -27,7 +31,12 @@ import numpy as np
 from envs.encounters import EncounterError
 from envs.traffic.text_file import lines_of, number_of
 
-SPEED, ACCELERATION, CLIMB, TURN = "v", r"\dot v", r"\dot h", r"\dot \psi"  # names of the variables that make a track
+SPEED, ACCELERATION, CLIMB, TURN = (
+    "v",
+    r"\dot v",
+    r"\dot h",
+    r"\dot \psi",
+)  # names of the variables that make a track
 
 _BLOCKS = (
     *("labels_initial", "G_initial", "r_initial", "N_initial"),
@@ -55,7 +64,9 @@ class Variable(NamedTuple):
     bins: int
     parents: tuple[int, ...]  # places in the network, ascending
     counts: np.ndarray
-    """``[C, bins]``: how often each bin was seen under each configuration of the parents, the first parent fastest."""
+    """``[C, bins]``: how often each bin was seen under each configuration of the parents, the first
+    parent fastest.
+    """
 
 
 class EncounterModel(NamedTuple):
@@ -63,14 +74,22 @@ class EncounterModel(NamedTuple):
 
     initial: tuple[Variable, ...]
     transition: tuple[Variable, ...]
-    """Variables at t + 1; their parents are places in the initial network's variables at t, followed by these."""
+    """Variables at t + 1; their parents are places in the initial network's variables at t,
+    followed by these.
+    """
     moving: tuple[int, ...]  # place in the initial network of each variable of the transition
     boundaries: tuple[np.ndarray | None, ...]
-    """Edges of the bins of each initial variable, ``[bins + 1]``, in the form's units; None for a category."""
-    rates: np.ndarray  # chance a second that a value is drawn anew inside its bin, of each initial variable
+    """Edges of the bins of each initial variable, ``[bins + 1]``, in the form's units; None for a
+    category.
+    """
+    rates: (
+        np.ndarray
+    )  # chance a second that a value is drawn anew inside its bin, of each initial variable
 
     def place(self, name: str) -> int:
-        """Return the place of an initial variable; a ValueError where there is none of this name."""
+        """Return the place of an initial variable; a ValueError where there is none of this
+        name.
+        """
         return [variable.name for variable in self.initial].index(name)
 
 
@@ -78,7 +97,8 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
     """Read a model.
 
     Raises:
-        EncounterError: the file cannot be read or is not as documented; the message names file, line and block.
+        EncounterError: the file cannot be read or is not as documented; the message names file,
+            line and block.
     """
     file = _File(os.fspath(path))
     names = [_bare(name) for name in file.labels("labels_initial")]
@@ -93,15 +113,21 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
     )
     for i, place in enumerate([*range(len(names)), *moving]):
         if all_bins[i] != bins[place]:
-            expected = f"{all_bins[i]} bins, expected {bins[place]} as of {names[place]!r} in r_initial"
+            expected = (
+                f"{all_bins[i]} bins, expected {bins[place]} as of {names[place]!r} in r_initial"
+            )
             raise file.error("r_transition", f", variable {later[i]!r}: {expected}")
     parents, all_parents = _parents(file, "G_initial", names), _parents(file, "G_transition", later)
     for i in range(len(names)):
         if all_parents[i]:
-            raise file.error("G_transition", f": {later[i]!r} at time t has a parent, expected none")
+            raise file.error(
+                "G_transition", f": {later[i]!r} at time t has a parent, expected none"
+            )
     first = _variables(file, "N_initial", names, bins, parents)
     changing = [names[i] for i in moving]
-    second = _variables(file, "N_transition", changing, all_bins, all_parents[len(names) :], len(names))
+    second = _variables(
+        file, "N_transition", changing, all_bins, all_parents[len(names) :], len(names)
+    )
     edges = _boundaries(file, names, bins)
     for name in {*_NEEDED, *changing}:
         if edges[names.index(name)] is None:
@@ -122,23 +148,33 @@ class _File:
             if line.startswith("#"):
                 name = line[1:].strip()
                 if name not in _BLOCKS:
-                    raise EncounterError(f"{where}: block {name!r}, expected one of {', '.join(_BLOCKS)}")
+                    raise EncounterError(
+                        f"{where}: block {name!r}, expected one of {', '.join(_BLOCKS)}"
+                    )
                 if name in self.blocks:
                     raise EncounterError(f"{where}: block {name} stands twice, expected it once")
                 self.blocks[name], begins[name] = [], number
             elif line and not name:
-                raise EncounterError(f"{where}: {line[:20]!r}, expected a line with # and a block's name")
+                raise EncounterError(
+                    f"{where}: {line[:20]!r}, expected a line with # and a block's name"
+                )
             elif line:
                 self.blocks[name].append((number, line))
         for wanted in _BLOCKS:
             if wanted not in self.blocks:
-                raise EncounterError(f"{source}: no block {wanted}, expected one (a file that is cut off?)")
+                raise EncounterError(
+                    f"{source}: no block {wanted}, expected one (a file that is cut off?)"
+                )
             if not self.blocks[wanted]:
-                raise EncounterError(f"{source} line {begins[wanted]}: block {wanted} is empty, expected values")
+                raise EncounterError(
+                    f"{source} line {begins[wanted]}: block {wanted} is empty, expected values"
+                )
 
     def error(self, block: str, what: str, row: int = 0) -> EncounterError:
         """Return an error about a row of a block."""
-        return EncounterError(f"{self._source} line {self.blocks[block][row][0]}, block {block}{what}")
+        return EncounterError(
+            f"{self._source} line {self.blocks[block][row][0]}, block {block}{what}"
+        )
 
     def rows(self, block: str, count: int) -> list[str]:
         """Return the lines of a block that has so many."""
@@ -192,7 +228,9 @@ def _moving(file: _File, names: list[str], later: list[str]) -> tuple[int, ...]:
     places = []
     for label in later[len(names) :]:
         if not label.endswith("(t+1)") or _bare(label) not in names:
-            raise file.error(block, f": {label!r}, expected a variable of labels_initial with (t+1)")
+            raise file.error(
+                block, f": {label!r}, expected a variable of labels_initial with (t+1)"
+            )
         places.append(names.index(_bare(label)))
     for name in (ACCELERATION, TURN):
         if names.index(name) not in places:
@@ -204,29 +242,48 @@ def _parents(file: _File, block: str, labels: list[str]) -> list[tuple[int, ...]
     """Return the parents of each variable; a graph with a circle is refused."""
     count = len(labels)
     file.rows(block, count)
-    graph = np.array([file.numbers(block, count, i, low=0, high=1, whole=True) for i in range(count)])
+    graph = np.array(
+        [file.numbers(block, count, i, low=0, high=1, whole=True) for i in range(count)]
+    )
     parents = [tuple(np.flatnonzero(graph[:, i]).tolist()) for i in range(count)]
     try:
         TopologicalSorter(dict(enumerate(parents))).prepare()
     except CycleError as error:
-        raise file.error(block, f": {labels[error.args[1][0]]!r} is its own ancestor, expected none") from None
+        raise file.error(
+            block, f": {labels[error.args[1][0]]!r} is its own ancestor, expected none"
+        ) from None
     return parents
 
 
 def _variables(
-    file: _File, block: str, names: list[str], bins: list[int], parents: list[tuple[int, ...]], skipped: int = 0
+    file: _File,
+    block: str,
+    names: list[str],
+    bins: list[int],
+    parents: list[tuple[int, ...]],
+    skipped: int = 0,
 ) -> tuple[Variable, ...]:
-    """Return the last variables of a network, ``skipped`` of whose sizes come first, with their counts."""
-    shapes = [(math.prod(bins[j] for j in each), bins[skipped + i]) for i, each in enumerate(parents)]
+    """Return the last variables of a network, ``skipped`` of whose sizes come first, with their
+    counts.
+    """
+    shapes = [
+        (math.prod(bins[j] for j in each), bins[skipped + i]) for i, each in enumerate(parents)
+    ]
     ends = np.cumsum([math.prod(shape) for shape in shapes], dtype=object)
     wanted = ends[-1]
     if wanted > _MOST_COUNTS:
-        raise file.error(block, f": the graph asks for {wanted} counts, expected at most {_MOST_COUNTS}")
+        raise file.error(
+            block, f": the graph asks for {wanted} counts, expected at most {_MOST_COUNTS}"
+        )
     values = file.numbers(block, wanted, low=0.0)
     made = []
-    for name, each, shape, part in zip(names, parents, shapes, np.split(values, ends[:-1].astype(int)), strict=True):
+    for name, each, shape, part in zip(
+        names, parents, shapes, np.split(values, ends[:-1].astype(int)), strict=True
+    ):
         if not each and not part.any():
-            raise file.error(block, f", variable {name!r}: all counts are 0, expected some that are not")
+            raise file.error(
+                block, f", variable {name!r}: all counts are 0, expected some that are not"
+            )
         made.append(Variable(name, shape[1], each, part.reshape(shape)))
     return tuple(made)
 

@@ -1,13 +1,15 @@
-"""Tracks of one aircraft drawn from an encounter model: bins from its networks, values inside the bins, then motion.
+"""Tracks of one aircraft drawn from an encounter model: bins from its networks, values inside the
+bins, then motion.
 
-As the models are meant to be read: variables are drawn in the order of the network; a value is uniform inside its bin,
-but exactly 0 in the bin that 0 lies inside of; each second the transition network draws the bins anew, and a value
-changes where its bin does or, with the chance of ``resample_rates``, inside its bin. A configuration of parents that
-was never seen has counts of 0 alone: all bins are then equally likely at first, and later on the bin stays.
+As the models are meant to be read: variables are drawn in the order of the network; a value is
+uniform inside its bin, but exactly 0 in the bin that 0 lies inside of; each second the transition
+network draws the bins anew, and a value changes where its bin does or, with the chance of
+``resample_rates``, inside its bin. A configuration of parents that was never seen has counts of 0
+alone: all bins are then equally likely at first, and later on the bin stays.
 
-Airspeed is taken for ground speed (no wind) and for its horizontal part; the vertical rate is drawn, because the others
-depend on it, and is not flown: co-altitude is assumed. The speed stays inside the edges of the model's own bins and
-below the traffic's greatest, where it is held.
+Airspeed is taken for ground speed (no wind) and for its horizontal part; the vertical rate is
+drawn, because the others depend on it, and is not flown: co-altitude is assumed. The speed stays
+inside the edges of the model's own bins and below the traffic's greatest, where it is held.
 """
 
 import math
@@ -46,7 +48,9 @@ def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int) -> Samp
     values = np.zeros((len(draws), size))
     for place, edges in enumerate(model.boundaries):
         if edges is not None:
-            values[:, place] = _value(edges, bins[:, place], draws[:, size + place], place in model.moving)
+            values[:, place] = _value(
+                edges, bins[:, place], draws[:, size + place], place in model.moving
+            )
     tables = [_table(variable) for variable in model.transition]
     order = _order(model.transition, size)
     later = draws[:, 2 * size :].reshape(len(draws), seconds - 1, 3, len(model.moving))
@@ -70,7 +74,11 @@ def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int) -> Samp
 
     def of(name: str) -> np.ndarray:
         names = [variable.name for variable in model.initial]
-        return whole[:, :, names.index(name)] * _SI[name] if name in names else np.zeros(whole.shape[:2])
+        return (
+            whole[:, :, names.index(name)] * _SI[name]
+            if name in names
+            else np.zeros(whole.shape[:2])
+        )
 
     return Sampled(bins, of(SPEED)[:, 0], of(ACCELERATION), of(TURN), of(CLIMB))
 
@@ -78,8 +86,8 @@ def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int) -> Samp
 def flown(model: EncounterModel, sampled: Sampled, speed_max: float) -> VehicleState:
     """Fly what was drawn, from the origin and eastward; fields ``[M, T + 1]``.
 
-    Each second's acceleration and turn rate are flown exactly. A first speed beyond the limits stays until it is
-    commanded inwards.
+    Each second's acceleration and turn rate are flown exactly. A first speed beyond the limits
+    stays until it is commanded inwards.
     """
     edges = model.boundaries[model.place(SPEED)]
     assert edges is not None  # the reader refuses it
@@ -97,7 +105,9 @@ def _initial(model: EncounterModel, draws: np.ndarray) -> np.ndarray:
     bins = np.zeros(draws.shape, int)
     for place in _order(model.initial):
         variable = model.initial[place]
-        bins[:, place] = _drawn(_table(variable)[_configuration(model, variable, bins)], draws[:, place])
+        bins[:, place] = _drawn(
+            _table(variable)[_configuration(model, variable, bins)], draws[:, place]
+        )
     return bins
 
 
@@ -108,7 +118,9 @@ def _order(variables: tuple[Variable, ...], before: int = 0) -> list[int]:
 
 
 def _table(variable: Variable) -> np.ndarray:
-    """Return the cumulative chances of the bins, ``[C, bins]``; equal ones where nothing was seen."""
+    """Return the cumulative chances of the bins, ``[C, bins]``; equal ones where nothing
+    was seen.
+    """
     counts = np.where(variable.counts.any(axis=1, keepdims=True), variable.counts, 1.0)
     return np.cumsum(counts, axis=1) / counts.sum(axis=1, keepdims=True)
 

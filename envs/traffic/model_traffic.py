@@ -1,19 +1,22 @@
 """Encounters with traffic of an encounter model, and what each of them weighs.
 
-The distribution that results, *weighted*, is this: intruders whose tracks are the model's fill the plane evenly, in
-number and in course, all at the ownship's height; the ownship, its speed uniform, flies straight along its route
-without a resolver; of all these intruders it is those whose closest approach of the whole flight falls into a window of
-time and below a miss distance, that are not too near at the start and not too fast at first.
+The distribution that results, *weighted*, is this: intruders whose tracks are the model's fill the
+plane evenly, in number and in course, all at the ownship's height; the ownship, its speed uniform,
+flies straight along its route without a resolver; of all these intruders it is those whose closest
+approach of the whole flight falls into a window of time and below a miss distance, that are not too
+near at the start and not too fast at first.
 
-An encounter is drawn by its closest approach: time and signed miss distance are uniform, the intruder's course is
-uniform, and its track is shifted so that there, at that moment, it stands beside the relative velocity. Places then are
-not even: the plane's area per second and metre is the rate at which the closest approach sweeps it,
+An encounter is drawn by its closest approach: time and signed miss distance are uniform, the
+intruder's course is uniform, and its track is shifted so that there, at that moment, it stands
+beside the relative velocity. Places then are not even: the plane's area per second and metre is the
+rate at which the closest approach sweeps it,
 
     w = |v| + m f,
 
-with the relative speed |v|, the signed miss distance m and the rate f at which the relative velocity turns. That is the
-encounter's weight, m/s. Where it is not positive the distance has no minimum there; where the distance is smaller at
-another moment the encounter belongs to that one: both are drawn again, so that each encounter counts once.
+with the relative speed |v|, the signed miss distance m and the rate f at which the relative
+velocity turns. That is the encounter's weight, m/s. Where it is not positive the distance has no
+minimum there; where the distance is smaller at another moment the encounter belongs to that one:
+both are drawn again, so that each encounter counts once.
 """
 
 import math
@@ -43,7 +46,9 @@ _SAME = 0.5  # the closest approach counts as found again within this, m
 
 @dataclass(frozen=True)
 class ModelTraffic:
-    """A family of encounters with one intruder of a model; pairs (low, high) are ranges of a uniform draw."""
+    """A family of encounters with one intruder of a model; pairs (low, high) are ranges of a
+    uniform draw.
+    """
 
     model: EncounterModel
     aircraft: Aircraft
@@ -67,7 +72,9 @@ class _Drawn(NamedTuple):
     accepted: np.ndarray
 
 
-def encounters_with(traffic: ModelTraffic, seed: int, first: int, count: int) -> tuple[Encounter, np.ndarray]:
+def encounters_with(
+    traffic: ModelTraffic, seed: int, first: int, count: int
+) -> tuple[Encounter, np.ndarray]:
     """Return the encounters ``first .. first + count - 1`` of a seed and their weights, m/s.
 
     Encounter 1234 of a seed is the same wherever and with however many others it is drawn.
@@ -80,7 +87,9 @@ def encounters_with(traffic: ModelTraffic, seed: int, first: int, count: int) ->
     whole: Any = None
     left = np.arange(count)
     for attempt in range(traffic.attempts):
-        uniform = [numbers.uniforms(seed, first + int(i), 1, (wanted,), _STREAM + attempt)[0] for i in left]
+        uniform = [
+            numbers.uniforms(seed, first + int(i), 1, (wanted,), _STREAM + attempt)[0] for i in left
+        ]
         found = _attempt(traffic, np.stack(uniform))
         if whole is None:
             whole = found
@@ -89,10 +98,17 @@ def encounters_with(traffic: ModelTraffic, seed: int, first: int, count: int) ->
         if not left.size:
             break
     else:
-        unmet = f"does not meet the conditions in {traffic.attempts} attempts; allow more, or other conditions"
+        unmet = (
+            f"does not meet the conditions in {traffic.attempts} attempts; allow more, or "
+            "other conditions"
+        )
         raise EncounterError(f"encounter {first + int(left[0])} of seed {seed} {unmet}")
-    recording = Recording(*(field[:, None] for field in _at_steps(whole.recording, traffic.aircraft.dt)))
-    return encounters_of(whole.own, recording, np.ones((count, 1), bool), traffic.ahead), whole.weight
+    recording = Recording(
+        *(field[:, None] for field in _at_steps(whole.recording, traffic.aircraft.dt))
+    )
+    return encounters_of(
+        whole.own, recording, np.ones((count, 1), bool), traffic.ahead
+    ), whole.weight
 
 
 def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
@@ -113,7 +129,10 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     there = advance(take(track, (rows, second)), acceleration, turn_rate, time - second, _FREE, np)
     heading = there.heading + turned
     ahead_x, ahead_y = np.cos(heading), np.sin(heading)
-    vx, vy = there.speed * ahead_x - speed * np.cos(course), there.speed * ahead_y - speed * np.sin(course)
+    vx, vy = (
+        there.speed * ahead_x - speed * np.cos(course),
+        there.speed * ahead_y - speed * np.sin(course),
+    )
     fast = np.maximum(distance(vx, vy, np), 1e-6)
     ax = acceleration * ahead_x - there.speed * turn_rate * ahead_y
     ay = acceleration * ahead_y + there.speed * turn_rate * ahead_x
@@ -137,13 +156,19 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
 
 
 def _closest(own: VehicleState, recording: VehicleState, until: float) -> np.ndarray:
-    """Return the smallest distance of the ownship, straight on, and a recording until a time, m, ``[M]``."""
+    """Return the smallest distance of the ownship, straight on, and a recording until a time, m,
+    ``[M]``.
+    """
     last = min(round(until), recording.x.shape[-1] - 1)
     along = own.speed[:, None] * np.arange(last + 1)
     x, y = along * np.cos(own.heading)[:, None], along * np.sin(own.heading)[:, None]
-    straight = VehicleState(x, y, *(np.broadcast_to(field[:, None], x.shape) for field in (own.heading, own.speed)))
+    straight = VehicleState(
+        x, y, *(np.broadcast_to(field[:, None], x.shape) for field in (own.heading, own.speed))
+    )
     parts = np.s_[:, :last], np.s_[:, 1 : last + 1]
-    (own_now, own_next), (now, after) = ([take(each, part) for part in parts] for each in (straight, recording))
+    (own_now, own_next), (now, after) = (
+        [take(each, part) for part in parts] for each in (straight, recording)
+    )
     return leg_separation(own_now, own_next, now, after, 1.0, np).min(axis=-1)
 
 

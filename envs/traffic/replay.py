@@ -1,6 +1,8 @@
-"""Recorded tracks as encounters: the ownship begins where its track does and has a goal ahead, the others are replayed.
+"""Recorded tracks as encounters: the ownship begins where its track does and has a goal ahead, the
+others are replayed.
 
-Tracks are taken in the horizontal plane: co-altitude is assumed. An intruder flies on straight where its track ends.
+Tracks are taken in the horizontal plane: co-altitude is assumed. An intruder flies on straight
+where its track ends.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,9 +44,9 @@ def replay(
 ) -> Replay:
     """Return recorded encounters as the evaluation flies them.
 
-    Each is a name, the ownship's track and those of its intruders, at least a second long; the goal lies ``ahead``
-    seconds ahead on the ownship's first course. Those outside the speeds of the aircraft or its traffic are left out,
-    with the reason. Weights are by name; None: 1 each.
+    Each is a name, the ownship's track and those of its intruders, at least a second long; the goal
+    lies ``ahead`` seconds ahead on the ownship's first course. Those outside the speeds of the
+    aircraft or its traffic are left out, with the reason. Weights are by name; None: 1 each.
 
     Raises:
         TrackError: none of the encounters can be flown.
@@ -57,17 +59,26 @@ def replay(
         else:
             kept.append((name, own, others))
     if not kept:
-        raise TrackError(f"no encounter can be flown; the first: {left_out[0] if left_out else 'there is none'}")
+        raise TrackError(
+            f"no encounter can be flown; the first: {left_out[0] if left_out else 'there is none'}"
+        )
     most = max(len(others) for _, _, others in kept)
     count, steps = len(kept), round(horizon(aircraft) / aircraft.dt)
     states = np.zeros((4, count, most, steps + 1))
     mask = np.zeros((count, most), bool)
     own = np.zeros((4, count))
     for i, (_, mine, others) in enumerate(kept):
-        own[:, i] = [mine.x[0], mine.y[0], np.arctan2(mine.vy[0], mine.vx[0]), np.hypot(mine.vx[0], mine.vy[0])]
+        own[:, i] = [
+            mine.x[0],
+            mine.y[0],
+            np.arctan2(mine.vy[0], mine.vx[0]),
+            np.hypot(mine.vx[0], mine.vy[0]),
+        ]
         for k in range(most):
             # An absent intruder repeats the first one, so that it is finite everywhere.
-            states[:, i, k] = _states(others[k if k < len(others) else 0], mine.time[0], steps, aircraft.dt)
+            states[:, i, k] = _states(
+                others[k if k < len(others) else 0], mine.time[0], steps, aircraft.dt
+            )
         mask[i, : len(others)] = True
     names = tuple(name for name, _, _ in kept)
     importance = np.ones(count) if weights is None else np.array([weights[name] for name in names])
@@ -75,8 +86,11 @@ def replay(
     return Replay(starts, names, importance, tuple(left_out), repairs)
 
 
-def encounters_of(own: VehicleState, recording: Recording, mask: np.ndarray, ahead: float) -> Encounter:
-    """Return the encounters of an ownship ``[N]``, its goal ``ahead`` seconds ahead, and recorded intruders.
+def encounters_of(
+    own: VehicleState, recording: Recording, mask: np.ndarray, ahead: float
+) -> Encounter:
+    """Return the encounters of an ownship ``[N]``, its goal ``ahead`` seconds ahead, and recorded
+    intruders.
 
     The recording is ``[N, K, T + 1]``, the mask of the intruders that exist ``[N, K]``.
     """
@@ -95,10 +109,11 @@ def encounters_of(own: VehicleState, recording: Recording, mask: np.ndarray, ahe
 
 
 def off_arcs(recording: Recording, mask: np.ndarray, dt: float) -> np.ndarray:
-    """Return how far recordings are from arcs at constant speed, m, ``[N]``: what is wrong by taking them for arcs.
+    """Return how far recordings are from arcs at constant speed, m, ``[N]``: what is wrong by
+    taking them for arcs.
 
-    That is the largest distance between a row and where the row before leads within ``dt`` s when its speed and the
-    turn to the next heading are held.
+    That is the largest distance between a row and where the row before leads within ``dt`` s when
+    its speed and the turn to the next heading are held.
     """
     before = VehicleState(*(field[..., :-1] for field in recording))
     after = VehicleState(*(field[..., 1:] for field in recording))

@@ -1,4 +1,6 @@
-"""Reading text and JSON files: regular files of bounded size, plain or gzipped; every fault is one sentence."""
+"""Reading text and JSON files: regular files of bounded size, plain or gzipped; every fault is one
+sentence.
+"""
 
 import gzip
 import json
@@ -15,7 +17,9 @@ _MOST_PARTS = 10_000_000  # lists and objects in a JSON file
 
 
 def text_of(source: str, error: type[Exception] = TrackError) -> str:
-    """Return the text of a file in UTF-8, with or without a byte order mark, plain or gzipped, or raise the error."""
+    """Return the text of a file in UTF-8, with or without a byte order mark, plain or gzipped, or
+    raise the error.
+    """
     try:
         check_regular(source)
         with Path(source).open("rb") as file:
@@ -40,12 +44,16 @@ def lines_of(source: str) -> list[str]:
     """Return the lines of a file; raises as :func:`text_of` does."""
     text = text_of(source)
     if text.count("\n") > _MOST_LINES:
-        raise TrackError(f"{source}: more than {_MOST_LINES} lines, expected at most so many: divide the file")
+        raise TrackError(
+            f"{source}: more than {_MOST_LINES} lines, expected at most so many: divide the file"
+        )
     return text.splitlines()
 
 
 def json_of(source: str) -> Any:
-    """Return the content of a JSON file, NaN and Infinity allowed; raises as :func:`text_of` does."""
+    """Return the content of a JSON file, NaN and Infinity allowed; raises as
+    :func:`text_of` does.
+    """
     text = text_of(source)
     if text.count("{") + text.count("[") > _MOST_PARTS:
         most = f"{_MOST_PARTS} lists and objects"
@@ -53,13 +61,17 @@ def json_of(source: str) -> Any:
     try:
         return json.loads(text, object_pairs_hook=_distinct)
     except json.JSONDecodeError as problem:
-        raise TrackError(f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}") from None
+        raise TrackError(
+            f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}"
+        ) from None
     except (ValueError, RecursionError) as problem:
         raise TrackError(f"{source}: not usable as JSON: {problem}") from None
 
 
 def number_of(text: str) -> float:
-    """Return the number that a text is, which may be nan or infinite; raises a ValueError where it is none."""
+    """Return the number that a text is, which may be nan or infinite; raises a ValueError where it
+    is none.
+    """
     if "_" in text:  # float() takes underscores, but they are no part of a number in a data file
         raise ValueError
     return float(text)

@@ -20,7 +20,12 @@ FAMILIES: Mapping[str, Mapping[str, float]] = {
         **dict.fromkeys(("fpm", "ft/min"), FOOT / 60.0),
     },
     "angle": {**dict.fromkeys(("deg", "degree", "degrees"), math.radians(1.0)), "rad": 1.0},
-    "time": {**dict.fromkeys(("s", "sec"), 1.0), "ms": 1e-3, "min": 60.0, **dict.fromkeys(("h", "hr"), 3_600.0)},
+    "time": {
+        **dict.fromkeys(("s", "sec"), 1.0),
+        "ms": 1e-3,
+        "min": 60.0,
+        **dict.fromkeys(("h", "hr"), 3_600.0),
+    },
     "none": {"none": 1.0, "unitless": 1.0, "-": 1.0},
 }
 """Units by what they measure, in lower case, with their SI value."""
@@ -34,7 +39,9 @@ def si(unit: str, family: str) -> float | None:
 
 
 class Range(NamedTuple):
-    """What a number may be, in the file's unit, both ends included, and the SI value of one such unit."""
+    """What a number may be, in the file's unit, both ends included, and the SI value of one such
+    unit.
+    """
 
     low: float
     high: float
@@ -42,7 +49,8 @@ class Range(NamedTuple):
     hint: str = ""
 
     def si(self, value: float, where: str, *, repair: bool = False) -> float:
-        """Return a number in SI units: nan where it is nan and, for repair, where it is out of range.
+        """Return a number in SI units: nan where it is nan and, for repair, where it is out of
+        range.
 
         Raises:
             TrackError: it is out of range; the message begins with ``where``.
@@ -51,5 +59,7 @@ class Range(NamedTuple):
             if repair:
                 return math.nan
             shown = f"{value:g}" if abs(value) <= 1e300 else repr(value)[:40]
-            raise TrackError(f"{where}: {shown}, expected {self.low:.6g} to {self.high:.6g}{self.hint}")
+            raise TrackError(
+                f"{where}: {shown}, expected {self.low:.6g} to {self.high:.6g}{self.hint}"
+            )
         return float(value) * self.scale

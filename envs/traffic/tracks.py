@@ -1,4 +1,6 @@
-"""Recorded tracks: what a track is, its values at other times, and counts of what was repaired in one."""
+"""Recorded tracks: what a track is, its values at other times, and counts of what was repaired in
+one.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -7,11 +9,15 @@ import numpy as np
 
 from envs.encounters import EncounterError
 
-DISTANT = 1_000_000.0  # m; further from its reference a flat map holds neither distances nor directions
+DISTANT = (
+    1_000_000.0  # m; further from its reference a flat map holds neither distances nor directions
+)
 
 
 class TrackError(EncounterError):
-    """Tracks, or a file, that cannot be used; the message says file, line, field, and what was expected."""
+    """Tracks, or a file, that cannot be used; the message says file, line, field, and what was
+    expected.
+    """
 
 
 class Track(NamedTuple):
@@ -26,7 +32,9 @@ class Track(NamedTuple):
     vy: np.ndarray
     vertical_rate: np.ndarray
     extra: Mapping[str, np.ndarray]
-    """Other columns of the file by name, in SI units and radians (angles as in the file: clockwise from north)."""
+    """Other columns of the file by name, in SI units and radians (angles as in the file: clockwise
+    from north).
+    """
 
 
 class Repairs(NamedTuple):
@@ -36,8 +44,12 @@ class Repairs(NamedTuple):
     out_of_order: int = 0  # dropped because their time was not after the one before
     filled: int = 0  # added on the straight line across gaps
     stale: int = 0  # dropped because they repeat the position before although the aircraft moves
-    impossible: int = 0  # dropped because the aircraft could not have flown there from the other rows
-    split: int = 0  # flights divided because one address was used by two aircraft or with two clocks
+    impossible: int = (
+        0  # dropped because the aircraft could not have flown there from the other rows
+    )
+    split: int = (
+        0  # flights divided because one address was used by two aircraft or with two clocks
+    )
 
 
 class TrackFile(NamedTuple):
@@ -53,13 +65,24 @@ def summed(repairs: Sequence[Repairs]) -> Repairs:
 
 
 def at_times(track: Track, times: np.ndarray) -> Track:
-    """Return a track at other times ``[T']`` by straight lines between its rows; a TrackError for times outside."""
+    """Return a track at other times ``[T']`` by straight lines between its rows; a TrackError for
+    times outside.
+    """
     times = np.asarray(times, np.float64)
-    if not (np.isfinite(times).all() and times.min() >= track.time[0] and times.max() <= track.time[-1]):
+    if not (
+        np.isfinite(times).all() and times.min() >= track.time[0] and times.max() <= track.time[-1]
+    ):
         covered = f"covers {track.time[0]:g} to {track.time[-1]:g} s"
-        raise TrackError(f"track {track.name!r} {covered}, expected {times.min():g} to {times.max():g} s")
-    extra = {name: np.unwrap(values) if name == "heading" else values for name, values in track.extra.items()}
+        raise TrackError(
+            f"track {track.name!r} {covered}, expected {times.min():g} to {times.max():g} s"
+        )
+    extra = {
+        name: np.unwrap(values) if name == "heading" else values
+        for name, values in track.extra.items()
+    }
     x, y, altitude, vx, vy, rate, *others = (
         np.interp(times, track.time, values) for values in (*track[2:8], *extra.values())
     )
-    return Track(track.name, times, x, y, altitude, vx, vy, rate, dict(zip(extra, others, strict=True)))
+    return Track(
+        track.name, times, x, y, altitude, vx, vy, rate, dict(zip(extra, others, strict=True))
+    )

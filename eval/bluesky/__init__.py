@@ -1,1 +1,3 @@
-"""The policy in BlueSky: a conflict-resolution method of the simulator, and a pilot of BlueSky-Gym's environment."""
+"""The policy in BlueSky: a conflict-resolution method of the simulator, and a pilot of
+BlueSky-Gym's environment.
+"""

@@ -1,9 +1,10 @@
-"""A pilot of BlueSky-Gym's ``HorizontalCREnv-v0``: its observations to its actions, by the shipped policy.
+"""A pilot of BlueSky-Gym's ``HorizontalCREnv-v0``: its observations to its actions, by the shipped
+policy.
 
-The environment commands a heading every 50 s and no speed, which is slower than the policy decides. So headings are
-flown ahead for that time and then on, once straight and once by the policy, the traffic on straight courses, until the
-course to the waypoint is clear of all; taken is the heading with the least drift off the waypoint among those that
-keep the separation best.
+The environment commands a heading every 50 s and no speed, which is slower than the policy decides.
+So headings are flown ahead for that time and then on, once straight and once by the policy, the
+traffic on straight courses, until the course to the waypoint is clear of all; taken is the heading
+with the least drift off the waypoint among those that keep the separation best.
 """
 
 import math
@@ -73,21 +74,29 @@ class Pilot:
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the action ``[1]`` in [-1, 1] for an observation of the environment."""
         speed, traffic, goal = seen(observation)
-        first = np.append(np.clip(math.atan2(goal[1], goal[0]), -_units().heading, _units().heading), _TURNS)
+        first = np.append(
+            np.clip(math.atan2(goal[1], goal[0]), -_units().heading, _units().heading), _TURNS
+        )
         nearest, drift = self._ahead(first, speed, traffic, goal)
         lack = np.maximum(MARGIN - nearest / _units().separation, 0.0)
         best = np.lexsort((drift, lack))[0] % len(first)
         return np.array([-first[best] / _units().heading])
 
     def _ahead(
-        self, heading: np.ndarray, speed: float, traffic: list[VehicleState], goal: tuple[float, float]
+        self,
+        heading: np.ndarray,
+        speed: float,
+        traffic: list[VehicleState],
+        goal: tuple[float, float],
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return least distance from the traffic, m, and drift, rad s, of flights that begin with headings ``[N]``.
+        """Return least distance from the traffic, m, and drift, rad s, of flights that begin with
+        headings ``[N]``.
 
         ``[2 N]`` each: of those that go on straight, then of those that the policy flies on.
         """
         separation = MARGIN * _units().separation
-        # No speed is commanded, and BlueSky turns more tightly: a narrow and agile aircraft of the policy's family.
+        # No speed is commanded, and BlueSky turns more tightly: a narrow and agile aircraft of the
+        # policy's family.
         change, yaw_rate = 0.1 * speed * speed / separation, speed / (0.3 * separation)
         limits = Limits(0.7 * speed, speed, -change, change, yaw_rate)
         policy = self._policy.for_aircraft(new_aircraft(limits, separation))
@@ -98,14 +107,25 @@ class Pilot:
         goal_x, goal_y = zeros + goal[0], zeros + goal[1]
         nearest, drift, flies = zeros + np.inf, zeros, zeros == 0.0
         for step in range(_STEPS):
-            off, to_goal = bearing(own, goal_x, goal_y, np), np.hypot(goal_x - own.x, goal_y - own.y)
-            direct = VehicleState(*(field[:, None] for field in own._replace(heading=own.heading + off)))
+            off, to_goal = (
+                bearing(own, goal_x, goal_y, np),
+                np.hypot(goal_x - own.x, goal_y - own.y),
+            )
+            direct = VehicleState(
+                *(field[:, None] for field in own._replace(heading=own.heading + off))
+            )
             until = to_goal[:, None] / speed
             here, there = (advance(each, 0.0, 0.0, until, limits, np) for each in (direct, others))
-            clear = (leg_separation(direct, here, others, there, until, np) >= separation).all(axis=1)
-            ends = step * _STEP % _units().period == 0.0  # the environment ends between two actions only
+            clear = (leg_separation(direct, here, others, there, until, np) >= separation).all(
+                axis=1
+            )
+            ends = (
+                step * _STEP % _units().period == 0.0
+            )  # the environment ends between two actions only
             flies = flies & ~((to_goal < _units().reached) & ends) & ~(clear & (np.abs(off) < 0.1))
-            flies &= drift < drift.min(initial=np.inf, where=~flies & (nearest >= separation))  # others are beaten
+            flies &= drift < drift.min(
+                initial=np.inf, where=~flies & (nearest >= separation)
+            )  # others are beaten
             if not flies.any():
                 break
             turn = zeros
@@ -113,8 +133,12 @@ class Pilot:
                 turn = np.where(clear, np.clip(off / _STEP, -yaw_rate, yaw_rate), 0.0)
                 asked = flies & by_policy & ~clear
                 if asked.any():
-                    mine, theirs = (VehicleState(*(field[asked] for field in each)) for each in (own, others))
-                    action = policy.command(mine, theirs, np.ones_like(theirs.x, bool), goal_x[asked], goal_y[asked])
+                    mine, theirs = (
+                        VehicleState(*(field[asked] for field in each)) for each in (own, others)
+                    )
+                    action = policy.command(
+                        mine, theirs, np.ones_like(theirs.x, bool), goal_x[asked], goal_y[asked]
+                    )
                     turn[asked] = commands(action.T, limits, np)[1]
             own = advance(own, zeros, turn, _STEP, limits, np)
             others = advance(others, np.zeros(shape), 0.0, _STEP, limits, np)
@@ -124,13 +148,18 @@ class Pilot:
         return nearest, drift
 
 
-def seen(observation: Mapping[str, np.ndarray]) -> tuple[float, list[VehicleState], tuple[float, float]]:
-    """Return the speed of all aircraft, m/s, the traffic and the waypoint, m, in the ownship's frame (x ahead, y left).
+def seen(
+    observation: Mapping[str, np.ndarray],
+) -> tuple[float, list[VehicleState], tuple[float, float]]:
+    """Return the speed of all aircraft, m/s, the traffic and the waypoint, m, in the ownship's
+    frame (x ahead, y left).
 
-    The environment's two differences of speed are ``-v cos a`` and ``v - v sin a`` of the intruder's relative course a
-    and the common speed v, which follows from both.
+    The environment's two differences of speed are ``-v cos a`` and ``v - v sin a`` of the
+    intruder's relative course a and the common speed v, which follows from both.
     """
-    along, across = (_units().speed * np.asarray(observation[f"{axis}_difference_speed"], float) for axis in "xy")
+    along, across = (
+        _units().speed * np.asarray(observation[f"{axis}_difference_speed"], float) for axis in "xy"
+    )
     most = int(np.argmax(across))
     speed = float((along[most] ** 2 + across[most] ** 2) / (2.0 * across[most]))
     course = np.arctan2(speed - across, -along)
@@ -139,4 +168,11 @@ def seen(observation: Mapping[str, np.ndarray]) -> tuple[float, list[VehicleStat
     at = away * observation["cos_difference_pos"], away * observation["sin_difference_pos"], course
     traffic = [VehicleState(x, y, heading, speed) for x, y, heading in np.transpose(at).tolist()]
     to_goal = _units().length * float(observation["waypoint_distance"][0])
-    return speed, traffic, (to_goal * float(observation["cos_drift"][0]), to_goal * float(observation["sin_drift"][0]))
+    return (
+        speed,
+        traffic,
+        (
+            to_goal * float(observation["cos_drift"][0]),
+            to_goal * float(observation["sin_drift"][0]),
+        ),
+    )

@@ -1,8 +1,10 @@
-"""BlueSky plugin: with ``RESO RLCAS`` every aircraft in conflict decides for itself by the shipped policy.
+"""BlueSky plugin: with ``RESO RLCAS`` every aircraft in conflict decides for itself by the shipped
+policy.
 
-It flies the policy from the moment BlueSky detects a conflict until the closest approach of its last conflict is past,
-and its autopilot otherwise; climbs and descents stay with the autopilot (docs/howto/bluesky.md). With ``RLCASPLAN ON``
-it flies the planner's plans instead, where they are SAFE.
+It flies the policy from the moment BlueSky detects a conflict until the closest approach of its
+last conflict is past, and its autopilot otherwise; climbs and descents stay with the autopilot
+(docs/howto/bluesky.md). With ``RLCASPLAN ON`` it flies the planner's plans instead, where they are
+SAFE.
 """
 
 import math
@@ -31,7 +33,8 @@ _command: Any = bs.stack.command if _HERE else lambda name: lambda function: fun
 _EARTH, _GRAVITY = 6_371_000.0, 9.80665  # m, m/s^2, as BlueSky
 
 _AHEAD = 20.0  # required separations; where the goal of an aircraft without a waypoint lies
-_APART = 1.5  # required separations, beyond which an aircraft that has waited long leaves the way to the other
+# required separations, beyond which an aircraft that has waited long leaves the way to the other
+_APART = 1.5
 _ACCELERATION = 0.5  # m/s^2; the least that BlueSky grants every aircraft in flight
 _PLANNED = 10.0  # s, after which an aircraft plans again: the others decide, too
 _SEARCH = {"exhaustive": False, "deadline_s": math.inf}  # no clock decides: a run can be repeated
@@ -43,7 +46,9 @@ def init_plugin() -> dict[str, str]:
 
 
 class RLCAS(_Resolution):
-    """Conflict resolution by the policy: every aircraft in conflict, one call for all of equal limits."""
+    """Conflict resolution by the policy: every aircraft in conflict, one call for all of equal
+    limits.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -60,7 +65,9 @@ class RLCAS(_Resolution):
         self._known: dict[tuple[float, ...], Policy | str] = {}
         self._said: set[str] = set()
         self._lasting: dict[str, float] = {}  # s, for how long an aircraft has been in conflict
-        self.plans: dict[str, tuple[float, Legs | None]] = {}  # when it was planned, and the plan if SAFE
+        self.plans: dict[
+            str, tuple[float, Legs | None]
+        ] = {}  # when it was planned, and the plan if SAFE
 
     @property
     def altactive(self) -> np.ndarray:
@@ -78,19 +85,29 @@ class RLCAS(_Resolution):
 
     @_command(name="RLCASPLAN")
     def setplanning(self, plans: bool) -> tuple[bool, str]:
-        """Set whether aircraft fly plans, where they are SAFE, and the policy's decisions elsewhere."""
+        """Set whether aircraft fly plans, where they are SAFE, and the policy's decisions
+        elsewhere.
+        """
         self.planning = plans
         self.plans.clear()
-        return True, f"RLCAS: aircraft in conflict fly {'plans, where they are SAFE' if plans else 'the policy'}"
+        return (
+            True,
+            "RLCAS: aircraft in conflict fly "
+            f"{'plans, where they are SAFE' if plans else 'the policy'}",
+        )
 
     def update(self, conf: Any, ownship: Any, intruder: Any) -> None:
-        """Decide which aircraft resolve a conflict, as every method of BlueSky does, and what each of them does."""
+        """Decide which aircraft resolve a conflict, as every method of BlueSky does, and what each
+        of them does.
+        """
         if _Resolution.selected() is not RLCAS:
             return
         self.resumenav(conf, ownship, intruder)
         self.active &= ~self.resooffac
         names = [ownship.id[index] for index in np.flatnonzero(self.active)]
-        self._lasting = {name: self._lasting.get(name, 0.0) + float(bs.traf.asastimer.dt_act) for name in names}
+        self._lasting = {
+            name: self._lasting.get(name, 0.0) + float(bs.traf.asastimer.dt_act) for name in names
+        }
         self.plans = {name: made for name, made in self.plans.items() if name in self._lasting}
         groups: dict[Policy, list[int]] = {}
         for index in np.flatnonzero(self.active).tolist():
@@ -107,9 +124,14 @@ class RLCAS(_Resolution):
         traffic, performance = bs.traf, bs.traf.perf
         name, flown = traffic.type[index], str(performance.actype[index])
         if flown and flown.upper() != name.upper():
-            self._say(name, f"BlueSky does not know the aircraft type {name}; it flies with the limits of {flown}")
+            self._say(
+                name,
+                f"BlueSky does not know the aircraft type {name}; it flies with the limits of "
+                f"{flown}",
+            )
         slowest, fastest = (limit[index] for limit in performance.currentlimits()[:2])
-        # Beside the wind the limits hold through the air: they move with the air, as far as it goes along the course.
+        # Beside the wind the limits hold through the air: they move with the air, as far as it goes
+        # along the course.
         along = float(traffic.gs[index] - traffic.tas[index])
         phi = traffic.ap.turnphi[index]
         bank = phi if phi > traffic.eps[index] ** 2 else traffic.ap.bankdef[index]
@@ -122,12 +144,17 @@ class RLCAS(_Resolution):
             try:
                 yaw_rate = _GRAVITY * np.tan(bank) / max(high, 1.0)
                 limits = Limits(max(low, 0.0), high, -_ACCELERATION, _ACCELERATION, yaw_rate)
-                self._known[key] = self.policy.for_aircraft(new_aircraft(limits, separation), outside=self.outside)
+                self._known[key] = self.policy.for_aircraft(
+                    new_aircraft(limits, separation), outside=self.outside
+                )
             except InputError as problem:
                 self._known[key] = str(problem)
         found = self._known[key]
         if isinstance(found, str):
-            self._say(f"{name} outside", f"{traffic.id[index]} ({name}) flies on without conflict resolution: {found}")
+            self._say(
+                f"{name} outside",
+                f"{traffic.id[index]} ({name}) flies on without conflict resolution: {found}",
+            )
             return None
         return found
 
@@ -136,23 +163,33 @@ class RLCAS(_Resolution):
             self._said.add(about)
             bs.stack.echo(f"RLCAS: {sentence}")
 
-    def _decide(self, policy: Policy, flown: np.ndarray, conf: Any, ownship: Any, intruder: Any) -> None:
-        """Set track (deg) and speed (m/s) of the aircraft ``[N]`` for the time until the next decision."""
+    def _decide(
+        self, policy: Policy, flown: np.ndarray, conf: Any, ownship: Any, intruder: Any
+    ) -> None:
+        """Set track (deg) and speed (m/s) of the aircraft ``[N]`` for the time until the next
+        decision.
+        """
         dt, separation = float(bs.traf.asastimer.dt_act), policy.aircraft.separation
 
         def east_north(lat: Any, lon: Any) -> tuple[np.ndarray, np.ndarray]:
             own_lat, own_lon = ownship.lat[flown][:, None], ownship.lon[flown][:, None]
-            east = np.radians((lon - own_lon + 180.0) % 360.0 - 180.0) * np.cos(np.radians(0.5 * (lat + own_lat)))
+            east = np.radians((lon - own_lon + 180.0) % 360.0 - 180.0) * np.cos(
+                np.radians(0.5 * (lat + own_lat))
+            )
             return _EARTH * east, _EARTH * np.radians(lat - own_lat)
 
         x, y = east_north(intruder.lat[None], intruder.lon[None])
-        above, climb = intruder.alt - ownship.alt[flown, None], intruder.vs - ownship.vs[flown, None]
+        above, climb = (
+            intruder.alt - ownship.alt[flown, None],
+            intruder.vs - ownship.vs[flown, None],
+        )
         later = above + climb * conf.dtlookahead[flown, None]
         height = np.maximum(conf.hpz, conf.hpz[flown, None])
         crossing = (np.minimum(np.abs(above), np.abs(later)) < height) | (above * later < 0.0)
         present = crossing & ~self.noresoac & (np.arange(ownship.ntraf) != flown[:, None])
         away = np.hypot(x, y)
-        # Two that wait for each other, side by side, would fly on so for ever: the other on its left gives way.
+        # Two that wait for each other, side by side, would fly on so for ever: the other on its
+        # left gives way.
         heading = np.radians(90.0 - ownship.trk[flown])
         left = y * np.cos(heading)[:, None] > x * np.sin(heading)[:, None]
         lasting = np.array([self._lasting[ownship.id[index]] for index in flown])
@@ -177,7 +214,10 @@ class RLCAS(_Resolution):
             ownship.gs[flown] + acceleration * dt, policy.limits.speed_min, policy.limits.speed_max
         )
         for row, index in enumerate(flown if self.planning else ()):
-            traffic = [VehicleState(*each) for each in zip(*(field[row, seen[row]] for field in others), strict=True)]
+            traffic = [
+                VehicleState(*each)
+                for each in zip(*(field[row, seen[row]] for field in others), strict=True)
+            ]
             goal = complex(goal_x[row], goal_y[row])
             planned = self._planned(ownship.id[index], policy, take(own, row), traffic, goal, dt)
             if planned is not None:
@@ -185,19 +225,35 @@ class RLCAS(_Resolution):
                 self.tas[index] = planned.speed
 
     def _planned(
-        self, name: str, policy: Policy, own: VehicleState, traffic: list[VehicleState], goal: complex, dt: float
+        self,
+        name: str,
+        policy: Policy,
+        own: VehicleState,
+        traffic: list[VehicleState],
+        goal: complex,
+        dt: float,
     ) -> VehicleState | None:
-        """Return where an aircraft's plan has it after the next ``dt`` seconds; None: it has no safe one."""
+        """Return where an aircraft's plan has it after the next ``dt`` seconds; None: it has no
+        safe one.
+        """
         now, far = float(bs.sim.simt), _AHEAD * policy.aircraft.separation
         made, curves = self.plans.get(name, (-np.inf, None))
         if now - made >= _PLANNED:
             goal *= min(1.0, far / max(abs(goal), 1.0))
-            route = [RoutePoint(100 + i, point.real, point.imag) for i, point in enumerate((goal, 2.0 * goal))]
-            options = Options.for_aircraft(policy.aircraft, policy.limits, extend_route=True, **_SEARCH)
+            route = [
+                RoutePoint(100 + i, point.real, point.imag)
+                for i, point in enumerate((goal, 2.0 * goal))
+            ]
+            options = Options.for_aircraft(
+                policy.aircraft, policy.limits, extend_route=True, **_SEARCH
+            )
             try:
                 answer = plan(own, traffic, route, policy, options)
             except RequestError as problem:
-                self._say(f"{name} plan", f"{name} flies the policy's decisions until it can be planned for: {problem}")
+                self._say(
+                    f"{name} plan",
+                    f"{name} flies the policy's decisions until it can be planned for: {problem}",
+                )
                 curves = None
             else:
                 curves = legs(knots(own, answer.waypoints)) if answer.safe else None

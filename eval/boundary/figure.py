@@ -16,7 +16,12 @@ from eval.plots.style import BLUE, GREY, ORANGE, VERMILION, arrow, legend, sampl
 _KM = 1e-3
 _LEVELS = (0.4, 0.6, 0.8, 1.0, 1.2)  # separations
 _SHADES = ("#C9C9C9", "#D6D6D6", "#E2E2E2", "#EDEDED", "#F6F6F6", "#FFFFFF")
-_DOTS: dict[str, Any] = {"linestyle": "", "markersize": 2.6, "markeredgecolor": "black", "markeredgewidth": 0.0}
+_DOTS: dict[str, Any] = {
+    "linestyle": "",
+    "markersize": 2.6,
+    "markeredgecolor": "black",
+    "markeredgewidth": 0.0,
+}
 _STYLES: dict[Verdict, tuple[str, dict[str, Any]]] = {
     Verdict.RESOLVABLE: ("resolvable: a witness flies it", _DOTS | {"marker": "o", "color": BLUE}),
     Verdict.UNRESOLVABLE: ("proven unresolvable", _DOTS | {"marker": "s", "color": VERMILION}),
@@ -27,8 +32,12 @@ _STYLES: dict[Verdict, tuple[str, dict[str, Any]]] = {
 }
 
 
-def boundary_figure(slices: Sequence[tuple[Answers, Mapping[str, Any]]], aircraft: Aircraft) -> Figure:
-    """Return the figure of slices: answers, and their figures by :func:`eval.boundary.slices.compare`."""
+def boundary_figure(
+    slices: Sequence[tuple[Answers, Mapping[str, Any]]], aircraft: Aircraft
+) -> Figure:
+    """Return the figure of slices: answers, and their figures by
+    :func:`eval.boundary.slices.compare`.
+    """
     separation = aircraft.separation
     columns = min(len(slices), 3)
     rows = math.ceil(len(slices) / columns)
@@ -36,8 +45,14 @@ def boundary_figure(slices: Sequence[tuple[Answers, Mapping[str, Any]]], aircraf
     for number, (answers, figures) in enumerate(slices, 1):
         _map(figure.add_subplot(rows, columns, number), answers, figures, aircraft)
     handles: list[Any] = [
-        sample(f"the grid's boundary: {separation:.0f} m can just be kept", color="black", linewidth=1.6),
-        sample(f"{separation:.0f} m around the ownship", color="black", linewidth=1.0, linestyle="--"),
+        sample(
+            f"the grid's boundary: {separation:.0f} m can just be kept",
+            color="black",
+            linewidth=1.6,
+        ),
+        sample(
+            f"{separation:.0f} m around the ownship", color="black", linewidth=1.0, linestyle="--"
+        ),
     ]
     handles += [sample(name, **style | {"markersize": 7.0}) for name, style in _STYLES.values()]
     legend(figure, handles, min(2 * columns, 3), 10)
@@ -57,11 +72,17 @@ def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], aircraft: Airc
     for verdict, (_, style) in _STYLES.items():
         # The finer points would hide the boundary; only what is undecided is worth it.
         shown = (answers.verdict == verdict) & (answers.on_raster | (verdict == Verdict.UNDECIDED))
-        axes.plot(-_KM * answers.y[shown], _KM * answers.x[shown], rasterized=True, zorder=3.0, **style)
+        axes.plot(
+            -_KM * answers.y[shown], _KM * answers.x[shown], rasterized=True, zorder=3.0, **style
+        )
     axes.contour(across, up, value, levels=[separation], colors="black", linewidths=1.6, zorder=4.0)
-    axes.add_patch(Circle((0.0, 0.0), _KM * separation, fill=False, linestyle="--", linewidth=1.0, zorder=4.0))
+    axes.add_patch(
+        Circle((0.0, 0.0), _KM * separation, fill=False, linestyle="--", linewidth=1.0, zorder=4.0)
+    )
     # The intruder that is avoided last: the lost start farthest away.
-    lost = np.where(answers.map_value < separation, np.hypot(answers.map_x[:, None], answers.map_y), -1.0)
+    lost = np.where(
+        answers.map_value < separation, np.hypot(answers.map_x[:, None], answers.map_y), -1.0
+    )
     i, k = np.unravel_index(np.argmax(lost), lost.shape)
     start = (-_KM * answers.map_y[k], _KM * answers.map_x[i])
     cut = answers.slice
@@ -69,11 +90,19 @@ def _map(axes: Any, answers: Answers, figures: Mapping[str, Any], aircraft: Airc
     for place, (heading, speed, name) in (((0.0, 0.0), own), (start, intruder)):
         direction = heading + math.pi / 2.0
         behind = (-15.0 * math.cos(direction), -13.0 * math.sin(direction))
-        aside: Any = {"xytext": behind, "ha": "right" if behind[0] < -5.0 else "center", "va": "center"}
+        aside: Any = {
+            "xytext": behind,
+            "ha": "right" if behind[0] < -5.0 else "center",
+            "va": "center",
+        }
         arrow(axes, place, direction, 0.6 * _KM * aircraft.time_unit * speed, name, **aside)
     axes.set(aspect="equal", xlim=across[[0, -1]], ylim=up[[0, -1]])
     axes.set(xlabel="to the right of the ownship, km", ylabel="ahead of the ownship, km")
     name = f"{cut.name}: own {cut.own_speed:g}, intruder {cut.intruder_speed:g} m/s"
-    counts = f"{sum(figures['disagreements'].values())} disagreements, {figures['undecided']} undecided"
-    title = f"{name}, {figures['course_difference_deg']:+.0f}°\n{figures['points']} points, {counts}"
+    counts = (
+        f"{sum(figures['disagreements'].values())} disagreements, {figures['undecided']} undecided"
+    )
+    title = (
+        f"{name}, {figures['course_difference_deg']:+.0f}°\n{figures['points']} points, {counts}"
+    )
     axes.set_title(title, fontsize=10)

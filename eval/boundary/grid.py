@@ -1,15 +1,18 @@
-"""Dynamic programming on a grid: how much separation from one straight intruder can be kept, from every state.
+"""Dynamic programming on a grid: how much separation from one straight intruder can be kept, from
+every state.
 
-The frame moves with the intruder, its x axis along the intruder's course, so that the state is the ownship's position,
-heading and speed there, and nothing depends on time. The value of a state is the largest separation that any control
-history keeps from then on. With u held over a time step it obeys
+The frame moves with the intruder, its x axis along the intruder's course, so that the state is the
+ownship's position, heading and speed there, and nothing depends on time. The value of a state is
+the largest separation that any control history keeps from then on. With u held over a time step it
+obeys
 
     V = max over u of min{ closest approach during the step under u, V after the step }
 
-(as the step shrinks, the Hamilton-Jacobi equation min{ distance - V, max over u of grad V . f } = 0). It is iterated
-from above until it stays. A turn at full rate and the strongest acceleration change heading and speed by one node a
-step, so that position alone is interpolated, bilinearly. That overestimates where V is convex; holding u over a step
-underestimates. Both errors vanish with the grid, which ``eval.boundary`` measures by halving it.
+(as the step shrinks, the Hamilton-Jacobi equation min{ distance - V, max over u of grad V . f } =
+0). It is iterated from above until it stays. A turn at full rate and the strongest acceleration
+change heading and speed by one node a step, so that position alone is interpolated, bilinearly.
+That overestimates where V is convex; holding u over a step underestimates. Both errors vanish with
+the grid, which ``eval.boundary`` measures by halving it.
 """
 
 import math
@@ -23,9 +26,13 @@ from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import leg_separation
 
 CAP = 1.4  # values above this many separations are cut off: they say nothing about the boundary
-# Turns right, none, left; strongest deceleration and acceleration (their mixture stands for all between).
+# Turns right, none, left; strongest deceleration and acceleration (their mixture stands for all
+# between).
 _CONTROLS = tuple((turn, thrust) for turn in (-1, 0, 1) for thrust in (0, 1))
-_TOLERANCE, _MOST_SWEEPS = 2e-5, 100  # no value near the separation changes by more in the last sweep, separations
+_TOLERANCE, _MOST_SWEEPS = (
+    2e-5,
+    100,
+)  # no value near the separation changes by more in the last sweep, separations
 
 
 class Grid(NamedTuple):
@@ -50,18 +57,30 @@ class Solution(NamedTuple):
     change: float  # largest change in the last sweep of a value below 1.1 separations, m
 
 
-def make_grid(limits: Limits, intruder_speed: float, separation: float, dt: float, cell: float) -> Grid:
-    """Return a grid that contains all states from which the separation (m) from an intruder (m/s) cannot be kept.
+def make_grid(
+    limits: Limits, intruder_speed: float, separation: float, dt: float, cell: float
+) -> Grid:
+    """Return a grid that contains all states from which the separation (m) from an intruder (m/s)
+    cannot be kept.
 
-    A time step ``dt``, s, that is no whole part of a half turn raises ``ValueError``; nodes are a ``cell``, m, apart.
+    A time step ``dt``, s, that is no whole part of a half turn raises ``ValueError``; nodes are a
+    ``cell``, m, apart.
     """
     half_turn = math.pi / (limits.yaw_rate_max * dt)
     if abs(half_turn - round(half_turn)) > 1e-6:
-        raise ValueError(f"dt is {dt:g} s; expected a whole part of a half turn of {half_turn * dt:g} s")
-    fast, slow = (_time_aside(speed, limits.yaw_rate_max, separation) for speed in (limits.speed_max, limits.speed_min))
+        raise ValueError(
+            f"dt is {dt:g} s; expected a whole part of a half turn of {half_turn * dt:g} s"
+        )
+    fast, slow = (
+        _time_aside(speed, limits.yaw_rate_max, separation)
+        for speed in (limits.speed_max, limits.speed_min)
+    )
     clear = 1.1 * separation + max(limits.speed_max * fast, limits.speed_min * slow)
     ahead = clear + intruder_speed * slow
-    x, y = (cell * np.arange(-math.ceil(clear / cell), math.ceil(end / cell) + 1) for end in (ahead, clear))
+    x, y = (
+        cell * np.arange(-math.ceil(clear / cell), math.ceil(end / cell) + 1)
+        for end in (ahead, clear)
+    )
     heading = np.linspace(0.0, math.pi, round(half_turn) + 1)
     span = limits.speed_max - limits.speed_min
     speeds = max(round(span / (limits.acceleration_max * dt)), 1) + 1 if span else 1
@@ -71,7 +90,8 @@ def make_grid(limits: Limits, intruder_speed: float, separation: float, dt: floa
 def solve(grid: Grid, limits: Limits, intruder_speed: float, separation: float) -> Solution:
     """Iterate the value until it stays; arguments as of :func:`make_grid`.
 
-    Beyond the edge of the grid the separation counts as kept: right if by :func:`edge_value` no lost state touches it.
+    Beyond the edge of the grid the separation counts as kept: right if by :func:`edge_value` no
+    lost state touches it.
     """
     cap = np.float32(CAP * separation)
     cell = float(grid.x[1] - grid.x[0])
@@ -89,15 +109,18 @@ def solve(grid: Grid, limits: Limits, intruder_speed: float, separation: float) 
             old, new = value[index][inner, inner], _backup(value, index, steps, cell, margin)
             change = float(np.max(old - new, where=new < 1.1 * separation, initial=change))
             old[:] = new
-    return Solution(grid, value[..., inner, inner], limits, intruder_speed, separation, sweeps, change)
+    return Solution(
+        grid, value[..., inner, inner], limits, intruder_speed, separation, sweeps, change
+    )
 
 
 def value_at(solution: Solution, x: Any, y: Any, heading: float, speed: float) -> Any:
     """Return the value at states between the nodes, m, ``[...]``, by one more time step from there.
 
-    That keeps the ridge sharp on which two ways out are equally good; interpolating the value itself would raise it.
-    The place is ownship less intruder in the intruder's frame, m; the heading (own less the intruder's, rad in
-    [-pi, pi)) and the speed (own, m/s, within the limits) lose nothing by interpolation on a node.
+    That keeps the ridge sharp on which two ways out are equally good; interpolating the value
+    itself would raise it. The place is ownship less intruder in the intruder's frame, m; the
+    heading (own less the intruder's, rad in [-pi, pi)) and the speed (own, m/s, within the limits)
+    lose nothing by interpolation on a node.
     """
     grid, limits = solution.grid, solution.limits
     own = VehicleState(np.asarray(x, float), np.asarray(y, float), heading, speed)
@@ -107,7 +130,9 @@ def value_at(solution: Solution, x: Any, y: Any, heading: float, speed: float) -
         acceleration = (limits.acceleration_min, limits.acceleration_max)[thrust]
         after = advance(own, acceleration, turn * limits.yaw_rate_max, grid.dt, limits, np)
         near = leg_separation(own, after, there, gone, grid.dt, np)
-        then = _interpolated(solution, after.x - gone.x, after.y, float(after.heading), float(after.speed))
+        then = _interpolated(
+            solution, after.x - gone.x, after.y, float(after.heading), float(after.speed)
+        )
         best = np.maximum(best, np.minimum(near, then))
     return np.minimum(best, CAP * solution.separation)
 
@@ -119,17 +144,25 @@ def edge_value(solution: Solution) -> float:
 
 
 class _Step(NamedTuple):
-    """One control held for one time step, from every heading and speed; ``turn`` in nodes of heading."""
+    """One control held for one time step, from every heading and speed; ``turn`` in nodes of
+    heading.
+    """
 
     turn: int
     shift: Any  # relative displacement, m, [P, S, 2]
-    low: Any  # node of speed at or below the new speed, [S], and the part of the way from there to the next, [S]
+    # node of speed at or below the new speed, [S], and the part of the way from there to the next,
+    # [S]
+    low: Any
     part: Any
-    near: Any  # closest approach during the step from the nodes of a box around the intruder, m, [P, S, B, C], float32
+    # closest approach during the step from the nodes of a box around the intruder, m, [P, S, B, C],
+    # float32
+    near: Any
     box: tuple[slice, slice]
 
 
-def _step(grid: Grid, limits: Limits, intruder_speed: float, separation: float, turn: int, thrust: int) -> _Step:
+def _step(
+    grid: Grid, limits: Limits, intruder_speed: float, separation: float, turn: int, thrust: int
+) -> _Step:
     acceleration = (limits.acceleration_min, limits.acceleration_max)[thrust]
     heading, speed = np.meshgrid(wrap(grid.heading, np), grid.speed, indexing="ij")
     own = VehicleState(0.0 * speed, 0.0 * speed, heading, speed)
@@ -143,7 +176,9 @@ def _step(grid: Grid, limits: Limits, intruder_speed: float, separation: float, 
     there, gone = _intruder(0.0 * (x + y), intruder_speed, grid.dt)
     for index in np.ndindex(speed.shape):
         begun = VehicleState(x, y, heading[index], speed[index])
-        ended = VehicleState(x + moved.x[index], y + moved.y[index], moved.heading[index], moved.speed[index])
+        ended = VehicleState(
+            x + moved.x[index], y + moved.y[index], moved.heading[index], moved.speed[index]
+        )
         near[index] = leg_separation(begun, ended, there, gone, grid.dt, np)
     box = (slice(inside[0][0], inside[0][-1] + 1), slice(inside[1][0], inside[1][-1] + 1))
     return _Step(turn, shift, low, part, near, box)
@@ -154,8 +189,12 @@ def _intruder(zero: Any, speed: float, dt: float) -> tuple[VehicleState, Vehicle
     return there, there._replace(x=zero + speed * dt)
 
 
-def _backup(value: Any, index: tuple[int, ...], steps: list[_Step], cell: float, margin: int) -> Any:
-    """Return new values of one heading and speed, ``[X, Y]``, from values with a margin, ``[P, S, X', Y']``."""
+def _backup(
+    value: Any, index: tuple[int, ...], steps: list[_Step], cell: float, margin: int
+) -> Any:
+    """Return new values of one heading and speed, ``[X, Y]``, from values with a margin, ``[P, S,
+    X', Y']``.
+    """
     heading, speed = index
     columns, rows = (size - 2 * margin for size in value.shape[2:])
     best = np.zeros((columns, rows), np.float32)
@@ -185,7 +224,9 @@ def _interpolated(solution: Solution, x: Any, y: Any, heading: float, speed: flo
 
 
 def _place(where: float, nodes: Any) -> tuple[int, float]:
-    """Return the node at or below a place and the part of the way from it to the next, 0 if it is on the node."""
+    """Return the node at or below a place and the part of the way from it to the next, 0 if it is
+    on the node.
+    """
     place = float(np.interp(where, nodes, np.arange(nodes.size)))
     place = round(place) if abs(place - round(place)) < 1e-5 else place
     return int(place), float(place - int(place))

@@ -1,4 +1,6 @@
-"""Check of resolvability by dynamic programming: ``python -m eval.boundary --out runs/boundary``."""
+"""Check of resolvability by dynamic programming: ``python -m eval.boundary --out
+runs/boundary``.
+"""
 
 import argparse
 import math
@@ -21,8 +23,12 @@ GRIDS = {
     "coarse": ((12, 0.12), (12, 0.06)),
     "default": ((12, 0.06), (24, 0.03)),
     "fine": ((12, 0.04), (24, 0.02)),
-}  # time steps of a half turn, and cell (separations), of two grids, the finer one last: the difference is the error
-_SLICES = (  # name, own and intruder's speed (0: the ownship's least, 1: its greatest), difference of the courses, deg
+    # time steps of a half turn, and cell (separations), of two grids, the finer one last: the
+    # difference is the error
+}
+# name, own and intruder's speed (0: the ownship's least, 1: its greatest), difference of the
+# courses, deg
+_SLICES = (
     ("head-on", 0.5, 0.5, 180.0),
     ("crossing from the left", 0.5, 0.5, 90.0),
     ("shallow crossing", 0.5, 0.5, 30.0),
@@ -32,41 +38,53 @@ _SLICES = (  # name, own and intruder's speed (0: the ownship's least, 1: its gr
 )
 
 _DESCRIPTION = """\
-Ask twice from where one straight intruder can still be avoided, and draw both answers: by dynamic programming on a
-grid (Hamilton-Jacobi reachability), and by agents.resolvability, whose proofs and witnesses know of no grid.
+Ask twice from where one straight intruder can still be avoided, and draw both answers: by dynamic
+programming on a grid (Hamilton-Jacobi reachability), and by agents.resolvability, whose proofs
+and witnesses know of no grid.
 
-A slice fixes both speeds and the difference of the courses; without --slice six are asked. Written to --out:
-boundary.json, boundary.png and .svg. Disagreements are points that one side says can be avoided and the other cannot,
-by more than the grid's error: there must be none."""
+A slice fixes both speeds and the difference of the courses; without --slice six are asked.
+Written to --out: boundary.json, boundary.png and .svg. Disagreements are points that one side
+says can be avoided and the other cannot, by more than the grid's error: there must be none."""
 
 _EPILOG = """\
 examples:
   python -m eval.boundary --out runs/boundary
   python -m eval.boundary --slice 60 90 120 --slice 60 90 -45 --spacing 100 --out runs/mine
 
-At nodes that both grids share (15 degrees and, for the paper's aircraft, 2.5 m/s) the stated error is smallest."""
+At nodes that both grids share (15 degrees and, for the paper's aircraft, 2.5 m/s) the stated
+error is smallest."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the check and return the exit status, 1 if the answers disagree; bad input raises ``InputError``."""
+    """Run the check and return the exit status, 1 if the answers disagree; bad input raises
+    ``InputError``.
+    """
     options = _parser().parse_args(arguments)
     aircraft = _aircraft(options.aircraft)
     separation = aircraft.separation
     cuts = _slices(options.slice, aircraft)
     spacing = 0.15 * separation if options.spacing is None else options.spacing
     if not 0.02 * separation <= spacing <= 0.5 * separation:
-        raise ConfigError(f"--spacing: {spacing:g} m; expected {0.02 * separation:g} to {0.5 * separation:g} m")
+        raise ConfigError(
+            f"--spacing: {spacing:g} m; expected {0.02 * separation:g} to {0.5 * separation:g} m"
+        )
     picture_folder.create(options.out)
     begun = time.perf_counter()
     half_turn = math.pi / aircraft.limits.yaw_rate_max
-    grids = tuple((round(half_turn / steps, 9), cell * separation) for steps, cell in GRIDS[options.grid])
+    grids = tuple(
+        (round(half_turn / steps, 9), cell * separation) for steps, cell in GRIDS[options.grid]
+    )
     found: dict[int, tuple[Answers, dict[str, Any]]] = {}
     solved = lru_cache(1)(_solved)  # one at a time bounds the memory
     for number, cut in sorted(enumerate(cuts), key=lambda one: one[1].intruder_speed):
         coarse, fine = solved(cut.intruder_speed, grids, aircraft)
         print(f"judging {cut.name}", file=sys.stderr)
         answers = judge(cut, fine, coarse, spacing, aircraft)
-        grid = {"grid_nodes": fine.value.size, "grid_sweeps": fine.sweeps, "last_change_m": fine.change}
+        grid = {
+            "grid_nodes": fine.value.size,
+            "grid_sweeps": fine.sweeps,
+            "last_change_m": fine.change,
+        }
         found[number] = answers, compare(answers, separation, spacing) | grid
     asked = [found[number] for number in range(len(cuts))]
     disagreements = sum(sum(figures["disagreements"].values()) for _, figures in asked)
@@ -82,7 +100,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     }
     picture_folder.write(options.out, "boundary", result, boundary_figure(asked, aircraft), 110)
     for _, figures in asked:
-        counts = ", ".join(f"{figures[name]} {name}" for name in ("points", "resolvable", "unresolvable", "undecided"))
+        counts = ", ".join(
+            f"{figures[name]} {name}"
+            for name in ("points", "resolvable", "unresolvable", "undecided")
+        )
         beyond = f"disagreements beyond the grid's error of {figures['grid_error_m']:.2f} m"
         print(f"{figures['name']}: {counts}; {sum(figures['disagreements'].values())} {beyond}")
     print(f"{disagreements} disagreements; written to {options.out}")
@@ -92,19 +113,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.boundary", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
-    cut: Any = {"action": "append", "nargs": 3, "type": float, "metavar": ("OWN", "INTRUDER", "COURSE"), "default": []}
-    add("--slice", help="speeds, m/s, and intruder's course less the own, deg clockwise; may be repeated", **cut)
-    add("--aircraft", type=Path, metavar="FILE", help="YAML file of the ownship, or a name (default: paper)")
-    add("--spacing", type=float, metavar="M", help="of the raster of starts, m (default: 0.15 separations)")
-    add("--grid", choices=tuple(GRIDS), default="default", help="resolution; fine takes 3 times as long")
-    add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
+    cut: Any = {
+        "action": "append",
+        "nargs": 3,
+        "type": float,
+        "metavar": ("OWN", "INTRUDER", "COURSE"),
+        "default": [],
+    }
+    add(
+        "--slice",
+        help="speeds, m/s, and intruder's course less the own, deg clockwise; may be repeated",
+        **cut,
+    )
+    add(
+        "--aircraft",
+        type=Path,
+        metavar="FILE",
+        help="YAML file of the ownship, or a name (default: paper)",
+    )
+    add(
+        "--spacing",
+        type=float,
+        metavar="M",
+        help="of the raster of starts, m (default: 0.15 separations)",
+    )
+    add(
+        "--grid",
+        choices=tuple(GRIDS),
+        default="default",
+        help="resolution; fine takes 3 times as long",
+    )
+    add(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for what is written, new or empty",
+    )
     return parser
 
 
 def _aircraft(path: Path | None) -> Aircraft:
     aircraft = PAPER if path is None else load(AircraftConfig, file_of(path, AIRCRAFT)).aircraft()
     if aircraft.limits.speed_min <= 0.0:
-        raise ConfigError("--aircraft: speed_min is 0; expected above 0: what can stand still has no such boundary")
+        raise ConfigError(
+            "--aircraft: speed_min is 0; expected above 0: what can stand still has no such "
+            "boundary"
+        )
     return aircraft
 
 
@@ -112,8 +167,12 @@ def _slices(wanted: Sequence[Sequence[float]], aircraft: Aircraft) -> list[Slice
     slowest, fastest = aircraft.limits.speed_min, aircraft.limits.speed_max
     named = [(f"slice {number}", *values) for number, values in enumerate(wanted, 1)]
     if not named:
-        speeds = {part: slowest + part * (fastest - slowest) for _, *parts, _ in _SLICES for part in parts}
-        named = [(name, speeds[own], speeds[intruder], course) for name, own, intruder, course in _SLICES]
+        speeds = {
+            part: slowest + part * (fastest - slowest) for _, *parts, _ in _SLICES for part in parts
+        }
+        named = [
+            (name, speeds[own], speeds[intruder], course) for name, own, intruder, course in _SLICES
+        ]
     for name, own, intruder, course in named:
         for what, value, low, high, unit in (
             ("own speed", own, slowest, fastest, "m/s"),
@@ -123,12 +182,18 @@ def _slices(wanted: Sequence[Sequence[float]], aircraft: Aircraft) -> list[Slice
             if not low <= value <= high:
                 said = f"{value:g} {unit}; expected {low:g} to {high:g} {unit}"
                 raise ConfigError(f"--slice: the {what} of {name} is {said}")
-    return [Slice(name, own, intruder, math.radians(course)) for name, own, intruder, course in named]
+    return [
+        Slice(name, own, intruder, math.radians(course)) for name, own, intruder, course in named
+    ]
 
 
-def _solved(intruder_speed: float, grids: tuple[tuple[float, float], ...], aircraft: Aircraft) -> list[Solution]:
+def _solved(
+    intruder_speed: float, grids: tuple[tuple[float, float], ...], aircraft: Aircraft
+) -> list[Solution]:
     print(f"solving the grids for an intruder at {intruder_speed:g} m/s", file=sys.stderr)
     asked = aircraft.limits, intruder_speed, aircraft.separation
     found = [solve(make_grid(*asked, *grid), *asked) for grid in grids]
-    assert min(map(edge_value, found)) > aircraft.separation, "a lost state touches the edge of the grid"
+    assert min(map(edge_value, found)) > aircraft.separation, (
+        "a lost state touches the edge of the grid"
+    )
     return found

@@ -1,4 +1,5 @@
-"""Slices of the state space: the boundary of what can be avoided, by two methods, and their comparison.
+"""Slices of the state space: the boundary of what can be avoided, by two methods, and their
+comparison.
 
 The frame is the ownship's at the start, x ahead and y to the left.
 """
@@ -18,8 +19,11 @@ from envs.perception import Sensor
 from eval.boundary.grid import Solution, value_at
 
 # Lengths in separations.
-_GOAL_AHEAD = 12.0  # the goal straight ahead: far beyond the conflict, near enough to be reached after any escape
-_NEAR = 0.1  # values within this of the separation are near the boundary: there the errors are measured
+# the goal straight ahead: far beyond the conflict, near enough to be reached after any escape
+_GOAL_AHEAD = 12.0
+_NEAR = (
+    0.1  # values within this of the separation are near the boundary: there the errors are measured
+)
 _CLOSE = 0.02  # values within this of it are asked for on the finer raster
 _MAP = 0.025  # distance of the points of the map
 _FINER = 5  # how many times finer that raster is
@@ -27,7 +31,8 @@ _TURN = math.radians(1.5)  # in a time step at full rate
 _COURSES = np.radians(np.arange(-220.0, 220.1, 2.0))
 _SWITCHES = (0, 2, 4, 8, 12, 16, 22, 28, 36, 48, math.inf)  # time steps of deceleration
 _BLOCK = 8
-_FLOWN = 400  # points near the boundary at which extremal flights are flown, in addition to all undecided ones
+# points near the boundary at which extremal flights are flown, in addition to all undecided ones
+_FLOWN = 400
 
 
 class Slice(NamedTuple):
@@ -64,25 +69,38 @@ def values_at(solution: Solution, cut: Slice, x: Any, y: Any) -> Any:
     """Return the value where the intruder starts at (x, y), m, ``[...]``."""
     cosine, sine = math.cos(cut.heading), math.sin(cut.heading)
     relative = float(wrap(np.float64(-cut.heading), np))
-    return value_at(solution, -cosine * x - sine * y, sine * x - cosine * y, relative, cut.own_speed)
+    return value_at(
+        solution, -cosine * x - sine * y, sine * x - cosine * y, relative, cut.own_speed
+    )
 
 
 def encounters_at(cut: Slice, x: Any, y: Any, aircraft: Aircraft) -> Encounter:
-    """Return encounters ``[M]`` with the ownship at the origin and one straight intruder at (x, y) each."""
+    """Return encounters ``[M]`` with the ownship at the origin and one straight intruder at (x, y)
+    each.
+    """
     zero, column = np.zeros(np.size(x)), np.zeros((np.size(x), 1))
     return Encounter(
         VehicleState(zero, zero, zero, zero + cut.own_speed),
         zero + _GOAL_AHEAD * aircraft.separation,
         zero,
-        VehicleState(np.reshape(x, (-1, 1)), np.reshape(y, (-1, 1)), column + cut.heading, column + cut.intruder_speed),
+        VehicleState(
+            np.reshape(x, (-1, 1)),
+            np.reshape(y, (-1, 1)),
+            column + cut.heading,
+            column + cut.intruder_speed,
+        ),
         column == 0.0,
         Intent(column, column, column + aircraft.limits.yaw_rate_max),
         Sensor(column, column, column),
     )
 
 
-def judge(cut: Slice, fine: Solution, coarse: Solution, spacing: float, aircraft: Aircraft) -> Answers:
-    """Ask a fine and a coarse solution for the intruder's speed, and the verdicts, on a raster of such a spacing, m."""
+def judge(
+    cut: Slice, fine: Solution, coarse: Solution, spacing: float, aircraft: Aircraft
+) -> Answers:
+    """Ask a fine and a coarse solution for the intruder's speed, and the verdicts, on a raster of
+    such a spacing, m.
+    """
     limits, separation = aircraft.limits, aircraft.separation
     map_x, map_y = _surroundings(cut, coarse, separation)
     map_value = values_at(fine, cut, *np.meshgrid(map_x, map_y, indexing="ij"))
@@ -98,16 +116,20 @@ def judge(cut: Slice, fine: Solution, coarse: Solution, spacing: float, aircraft
     # By then the closest approach of any escape is over.
     horizon = math.pi / limits.yaw_rate_max * 0.5 + separation / limits.speed_min
     flown = np.full(x.size, np.nan)
-    flown[few] = best_separation(cut.own_speed, cut.heading, cut.intruder_speed, x[few], y[few], limits, horizon)
+    flown[few] = best_separation(
+        cut.own_speed, cut.heading, cut.intruder_speed, x[few], y[few], limits, horizon
+    )
     raster = np.arange(x.size) < wide[0].size
     return Answers(cut, x, y, raster, value, rough, judged.verdict, flown, map_x, map_y, map_value)
 
 
 def compare(answers: Answers, separation: float, spacing: float) -> dict[str, Any]:
-    """Return the figures of a slice, m and km^2; ``disagreements`` are to be 0, an excess is value less separation.
+    """Return the figures of a slice, m and km^2; ``disagreements`` are to be 0, an excess is value
+    less separation.
 
-    The grid's error is the most that halving it changes near the boundary, or by which the value differs there from
-    the best flight that was flown, if that is more: either alone can be small by chance.
+    The grid's error is the most that halving it changes near the boundary, or by which the value
+    differs there from the best flight that was flown, if that is more: either alone can be small by
+    chance.
     """
     excess = answers.value - separation
     near = _near(answers.x, answers.y, answers.value, separation)
@@ -116,7 +138,10 @@ def compare(answers: Answers, separation: float, spacing: float) -> dict[str, An
     error = max(halving, float(np.max(np.abs(off), initial=0.0)))
     verdicts = Verdict.RESOLVABLE, Verdict.UNRESOLVABLE, Verdict.UNDECIDED
     won, lost, undecided = (answers.verdict == verdict for verdict in verdicts)
-    cell, map_cell = (spacing / 1_000.0) ** 2, (float(answers.map_x[1] - answers.map_x[0]) / 1_000.0) ** 2
+    cell, map_cell = (
+        (spacing / 1_000.0) ** 2,
+        (float(answers.map_x[1] - answers.map_x[0]) / 1_000.0) ** 2,
+    )
     return {
         "name": answers.slice.name,
         "own_speed_mps": answers.slice.own_speed,
@@ -155,29 +180,46 @@ def _surroundings(cut: Slice, solution: Solution, separation: float) -> tuple[An
     axis = np.arange(-reach, reach, 2.0 * cell)
     lost = values_at(solution, cut, axis[:, None], axis[None, :]) < separation
     ends = [(axis[np.flatnonzero(lost.any(axis=k))[[0, -1]]]) for k in (1, 0)]
-    return tuple(cell * np.arange(math.floor((a - room) / cell), math.ceil((b + room) / cell) + 1) for a, b in ends)
+    return tuple(
+        cell * np.arange(math.floor((a - room) / cell), math.ceil((b + room) / cell) + 1)
+        for a, b in ends
+    )
 
 
 def _raster(map_x: Any, map_y: Any, spacing: float) -> tuple[Any, Any]:
     """Return the points of a raster through the origin within the map, m, ``[M]`` each."""
-    axes = (spacing * np.arange(math.ceil(a[0] / spacing), math.floor(a[-1] / spacing) + 1) for a in (map_x, map_y))
+    axes = (
+        spacing * np.arange(math.ceil(a[0] / spacing), math.floor(a[-1] / spacing) + 1)
+        for a in (map_x, map_y)
+    )
     x, y = np.meshgrid(*axes, indexing="ij")
     return x.ravel(), y.ravel()
 
 
 def best_separation(
-    own_speed: float, intruder_heading: float, intruder_speed: float, x: Any, y: Any, limits: Limits, horizon: float
+    own_speed: float,
+    intruder_heading: float,
+    intruder_speed: float,
+    x: Any,
+    y: Any,
+    limits: Limits,
+    horizon: float,
 ) -> Any:
-    """Return the largest smallest distance of any flight of a fan within a horizon (s), m, ``[M]``: a lower bound.
+    """Return the largest smallest distance of any flight of a fan within a horizon (s), m, ``[M]``:
+    a lower bound.
 
-    By Pontryagin's principle the best flight turns at full rate onto one course and holds it, at the strongest
-    deceleration first (perhaps for no time) and then the strongest acceleration. The ownship starts at the origin,
-    heading along x; the intruder flies straight from (x, y), m, ``[M]``. m/s, rad.
+    By Pontryagin's principle the best flight turns at full rate onto one course and holds it, at
+    the strongest deceleration first (perhaps for no time) and then the strongest acceleration. The
+    ownship starts at the origin, heading along x; the intruder flies straight from (x, y), m,
+    ``[M]``. m/s, rad.
     """
     step = _TURN / limits.yaw_rate_max
     own_x, own_y = _fan(own_speed, limits, step, math.ceil(horizon / step))
     time = step * np.arange(own_x.shape[1])
-    vx, vy = intruder_speed * math.cos(intruder_heading), intruder_speed * math.sin(intruder_heading)
+    vx, vy = (
+        intruder_speed * math.cos(intruder_heading),
+        intruder_speed * math.sin(intruder_heading),
+    )
     left, over = ((own - v * time).astype(np.float32) for own, v in ((own_x, vx), (own_y, vy)))
     chord_x, chord_y = np.diff(left), np.diff(over)
     length = np.maximum(chord_x * chord_x + chord_y * chord_y, np.float32(1e-6))

@@ -27,7 +27,8 @@ from eval.metrics.volumes import VOLUMES, costs, losses, relative, severity
 from eval.runner.options import check_digest
 
 REFERENCE = "none"  # the flight without a resolver, which is always flown: risk ratios need it
-WITNESS = "witness"  # name and kind of the entry that flies the least-cost witness: a mark, not a resolver
+# name and kind of the entry that flies the least-cost witness: a mark, not a resolver
+WITNESS = "witness"
 _NAMES = (*BASELINES, WITNESS)
 
 
@@ -57,20 +58,30 @@ class Comparison(NamedTuple):
     evaluation: Evaluation  # source, seed and aircraft; nothing else of it counts
 
 
-def policy_entries(path: Path | None, name: str, aircraft: Aircraft, modes: Sequence[str] = ()) -> tuple[Entry, ...]:
-    """Return the entries of a policy file (None: the one that ships): as it is, and in the modes that are named.
+def policy_entries(
+    path: Path | None, name: str, aircraft: Aircraft, modes: Sequence[str] = ()
+) -> tuple[Entry, ...]:
+    """Return the entries of a policy file (None: the one that ships): as it is, and in the modes
+    that are named.
 
     A ``.nnet`` file is a logic of which no plans are made.
     """
     if path is not None and path.suffix == ".nnet":
         return (Entry(name, "nnet", load_logic(path, aircraft)),)
     policy = Policy.load(path)
-    deciders = {name: ByPolicy(policy), **{f"{name}, {mode}": Plans(policy, mode) for mode in modes}}
-    return tuple(Entry(each, "policy", decider, policy.sha256) for each, decider in deciders.items())
+    deciders = {
+        name: ByPolicy(policy),
+        **{f"{name}, {mode}": Plans(policy, mode) for mode in modes},
+    }
+    return tuple(
+        Entry(each, "policy", decider, policy.sha256) for each, decider in deciders.items()
+    )
 
 
 def baseline_entry(name: str, aircraft: Aircraft) -> Entry:
-    """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`, or of the witness."""
+    """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`, or of the
+    witness.
+    """
     if name == WITNESS:
         return Entry(name, WITNESS, WitnessSearch())
     return Entry(name, "baseline", BASELINES[name](aircraft))
@@ -92,9 +103,13 @@ def entries_of(
 
 def policy_names(paths: Sequence[Path]) -> list[str]:
     """Return a short name for each policy file, all of them different."""
-    # A stem may be that of another file or the name of a baseline: then the whole path names the policy.
+    # A stem may be that of another file or the name of a baseline: then the whole path names the
+    # policy.
     stems = [path.stem for path in paths]
-    names = [str(path) if stems.count(path.stem) > 1 or path.stem in _NAMES else path.stem for path in paths]
+    names = [
+        str(path) if stems.count(path.stem) > 1 or path.stem in _NAMES else path.stem
+        for path in paths
+    ]
     if len(set(names)) < len(names):
         raise ConfigError("--policy: a file stands twice; expected different ones")
     return names
@@ -108,7 +123,10 @@ def aircraft_of_all(policies: Sequence[Path], digests: Sequence[str]) -> Aircraf
     files = [path for path in policies or [None] if path is None or path.suffix != ".nnet"]
     if digests and len(digests) != len(files):
         count = len(files)
-        raise ConfigError(f"--policy-sha256: given {len(digests)} times; expected once for each of {count} policies")
+        raise ConfigError(
+            f"--policy-sha256: given {len(digests)} times; expected once for each of {count} "
+            "policies"
+        )
     first = None
     for path, digest in zip_longest(files, digests):
         policy = Policy.load(path)
@@ -121,9 +139,11 @@ def aircraft_of_all(policies: Sequence[Path], digests: Sequence[str]) -> Aircraf
 
 
 def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
-    """Return the table of the encounters ``first .. first + count - 1``: columns of each entry, ``NAME.COLUMN``.
+    """Return the table of the encounters ``first .. first + count - 1``: columns of each entry,
+    ``NAME.COLUMN``.
 
-    Flights go on after a loss of separation, because smaller volumes are judged too; any loss is a violation.
+    Flights go on after a loss of separation, because smaller volumes are judged too; any loss is a
+    violation.
     """
     evaluation = comparison.evaluation
     aircraft = evaluation.aircraft
@@ -132,8 +152,14 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
     solved = []
     for entry in comparison.entries:
-        flights, flown = _flown(entry.decider, starts, evaluation, None if entry.name == REFERENCE else noise)
-        outcome = np.where(flights.min_separation < aircraft.separation, OUTCOMES.index("violation"), flights.outcome)
+        flights, flown = _flown(
+            entry.decider, starts, evaluation, None if entry.name == REFERENCE else noise
+        )
+        outcome = np.where(
+            flights.min_separation < aircraft.separation,
+            OUTCOMES.index("violation"),
+            flights.outcome,
+        )
         solved.append(outcome == OUTCOMES.index("reached"))
         made = _columns(outcome, flights, flown, starts.mask) | costs(starts, flights, flown)
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
@@ -143,26 +169,35 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
 
 
 def _flown(
-    decider: Decider, starts: Encounter, evaluation: Evaluation, noise: Callable[[int], np.ndarray] | None
+    decider: Decider,
+    starts: Encounter,
+    evaluation: Evaluation,
+    noise: Callable[[int], np.ndarray] | None,
 ) -> tuple[Flights, Trajectories]:
     """Fly encounters on after losses of separation; the trajectories end where each flight does."""
     if isinstance(decider, WitnessSearch):
         return fly_witnesses(starts, decider, evaluation.aircraft)
     recorder = TrajectoryRecorder(starts)
     if not isinstance(decider, Plans):
-        flights = fly(starts, decider, evaluation.aircraft, noise=noise, recorder=recorder, endless=True)
+        flights = fly(
+            starts, decider, evaluation.aircraft, noise=noise, recorder=recorder, endless=True
+        )
         return flights, recorder.stack()
     pilot = Pilot(evaluation._replace(mode=decider.mode), decider.policy)
     _, flights = fly_in_mode(pilot, starts, noise, recorder, endless=True)
     return flights, until(recorder.stack(), flights.duration, evaluation.aircraft.dt)
 
 
-def _columns(outcome: np.ndarray, flights: Flights, flown: Trajectories, mask: np.ndarray) -> dict[str, np.ndarray]:
+def _columns(
+    outcome: np.ndarray, flights: Flights, flown: Trajectories, mask: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return the columns of one entry but for the costs."""
     seen = relative(flown)
     # After the end of a flight everything is nan; no number there, no loss.
     with np.errstate(invalid="ignore"):
-        penetration = np.where(np.isfinite(seen.x) & mask, severity(VOLUMES["do365_en_route"], seen), 0.0)
+        penetration = np.where(
+            np.isfinite(seen.x) & mask, severity(VOLUMES["do365_en_route"], seen), 0.0
+        )
     return {
         "outcome": np.array(OUTCOMES, dtype=object)[outcome],
         "min_separation_m": flights.min_separation,

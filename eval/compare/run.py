@@ -1,4 +1,6 @@
-"""Policies and baselines on the same encounters, side by side: ``python -m eval.compare --out runs/compare``."""
+"""Policies and baselines on the same encounters, side by side: ``python -m eval.compare --out
+runs/compare``.
+"""
 
 import argparse
 import time
@@ -29,38 +31,49 @@ from eval.runner.outputs import arrow_table
 
 _KEYS = ("changes", "tracks", "scenario_sha256", "confidence", "resamples")
 _DESCRIPTION = """\
-Fly policies and baselines through the same encounters and say how they differ, with intervals for paired samples.
+Fly policies and baselines through the same encounters and say how they differ, with intervals for
+paired samples.
 
-Baselines: none (straight along the route), rules (the right-hand rules of the air), mvp (modified voltage potential,
-speed held), mvp_speed (the same, changing speed too). A policy is a .safetensors file of the toolkit, or a .nnet file
-of HorizontalCAS or ACAS Xu. With --mode plan its plans, made once at the start, are flown too; with --mode assured its
-plans under the run-time monitor.
+Baselines: none (straight along the route), rules (the right-hand rules of the air), mvp (modified
+voltage potential, speed held), mvp_speed (the same, changing speed too). A policy is a
+.safetensors file of the toolkit, or a .nnet file of HorizontalCAS or ACAS Xu. With --mode plan
+its plans, made once at the start, are flown too; with --mode assured its plans under the run-time
+monitor.
 
---baseline witness, flown only when asked for, is no resolver but a mark: the shortest flight known that resolves each
-encounter, searched for in knowledge of the intruders' whole future. It takes two minutes for a thousand encounters.
+--baseline witness, flown only when asked for, is no resolver but a mark: the shortest flight
+known that resolves each encounter, searched for in knowledge of the intruders' whole future. It
+takes two minutes for a thousand encounters.
 
-Scenarios are those of eval.monte_carlo: a name, file:PATH, tracks:PATH (recorded tracks, replayed) or lincoln:PATH.
-Written to --out: summary.json, encounters.parquet and compare.png, .svg (contents in docs/howto/compare.md)."""
+Scenarios are those of eval.monte_carlo: a name, file:PATH, tracks:PATH (recorded tracks,
+replayed) or lincoln:PATH. Written to --out: summary.json, encounters.parquet and compare.png,
+.svg (contents in docs/howto/compare.md)."""
 
 _EPILOG = """\
 examples:
   python -m eval.compare --out runs/compare
-  python -m eval.compare --policy runs/a/policy.safetensors --policy runs/b/policy.safetensors --out runs/a_b
-  python -m eval.compare --mode assured --baseline mvp_speed --baseline witness --encounters 300 --out runs/mark
+  python -m eval.compare --policy runs/a/policy.safetensors --policy runs/b/policy.safetensors \\
+    --out runs/a_b
+  python -m eval.compare --mode assured --baseline mvp_speed --baseline witness --encounters 300 \\
+    --out runs/mark
   python -m eval.compare --scenario tracks:encounters.json --out runs/recorded
   python -m eval.compare --mode assured --set changes.own_speed=[50,70] --out runs/slow
 
-Keys of --set are those of eval.monte_carlo: changes, tracks, scenario_sha256, confidence, resamples."""
+Keys of --set are those of eval.monte_carlo: changes, tracks, scenario_sha256, confidence,
+resamples."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the comparison of the command line and return the exit status; bad input raises ``InputError``."""
+    """Run the comparison of the command line and return the exit status; bad input raises
+    ``InputError``.
+    """
     options = _parser().parse_args(arguments)
     begun = time.perf_counter()
     config, comparison, total = _prepared(options)
     entries, evaluation = comparison
     out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
-    picture_folder.create(out, 1_000_000 + 300 * total * len(entries))  # figure, and rows of an entry, generously
+    picture_folder.create(
+        out, 1_000_000 + 300 * total * len(entries)
+    )  # figure, and rows of an entry, generously
     say(evaluation.source)
     # One thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
@@ -92,23 +105,75 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.compare", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     many: Any = {"action": "append", "default": []}
-    add("--policy", type=Path, metavar="FILE", help="policy file, may be repeated (default: the shipped one)", **many)
-    add("--policy-sha256", metavar="DIGEST", help="SHA-256 of each --policy but .nnet files, in their order", **many)
-    add("--baseline", metavar="NAME", help="of those above, may be repeated (default: all but witness)", **many)
-    add("--mode", choices=("plan", "assured"), help="another way to fly policies; may be repeated", **many)
-    add("--scenario", metavar="NAME", help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)")
-    add("--set", metavar="KEY=VALUE", help="change a key, such as changes.own_speed=[50,70], may be repeated", **many)
-    add("--repair", action="store_const", const="true", help="drop and fill what is wrong in recorded tracks")
-    add("--encounters", type=whole(1), metavar="N", help="how many (default: 1000, or all of a file's)")
-    add("--seed", type=whole(0), metavar="N", help="of encounters, sensor noise and bootstrap (default: 0)")
-    add("--out", type=Path, metavar="DIR", help="folder, new or empty (default: runs/compare_DATE_TIME)")
+    add(
+        "--policy",
+        type=Path,
+        metavar="FILE",
+        help="policy file, may be repeated (default: the shipped one)",
+        **many,
+    )
+    add(
+        "--policy-sha256",
+        metavar="DIGEST",
+        help="SHA-256 of each --policy but .nnet files, in their order",
+        **many,
+    )
+    add(
+        "--baseline",
+        metavar="NAME",
+        help="of those above, may be repeated (default: all but witness)",
+        **many,
+    )
+    add(
+        "--mode",
+        choices=("plan", "assured"),
+        help="another way to fly policies; may be repeated",
+        **many,
+    )
+    add(
+        "--scenario",
+        metavar="NAME",
+        help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)",
+    )
+    add(
+        "--set",
+        metavar="KEY=VALUE",
+        help="change a key, such as changes.own_speed=[50,70], may be repeated",
+        **many,
+    )
+    add(
+        "--repair",
+        action="store_const",
+        const="true",
+        help="drop and fill what is wrong in recorded tracks",
+    )
+    add(
+        "--encounters",
+        type=whole(1),
+        metavar="N",
+        help="how many (default: 1000, or all of a file's)",
+    )
+    add(
+        "--seed",
+        type=whole(0),
+        metavar="N",
+        help="of encounters, sensor noise and bootstrap (default: 0)",
+    )
+    add(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder, new or empty (default: runs/compare_DATE_TIME)",
+    )
     return parser
 
 
 def _prepared(options: argparse.Namespace) -> tuple[MonteCarloConfig, Comparison, int]:
     for text in options.set:
         if not text.startswith(_KEYS):
-            raise ConfigError(f"--set {text}: plays no part here; expected a key of {', '.join(_KEYS)}")
+            raise ConfigError(
+                f"--set {text}: plays no part here; expected a key of {', '.join(_KEYS)}"
+            )
     none = {"config": None, "resume": False, "policy": None, "policy_sha256": None}
     keys = {"encounters": "encounters", "seed": "seed", "repair": "tracks.repair"}
     config = loaded(MonteCarloConfig, argparse.Namespace(**vars(options) | none), keys, "--")
@@ -126,7 +191,9 @@ def _prepared(options: argparse.Namespace) -> tuple[MonteCarloConfig, Comparison
 
 def _flown(comparison: Comparison, total: int) -> dict[str, np.ndarray]:
     parts = []
-    chunk = 100 if any(entry.kind == WITNESS for entry in comparison.entries) else 500  # progress is to be seen
+    chunk = (
+        100 if any(entry.kind == WITNESS for entry in comparison.entries) else 500
+    )  # progress is to be seen
     with Encounters(total) as progress:
         for first in range(0, total, chunk):
             size = min(chunk, total - first)

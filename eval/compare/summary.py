@@ -1,4 +1,6 @@
-"""From the table of a comparison to its numbers (docs/howto/compare.md), a table for a person, and a figure."""
+"""From the table of a comparison to its numbers (docs/howto/compare.md), a table for a person, and
+a figure.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -22,7 +24,9 @@ _RATES = ("success_rate", "success_given_resolvable", "violation_rate", "timeout
 
 
 class Statistics(NamedTuple):
-    """The table of :func:`eval.compare.deciders.columns`, N >= 1, and how its intervals are made."""
+    """The table of :func:`eval.compare.deciders.columns`, N >= 1, and how its intervals are
+    made.
+    """
 
     table: Mapping[str, np.ndarray]
     weights: np.ndarray | None  # of the ratios, [N]; None for equal ones
@@ -31,7 +35,9 @@ class Statistics(NamedTuple):
     seed: int
 
     def summary(self, entries: Sequence[Entry]) -> dict[str, Any]:
-        """Return the statistics in JSON types; what cannot be said is None. The others are compared with the first."""
+        """Return the statistics in JSON types; what cannot be said is None. The others are compared
+        with the first.
+        """
         first, total = entries[0], len(self.table["encounter"])
         possible = total - int(np.count_nonzero(self.table["unresolvable"]))
         witness = next((entry for entry in entries if entry.kind == WITNESS), None)
@@ -40,13 +46,17 @@ class Statistics(NamedTuple):
             row = self._row(entry, possible)
             row["difference"] = None if entry is first else self._difference(entry, first)
             if witness is not None:
-                row["path_excess_over_witness_mean"] = None if entry is witness else self._longer(entry, witness)
+                row["path_excess_over_witness_mean"] = (
+                    None if entry is witness else self._longer(entry, witness)
+                )
             rows.append(row)
         return {
             "encounters": total,
             "resolvable_rate": share(possible, total, self.confidence),
             "volumes": {name: volume._asdict() for name, volume in VOLUMES.items()},
-            "altitude": "co-altitude is assumed: every loss is given that the altitudes do not separate",
+            "altitude": (
+                "co-altitude is assumed: every loss is given that the altitudes do not separate"
+            ),
             "entries": rows,
         }
 
@@ -59,14 +69,20 @@ class Statistics(NamedTuple):
     def _row(self, entry: Entry, possible: int) -> dict[str, Any]:
         severity, total = self._of(entry, "severity"), len(self.table["encounter"])
         severe, reached = severity[severity > 0.0], self._reached(entry)
-        counts = {name: np.count_nonzero(self._of(entry, "outcome") == name) for name in ("violation", "timeout")}
+        counts = {
+            name: np.count_nonzero(self._of(entry, "outcome") == name)
+            for name in ("violation", "timeout")
+        }
         means = {"path_excess_mean": "path_excess", "time_excess_mean_s": "time_excess_s"}
         means |= {"cross_track_max_mean_m": "cross_track_m"}
         return {
             **{key: getattr(entry, key) for key in ("name", "kind", "sha256")},
             "success_rate": share(np.count_nonzero(reached), total, self.confidence),
             "success_given_resolvable": share(np.count_nonzero(reached), possible, self.confidence),
-            **{f"{name}_rate": share(count, total, self.confidence) for name, count in counts.items()},
+            **{
+                f"{name}_rate": share(count, total, self.confidence)
+                for name, count in counts.items()
+            },
             **{key: self._mean(self._of(entry, name)[reached]) for key, name in means.items()},
             "heading_reversals_mean": float(np.mean(self._of(entry, "heading_reversals"))),
             "min_separation_m": number(float(np.fmin.reduce(self._of(entry, "min_separation_m")))),
@@ -83,10 +99,15 @@ class Statistics(NamedTuple):
         ours, bare = self._of(entry, column) == event, self.table[f"{REFERENCE}.{column}"] == event
         how = {"confidence": self.confidence, "resamples": self.resamples, "seed": self.seed}
         found = asdict(ratio(ours, bare, self.weights, **how))
-        return {key: number(value) if isinstance(value, float) else value for key, value in found.items()}
+        return {
+            key: number(value) if isinstance(value, float) else value
+            for key, value in found.items()
+        }
 
     def _difference(self, entry: Entry, first: Entry) -> dict[str, Any]:
-        """Return the entry's success rate less the first's, and its path excess where both succeed."""
+        """Return the entry's success rate less the first's, and its path excess where both
+        succeed.
+        """
         counts = pairs(self._reached(first), self._reached(entry))
         return {
             **tango(counts, self.confidence)._asdict(),
@@ -96,14 +117,19 @@ class Statistics(NamedTuple):
         }
 
     def _longer(self, entry: Entry, other: Entry) -> dict[str, float | None]:
-        """Return the entry's mean path excess less the other's, where both succeed, with its interval."""
+        """Return the entry's mean path excess less the other's, where both succeed, with its
+        interval.
+        """
         excess = self._of(entry, "path_excess") - self._of(other, "path_excess")
         return self._mean(excess[self._reached(entry) & self._reached(other)])
 
 
 def show(summary: Mapping[str, Any], folder: Path) -> None:
     """Print a summary (as in ``summary.json``) and where the files of the run lie."""
-    title = f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed {summary['seed']}"
+    title = (
+        f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed "
+        f"{summary['seed']}"
+    )
     witness = "path_excess_over_witness_mean" in summary["entries"][0]
     names = ["", "success", "resolvable *", "violation", "time-out", "risk ratio **", "path excess"]
     names += ["over witness", "difference", "p"] if witness else ["difference", "p"]
@@ -121,19 +147,23 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
     ]
     level = f"{100.0 * summary['confidence']:g} %"
     notes = [
-        f"in brackets: {level} intervals (Clopper-Pearson, of differences Tango's, of ratios a bootstrap)",
+        f"in brackets: {level} intervals (Clopper-Pearson, of differences Tango's, of ratios a "
+        "bootstrap)",
         "* success of all that are not proven unresolvable",
         "** violations with the resolver / without it",
         "difference: of success from the first row's; p: McNemar's exact",
     ]
     if witness:
         notes += [
-            "witness: the shortest flight known to resolve each encounter, found knowing the intruders' future: no "
+            "witness: the shortest flight known to resolve each encounter, found knowing the "
+            "intruders' future: no "
             "resolver, but a mark; where none is known it flies on as none does",
             "over witness: path excess less the witness's, in points, where both succeed",
         ]
     if summary["weighted"]:
-        notes.append("the ratios are weighted by the file's weights; rates count each encounter once")
+        notes.append(
+            "the ratios are weighted by the file's weights; rates count each encounter once"
+        )
     notes += lines_about(summary)
     warnings = ((row["name"], row["risk_ratio"]["warnings"]) for row in summary["entries"])
     notes += sorted(f"{name}: {warning}" for name, said in warnings for warning in said)
@@ -148,10 +178,15 @@ def _shown(found: Mapping[str, Any] | None, form: str, unit: float = 100.0) -> s
 
 
 def draw(summary: Mapping[str, Any]) -> Figure:
-    """Return the figure of a summary (as in ``summary.json``): an entry a line, the first on top."""
+    """Return the figure of a summary (as in ``summary.json``): an entry a line, the first
+    on top.
+    """
     rows = summary["entries"]
     # A mark, not a resolver: the figure alone must say so.
-    names = [f"{row['name']} (knows the future)" if row["kind"] == WITNESS else row["name"] for row in rows]
+    names = [
+        f"{row['name']} (knows the future)" if row["kind"] == WITNESS else row["name"]
+        for row in rows
+    ]
     colours = [GREY if row["kind"] == WITNESS else BLUE for row in rows]
     places = list(range(len(rows)))
     figure = Figure(figsize=(11.0, 1.7 + 0.42 * len(rows)), layout="constrained")
@@ -159,7 +194,14 @@ def draw(summary: Mapping[str, Any]) -> Figure:
     left = np.zeros(len(rows))
     for key, colour in (("success", SKY), ("timeout", ORANGE), ("violation", VERMILION)):
         part = 100.0 * np.array([row[f"{key}_rate"]["value"] for row in rows])
-        ends.barh(places, part, left=left, color=colour, label=key.replace("timeout", "time-out"), height=0.7)
+        ends.barh(
+            places,
+            part,
+            left=left,
+            color=colour,
+            label=key.replace("timeout", "time-out"),
+            height=0.7,
+        )
         left += part
     ends.set_yticks(places, names)
     ends.invert_yaxis()
@@ -178,6 +220,9 @@ def draw(summary: Mapping[str, Any]) -> Figure:
     cost.set(xlim=(0.0, None), xlabel="mean path excess, %")
     for axes in (ends, apart, cost):
         tidy(axes, "x")
-    title = f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed {summary['seed']}"
+    title = (
+        f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed "
+        f"{summary['seed']}"
+    )
     figure.suptitle(f"{title}; bars: {100.0 * summary['confidence']:g} % intervals", fontsize=11)
     return figure

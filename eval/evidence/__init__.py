@@ -1,1 +1,3 @@
-"""The list of all published evaluations, their results, and the tables that are generated from them."""
+"""The list of all published evaluations, their results, and the tables that are generated from
+them.
+"""

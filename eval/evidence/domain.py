@@ -1,4 +1,6 @@
-"""Cells of the operating domain (course difference, speed ratio, intruders): trials, failures and a lower bound."""
+"""Cells of the operating domain (course difference, speed ratio, intruders): trials, failures and a
+lower bound.
+"""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -24,9 +26,11 @@ PICTURE = "docs/assets/figures/domain.png"
 
 
 def cells(folder: Path) -> dict[str, Any]:
-    """Return success of each cell, of the encounters not proven unresolvable, from the folder of a finished run.
+    """Return success of each cell, of the encounters not proven unresolvable, from the folder of a
+    finished run.
 
-    The geometry is that of the most critical intruder at the start. The lower end is the one-sided 95 % bound.
+    The geometry is that of the most critical intruder at the start. The lower end is the one-sided
+    95 % bound.
     """
     table = read_table(folder / "encounters.parquet", "the table of a run")
     columns = ("relative_heading_deg", "own_speed_m_s", "intruder_speed_m_s", "outcome", "verdict")
@@ -43,28 +47,39 @@ def cells(folder: Path) -> dict[str, Any]:
     return found
 
 
-def rows_of_cells(listed: Evidence, results: Mapping[str, Any], names: Sequence[str]) -> list[list[str]]:
+def rows_of_cells(
+    listed: Evidence, results: Mapping[str, Any], names: Sequence[str]
+) -> list[list[str]]:
     """Return a table with a row for each geometry of each result, and its head."""
     rows = [["", "courses differ by", *(f"speed ratio {speed}" for speed in _SPEEDS)]]
     for name in names:
         for geometry in _GEOMETRIES:
             rows.append([listed.results[name].title, geometry])
             for speed in _SPEEDS:
-                count, total, low = (results[name]["figures"][f"cells/{geometry}/{speed}"][key] for key in _KEPT)
+                count, total, low = (
+                    results[name]["figures"][f"cells/{geometry}/{speed}"][key] for key in _KEPT
+                )
                 bound = f"{100.0 * low:.1f} %" if total >= _ENOUGH else "too few"
                 rows[-1].append(f"{total - count}/{total}; {bound}")
     return rows
 
 
 def draw(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]:
-    """Draw the lower bounds, a panel for each result with cells; return the file, nothing without such results."""
+    """Draw the lower bounds, a panel for each result with cells; return the file, nothing without
+    such results.
+    """
     names = [name for name, entry in listed.results.items() if entry.cells and name in results]
     if not names:
         return []
     panels = []
     for name in names:
-        found = [[results[name]["figures"][f"cells/{row}/{one}"] for one in _SPEEDS] for row in _GEOMETRIES]
-        bound = np.array([[one["low"] if one["total"] >= _ENOUGH else np.nan for one in row] for row in found])
+        found = [
+            [results[name]["figures"][f"cells/{row}/{one}"] for one in _SPEEDS]
+            for row in _GEOMETRIES
+        ]
+        bound = np.array(
+            [[one["low"] if one["total"] >= _ENOUGH else np.nan for one in row] for row in found]
+        )
         few = [[f"too few\n({one['total']})" for one in row] for row in found]
         texts = np.where(np.isfinite(bound), np.char.mod("%.1f", 100.0 * bound), few)
         panels.append((listed.results[name].title, 100.0 * bound, texts))
@@ -75,9 +90,15 @@ def draw(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]
 
 
 def cells_figure(
-    panels: Sequence[tuple[str, np.ndarray, Any]], courses: Sequence[str], ratios: Sequence[str], least: float, of: str
+    panels: Sequence[tuple[str, np.ndarray, Any]],
+    courses: Sequence[str],
+    ratios: Sequence[str],
+    least: float,
+    of: str,
 ) -> Any:
-    """Return a figure of the cells: of each panel a title, percentages in colour from ``least`` on, and texts."""
+    """Return a figure of the cells: of each panel a title, percentages in colour from ``least`` on,
+    and texts.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure((5.4 * len(panels), 1.4 + 0.5 * len(courses)), layout="constrained")

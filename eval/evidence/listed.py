@@ -1,4 +1,6 @@
-"""The list of evaluations (configs/evidence.yaml), and their results as they are stored and published."""
+"""The list of evaluations (configs/evidence.yaml), and their results as they are stored and
+published.
+"""
 
 import json
 from collections.abc import Mapping
@@ -12,10 +14,12 @@ from agents.config.load import ConfigError, Strict
 
 
 class Entry(Strict):
-    """An evaluation: the first cell of its row, module and options of a command, encounters in full size, a claim.
+    """An evaluation: the first cell of its row, module and options of a command, encounters in full
+    size, a claim.
 
-    In the command ``{n}`` stands for the number of encounters and ``$RLCAS_DATA`` for the folder of public data. The
-    claim is a figure, ``>=`` or ``<=``, and a number. With ``cells`` its table is cut into cells of the domain.
+    In the command ``{n}`` stands for the number of encounters and ``$RLCAS_DATA`` for the folder of
+    public data. The claim is a figure, ``>=`` or ``<=``, and a number. With ``cells`` its table is
+    cut into cells of the domain.
     """
 
     title: str
@@ -26,10 +30,12 @@ class Entry(Strict):
 
 
 class Reading(Strict):
-    """Where the figures of a command are: in a JSON file of its folder ``--out``, or in the last line that it prints.
+    """Where the figures of a command are: in a JSON file of its folder ``--out``, or in the last
+    line that it prints.
 
-    Kept are ``keys``: paths with ``/`` between their parts, ``*`` for any. A command that flies in ``chunks`` takes
-    ``--resume`` and ``--scheduler``; one without a file goes on in its folder by itself.
+    Kept are ``keys``: paths with ``/`` between their parts, ``*`` for any. A command that flies in
+    ``chunks`` takes ``--resume`` and ``--scheduler``; one without a file goes on in its folder by
+    itself.
     """
 
     file: str | None = None
@@ -38,9 +44,11 @@ class Reading(Strict):
 
 
 class Table(Strict):
-    """A table: the results of its rows (none: all), and cells with figures in braces (none: cells of the domain).
+    """A table: the results of its rows (none: all), and cells with figures in braces (none: cells
+    of the domain).
 
-    With ``each`` it has a row for every part of that figure of its results, such as every shift of the traffic.
+    With ``each`` it has a row for every part of that figure of its results, such as every shift of
+    the traffic.
     """
 
     rows: tuple[str, ...] = ()
@@ -49,19 +57,27 @@ class Table(Strict):
 
 
 class Evidence(Strict):
-    """What is evaluated, in the order of importance; readings by module, results and tables by name."""
+    """What is evaluated, in the order of importance; readings by module, results and tables by
+    name.
+    """
 
     readings: dict[str, Reading]
     results: dict[str, Entry]
     tables: dict[str, Table]
 
     def chosen(self, names: list[str]) -> list[str]:
-        """Return the names of results in the list's order, where names may be those of tables; of none, all."""
+        """Return the names of results in the list's order, where names may be those of tables; of
+        none, all.
+        """
         unknown = [name for name in names if name not in self.results and name not in self.tables]
         if unknown:
             known = ", ".join([*self.tables, *self.results])
-            raise ConfigError(f"--only: {unknown[0]!r} is no table and no result; expected some of {known}")
-        wanted = {one for name in names for one in ([name] if name in self.results else self.rows(name))}
+            raise ConfigError(
+                f"--only: {unknown[0]!r} is no table and no result; expected some of {known}"
+            )
+        wanted = {
+            one for name in names for one in ([name] if name in self.results else self.rows(name))
+        }
         return [name for name in self.results if name in wanted or not names]
 
     def rows(self, table: str) -> tuple[str, ...]:
@@ -70,18 +86,26 @@ class Evidence(Strict):
 
 
 def found_in(said: Mapping[str, Any], keys: tuple[str, ...], prefix: str = "") -> dict[str, Any]:
-    """Return the figures that match one of the keys, by path; a rate with its interval is one figure.
+    """Return the figures that match one of the keys, by path; a rate with its interval is one
+    figure.
 
     Objects of a list that have names are found by these.
     """
     found: dict[str, Any] = {}
     for key, value in said.items():
-        path, listed = f"{prefix}{key}", isinstance(value, list) and value and isinstance(value[0], dict)
+        path, listed = (
+            f"{prefix}{key}",
+            isinstance(value, list) and value and isinstance(value[0], dict),
+        )
         group = {str(one.get("name")): one for one in value} if listed else value
         if isinstance(group, dict) and "value" not in group:
             found |= found_in(group, keys, f"{path}/")
         elif any(fnmatchcase(path, one) for one in keys):
-            found[path] = {k: v for k, v in group.items() if k != "repetitions"} if isinstance(group, dict) else group
+            found[path] = (
+                {k: v for k, v in group.items() if k != "repetitions"}
+                if isinstance(group, dict)
+                else group
+            )
     return found
 
 
@@ -89,12 +113,20 @@ def read_results(path: Path) -> dict[str, Any]:
     """Return results by name; none where there is no file."""
     try:
         found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-        return {name: one | {"n": int(one["n"])} for name, one in found.items() if one["policy"] and one["command"]}
+        return {
+            name: one | {"n": int(one["n"])}
+            for name, one in found.items()
+            if one["policy"] and one["command"]
+        }
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
-        raise ConfigError(f"{path}: is not a file of results; expected what python -m eval.evidence wrote") from None
+        raise ConfigError(
+            f"{path}: is not a file of results; expected what python -m eval.evidence wrote"
+        ) from None
 
 
 def written_results(results: Mapping[str, Any]) -> str:
     """Return the text of a file of results: a line for each."""
-    lines = (f"{json.dumps(name)}: {json.dumps(one, allow_nan=False)}" for name, one in results.items())
+    lines = (
+        f"{json.dumps(name)}: {json.dumps(one, allow_nan=False)}" for name, one in results.items()
+    )
     return "{\n" + ",\n".join(lines) + "\n}\n"

@@ -1,6 +1,8 @@
-"""How often the monitor of the input says ``outside_domain``: ``python -m eval.evidence.outside --data DIR``.
+"""How often the monitor of the input says ``outside_domain``: ``python -m eval.evidence.outside
+--data DIR``.
 
-Flights of the policy among nominal traffic, whose reports are then changed as sensors, links and other traffic do it.
+Flights of the policy among nominal traffic, whose reports are then changed as sensors, links and
+other traffic do it.
 """
 
 import argparse
@@ -33,17 +35,26 @@ from envs.trees import mapped, take
 from eval.family import drawn as aircraft_drawn
 from eval.stats.intervals import share
 
-_REASONS = {"range": Cause.OUTSIDE_RANGE, "rate": Cause.IMPOSSIBLE_RATE, "consistency": Cause.CONTRADICTION}
+_REASONS = {
+    "range": Cause.OUTSIDE_RANGE,
+    "rate": Cause.IMPOSSIBLE_RATE,
+    "consistency": Cause.CONTRADICTION,
+}
 _BEGIN = 10  # time steps of true reports before a shift begins
 _NOVEL_EVERY = 5  # time steps
-_STARTS, _FLOWN = 200, 4  # encounters of each scenario and aircraft whose starts, and whose flights, make the box
+_STARTS, _FLOWN = (
+    200,
+    4,
+)  # encounters of each scenario and aircraft whose starts, and whose flights, make the box
 
 
 Random: TypeAlias = np.random.Generator
 
 
 class Flights(NamedTuple):
-    """Flights at T times, the ownship ``[T, N]``, intruders ``[T, N, K]``; nan after the end of a flight."""
+    """Flights at T times, the ownship ``[T, N]``, intruders ``[T, N, K]``; nan after the end of a
+    flight.
+    """
 
     own: VehicleState
     seen: VehicleState
@@ -60,14 +71,22 @@ def flown(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: int) -> F
     from eval.flights.trajectories import TrajectoryRecorder
 
     recorder = TrajectoryRecorder(starts)
-    fly(starts, ByPolicy(policy.for_aircraft(aircraft, outside="allow")), aircraft, recorder=recorder)
+    fly(
+        starts,
+        ByPolicy(policy.for_aircraft(aircraft, outside="allow")),
+        aircraft,
+        recorder=recorder,
+    )
     own, others = recorder.stack()[:2]
     others = VehicleState(*(np.where(starts.mask, field, np.nan) for field in others))
     sensor, count, most = starts.sensor, *starts.mask.shape
     std = float(np.max(sensor.position_std)), float(np.max(sensor.velocity_std))
     seen, first = others, mapped(lambda field: field[0], others)
     if max(std) > 0.0:
-        rows, before = [], (carried_back(first, aircraft.dt, np), carried_back(first, 2.0 * aircraft.dt, np))
+        rows, before = (
+            [],
+            (carried_back(first, aircraft.dt, np), carried_back(first, 2.0 * aircraft.dt, np)),
+        )
         for number in range(len(others.x)):
             now = mapped(lambda field, number=number: field[number], others)
             noise = np.moveaxis(normals(seed, 0, count, (4, most), stream=number + 1), 1, 0)
@@ -78,7 +97,9 @@ def flown(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: int) -> F
 
 
 def flagged(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.ndarray]:
-    """Return which flights are flagged, and for which reason, bool ``[N]``: as the assured loop sees them."""
+    """Return which flights are flagged, and for which reason, bool ``[N]``: as the assured loop
+    sees them.
+    """
     thresholds = Thresholds.for_plans(Options.for_aircraft(aircraft))
     count, most = flights.seen.x.shape[1:]
     memory = blank(count, most, np.full(count, aircraft.limits.speed_max))
@@ -96,14 +117,18 @@ def flagged(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, n
         causes |= np.where(present.any(axis=-1), found, 0)
         if box is not None and number % _NOVEL_EVERY == 0:
             rows = np.flatnonzero(present.any(axis=-1))
-            beyond = novelty.excess(box, _inputs(rows, (own, seen, present, flights.goal), aircraft))
+            beyond = novelty.excess(
+                box, _inputs(rows, (own, seen, present, flights.goal), aircraft)
+            )
             new[rows] |= (beyond[0] > 0.0).any(axis=-1) | (beyond[1] > 0.0).any(axis=(-1, -2))
     reasons = {name: (causes & int(cause)) != 0 for name, cause in _REASONS.items()}
     return reasons | {"novelty": new}
 
 
 def _inputs(rows: np.ndarray, states: Any, aircraft: Aircraft) -> Any:
-    """Return the network's inputs of some flights of all, by own state, intruders, their presence, and goal."""
+    """Return the network's inputs of some flights of all, by own state, intruders, their presence,
+    and goal.
+    """
     own, seen, present, goal = mapped(lambda field: field[rows], states)
     there = VehicleState(*(np.where(present, field, 0.0) for field in seen))
     return novelty.inputs_of(own, there, present, goal, aircraft)
@@ -115,18 +140,26 @@ def _steps(flights: Flights) -> Iterator[tuple[VehicleState, VehicleState]]:
 
 
 def inside(flights: Flights, aircraft: Aircraft) -> np.ndarray:
-    """Return which flights have intruders that truly stay inside the operating domain, bool ``[N]``."""
+    """Return which flights have intruders that truly stay inside the operating domain, bool
+    ``[N]``.
+    """
     allowed, true = traffic(aircraft), flights.true
     turn = np.abs(wrap(np.diff(true.heading, axis=0), np)) / aircraft.dt
-    fast = excess(allowed["intruder_speed"], np.nan_to_num(true.speed, nan=aircraft.limits.speed_max)) > 0.0
+    fast = (
+        excess(allowed["intruder_speed"], np.nan_to_num(true.speed, nan=aircraft.limits.speed_max))
+        > 0.0
+    )
     sharp = excess(allowed["intruder_turn_rate"], np.nan_to_num(turn)) > 0.0
     return np.asarray(~(fast | np.concatenate([sharp, sharp[-1:]])).any(axis=(0, 2)))
 
 
-# Shifts: each takes the reports and random numbers, and returns other reports, from some seconds on.
+# Shifts: each takes the reports and random numbers, and returns other reports, from some seconds
+# on.
 
 
-def _flown_at(seen: VehicleState, random: Random, aircraft: Aircraft, pace: tuple[float, float]) -> VehicleState:
+def _flown_at(
+    seen: VehicleState, random: Random, aircraft: Aircraft, pace: tuple[float, float]
+) -> VehicleState:
     """Let each fly its path at another speed, so that places and velocities agree."""
     speed = random.uniform(*pace, seen.x.shape[1:]) * aircraft.limits.speed_max
     factor = speed / seen.speed[0]
@@ -144,28 +177,38 @@ def _turning(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleS
     middle = heading - np.where(late > 0, 0.5 * angle, 0.0)
     steps = np.stack([chord * np.cos(middle), chord * np.sin(middle)])[:, 1:]
     x, y = (
-        np.concatenate([start[:1], start[0] + np.cumsum(way, 0)]) for start, way in zip(seen[:2], steps, strict=True)
+        np.concatenate([start[:1], start[0] + np.cumsum(way, 0)])
+        for start, way in zip(seen[:2], steps, strict=True)
     )
     return VehicleState(x, y, wrap(heading, np), seen.speed)
 
 
 def _jumping(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
     """Displace each for good, by half a separation to three."""
-    angle, far = (random.uniform(*ends, seen.x.shape[1:]) for ends in ((-math.pi, math.pi), (0.5, 3.0)))
+    angle, far = (
+        random.uniform(*ends, seen.x.shape[1:]) for ends in ((-math.pi, math.pi), (0.5, 3.0))
+    )
     far = far * aircraft.separation
     later = (np.arange(len(seen.x)) >= _BEGIN)[:, None, None]
-    return seen._replace(x=seen.x + later * far * np.cos(angle), y=seen.y + later * far * np.sin(angle))
+    return seen._replace(
+        x=seen.x + later * far * np.cos(angle), y=seen.y + later * far * np.sin(angle)
+    )
 
 
 def _of_time(
-    seen: VehicleState, random: Random, aircraft: Aircraft, when: Callable[[np.ndarray, Random], np.ndarray]
+    seen: VehicleState,
+    random: Random,
+    aircraft: Aircraft,
+    when: Callable[[np.ndarray, Random], np.ndarray],
 ) -> VehicleState:
     """Report the states of other times than the stamps say."""
     wanted = when(np.arange(len(seen.x)), random)
     early, ends = np.minimum(wanted, 0)[:, None, None] * aircraft.dt, np.isnan(seen.x)
     found = mapped(lambda field: np.where(ends, np.nan, field[np.maximum(wanted, 0)]), seen)
     way = found.speed * early
-    return found._replace(x=found.x + way * np.cos(found.heading), y=found.y + way * np.sin(found.heading))
+    return found._replace(
+        x=found.x + way * np.cos(found.heading), y=found.y + way * np.sin(found.heading)
+    )
 
 
 def _noisier(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
@@ -174,7 +217,9 @@ def _noisier(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleS
     place, drift = allowed["position_std"][1], allowed["velocity_std"][1]
     vx = seen.speed * np.cos(seen.heading) + drift * extra[2]
     vy = seen.speed * np.sin(seen.heading) + drift * extra[3]
-    return VehicleState(seen.x + place * extra[0], seen.y + place * extra[1], np.arctan2(vy, vx), np.hypot(vx, vy))
+    return VehicleState(
+        seen.x + place * extra[0], seen.y + place * extra[1], np.arctan2(vy, vx), np.hypot(vx, vy)
+    )
 
 
 SHIFTS: dict[str, Callable[[VehicleState, Random, Aircraft], VehicleState]] = {
@@ -183,11 +228,15 @@ SHIFTS: dict[str, Callable[[VehicleState, Random, Aircraft], VehicleState]] = {
     "turns at 2 to 4 times the greatest rate": _turning,
     "place jumps by 0.5 to 3 separations": _jumping,
     "velocity in knots": lambda seen, *_: seen._replace(speed=1.943844 * seen.speed),
-    "velocity with its axes exchanged": lambda seen, *_: seen._replace(heading=wrap(0.5 * math.pi - seen.heading, np)),
+    "velocity with its axes exchanged": lambda seen, *_: seen._replace(
+        heading=wrap(0.5 * math.pi - seen.heading, np)
+    ),
     "heading with the wrong sign": lambda seen, *_: seen._replace(heading=wrap(-seen.heading, np)),
     "frozen, with new stamps": partial(_of_time, when=lambda step, _: np.minimum(step, _BEGIN)),
     "each repeated for 5 s, with new stamps": partial(_of_time, when=lambda step, _: step // 5 * 5),
-    "stamps off by up to 4 s": partial(_of_time, when=lambda step, random: step - random.integers(0, 5, step.size)),
+    "stamps off by up to 4 s": partial(
+        _of_time, when=lambda step, random: step - random.integers(0, 5, step.size)
+    ),
     "stamps of a clock twice as fast": partial(_of_time, when=lambda step, _: step // 2),
     "noise of three times what is declared": _noisier,
     "a constant delay of 5 s, not declared": partial(_of_time, when=lambda step, _: step - 5),
@@ -205,11 +254,15 @@ def measured(count: int, seed: int, data: Path | None, policy: Policy) -> dict[s
     cases = {
         "`circle`": numbered(scenario("circle", one), seed, 0, count),
         "`maneuvering`": numbered(scenario("maneuvering", one), seed, 0, count),
-        "`noisy`": numbered(scenario("noisy", one, turn_rate=one.limits.yaw_rate_max), seed, 0, count),
+        "`noisy`": numbered(
+            scenario("noisy", one, turn_rate=one.limits.yaw_rate_max), seed, 0, count
+        ),
         "`multi`, 2 to 6": numbered(scenario("multi", one, intruders=(2, 6)), seed, 0, count),
     }
     if data is not None:
-        model = read_model_traffic(data / "encounter_models/uncor_1200code_v2p1.txt", TrafficConfig(), one)
+        model = read_model_traffic(
+            data / "encounter_models/uncor_1200code_v2p1.txt", TrafficConfig(), one
+        )
         cases["Lincoln's model"] = drawn(model, seed, 0, count)[0]
         cases["recorded, Lincoln Laboratory"] = read_tracks(
             data / "lincoln_lab/encounters.json", one, TracksConfig()
@@ -218,7 +271,9 @@ def measured(count: int, seed: int, data: Path | None, policy: Policy) -> dict[s
     for name, starts in cases.items():
         flights = bases[name] = flown(starts, policy, one, seed)
         kept = inside(flights, one)
-        result["nominal"][name] = _rates({k: v[kept] for k, v in flagged(flights, policy, one).items()}, kept.sum())
+        result["nominal"][name] = _rates(
+            {k: v[kept] for k, v in flagged(flights, policy, one).items()}, kept.sum()
+        )
         result["nominal"][name]["outside"] = int(np.count_nonzero(~kept))
     random = np.random.default_rng(seed)
     for name, shift in SHIFTS.items():
@@ -237,7 +292,9 @@ def _rates(found: dict[str, np.ndarray], count: int) -> dict[str, Any]:
 
 
 def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
-    """Return the box of the network's inputs in flights of the scenarios that it was trained with, of many aircraft."""
+    """Return the box of the network's inputs in flights of the scenarios that it was trained with,
+    of many aircraft.
+    """
     from agents.config.world import ScenarioConfig
 
     trained = policy.metadata["training"]["config"]
@@ -249,9 +306,14 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
         of_traffic = traffic(aircraft)["intruder_speed"]
         begun = []
         for one in wanted:
-            given = ScenarioConfig(**one).model_dump(exclude_none=True) | {"units": "aircraft", "attempts": 200}
+            given = ScenarioConfig(**one).model_dump(exclude_none=True) | {
+                "units": "aircraft",
+                "attempts": 200,
+            }
             if number:
-                given["intruder_speed"] = [speed / aircraft.limits.speed_max for speed in of_traffic]
+                given["intruder_speed"] = [
+                    speed / aircraft.limits.speed_max for speed in of_traffic
+                ]
             starts = numbered(ScenarioConfig(**given).scenario(aircraft), seed, 0, _STARTS)
             begun.append(padded(starts, policy.most, np))
         first = reduce(joined, begun)
@@ -272,14 +334,22 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
 
 
 def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
-    """Return the policy's own aircraft, the two at the ends of all ranges of the family, then random ones."""
+    """Return the policy's own aircraft, the two at the ends of all ranges of the family, then
+    random ones.
+    """
     if number == 0:
         return policy.aircraft
     if number > len(("low", "high")):
         return aircraft_drawn(seed, number).aircraft()
-    of, fast, unit = policy.metadata["family"], policy.aircraft.limits.speed_max, policy.aircraft.time_unit
+    of, fast, unit = (
+        policy.metadata["family"],
+        policy.aircraft.limits.speed_max,
+        policy.aircraft.time_unit,
+    )
     slow, brake, gain, radius = (of[name][number - 1] for name in Ratios._fields)
-    limits = Limits(slow * fast, fast, brake * fast / unit, gain * fast / unit, 1.0 / (radius * unit))
+    limits = Limits(
+        slow * fast, fast, brake * fast / unit, gain * fast / unit, 1.0 / (radius * unit)
+    )
     return new_aircraft(limits, policy.aircraft.separation)
 
 
@@ -289,18 +359,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     parser = Parser(prog="python -m eval.evidence.outside", description=__doc__)
     add = parser.add_argument
-    add("--encounters", type=whole(1), default=400, metavar="N", help="of each kind, or aircraft (default: 400)")
+    add(
+        "--encounters",
+        type=whole(1),
+        default=400,
+        metavar="N",
+        help="of each kind, or aircraft (default: 400)",
+    )
     add("--seed", type=whole(0), default=0, metavar="N", help="of the encounters (default: 0)")
-    add("--data", type=Path, metavar="DIR", help="folder of public data; without it those encounters are left out")
+    add(
+        "--data",
+        type=Path,
+        metavar="DIR",
+        help="folder of public data; without it those encounters are left out",
+    )
     add("--box", type=Path, metavar="FILE", help="write the box of the inputs in training instead")
     options: argparse.Namespace = parser.parse_args(arguments)
     policy = Policy.load()
     if options.box is not None:
         box = training_box(policy, options.encounters, options.seed)
-        made = {"policy": policy.sha256} | {k: np.round(v, 4).tolist() for k, v in box._asdict().items()}
+        made = {"policy": policy.sha256} | {
+            k: np.round(v, 4).tolist() for k, v in box._asdict().items()
+        }
         write_file(options.box, json.dumps(made) + "\n")
         return 0
-    print(json.dumps(measured(options.encounters, options.seed, options.data, policy), allow_nan=False))
+    print(
+        json.dumps(
+            measured(options.encounters, options.seed, options.data, policy), allow_nan=False
+        )
+    )
     return 0
 
 

@@ -1,4 +1,6 @@
-"""All published figures by one command: ``python -m eval.evidence``, then ``python -m eval.evidence --tables``."""
+"""All published figures by one command: ``python -m eval.evidence``, then ``python -m eval.evidence
+--tables``.
+"""
 
 import argparse
 import json
@@ -30,9 +32,10 @@ ROOT = Path(__file__).resolve().parents[2]
 
 _LEAST = 20  # encounters of a size
 _DESCRIPTION = """\
-Run the evaluations of configs/evidence.yaml for the policy that ships, the most important first. Written to --out:
-NAME.json of each result, and the folders of the commands. A result that is there already, of this policy and command
-and at least as large, is not run again; Ctrl-C keeps what is finished. More: docs/reference/evidence.md."""
+Run the evaluations of configs/evidence.yaml for the policy that ships, the most important first.
+Written to --out: NAME.json of each result, and the folders of the commands. A result that is
+there already, of this policy and command and at least as large, is not run again; Ctrl-C keeps
+what is finished. More: docs/reference/evidence.md."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -45,7 +48,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results = published(listed, policy, read_results(store), options.out)
     if options.tables:
         write_file(store, written_results(results))
-        print("\n".join(f"written: {path.relative_to(ROOT)}" for path in publish(ROOT, listed, results)))
+        print(
+            "\n".join(
+                f"written: {path.relative_to(ROOT)}" for path in publish(ROOT, listed, results)
+            )
+        )
         return 0
     if options.dossier is not None:
         about = {"policy": policy, "commit": str(_commit())}
@@ -63,22 +70,67 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.evidence", description=_DESCRIPTION)
     add = parser.add_argument
-    add("--only", nargs="+", default=[], metavar="NAME", help="results, or tables for all their rows (default: all)")
+    add(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="results, or tables for all their rows (default: all)",
+    )
     size = parser.add_mutually_exclusive_group()
-    size.add_argument("--quick", action="store_const", const=0.01, dest="scale", help="the same as --scale 0.01")
-    size.add_argument("--scale", type=real(1e-4, 100.0), metavar="S", help="times the listed encounters (default: 1)")
-    add("--tables", action="store_true", help="run nothing: write the tables of README and docs from --out")
-    add("--dossier", type=Path, metavar="FILE", help="run nothing: write the case of configs/dossier.yaml, HTML")
-    add("--junit", type=Path, nargs="+", default=[], metavar="XML", help="pytest --junitxml reports, for --dossier")
+    size.add_argument(
+        "--quick", action="store_const", const=0.01, dest="scale", help="the same as --scale 0.01"
+    )
+    size.add_argument(
+        "--scale",
+        type=real(1e-4, 100.0),
+        metavar="S",
+        help="times the listed encounters (default: 1)",
+    )
+    add(
+        "--tables",
+        action="store_true",
+        help="run nothing: write the tables of README and docs from --out",
+    )
+    add(
+        "--dossier",
+        type=Path,
+        metavar="FILE",
+        help="run nothing: write the case of configs/dossier.yaml, HTML",
+    )
+    add(
+        "--junit",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="XML",
+        help="pytest --junitxml reports, for --dossier",
+    )
     add("--scheduler", metavar="ADDRESS", help="of a Dask cluster, for the commands that take one")
-    add("--list", type=Path, default=ROOT / "configs/evidence.yaml", metavar="FILE", help="what is evaluated")
-    add("--out", type=Path, default=ROOT / "runs/evidence", metavar="DIR", help="folder (default: runs/evidence)")
+    add(
+        "--list",
+        type=Path,
+        default=ROOT / "configs/evidence.yaml",
+        metavar="FILE",
+        help="what is evaluated",
+    )
+    add(
+        "--out",
+        type=Path,
+        default=ROOT / "runs/evidence",
+        metavar="DIR",
+        help="folder (default: runs/evidence)",
+    )
     parser.set_defaults(scale=1.0)
     return parser
 
 
-def published(listed: Evidence, policy: str, before: Mapping[str, Any], out: Path) -> dict[str, Any]:
-    """Return the results of this policy and the listed commands, the larger one of before and of a folder."""
+def published(
+    listed: Evidence, policy: str, before: Mapping[str, Any], out: Path
+) -> dict[str, Any]:
+    """Return the results of this policy and the listed commands, the larger one of before and of a
+    folder.
+    """
     found: dict[str, Any] = {}
     for name, entry in listed.results.items():
         for one in (before.get(name), read_results(out / f"{name}.json").get(name)):
@@ -89,15 +141,24 @@ def published(listed: Evidence, policy: str, before: Mapping[str, Any], out: Pat
 
 def _size(result: Any, entry: Entry, policy: str) -> int:
     """Return the size of a result; 0 of none, and of one of another policy or command."""
-    if result is None or (result["policy"], result["command"]) != (policy, entry.command.format(n=result["n"])):
+    if result is None or (result["policy"], result["command"]) != (
+        policy,
+        entry.command.format(n=result["n"]),
+    ):
         return 0
     return result["n"]
 
 
 def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespace) -> str:
-    """Make a result that is not there yet, and return what was done; nothing if its command failed."""
+    """Make a result that is not there yet, and return what was done; nothing if its command
+    failed.
+    """
     entry, path = listed.results[name], options.out / f"{name}.json"
-    n = max(round(entry.n * options.scale), min(entry.n, _LEAST)) if "{n}" in entry.command else entry.n
+    n = (
+        max(round(entry.n * options.scale), min(entry.n, _LEAST))
+        if "{n}" in entry.command
+        else entry.n
+    )
     if _size(read_results(path).get(name), entry, policy) >= n:
         return "there already"
     if "$RLCAS_DATA" in entry.command and not os.environ.get("RLCAS_DATA"):
@@ -111,12 +172,20 @@ def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespac
         return ""
     figures = found_in(said, reading.keys) | (cells(folder) if entry.cells else {})
     seconds = round(time.perf_counter() - begun, 1)
-    made = {"policy": policy, "commit": _commit(), "machine": _machine(), "command": command, "n": n}
+    made = {
+        "policy": policy,
+        "commit": _commit(),
+        "machine": _machine(),
+        "command": command,
+        "n": n,
+    }
     write_file(path, written_results({name: made | {"seconds": seconds, "figures": figures}}))
     return f"{seconds:g} s"
 
 
-def _said(command: str, reading: Reading, folder: Path, scheduler: str | None) -> dict[str, Any] | None:
+def _said(
+    command: str, reading: Reading, folder: Path, scheduler: str | None
+) -> dict[str, Any] | None:
     """Run a command and return what it says in JSON; None where it fails."""
     words = [sys.executable, "-m", *shlex.split(os.path.expandvars(command))]
     words += ["--out", str(folder.absolute())] if reading.file is not None or reading.chunks else []
@@ -130,7 +199,9 @@ def _said(command: str, reading: Reading, folder: Path, scheduler: str | None) -
     output = None if reading.file is not None else subprocess.PIPE
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     # In a session of its own, so that an interrupt reaches it once, from here.
-    with subprocess.Popen(words, cwd=ROOT, stdout=output, text=True, start_new_session=True) as child:
+    with subprocess.Popen(
+        words, cwd=ROOT, stdout=output, text=True, start_new_session=True
+    ) as child:
         try:
             printed, _ = child.communicate()
         except KeyboardInterrupt:
@@ -147,12 +218,27 @@ def _said(command: str, reading: Reading, folder: Path, scheduler: str | None) -
 
 
 def _commit() -> str | None:
-    asked = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
-    done = subprocess.run(asked, capture_output=True, text=True, check=False) if shutil.which("git") else None
+    asked = [
+        "git",
+        "-C",
+        str(ROOT),
+        "describe",
+        "--always",
+        "--dirty",
+        "--abbrev=12",
+        "--exclude=*",
+    ]
+    done = (
+        subprocess.run(asked, capture_output=True, text=True, check=False)
+        if shutil.which("git")
+        else None
+    )
     return done.stdout.strip() or None if done else None
 
 
 def _machine() -> str:
     info = Path("/proc/cpuinfo")
-    found = re.search(r"model name\s*: (.*)", info.read_text(encoding="utf-8") if info.exists() else "")
+    found = re.search(
+        r"model name\s*: (.*)", info.read_text(encoding="utf-8") if info.exists() else ""
+    )
     return f"{found[1] if found else platform.machine()}, {os.cpu_count()} cores"

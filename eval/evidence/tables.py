@@ -22,7 +22,9 @@ def pages(root: Path) -> list[Path]:
 
 
 def publish(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]:
-    """Write every table between markers anew, and the picture of the domain; return the files that are new."""
+    """Write every table between markers anew, and the picture of the domain; return the files that
+    are new.
+    """
     changed = draw(root, listed, results)
     for page in pages(root):
         text = page.read_text(encoding="utf-8")
@@ -33,13 +35,18 @@ def publish(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Pa
     return changed
 
 
-def generated(root: Path, page: Path, text: str, listed: Evidence, results: Mapping[str, Any]) -> str:
+def generated(
+    root: Path, page: Path, text: str, listed: Evidence, results: Mapping[str, Any]
+) -> str:
     """Return the text of a page with its tables as the results have them."""
 
     def block(found: re.Match[str]) -> str:
         name = found[2]
         if name not in listed.tables:
-            raise ConfigError(f"{page}: a marker names the table {name!r}; expected one of {', '.join(listed.tables)}")
+            raise ConfigError(
+                f"{page}: a marker names the table {name!r}; expected one of "
+                f"{', '.join(listed.tables)}"
+            )
         return f"{found[1]}{_table(name, listed, results, page.relative_to(root))}\n{found[3]}"
 
     return _BLOCK.sub(block, text)
@@ -52,7 +59,9 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
     rows = [["", *table.columns]]
     for one in names:
         rows += (
-            _parts(results[one], table) if table.each else [row_of(listed.results[one], results[one], table.columns)]
+            _parts(results[one], table)
+            if table.each
+            else [row_of(listed.results[one], results[one], table.columns)]
         )
     if not table.columns:
         rows = rows_of_cells(listed, results, names)
@@ -63,7 +72,11 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
     missing = [listed.results[one].title for one in listed.rows(name) if one not in results]
     lines[-1] += f" Not measured: {'; '.join(missing)}." if missing else ""
     if names and not table.columns:
-        lines += ["", f"![Lower bounds of success in the cells of the domain]({os.path.relpath(PICTURE, place)})"]
+        lines += [
+            "",
+            "![Lower bounds of success in the cells of the "
+            f"domain]({os.path.relpath(PICTURE, place)})",
+        ]
     return "\n".join(lines)
 
 
@@ -75,7 +88,10 @@ def _parts(result: Mapping[str, Any], table: Table) -> list[list[str]]:
         if group == table.each:
             name, _, key = rest.rpartition("/")
             found.setdefault(name, {})[key] = value
-    return [[name, *(_cell(cell, figures) for cell in table.columns.values())] for name, figures in found.items()]
+    return [
+        [name, *(_cell(cell, figures) for cell in table.columns.values())]
+        for name, figures in found.items()
+    ]
 
 
 def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) -> list[str]:
@@ -84,12 +100,16 @@ def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) 
     if entry.claim is not None:
         key, sign, bound = entry.claim
         value = _found(figures, key)
-        rate: dict[str, Any] = value if isinstance(value, dict) else dict.fromkeys(("value", "low", "high"), value)
+        rate: dict[str, Any] = (
+            value if isinstance(value, dict) else dict.fromkeys(("value", "low", "high"), value)
+        )
         likely, best = rate["value"], rate["high" if sign == ">=" else "low"]
         kept = [one >= bound if sign == ">=" else one <= bound for one in (likely, best)]
         figures["kept"] = "yes" if kept[0] else "open" if kept[1] else "no"
         figures["claim"] = (
-            f"{sign} {_percent(bound, 0)} %" if rate is value else f"{key} {sign} {bound:g}".replace("_", " ")
+            f"{sign} {_percent(bound, 0)} %"
+            if rate is value
+            else f"{key} {sign} {bound:g}".replace("_", " ")
         )
         figures["found"] = value
     return [entry.title, *(_cell(cell, figures) for cell in columns.values())]
@@ -111,8 +131,13 @@ def _shown(value: Any, form: str) -> str:
     if value is None or (isinstance(value, dict) and value["value"] is None):
         return ""
     if isinstance(value, dict):
-        many, known = value.get("total", 0), [value[key] for key in ("value", "low", "high") if value[key] is not None]
-        texts = [format(one, form).replace("%", "") if form else _percent(one, many) for one in known]
+        many, known = (
+            value.get("total", 0),
+            [value[key] for key in ("value", "low", "high") if value[key] is not None],
+        )
+        texts = [
+            format(one, form).replace("%", "") if form else _percent(one, many) for one in known
+        ]
         sign = " %" if not form or form.endswith("%") else ""
         worst = f"; worst {_percent(value['worst']['value'], many)} %" if value.get("worst") else ""
         return f"{texts[0]}{sign}{f' [{texts[1]}, {texts[2]}]' if texts[2:] else ''}{worst}"

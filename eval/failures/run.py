@@ -1,4 +1,6 @@
-"""Where a run fails, by groups and case by case: ``python -m eval.failures --run runs/circle --out runs/failed``."""
+"""Where a run fails, by groups and case by case: ``python -m eval.failures --run runs/circle --out
+runs/failed``.
+"""
 
 import argparse
 import csv
@@ -21,12 +23,14 @@ from eval.report.folder import read_run
 from eval.runner.options import whole
 
 _DESCRIPTION = """\
-Group the encounters in which a run of eval.monte_carlo failed and that are not proven unresolvable, by how they failed
-(near miss: at least 95 % of the separation was kept; deep loss; time-out), by the angle between the courses and by the
-distance at the start; and draw some of each group beside a flight that would have succeeded.
+Group the encounters in which a run of eval.monte_carlo failed and that are not proven
+unresolvable, by how they failed (near miss: at least 95 % of the separation was kept; deep loss;
+time-out), by the angle between the courses and by the distance at the start; and draw some of
+each group beside a flight that would have succeeded.
 
-Written to --out, a new or empty folder: failures.json (the groups), failures.csv (a row a failure, all columns of the
-run), encounters.csv (their starts, for eval.monte_carlo --scenario file:F) and failures.png, .svg (of each group)."""
+Written to --out, a new or empty folder: failures.json (the groups), failures.csv (a row a
+failure, all columns of the run), encounters.csv (their starts, for eval.monte_carlo --scenario
+file:F) and failures.png, .svg (of each group)."""
 
 _EPILOG = """\
 example:
@@ -36,7 +40,8 @@ example:
 
 HOW = ("near miss", "deep loss", "time-out")
 _DEEP = 0.95  # a violation that keeps this share of the separation is a near miss
-# Ranges of the angle between the courses at the start, degrees; the upper end of the last belongs to it.
+# Ranges of the angle between the courses at the start, degrees; the upper end of the last belongs
+# to it.
 _COURSES = ((0.0, 30.0), (30.0, 60.0), (60.0, 135.0), (135.0, 180.0))
 # Ranges of the distance to the nearest intruder at the start, in required separations.
 _DISTANCES = ((0.0, 1.5), (1.5, 3.0), (3.0, np.inf))
@@ -49,7 +54,8 @@ class Group(NamedTuple):
     course: tuple[float, float]  # deg
     distance: tuple[float, float]  # m
     members: np.ndarray  # numbers of its encounters
-    such: int  # encounters of the run with such courses and distances that are not proven unresolvable
+    # encounters of the run with such courses and distances that are not proven unresolvable
+    such: int
 
 
 def failures(table: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -58,7 +64,9 @@ def failures(table: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def grouped(table: Mapping[str, np.ndarray], separation: float) -> list[Group]:
-    """Return the groups that hold failures, the largest first, of a run's table with the required separation, m."""
+    """Return the groups that hold failures, the largest first, of a run's table with the required
+    separation, m.
+    """
     angle, distance = np.abs(table["relative_heading_deg"]), table["distance_m"]
     possible, failed = table["verdict"] != "unresolvable", failures(table)
     violated = table["outcome"] == "violation"
@@ -78,14 +86,19 @@ def grouped(table: Mapping[str, np.ndarray], separation: float) -> list[Group]:
 
 
 def representatives(groups: list[Group], count: int) -> list[int]:
-    """Return up to ``count`` encounters to look at, as many of each group as is its share, at least one of the largest.
+    """Return up to ``count`` encounters to look at, as many of each group as is its share, at least
+    one of the largest.
 
     Within a group they are spread evenly over the numbers, so that no choice is made by hand.
     """
     total = sum(group.members.size for group in groups)
     chosen: list[int] = []
     for group in groups:
-        share = min(max(1, round(count * group.members.size / max(total, 1))), group.members.size, count - len(chosen))
+        share = min(
+            max(1, round(count * group.members.size / max(total, 1))),
+            group.members.size,
+            count - len(chosen),
+        )
         chosen += spread(group.members, share).tolist()
     return chosen
 
@@ -106,7 +119,9 @@ def described(group: Group, table: Mapping[str, np.ndarray]) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Group and draw the failures of a run and return the exit status; bad input raises ``InputError``."""
+    """Group and draw the failures of a run and return the exit status; bad input raises
+    ``InputError``.
+    """
     options = _parser().parse_args(arguments)
     run = read_run(options.run)
     evaluation = evaluation_of(run, options.policy)
@@ -124,7 +139,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     }
     failed = failures(table)
     columns = {name: values[failed].tolist() for name, values in table.items()}
-    with written(options.out / "failures.csv") as new, new.open("w", encoding="utf-8", newline="") as file:
+    with (
+        written(options.out / "failures.csv") as new,
+        new.open("w", encoding="utf-8", newline="") as file,
+    ):
         writer = csv.writer(file)
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))
@@ -132,10 +150,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if numbers:
         starts = picked(evaluation, numbers)
         if isinstance(starts.intent, Intent):  # what was recorded is no row of such a file
-            encounter_file.write(options.out / "encounters.csv", starts, [str(number) for number in numbers])
+            encounter_file.write(
+                options.out / "encounters.csv", starts, [str(number) for number in numbers]
+            )
     of = {number: group for group in groups for number in group.members.tolist()}
     flights = list(fly_again(run, evaluation, chosen, set(chosen))) if chosen else []
-    figure = _sheet(flights, [_title(one.number, of[one.number], table) for one in flights], run.rules)
+    figure = _sheet(
+        flights, [_title(one.number, of[one.number], table) for one in flights], run.rules
+    )
     picture_folder.write(options.out, "failures", found, figure, 110)
     _show(found)
     print(f"files: {options.out}")
@@ -145,10 +167,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.failures", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
-    add("--run", type=Path, metavar="DIR", required=True, help="folder of a finished run of eval.monte_carlo")
+    add(
+        "--run",
+        type=Path,
+        metavar="DIR",
+        required=True,
+        help="folder of a finished run of eval.monte_carlo",
+    )
     add("--out", type=Path, metavar="DIR", required=True, help="folder, new or empty")
-    add("--cases", type=whole(0, 120), metavar="N", default=24, help="flights to draw, 0 to 120 (default: 24)")
-    add("--policy", type=Path, metavar="FILE", help="the run's policy, where its file lies elsewhere now")
+    add(
+        "--cases",
+        type=whole(0, 120),
+        metavar="N",
+        default=24,
+        help="flights to draw, 0 to 120 (default: 24)",
+    )
+    add(
+        "--policy",
+        type=Path,
+        metavar="FILE",
+        help="the run's policy, where its file lies elsewhere now",
+    )
     return parser
 
 
@@ -156,12 +195,15 @@ def _title(number: int, group: Group, table: Mapping[str, np.ndarray]) -> str:
     closest, angle = table["min_separation_m"][number], abs(table["relative_heading_deg"][number])
     digits = 2 if group.how == "near miss" else 0  # of centimetres, where they decide
     return (
-        f"{number}: {group.how}, {closest:.{digits}f} m\nfrom {table['distance_m'][number]:.0f} m, courses {angle:.0f}°"
+        f"{number}: {group.how}, {closest:.{digits}f} m\nfrom "
+        f"{table['distance_m'][number]:.0f} m, courses {angle:.0f}°"
     )
 
 
 def _sheet(flights: Sequence[Replayed], titles: Sequence[str], rules: Rules) -> Any:
-    """Return the figure of flights, each beside one that would have succeeded; None of no flight."""
+    """Return the figure of flights, each beside one that would have succeeded; None of no
+    flight.
+    """
     from eval.plots.flight_sheet import Panel, sheet
 
     panels = []
@@ -178,9 +220,12 @@ def _show(found: Mapping[str, Any]) -> None:
     print("how          courses         start  failures   share  of such    closest  CPA in")
     for group in found["groups"]:
         (low, high), (near, far) = group["course_difference_deg"], group["distance_m"]
-        start = f"{near / 1e3:g} to {far / 1e3:g} km" if far is not None else f"over {near / 1e3:g} km"
+        start = (
+            f"{near / 1e3:g} to {far / 1e3:g} km" if far is not None else f"over {near / 1e3:g} km"
+        )
         print(
             f"{group['how']:<10} {f'{low:g}-{high:g}°':>9} {start:>13} {group['failures']:>9} "
-            f"{group['failures'] / total:>7.1%} {group['failures'] / group['such_encounters']:>8.2%} "
+            f"{group['failures'] / total:>7.1%} "
+            f"{group['failures'] / group['such_encounters']:>8.2%} "
             f"{group['min_separation_m_median']:>8.1f} m {group['t_cpa_s_median']:>5.0f} s"
         )

@@ -5,5 +5,14 @@ from eval.flights.recorded import fly_recorded
 from eval.flights.simulate import Direct, Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
-__all__ = ["Direct", "Evaluation", "Flights", "Pilot", "Trajectories", "TrajectoryRecorder", "columns", "fly"]
+__all__ = [
+    "Direct",
+    "Evaluation",
+    "Flights",
+    "Pilot",
+    "Trajectories",
+    "TrajectoryRecorder",
+    "columns",
+    "fly",
+]
 __all__ += ["fly_recorded"]

@@ -1,4 +1,6 @@
-"""The aircraft that an evaluation flies, in words, and what to beware of where it is not the policy's."""
+"""The aircraft that an evaluation flies, in words, and what to beware of where it is not the
+policy's.
+"""
 
 import math
 from collections.abc import Mapping
@@ -11,7 +13,9 @@ from envs.kinematics import Limits
 
 
 def described(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
-    """Return what a summary says of the aircraft as flown, and of the policy's (None: policies of this very one)."""
+    """Return what a summary says of the aircraft as flown, and of the policy's (None: policies of
+    this very one).
+    """
     warning = None
     if policy is not None:
         try:
@@ -19,7 +23,11 @@ def described(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
         except OutsideDomainError as problem:
             warning = str(problem)
     trained = flown if policy is None else policy.aircraft
-    return {"aircraft": _plain(flown), "policy_aircraft": _plain(trained), "aircraft_warning": warning}
+    return {
+        "aircraft": _plain(flown),
+        "policy_aircraft": _plain(trained),
+        "aircraft_warning": warning,
+    }
 
 
 def aircraft_of(summary: Mapping[str, Any]) -> Aircraft:
@@ -27,7 +35,9 @@ def aircraft_of(summary: Mapping[str, Any]) -> Aircraft:
     found = summary.get("aircraft")
     names = {*Limits._fields, *Aircraft._fields} - {"limits"}
     if not isinstance(found, dict) or found.keys() != names:
-        raise ConfigError(f"aircraft is {found!r}; expected an object with {', '.join(sorted(names))}")
+        raise ConfigError(
+            f"aircraft is {found!r}; expected an object with {', '.join(sorted(names))}"
+        )
     rest = {name: value for name, value in found.items() if name in Aircraft._fields}
     return new_aircraft(Limits(*(found[name] for name in Limits._fields)), **rest)
 
@@ -39,13 +49,16 @@ def lines_about(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _plain(aircraft: Aircraft) -> dict[str, Any]:
-    return aircraft.limits._asdict() | {name: value for name, value in aircraft._asdict().items() if name != "limits"}
+    return aircraft.limits._asdict() | {
+        name: value for name, value in aircraft._asdict().items() if name != "limits"
+    }
 
 
 def _line(aircraft: Aircraft) -> str:
     limits = aircraft.limits
     return (
         f"{limits.speed_min:g} to {limits.speed_max:g} m/s, {limits.acceleration_min:g} to "
-        f"{limits.acceleration_max:g} m/s², {math.degrees(limits.yaw_rate_max):.4g} deg/s, separation "
+        f"{limits.acceleration_max:g} m/s², {math.degrees(limits.yaw_rate_max):.4g} deg/s, "
+        "separation "
         f"{aircraft.separation:g} m"
     )

@@ -1,4 +1,6 @@
-"""The assured loop: a plan, a monitor that watches it every second, new plans, and a backup at hand."""
+"""The assured loop: a plan, a monitor that watches it every second, new plans, and a backup at
+hand.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -44,10 +46,12 @@ def fly_assured(
     recorder: TrajectoryRecorder | None = None,
     endless: bool = False,
 ) -> Assured:
-    """Fly encounters ``[N]``, float64, planned at their start, with the monitor until the time limit or a violation.
+    """Fly encounters ``[N]``, float64, planned at their start, with the monitor until the time
+    limit or a violation.
 
-    With noise of the sensors by step, ``[4, N, K]``, monitor and planner see tracks of such reports. The limits of the
-    options are those of the vehicle. A recorder takes the trajectories; endless flights lose nothing.
+    With noise of the sensors by step, ``[4, N, K]``, monitor and planner see tracks of such
+    reports. The limits of the options are those of the vehicle. A recorder takes the trajectories;
+    endless flights lose nothing.
     """
     count, dt = len(encounters.goal_x), aircraft.dt
     thresholds = Thresholds.for_plans(options)
@@ -56,7 +60,9 @@ def fly_assured(
     replans, backup = np.zeros(count, np.int32), np.zeros(count, np.int32)
     rows, reached = np.arange(count), np.zeros(count, dtype=bool)
     air = Air(begin(encounters, np, history_dt=dt), np.zeros(count), np.full(count, aircraft.t_max))
-    first = Traffic.straight(perceived(air.state, None if noise is None else noise(0), dt, np), encounters.mask)
+    first = Traffic.straight(
+        perceived(air.state, None if noise is None else noise(0), dt, np), encounters.mask
+    )
     monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
     made = plans.proposals
     monitor = assurance.activate(monitor, rows, made.knots, made.safe, 0.0, first, thresholds)
@@ -73,7 +79,9 @@ def fly_assured(
         monitor, decision = assurance.step(monitor, given, thresholds)
         make = _planner(asked, decision, state, aircraft, policy)
         left = aircraft.t_max - time
-        monitor, short[rows], new = renewed(monitor, decision, short[rows], reached[rows], left, make, thresholds)
+        monitor, short[rows], new = renewed(
+            monitor, decision, short[rows], reached[rows], left, make, thresholds
+        )
         replans[rows] += new
         backup[rows] += monitor.on_backup
         references = assurance.references(monitor, time, PERIOD * dt, SUBSTEPS)
@@ -90,8 +98,12 @@ def fly_assured(
     return Assured(tally.flown(), replans, backup * dt)
 
 
-def _planner(asked: Request, decision: Decision, state: State, aircraft: Aircraft, policy: Policy) -> Planner:
-    """Return what plans from the middle of flights: to the goal from where they are, or along the route."""
+def _planner(
+    asked: Request, decision: Decision, state: State, aircraft: Aircraft, policy: Policy
+) -> Planner:
+    """Return what plans from the middle of flights: to the goal from where they are, or along the
+    route.
+    """
 
     def plans(rows: Any, options: Options, kind: int) -> Proposals:
         own, traffic = take((decision.own, decision.traffic), rows)

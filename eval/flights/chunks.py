@@ -1,7 +1,8 @@
-"""One chunk of an evaluation: draw the encounters, fly them with and without the resolver, judge, tabulate.
+"""One chunk of an evaluation: draw the encounters, fly them with and without the resolver, judge,
+tabulate.
 
-What a chunk yields depends on the evaluation and on the encounters' numbers only, not on the size of the chunk,
-on the process that works on it or on what it has worked on before.
+What a chunk yields depends on the evaluation and on the encounters' numbers only, not on the size
+of the chunk, on the process that works on it or on what it has worked on before.
 """
 
 from collections.abc import Callable, Iterable
@@ -36,7 +37,9 @@ class Evaluation(NamedTuple):
     seed: int
     aircraft: Aircraft
     mode: str = "policy"  # what decides, as of eval.config.MonteCarloConfig, and so the last two
-    given: Options | None = None  # how plans are made and flown in the other modes; None: as usual for the aircraft
+    given: Options | None = (
+        None  # how plans are made and flown in the other modes; None: as usual for the aircraft
+    )
     baseline: str = "none"
     backend: str = "numpy"
 
@@ -50,11 +53,16 @@ class Pilot:
     """An evaluation with its policy, for the evaluation's aircraft."""
 
     def __init__(self, evaluation: Evaluation, policy: Policy) -> None:
-        self.evaluation, self.policy = evaluation, policy.for_aircraft(evaluation.aircraft, outside="allow")
+        self.evaluation, self.policy = (
+            evaluation,
+            policy.for_aircraft(evaluation.aircraft, outside="allow"),
+        )
 
     @classmethod
     def load(cls, evaluation: Evaluation) -> "Pilot":
-        """Return the evaluation with its policy; ``PolicyFileError``: the policy file cannot be used."""
+        """Return the evaluation with its policy; ``PolicyFileError``: the policy file cannot be
+        used.
+        """
         return cls(evaluation, Policy.load(evaluation.policy))
 
     @cached_property
@@ -68,12 +76,18 @@ class Pilot:
 
 
 def picked(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
-    """Return the encounters with these numbers, at least one, ``[M]``; raises as :func:`eval.flights.sources.drawn`."""
-    return reduce(joined, (drawn(evaluation.source, evaluation.seed, int(number), 1)[0] for number in numbers))
+    """Return the encounters with these numbers, at least one, ``[M]``; raises as
+    :func:`eval.flights.sources.drawn`.
+    """
+    return reduce(
+        joined, (drawn(evaluation.source, evaluation.seed, int(number), 1)[0] for number in numbers)
+    )
 
 
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
-    """Return the table of a chunk: a row an encounter; columns: docs/reference/evaluation-files.md."""
+    """Return the table of a chunk: a row an encounter; columns:
+    docs/reference/evaluation-files.md.
+    """
     evaluation = pilot.evaluation
     aircraft = evaluation.aircraft
     starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
@@ -81,13 +95,20 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     noise = noise_of(evaluation, starts, first)
     alone = fly(starts, pilot.decider, aircraft, noise=noise)
     bare = fly(starts, Direct(aircraft), aircraft)
-    beside = {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
+    beside = (
+        {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
+    )
     flown, more = (alone, {}) if evaluation.mode == "policy" else _planned(pilot, starts, noise)
     reached = flown.outcome == OUTCOMES.index("reached")
-    solved = reduce(np.logical_or, (other.outcome == OUTCOMES.index("reached") for other in beside.values()), reached)
+    solved = reduce(
+        np.logical_or,
+        (other.outcome == OUTCOMES.index("reached") for other in beside.values()),
+        reached,
+    )
     judged = verdicts(starts, aircraft, solved=solved)
 
-    # The route is the straight line to the goal: what is left of it at the end counts as flown straight.
+    # The route is the straight line to the goal: what is left of it at the end counts as flown
+    # straight.
     route = np.maximum(begun["route_length_m"], 1.0)  # a start on the goal has none
     excess = np.maximum((flown.path_length + flown.goal_distance) / route - 1.0, 0.0)
     number = np.arange(first, first + count)
@@ -119,7 +140,9 @@ def _planned(
     """Return the flights of a mode that plans, and the columns that only it has."""
     evaluation = pilot.evaluation
     options, aircraft = evaluation.options, evaluation.aircraft
-    plans = plan_at_start(starts, pilot.policy, aircraft, options, None if noise is None else noise(0))
+    plans = plan_at_start(
+        starts, pilot.policy, aircraft, options, None if noise is None else noise(0)
+    )
     flown = fly_once(starts, plans, aircraft, options)
     made = plans.proposals
     more = {
@@ -154,10 +177,13 @@ def _names(kinds: type[IntEnum]) -> np.ndarray:
     return np.array([kinds(code).name.lower() for code in range(len(kinds))], dtype=object)
 
 
-def noise_of(evaluation: Evaluation, starts: Encounter, first: int) -> Callable[[int], np.ndarray] | None:
+def noise_of(
+    evaluation: Evaluation, starts: Encounter, first: int
+) -> Callable[[int], np.ndarray] | None:
     """Return the sensors' noise, None if no sensor has noise or latency.
 
-    The whole source decides, not the chunk: even a perfect report is rounded, so it must be used everywhere or nowhere.
+    The whole source decides, not the chunk: even a perfect report is rounded, so it must be used
+    everywhere or nowhere.
     """
     source = evaluation.source
     if isinstance(source, Scenario):

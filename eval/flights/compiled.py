@@ -1,7 +1,7 @@
 """A policy's decisions compiled by XLA, where JAX is installed: several times as fast as in numpy.
 
-XLA rounds a row by the size of its batch, so that rows are decided in tiles of one size. Within a tile a row has the
-same bits in any place and company, which every process checks before it decides.
+XLA rounds a row by the size of its batch, so that rows are decided in tiles of one size. Within a
+tile a row has the same bits in any place and company, which every process checks before it decides.
 """
 
 from typing import Any
@@ -26,7 +26,9 @@ class Compiled:
     def __init__(self, policy: Policy) -> None:
         """Take the policy's network; raises ``InputError`` if it takes one intruder only."""
         if not policy.metadata["architecture"].get("encoder"):
-            raise InputError("backend is 'jax' and the policy takes one intruder only; expected numpy")
+            raise InputError(
+                "backend is 'jax' and the policy takes one intruder only; expected numpy"
+            )
         keep_compiled()
         import jax
 
@@ -34,9 +36,13 @@ class Compiled:
             encoder, trunk, numbers = known
             # What hangs on the aircraft alone is computed once for all rows of a tile.
             seen = unpacked_rows(rows)._replace(ratios=Ratios(*numbers))
-            return jax.numpy.clip(actions(set_inputs(seen, jax.numpy), encoder, trunk, jax.numpy), -1.0, 1.0)
+            return jax.numpy.clip(
+                actions(set_inputs(seen, jax.numpy), encoder, trunk, jax.numpy), -1.0, 1.0
+            )
 
-        each, hidden, head = (policy.layers(kind, np.float32) for kind in ("each", "hidden", "head"))
+        each, hidden, head = (
+            policy.layers(kind, np.float32) for kind in ("each", "hidden", "head")
+        )
         self._units = policy.aircraft.limits, policy.aircraft.separation
         known = each, hidden + head, np.array(ratios(*self._units), np.float32)
         self._known, self._decided = jax.device_put(known), jax.jit(decided)
@@ -44,7 +50,9 @@ class Compiled:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        seen = scene(sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y, *self._units, np)
+        seen = scene(
+            sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y, *self._units, np
+        )
         count, places = sight.mask.shape
         rows = np.zeros((-(-count // _TILE) * _TILE, width(places)), np.float32)
         rows[:count, :3] = np.stack((seen.own_speed, seen.goal_x, seen.goal_y), axis=-1)
@@ -53,14 +61,22 @@ class Compiled:
         if places not in self._checked:
             self._check(np.resize(rows[:count], (_TILE, rows.shape[1])))
             self._checked.add(places)
-        tiles = [self._decided(self._known, rows[first : first + _TILE]) for first in range(0, count, _TILE)]
+        tiles = [
+            self._decided(self._known, rows[first : first + _TILE])
+            for first in range(0, count, _TILE)
+        ]
         actions = np.concatenate([np.asarray(tile) for tile in tiles])[:count]
         if not np.isfinite(actions).all():
-            raise ValueError("the policy gives an action that is not finite; expected finite states")
+            raise ValueError(
+                "the policy gives an action that is not finite; expected finite states"
+            )
         return actions.astype(float), memory
 
     def _check(self, tile: np.ndarray) -> None:
         """Refuse a processor on which the bits of a row depend on its place in the tile."""
         there, back = (self._decided(self._known, rows) for rows in (tile, tile[::-1]))
         if not np.array_equal(there, back[::-1]):
-            raise InputError("backend is 'jax', which rounds a row by its place on this processor; expected numpy")
+            raise InputError(
+                "backend is 'jax', which rounds a row by its place on this processor; expected "
+                "numpy"
+            )

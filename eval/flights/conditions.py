@@ -1,4 +1,6 @@
-"""Initial conditions of encounters, as figures and tables show them, and verdicts on them in hindsight."""
+"""Initial conditions of encounters, as figures and tables show them, and verdicts on them in
+hindsight.
+"""
 
 import math
 
@@ -14,14 +16,18 @@ from envs.relative import bearing, distance, straight_cpa
 from envs.traffic.replay import off_arcs
 
 LARGEST_OFF = 0.75
-"""m; proofs take an intruder to fly arcs within a second, and so have this to spare where it is a recording."""
+"""m; proofs take an intruder to fly arcs within a second, and so have this to spare where it is a
+recording.
+"""
 
 
 def conditions(encounters: Encounter, aircraft: Aircraft) -> dict[str, np.ndarray]:
-    """Return the columns of a table that say how encounters begin, seen towards the most critical intruder, ``[N]``.
+    """Return the columns of a table that say how encounters begin, seen towards the most critical
+    intruder, ``[N]``.
 
-    Bearing (from the own heading) and relative heading (intruder's less own) are counter-clockwise, in [-180, 180) deg;
-    time and distance of the closest point of approach are those on straight courses.
+    Bearing (from the own heading) and relative heading (intruder's less own) are counter-clockwise,
+    in [-180, 180) deg; time and distance of the closest point of approach are those on straight
+    courses.
     """
     own = encounters.own
     other = most_critical(own, encounters.intruders, encounters.mask, aircraft, np)
@@ -40,10 +46,11 @@ def conditions(encounters: Encounter, aircraft: Aircraft) -> dict[str, np.ndarra
 
 
 def verdicts(encounters: Encounter, aircraft: Aircraft, solved: np.ndarray) -> Resolvability:
-    """Decide which encounters are resolvable; arguments as of :func:`agents.resolvability.classify`.
+    """Decide which encounters are resolvable; arguments as of
+    :func:`agents.resolvability.classify`.
 
-    A proof that looks between the seconds holds only for a recording that keeps to arcs there: where it is farther off
-    than :data:`LARGEST_OFF`, such an encounter is undecided.
+    A proof that looks between the seconds holds only for a recording that keeps to arcs there:
+    where it is farther off than :data:`LARGEST_OFF`, such an encounter is undecided.
     """
     rules, limits = aircraft.rules(), aircraft.limits
     if not isinstance(encounters.intent, Recording):

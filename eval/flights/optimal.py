@@ -17,7 +17,9 @@ from eval.flights.simulate import Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
 ROUNDS = 8
-"""Of the witness's refinement: 1.4 m longer than 40 on average (300 circle encounters), in a third of the time."""
+"""Of the witness's refinement: 1.4 m longer than 40 on average (300 circle encounters), in a third
+of the time.
+"""
 
 
 class WitnessSearch(NamedTuple):
@@ -27,33 +29,54 @@ class WitnessSearch(NamedTuple):
 
 
 class Witness:
-    """Manoeuvres ``[N]`` as a decider of one flight of each of N encounters, which it remembers by number.
+    """Manoeuvres ``[N]`` as a decider of one flight of each of N encounters, which it remembers by
+    number.
 
-    Where none is known, the flight is that without a resolver, straight along the route at constant speed.
+    Where none is known, the flight is that without a resolver, straight along the route at constant
+    speed.
     """
 
-    def __init__(self, encounters: Encounter, manoeuvre: Manoeuvre, known: np.ndarray, aircraft: Aircraft) -> None:
+    def __init__(
+        self, encounters: Encounter, manoeuvre: Manoeuvre, known: np.ndarray, aircraft: Aircraft
+    ) -> None:
         """Take the manoeuvres of encounters ``[N]``, and which are known, bool ``[N]``."""
-        self._flight, self._manoeuvre = mapped(np.array, takeoff(encounters.own, manoeuvre)), manoeuvre
-        self._known, self._none, self._aircraft, self._step = known, BASELINES["none"](aircraft), aircraft, 0
+        self._flight, self._manoeuvre = (
+            mapped(np.array, takeoff(encounters.own, manoeuvre)),
+            manoeuvre,
+        )
+        self._known, self._none, self._aircraft, self._step = (
+            known,
+            BASELINES["none"](aircraft),
+            aircraft,
+            0,
+        )
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the numbers of the encounters."""
         number = np.arange(len(memory)) if self._step == 0 else memory
         action, _ = self._none.decide(sight, memory)
         rows = np.flatnonzero(self._known[number])
-        seen, (flight, manoeuvre) = take(sight[:-1], rows), take((self._flight, self._manoeuvre), number[rows])
+        seen, (flight, manoeuvre) = (
+            take(sight[:-1], rows),
+            take((self._flight, self._manoeuvre), number[rows]),
+        )
         flight, goal = Flight(seen[0], *flight[1:]), (seen[3], seen[4])
         time, rules = self._step * self._aircraft.dt, self._aircraft.rules()
-        made, after = decided(flight, manoeuvre, time, goal, *seen[1:3], rules, self._aircraft.limits)
+        made, after = decided(
+            flight, manoeuvre, time, goal, *seen[1:3], rules, self._aircraft.limits
+        )
         action[rows] = np.stack(made, axis=-1)
         scatter(self._flight, number[rows], after)
         self._step += 1
         return action, number
 
 
-def fly_witnesses(encounters: Encounter, search: WitnessSearch, aircraft: Aircraft) -> tuple[Flights, Trajectories]:
-    """Fly the least-cost witnesses of encounters ``[N]``, float64, until the goal or the time limit."""
+def fly_witnesses(
+    encounters: Encounter, search: WitnessSearch, aircraft: Aircraft
+) -> tuple[Flights, Trajectories]:
+    """Fly the least-cost witnesses of encounters ``[N]``, float64, until the goal or the time
+    limit.
+    """
     best = least_cost(encounters, aircraft.rules(), aircraft.limits, rounds=search.rounds)
     recorder = TrajectoryRecorder(encounters)
     decider = Witness(encounters, best.manoeuvre, np.isfinite(best.arrival), aircraft)

@@ -1,6 +1,8 @@
-"""Plans as they are flown: the follower on the true limits' kinematics, from the published waypoints, ten times a step.
+"""Plans as they are flown: the follower on the true limits' kinematics, from the published
+waypoints, ten times a step.
 
-Nothing of the rollout that made a plan is used. The intruders fly their true motion, manoeuvres included.
+Nothing of the rollout that made a plan is used. The intruders fly their true motion, manoeuvres
+included.
 """
 
 from typing import Any, NamedTuple
@@ -28,7 +30,9 @@ class Flown(NamedTuple):
 
     flights: Flights
     error: np.ndarray  # largest distance from where the plan was at the time, m; 0 without a plan
-    whole_separation: np.ndarray  # smallest distance to any intruder until the plan's end, m; nan without a plan
+    whole_separation: (
+        np.ndarray
+    )  # smallest distance to any intruder until the plan's end, m; nan without a plan
 
 
 class Air(NamedTuple):
@@ -44,24 +48,36 @@ class Step(NamedTuple):
 
     separation: Any  # smallest distance to any intruder, m
     nearest: Any  # smallest distance to the goal, m
-    reached: Any  # time since the beginning of the step at which the goal's radius was entered, s; nan if it was not
+    # time since the beginning of the step at which the goal's radius was entered, s; nan if it was
+    # not
+    reached: Any
     path: Any  # length flown, m
     error: Any  # largest distance from where the plan was at the time, m
     reversals: Any  # how often the turn changed side
 
 
-def request_of(encounters: Encounter, aircraft: Aircraft, intruders: VehicleState | None = None) -> Request:
-    """Return what a planner is asked at the start of encounters ``[N]``, with intruders as believed, or as they are.
+def request_of(
+    encounters: Encounter, aircraft: Aircraft, intruders: VehicleState | None = None
+) -> Request:
+    """Return what a planner is asked at the start of encounters ``[N]``, with intruders as
+    believed, or as they are.
 
-    The route runs from the start to the goal, then over a point every 5 separations on the same line to 45 beyond it.
+    The route runs from the start to the goal, then over a point every 5 separations on the same
+    line to 45 beyond it.
     """
-    traffic = Traffic.straight(encounters.intruders if intruders is None else intruders, encounters.mask)
+    traffic = Traffic.straight(
+        encounters.intruders if intruders is None else intruders, encounters.mask
+    )
     own = encounters.own
     return Request(own, traffic, *route_of(own, encounters.goal_x, encounters.goal_y, aircraft))
 
 
-def route_of(own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft) -> tuple[Any, Any, Any]:
-    """Return the route from a place to the goal and on, ``[N, R]`` each of x and y, m, and its number of points."""
+def route_of(
+    own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft
+) -> tuple[Any, Any, Any]:
+    """Return the route from a place to the goal and on, ``[N, R]`` each of x and y, m, and its
+    number of points.
+    """
     dx, dy = goal_x - own.x, goal_y - own.y
     length = np.maximum(np.hypot(dx, dy), 1e-9)
     beyond = 5.0 * aircraft.separation * np.arange(10)
@@ -70,8 +86,11 @@ def route_of(own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft) ->
     return x, y, np.full(len(x), x.shape[1])
 
 
-def fly_step(air: Air, references: VehicleState, aircraft: Aircraft, limits: Limits) -> tuple[Air, Step]:
-    """Fly one time step through ``references`` at its beginning and after every period, ``[SUBSTEPS + 1, M]``.
+def fly_step(
+    air: Air, references: VehicleState, aircraft: Aircraft, limits: Limits
+) -> tuple[Air, Step]:
+    """Fly one time step through ``references`` at its beginning and after every period, ``[SUBSTEPS
+    + 1, M]``.
 
     The limits are those of the vehicle that follows, not those of the ownship's decisions.
     """
@@ -80,7 +99,11 @@ def fly_step(air: Air, references: VehicleState, aircraft: Aircraft, limits: Lim
     period, feedback, straight = PERIOD * dt, gains(dt), reversal_rate(aircraft.limits)
     turn = wrap(following.vehicle.heading - other.heading, np)
     separation, nearest = np.full(own.x.shape, np.inf), np.full(own.x.shape, np.inf)
-    reached, error, path = np.full(own.x.shape, np.nan), np.zeros(own.x.shape), np.zeros(own.x.shape)
+    reached, error, path = (
+        np.full(own.x.shape, np.nan),
+        np.zeros(own.x.shape),
+        np.zeros(own.x.shape),
+    )
     reversals = np.zeros(own.x.shape, np.int32)
     for step in range(SUBSTEPS):
         now, after = (VehicleState(*(field[step + i] for field in references)) for i in (0, 1))
@@ -119,7 +142,11 @@ class Tally:
         self._reached = np.full(count, np.nan)
         self._lost = np.full(count, np.nan)
         self._separation, self._whole = np.full(count, np.inf), np.full(count, np.inf)
-        self._closest_at, self._path, self._goal = np.zeros(count), np.zeros(count), np.full(count, np.inf)
+        self._closest_at, self._path, self._goal = (
+            np.zeros(count),
+            np.zeros(count),
+            np.full(count, np.inf),
+        )
         self._reversals = np.zeros(count, np.int32)
         self._error = np.zeros(count)
 

@@ -22,7 +22,9 @@ STATUSES = ("unresolved", "safe")  # names of a plan's statuses by whether it is
 
 
 def perceived_at_start(encounters: Encounter, dt: float, noise: Any = None) -> VehicleState:
-    """Return the intruders as known at the start, ``[N, K]``, by the sensors' noise ``[4, N, K]``; dt in s."""
+    """Return the intruders as known at the start, ``[N, K]``, by the sensors' noise ``[4, N, K]``;
+    dt in s.
+    """
     return perceived(begin(encounters, np, history_dt=dt), noise, dt, np)
 
 
@@ -43,11 +45,13 @@ def fly_once(
     *,
     endless: bool = False,
 ) -> Flown:
-    """Fly the plans of encounters, ``[N]`` both, float64, once, to their ends; recorded until the time limit.
+    """Fly the plans of encounters, ``[N]`` both, float64, once, to their ends; recorded until the
+    time limit.
 
-    An encounter counts as reached if the goal was by the time limit and the separation kept until then (in endless
-    flights it need not be). An unresolved plan is flown as an advisory trajectory, but is no success even if it
-    arrives. Without a trajectory there is no flight, and the separation is not a number.
+    An encounter counts as reached if the goal was by the time limit and the separation kept until
+    then (in endless flights it need not be). An unresolved plan is flown as an advisory trajectory,
+    but is no success even if it arrives. Without a trajectory there is no flight, and the
+    separation is not a number.
     """
     tally, dt, count = Tally(len(encounters.goal_x), aircraft, endless=endless), aircraft.dt, 0
     rows = np.flatnonzero(plans.proposals.last >= 0)

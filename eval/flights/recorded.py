@@ -47,7 +47,10 @@ class Recorded(NamedTuple):
 def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
     """Fly the encounters of some numbers, at least one, in the evaluation's mode."""
     starts = picked(pilot.evaluation, numbers)
-    noises = [noise_of(pilot.evaluation, take(starts, [row]), number) for row, number in enumerate(numbers)]
+    noises = [
+        noise_of(pilot.evaluation, take(starts, [row]), number)
+        for row, number in enumerate(numbers)
+    ]
     given = [each for each in noises if each is not None]  # all of them or none
     noise = (lambda step: np.concatenate([each(step) for each in given], axis=1)) if given else None
     recorder = TrajectoryRecorder(starts)
@@ -63,14 +66,18 @@ def fly_in_mode(
     *,
     endless: bool = False,
 ) -> tuple[Plans | None, Flights]:
-    """Plan where the evaluation's mode does, and fly encounters ``[M]``; a recorder takes the trajectories.
+    """Plan where the evaluation's mode does, and fly encounters ``[M]``; a recorder takes the
+    trajectories.
 
-    The noise of the sensors is by step, ``[4, M, K]``, None for perfect knowledge; endless flights lose nothing.
+    The noise of the sensors is by step, ``[4, M, K]``, None for perfect knowledge; endless flights
+    lose nothing.
     """
     evaluation, policy = pilot.evaluation, pilot.policy
     aircraft, options = evaluation.aircraft, evaluation.options
     if evaluation.mode == "policy":
-        return None, fly(starts, pilot.decider, aircraft, noise=noise, recorder=recorder, endless=endless)
+        return None, fly(
+            starts, pilot.decider, aircraft, noise=noise, recorder=recorder, endless=endless
+        )
     plans = plan_at_start(starts, policy, aircraft, options, None if noise is None else noise(0))
     if evaluation.mode == "plan":
         return plans, fly_once(starts, plans, aircraft, options, recorder, endless=endless).flights

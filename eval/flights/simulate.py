@@ -1,7 +1,8 @@
 """Closed-loop flights of many encounters at once, in plain numpy.
 
-Encounters that end are dropped from the arrays, so that the work shrinks with the number still in the air. Every
-operation acts on each row alone: a flight comes out bit for bit the same whatever others are flown with it.
+Encounters that end are dropped from the arrays, so that the work shrinks with the number still in
+the air. Every operation acts on each row alone: a flight comes out bit for bit the same whatever
+others are flown with it.
 """
 
 import math
@@ -34,13 +35,16 @@ class ByPolicy(NamedTuple):
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        return self.policy.command(sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y), memory
+        return self.policy.command(
+            sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y
+        ), memory
 
 
 class Direct(NamedTuple):
     """No resolution: at constant speed along the route to the goal.
 
-    The intruder's waypoint controller steers it, because a displaced start does not point at its goal exactly.
+    The intruder's waypoint controller steers it, because a displaced start does not point at its
+    goal exactly.
     """
 
     aircraft: Aircraft
@@ -48,10 +52,14 @@ class Direct(NamedTuple):
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
         # As an observation has it: of its precision.
-        seen = (bearing(sight.own, sight.goal_x, sight.goal_y, np) * (1.0 / math.pi)).astype(np.float32)
+        seen = (bearing(sight.own, sight.goal_x, sight.goal_y, np) * (1.0 / math.pi)).astype(
+            np.float32
+        )
         full = self.aircraft.limits.yaw_rate_max * self.aircraft.dt
         steering = GAINS.proportional * math.pi * seen / full
-        return np.stack([np.zeros_like(steering), np.clip(steering, -1.0, 1.0)], axis=-1).astype(float), memory
+        return np.stack([np.zeros_like(steering), np.clip(steering, -1.0, 1.0)], axis=-1).astype(
+            float
+        ), memory
 
 
 class Flights(NamedTuple):
@@ -63,9 +71,13 @@ class Flights(NamedTuple):
     min_separation: np.ndarray  # smallest distance to any intruder, m, between the steps too
     time_of_min_separation: np.ndarray  # end of the step in which that happened, s after the start
     path_length: np.ndarray
-    """Length flown, m (mean speed of each step; at most 0.1 m off where a speed limit is met inside a step)."""
+    """Length flown, m (mean speed of each step; at most 0.1 m off where a speed limit is met inside
+    a step).
+    """
     goal_distance: np.ndarray  # at the end, m
-    reversals: np.ndarray  # how often the commanded turn changed side, int32; commands below reversal_rate do not count
+    reversals: (
+        np.ndarray
+    )  # how often the commanded turn changed side, int32; commands below reversal_rate do not count
 
 
 class _Air(NamedTuple):
@@ -82,21 +94,28 @@ class _Air(NamedTuple):
 
 
 def reversal_rate(limits: Limits) -> float:
-    """Return the yaw rate, rad/s, below which a command counts as straight flight: a sixth of the greatest."""
+    """Return the yaw rate, rad/s, below which a command counts as straight flight: a sixth of the
+    greatest.
+    """
     return limits.yaw_rate_max / 6.0
 
 
-def turned_to(yaw_rate: np.ndarray, side: np.ndarray, straight: float) -> tuple[np.ndarray, np.ndarray]:
+def turned_to(
+    yaw_rate: np.ndarray, side: np.ndarray, straight: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the side of the last turn after a command, and whether it changed; ``[...]``.
 
-    The yaw rate is as commanded, rad/s; the side before is -1, 0 (none yet) or 1; straight: :func:`reversal_rate`.
+    The yaw rate is as commanded, rad/s; the side before is -1, 0 (none yet) or 1; straight:
+    :func:`reversal_rate`.
     """
     now = np.where(np.abs(yaw_rate) >= straight, np.sign(yaw_rate), side)
     return now, now * side < 0.0
 
 
 def sensor_noise(seed: int, first: int, count: int, intruders: int) -> Callable[[int], np.ndarray]:
-    """Return the sensors' noise by number of the step: standard normal draws ``[4, count, intruders]``."""
+    """Return the sensors' noise by number of the step: standard normal draws ``[4, count,
+    intruders]``.
+    """
 
     def of(step: int) -> np.ndarray:
         # As envs.starts.report_noise: stream 0 makes the starts.
@@ -116,12 +135,15 @@ def fly(
 ) -> Flights:
     """Fly encounters ``[N]``, float64, to their end; the decider acts once per time step.
 
-    The sensors' noise is by step, ``[4, N, K]``, None for perfect knowledge of the intruders. A recorder takes the
-    trajectories (about 150 bytes an encounter and step); endless flights go on after a loss of separation.
+    The sensors' noise is by step, ``[4, N, K]``, None for perfect knowledge of the intruders. A
+    recorder takes the trajectories (about 150 bytes an encounter and step); endless flights go on
+    after a loss of separation.
     """
     count, rules = len(encounters.goal_x), aircraft.rules()
     kinds = {"outcome": np.int8, "reversals": np.int32}
-    result = Flights(**{name: np.zeros(count, kinds.get(name, np.float64)) for name in Flights._fields})
+    result = Flights(
+        **{name: np.zeros(count, kinds.get(name, np.float64)) for name in Flights._fields}
+    )
     rules = rules._replace(separation=0.0) if endless else rules
     dt, limits, world = rules.dt, aircraft.limits, World(rules, aircraft)
     air = _takeoff(encounters, history_dt=None if noise is None else dt)
@@ -129,13 +151,17 @@ def fly(
     while len(air.number):
         state = air.state
         seen = perceived(state, None if noise is None else noise(step)[:, air.number], dt, np)
-        sight = Sight(state.own, seen, state.mask, state.goal_x, state.goal_y, rules.t_max - step * dt)
+        sight = Sight(
+            state.own, seen, state.mask, state.goal_x, state.goal_y, rules.t_max - step * dt
+        )
         action, memory = decider.decide(sight, air.memory)
         controls = action[:, 0], action[:, 1]
         after, flown = advance(state, controls, world, np)
         step += 1
 
-        side, reversed_ = turned_to(commands(controls, limits, np)[1], air.side, reversal_rate(limits))
+        side, reversed_ = turned_to(
+            commands(controls, limits, np)[1], air.side, reversal_rate(limits)
+        )
         closer = flown.separation < air.min_separation
         air = air._replace(
             state=after,
@@ -147,11 +173,24 @@ def fly(
             memory=memory,
         )
         if recorder is not None:
-            recorder.append(air.number, after.own, after.intruders.vehicle, flown.separation, action)
+            recorder.append(
+                air.number, after.own, after.intruders.vehicle, flown.separation, action
+            )
         if after.ended.any():
-            outcome, time = np.argmax(np.stack(flown.outcome), axis=0), np.full(len(air.number), step * dt)
+            outcome, time = (
+                np.argmax(np.stack(flown.outcome), axis=0),
+                np.full(len(air.number), step * dt),
+            )
             closest = air.min_separation, air.time_of_min_separation
-            ends = (outcome, flown.reward, time, *closest, air.path_length, flown.goal_distance, air.reversals)
+            ends = (
+                outcome,
+                flown.reward,
+                time,
+                *closest,
+                air.path_length,
+                flown.goal_distance,
+                air.reversals,
+            )
             scatter(result, air.number[after.ended], take(Flights(*ends), after.ended))
             air = take(air, ~after.ended)
     return result

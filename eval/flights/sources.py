@@ -1,4 +1,6 @@
-"""Where encounters come from: a sampled scenario, a user's file, recorded tracks, or an encounter model."""
+"""Where encounters come from: a sampled scenario, a user's file, recorded tracks, or an encounter
+model.
+"""
 
 import sys
 from collections.abc import Mapping
@@ -33,11 +35,16 @@ _DONE = {
 }
 
 Source: TypeAlias = Scenario | Encounter | Replay | ModelTraffic
-"""A scenario to draw from, the encounters of a file, recorded ones, or a model's traffic to draw from."""
+"""A scenario to draw from, the encounters of a file, recorded ones, or a model's traffic to draw
+from.
+"""
 
 
-def read_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, tuple[str, ...] | None]:
-    """Return what a configuration names, and the names of the encounters where it is a finite number of them.
+def read_source(
+    config: MonteCarloConfig, aircraft: Aircraft
+) -> tuple[Source, tuple[str, ...] | None]:
+    """Return what a configuration names, and the names of the encounters where it is a finite
+    number of them.
 
     A file that cannot be used raises ``ConfigError``, ``EncounterError`` or ``TrackError``.
     """
@@ -53,19 +60,28 @@ def read_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, t
 
 
 def read_model_traffic(path: Path, how: TrafficConfig, aircraft: Aircraft) -> ModelTraffic:
-    """Return the traffic of a model's file; a bad one, or own speeds beyond the limits, raise ``EncounterError``."""
+    """Return the traffic of a model's file; a bad one, or own speeds beyond the limits, raise
+    ``EncounterError``.
+    """
     limits, unit = aircraft.limits, aircraft.separation
-    numbers = {"own_speed": (limits.speed_min, limits.speed_max), "miss": unit, "min_initial_separation": unit}
+    numbers = {
+        "own_speed": (limits.speed_min, limits.speed_max),
+        "miss": unit,
+        "min_initial_separation": unit,
+    }
     numbers |= {name: value for name, value in how if value is not None}
     low, high = numbers["own_speed"]
     if low < limits.speed_min or high > limits.speed_max:
         reach = f"{limits.speed_min:g} to {limits.speed_max:g} m/s, the ownship's limits"
-        raise EncounterError(f"own_speed is [{low:g}, {high:g}] m/s; expected a range within {reach}")
+        raise EncounterError(
+            f"own_speed is [{low:g}, {high:g}] m/s; expected a range within {reach}"
+        )
     return ModelTraffic(read_model(path), aircraft, **numbers)
 
 
 def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
-    """Return the encounters of a file of recorded tracks; its name's end and its beginning say of which kind it is.
+    """Return the encounters of a file of recorded tracks; its name's end and its beginning say of
+    which kind it is.
 
     A file that cannot be used, or of which no encounter can be flown, raises ``TrackError``.
     """
@@ -77,7 +93,9 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
     elif path.name.endswith((".json", ".json.gz")):
         if is_adsb(path):
             nearby = Nearby(how.within, how.vertical, how.lead)
-            encounters, repairs = adsb_pairs(path, nearby, aircraft, repair=how.repair, max_gap=how.max_gap)
+            encounters, repairs = adsb_pairs(
+                path, nearby, aircraft, repair=how.repair, max_gap=how.max_gap
+            )
         else:
             found = read_lincoln(path, repair=how.repair)
             repairs = summed([each.repairs for each in found])
@@ -90,7 +108,8 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
 
 
 def drawn(source: Source, seed: int, first: int, count: int) -> tuple[Encounter, np.ndarray]:
-    """Return the encounters ``first .. first + count - 1`` and their weights, 1 where there are none.
+    """Return the encounters ``first .. first + count - 1`` and their weights, 1 where there are
+    none.
 
     One that meets the scenario's conditions in none of its attempts raises ``EncounterError``.
     """
@@ -114,7 +133,9 @@ def most_intruders(source: Source) -> int:
 
 
 def said(source: Source) -> dict[str, Any]:
-    """Return what a summary says of recorded tracks: encounters left out, and repairs; of others none were needed."""
+    """Return what a summary says of recorded tracks: encounters left out, and repairs; of others
+    none were needed.
+    """
     if not isinstance(source, Replay):
         return {"left_out": [], "repairs": None}
     return {"left_out": list(source.left_out), "repairs": source.repairs._asdict()}

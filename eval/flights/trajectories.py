@@ -19,7 +19,9 @@ class Trajectories(NamedTuple):
 
 
 def until(flown: Trajectories, end: np.ndarray, dt: float) -> Trajectories:
-    """Return trajectories of steps of dt, s, without what comes after the step in which ``end``, s, ``[N]``, falls."""
+    """Return trajectories of steps of dt, s, without what comes after the step in which ``end``, s,
+    ``[N]``, falls.
+    """
     after = np.arange(len(flown.own.x))[:, None] > np.ceil(end / dt)
 
     def cut(field: np.ndarray) -> np.ndarray:
@@ -47,9 +49,11 @@ class TrajectoryRecorder:
         separation: np.ndarray,
         action: np.ndarray | None = None,
     ) -> None:
-        """Add a step of the flights in progress, by their numbers ``[M]``: states ``[M]`` and ``[M, K]`` at its end.
+        """Add a step of the flights in progress, by their numbers ``[M]``: states ``[M]`` and ``[M,
+        K]`` at its end.
 
-        The separation is the smallest to any intruder during the step, m, ``[M]``; no action where none decides.
+        The separation is the smallest to any intruder during the step, m, ``[M]``; no action where
+        none decides.
         """
         action = np.full((rows.size, 2), np.nan) if action is None else action
         self._own.append(self._all(rows, np.stack(own, axis=-1)))
@@ -60,7 +64,9 @@ class TrajectoryRecorder:
         """Return everything recorded; one empty step if nothing was."""
         if not self._steps:
             none, others = np.zeros(0), np.zeros((0, self._intruders[0].shape[1]))
-            self.append(none.astype(int), VehicleState(*[none] * 4), VehicleState(*[others] * 4), none)
+            self.append(
+                none.astype(int), VehicleState(*[none] * 4), VehicleState(*[others] * 4), none
+            )
         own, traffic = np.stack(self._own), np.stack(self._intruders)
         return Trajectories(
             VehicleState(*np.moveaxis(own, -1, 0)),

@@ -1,4 +1,6 @@
-"""Configuration of flights of the true aircraft: the keys of ``eval.monte_carlo``, and conditions and vehicle."""
+"""Configuration of flights of the true aircraft: the keys of ``eval.monte_carlo``, and conditions
+and vehicle.
+"""
 
 import math
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -23,7 +25,11 @@ _LOADED: dict[str, Any] = {
     "drag_factor": (0.92, 1.08),
     "lift_slope_factor": (0.95, 1.05),
 }
-_MIXED = _LOADED | _WIND | {"turbulence": tuple(TURBULENCE), "wind_error_mps": 1.0, "own_position_std": 5.0}
+_MIXED = (
+    _LOADED
+    | _WIND
+    | {"turbulence": tuple(TURBULENCE), "wind_error_mps": 1.0, "own_position_std": 5.0}
+)
 
 CONDITIONS: dict[str, dict[str, Any]] = {
     "calm": {},
@@ -34,7 +40,9 @@ CONDITIONS: dict[str, dict[str, Any]] = {
     "mixed": _MIXED,
     "noisy": _MIXED | {"position_std": 30.0, "velocity_std": 3.0, "latency": (1.0, 2.0)},
 }
-"""The families by name, as what they change of calm: each thing alone, all but the intruders' sensors, everything."""
+"""The families by name, as what they change of calm: each thing alone, all but the intruders'
+sensors, everything.
+"""
 
 _BOUNDS: dict[str, _Range] = {
     "weight_lb": (5500.0, 8900.0),
@@ -93,41 +101,59 @@ class ConditionConfig(Strict):
         for key, (low, high) in _BOUNDS.items():
             pair = getattr(self, key)
             if pair is not None and not low <= pair[0] <= pair[1] <= high:
-                raise ConfigError(f"{key} is [{pair[0]}, {pair[1]}]; expected [low, high] within {low} to {high}")
+                raise ConfigError(
+                    f"{key} is [{pair[0]}, {pair[1]}]; expected [low, high] within {low} to {high}"
+                )
         if not self.turbulence or set(self.turbulence) - set(TURBULENCE):
-            raise ConfigError(f"turbulence is {list(self.turbulence)}; expected a list of {', '.join(TURBULENCE)}")
+            raise ConfigError(
+                f"turbulence is {list(self.turbulence)}; expected a list of {', '.join(TURBULENCE)}"
+            )
         return self
 
     @model_serializer(mode="wrap")
     def _changed(self, handler: Any) -> dict[str, Any]:
-        usual = {key: field.default for key, field in type(self).model_fields.items()} | CONDITIONS[self.name]
-        return {key: value for key, value in handler(self).items() if key == "name" or getattr(self, key) != usual[key]}
+        usual = {key: field.default for key, field in type(self).model_fields.items()} | CONDITIONS[
+            self.name
+        ]
+        return {
+            key: value
+            for key, value in handler(self).items()
+            if key == "name" or getattr(self, key) != usual[key]
+        }
 
 
 class HifiConfig(MonteCarloConfig):
-    """Flights of the true aircraft; the defaults fly plans of the shipped policy once, in calm air."""
+    """Flights of the true aircraft; the defaults fly plans of the shipped policy once, in
+    calm air.
+    """
 
     # Recorded intruders fly over the ground, and here all aircraft fly in the air mass.
     files: ClassVar[tuple[str, ...]] = (FILE,)
 
     mode: Literal["plan", "closed", "assured"] = "plan"  # pyright: ignore[reportIncompatibleVariableOverride]
-    """What decides: plan, the planner once at the start, then the plan is followed; closed, the network alone, once
-    a second; assured, the plan under a monitor that asks for new plans and falls back to a backup."""
+    """What decides: plan, the planner once at the start, then the plan is followed; closed, the
+    network alone, once a second; assured, the plan under a monitor that asks for new plans and
+    falls back to a backup."""
     vehicle: Literal["c208_ex", "c208", "point_mass", "surrogate"] = "c208_ex"
-    """What flies: c208_ex or c208 (675 shp) in JSBSim, point_mass (its lags and limits alone), surrogate."""
+    """What flies: c208_ex or c208 (675 shp) in JSBSim, point_mass (its lags and limits alone),
+    surrogate.
+    """
     condition: ConditionConfig = ConditionConfig()
 
     @model_validator(mode="after")
     def _whole(self) -> "HifiConfig":
         dt = 1.0 if self.aircraft is None else self.aircraft.aircraft().dt
         if dt != 1.0:
-            raise ConfigError(f"aircraft.dt_s is {dt:g}; expected 1, the step at which vehicles are flown here")
+            raise ConfigError(
+                f"aircraft.dt_s is {dt:g}; expected 1, the step at which vehicles are flown here"
+            )
         if self.vehicle in ("point_mass", "surrogate"):
             family, calm = self.condition, ConditionConfig()
             for key in ("turbulence", "weight_lb", "centre_of_gravity", *_FACTORS):
                 if getattr(family, key) != getattr(calm, key):
                     raise ConfigError(
-                        f"vehicle {self.vehicle} has one loading and flies in no turbulence (condition.{key}); "
+                        f"vehicle {self.vehicle} has one loading and flies in no turbulence "
+                        f"(condition.{key}); "
                         "expected c208_ex or c208, or the condition calm or wind"
                     )
         return self
@@ -152,20 +178,30 @@ class Drawn(NamedTuple):
 
 
 def drawn(family: ConditionConfig, seed: int, number: int, takeoff_weight: float) -> Drawn:
-    """Return the conditions of flight ``number`` of a seed; the takeoff weight, lb, where the family leaves it open."""
+    """Return the conditions of flight ``number`` of a seed; the takeoff weight, lb, where the
+    family leaves it open.
+    """
     u = draws.uniforms(seed, number, 1, (12,), stream=_STREAM)[0].tolist()
     gauss = draws.normals(seed, number, 1, (2,), stream=_STREAM + 1)[0].tolist()
     wind, direction = _between(family.wind_mps, u[0]), 2.0 * math.pi * u[1]
     east, north = wind * math.cos(direction), wind * math.sin(direction)
     weights = (takeoff_weight, takeoff_weight) if family.weight_lb is None else family.weight_lb
-    ranges = (weights, family.centre_of_gravity, family.inertia_factor, family.drag_factor, family.lift_slope_factor)
+    ranges = (
+        weights,
+        family.centre_of_gravity,
+        family.inertia_factor,
+        family.drag_factor,
+        family.lift_slope_factor,
+    )
     loading = Loading._make((*map(_between, ranges, u[2:7]), False))
     kinds = family.turbulence
     kind: Any = kinds[min(int(u[7] * len(kinds)), len(kinds) - 1)]
     conditions = Conditions(loading, east, north, kind, int(u[8] * 2**31))
     error = family.wind_error_mps
     believed = east + error * gauss[0], north + error * gauss[1]
-    return Drawn(conditions, _between(family.altitude_m, u[9]), believed, _between(family.latency, u[10]))
+    return Drawn(
+        conditions, _between(family.altitude_m, u[9]), believed, _between(family.latency, u[10])
+    )
 
 
 def _between(bounds: tuple[float, float], draw: float) -> float:

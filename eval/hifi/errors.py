@@ -1,8 +1,9 @@
 """How far a flight was from its plan, and the plan from what the surrogate flew.
 
-Path-definition error: the plan's legs against the surrogate's flight that its waypoints were taken from.
-Flight-technical error: the aircraft against the legs. Total error: the aircraft against the surrogate's flight. All
-are distances at the same time; beside them stand the usual errors across the path, along it, and in time.
+Path-definition error: the plan's legs against the surrogate's flight that its waypoints were taken
+from. Flight-technical error: the aircraft against the legs. Total error: the aircraft against the
+surrogate's flight. All are distances at the same time; beside them stand the usual errors across
+the path, along it, and in time.
 """
 
 import math
@@ -27,18 +28,31 @@ _SEARCH = 3  # steps towards the point abeam
 
 
 class Errors(NamedTuple):
-    """Errors of one flight; T periods, S whole seconds of the policy's own flight in the surrogate."""
+    """Errors of one flight; T periods, S whole seconds of the policy's own flight in the
+    surrogate.
+    """
 
-    cross_track: np.ndarray  # distance from the path over the ground, m, positive to its left, ``[T + 1]``
-    along_track: np.ndarray  # distance ahead of where the plan is at the time, along the path, m, ``[T + 1]``
+    cross_track: (
+        np.ndarray
+    )  # distance from the path over the ground, m, positive to its left, ``[T + 1]``
+    along_track: (
+        np.ndarray
+    )  # distance ahead of where the plan is at the time, along the path, m, ``[T + 1]``
     late: np.ndarray  # how much later than planned the aircraft is at its place, s, ``[T + 1]``
-    position: np.ndarray  # distance from where the plan is at the time, m, ``[T + 1]``: the flight-technical error
-    definition: np.ndarray  # path-definition error, m, ``[S]``; empty where the plan is not the policy's
+    position: (
+        np.ndarray
+    )  # distance from where the plan is at the time, m, ``[T + 1]``: the flight-technical error
+    definition: (
+        np.ndarray
+    )  # path-definition error, m, ``[S]``; empty where the plan is not the policy's
     total: np.ndarray  # total error, m, ``[S]``
 
 
-def against(flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | None = None) -> Errors:
-    """Compare a flight from the plan's time 0 on with the plan's legs ``[L]``, in an air mass with this wind.
+def against(
+    flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | None = None
+) -> Errors:
+    """Compare a flight from the plan's time 0 on with the plan's legs ``[L]``, in an air mass with
+    this wind.
 
     The surrogate's flight there is second by second from time 0 on, ``[S]``; None: not known.
     """
@@ -70,10 +84,13 @@ def against(flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | No
 
 
 def rolled(request: Request, goal: int, policy: Policy, options: Options) -> VehicleState:
-    """Return the surrogate's flight to the route's point ``goal`` that the policy's plan ``[1]`` was made from.
+    """Return the surrogate's flight to the route's point ``goal`` that the policy's plan ``[1]``
+    was made from.
 
     It is second by second, ``[S]``, and ends where the planner took over.
     """
     flown = roll(request, np.array([goal]), policy, replace(options, spacing=1), floats=True)
     end, dt = float(flown.time[0]), options.aircraft.dt
-    return VehicleState(*(field[0, : 1 if math.isnan(end) else round(end / dt) + 1] for field in flown.knots))
+    return VehicleState(
+        *(field[0, : 1 if math.isnan(end) else round(end / dt) + 1] for field in flown.knots)
+    )

@@ -1,4 +1,6 @@
-"""Figures of a run of flights: a sheet of some with every error, how near the aircraft came, and how far it was off."""
+"""Figures of a run of flights: a sheet of some with every error, how near the aircraft came, and
+how far it was off.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,7 +28,13 @@ from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, sample
 _SHOWN = 4
 _KM = 1_000.0
 _AFTER = 60.0  # the rejoining that the track is shown for, s
-_WAYPOINT: dict[str, Any] = {"linestyle": "", "marker": "o", "color": "black", "markersize": 3, "fillstyle": "none"}
+_WAYPOINT: dict[str, Any] = {
+    "linestyle": "",
+    "marker": "o",
+    "color": "black",
+    "markersize": 3,
+    "fillstyle": "none",
+}
 
 
 def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) -> list[Path]:
@@ -37,8 +45,12 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) 
         for number in chosen(table):
             closest = table["min_separation_m"][number]
             apart = "" if np.isnan(closest) else f", {closest:.0f} m"
-            wind = f", wind {table['wind_m_s'][number]:.0f} m/s" if table["wind_m_s"][number] else ""
-            flights.append((f"{number}: {table['outcome'][number]}{apart}{wind}", flown(*loaded, number)))
+            wind = (
+                f", wind {table['wind_m_s'][number]:.0f} m/s" if table["wind_m_s"][number] else ""
+            )
+            flights.append(
+                (f"{number}: {table['outcome'][number]}{apart}{wind}", flown(*loaded, number))
+            )
     figures = {"flights": sheet(flights, campaign.aircraft.rules())}
     if np.isfinite(table["min_separation_m"]).any():
         figures["min_separation"] = separation_histogram(table, campaign.aircraft.separation)
@@ -48,7 +60,9 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) 
 
 
 def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
-    """Return the numbers of the flights for the sheet: those that did not reach their goal first."""
+    """Return the numbers of the flights for the sheet: those that did not reach their goal
+    first.
+    """
     # A refused flight has no track to show.
     order = np.lexsort((table["outcome"] == "reached", table["outcome"] == "refused"))
     return order[:_SHOWN].tolist()
@@ -68,7 +82,13 @@ def distributions(table: Mapping[str, np.ndarray]) -> Figure:
         values = table[name][safe]
         known = np.sort(values[np.isfinite(values)])
         if known.size:
-            axes.step(known, 1.0 - np.arange(known.size) / known.size, color=color, label=label, where="post")
+            axes.step(
+                known,
+                1.0 - np.arange(known.size) / known.size,
+                color=color,
+                label=label,
+                where="post",
+            )
     axes.set_xscale("symlog", linthresh=1.0)
     axes.set_yscale("log")
     axes.set_xlabel("largest distance in a flight, m")
@@ -79,7 +99,9 @@ def distributions(table: Mapping[str, np.ndarray]) -> Figure:
 
 
 def sheet(flights: Sequence[tuple[str, Flown]], rules: Rules) -> Figure:
-    """Return a sheet with a column a flight, each with a title; the errors only where there are any."""
+    """Return a sheet with a column a flight, each with a title; the errors only where there are
+    any.
+    """
     rows = ["separation, km"]
     if any(one.errors is not None for _, one in flights):
         rows += ["cross-track, m", "along-track, m", "arrival, s late", "accumulated, m s"]
@@ -113,11 +135,16 @@ def _track(axes: Any, one: Flown, rules: Rules) -> None:
     end = round(rejoin + _AFTER) if np.isfinite(rejoin) else round(rules.t_max)
     if one.flight is not None:
         # The last second of an aircraft that was lost is not whole.
-        own = take(one.flight.own, slice(None, min(end, one.flight.separation.size) * SUBSTEPS + 1, SUBSTEPS))
+        own = take(
+            one.flight.own,
+            slice(None, min(end, one.flight.separation.size) * SUBSTEPS + 1, SUBSTEPS),
+        )
         others = take(one.flight.intruders, (slice(None, end + 1), one.scene.encounter.mask[0]))
         traffic = np.stack([others.x.T, others.y.T], axis=1)
         goal = float(route.x[1]), float(route.y[1])
-        draw(axes, Track(np.stack([own.x, own.y]), traffic, one.flight.separation[:end], goal), rules)
+        draw(
+            axes, Track(np.stack([own.x, own.y]), traffic, one.flight.separation[:end], goal), rules
+        )
     if one.made is not None and one.legs is not None and one.errors is not None:
         knots = one.made.plans.proposals.knots
         shown = knots.time[0] <= end
@@ -140,6 +167,9 @@ def _error(axes: Any, number: int, errors: Errors) -> None:
     if number < 3:
         axes.plot(clock, errors[number], color=BLUE, linewidth=0.9)
         return
-    for values, color, name in ((np.abs(errors.cross_track), ORANGE, "across"), (errors.position, BLUE, "position")):
+    for values, color, name in (
+        (np.abs(errors.cross_track), ORANGE, "across"),
+        (errors.position, BLUE, "position"),
+    ):
         axes.plot(clock, PERIOD * np.cumsum(values), color=color, linewidth=1.0, label=name)
     axes.legend(frameon=False, fontsize=7)

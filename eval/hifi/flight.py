@@ -1,6 +1,8 @@
-"""One flight, tenth of a second by tenth of a second: a vehicle, a pilot that commands it, and the traffic.
+"""One flight, tenth of a second by tenth of a second: a vehicle, a pilot that commands it, and the
+traffic.
 
-All positions are over the ground. The traffic flies in the air mass, as the surrogate's does, and is carried with it.
+All positions are over the ground. The traffic flies in the air mass, as the surrogate's does, and
+is carried with it.
 """
 
 import math
@@ -29,11 +31,15 @@ class Pilot(Protocol):
 
     @property
     def late(self) -> float:
-        """How much later than planned the aircraft is at its place, s; 0 where nothing is planned."""
+        """How much later than planned the aircraft is at its place, s; 0 where nothing is
+        planned.
+        """
         ...
 
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
-        """Decide at the beginning of a second by states over the ground as believed, of the intruders ``[1, K]``."""
+        """Decide at the beginning of a second by states over the ground as believed, of the
+        intruders ``[1, K]``.
+        """
 
     def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
         """Return acceleration (m/s^2) and turn rate (rad/s) of the track for the coming period."""
@@ -53,14 +59,19 @@ class Flight(NamedTuple):
 
 
 class Traffic:
-    """The intruders of one encounter ``[1]`` in an air mass that the wind carries: true motion, and reports.
+    """The intruders of one encounter ``[1]`` in an air mass that the wind carries: true motion, and
+    reports.
 
-    The noise of the sensors is by second, ``[4, 1, K]``; None for perfect knowledge. ``watch`` is called after every
-    period with the intruders that exist, ``mask [1, K]``.
+    The noise of the sensors is by second, ``[4, 1, K]``; None for perfect knowledge. ``watch`` is
+    called after every period with the intruders that exist, ``mask [1, K]``.
     """
 
     def __init__(
-        self, encounter: Encounter, wind: Wind, noise: Any = None, watch: Callable[[VehicleState], None] | None = None
+        self,
+        encounter: Encounter,
+        wind: Wind,
+        noise: Any = None,
+        watch: Callable[[VehicleState], None] | None = None,
     ) -> None:
         self._state, self.mask = begin(encounter, np, history_dt=1.0), encounter.mask
         self._wind, self._noise, self._watch, self._clock = wind, noise, watch, 0
@@ -75,16 +86,22 @@ class Traffic:
         return over_ground(perceived(self._state, noise, 1.0, np), self._wind, float(self._clock))
 
     def second(self) -> VehicleState:
-        """Move on by a second and return the states at its beginning and after every period, ``[P + 1, K]``."""
+        """Move on by a second and return the states at its beginning and after every period, ``[P +
+        1, K]``.
+        """
         state, clock = self._state, float(self._clock)
         began, following = state.intruders.vehicle, move_intruders(state, 1.0, np)
         # Over a second the intruder's controller holds its yaw rate.
         turn = wrap(following.vehicle.heading - began.heading, np)
         times = PERIOD * np.arange(SUBSTEPS + 1)[:, None]
         moved = advance(began, began.speed * 0.0, turn, times, intruder.COASTING, np)
-        whole = VehicleState(*(np.broadcast_to(field, (SUBSTEPS + 1, turn.shape[-1])) for field in moved))
+        whole = VehicleState(
+            *(np.broadcast_to(field, (SUBSTEPS + 1, turn.shape[-1])) for field in moved)
+        )
         previous = None if state.previous is None else (began, state.previous[0])
-        self._state = state._replace(intruders=following, steps=state.steps + 1.0, previous=previous)
+        self._state = state._replace(
+            intruders=following, steps=state.steps + 1.0, previous=previous
+        )
         self._clock += 1
         return over_ground(whole, self._wind, clock + times)
 
@@ -104,9 +121,11 @@ def fly(
     until: int,
     ends: tuple[str, ...] = (),
 ) -> Flight:
-    """Fly until a time, at least 1 s, the end of the aircraft, or one of ``ends``: ``"violation"``, ``"goal"``.
+    """Fly until a time, at least 1 s, the end of the aircraft, or one of ``ends``: ``"violation"``,
+    ``"goal"``.
 
-    The navigation says how the own place is known, the traffic is moved on, the goal is over the ground, m.
+    The navigation says how the own place is known, the traffic is moved on, the goal is over the
+    ground, m.
     """
     states, altitudes, lates = [vehicle.state], [vehicle.altitude], [0.0]
     others, separations = [traffic.ground()], []
@@ -130,7 +149,9 @@ def fly(
         others.append(take(whole, slice(-1, None)))
         separations.append(_apart(states[-SUBSTEPS - 1 :], whole, traffic.mask))
         near = math.hypot(goal[0] - states[-1].x, goal[1] - states[-1].y) <= rules.goal_radius
-        if ("violation" in ends and separations[-1] < rules.separation) or ("goal" in ends and near):
+        if ("violation" in ends and separations[-1] < rules.separation) or (
+            "goal" in ends and near
+        ):
             break
     own = VehicleState(*(np.array(field, dtype=float) for field in zip(*states, strict=True)))
     return Flight(
@@ -146,7 +167,11 @@ def fly(
 
 def _apart(states: list[VehicleState], others: VehicleState, mask: Any) -> float:
     """Return the smallest distance to any intruder over a second, m."""
-    own = VehicleState(*(np.array(field, dtype=float)[:, None] for field in zip(*states, strict=True)))
-    (before, first), (after, last) = (take((own, others), part) for part in (slice(None, -1), slice(1, None)))
+    own = VehicleState(
+        *(np.array(field, dtype=float)[:, None] for field in zip(*states, strict=True))
+    )
+    (before, first), (after, last) = (
+        take((own, others), part) for part in (slice(None, -1), slice(1, None))
+    )
     apart = leg_separation(before, after, first, last, PERIOD, np)
     return float(np.min(np.where(mask, apart, np.inf), initial=np.inf))

@@ -1,4 +1,6 @@
-"""A flight by its number: encounter, conditions, plan, flight and verdict; what it yields depends on nothing else."""
+"""A flight by its number: encounter, conditions, plan, flight and verdict; what it yields depends
+on nothing else.
+"""
 
 import math
 from collections.abc import Callable
@@ -83,14 +85,18 @@ def prepared(campaign: Campaign, policy: Policy) -> tuple[Campaign, Policy]:
 def scene_of(campaign: Campaign, number: int) -> Scene:
     """Return where flight ``number`` begins.
 
-    The encounter is drawn in the air mass, where speeds are air speeds; the wind carries them all, and the goal lies
-    where the ownship would arrive if it flew straight on. So the same number is the same conflict in any wind.
+    The encounter is drawn in the air mass, where speeds are air speeds; the wind carries them all,
+    and the goal lies where the ownship would arrive if it flew straight on. So the same number is
+    the same conflict in any wind.
     """
     family, (one, _) = campaign.family, sources.drawn(campaign.source, campaign.seed, number, 1)
     met = drawn(family, campaign.seed, number, takeoff_weight(campaign.vehicle))
     wind = met.air.wind_east, met.air.wind_north
     if family.position_std > 0.0 or family.velocity_std > 0.0 or met.latency > 0.0:
-        each = (np.full((1, 1), value) for value in (family.position_std, family.velocity_std, met.latency))
+        each = (
+            np.full((1, 1), value)
+            for value in (family.position_std, family.velocity_std, met.latency)
+        )
         one = one._replace(sensor=Sensor(*each))
     flawed = any(np.any(field) for field in one.sensor)
     noise = sensor_noise(campaign.seed, number, *one.mask.shape) if flawed else None
@@ -131,21 +137,31 @@ def flown(campaign: Campaign, policy: Policy, number: int) -> Flown:
     flight, problem = _fly(campaign, scene, number, pilot, until, ())
     surrogate = None
     if made.request is not None and made.plans.source[0] == 1:
-        surrogate = rolled(made.request, int(made.plans.proposals.goal[0]), policy, campaign.options)
-    errors = None if flight is None or flight.failure is not None else against(flight, curves, scene.frame, surrogate)
+        surrogate = rolled(
+            made.request, int(made.plans.proposals.goal[0]), policy, campaign.options
+        )
+    errors = (
+        None
+        if flight is None or flight.failure is not None
+        else against(flight, curves, scene.frame, surrogate)
+    )
     return Flown(scene, made, curves, flight, errors, problem, pilot)
 
 
 def _planned(campaign: Campaign, scene: Scene, policy: Policy) -> tuple[Made, Known]:
     """Return the plan made at the start, and the intruders that it was made with."""
     noise = None if scene.noise is None else scene.noise(0)
-    ground = over_ground(perceived_at_start(scene.encounter, campaign.aircraft.dt, noise), scene.wind, 0.0)
+    ground = over_ground(
+        perceived_at_start(scene.encounter, campaign.aircraft.dt, noise), scene.wind, 0.0
+    )
     known = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
     return plan_for(own, known, scene.route, 0.0, scene.frame, policy, campaign.options), known
 
 
-def _assured(campaign: Campaign, scene: Scene, plans: Plans, known: Known, policy: Policy) -> Assured:
+def _assured(
+    campaign: Campaign, scene: Scene, plans: Plans, known: Known, policy: Policy
+) -> Assured:
     options = campaign.options
     usual = Thresholds.for_plans(options)
     margin = options.requirement.margin
@@ -153,8 +169,20 @@ def _assured(campaign: Campaign, scene: Scene, plans: Plans, known: Known, polic
     track = {name: max(getattr(usual, name), margin) for name in ("cross_track", "along_track")}
     if int(plans.proposals.last[0]) < 0:
         plans = plans._replace(proposals=empty(1, options.waypoints))
-    flown_with = scene.frame, lookahead_of(campaign.vehicle), None if scene.noise is None else scene.encounter.sensor
-    return Assured(plans, known, scene.route, policy, campaign.aircraft.rules(), replace(usual, **track), flown_with)
+    flown_with = (
+        scene.frame,
+        lookahead_of(campaign.vehicle),
+        None if scene.noise is None else scene.encounter.sensor,
+    )
+    return Assured(
+        plans,
+        known,
+        scene.route,
+        policy,
+        campaign.aircraft.rules(),
+        replace(usual, **track),
+        flown_with,
+    )
 
 
 def _fly(
@@ -162,7 +190,9 @@ def _fly(
 ) -> tuple[Flight | None, str | None]:
     """Fly with a pilot; return the flight, or why it could not begin."""
     try:
-        vehicle: Any = begin(campaign.vehicle, scene.own, scene.drawn, campaign.options.limits, campaign.viewer)
+        vehicle: Any = begin(
+            campaign.vehicle, scene.own, scene.drawn, campaign.options.limits, campaign.viewer
+        )
     except StartError as problem:
         return None, str(problem)
     except FlightError as problem:
@@ -171,4 +201,6 @@ def _fly(
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     watch = None if campaign.viewer is None else vehicle.show
     traffic = Traffic(scene.encounter, scene.wind, scene.noise, watch)
-    return fly(vehicle, pilot, navigation, traffic, goal, campaign.aircraft.rules(), until, ends), None
+    return fly(
+        vehicle, pilot, navigation, traffic, goal, campaign.aircraft.rules(), until, ends
+    ), None

@@ -1,4 +1,6 @@
-"""The pilots: one that follows a plan, the network in closed loop, and one that flies under the run-time monitor."""
+"""The pilots: one that follows a plan, the network in closed loop, and one that flies under the
+run-time monitor.
+"""
 
 import math
 from typing import Any
@@ -32,12 +34,22 @@ class Follower(Guide):
 
 
 class Closed:
-    """The network, once a second, in the frame of a wind; what it commands is held in the air mass."""
+    """The network, once a second, in the frame of a wind; what it commands is held in the
+    air mass.
+    """
 
     late = 0.0
 
-    def __init__(self, policy: Policy, limits: Limits, goal: tuple[float, float], mask: Any, frame: Wind) -> None:
-        self._policy, self._limits, self._goal, self._mask, self._frame = policy, limits, goal, mask, frame
+    def __init__(
+        self, policy: Policy, limits: Limits, goal: tuple[float, float], mask: Any, frame: Wind
+    ) -> None:
+        self._policy, self._limits, self._goal, self._mask, self._frame = (
+            policy,
+            limits,
+            goal,
+            mask,
+            frame,
+        )
         self._held = 0.0, 0.0
 
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
@@ -46,7 +58,10 @@ class Closed:
         here = through_air(own, frame, time)
         goal = self._goal[0] - frame[0] * time, self._goal[1] - frame[1] * time
         seen = through_air(intruders, frame, time)
-        others = [VehicleState(*(float(field[0, k]) for field in seen)) for k in np.flatnonzero(self._mask[0])]
+        others = [
+            VehicleState(*(float(field[0, k]) for field in seen))
+            for k in np.flatnonzero(self._mask[0])
+        ]
         own = VehicleState(*(float(field) for field in here))
         action = self._policy.command_one(own, others, *goal)
         acceleration, yaw_rate = commands(action, self._limits, np)
@@ -58,10 +73,12 @@ class Closed:
 
 
 class Assured:
-    """A plan ``[1]``, in the air mass, under the run-time monitor, which asks for new plans and falls back to a backup.
+    """A plan ``[1]``, in the air mass, under the run-time monitor, which asks for new plans and
+    falls back to a backup.
 
-    It was made at the start with the known intruders ``[1, K]``; the route is over the ground. ``flown``: wind that is
-    reckoned with, gains of the guidance, quality of the intruders' reports to be tracked (None: they are the truth).
+    It was made at the start with the known intruders ``[1, K]``; the route is over the ground.
+    ``flown``: wind that is reckoned with, gains of the guidance, quality of the intruders' reports
+    to be tracked (None: they are the truth).
     """
 
     def __init__(
@@ -80,7 +97,9 @@ class Assured:
         self._thresholds = thresholds
         monitor = assurance.start(1, known.mask.shape[1], thresholds)
         made = plans.proposals
-        self._monitor = assurance.activate(monitor, np.arange(1), made.knots, made.safe, 0.0, known, thresholds)
+        self._monitor = assurance.activate(
+            monitor, np.arange(1), made.knots, made.safe, 0.0, known, thresholds
+        )
         self._mask, self._guide, self._flies = known.mask, None, None
         # The goal is the second point of the route.
         self._short, self._reached = made.goal > 1, np.zeros(1, dtype=bool)
@@ -94,7 +113,9 @@ class Assured:
         return 0.0 if self._guide is None else self._guide.late
 
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
-        """Let the monitor judge the second, plan anew where it asks for that, and take up what it flies."""
+        """Let the monitor judge the second, plan anew where it asks for that, and take up what it
+        flies.
+        """
         here = through_air(own, self._frame, float(clock))
         one = VehicleState(*(np.array([float(field)]) for field in here))
         seen, known = intruders, dict[str, Any]()
@@ -105,9 +126,16 @@ class Assured:
         seen = through_air(seen, self._frame, float(clock))
         given = assurance.inputs(float(clock), one, seen, self._mask, **known)
         monitor, decision = assurance.step(self._monitor, given, self._thresholds)
-        near = math.hypot(self._route.x[1] - own.x, self._route.y[1] - own.y) <= self._rules.goal_radius
+        near = (
+            math.hypot(self._route.x[1] - own.x, self._route.y[1] - own.y)
+            <= self._rules.goal_radius
+        )
         self._reached |= near
-        began, left, make = monitor.started, self._rules.t_max - clock, self._planner(clock, own, decision)
+        began, left, make = (
+            monitor.started,
+            self._rules.t_max - clock,
+            self._planner(clock, own, decision),
+        )
         monitor, self._short, asked = renewed(
             monitor, decision, self._short, self._reached, left, make, self._thresholds
         )
@@ -134,7 +162,9 @@ class Assured:
             self._flies = flies
 
     def _planner(self, clock: int, own: VehicleState, decision: Decision) -> Planner:
-        """Return what plans from the middle of the flight: to the goal from where it is, or along the route."""
+        """Return what plans from the middle of the flight: to the goal from where it is, or along
+        the route.
+        """
         place = VehicleState(*(np.array([float(field)]) for field in own))
         here = VehicleState(*(float(field[0]) for field in decision.own))
         goal_x, goal_y = self._route.x[1:2], self._route.y[1:2]
@@ -142,7 +172,9 @@ class Assured:
         def plans(rows: Any, options: Options, kind: int) -> Proposals:
             x, y, _ = route_of(place, goal_x, goal_y, options.aircraft)
             route = self._route if kind == ALONG else Route(x[0], y[0])
-            made = plan_for(here, decision.traffic, route, float(clock), self._frame, self._policy, options)
+            made = plan_for(
+                here, decision.traffic, route, float(clock), self._frame, self._policy, options
+            )
             return made.plans.proposals if made.problem is None else empty(1, options.waypoints)
 
         return plans

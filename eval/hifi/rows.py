@@ -1,4 +1,6 @@
-"""The table of flights: a row a flight; docs/reference/evaluation-files.md says what each column means."""
+"""The table of flights: a row a flight; docs/reference/evaluation-files.md says what each column
+means.
+"""
 
 import math
 from typing import Any
@@ -19,10 +21,18 @@ from eval.hifi.pilots import Assured
 from eval.runner.outputs import RunFolder
 
 HIFI_OUTCOMES = ("reached", "violation", "timeout", "failed", "refused")
-"""How a flight can end: ``failed`` is an aircraft lost, ``refused`` one that never began, both with a reason."""
+"""How a flight can end: ``failed`` is an aircraft lost, ``refused`` one that never began, both with
+a reason.
+"""
 
 ERRORS = (
-    *("cross_track_rms_m", "cross_track_max_m", "along_track_max_m", "late_max_s", "position_error_max_m"),
+    *(
+        "cross_track_rms_m",
+        "cross_track_max_m",
+        "along_track_max_m",
+        "late_max_s",
+        "position_error_max_m",
+    ),
     *("position_error_to_goal_m", "accumulated_m_s", "path_definition_max_m", "total_error_max_m"),
     "altitude_error_max_m",
 )
@@ -32,17 +42,26 @@ _NAN = math.nan
 
 
 def columns(prepared: tuple[Campaign, Policy], first: int, count: int) -> dict[str, np.ndarray]:
-    """Return the table of the flights ``first .. first + count - 1`` of :func:`eval.hifi.flights.prepared`."""
-    rows = [row_of(prepared[0], number, flown(*prepared, number)) for number in range(first, first + count)]
+    """Return the table of the flights ``first .. first + count - 1`` of
+    :func:`eval.hifi.flights.prepared`.
+    """
+    rows = [
+        row_of(prepared[0], number, flown(*prepared, number))
+        for number in range(first, first + count)
+    ]
     return {
-        name: np.array([row[name] for row in rows], dtype=object if isinstance(rows[0][name], str) else None)
+        name: np.array(
+            [row[name] for row in rows], dtype=object if isinstance(rows[0][name], str) else None
+        )
         for name in rows[0]
     }
 
 
 def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
     """Return the row of one flight."""
-    row: dict[str, Any] = {"flight": number} | _verdict(one, campaign.aircraft.rules()) | _plan(campaign, one)
+    row: dict[str, Any] = (
+        {"flight": number} | _verdict(one, campaign.aircraft.rules()) | _plan(campaign, one)
+    )
     row |= _errors(one)
     if campaign.mode == "assured":
         pilot = one.pilot if isinstance(one.pilot, Assured) else None
@@ -53,20 +72,31 @@ def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
 
 
 def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
-    """Judge a flight as the surrogate's are: until the time limit, and a lost separation outweighs the goal."""
+    """Judge a flight as the surrogate's are: until the time limit, and a lost separation outweighs
+    the goal.
+    """
     flight = one.flight
     if flight is None:
-        missing = dict.fromkeys(("duration_s", "min_separation_m", "time_of_min_separation_s", "goal_distance_m"), _NAN)
+        missing = dict.fromkeys(
+            ("duration_s", "min_separation_m", "time_of_min_separation_s", "goal_distance_m"), _NAN
+        )
         return {"outcome": "refused", "reason": one.problem or ""} | missing
     seconds = min(round(rules.t_max), flight.separation.size)
     apart, near = flight.separation[:seconds], flight.goal_distance[: seconds * SUBSTEPS + 1]
-    lost, there = np.flatnonzero(apart < rules.separation), np.flatnonzero(near[1:] <= rules.goal_radius)
+    lost, there = (
+        np.flatnonzero(apart < rules.separation),
+        np.flatnonzero(near[1:] <= rules.goal_radius),
+    )
     arrived = (there[0] + 1) * PERIOD if there.size else _NAN
     ends = flight.failure is not None and flight.separation.size < rules.t_max
     unsafe = one.made is not None and not one.made.plans.proposals.safe[0]
     reason = ""
     if lost.size:
-        outcome, duration, reason = "violation", float(lost[0] + 1), f"{apart[lost[0]]:.0f} m in second {lost[0] + 1}"
+        outcome, duration, reason = (
+            "violation",
+            float(lost[0] + 1),
+            f"{apart[lost[0]]:.0f} m in second {lost[0] + 1}",
+        )
     elif ends:
         outcome, duration, reason = "failed", flight.separation.size, flight.failure or ""
     elif there.size and unsafe and not isinstance(one.pilot, Assured):
@@ -75,7 +105,11 @@ def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
     elif there.size:
         outcome, duration = "reached", arrived
     else:
-        outcome, duration, reason = "timeout", rules.t_max, f"{near.min():.0f} m from the goal at best"
+        outcome, duration, reason = (
+            "timeout",
+            rules.t_max,
+            f"{near.min():.0f} m from the goal at best",
+        )
     return {
         "outcome": outcome,
         "reason": reason,
@@ -87,10 +121,16 @@ def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
 
 
 def _plan(campaign: Campaign, one: Flown) -> dict[str, Any]:
-    """Say what was planned, whether such a plan is possible, and what of its separation was lost over its whole."""
+    """Say what was planned, whether such a plan is possible, and what of its separation was lost
+    over its whole.
+    """
     made = one.made if one.made is not None and one.made.request is not None else None
     planned = _NAN if one.made is None else float(one.made.plans.proposals.min_separation[0])
-    whole = _NAN if one.flight is None or one.errors is None else float(one.flight.separation.min(initial=np.inf))
+    whole = (
+        _NAN
+        if one.flight is None or one.errors is None
+        else float(one.flight.separation.min(initial=np.inf))
+    )
     return {
         "plan_status": "none" if made is None else STATUSES[int(made.plans.proposals.safe[0])],
         "plan_source": "none" if made is None else SOURCES[int(made.plans.source[0])],
@@ -103,7 +143,9 @@ def _plan(campaign: Campaign, one: Flown) -> dict[str, Any]:
 
 
 def _bound(campaign: Campaign, one: Flown) -> str:
-    """Say whether the separation that the plan must keep can be kept at all, within the limits of its manoeuvres."""
+    """Say whether the separation that the plan must keep can be kept at all, within the limits of
+    its manoeuvres.
+    """
     options = campaign.options
     required = options.requirement.separation + options.requirement.margin
     rules = campaign.aircraft.rules()._replace(separation=required)
@@ -117,18 +159,28 @@ def _bound(campaign: Campaign, one: Flown) -> str:
 
 
 def _errors(one: Flown) -> dict[str, Any]:
-    """Return the errors against the plan; nan where there is none or it was not flown to its end."""
+    """Return the errors against the plan; nan where there is none or it was not flown to
+    its end.
+    """
     errors, flight = one.errors, one.flight
     if errors is None or flight is None or one.legs is None or flight.failure is not None:
         return dict.fromkeys(ERRORS, _NAN)
     # The last second of a flight may lie beyond the plan's end.
-    within = PERIOD * np.arange(errors.late.size) <= one.legs.time[-1] + one.legs.duration[-1] + 1e-9
+    within = (
+        PERIOD * np.arange(errors.late.size) <= one.legs.time[-1] + one.legs.duration[-1] + 1e-9
+    )
     position = errors.position[within]
     assert one.made is not None
     rejoin = float(one.made.plans.proposals.rejoin_time[0])
     cross, along, late = (np.abs(field[within]) for field in errors[:3])
     values = (
-        *(math.sqrt(float(np.mean(cross**2))), cross.max(), along.max(), late.max(), position.max()),
+        *(
+            math.sqrt(float(np.mean(cross**2))),
+            cross.max(),
+            along.max(),
+            late.max(),
+            position.max(),
+        ),
         position[: int(rejoin / PERIOD) + 1].max() if math.isfinite(rejoin) else _NAN,
         PERIOD * position.sum(),
         errors.definition.max() if errors.definition.size else _NAN,
@@ -149,7 +201,9 @@ def _scene(campaign: Campaign, one: Flown) -> dict[str, Any]:
         "wind_east_m_s": scene.wind[0],
         "wind_north_m_s": scene.wind[1],
         "wind_m_s": math.hypot(*scene.wind),
-        "wind_error_m_s": math.hypot(scene.frame[0] - scene.wind[0], scene.frame[1] - scene.wind[1]),
+        "wind_error_m_s": math.hypot(
+            scene.frame[0] - scene.wind[0], scene.frame[1] - scene.wind[1]
+        ),
         "turbulence": met.air.turbulence,
         "latency_s": met.latency,
         **{name: column[0].item() for name, column in begun.items()},

@@ -1,4 +1,6 @@
-"""Flights of the true aircraft: ``python -m eval.hifi --scenario head_on --flights 50 --out runs/hifi``."""
+"""Flights of the true aircraft: ``python -m eval.hifi --scenario head_on --flights 50 --out
+runs/hifi``.
+"""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -15,16 +17,19 @@ from eval.runner.options import first_options, last_options, named_evaluation, w
 from eval.stats.intervals import percent
 
 _DESCRIPTION = """\
-Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in JSBSim, and say how
-often that succeeds, how far the aircraft is from its plans, and which margin covers that.
+Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in
+JSBSim, and say how often that succeeds, how far the aircraft is from its plans, and which margin
+covers that.
 
-modes        plan (planned once, then followed), closed (the network once a second), assured (under the monitor)
+modes        plan (planned once, then followed), closed (the network once a second), assured (under
+             the monitor)
 vehicles     c208_ex, c208 (675 shp), point_mass (its lags and limits alone), surrogate
-conditions   calm, loaded (weight, balance, inertia, drag, lift), wind (0-15 m/s), light and moderate (wind and
-             turbulence), mixed (all of these), noisy (and sensors)
+conditions   calm, loaded (weight, balance, inertia, drag, lift), wind (0-15 m/s), light and
+             moderate (wind and turbulence), mixed (all of these), noisy (and sensors)
 
-Written to --out: summary.json, flights.parquet (a row a flight), config.yaml as resolved, and figures as PNG and SVG.
-The same config.yaml gives the same table again, however many workers fly it."""
+Written to --out: summary.json, flights.parquet (a row a flight), config.yaml as resolved, and
+figures as PNG and SVG. The same config.yaml gives the same table again, however many workers fly
+it."""
 
 _EPILOG = """\
 examples:
@@ -37,7 +42,9 @@ Every key of the configuration, with its unit and default: python -m eval.hifi -
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what the command line asks for and return the exit status; bad input raises ``InputError``."""
+    """Run what the command line asks for and return the exit status; bad input raises
+    ``InputError``.
+    """
     return run(_COMMAND, _parser().parse_args(arguments))
 
 
@@ -50,8 +57,17 @@ def _parser() -> argparse.ArgumentParser:
     add("--condition", metavar="NAME", help="what it meets (default: calm)")
     add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
     add("--flights", type=whole(1), metavar="N", help="how many (default: 200, or all of a file's)")
-    add("--seed", type=whole(0), metavar="N", help="of encounters, conditions and noise (default: 0)")
-    add("--flightgear", metavar="HOST:PORT", help="show the flights, one after the other in real time, in FlightGear")
+    add(
+        "--seed",
+        type=whole(0),
+        metavar="N",
+        help="of encounters, conditions and noise (default: 0)",
+    )
+    add(
+        "--flightgear",
+        metavar="HOST:PORT",
+        help="show the flights, one after the other in real time, in FlightGear",
+    )
     last_options(parser, "hifi")
     return parser
 
@@ -61,16 +77,25 @@ def campaign_of(config: HifiConfig) -> tuple[Campaign, HifiConfig]:
     evaluation, _, resolved = named_evaluation(config)
     del resolved["backend"]  # nothing here is decided in batches
     what = (evaluation.source, config.seed, evaluation.aircraft, config.mode, evaluation.options)
-    return Campaign(config.policy, *what, config.vehicle, config.condition), config.model_copy(update=resolved)
+    return Campaign(config.policy, *what, config.vehicle, config.condition), config.model_copy(
+        update=resolved
+    )
 
 
-def _prepared(config: HifiConfig, options: argparse.Namespace) -> tuple[Campaign, HifiConfig, tuple[str, ...]]:
+def _prepared(
+    config: HifiConfig, options: argparse.Namespace
+) -> tuple[Campaign, HifiConfig, tuple[str, ...]]:
     viewer = None
     if options.flightgear is not None:
         if config.vehicle not in ("c208_ex", "c208"):
-            raise ConfigError(f"--flightgear: vehicle is {config.vehicle}; expected c208_ex or c208, as JSBSim flies")
+            raise ConfigError(
+                f"--flightgear: vehicle is {config.vehicle}; expected c208_ex or c208, as JSBSim "
+                "flies"
+            )
         if options.scheduler is not None or options.workers not in (None, 1):
-            raise ConfigError("--flightgear shows single flights; expected no --scheduler, and no --workers but 1")
+            raise ConfigError(
+                "--flightgear shows single flights; expected no --scheduler, and no --workers but 1"
+            )
         viewer = flightgear_at(options.flightgear, paced=True)
         config = config.model_copy(update={"workers": 1})
     campaign, config = campaign_of(config)
@@ -102,7 +127,10 @@ def _show(summary: Mapping[str, Any]) -> None:
             print(f"{name:26} median {middle}, 95 % {high}, largest {most}")
     margin = summary["margin"]
     if margin["margin_m"] is not None:
-        print(f"margin for 99 % of flights  {margin['bound_m']:.1f} m; --set planner.margin={margin['margin_m']:g}")
+        print(
+            f"margin for 99 % of flights  {margin['bound_m']:.1f} m; --set "
+            f"planner.margin={margin['margin_m']:g}"
+        )
     for reason, count in summary["reasons"].items():
         print(f"{count:6}  {reason}")
 
@@ -111,7 +139,12 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-_KEYS = {"mode": "mode", "vehicle": "vehicle", "condition": "condition.name", "flights": "encounters"}
+_KEYS = {
+    "mode": "mode",
+    "vehicle": "vehicle",
+    "condition": "condition.name",
+    "flights": "encounters",
+}
 _COMMAND = Command(
     *("hifi", "flights", HifiFolder, _KEYS | {"seed": "seed", "workers": "workers"}, ""),
     *(_prepared, prepared, columns, _summary, "eval.hifi.figures", _show),

@@ -1,4 +1,6 @@
-"""From the table of flights to its statistics; docs/reference/evaluation-files.md defines every key."""
+"""From the table of flights to its statistics; docs/reference/evaluation-files.md defines every
+key.
+"""
 
 import math
 import re
@@ -18,7 +20,9 @@ _ERRORS = (*(name for name in ERRORS if name != "accumulated_m_s"), "separation_
 
 
 def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]:
-    """Return the statistics of a table of :func:`eval.hifi.rows.columns` in JSON types; what cannot be said is None."""
+    """Return the statistics of a table of :func:`eval.hifi.rows.columns` in JSON types; what cannot
+    be said is None.
+    """
     outcome, total = table["outcome"], len(table["outcome"])
     safe = table["plan_status"] == "safe"
 
@@ -45,7 +49,11 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
         "errors": {name: quantiles(table[name][safe], _SHARES) for name in _ERRORS},
         "margin": margin(table, confidence),
         # Without their numbers, so that equal ones are counted together.
-        "reasons": dict(Counter(re.sub(r"-?\d+(\.\d+)?", "#", text) for text in table["reason"] if text).most_common()),
+        "reasons": dict(
+            Counter(
+                re.sub(r"-?\d+(\.\d+)?", "#", text) for text in table["reason"] if text
+            ).most_common()
+        ),
     }
     if "replans" in table:
         summary["replans_mean"] = float(np.mean(table["replans"]))
@@ -54,15 +62,19 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
 
 
 def margin(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]:
-    """Return a bound of the distance from their SAFE plans that 99 % of flights keep, and the margin that covers it.
+    """Return a bound of the distance from their SAFE plans that 99 % of flights keep, and the
+    margin that covers it.
 
-    The distance between two aircraft differs from the planned one by no more than the own distance from the plan at
-    that time, so that such a margin keeps what was planned, whatever the geometry. The bound is an order statistic:
-    nothing is assumed of the distribution. An aircraft that was lost counts as infinitely far away.
+    The distance between two aircraft differs from the planned one by no more than the own distance
+    from the plan at that time, so that such a margin keeps what was planned, whatever the geometry.
+    The bound is an order statistic: nothing is assumed of the distribution. An aircraft that was
+    lost counts as infinitely far away.
     """
     safe, off = table["plan_status"] == "safe", table["position_error_max_m"]
     lost = safe & (table["outcome"] == "failed")
-    bound = upper_bound(np.where(lost, np.inf, off)[lost | (safe & np.isfinite(off))], _COVERED, confidence)
+    bound = upper_bound(
+        np.where(lost, np.inf, off)[lost | (safe & np.isfinite(off))], _COVERED, confidence
+    )
     known = bound if bound is not None and math.isfinite(bound) else None
     return {
         "bound_m": known,
@@ -72,10 +84,12 @@ def margin(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]
 
 
 def upper_bound(values: np.ndarray, share: float, confidence: float) -> float | None:
-    """Return a bound that a quantile of values ``[M]``, inf allowed, does not exceed with some confidence.
+    """Return a bound that a quantile of values ``[M]``, inf allowed, does not exceed with some
+    confidence.
 
-    The k-th smallest of n independent values exceeds the quantile of share q with probability P(B < k), B binomial in n
-    and q; the bound is the smallest value for which that reaches the confidence, None where there are too few values.
+    The k-th smallest of n independent values exceeds the quantile of share q with probability P(B <
+    k), B binomial in n and q; the bound is the smallest value for which that reaches the
+    confidence, None where there are too few values.
     """
     from scipy.special import bdtr
 

@@ -1,4 +1,6 @@
-"""What flies: the true aircraft, its point-mass counterpart, or the surrogate, all over the ground and in the wind."""
+"""What flies: the true aircraft, its point-mass counterpart, or the surrogate, all over the ground
+and in the wind.
+"""
 
 import math
 from typing import Any, Protocol
@@ -18,7 +20,12 @@ from envs.follower import KinematicVehicle, Vehicle
 from envs.kinematics import Limits, VehicleState
 from eval.hifi.config import Drawn
 
-VARIANT_OF = {"c208_ex": "ex", "c208": "675", "point_mass": "ex", "surrogate": "ex"}  # Cessna behind each vehicle
+VARIANT_OF = {
+    "c208_ex": "ex",
+    "c208": "675",
+    "point_mass": "ex",
+    "surrogate": "ex",
+}  # Cessna behind each vehicle
 PROMPT = Lookahead(turn=0.0, speed=0.0)  # guidance of a vehicle without lags
 
 _KNOT = 0.514444  # m/s
@@ -55,14 +62,18 @@ class _Kinematic:
         return over_ground(VehicleState(*(float(field) for field in air)), self._wind, self._time)
 
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
-        self._vehicle.step(*air_commands(self.state, float(acceleration), float(yaw_rate), self._wind), dt)
+        self._vehicle.step(
+            *air_commands(self.state, float(acceleration), float(yaw_rate), self._wind), dt
+        )
         self._time += dt
 
 
 class Navigation:
-    """Where the aircraft believes itself to be: a slowly changing error of the position (first-order Gauss-Markov).
+    """Where the aircraft believes itself to be: a slowly changing error of the position
+    (first-order Gauss-Markov).
 
-    ``std`` is one sigma per axis, m, 0 for the truth; the error follows from the seed and the number of the flight.
+    ``std`` is one sigma per axis, m, 0 for the truth; the error follows from the seed and the
+    number of the flight.
     """
 
     def __init__(self, std: float, seed: int, number: int) -> None:
@@ -83,11 +94,17 @@ class Navigation:
         second = min(int(time), _LONGEST - 2)
         share = min(time - second, 1.0)
         (x0, y0), (x1, y1) = self._errors[second], self._errors[second + 1]
-        return state._replace(x=state.x + x0 + share * (x1 - x0), y=state.y + y0 + share * (y1 - y0))
+        return state._replace(
+            x=state.x + x0 + share * (x1 - x0), y=state.y + y0 + share * (y1 - y0)
+        )
 
 
-def begin(kind: str, own: VehicleState, drawn: Drawn, limits: Limits, viewer: FlightGear | None = None) -> Airborne:
-    """Return a kind of vehicle at its start; a viewer shows the Cessna; ``FlightError``: it is lost or cannot fly."""
+def begin(
+    kind: str, own: VehicleState, drawn: Drawn, limits: Limits, viewer: FlightGear | None = None
+) -> Airborne:
+    """Return a kind of vehicle at its start; a viewer shows the Cessna; ``FlightError``: it is lost
+    or cannot fly.
+    """
     wind = drawn.air.wind_east, drawn.air.wind_north
     if kind == "surrogate":
         return _Kinematic(own, limits, wind, drawn.altitude)
@@ -97,9 +114,11 @@ def begin(kind: str, own: VehicleState, drawn: Drawn, limits: Limits, viewer: Fl
 
 
 def reach_of(kind: str, limits: Limits, drawn: Drawn) -> tuple[float, float]:
-    """Return the slowest and the fastest true airspeed of a kind of vehicle under some conditions, m/s.
+    """Return the slowest and the fastest true airspeed of a kind of vehicle under some conditions,
+    m/s.
 
-    Of the Cessna the stall in level flight and the greatest operating speed, of the surrogate what a request may have.
+    Of the Cessna the stall in level flight and the greatest operating speed, of the surrogate what
+    a request may have.
     """
     if kind == "surrogate":
         return speed_range(limits)

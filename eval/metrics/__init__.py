@@ -1,4 +1,6 @@
-"""Numbers of the field for flights: rates, risk ratios with weights, volumes and their losses, costs."""
+"""Numbers of the field for flights: rates, risk ratios with weights, volumes and their losses,
+costs.
+"""
 
 from eval.metrics.summary import summarise
 from eval.metrics.volumes import VOLUMES, Volume, costs, losses

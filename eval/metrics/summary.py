@@ -40,16 +40,24 @@ _QUANTILES = (
 )
 
 
-def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int, seed: int) -> dict[str, Any]:
-    """Return the statistics of a table of :func:`eval.flights.chunks.columns`, N >= 1, in JSON types; None: not known.
+def summarise(
+    table: Mapping[str, np.ndarray], confidence: float, resamples: int, seed: int
+) -> dict[str, Any]:
+    """Return the statistics of a table of :func:`eval.flights.chunks.columns`, N >= 1, in JSON
+    types; None: not known.
 
-    The confidence is that of all intervals; those of means are bootstraps of so many resamples and of this seed.
+    The confidence is that of all intervals; those of means are bootstraps of so many resamples and
+    of this seed.
     """
     how = (confidence, resamples, seed)
     words = {"success": "reached", "violation": "violation", "timeout": "timeout"}
     counts = {name: table["outcome"] == word for name, word in words.items()}
-    counts |= {name: table["verdict"] == name for name in ("resolvable", "undecided", "unresolvable")}
-    counts |= {f"baseline_{name}": table["baseline_outcome"] == word for name, word in words.items()}
+    counts |= {
+        name: table["verdict"] == name for name in ("resolvable", "undecided", "unresolvable")
+    }
+    counts |= {
+        f"baseline_{name}": table["baseline_outcome"] == word for name, word in words.items()
+    }
     excess = table["path_excess"][counts["success"]]
     score, path = mean_interval(table["score"], *how), mean_interval(excess, *how)
     violations = counts["violation"], counts["baseline_violation"]
@@ -74,13 +82,19 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float, resamples: int
         summary["replans_mean"] = float(np.mean(table["replans"]))
     if "plan_status" in table:
         safe = table["plan_status"] == "safe"
-        lost = safe & (table["plan_outcome" if "plan_outcome" in table else "outcome"] == "violation")
+        lost = safe & (
+            table["plan_outcome" if "plan_outcome" in table else "outcome"] == "violation"
+        )
         sources = {name: safe & (table["plan_source"] == name) for name in ("policy", "fallback")}
         whole = table["whole_min_separation_m"][safe]
         summary |= {
             "safe_plans_violated": int(np.count_nonzero(lost)),
-            "safe_plans_by_source": {name: int(np.count_nonzero(mask)) for name, mask in sources.items()},
-            "follower_error_m_quantiles": quantiles(table["follower_error_m"][safe], (0.5, 0.99, 1.0)),
+            "safe_plans_by_source": {
+                name: int(np.count_nonzero(mask)) for name, mask in sources.items()
+            },
+            "follower_error_m_quantiles": quantiles(
+                table["follower_error_m"][safe], (0.5, 0.99, 1.0)
+            ),
             "whole_min_separation_m": number(float(np.min(whole))) if whole.size else None,
         }
     return summary
@@ -97,7 +111,8 @@ class Line(NamedTuple):
 
 
 def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> list[Line]:
-    """Return the lines for a summary (as in ``summary.json``); those that its mode does not have are left out.
+    """Return the lines for a summary (as in ``summary.json``); those that its mode does not have
+    are left out.
 
     By a rate's key stands how many of those that it counts are proven unresolvable.
     """
@@ -105,26 +120,49 @@ def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> lis
     for label, key in _RATES:
         rate = summary.get(key)
         if rate is not None:
-            part = f", {spaced(unresolvable[key])} of them proven unresolvable" if unresolvable.get(key) else ""
+            part = (
+                f", {spaced(unresolvable[key])} of them proven unresolvable"
+                if unresolvable.get(key)
+                else ""
+            )
             counted = f"{spaced(rate['count'])} of {spaced(rate['total'])}{part}"
             lines.append(_line(key, label, rate["value"], rate, ".2f", 100.0, " %", counted))
     weighted = summary["weighted"]
     for label, key in _RATES[:3] if weighted else ():
         counted, rate = f"{weighted['effective_sample_size']:.0f} effective", weighted[key]
         name = f"{label}, by weight"
-        lines.append(_line(f"weighted.{key}", name, rate["value"], rate, ".2f", 100.0, " %", counted))
+        lines.append(
+            _line(f"weighted.{key}", name, rate["value"], rate, ".2f", 100.0, " %", counted)
+        )
     for label, key, form, factor, unit in _MEANS:
-        lines.append(_line(key, label, summary[key], summary[f"{key}_interval"], form, factor, unit))
+        lines.append(
+            _line(key, label, summary[key], summary[f"{key}_interval"], form, factor, unit)
+        )
     for label, key, at, form in _QUANTILES:
         if key in summary:
             lines.append(Line(key, label, _plain(summary[key].get(at), form, 1.0, " m"), "", ""))
     if "safe_plans_violated" in summary:
-        lines.append(Line("safe_plans_violated", "SAFE plans violated", spaced(summary["safe_plans_violated"]), "", ""))
+        lines.append(
+            Line(
+                "safe_plans_violated",
+                "SAFE plans violated",
+                spaced(summary["safe_plans_violated"]),
+                "",
+                "",
+            )
+        )
     return lines
 
 
 def _line(
-    key: str, label: str, value: Any, ends: Mapping[str, Any], form: str, factor: float, unit: str, counted: str = ""
+    key: str,
+    label: str,
+    value: Any,
+    ends: Mapping[str, Any],
+    form: str,
+    factor: float,
+    unit: str,
+    counted: str = "",
 ) -> Line:
     low, high = (_plain(ends[end], form, factor, unit) for end in ("low", "high"))
     interval = "" if ends["low"] is None else f"{low} to {high}"
@@ -136,7 +174,11 @@ def _plain(value: float | None, form: str, factor: float, unit: str) -> str:
 
 
 def print_table(
-    title: str, names: Sequence[str], rows: Sequence[Sequence[str]], notes: Sequence[str], width: int = 120
+    title: str,
+    names: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    notes: Sequence[str],
+    width: int = 120,
 ) -> None:
     """Print a table, the first column to the left, and notes below it."""
     from rich.console import Console

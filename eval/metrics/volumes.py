@@ -1,8 +1,9 @@
-"""Volumes around an aircraft that another must not enter, by standard: loss and severity; and what a flight cost.
+"""Volumes around an aircraft that another must not enter, by standard: loss and severity; and what
+a flight cost.
 
-Everything is judged on relative states: position and velocity of the intruder less the ownship's. The surrogate flies
-in one plane: both aircraft are taken to be co-altitude, the worst case, so that a rate of losses is one *given* that
-the altitudes do not separate.
+Everything is judged on relative states: position and velocity of the intruder less the ownship's.
+The surrogate flies in one plane: both aircraft are taken to be co-altitude, the worst case, so that
+a rate of losses is one *given* that the altitudes do not separate.
 """
 
 from typing import NamedTuple
@@ -27,8 +28,12 @@ class Volume(NamedTuple):
 
 VOLUMES = {
     "nmac": Volume(500.0 * FOOT, 100.0 * FOOT, source="near mid-air collision, RTCA DO-365"),
-    "do365_en_route": Volume(0.66 * NAUTICAL_MILE, 450.0 * FOOT, 35.0, "well clear, RTCA DO-365 phase 1"),
-    "do365_terminal": Volume(1_500.0 * FOOT, 450.0 * FOOT, source="well clear in a terminal area, RTCA DO-365"),
+    "do365_en_route": Volume(
+        0.66 * NAUTICAL_MILE, 450.0 * FOOT, 35.0, "well clear, RTCA DO-365 phase 1"
+    ),
+    "do365_terminal": Volume(
+        1_500.0 * FOOT, 450.0 * FOOT, source="well clear in a terminal area, RTCA DO-365"
+    ),
     "do365_non_cooperative": Volume(2_200.0 * FOOT, 450.0 * FOOT, source="well clear, RTCA DO-365"),
     "f3442": Volume(2_000.0 * FOOT, 250.0 * FOOT, source="well clear of a small UAS, ASTM F3442"),
 }
@@ -45,7 +50,9 @@ class Relative(NamedTuple):
 
 
 def relative(flown: Trajectories) -> Relative:
-    """Return the intruders relative to the ownship, ``[T + 1, N, K]``; nan after an encounter's end."""
+    """Return the intruders relative to the ownship, ``[T + 1, N, K]``; nan after an encounter's
+    end.
+    """
     own, other = flown.own, flown.intruders
     vx, vy = own.speed * np.cos(own.heading), own.speed * np.sin(own.heading)
     return Relative(
@@ -68,7 +75,8 @@ def lost(volume: Volume, seen: Relative) -> np.ndarray:
 
 
 def severity(volume: Volume, seen: Relative) -> np.ndarray:
-    """Return the severity of the loss at this moment in [0, 1], ``[...]``: 0 well clear, 1 a collision.
+    """Return the severity of the loss at this moment in [0, 1], ``[...]``: 0 well clear, 1 a
+    collision.
 
     Penetrations of range and of the predicted horizontal miss, joined by the Fernandez-Guasti norm
     a (+) b = sqrt(a^2 + (1 - a^2) b^2) (RTCA SC-228, closed-loop metrics; DO-365 appendix L).
@@ -83,9 +91,11 @@ def severity(volume: Volume, seen: Relative) -> np.ndarray:
 
 
 def losses(volume: Volume, flown: Trajectories, mask: np.ndarray) -> np.ndarray:
-    """Return whether flights lose a volume to any intruder that exists, mask ``[N, K]``: bool ``[N]``.
+    """Return whether flights lose a volume to any intruder that exists, mask ``[N, K]``: bool
+    ``[N]``.
 
-    A cylinder is judged on the closest approach between the steps too, a volume with tau at the steps.
+    A cylinder is judged on the closest approach between the steps too, a volume with tau at the
+    steps.
     """
     if volume.tau == 0.0:
         # Not nanmin, which warns of a flight that never began.
@@ -100,24 +110,31 @@ def costs(starts: Encounter, flights: Flights, flown: Trajectories) -> dict[str,
 
     Returns:
         path_excess: (length flown + distance left to the goal) / straight distance - 1, at least 0.
-        time_excess_s: time flown, and what is left at the last speed, less the straight way's at the first speed, s.
+        time_excess_s: time flown, and what is left at the last speed, less the straight way's at
+            the first speed, s.
         cross_track_m: largest distance from the straight line from start to goal, m.
     """
     own = starts.own
     dx, dy = starts.goal_x - own.x, starts.goal_y - own.y
     route = np.maximum(distance(dx, dy, np), 1.0)  # a start on the goal has none
     aside = np.abs((flown.own.x - own.x) * dy - (flown.own.y - own.y) * dx) / route
-    last = np.nanmax(np.where(np.isfinite(flown.own.x), np.arange(len(flown.own.x))[:, None], -1), axis=0)
+    last = np.nanmax(
+        np.where(np.isfinite(flown.own.x), np.arange(len(flown.own.x))[:, None], -1), axis=0
+    )
     final = np.maximum(flown.own.speed[last, np.arange(len(last))], 1e-3)
     return {
         "path_excess": np.maximum((flights.path_length + flights.goal_distance) / route - 1.0, 0.0),
-        "time_excess_s": flights.duration + flights.goal_distance / final - route / np.maximum(own.speed, 1e-3),
+        "time_excess_s": flights.duration
+        + flights.goal_distance / final
+        - route / np.maximum(own.speed, 1e-3),
         "cross_track_m": np.nanmax(aside, axis=0),
     }
 
 
 def _approach(seen: Relative) -> tuple[np.ndarray, np.ndarray]:
-    """Return r r', m^2/s, and the distance at the closest point of approach on straight courses, m."""
+    """Return r r', m^2/s, and the distance at the closest point of approach on straight
+    courses, m.
+    """
     closing = seen.x * seen.vx + seen.y * seen.vy
     cpa = np.maximum(-closing / np.maximum(seen.vx**2 + seen.vy**2, 1e-12), 0.0)
     return closing, np.hypot(seen.x + seen.vx * cpa, seen.y + seen.vy * cpa)

@@ -1,4 +1,6 @@
-"""Rates of a table, risk ratios and their parts, with weights: encounters need not all weigh the same."""
+"""Rates of a table, risk ratios and their parts, with weights: encounters need not all weigh the
+same.
+"""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +29,8 @@ class Ratio:
     value: float
     low: float
     high: float
-    unresolved: float  # the part of encounters that have the event without the resolver and still have it with
+    # the part of encounters that have the event without the resolver and still have it with
+    unresolved: float
     induced: float  # the part of encounters that have it only with the resolver
     events: int  # encounters with the event, with the resolver
     events_without: int
@@ -45,11 +48,13 @@ def ratio(
     resamples: int = 2_000,
     seed: int = 0,
 ) -> Ratio:
-    """Return the risk ratio of events, bool ``[N]``, with and without a resolver: NMAC, loss of well clear, any event.
+    """Return the risk ratio of events, bool ``[N]``, with and without a resolver: NMAC, loss of
+    well clear, any event.
 
-    The interval is a paired percentile bootstrap over encounters. With no event at all a resample cannot show one: the
-    upper end is then the Clopper-Pearson end of the rate at the effective sample size, over the rate without.
-    Importance weights ``[N]`` are finite, not negative and not all 0, else ``ValueError``; None: equal ones.
+    The interval is a paired percentile bootstrap over encounters. With no event at all a resample
+    cannot show one: the upper end is then the Clopper-Pearson end of the rate at the effective
+    sample size, over the rate without. Importance weights ``[N]`` are finite, not negative and not
+    all 0, else ``ValueError``; None: equal ones.
     """
     cells = pairs(event, event_without)
     counts = cells.both + cells.first_only, cells.both + cells.second_only, sum(cells)
@@ -66,7 +71,9 @@ def ratio(
         rate = clopper_pearson(0, max(math.floor(effective), 1), confidence)[1]
         low, high = 0.0, rate * float(weight.sum()) / without
     else:
-        sums = resampled_sums(np.stack([weight * event, weight * event_without], axis=-1), resamples, seed)
+        sums = resampled_sums(
+            np.stack([weight * event, weight * event_without], axis=-1), resamples, seed
+        )
         known = sums[:, 1] > 0.0
         low, high = percentiles(sums[known, 0] / sums[known, 1], confidence)
     made = Ratio(value, low, high, unresolved, induced, *counts, effective, ())
@@ -75,21 +82,33 @@ def ratio(
 
 def _weights(weights: np.ndarray | None, count: int) -> np.ndarray:
     weight = np.ones(count) if weights is None else np.asarray(weights, np.float64)
-    if weight.shape != (count,) or not (np.isfinite(weight).all() and (weight >= 0.0).all() and weight.sum() > 0.0):
-        raise ValueError(f"weights must be {count}, finite and not negative, at least one of them positive")
+    if weight.shape != (count,) or not (
+        np.isfinite(weight).all() and (weight >= 0.0).all() and weight.sum() > 0.0
+    ):
+        raise ValueError(
+            f"weights must be {count}, finite and not negative, at least one of them positive"
+        )
     return weight
 
 
-def _warnings(made: Ratio, weight: np.ndarray, event: np.ndarray, event_without: np.ndarray) -> tuple[str, ...]:
+def _warnings(
+    made: Ratio, weight: np.ndarray, event: np.ndarray, event_without: np.ndarray
+) -> tuple[str, ...]:
     found = []
     if made.events_without < _FEW_EVENTS:
-        found.append(f"only {made.events_without} events without the resolver, expected at least {_FEW_EVENTS}")
+        found.append(
+            f"only {made.events_without} events without the resolver, expected at least "
+            f"{_FEW_EVENTS}"
+        )
     if made.high - made.low > made.value:
         found.append("the interval is wide: half of it exceeds half the ratio; use more encounters")
     for which, name in ((event, "with"), (event_without, "without")):
         largest, total = float(np.max(weight * which)), float(weight @ which)
         if total > 0.0 and largest > _DOMINANT * total and which.sum() >= 1.0 / _DOMINANT:
-            found.append(f"one encounter carries {largest / total:.0%} of the weight of the events {name} the resolver")
+            found.append(
+                f"one encounter carries {largest / total:.0%} of the weight of the events {name} "
+                "the resolver"
+            )
     return tuple(found)
 
 
@@ -104,9 +123,15 @@ def said(found: Ratio) -> dict[str, Any]:
 
 
 def rates_of(table: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return what each rate of a table counts, and of which encounters, bool ``[N]`` both, by the rate's name."""
+    """Return what each rate of a table counts, and of which encounters, bool ``[N]`` both, by the
+    rate's name.
+    """
     outcome, verdict = table["outcome"], table["verdict"]
-    every, possible, reached = np.ones(len(outcome), bool), verdict != "unresolvable", outcome == "reached"
+    every, possible, reached = (
+        np.ones(len(outcome), bool),
+        verdict != "unresolvable",
+        outcome == "reached",
+    )
     rates = {
         "success_rate": (reached, every),
         "violation_rate": (outcome == "violation", every),
@@ -138,9 +163,10 @@ def summarise_weighted(
 ) -> dict[str, Any] | None:
     """Return rates of :func:`rates_of` by weight in JSON types; None where all weights are 1.
 
-    A rate is the weight of the encounters that it counts over the weight of all. Its interval is a percentile bootstrap
-    over encounters; where a rate is 0 or 1 no resample can differ, and the Clopper-Pearson ends at the effective sample
-    size stand in. Encounters are taken to be independent and the sampler's; none are known beyond those of a file.
+    A rate is the weight of the encounters that it counts over the weight of all. Its interval is a
+    percentile bootstrap over encounters; where a rate is 0 or 1 no resample can differ, and the
+    Clopper-Pearson ends at the effective sample size stand in. Encounters are taken to be
+    independent and the sampler's; none are known beyond those of a file.
     """
     weight = table["weight"]
     if (weight == 1.0).all():
@@ -150,7 +176,9 @@ def summarise_weighted(
     sums = resampled_sums(parts, resamples, seed)
     rates = {
         name: _rate(weight, *pair, part, confidence)
-        for (name, pair), part in zip(wanted.items(), np.split(sums, len(wanted), axis=1), strict=True)
+        for (name, pair), part in zip(
+            wanted.items(), np.split(sums, len(wanted), axis=1), strict=True
+        )
     }
     events = (table["outcome"] == "violation", table["baseline_outcome"] == "violation")
     found = ratio(*events, weight, confidence=confidence, resamples=resamples, seed=seed)
@@ -169,12 +197,18 @@ def _rate(
     chosen = weight * of
     if not chosen.any():
         return {"value": None, "low": 0.0, "high": 1.0}
-    value = min(float(weight @ counted / chosen.sum()), 1.0)  # sums of another order may round beyond
+    value = min(
+        float(weight @ counted / chosen.sum()), 1.0
+    )  # sums of another order may round beyond
     effective = max(int(_effective(chosen[of])), 1)
     if not counted.any():
         return {"value": value, "low": 0.0, "high": clopper_pearson(0, effective, confidence)[1]}
     if (counted == of).all():
-        return {"value": value, "low": clopper_pearson(effective, effective, confidence)[0], "high": 1.0}
+        return {
+            "value": value,
+            "low": clopper_pearson(effective, effective, confidence)[0],
+            "high": 1.0,
+        }
     known = sums[:, 1] > 0.0
     low, high = percentiles(sums[known, 0] / sums[known, 1], confidence)
     return {"value": value, "low": low, "high": high}

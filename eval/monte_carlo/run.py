@@ -1,4 +1,6 @@
-"""Monte Carlo evaluation of a policy: ``python -m eval.monte_carlo --encounters 10000 --out runs/first``."""
+"""Monte Carlo evaluation of a policy: ``python -m eval.monte_carlo --encounters 10000 --out
+runs/first``.
+"""
 
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,14 +23,15 @@ from eval.runner.outputs import RunFolder
 _DESCRIPTION = """\
 Fly a policy through many encounters and say how often it succeeds, with intervals.
 
-Sampled scenarios: circle (the paper's), crossing_left, crossing_right, head_on, same_course, maneuvering, noisy,
-multi; or file:PATH for a CSV file (columns in docs/howto/own-encounters.md), tracks:PATH for recorded tracks
-(a .json file of Lincoln Laboratory's encounters or of ADS-B reports, a .daa or .xyz file of DAIDALUS), lincoln:PATH for
-traffic drawn from a file of one of Lincoln Laboratory's encounter models.
+Sampled scenarios: circle (the paper's), crossing_left, crossing_right, head_on, same_course,
+maneuvering, noisy, multi; or file:PATH for a CSV file (columns in docs/howto/own-encounters.md),
+tracks:PATH for recorded tracks (a .json file of Lincoln Laboratory's encounters or of ADS-B
+reports, a .daa or .xyz file of DAIDALUS), lincoln:PATH for traffic drawn from a file of one of
+Lincoln Laboratory's encounter models.
 
-Written to --out: summary.json, encounters.parquet (a row an encounter), config.yaml as resolved, and figures as PNG
-and SVG. The same config.yaml gives the same table again, bit for bit, on the same kind of machine and versions,
-however many workers fly it."""
+Written to --out: summary.json, encounters.parquet (a row an encounter), config.yaml as resolved,
+and figures as PNG and SVG. The same config.yaml gives the same table again, bit for bit, on the
+same kind of machine and versions, however many workers fly it."""
 
 _EPILOG = """\
 examples:
@@ -43,16 +46,26 @@ Every key of the configuration, with its unit and default: python -m eval.monte_
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the evaluation of the command line and return the exit status; bad input raises ``InputError``."""
+    """Run the evaluation of the command line and return the exit status; bad input raises
+    ``InputError``.
+    """
     return run(_COMMAND, _parser().parse_args(arguments))
 
 
-def run_quietly(named: Mapping[str, Any], sets: Iterable[str], folder: Path, *, resume: bool = False) -> int:
-    """Fly one of several evaluations, without figures and its table for a person; return the exit status.
+def run_quietly(
+    named: Mapping[str, Any], sets: Iterable[str], folder: Path, *, resume: bool = False
+) -> int:
+    """Fly one of several evaluations, without figures and its table for a person; return the exit
+    status.
 
     ``named`` holds its options (None: the default), ``sets`` are its ``KEY=VALUE``.
     """
-    given = [part for name, value in named.items() if value is not None for part in (f"--{name}", str(value))]
+    given = [
+        part
+        for name, value in named.items()
+        if value is not None
+        for part in (f"--{name}", str(value))
+    ]
     given += [part for text in (*sets, "figures=false") for part in ("--set", text)]
     given += ["--resume"] if resume and (folder / "config.yaml").is_file() else []
     with redirect_stdout(StringIO()):
@@ -63,14 +76,38 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.monte_carlo", description=_DESCRIPTION, epilog=_EPILOG)
     first_options(parser)
     add = parser.add_argument
-    modes = "policy (once a second), plan (once, then followed), assured (monitored, planned again); default: policy"
+    modes = (
+        "policy (once a second), plan (once, then followed), assured (monitored, planned "
+        "again); default: policy"
+    )
     add("--mode", metavar="MODE", help=f"what decides: {modes}")
-    add("--scenario", metavar="NAME", help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)")
-    repair = "drop and fill what is wrong in recorded tracks, and say what was done (default: refuse such files)"
+    add(
+        "--scenario",
+        metavar="NAME",
+        help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)",
+    )
+    repair = (
+        "drop and fill what is wrong in recorded tracks, and say what was done (default: "
+        "refuse such files)"
+    )
     add("--repair", action="store_const", const="true", help=repair)
-    add("--encounters", type=whole(1), metavar="N", help="how many (default: 10000, or all of a file's)")
-    add("--seed", type=whole(0), metavar="N", help="of encounters, sensor noise and bootstrap (default: 0)")
-    add("--baseline", metavar="NAME", help="decides in the policy's place: rules, mvp or mvp_speed (default: none)")
+    add(
+        "--encounters",
+        type=whole(1),
+        metavar="N",
+        help="how many (default: 10000, or all of a file's)",
+    )
+    add(
+        "--seed",
+        type=whole(0),
+        metavar="N",
+        help="of encounters, sensor noise and bootstrap (default: 0)",
+    )
+    add(
+        "--baseline",
+        metavar="NAME",
+        help="decides in the policy's place: rules, mvp or mvp_speed (default: none)",
+    )
     last_options(parser, "monte_carlo")
     return parser
 
@@ -86,12 +123,21 @@ def _prepared(
     return evaluation, config.model_copy(update=resolved), packages
 
 
-def _summary(table: Mapping[str, Any], config: MonteCarloConfig, evaluation: Evaluation) -> dict[str, Any]:
+def _summary(
+    table: Mapping[str, Any], config: MonteCarloConfig, evaluation: Evaluation
+) -> dict[str, Any]:
     policy = named_policy(config).for_aircraft(evaluation.aircraft, outside="allow")
-    columns = {"own_speed": "own_speed_m_s", "intruder_speed": "intruder_speed_m_s", "distance": "distance_m"}
+    columns = {
+        "own_speed": "own_speed_m_s",
+        "intruder_speed": "intruder_speed_m_s",
+        "distance": "distance_m",
+    }
     columns["intruders"] = "intruders"
     # How many encounters begin outside the operating domain, by quantity; none is left out.
-    outside = {name: int((excess(policy.domain[name], table[key]) > 0.0).sum()) for name, key in columns.items()}
+    outside = {
+        name: int((excess(policy.domain[name], table[key]) > 0.0).sum())
+        for name, key in columns.items()
+    }
     return {
         "baseline": config.baseline,
         "backend": config.backend,
@@ -102,17 +148,29 @@ def _summary(table: Mapping[str, Any], config: MonteCarloConfig, evaluation: Eva
 
 
 def _show(summary: Mapping[str, Any]) -> None:
-    decider = summary["mode"] if summary["baseline"] == "none" else f"baseline {summary['baseline']}"
+    decider = (
+        summary["mode"] if summary["baseline"] == "none" else f"baseline {summary['baseline']}"
+    )
     title = f"{spaced(summary['encounters'])} encounters, {decider}, scenario {summary['scenario']}"
     names = ("", "value", f"{100.0 * summary['confidence']:g} % interval", "count")
     notes = []
     ratio, ends = summary["risk_ratio"], summary["risk_ratio_interval"]
     if ratio is not None and ends["high"] - ends["low"] > ratio:
-        notes.append("the interval of the risk ratio is wide (half of it exceeds half the ratio): fly more encounters")
-    print_table(f"{title}, seed {summary['seed']}", names, [line[1:] for line in headline(summary, {})], notes)
+        notes.append(
+            "the interval of the risk ratio is wide (half of it exceeds half the ratio): fly more "
+            "encounters"
+        )
+    print_table(
+        f"{title}, seed {summary['seed']}",
+        names,
+        [line[1:] for line in headline(summary, {})],
+        notes,
+    )
 
 
-_KEYS = {key: key for key in ("mode", "encounters", "seed", "baseline", "workers")} | {"repair": "tracks.repair"}
+_KEYS = {key: key for key in ("mode", "encounters", "seed", "baseline", "workers")} | {
+    "repair": "tracks.repair"
+}
 _COMMAND = Command(
     *("monte_carlo", "encounters", RunFolder, _KEYS, "--"),
     *(_prepared, Pilot, columns, _summary, "eval.plots.encounters", _show),

@@ -1,4 +1,6 @@
-"""Figures of an evaluation: where failures begin, smallest separations, and flights seen from above."""
+"""Figures of an evaluation: where failures begin, smallest separations, and flights seen from
+above.
+"""
 
 import math
 from collections.abc import Mapping
@@ -36,10 +38,12 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], evaluation: Evaluati
 
 
 def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
-    """Return the paper's figure of initial conditions: angle to the intruder against distance, failures marked.
+    """Return the paper's figure of initial conditions: angle to the intruder against distance,
+    failures marked.
 
-    The left panel looks down on the ownship, which flies towards the top of the page; the right one shows the
-    difference of the headings, which says whether the intruder comes from ahead, from the side or from behind.
+    The left panel looks down on the ownship, which flies towards the top of the page; the right one
+    shows the difference of the headings, which says whether the intruder comes from ahead, from the
+    side or from behind.
     """
     figure = Figure(figsize=(11.0, 5.6), layout="constrained")
     polar = figure.add_subplot(1, 2, 1, projection="polar")
@@ -52,7 +56,9 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
         if not mask.any():
             continue
         # Thousands of marks as vectors make a file that no viewer likes.
-        points = polar.scatter(np.radians(table["bearing_deg"][mask]), km[mask], rasterized=True, **style)
+        points = polar.scatter(
+            np.radians(table["bearing_deg"][mask]), km[mask], rasterized=True, **style
+        )
         plane.scatter(table["relative_heading_deg"][mask], km[mask], rasterized=True, **style)
         points.set_label(f"{name} ({spaced(int(mask.sum()))})")
         handles.append(points)
@@ -90,12 +96,20 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     last = max(1.5 * required_km, *(float(values.max(initial=-np.inf)) for values in known))
     width = 0.05 * math.ceil((last - first) / 7.5)
     # Edges at the requirement, so that no bar mixes flights on both sides of it.
-    steps = range(math.floor((first - required_km) / width), math.ceil((last - required_km) / width) + 1)
+    steps = range(
+        math.floor((first - required_km) / width), math.ceil((last - required_km) / width) + 1
+    )
     edges = [required_km + width * step for step in steps]
     axes.hist(known[0], edges, color=SKY, label="with the resolver")
     for bare in known[1:]:
         axes.hist(bare, edges, histtype="step", color="#333333", linewidth=1.0, label="without it")
-    axes.axvline(required_km, color=VERMILION, linewidth=1.6, linestyle="--", label=f"required: {required:.0f} m")
+    axes.axvline(
+        required_km,
+        color=VERMILION,
+        linewidth=1.6,
+        linestyle="--",
+        label=f"required: {required:.0f} m",
+    )
     axes.set_yscale("log")
     axes.set_ylim(0.7, None)
     axes.set_xlim(edges[0], edges[-1])
@@ -108,7 +122,9 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
 
 def _polar_axes(axes: Any, ends: tuple[float, float], rings: list[float]) -> None:
     axes.set_theta_zero_location("N")
-    axes.set_thetagrids(range(0, 360, 30), [_side(angle) for angle in range(0, 360, 30)], fontsize=8)
+    axes.set_thetagrids(
+        range(0, 360, 30), [_side(angle) for angle in range(0, 360, 30)], fontsize=8
+    )
     axes.tick_params(axis="x", pad=7.0)
     axes.set_rscale("log")
     axes.set_ylim(*ends)
@@ -117,7 +133,9 @@ def _polar_axes(axes: Any, ends: tuple[float, float], rings: list[float]) -> Non
     axes.yaxis.minorticks_off()
     axes.grid(color="#D5D5D5", linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.set_title("bearing and distance of the intruder at the start\n(own heading is up)", fontsize=11)
+    axes.set_title(
+        "bearing and distance of the intruder at the start\n(own heading is up)", fontsize=11
+    )
 
 
 def _side(angle: int) -> str:

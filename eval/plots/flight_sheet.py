@@ -17,8 +17,20 @@ from eval.plots.style import BLUE, GREEN, GREY, SKY, VERMILION, kinds_of, legend
 PANELS = 12  # flights on the sheet
 _FAILURES_SHOWN = 8
 _KM = 1e-3
-_OWN: dict[str, Any] = {"color": BLUE, "linewidth": 1.5, "linestyle": "-", "marker": "o", "markersize": 5.0}
-_INTRUDER: dict[str, Any] = {"color": VERMILION, "linewidth": 1.2, "linestyle": "--", "marker": "s", "markersize": 4.5}
+_OWN: dict[str, Any] = {
+    "color": BLUE,
+    "linewidth": 1.5,
+    "linestyle": "-",
+    "marker": "o",
+    "markersize": 5.0,
+}
+_INTRUDER: dict[str, Any] = {
+    "color": VERMILION,
+    "linewidth": 1.2,
+    "linestyle": "--",
+    "marker": "s",
+    "markersize": 4.5,
+}
 _WITNESS: dict[str, Any] = {"color": SKY, "linewidth": 1.2, "linestyle": "-."}
 
 
@@ -31,8 +43,12 @@ class Panel(NamedTuple):
     witness: np.ndarray | None = None  # a flight that succeeds, m, [2, W]
 
 
-def sheet(panels: Sequence[Panel], rules: Rules, columns: int, size: tuple[float, float], fontsize: float) -> Figure:
-    """Return a sheet of flights, at least one, in so many columns of panels, whose size is in inches."""
+def sheet(
+    panels: Sequence[Panel], rules: Rules, columns: int, size: tuple[float, float], fontsize: float
+) -> Figure:
+    """Return a sheet of flights, at least one, in so many columns of panels, whose size is in
+    inches.
+    """
     lines = -(-len(panels) // columns)
     figure = Figure(figsize=(size[0] * columns, size[1] * lines + 0.6), layout="constrained")
     for i, panel in enumerate(panels):
@@ -50,25 +66,33 @@ def sheet(panels: Sequence[Panel], rules: Rules, columns: int, size: tuple[float
 def trajectory_sheet(
     table: Mapping[str, np.ndarray], numbers: Sequence[int], flights: Recorded, rules: Rules
 ) -> Figure:
-    """Return the sheet of some flights of a run, by the numbers of their encounters in its table."""
+    """Return the sheet of some flights of a run, by the numbers of their encounters in its
+    table.
+    """
     kinds = kinds_of(table)
     panels = []
     for row, number in enumerate(numbers):
         closest, duration = table["min_separation_m"][number], table["duration_s"][number]
         title = f"{number}: {kinds[number]}, {closest:.0f} m, {duration:.0f} s"
-        panels.append(Panel(title, flights.track(row), "black" if kinds[number] == "success" else "#A63C00"))
+        panels.append(
+            Panel(title, flights.track(row), "black" if kinds[number] == "success" else "#A63C00")
+        )
     figure = sheet(panels, rules, 4, (3.25, 3.55), 8.5)
     figure.suptitle("encounter: outcome, smallest separation, duration", fontsize=10)
     return figure
 
 
 def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
-    """Return the numbers of the encounters for the sheet: failures first, then successes, each spread evenly.
+    """Return the numbers of the encounters for the sheet: failures first, then successes, each
+    spread evenly.
 
     The failures that count, those not proven unresolvable, come before the others.
     """
     kinds = kinds_of(table)
-    order = [np.flatnonzero(kinds == name) for name in ("violation", "time-out", "proven unresolvable", "success")]
+    order = [
+        np.flatnonzero(kinds == name)
+        for name in ("violation", "time-out", "proven unresolvable", "success")
+    ]
     failures, successes = np.concatenate(order[:3]), order[3]
     room = min(PANELS, len(kinds))
     picked = spread(failures, max(_FAILURES_SHOWN, room - len(successes)))
@@ -85,16 +109,24 @@ def draw(axes: Axes, track: Track, rules: Rules, witness: np.ndarray | None = No
     if witness is not None:
         axes.plot(*(_KM * witness), zorder=1.5, **_WITNESS)
     for path, style in ((own, _OWN), *((each, _INTRUDER) for each in intruders)):
-        axes.plot(*path, color=style["color"], linewidth=style["linewidth"], linestyle=style["linestyle"])
+        axes.plot(
+            *path, color=style["color"], linewidth=style["linewidth"], linestyle=style["linestyle"]
+        )
         axes.plot(*path[:, minute], ".", color=style["color"], markersize=4)
-        axes.plot(*path[:, 0], style["marker"], color=style["color"], markersize=style["markersize"])
+        axes.plot(
+            *path[:, 0], style["marker"], color=style["color"], markersize=style["markersize"]
+        )
     if track.separation.size:
         closest = int(np.argmin(track.separation)) + 1
         apart = np.hypot(*np.moveaxis(intruders[:, :, closest] - own[:, closest], -1, 0))
         at = intruders[int(np.argmin(apart)), :, closest]
-        ring = Circle((at[0], at[1]), _KM * rules.separation, fill=False, edgecolor=VERMILION, linewidth=0.9)
+        ring = Circle(
+            (at[0], at[1]), _KM * rules.separation, fill=False, edgecolor=VERMILION, linewidth=0.9
+        )
         axes.add_patch(ring)
-        axes.plot(*own[:, closest], "D", color="black", markersize=4, markerfacecolor="white", zorder=5)
+        axes.plot(
+            *own[:, closest], "D", color="black", markersize=4, markerfacecolor="white", zorder=5
+        )
     # Room for the discs, and the same scale both ways: a turn must look like one.
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
@@ -116,7 +148,9 @@ def explain(figure: Figure, rules: Rules, *more: Line2D, witnessed: bool = False
         sample("every minute", color="#555555", marker=".", **mark),
         sample("goal", color=GREEN, alpha=0.45, marker="o", markersize=9, **mark),
         sample("closest approach", color="black", marker="D", markerfacecolor="white", **mark),
-        sample(f"{rules.separation:.0f} m around the intruder then", color=VERMILION, **ring, **mark),
+        sample(
+            f"{rules.separation:.0f} m around the intruder then", color=VERMILION, **ring, **mark
+        ),
         *more,
     ]
     legend(figure, handles, len(handles) if figure.get_figwidth() > 2.1 * len(handles) else 3)

@@ -1,6 +1,8 @@
-"""Kinds of encounters in figures: what they are called, and colours and markers that tell them apart.
+"""Kinds of encounters in figures: what they are called, and colours and markers that tell them
+apart.
 
-Colours are those of Okabe and Ito, which stay apart for colour-blind readers; every kind has its own marker too.
+Colours are those of Okabe and Ito, which stay apart for colour-blind readers; every kind has its
+own marker too.
 """
 
 import math
@@ -9,11 +11,24 @@ from typing import Any, Literal
 
 import numpy as np
 
-BLUE, SKY, GREEN, ORANGE, VERMILION, GREY = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#8C8C8C"
+BLUE, SKY, GREEN, ORANGE, VERMILION, GREY = (
+    "#0072B2",
+    "#56B4E9",
+    "#009E73",
+    "#E69F00",
+    "#D55E00",
+    "#8C8C8C",
+)
 # In the order in which they are drawn: what matters comes last and lies on top.
 MARKERS: dict[str, dict[str, Any]] = {
     "success": {"marker": "o", "color": "#8CBFE0", "s": 3.0, "linewidths": 0.0},
-    "proven unresolvable": {"marker": "s", "facecolors": "none", "edgecolors": "#555555", "s": 14.0, "linewidths": 0.8},
+    "proven unresolvable": {
+        "marker": "s",
+        "facecolors": "none",
+        "edgecolors": "#555555",
+        "s": 14.0,
+        "linewidths": 0.8,
+    },
     "time-out": {"marker": "^", "color": ORANGE, "s": 20.0, "linewidths": 0.0},
     "violation": {"marker": "x", "color": VERMILION, "s": 20.0, "linewidths": 1.1},
 }
@@ -47,21 +62,43 @@ def sample(label: str, **style: Any) -> Any:
     return Line2D([], [], label=label, **style)
 
 
-def legend(figure: Any, handles: Sequence[Any], ncols: int, fontsize: float = 9, **more: Any) -> None:
+def legend(
+    figure: Any, handles: Sequence[Any], ncols: int, fontsize: float = 9, **more: Any
+) -> None:
     """Draw a legend below all panels."""
-    figure.legend(handles=handles, loc="outside lower center", ncols=ncols, frameon=False, fontsize=fontsize, **more)
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=ncols,
+        frameon=False,
+        fontsize=fontsize,
+        **more,
+    )
 
 
-def arrow(axes: Any, start: tuple[float, float], direction: float, way: float, name: str, **where: Any) -> None:
+def arrow(
+    axes: Any, start: tuple[float, float], direction: float, way: float, name: str, **where: Any
+) -> None:
     """Draw an aircraft: a dot, an arrow along the way that it flies in some time, and its name.
 
-    The start and the way's length are as the axes count, the direction is counter-clockwise from the axis of x, rad.
-    Where the name stands is matplotlib's: ``xytext`` in points from the start, ``ha``, ``va``.
+    The start and the way's length are as the axes count, the direction is counter-clockwise from
+    the axis of x, rad. Where the name stands is matplotlib's: ``xytext`` in points from the start,
+    ``ha``, ``va``.
     """
-    style = {"arrowstyle": "-|>", "linewidth": 2.0, "color": "black", "shrinkA": 0.0, "shrinkB": 0.0}
+    style = {
+        "arrowstyle": "-|>",
+        "linewidth": 2.0,
+        "color": "black",
+        "shrinkA": 0.0,
+        "shrinkB": 0.0,
+    }
     style |= {"path_effects": where.pop("path_effects", None)}
     end = (start[0] + way * math.cos(direction), start[1] + way * math.sin(direction))
     axes.annotate("", end, start, arrowprops=style, annotation_clip=False, zorder=6.0)
-    axes.plot(*start, marker="o", markersize=5.0, color="black", markeredgecolor="white", zorder=6.5)
+    axes.plot(
+        *start, marker="o", markersize=5.0, color="black", markeredgecolor="white", zorder=6.5
+    )
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
-    axes.annotate(name, start, textcoords="offset points", fontsize=8, bbox=box, zorder=7.0, **where)
+    axes.annotate(
+        name, start, textcoords="offset points", fontsize=8, bbox=box, zorder=7.0, **where
+    )

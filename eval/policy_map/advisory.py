@@ -1,7 +1,8 @@
 """What a policy commands for each place of the intruder, and how smooth its flights are.
 
-The map has the ownship at its origin, heading up: x to the right, y ahead, in metres. Relative headings and the bearing
-of the goal count counter-clockwise as seen from above, left positive, in radians, as everywhere in the toolkit.
+The map has the ownship at its origin, heading up: x to the right, y ahead, in metres. Relative
+headings and the bearing of the goal count counter-clockwise as seen from above, left positive, in
+radians, as everywhere in the toolkit.
 """
 
 import math
@@ -26,7 +27,8 @@ class Scene(NamedTuple):
 
     own_speed: float  # m/s
     intruder_speed: float  # m/s
-    relative_heading: float  # intruder's heading less the own one, rad counter-clockwise: +pi/2 comes from the right
+    # intruder's heading less the own one, rad counter-clockwise: +pi/2 comes from the right
+    relative_heading: float
     goal_bearing: float  # from the own heading, rad counter-clockwise
     goal_distance: float  # m
 
@@ -42,7 +44,9 @@ class Advisory(NamedTuple):
 
 
 def advise(policy: Policy, scene: Scene, extent: float, cells: int, aircraft: Aircraft) -> Advisory:
-    """Ask a policy what it commands on a map of C by C cells that reaches so far, m, ahead, back and to either side."""
+    """Ask a policy what it commands on a map of C by C cells that reaches so far, m, ahead, back
+    and to either side.
+    """
     place = extent * ((2.0 * np.arange(cells) + 1.0) / cells - 1.0)
     y, x = (side.ravel() for side in np.meshgrid(place, place, indexing="ij"))
     zero = np.zeros_like(x)
@@ -53,7 +57,9 @@ def advise(policy: Policy, scene: Scene, extent: float, cells: int, aircraft: Ai
     goal_y = zero + scene.goal_distance * math.cos(scene.goal_bearing)
     action = policy.command(own, column(intruder), np.ones((x.size, 1), bool), goal_x, goal_y)
     acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), aircraft.limits, np)
-    return Advisory(scene, extent, place, yaw_rate.reshape(cells, cells), acceleration.reshape(cells, cells))
+    return Advisory(
+        scene, extent, place, yaw_rate.reshape(cells, cells), acceleration.reshape(cells, cells)
+    )
 
 
 def relative_velocity(scene: Scene) -> tuple[float, float]:
@@ -75,7 +81,9 @@ def name_of(relative_heading: float) -> str:
 
 
 def chatter(policy: Policy, encounters: int, seed: int, aircraft: Aircraft) -> dict[str, Any]:
-    """Fly ``circle`` encounters 0, 1, ... of a seed and return how much commands change from step to step."""
+    """Fly ``circle`` encounters 0, 1, ... of a seed and return how much commands change from step
+    to step.
+    """
     starts = numbered(scenario("circle", aircraft), seed, 0, encounters)
     recorder = TrajectoryRecorder(starts)
     flights = fly(starts, ByPolicy(policy), aircraft, recorder=recorder)
@@ -83,7 +91,9 @@ def chatter(policy: Policy, encounters: int, seed: int, aircraft: Aircraft) -> d
 
 
 def scores(action: np.ndarray, flights: Flights, aircraft: Aircraft) -> dict[str, Any]:
-    """Return the chatter of flights ``[N]`` by their actions ``[T, N, 2]``, nan after their ends."""
+    """Return the chatter of flights ``[N]`` by their actions ``[T, N, 2]``, nan after their
+    ends.
+    """
     acceleration, yaw_rate = commands((action[..., 0], action[..., 1]), aircraft.limits, np)
     turns = flights.reversals
     return {
@@ -101,7 +111,9 @@ def scores(action: np.ndarray, flights: Flights, aircraft: Aircraft) -> dict[str
 
 
 def _change(command: np.ndarray, dt: float) -> float:
-    """Return the mean absolute change of a command ``[T, N]`` per second; 0 if no flight has two decisions."""
+    """Return the mean absolute change of a command ``[T, N]`` per second; 0 if no flight has two
+    decisions.
+    """
     change = np.abs(np.diff(command, axis=0)) / dt
     change = change[np.isfinite(change)]
     return float(change.mean()) if change.size else 0.0

@@ -1,7 +1,9 @@
-"""Derived inputs of the network over a box of the intruder's state: a linear form of the box with a remainder, each.
+"""Derived inputs of the network over a box of the intruder's state: a linear form of the box with a
+remainder, each.
 
-A form says c + A e +- R for every e in [-1, 1]^4, where e are the intruder's x, y, vx and vy about the middle of the
-box in half widths. Forms go through the policy's own functions; a curve becomes a chord and its greatest distance.
+A form says c + A e +- R for every e in [-1, 1]^4, where e are the intruder's x, y, vx and vy about
+the middle of the box in half widths. Forms go through the policy's own functions; a curve becomes a
+chord and its greatest distance.
 """
 
 from collections.abc import Callable
@@ -21,7 +23,9 @@ _FINE = 1e-12
 
 
 class Form:
-    """Linear forms: middle ``[...]``, slopes ``[..., 4]``, remainder ``[...]``; also an array namespace of them."""
+    """Linear forms: middle ``[...]``, slopes ``[..., 4]``, remainder ``[...]``; also an array
+    namespace of them.
+    """
 
     __array_ufunc__ = None  # so that an array on the left asks the form
 
@@ -38,13 +42,17 @@ class Form:
     def joined(cls, forms: list["Form"]) -> "Form":
         """Return forms ``[N, ...]`` beside each other."""
         fields = ((form.middle, form.slopes, form.rest) for form in forms)
-        middle, slopes, rest = (np.concatenate(field, axis=1) for field in zip(*fields, strict=True))
+        middle, slopes, rest = (
+            np.concatenate(field, axis=1) for field in zip(*fields, strict=True)
+        )
         return cls(middle, slopes, rest)
 
     @classmethod
     def stacked(cls, forms: list["Form"]) -> "Form":
         """Return forms ``[N]`` as one ``[N, ...]``."""
-        return cls.joined([cls(form.middle[:, None], form.slopes[:, None], form.rest[:, None]) for form in forms])
+        return cls.joined(
+            [cls(form.middle[:, None], form.slopes[:, None], form.rest[:, None]) for form in forms]
+        )
 
     @property
     def width(self) -> Any:
@@ -63,7 +71,9 @@ class Form:
 
     def __add__(self, other: Any) -> "Form":
         if isinstance(other, Form):
-            return Form(self.middle + other.middle, self.slopes + other.slopes, self.rest + other.rest)
+            return Form(
+                self.middle + other.middle, self.slopes + other.slopes, self.rest + other.rest
+            )
         return self.line(1.0, other)
 
     def __mul__(self, other: Any) -> "Form":
@@ -79,7 +89,12 @@ class Form:
             return self.line(1.0 / other, 0.0)
         low, _ = other.ends
         with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = bent(other, np.reciprocal, lambda low, high: -1.0 / (low * high), lambda k: [np.sqrt(-1.0 / k)])
+            inverse = bent(
+                other,
+                np.reciprocal,
+                lambda low, high: -1.0 / (low * high),
+                lambda k: [np.sqrt(-1.0 / k)],
+            )
         inverse.rest = np.where(low > 0.0, inverse.rest, np.inf)
         return self * inverse
 
@@ -108,7 +123,9 @@ class Form:
     @staticmethod
     def clip(form: "Form", low: float, high: float) -> "Form":
         """Return the form limited to a range."""
-        return bent(form, lambda x: np.clip(x, low, high), None, lambda k: [low + 0.0 * k, high + 0.0 * k])
+        return bent(
+            form, lambda x: np.clip(x, low, high), None, lambda k: [low + 0.0 * k, high + 0.0 * k]
+        )
 
     @staticmethod
     def minimum(form: "Form", high: float) -> "Form":
@@ -116,34 +133,44 @@ class Form:
         return Form.clip(form, -1e9, high)
 
 
-def bent(form: Form, curve: Callable[..., Any], slope: Any, critical: Callable[[Any], list[Any]]) -> Form:
+def bent(
+    form: Form, curve: Callable[..., Any], slope: Any, critical: Callable[[Any], list[Any]]
+) -> Form:
     """Return a curve of a form; arguments as of :func:`line_along`."""
     return form.line(*line_along(*form.ends, curve, slope, critical))
 
 
-def line_along(low: Any, high: Any, curve: Callable[..., Any], slope: Any, critical: Any) -> tuple[Any, Any, Any]:
-    """Return slope and offset of a line along a curve from ``low`` to ``high``, and how far the curve is from it.
+def line_along(
+    low: Any, high: Any, curve: Callable[..., Any], slope: Any, critical: Any
+) -> tuple[Any, Any, Any]:
+    """Return slope and offset of a line along a curve from ``low`` to ``high``, and how far the
+    curve is from it.
 
-    The slope is a function of both ends, None: the chord's; ``critical`` gives, for a slope k, every x where
-    curve(x) - k x has an extreme or a corner.
+    The slope is a function of both ends, None: the chord's; ``critical`` gives, for a slope k,
+    every x where curve(x) - k x has an extreme or a corner.
     """
     if slope is None:
         wide = high - low > 1e-9
         k = np.where(wide, (curve(high) - curve(low)) / np.where(wide, high - low, 1.0), 0.0)
     else:
         k = slope(low, high)
-    off = np.stack([curve(x) - k * x for x in (low, high, *(np.clip(x, low, high) for x in critical(k)))])
+    off = np.stack(
+        [curve(x) - k * x for x in (low, high, *(np.clip(x, low, high) for x in critical(k)))]
+    )
     least, most = off.min(axis=0), off.max(axis=0)
     return k, 0.5 * (least + most), 0.5 * (most - least)
 
 
 def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios) -> Form:
-    """Return the 53 inputs of the network, ``[N, 53]``, of scenes that are seen as they are, not mirrored.
+    """Return the 53 inputs of the network, ``[N, 53]``, of scenes that are seen as they are, not
+    mirrored.
 
-    Own speed ``[N]`` and goal ``[N, 2]``; middle and half widths of the box of the intruder's x, y, vx, vy, ``[N, 4]``,
-    nearer than 20 D.
+    Own speed ``[N]`` and goal ``[N, 2]``; middle and half widths of the box of the intruder's x, y,
+    vx, vy, ``[N, 4]``, nearer than 20 D.
     """
-    state: list[Any] = [Form(middle[:, i], half[:, i, None] * np.eye(4)[i], 0.0 * pace) for i in range(4)]
+    state: list[Any] = [
+        Form(middle[:, i], half[:, i, None] * np.eye(4)[i], 0.0 * pace) for i in range(4)
+    ]
     x, y, vx, vy = middle.T[..., None]
     seen = Scene(pace, goal[:, 0], goal[:, 1], x, y, vx, vy, np.ones((len(pace), 1)), ratios)
     spare = bent(
@@ -153,8 +180,19 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
         lambda k: [side * (1.0 / np.sqrt(np.clip(k, _FINE, 1.0)) - 1.0) for side in (1.0, -1.0)],
     )
     to_goal = distance(goal[:, 0], goal[:, 1], np) + 1e-6
-    own = np.stack([np.broadcast_to(one, pace.shape) for one in own_part(seen, 0.0 * pace, np)], axis=-1)
-    each = each_part(state[0], state[1], state[2], state[3], pace, goal[:, 0] / to_goal, goal[:, 1] / to_goal, Form)
+    own = np.stack(
+        [np.broadcast_to(one, pace.shape) for one in own_part(seen, 0.0 * pace, np)], axis=-1
+    )
+    each = each_part(
+        state[0],
+        state[1],
+        state[2],
+        state[3],
+        pace,
+        goal[:, 0] / to_goal,
+        goal[:, 1] / to_goal,
+        Form,
+    )
     advice, about = (Form.stacked(forms) for forms in (_advice(spare, seen), each))
     return Form.joined([Form.between(own, own), advice, spare, about])
 
@@ -162,15 +200,22 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
 def _kept(seen: Scene, middle: Any, half: Any) -> Form:
     """Return what each manoeuvre keeps, ``[N, 22]``.
 
-    The separation of a time is convex in the box, so that the direction to the intruder at the closest point gives a
-    lower bound for all of a part of a chord, and the squares of the displacements an upper one.
+    The separation of a time is convex in the box, so that the direction to the intruder at the
+    closest point gives a lower bound for all of a part of a chord, and the squares of the
+    displacements an upper one.
     """
-    times, spans, step_x, step_y, own_x, own_y = (np.moveaxis(field, -1, 0) for field in escapes.paths(seen, np))
+    times, spans, step_x, step_y, own_x, own_y = (
+        np.moveaxis(field, -1, 0) for field in escapes.paths(seen, np)
+    )
     share = (np.arange(_PARTS) + 1.0) / _PARTS - 1.0
 
     def knots(end: Any, step: Any) -> Any:
-        """Return times or places at the ends of all parts of chords, from 0 on, ``[N, 22, knots]``."""
-        parts = (end[..., None] + step[..., None] * share).reshape(*end.shape[:2], -1 if len(end) else 0)
+        """Return times or places at the ends of all parts of chords, from 0 on, ``[N, 22,
+        knots]``.
+        """
+        parts = (end[..., None] + step[..., None] * share).reshape(
+            *end.shape[:2], -1 if len(end) else 0
+        )
         return np.concatenate([0.0 * end[..., :1], parts], -1)
 
     time = knots(times, spans)
@@ -193,7 +238,9 @@ def _kept(seen: Scene, middle: Any, half: Any) -> Form:
     moment = np.take_along_axis(when, best, -1)
     chosen = slopes(np.take_along_axis(toward, best[..., None], -2), moment)  # [N, 22, 1, 4]
     below = [
-        least - (toward * spot[:, :, ends]).sum(-1) + np.abs(chosen - slopes(toward, time[..., ends])).sum(-1)
+        least
+        - (toward * spot[:, :, ends]).sum(-1)
+        + np.abs(chosen - slopes(toward, time[..., ends])).sum(-1)
         for ends in (slice(None, -1), slice(1, None))
     ]
     under = np.maximum(np.maximum(*below).max(axis=-1), 0.0)
@@ -204,27 +251,47 @@ def _kept(seen: Scene, middle: Any, half: Any) -> Form:
 
 
 def _advice(spare: Form, seen: Scene) -> list[Form]:
-    """Return what the best manoeuvre keeps, ``[N]``, and the bounds of how those that keep as much do it."""
+    """Return what the best manoeuvre keeps, ``[N]``, and the bounds of how those that keep as much
+    do it.
+    """
     best = spare.middle.argmax(axis=-1)[:, None]
-    middle, rest = (np.take_along_axis(field, best, -1)[:, 0] for field in (spare.middle, spare.rest))
+    middle, rest = (
+        np.take_along_axis(field, best, -1)[:, 0] for field in (spare.middle, spare.rest)
+    )
     slopes = np.take_along_axis(spare.slopes, best[..., None], 1)[:, 0]
     # By how much one manoeuvre keeps more than another, [N, 22, 22].
-    lead = spare.middle[:, :, None] - spare.middle[:, None] + spare.rest[:, :, None] + spare.rest[:, None]
+    lead = (
+        spare.middle[:, :, None]
+        - spare.middle[:, None]
+        + spare.rest[:, :, None]
+        + spare.rest[:, None]
+    )
     lead += np.abs(spare.slopes[:, :, None] - spare.slopes[:, None]).sum(-1)
     lead[:, np.arange(escapes.COUNT), np.arange(escapes.COUNT)] = 0.0
-    above = np.take_along_axis(lead, best[:, None], 2)[..., 0].max(axis=1)  # of the greatest over the chosen one
+    above = np.take_along_axis(lead, best[:, None], 2)[..., 0].max(
+        axis=1
+    )  # of the greatest over the chosen one
     most = Form(middle + 0.5 * above, slopes, rest + 0.5 * above)
     # Weights of the mean fall with how far a manoeuvre is behind the greatest.
-    greatest, least = (1.0 / (1.0 + (behind / ALIKE) ** 2) for behind in (-lead.min(axis=2), lead.max(axis=1)))
+    greatest, least = (
+        1.0 / (1.0 + (behind / ALIKE) ** 2) for behind in (-lead.min(axis=2), lead.max(axis=1))
+    )
     throttles = np.broadcast_to(escapes.THROTTLES, least.shape)
-    return [most, *(_mean(values, least, greatest) for values in (throttles, escapes.steering(seen, np)))]
+    return [
+        most,
+        *(_mean(values, least, greatest) for values in (throttles, escapes.steering(seen, np))),
+    ]
 
 
 def _mean(values: Any, least: Any, greatest: Any) -> Form:
-    """Return the mean of values ``[N, M]`` with weights between bounds: it is greatest with a threshold of values."""
+    """Return the mean of values ``[N, M]`` with weights between bounds: it is greatest with a
+    threshold of values.
+    """
 
     def highest(values: Any) -> Any:
-        weight = np.where(values[:, None] >= values[:, :, None], greatest[:, None], least[:, None])  # of each threshold
+        weight = np.where(
+            values[:, None] >= values[:, :, None], greatest[:, None], least[:, None]
+        )  # of each threshold
         return ((weight * values[:, None]).sum(-1) / weight.sum(-1)).max(axis=-1)
 
     return Form.between(-highest(-values), highest(values))

@@ -1,4 +1,6 @@
-"""The advisory map: turn rate and acceleration that a policy commands, over the intruder's place."""
+"""The advisory map: turn rate and acceleration that a policy commands, over the intruder's
+place.
+"""
 
 import math
 from collections.abc import Sequence
@@ -18,9 +20,14 @@ from eval.policy_map.advisory import Advisory, name_of, relative_velocity
 _KM = 1e-3
 _WAY = 1.2  # arrows show what is flown in so many times of a separation at the greatest speed
 _SLOW = 0.02  # relative speeds below this share of the greatest have no line of approach
-# Okabe and Ito's colours at both ends; darkest at full deflection, white where nothing is commanded.
-_TURN = LinearSegmentedColormap.from_list("turn", ["#8A3B00", VERMILION, "#F7F7F7", BLUE, "#003A5C"])
-_SPEED = LinearSegmentedColormap.from_list("speed", ["#946200", ORANGE, "#F7F7F7", GREEN, "#00543E"])
+# Okabe and Ito's colours at both ends; darkest at full deflection, white where nothing is
+# commanded.
+_TURN = LinearSegmentedColormap.from_list(
+    "turn", ["#8A3B00", VERMILION, "#F7F7F7", BLUE, "#003A5C"]
+)
+_SPEED = LinearSegmentedColormap.from_list(
+    "speed", ["#946200", ORANGE, "#F7F7F7", GREEN, "#00543E"]
+)
 # A white edge keeps what is drawn in black visible on dark cells.
 _HALO = [Stroke(linewidth=3.0, foreground="white", alpha=0.9), Normal()]
 _WIDE_HALO = [Stroke(linewidth=6.0, foreground="white"), Normal()]
@@ -29,28 +36,45 @@ _EDGE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}
 
 
 def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) -> Figure:
-    """Return the figure: a column for each map, turn rate above acceleration; full deflection is darkest.
+    """Return the figure: a column for each map, turn rate above acceleration; full deflection is
+    darkest.
 
-    The maps, at least one, are of the same extent and differ in relative heading; the policy's name is for the title.
+    The maps, at least one, are of the same extent and differ in relative heading; the policy's name
+    is for the title.
     """
     limits, scene, columns = aircraft.limits, advisories[0].scene, len(advisories)
     figure = Figure(figsize=(max(3.5 * columns + 1.9, 8.0), 8.4), layout="constrained")
     axes = figure.subplots(2, columns, sharex=True, sharey=True, squeeze=False)
     full = math.degrees(limits.yaw_rate_max)
-    turns: Any = "commanded turn rate, degrees per second", _TURN, TwoSlopeNorm(0.0, -full, full), ("right", "left")
+    turns: Any = (
+        "commanded turn rate, degrees per second",
+        _TURN,
+        TwoSlopeNorm(0.0, -full, full),
+        ("right", "left"),
+    )
     scale = TwoSlopeNorm(0.0, limits.acceleration_min, limits.acceleration_max)
     speeds: Any = "commanded acceleration, m/s²", _SPEED, scale, ("brake", "accelerate")
     for row, (label, colours, norm, ends) in zip(axes, (turns, speeds), strict=True):
         for panel, advisory in zip(row, advisories, strict=True):
             edge = _KM * advisory.extent
             values = np.degrees(advisory.yaw_rate) if colours is _TURN else advisory.acceleration
-            place: Any = {"extent": (-edge, edge, -edge, edge), "origin": "lower", "interpolation": "nearest"}
+            place: Any = {
+                "extent": (-edge, edge, -edge, edge),
+                "origin": "lower",
+                "interpolation": "nearest",
+            }
             panel.imshow(values, cmap=colours, norm=norm, **place)
             _geometry(panel, advisory, aircraft)
         row[0].set_ylabel("intruder ahead, km")
         bar = figure.colorbar(row[0].images[0], ax=list(row), shrink=0.86, aspect=22.0, pad=0.015)
         low, high = norm.vmin, norm.vmax
-        texts = [f"{-low:g} {ends[0]}", f"{-0.5 * low:g}", "0", f"{0.5 * high:g}", f"{high:g} {ends[1]}"]
+        texts = [
+            f"{-low:g} {ends[0]}",
+            f"{-0.5 * low:g}",
+            "0",
+            f"{0.5 * high:g}",
+            f"{high:g} {ends[1]}",
+        ]
         bar.set_ticks([low, 0.5 * low, 0.0, 0.5 * high, high], labels=texts)
         bar.set_label(label)
     for above, below, advisory in zip(*axes, advisories, strict=True):
@@ -59,8 +83,10 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
         below.set_xlabel("intruder to the right, km")
     figure.suptitle(
         f"Advisory map of {policy}: the command for every place of the intruder\n"
-        f"ownship at the origin, heading up, {scene.own_speed:g} m/s; intruder {scene.intruder_speed:g} m/s; "
-        f"goal at {_KM * scene.goal_distance:g} km, bearing {math.degrees(scene.goal_bearing):+.0f}°\n"
+        f"ownship at the origin, heading up, {scene.own_speed:g} m/s; intruder "
+        f"{scene.intruder_speed:g} m/s; "
+        f"goal at {_KM * scene.goal_distance:g} km, bearing "
+        f"{math.degrees(scene.goal_bearing):+.0f}°\n"
         "in brackets: heading of the intruder less own heading; angles count counter-clockwise",
         fontsize=11,
     )
@@ -69,12 +95,16 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
 
 
 def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
-    """Draw the aircraft, the required separation, the conflicts on straight courses and the goal."""
+    """Draw the aircraft, the required separation, the conflicts on straight courses and the
+    goal.
+    """
     edge, scene = _KM * advisory.extent, advisory.scene
     radius = _KM * aircraft.separation
     # Inside, the separation is lost already and the flight is over: the advice is shown faintly.
     axes.add_patch(Circle((0.0, 0.0), radius, facecolor="white", alpha=0.45, linewidth=0.0))
-    axes.add_patch(Circle((0.0, 0.0), radius, fill=False, edgecolor="black", path_effects=_HALO, **_RING))
+    axes.add_patch(
+        Circle((0.0, 0.0), radius, fill=False, edgecolor="black", path_effects=_HALO, **_RING)
+    )
     east, north = relative_velocity(scene)
     speed = math.hypot(east, north)
     place = (-0.62 * edge, 0.62 * edge)
@@ -86,21 +116,43 @@ def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
             ends = np.stack([foot, foot + 3.0 * edge * back])
             axes.plot(*ends.T, color="black", path_effects=_HALO, **_EDGE)
         place = tuple(0.66 * edge / max(abs(back)) * back)
-    own, intruder = (0.0, scene.own_speed, "own"), (scene.relative_heading, scene.intruder_speed, "intruder")
+    own, intruder = (
+        (0.0, scene.own_speed, "own"),
+        (scene.relative_heading, scene.intruder_speed, "intruder"),
+    )
     for start, (heading, speed, name) in (((0.0, 0.0), own), (place, intruder)):
         way = _KM * _WAY * aircraft.time_unit * speed
-        arrow(axes, start, heading + math.pi / 2.0, way, name, xytext=(6.0, -11.0), path_effects=_HALO)
+        arrow(
+            axes, start, heading + math.pi / 2.0, way, name, xytext=(6.0, -11.0), path_effects=_HALO
+        )
     goal = np.array([-math.sin(scene.goal_bearing), math.cos(scene.goal_bearing)])
     tick = edge / max(abs(goal)) * np.stack([0.92 * goal, goal]).T
-    axes.plot(*tick, color="black", linewidth=3.5, solid_capstyle="butt", path_effects=_WIDE_HALO, zorder=5.0)
+    axes.plot(
+        *tick,
+        color="black",
+        linewidth=3.5,
+        solid_capstyle="butt",
+        path_effects=_WIDE_HALO,
+        zorder=5.0,
+    )
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
 
 
 def _handles(aircraft: Aircraft) -> list[Line2D]:
-    tick: dict[str, Any] = {"marker": "|", "markersize": 10.0, "markeredgewidth": 3.5, "linestyle": ""}
+    tick: dict[str, Any] = {
+        "marker": "|",
+        "markersize": 10.0,
+        "markeredgewidth": 3.5,
+        "linestyle": "",
+    }
     return [
         sample(f"{aircraft.separation:.0f} m around the ownship", color="black", **_RING),
         sample("between: conflict if both fly on straight", color="black", **_EDGE),
-        sample(f"velocity: way in {_WAY * aircraft.time_unit:.0f} s", color="black", marker="o", linewidth=2.0),
+        sample(
+            f"velocity: way in {_WAY * aircraft.time_unit:.0f} s",
+            color="black",
+            marker="o",
+            linewidth=2.0,
+        ),
         sample("towards the goal", color="black", **tick),
     ]

@@ -1,7 +1,9 @@
-"""Whether a policy can turn to one side somewhere in a box of the intruder's state: proof, counterexample or neither.
+"""Whether a policy can turn to one side somewhere in a box of the intruder's state: proof,
+counterexample or neither.
 
-A sample of exact scenes that the policy answers finds counterexamples; bounds of the network over the derived inputs
-(:mod:`eval.policy_map.enclosure`) prove that there are none. A box without either is cut in two, up to a depth.
+A sample of exact scenes that the policy answers finds counterexamples; bounds of the network over
+the derived inputs (:mod:`eval.policy_map.enclosure`) prove that there are none. A box without
+either is cut in two, up to a depth.
 """
 
 from typing import Any, NamedTuple
@@ -16,14 +18,18 @@ from eval.policy_map.enclosure import Form, derived_inputs, line_along
 
 VERIFIED, COUNTEREXAMPLE, OPEN = 0, 1, 2
 
-_ROUNDING = 1e-3  # of an action: the policy flies in single precision, the bounds are of exact numbers
+_ROUNDING = (
+    1e-3  # of an action: the policy flies in single precision, the bounds are of exact numbers
+)
 _SAMPLES = 64  # exact scenes of a box, half of them corners
 _TIE = 1e-6  # more than what counts as on the line to the goal (agents.policy.scene)
 _TOGETHER = 16  # boxes whose matrices stay in cache
 
 
 class Scenes(NamedTuple):
-    """Scenes of one intruder in the ownship's frame, x ahead and y left, in separations D and greatest speeds V."""
+    """Scenes of one intruder in the ownship's frame, x ahead and y left, in separations D and
+    greatest speeds V.
+    """
 
     pace: Any  # own speed, [N]
     goal: Any  # x and y, [N, 2]
@@ -31,7 +37,9 @@ class Scenes(NamedTuple):
 
 
 def answers(policy: Policy, scenes: Scenes) -> np.ndarray:
-    """Return the turns that a policy commands, 1 at its greatest yaw rate, left positive, ``[N]``."""
+    """Return the turns that a policy commands, 1 at its greatest yaw rate, left positive,
+    ``[N]``.
+    """
     unit, fast = policy.aircraft.separation, policy.limits.speed_max
     x, y, vx, vy = (scenes.state[:, None, i] for i in range(4))
     zero = 0.0 * scenes.pace
@@ -44,10 +52,12 @@ def answers(policy: Policy, scenes: Scenes) -> np.ndarray:
 def decide(
     policy: Policy, scenes: Scenes, half: Any, side: Any, *, allowed: float, depth: int, seed: int
 ) -> np.ndarray:
-    """Return of each scene whether the policy can turn to a side within an error of the intruder's state, ``[N]``.
+    """Return of each scene whether the policy can turn to a side within an error of the intruder's
+    state, ``[N]``.
 
-    The error ``half`` is of x, y, vx, vy, ``[4]``; a side is 1, left, or -1, right, ``[N]``. A turn up to ``allowed``
-    of the greatest yaw rate counts as none; a box is cut in two up to ``depth`` times; the seed is of the sample.
+    The error ``half`` is of x, y, vx, vy, ``[4]``; a side is 1, left, or -1, right, ``[N]``. A turn
+    up to ``allowed`` of the greatest yaw rate counts as none; a box is cut in two up to ``depth``
+    times; the seed is of the sample.
     """
     found = np.where(_sampled(policy, scenes, half, side, seed) > allowed, COUNTEREXAMPLE, VERIFIED)
     network = layers(policy)
@@ -90,7 +100,9 @@ class _Boxes(NamedTuple):
 
 
 def box_of(policy: Policy, scenes: Scenes, half: Any) -> tuple[Form, np.ndarray]:
-    """Return the derived inputs of scenes with an error ``[4]``, and how each is mirrored, 1 or -1, at its middle."""
+    """Return the derived inputs of scenes with an error ``[4]``, and how each is mirrored, 1 or -1,
+    at its middle.
+    """
     x, y = scenes.state[:, 0], scenes.state[:, 1]
     sign = np.where(scenes.goal[:, 0] * y - scenes.goal[:, 1] * x < 0.0, -1.0, 1.0)
     return _inputs(policy, scenes, np.tile(half, (len(x), 1)), sign), sign
@@ -99,40 +111,60 @@ def box_of(policy: Policy, scenes: Scenes, half: Any) -> tuple[Form, np.ndarray]
 def _inputs(policy: Policy, scenes: Scenes, size: Any, sign: Any) -> Form:
     flip, limits = np.stack([np.ones_like(sign), sign], axis=-1), policy.limits
     middle = scenes.state * np.tile(flip, 2)
-    return derived_inputs(scenes.pace, scenes.goal * flip, middle, size, ratios(limits, policy.aircraft.separation))
+    return derived_inputs(
+        scenes.pace, scenes.goal * flip, middle, size, ratios(limits, policy.aircraft.separation)
+    )
 
 
 def turns_of(network: list[tuple[np.ndarray, np.ndarray]], inputs: Form) -> tuple[Form, np.ndarray]:
-    """Return the network's yaw rate over its inputs, ``[N]``, and how much each of the four hangs in it, ``[N, 4]``.
+    """Return the network's yaw rate over its inputs, ``[N]``, and how much each of the four hangs
+    in it, ``[N, 4]``.
 
-    Every layer is bounded by lines back to the inputs (CROWN with parallel lines: a chord of tanh and its distances).
+    Every layer is bounded by lines back to the inputs (CROWN with parallel lines: a chord of tanh
+    and its distances).
     """
     curves: list[tuple[Any, Any, Any]] = []
     form, size = inputs, np.zeros(0)
     for number, (kernel, bias) in enumerate(network):
-        weights, offset, rest = np.broadcast_to(kernel.T, (len(inputs.middle), *kernel.T.shape)), bias, 0.0
-        for (slope, middle, far), (below, shift) in zip(curves[::-1], network[:number][::-1], strict=True):
+        weights, offset, rest = (
+            np.broadcast_to(kernel.T, (len(inputs.middle), *kernel.T.shape)),
+            bias,
+            0.0,
+        )
+        for (slope, middle, far), (below, shift) in zip(
+            curves[::-1], network[:number][::-1], strict=True
+        ):
             rest, offset = rest + _times(np.abs(weights), far), offset + _times(weights, middle)
             weights = weights * slope[:, None]
             offset, weights = offset + weights @ shift, weights @ below.T
         size = np.abs(weights)
-        form = Form(_times(weights, inputs.middle) + offset, weights @ inputs.slopes, _times(size, inputs.rest) + rest)
+        form = Form(
+            _times(weights, inputs.middle) + offset,
+            weights @ inputs.slopes,
+            _times(size, inputs.rest) + rest,
+        )
         if number < len(network) - 1:
             curves.append(line_along(*form.ends, np.tanh, None, _steepest))
             if number == 0:  # what describes the ownship passes the first layer as it is
                 for field, value in zip(curves[0], (1.0, 0.0, 0.0), strict=True):
                     field[:, :OWN] = value
-    return Form(form.middle[:, 0], form.slopes[:, 0], form.rest[:, 0]), (size @ np.abs(inputs.slopes))[:, 0]
+    return Form(form.middle[:, 0], form.slopes[:, 0], form.rest[:, 0]), (
+        size @ np.abs(inputs.slopes)
+    )[:, 0]
 
 
 def layers(policy: Policy) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return kernels and biases for one intruder, up to the yaw rate; the first layer passes the ownship's numbers."""
+    """Return kernels and biases for one intruder, up to the yaw rate; the first layer passes the
+    ownship's numbers.
+    """
     tensors = {name: tensor.astype(float) for name, tensor in policy.tensors.items()}
     encoder, bias = tensors["each_0/kernel"], tensors["each_0/bias"]
     first = np.zeros((OWN + len(encoder), OWN + len(bias)))
     first[:OWN, :OWN], first[OWN:, OWN:] = np.eye(OWN), encoder
     hidden = range(len(policy.metadata["architecture"]["hidden"]))
-    within = [(tensors[f"hidden_{number}/kernel"], tensors[f"hidden_{number}/bias"]) for number in hidden]
+    within = [
+        (tensors[f"hidden_{number}/kernel"], tensors[f"hidden_{number}/bias"]) for number in hidden
+    ]
     last = tensors["head/kernel"][:, 1:], tensors["head/bias"][1:]
     return [(first, np.append(np.zeros(OWN), bias)), *within, last]
 
@@ -143,7 +175,9 @@ def _sampled(policy: Policy, scenes: Scenes, half: Any, side: Any, seed: int) ->
     shifts[:, :16] = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 4), axis=-1).reshape(16, 4)
     shifts[:, 16] = 0.0
     pace, goal = (np.repeat(field, _SAMPLES, axis=0) for field in (scenes.pace, scenes.goal))
-    turns = answers(policy, Scenes(pace, goal, (scenes.state[:, None] + shifts * half).reshape(-1, 4)))
+    turns = answers(
+        policy, Scenes(pace, goal, (scenes.state[:, None] + shifts * half).reshape(-1, 4))
+    )
     return (turns.reshape(-1, _SAMPLES) * side[:, None]).max(axis=-1)
 
 

@@ -1,4 +1,6 @@
-"""Rare losses of separation as a problem of importance splitting: the smallest separation of the flight decided on."""
+"""Rare losses of separation as a problem of importance splitting: the smallest separation of the
+flight decided on.
+"""
 
 import math
 
@@ -17,18 +19,26 @@ _LARGEST = np.nextafter(1.0, 0.0)
 
 
 class FlightProblem:
-    """Encounters of a scenario, their draws taken as normal numbers through the normal distribution's function.
+    """Encounters of a scenario, their draws taken as normal numbers through the normal
+    distribution's function.
 
-    The value of an encounter is the smallest separation of its flight, m; it is infinite where nothing is flown, and,
-    if only the resolvable count, where the encounter is proven unresolvable.
+    The value of an encounter is the smallest separation of its flight, m; it is infinite where
+    nothing is flown, and, if only the resolvable count, where the encounter is proven unresolvable.
     """
 
     def __init__(
-        self, pilot: Pilot, mode: str, *, resolvable_only: bool = False, closer_than: float | None = None
+        self,
+        pilot: Pilot,
+        mode: str,
+        *,
+        resolvable_only: bool = False,
+        closer_than: float | None = None,
     ) -> None:
-        """Take what flies in a mode: policy (once a second), plan (made at the start) or none (straight to the goal).
+        """Take what flies in a mode: policy (once a second), plan (made at the start) or none
+        (straight to the goal).
 
-        Flights closer than ``closer_than``, m, count, and go on after a loss; None: below the required separation.
+        Flights closer than ``closer_than``, m, count, and go on after a loss; None: below the
+        required separation.
         """
         scenario = pilot.evaluation.source
         if not isinstance(scenario, Scenario):
@@ -37,21 +47,33 @@ class FlightProblem:
         self._scenario, self._aircraft = scenario, pilot.evaluation.aircraft
         self._resolvable_only, self._endless = resolvable_only, closer_than is not None
         self.level = self._aircraft.separation if closer_than is None else closer_than
-        flawed = mode != "none" and (scenario.position_std or scenario.velocity_std or scenario.latency[1])
-        steps = 0 if not flawed else 1 if mode == "plan" else round(self._aircraft.t_max / self._aircraft.dt)
+        flawed = mode != "none" and (
+            scenario.position_std or scenario.velocity_std or scenario.latency[1]
+        )
+        steps = (
+            0
+            if not flawed
+            else 1
+            if mode == "plan"
+            else round(self._aircraft.t_max / self._aircraft.dt)
+        )
         self._noise = (steps, 4, scenario.intruders[1])
         # Draws of the start, then of the sensors' noise step by step where there is any.
         self.dimensions = scenario.dimensions + math.prod(self._noise)
 
     def sampled(self, draws: np.ndarray) -> tuple[Encounter, np.ndarray]:
-        """Return the encounters, ``[N]``, and which meet the scenario's conditions, bool ``[N]``."""
+        """Return the encounters, ``[N]``, and which meet the scenario's conditions, bool
+        ``[N]``.
+        """
         from scipy.special import ndtr
 
         uniform = np.minimum(ndtr(draws[:, : self._scenario.dimensions]), _LARGEST)
         return sample(self._scenario, uniform[None], np)
 
     def value(self, draws: np.ndarray) -> np.ndarray:
-        """Return the smallest separations, m, ``[N]``, not a number where a start fails the scenario's conditions."""
+        """Return the smallest separations, m, ``[N]``, not a number where a start fails the
+        scenario's conditions.
+        """
         starts, inside = self.sampled(draws)
         apart, rows = np.full(len(inside), np.nan), np.flatnonzero(inside)
         for first in range(0, rows.size, _BLOCK):

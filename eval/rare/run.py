@@ -33,25 +33,30 @@ _SHARE = 0.2  # of the particles that passes a level
 _WORST = 100
 _STREAM = 0x7261_7265  # keeps the draws apart from those of other commands with the same seed
 _DESCRIPTION = """\
-Estimate how often the separation is lost where plain sampling would see it too rarely, by importance splitting: the
-draws of the encounters whose flights come closest are copied and moved, level by level of the smallest separation,
-until the required separation is lost. With --resolvable-only proven unresolvable encounters never count, so that all
-particles search where a decider can be blamed.
+Estimate how often the separation is lost where plain sampling would see it too rarely, by
+importance splitting: the draws of the encounters whose flights come closest are copied and moved,
+level by level of the smallest separation, until the required separation is lost. With
+--resolvable-only proven unresolvable encounters never count, so that all particles search where a
+decider can be blamed.
 
-Written to --out: rare.json, rare.png and .svg (the levels), tail.png and .svg (an extreme-value fit), config.yaml, and
-worst.csv: encounters that were lost, for eval.monte_carlo --scenario file:worst.csv (docs/howto/sensitivity.md)."""
+Written to --out: rare.json, rare.png and .svg (the levels), tail.png and .svg (an extreme-value
+fit), config.yaml, and worst.csv: encounters that were lost, for eval.monte_carlo --scenario
+file:worst.csv (docs/howto/sensitivity.md)."""
 
 _EPILOG = """\
 examples:
   python -m eval.rare --resolvable-only --out runs/rare
-  python -m eval.rare --mode plan --scenario noisy --resolvable-only --particles 200 --out runs/rare_plan
-  python -m eval.rare --mode none --closer-than 5 --out runs/check     straight flight, closer than 5 m
+  python -m eval.rare --mode plan --scenario noisy --resolvable-only --particles 200 \\
+    --out runs/rare_plan
+  python -m eval.rare --mode none --closer-than 5 --out runs/check   straight flight, below 5 m
 
 Keys of --set and --config are those of eval.monte_carlo (its --help-keys)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Estimate what the command line asks for and return the exit status; bad input raises ``InputError``."""
+    """Estimate what the command line asks for and return the exit status; bad input raises
+    ``InputError``.
+    """
     options = _parser().parse_args(arguments)
     config, mode = _config(options)
     evaluation, policy, resolved = named_evaluation(config)
@@ -68,15 +73,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"levels: {', '.join(f'{level:.0f}' for level in plan.levels)} m", file=sys.stderr)
         for number, rng in enumerate(others, 1):
             made.append(repetition(problem, plan, *sizes, rng))
-            print(f"repetition {number} of {len(others)}: {made[-1].probability[-1]:.3g}", file=sys.stderr)
+            print(
+                f"repetition {number} of {len(others)}: {made[-1].probability[-1]:.3g}",
+                file=sys.stderr,
+            )
         blamed = [np.ones(len(one.last), bool) for one in made]
         if not options.resolvable_only:  # else all that are left are judged already
             blamed = [~problem.unresolvable(problem.sampled(one.last)[0]) for one in made]
-    found = {"schema_version": 1, "mode": mode, "scenario": config.scenario, "changes": config.changes}
-    found |= {"seed": config.seed, **_found(options, plan, made, blamed), "policy_sha256": policy.sha256}
+    found = {
+        "schema_version": 1,
+        "mode": mode,
+        "scenario": config.scenario,
+        "changes": config.changes,
+    }
+    found |= {
+        "seed": config.seed,
+        **_found(options, plan, made, blamed),
+        "policy_sha256": policy.sha256,
+    }
     found |= described(evaluation.aircraft, policy) | {"wall_s": time.perf_counter() - begun}
     # Equally many of each repetition.
-    rows = [one.last[kept][: max(1, _WORST // len(made))] for one, kept in zip(made, blamed, strict=True)]
+    rows = [
+        one.last[kept][: max(1, _WORST // len(made))]
+        for one, kept in zip(made, blamed, strict=True)
+    ]
     if any(map(len, rows)):
         encounter_file.write(options.out / "worst.csv", problem.sampled(np.concatenate(rows))[0])
     write_file(options.out / "config.yaml", dump(config))
@@ -90,22 +110,81 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.rare", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
-    add("--mode", choices=_MODES, help="what decides: policy, plan, or none, straight to the goal (default: policy)")
-    add("--config", type=Path, metavar="FILE", help="YAML file of eval.monte_carlo with what differs from the defaults")
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
+    add(
+        "--mode",
+        choices=_MODES,
+        help="what decides: policy, plan, or none, straight to the goal (default: policy)",
+    )
+    add(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="YAML file of eval.monte_carlo with what differs from the defaults",
+    )
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change one key of the configuration",
+    )
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
-    add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have (default: any)")
+    add(
+        "--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have (default: any)"
+    )
     add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
     add("--seed", type=whole(0), metavar="N", help="of all draws (default: 0)")
-    add("--resolvable-only", action="store_true", help="proven unresolvable encounters do not count")
+    add(
+        "--resolvable-only", action="store_true", help="proven unresolvable encounters do not count"
+    )
     distance = real(1e-3, 1e6, "m")
-    add("--closer-than", type=distance, metavar="M", help="count these, and fly on (default: required separation)")
-    add("--particles", type=whole(10), default=1_000, metavar="N", help="encounters at each level (default: 1000)")
-    add("--moves", type=whole(1), default=5, metavar="N", help="steps of each at each level (default: 5)")
-    add("--repetitions", type=whole(3), default=10, metavar="N", help="independent estimates (default: 10)")
-    add("--confidence", type=real(0.5, 0.999999), default=0.95, metavar="P", help="of all intervals (default: 0.95)")
-    add("--encounters-per-hour", type=real(1e-6, 1e4), metavar="R", help="of flight: says losses an hour, too")
-    add("--out", type=Path, required=True, metavar="DIR", help="folder for what is written, new or empty")
+    add(
+        "--closer-than",
+        type=distance,
+        metavar="M",
+        help="count these, and fly on (default: required separation)",
+    )
+    add(
+        "--particles",
+        type=whole(10),
+        default=1_000,
+        metavar="N",
+        help="encounters at each level (default: 1000)",
+    )
+    add(
+        "--moves",
+        type=whole(1),
+        default=5,
+        metavar="N",
+        help="steps of each at each level (default: 5)",
+    )
+    add(
+        "--repetitions",
+        type=whole(3),
+        default=10,
+        metavar="N",
+        help="independent estimates (default: 10)",
+    )
+    add(
+        "--confidence",
+        type=real(0.5, 0.999999),
+        default=0.95,
+        metavar="P",
+        help="of all intervals (default: 0.95)",
+    )
+    add(
+        "--encounters-per-hour",
+        type=real(1e-6, 1e4),
+        metavar="R",
+        help="of flight: says losses an hour, too",
+    )
+    add(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for what is written, new or empty",
+    )
     return parser
 
 
@@ -130,7 +209,9 @@ def _found(
     shares = np.array([np.mean(each) if each.size else 0.0 for each in blamed])
     levels = []
     for stage, (level, step) in enumerate(zip(plan.levels, (*plan.steps, None), strict=True)):
-        taken = [one.acceptance[stage] for one in made if step and np.isfinite(one.acceptance[stage])]
+        taken = [
+            one.acceptance[stage] for one in made if step and np.isfinite(one.acceptance[stage])
+        ]
         levels.append(
             {
                 "level_m": level,
@@ -144,7 +225,10 @@ def _found(
     error, hourly = rate["relative_error"], options.encounters_per_hour
     found = {
         "separation_m": plan.levels[-1],
-        **{key: getattr(options, key) for key in ("resolvable_only", "particles", "moves", "repetitions")},
+        **{
+            key: getattr(options, key)
+            for key in ("resolvable_only", "particles", "moves", "repetitions")
+        },
         "confidence": options.confidence,
         "rate": rate,
         "rate_not_unresolvable": _estimate(by_level[:, -1] * shares, options.confidence),
@@ -154,14 +238,18 @@ def _found(
         "flights_of_the_pilot": plan.evaluations,
         "tail": fits(first, plan.levels[-1]),
         "losses_per_hour": hourly and {end: hourly * rate[end] for end in ("value", "low", "high")},
-        "plain_flights_for_the_same_error": (1.0 - rate["value"]) / rate["value"] / error**2 if error else None,
+        "plain_flights_for_the_same_error": (1.0 - rate["value"]) / rate["value"] / error**2
+        if error
+        else None,
         "versions": versions("numpy", "scipy", "safetensors"),
     }
     return found | {"warnings": _warnings(found)}
 
 
 def _estimate(values: np.ndarray, confidence: float) -> dict[str, Any]:
-    """Return the mean of independent estimates, its t interval, not below 0, and the estimates, in JSON types."""
+    """Return the mean of independent estimates, its t interval, not below 0, and the estimates, in
+    JSON types.
+    """
     value, error = float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(values.size)
     half = float(stdtrit(values.size - 1, 0.5 + 0.5 * confidence)) * error
     return {
@@ -177,12 +265,23 @@ def _warnings(found: dict[str, Any]) -> list[str]:
     said = []
     values = found["rate"]["repetitions"]
     if not any(values):
-        said.append("no repetition lost the separation: the rate is below what so many particles can find")
+        said.append(
+            "no repetition lost the separation: the rate is below what so many particles can find"
+        )
     elif found["rate"]["relative_error"] * math.sqrt(len(values)) > 0.5:
-        said.append("repetitions differ by more than half of their mean: take more particles or moves")
+        said.append(
+            "repetitions differ by more than half of their mean: take more particles or moves"
+        )
     if min(found["ancestors"]) < 5 and any(values):
-        said.append("a repetition's lost encounters descend from fewer than five first ones: take more particles")
-    low = [each["level_m"] for each in found["levels"] if each["acceptance"] is not None and each["acceptance"] < 0.05]
+        said.append(
+            "a repetition's lost encounters descend from fewer than five first ones: take more "
+            "particles"
+        )
+    low = [
+        each["level_m"]
+        for each in found["levels"]
+        if each["acceptance"] is not None and each["acceptance"] < 0.05
+    ]
     if low:
         said.append(f"fewer than 5 % of the steps are taken below {low[0]:.0f} m: take more moves")
     return said
@@ -190,12 +289,23 @@ def _warnings(found: dict[str, Any]) -> list[str]:
 
 def _show(found: dict[str, Any], out: Path) -> None:
     print(f"scenario {found['scenario']}, mode {found['mode']}, below {found['separation_m']:g} m")
-    names = {"rate": "losses of separation", "rate_not_unresolvable": "of them not proven unresolvable"}
-    for key, name in ({"rate": "losses not proven unresolvable"} if found["resolvable_only"] else names).items():
+    names = {
+        "rate": "losses of separation",
+        "rate_not_unresolvable": "of them not proven unresolvable",
+    }
+    for key, name in (
+        {"rate": "losses not proven unresolvable"} if found["resolvable_only"] else names
+    ).items():
         ends = f"{found[key]['low']:.3g} .. {found[key]['high']:.3g}"
-        print(f"{name:34} {found[key]['value']:.3g}   {100.0 * found['confidence']:g} % interval {ends}")
+        print(
+            f"{name:34} {found[key]['value']:.3g}   {100.0 * found['confidence']:g} % interval "
+            f"{ends}"
+        )
     for one in found["tail"]:
-        print(f"extreme-value fit below {one['threshold_m']:.0f} m: {one['rate']:.3g} (shape {one['shape']:+.2f})")
+        print(
+            f"extreme-value fit below {one['threshold_m']:.0f} m: {one['rate']:.3g} (shape "
+            f"{one['shape']:+.2f})"
+        )
     if found["losses_per_hour"] is not None:
         value, low, high = (found["losses_per_hour"][end] for end in ("value", "low", "high"))
         print(f"losses an hour of flight: {value:.3g} ({low:.3g} .. {high:.3g})")

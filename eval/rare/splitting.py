@@ -1,12 +1,14 @@
 """Importance splitting: small probabilities as products of larger ones, in the space of the draws.
 
-Particles below a level are copied until there are as many as before, moved by steps that leave their distribution
-below that level as it is, and counted at the next, lower level. The product of the shares is an unbiased estimate where
-levels and steps are fixed in advance (F. Cerou, A. Guyader, Stochastic Analysis and Applications 25 (2007) 417; P. Del
-Moral, Feynman-Kac Formulae, 2004), so that a pilot of its own chooses them and independent repetitions estimate.
+Particles below a level are copied until there are as many as before, moved by steps that leave
+their distribution below that level as it is, and counted at the next, lower level. The product of
+the shares is an unbiased estimate where levels and steps are fixed in advance (F. Cerou, A.
+Guyader, Stochastic Analysis and Applications 25 (2007) 417; P. Del Moral, Feynman-Kac Formulae,
+2004), so that a pilot of its own chooses them and independent repetitions estimate.
 
-A step is a preconditioned Crank-Nicolson proposal: a particle's normal numbers are mixed with new ones (S. L. Cotter et
-al., Statistical Science 28 (2013) 424). It is taken where it stays below the level.
+A step is a preconditioned Crank-Nicolson proposal: a particle's normal numbers are mixed with new
+ones (S. L. Cotter et al., Statistical Science 28 (2013) 424). It is taken where it stays below the
+level.
 """
 
 from typing import NamedTuple, Protocol
@@ -18,7 +20,9 @@ from envs.edge.command import InputError
 _MOST_LEVELS = 60
 _WANTED_ACCEPTANCE = 0.3
 _LARGEST_STEP, _SMALLEST_STEP = 0.9, 1e-3
-_SPREAD = 10.0  # ratio of the largest to the smallest step of a stage: failures may lie in thin strips
+_SPREAD = (
+    10.0  # ratio of the largest to the smallest step of a stage: failures may lie in thin strips
+)
 _TRIES = 1_000
 
 
@@ -34,7 +38,8 @@ class Problem(Protocol):
     def value(self, draws: np.ndarray) -> np.ndarray:
         """Return the values ``[N]`` of draws ``[N, dimensions]``.
 
-        Not a number: the distribution (of normal draws on a condition) has no such particle; infinite: it cannot count.
+        Not a number: the distribution (of normal draws on a condition) has no such particle;
+        infinite: it cannot count.
         """
         ...
 
@@ -51,7 +56,9 @@ class Repetition(NamedTuple):
     """One independent estimate; arrays ``[L]``, one entry a level."""
 
     probability: np.ndarray  # of a value below each level
-    acceptance: np.ndarray  # share of the proposals taken below each level but the last, [L - 1]; nan: none was left
+    acceptance: (
+        np.ndarray
+    )  # share of the proposals taken below each level but the last, [L - 1]; nan: none was left
     ancestors: int  # different first particles from which those below the last level descend
     evaluations: int
     first: np.ndarray  # values of the first particles: plain sampling, [N]
@@ -59,12 +66,18 @@ class Repetition(NamedTuple):
 
 
 def pilot(
-    problem: Problem, threshold: float, particles: int, moves: int, share: float, rng: np.random.Generator
+    problem: Problem,
+    threshold: float,
+    particles: int,
+    moves: int,
+    share: float,
+    rng: np.random.Generator,
 ) -> Plan:
-    """Choose levels that a share of the particles passes, and steps of which about a third are taken.
+    """Choose levels that a share of the particles passes, and steps of which about a third are
+    taken.
 
-    ``moves`` are the proposals for each particle and level. Values that stop falling before the threshold, the last
-    level, raise ``SplittingError``.
+    ``moves`` are the proposals for each particle and level. Values that stop falling before the
+    threshold, the last level, raise ``SplittingError``.
     """
     draws, values = _first(problem, particles, rng)
     evaluations, step = particles, 0.5
@@ -82,7 +95,8 @@ def pilot(
         if stuck:
             at = f"{levels[-1]:g}" if levels else "the beginning"
             raise SplittingError(
-                f"the pilot stops at level {at} after {len(levels)} levels, its particles being at {values.min():g} "
+                f"the pilot stops at level {at} after {len(levels)} levels, its particles being "
+                f"at {values.min():g} "
                 f"at best; expected them to come below {threshold:g}: more particles or moves may"
             )
         levels.append(float(wanted))
@@ -91,11 +105,15 @@ def pilot(
         for _ in range(moves):
             draws, values, taken, flown = _moved(problem, draws, values, levels[-1], step, rng)
             evaluations += flown
-            step = float(np.clip(step * np.exp(taken - _WANTED_ACCEPTANCE), _SMALLEST_STEP, _LARGEST_STEP))
+            step = float(
+                np.clip(step * np.exp(taken - _WANTED_ACCEPTANCE), _SMALLEST_STEP, _LARGEST_STEP)
+            )
         steps.append(step)
 
 
-def repetition(problem: Problem, plan: Plan, particles: int, moves: int, rng: np.random.Generator) -> Repetition:
+def repetition(
+    problem: Problem, plan: Plan, particles: int, moves: int, rng: np.random.Generator
+) -> Repetition:
     """Return one unbiased estimate; arguments as of :func:`pilot`."""
     draws, values = _first(problem, particles, rng)
     first, evaluations = values, particles
@@ -115,7 +133,9 @@ def repetition(problem: Problem, plan: Plan, particles: int, moves: int, rng: np
         draws, values, family = draws[rows], values[rows], family[rows]
         shares = []
         for _ in range(moves):
-            draws, values, taken, flown = _moved(problem, draws, values, level, plan.steps[stage], rng)
+            draws, values, taken, flown = _moved(
+                problem, draws, values, level, plan.steps[stage], rng
+            )
             evaluations += flown
             shares.append(taken)
         acceptance[stage] = np.mean(shares)
@@ -136,20 +156,34 @@ def _first(problem: Problem, count: int, rng: np.random.Generator) -> tuple[np.n
 
 
 def _moved(
-    problem: Problem, draws: np.ndarray, values: np.ndarray, level: float, step: float, rng: np.random.Generator
+    problem: Problem,
+    draws: np.ndarray,
+    values: np.ndarray,
+    level: float,
+    step: float,
+    rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, float, int]:
-    """Propose one step for every particle; return particles, values, share of steps taken and evaluations."""
+    """Propose one step for every particle; return particles, values, share of steps taken and
+    evaluations.
+    """
     # Sizes do not depend on where a particle is, so that a step back is as likely as the step.
     size = step * _SPREAD ** -rng.random((len(values), 1))
     asked = np.sqrt(1.0 - size**2) * draws + size * rng.standard_normal(draws.shape)
     found = problem.value(asked)
     taken = found < level
     draws = np.where(taken[:, None], asked, draws)
-    return draws, np.where(taken, found, values), float(np.mean(taken)), int(np.count_nonzero(~np.isnan(found)))
+    return (
+        draws,
+        np.where(taken, found, values),
+        float(np.mean(taken)),
+        int(np.count_nonzero(~np.isnan(found))),
+    )
 
 
 def _copies(chosen: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Return ``count`` row numbers among the chosen, each equally often but for a random remainder."""
+    """Return ``count`` row numbers among the chosen, each equally often but for a random
+    remainder.
+    """
     rows = np.flatnonzero(chosen)
     whole, rest = divmod(count, rows.size)
     return np.concatenate([np.repeat(rows, whole), rng.choice(rows, rest, replace=False)])

@@ -1,7 +1,8 @@
-"""An extreme-value fit beside splitting: the smallest separations of plain sampling as a generalised Pareto tail.
+"""An extreme-value fit beside splitting: the smallest separations of plain sampling as a
+generalised Pareto tail.
 
-How far separations lie below a low threshold is distributed so (Pickands, Annals of Statistics 3 (1975) 119). A good
-fit stays as the threshold falls, and has its quantiles on the diagonal.
+How far separations lie below a low threshold is distributed so (Pickands, Annals of Statistics 3
+(1975) 119). A good fit stays as the threshold falls, and has its quantiles on the diagonal.
 """
 
 from collections.abc import Mapping
@@ -18,7 +19,9 @@ _QUANTILES = np.arange(0.025, 1.0, 0.05)
 
 
 def fits(values: np.ndarray, level: float) -> list[dict[str, Any]]:
-    """Return a fit for each share of ``values [N]`` that is enough for one, with the rate below ``level``, m."""
+    """Return a fit for each share of ``values [N]`` that is enough for one, with the rate below
+    ``level``, m.
+    """
     from scipy.stats import genpareto
 
     made = []
@@ -45,7 +48,9 @@ def fits(values: np.ndarray, level: float) -> list[dict[str, Any]]:
 
 
 def tail_figure(found: Mapping[str, Any]) -> Figure:
-    """Return the diagnostics of ``rare.json``'s content: rate and shape by threshold, and quantiles."""
+    """Return the diagnostics of ``rare.json``'s content: rate and shape by threshold, and
+    quantiles.
+    """
     made, rate = found["tail"], found["rate"]
     figure = Figure((11.0, 3.4), layout="constrained")
     rates, shapes, quantiles = figure.subplots(1, 3)
@@ -57,7 +62,9 @@ def tail_figure(found: Mapping[str, Any]) -> Figure:
     shapes.plot(place, [one["shape"] for one in made], "o-", color=BLUE)
     shapes.set(xlabel="threshold, m", ylabel="shape of the fit")
     for one in made:
-        quantiles.plot(one["fitted_quantiles_m"], one["quantiles_m"], ".-", label=f"{one['threshold_m']:.0f} m")
+        quantiles.plot(
+            one["fitted_quantiles_m"], one["quantiles_m"], ".-", label=f"{one['threshold_m']:.0f} m"
+        )
     most = max((one["quantiles_m"][-1] for one in made), default=1.0)
     quantiles.plot([0.0, most], [0.0, most], color=VERMILION, linewidth=0.8)
     quantiles.set(xlabel="below the threshold: fitted, m", ylabel="sampled, m")

@@ -1,6 +1,8 @@
-"""The data of the page's script: which encounters are points and flights, small enough for the page.
+"""The data of the page's script: which encounters are points and flights, small enough for the
+page.
 
-Numbers are little-endian and base64: float32 for the columns of the points, int16 times a scale for flights.
+Numbers are little-endian and base64: float32 for the columns of the points, int16 times a scale for
+flights.
 """
 
 import base64
@@ -17,16 +19,44 @@ from eval.report.flights import Replayed
 from eval.report.folder import Run
 
 _FINEST = 0.5  # smallest step of a position on the page, m
-_TEXTS = ("verdict", "verdict_method", "plan_status", "plan_source", "baseline_outcome", "policy_outcome")
+_TEXTS = (
+    "verdict",
+    "verdict_method",
+    "plan_status",
+    "plan_source",
+    "baseline_outcome",
+    "policy_outcome",
+)
 _NUMBERS = (
-    *("distance_m", "bearing_deg", "relative_heading_deg", "min_separation_m", "time_of_min_separation_s"),
-    *("duration_s", "path_excess", "goal_distance_m", "heading_reversals", "baseline_min_separation_m"),
-    *("policy_min_separation_m", "plan_min_separation_m", "replans", "backup_s", "intruders", "own_speed_m_s"),
+    *(
+        "distance_m",
+        "bearing_deg",
+        "relative_heading_deg",
+        "min_separation_m",
+        "time_of_min_separation_s",
+    ),
+    *(
+        "duration_s",
+        "path_excess",
+        "goal_distance_m",
+        "heading_reversals",
+        "baseline_min_separation_m",
+    ),
+    *(
+        "policy_min_separation_m",
+        "plan_min_separation_m",
+        "replans",
+        "backup_s",
+        "intruders",
+        "own_speed_m_s",
+    ),
     *("intruder_speed_m_s", "t_cpa_s", "d_cpa_m"),
 )
 NEAR = 1.05  # a success that came nearer than this times the required separation is a near miss
 NEAREST, OTHERS, POINTS = 200, 100, 20_000
-"""At most so many near misses and other successes are replayed; at most so many encounters are points."""
+"""At most so many near misses and other successes are replayed; at most so many encounters are
+points.
+"""
 
 
 class Choice(NamedTuple):
@@ -38,7 +68,9 @@ class Choice(NamedTuple):
 
 
 def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
-    """Return the groups of encounters to replay, at most so many in all: those wanted and the most important first."""
+    """Return the groups of encounters to replay, at most so many in all: those wanted and the most
+    important first.
+    """
     kinds, separation = run.kinds, run.table["min_separation_m"]
     success = kinds == "success"
     near = success & (separation < NEAR * run.rules.separation)
@@ -63,7 +95,9 @@ def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
 
 
 def points(run: Run, replayed: np.ndarray) -> np.ndarray:
-    """Return the numbers of the encounters that are points: all, or those replayed, failures and an even sample."""
+    """Return the numbers of the encounters that are points: all, or those replayed, failures and an
+    even sample.
+    """
     everything = np.arange(len(run.kinds))
     if len(everything) <= POINTS:
         return everything
@@ -73,8 +107,12 @@ def points(run: Run, replayed: np.ndarray) -> np.ndarray:
     return np.sort(np.concatenate([kept, spread(rest, max(0, POINTS - len(kept)))]))
 
 
-def page_data(run: Run, shown: np.ndarray, flights: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return all that the script reads, in JSON types: encounters that are points, ascending, and flights by number."""
+def page_data(
+    run: Run, shown: np.ndarray, flights: Mapping[int, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return all that the script reads, in JSON types: encounters that are points, ascending, and
+    flights by number.
+    """
     table, rules = run.table, run.rules
     kinds = list(MARKERS)
     codes = np.array([kinds.index(kind) for kind in run.kinds[shown]], np.uint8)
@@ -92,15 +130,21 @@ def page_data(run: Run, shown: np.ndarray, flights: Mapping[int, Mapping[str, An
         "count": len(shown),
         "number": _packed(shown.astype("<i4")),
         "kind": _packed(codes),
-        "columns": {name: _packed(table[name][shown].astype("<f4")) for name in _NUMBERS if name in table},
+        "columns": {
+            name: _packed(table[name][shown].astype("<f4")) for name in _NUMBERS if name in table
+        },
         "texts": texts,
-        "names": [None if name is None else visible(name) for name in table["name"][shown]] if named else None,
+        "names": [None if name is None else visible(name) for name in table["name"][shown]]
+        if named
+        else None,
         "flights": {str(number): flight for number, flight in flights.items()},
     }
 
 
 def flight_data(flight: Replayed) -> dict[str, Any]:
-    """Return one flight in JSON types; positions are relative to its origin and rounded to its scale, m."""
+    """Return one flight in JSON types; positions are relative to its origin and rounded to its
+    scale, m.
+    """
     track, witness = flight.track, flight.witness
     origin = np.round(0.5 * (track.own.min(axis=1) + track.own.max(axis=1)))
     places = (track.own, track.intruders, np.zeros((2, 0)) if witness is None else witness.path)
@@ -114,7 +158,9 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
         "steps": len(track.separation),
         "intruders": len(track.intruders),
         "scale": scale,
-        "goal": [round(place - middle, 1) for place, middle in zip(track.goal, origin, strict=True)],
+        "goal": [
+            round(place - middle, 1) for place, middle in zip(track.goal, origin, strict=True)
+        ],
         "packed": _packed(np.clip(np.round(whole), -32_768, 32_767).astype("<i2")),
     }
     if not flight.same:
@@ -134,7 +180,9 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
 
 
 def json_text(data: Any) -> str:
-    """Return JSON that may stand inside a script element: nothing in it can end the element or begin another."""
+    """Return JSON that may stand inside a script element: nothing in it can end the element or
+    begin another.
+    """
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)  # ASCII
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 

@@ -1,4 +1,6 @@
-"""The flights of a report, flown once more and compared with their rows: a run's files hold only how each ended."""
+"""The flights of a report, flown once more and compared with their rows: a run's files hold only
+how each ended.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -48,16 +50,26 @@ class Replayed(NamedTuple):
 
 
 def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
-    """Return what a run flew, its policy (perhaps moved since) and its file of encounters checked by their digests."""
-    config = run.config if policy_path is None else run.config.model_copy(update={"policy": policy_path})
+    """Return what a run flew, its policy (perhaps moved since) and its file of encounters checked
+    by their digests.
+    """
+    config = (
+        run.config if policy_path is None else run.config.model_copy(update={"policy": policy_path})
+    )
     try:
         return named_evaluation(config)[0]
     except ConfigError as problem:
-        raise ConfigError(f"{problem}, as in the run (--policy names its policy; --tracks 0 flies nothing)") from None
+        raise ConfigError(
+            f"{problem}, as in the run (--policy names its policy; --tracks 0 flies nothing)"
+        ) from None
 
 
-def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesses: set[int]) -> Iterator[Replayed]:
-    """Yield the flights of some encounters in their order, some of them with a witness: a flight that resolves them."""
+def fly_again(
+    run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesses: set[int]
+) -> Iterator[Replayed]:
+    """Yield the flights of some encounters in their order, some of them with a witness: a flight
+    that resolves them.
+    """
     # One thread, as when they were flown for the table: BLAS rounds differently with several.
     with threadpool_limits(1):
         pilot = Pilot.load(evaluation)
@@ -68,16 +80,23 @@ def fly_again(run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesse
 def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> Iterator[Replayed]:
     aircraft, batch = pilot.evaluation.aircraft, fly_recorded(pilot, numbers)
     starts, plans, flights, flown = batch
-    found = _witnesses(aircraft, starts, [i for i, number in enumerate(numbers) if number in wanted])
+    found = _witnesses(
+        aircraft, starts, [i for i, number in enumerate(numbers) if number in wanted]
+    )
     for i, number in enumerate(numbers):
         track = batch.track(i)
         if not track.separation.size:
             continue  # the planner had no trajectory
         said, closest = run.table["outcome"][number], run.table["min_separation_m"][number]
-        same = OUTCOMES[flights.outcome[i]] == said and abs(flights.min_separation[i] - closest) <= _SAME
+        same = (
+            OUTCOMES[flights.outcome[i]] == said
+            and abs(flights.min_separation[i] - closest) <= _SAME
+        )
         plan, status = None, None
         if plans is None:
-            acceleration, yaw_rate = commands(flown.action[: track.separation.size, i].T, aircraft.limits, np)
+            acceleration, yaw_rate = commands(
+                flown.action[: track.separation.size, i].T, aircraft.limits, np
+            )
         else:
             dt, made = aircraft.dt, plans.proposals
             own = take(flown.own, (slice(0, track.separation.size + 1), i))
@@ -85,7 +104,9 @@ def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> 
             status = STATUSES[int(made.safe[i])]
             knots = np.stack([made.knots.x[i], made.knots.y[i], made.knots.time[i]])
             plan = knots if np.isfinite(knots).all() else None
-        yield Replayed(number, track, acceleration, yaw_rate, bool(same), plan, status, found.get(i))
+        yield Replayed(
+            number, track, acceleration, yaw_rate, bool(same), plan, status, found.get(i)
+        )
 
 
 def _witnesses(aircraft: Aircraft, starts: Encounter, rows: list[int]) -> dict[int, Witness]:
@@ -100,5 +121,7 @@ def _witnesses(aircraft: Aircraft, starts: Encounter, rows: list[int]) -> dict[i
         flight = replay(take(chosen, int(place)), take(best.manoeuvre, int(place)), rules, limits)
         on = flight.time <= best.arrival[place] + 1e-9
         path = np.stack([flight.own.x[on], flight.own.y[on]])
-        found[rows[int(place)]] = Witness(path, float(best.arrival[place]), float(best.separation[place]))
+        found[rows[int(place)]] = Witness(
+            path, float(best.arrival[place]), float(best.separation[place])
+        )
     return found

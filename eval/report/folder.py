@@ -1,4 +1,6 @@
-"""The folder of an evaluation as its report reads it: complete, of one run, and of the schema that is known."""
+"""The folder of an evaluation as its report reads it: complete, of one run, and of the schema that
+is known.
+"""
 
 import json
 from collections.abc import Mapping
@@ -14,7 +16,11 @@ from eval.flights.aircraft import aircraft_of
 from eval.plots.style import kinds_of
 from eval.runner.outputs import SCHEMA_VERSION, RunFolder, read_table
 
-_FIGURES = ("initial_conditions", "min_separation", "trajectories")  # names of the pictures that a run draws
+_FIGURES = (
+    "initial_conditions",
+    "min_separation",
+    "trajectories",
+)  # names of the pictures that a run draws
 _SUMMARY, _TABLE, _CONFIG = "summary.json", RunFolder.table, "config.yaml"
 _COLUMNS = (
     *("encounter", "outcome", "verdict", "duration_s", "min_separation_m", "name"),
@@ -36,15 +42,23 @@ class Run(NamedTuple):
 
 
 def read_run(folder: Path) -> Run:
-    """Read what ``eval.monte_carlo`` wrote; what is incomplete or mixed from several runs raises ``ConfigError``."""
+    """Read what ``eval.monte_carlo`` wrote; what is incomplete or mixed from several runs raises
+    ``ConfigError``.
+    """
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
         raise ConfigError(f"{folder} {what}, expected a folder that eval.monte_carlo wrote")
     for name in (_CONFIG, _TABLE, _SUMMARY):
         if not (folder / name).is_file():
             begun = (folder / "parts").is_dir()
-            hint = f"; finish the run with python -m eval.monte_carlo --resume --out {folder}" if begun else ""
-            raise ConfigError(f"{folder} holds no {name}, expected a finished run of eval.monte_carlo{hint}")
+            hint = (
+                f"; finish the run with python -m eval.monte_carlo --resume --out {folder}"
+                if begun
+                else ""
+            )
+            raise ConfigError(
+                f"{folder} holds no {name}, expected a finished run of eval.monte_carlo{hint}"
+            )
     summary, config = _summary(folder / _SUMMARY), load(MonteCarloConfig, folder / _CONFIG)
     for key in ("seed", "mode", "policy_sha256"):
         if summary.get(key) != getattr(config, key):
@@ -56,20 +70,32 @@ def read_run(folder: Path) -> Run:
             raise ConfigError(f"{folder / _TABLE}: has no column {name}, expected one")
     rows = len(table["encounter"])
     if rows != config.wanted:
-        raise ConfigError(f"{folder / _TABLE}: has {rows} rows, expected {config.wanted} as in {_CONFIG}")
+        raise ConfigError(
+            f"{folder / _TABLE}: has {rows} rows, expected {config.wanted} as in {_CONFIG}"
+        )
     text = (folder / _CONFIG).read_text(encoding="utf-8")
     try:
-        figures = {name: (folder / f"{name}.png").read_bytes() for name in _FIGURES} if config.figures else {}
+        figures = (
+            {name: (folder / f"{name}.png").read_bytes() for name in _FIGURES}
+            if config.figures
+            else {}
+        )
     except OSError as problem:
-        raise ConfigError(f"{problem.filename}: cannot be read ({problem.strerror}), expected a picture") from None
-    return Run(folder, summary, aircraft_of(summary).rules(), config, text, table, kinds_of(table), figures)
+        raise ConfigError(
+            f"{problem.filename}: cannot be read ({problem.strerror}), expected a picture"
+        ) from None
+    return Run(
+        folder, summary, aircraft_of(summary).rules(), config, text, table, kinds_of(table), figures
+    )
 
 
 def _summary(path: Path) -> dict[str, Any]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as problem:
-        raise ConfigError(f"{path}: cannot be read as JSON ({problem}), expected a run's summary") from None
+        raise ConfigError(
+            f"{path}: cannot be read as JSON ({problem}), expected a run's summary"
+        ) from None
     version = found.get("schema_version") if isinstance(found, dict) else None
     if version != SCHEMA_VERSION:
         raise ConfigError(f"{path}: schema_version is {version!r}, expected {SCHEMA_VERSION}")

@@ -1,6 +1,8 @@
-"""The page: one file with everything inside, to which a browser need not, and may not, add anything.
+"""The page: one file with everything inside, to which a browser need not, and may not, add
+anything.
 
-Its content security policy allows the two scripts that stand in it, by their digests, and no connection at all.
+Its content security policy allows the two scripts that stand in it, by their digests, and no
+connection at all.
 """
 
 import base64
@@ -43,24 +45,36 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
     summary = run.summary
     lines = headline(summary, _lost_causes(run))
     scenario = escape(visible(summary["scenario"]))
-    head, tail = f"{spaced(run.config.wanted)} encounters, scenario ", escape(f", mode {summary['mode']}")
+    head, tail = (
+        f"{spaced(run.config.wanted)} encounters, scenario ",
+        escape(f", mode {summary['mode']}"),
+    )
     return Filled(asset("report.html")).substitute(
         allowed=allowed,
         title=head + scenario + tail,
         heading=f"{head}<bdi>{scenario}</bdi>{tail}",
         about=_about(run),
         confidence=escape(f"{100.0 * summary['confidence']:g}"),
-        tiles="\n".join(_tile(line, summary["confidence"]) for key in _TILES for line in lines if line.key == key),
+        tiles="\n".join(
+            _tile(line, summary["confidence"])
+            for key in _TILES
+            for line in lines
+            if line.key == key
+        ),
         lines="\n".join(_row(line) for line in lines),
         unresolvable=_unresolvable(run),
-        kinds="\n".join(_kind(run, place, kind) for place, kind in reversed(list(enumerate(MARKERS)))),
+        kinds="\n".join(
+            _kind(run, place, kind) for place, kind in reversed(list(enumerate(MARKERS)))
+        ),
         near=escape(f"{NEAR * run.rules.separation:.0f}"),
         points=_points(run, data["count"]),
         tracks=_tracks(chosen, data),
         figures="\n".join(figure(_CAPTIONS[name], png) for name, png in run.figures.items())
         or "<p>This run drew no figures (its key <code>figures</code> is false).</p>",
         config=escape(visible(run.config_text)),
-        versions=", ".join(escape(f"{name} {version}") for name, version in summary["versions"].items()),
+        versions=", ".join(
+            escape(f"{name} {version}") for name, version in summary["versions"].items()
+        ),
         by=escape(by),
         style=style,
         data=json_text(data),
@@ -89,7 +103,9 @@ def _about(run: Run) -> str:
     ]
     said += lines_about(summary)
     if summary.get("changes"):
-        said.append("changed: " + ", ".join(f"{key} {value}" for key, value in summary["changes"].items()))
+        said.append(
+            "changed: " + ", ".join(f"{key} {value}" for key, value in summary["changes"].items())
+        )
     return escape(visible(" · ".join(said)))
 
 
@@ -102,14 +118,21 @@ def _tile(line: Line, confidence: float) -> str:
 
 
 def _row(line: Line) -> str:
-    cells = "".join(f"<td>{escape(text)}</td>" for text in (line.value, line.interval, line.counted))
+    cells = "".join(
+        f"<td>{escape(text)}</td>" for text in (line.value, line.interval, line.counted)
+    )
     return f'<tr><th scope="row">{escape(line.label)}</th>{cells}</tr>'
 
 
 def _lost_causes(run: Run) -> dict[str, int]:
-    """Return how many violations and time-outs are proven unresolvable, by the key of their rate."""
+    """Return how many violations and time-outs are proven unresolvable, by the key of their
+    rate.
+    """
     lost = run.kinds == "proven unresolvable"
-    return {f"{name}_rate": int((lost & (run.table["outcome"] == name)).sum()) for name in ("violation", "timeout")}
+    return {
+        f"{name}_rate": int((lost & (run.table["outcome"] == name)).sum())
+        for name in ("violation", "timeout")
+    }
 
 
 def _unresolvable(run: Run) -> str:
@@ -120,7 +143,8 @@ def _unresolvable(run: Run) -> str:
     listed = ", ".join(f'<a href="#{number}">{number}</a>' for number in numbers[:_LISTED])
     more = f" and {spaced(len(numbers) - _LISTED)} more" if len(numbers) > _LISTED else ""
     return (
-        f"<p>Proven unresolvable, and therefore a kind of their own in filter and plots: {listed}{more} "
+        "<p>Proven unresolvable, and therefore a kind of their own in filter and plots: "
+        f"{listed}{more} "
         f"({spaced(len(numbers))} in all). The table counts their violations and time-outs too.</p>"
     )
 
@@ -139,7 +163,10 @@ def _kind(run: Run, place: int, kind: str) -> str:
 def _points(run: Run, count: int) -> str:
     if count == run.config.wanted:
         return "Every encounter is a point."
-    return f"{spaced(count)} of {spaced(run.config.wanted)} are points: tracks, failures, and a sample of the rest."
+    return (
+        f"{spaced(count)} of {spaced(run.config.wanted)} are points: tracks, failures, and a "
+        "sample of the rest."
+    )
 
 
 def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
@@ -150,14 +177,20 @@ def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
     for group, numbers, total in chosen:
         kept = sum(str(int(number)) in flights for number in numbers)
         parts.append(f"{spaced(kept)} of {spaced(total)} {group}")
-    differing, witnesses = (sum(key in flight for flight in flights.values()) for key in ("differs", "witness"))
+    differing, witnesses = (
+        sum(key in flight for flight in flights.values()) for key in ("differs", "witness")
+    )
     text = (
-        f"{spaced(len(flights))} encounters have tracks: {', '.join(parts)}. Near misses are successes nearer than "
-        f"{100.0 * (NEAR - 1.0):g} % beyond the required separation; at most the {NEAREST} nearest have tracks. They "
-        f"were flown again when this page was made, {spaced(witnesses)} failures beside a flight that resolves them."
+        f"{spaced(len(flights))} encounters have tracks: {', '.join(parts)}. Near misses are "
+        "successes nearer than "
+        f"{100.0 * (NEAR - 1.0):g} % beyond the required separation; at most the {NEAREST} "
+        "nearest have tracks. They "
+        f"were flown again when this page was made, {spaced(witnesses)} failures beside a flight "
+        "that resolves them."
     )
     warning = (
-        f'<p class="warning">{spaced(differing)} of them ended otherwise than the table says: this page was made with '
+        f'<p class="warning">{spaced(differing)} of them ended otherwise than the table says: '
+        "this page was made with "
         "another kind of machine or other versions than the run. They are marked.</p>"
     )
     return f"<p>{escape(text)}</p>{warning if differing else ''}"

@@ -1,4 +1,6 @@
-"""The report of an evaluation as one page: ``python -m eval.report runs/first`` writes ``runs/first/report.html``."""
+"""The report of an evaluation as one page: ``python -m eval.report runs/first`` writes
+``runs/first/report.html``.
+"""
 
 import argparse
 import sys
@@ -19,8 +21,8 @@ from eval.report.page import page
 from eval.runner.options import whole
 
 _DESCRIPTION = """\
-Write report.html into a folder that eval.monte_carlo wrote: the numbers with their intervals, the figures, and the
-encounters, to be filtered and replayed. It is one file that needs no network.
+Write report.html into a folder that eval.monte_carlo wrote: the numbers with their intervals, the
+figures, and the encounters, to be filtered and replayed. It is one file that needs no network.
 
 Failures, near misses and a sample of the other encounters are flown again for the replay."""
 
@@ -28,18 +30,22 @@ _EPILOG = """\
 examples:
   python -m eval.report runs/circle
   python -m eval.report runs/circle --show 4711,4712      with tracks of these encounters too
-  python -m eval.report runs/circle --tracks 0            nothing is flown: neither policy nor much time is needed"""
+  python -m eval.report runs/circle --tracks 0       nothing is flown: no policy is needed"""
 
 _MOST_WITNESSES = 100
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the report of the command line and return the exit status; bad input raises ``InputError``."""
+    """Make the report of the command line and return the exit status; bad input raises
+    ``InputError``.
+    """
     options = _parser().parse_args(arguments)
     run = read_run(options.folder)
     for number in options.show:
         if number >= len(run.kinds):
-            raise ConfigError(f"--show: {number}; expected numbers of encounters, 0 to {len(run.kinds) - 1}")
+            raise ConfigError(
+                f"--show: {number}; expected numbers of encounters, 0 to {len(run.kinds) - 1}"
+            )
     try:
         with written(options.folder / "report.html") as temporary:
             text = _made(run, options)
@@ -56,21 +62,36 @@ def _parser() -> argparse.ArgumentParser:
     add("folder", type=Path, metavar="DIR", help="folder of the run; report.html in it is replaced")
     most = "most encounters to replay (default: 1000)"
     add("--tracks", type=whole(0, 100_000), default=1_000, metavar="N", help=most)
-    add("--show", type=_numbers, default=[], metavar="N,...", help="numbers of encounters to replay in any case")
-    add("--policy", type=Path, metavar="FILE", help="policy file, if it has moved (default: as in config.yaml)")
+    add(
+        "--show",
+        type=_numbers,
+        default=[],
+        metavar="N,...",
+        help="numbers of encounters to replay in any case",
+    )
+    add(
+        "--policy",
+        type=Path,
+        metavar="FILE",
+        help="policy file, if it has moved (default: as in config.yaml)",
+    )
     return parser
 
 
 def _numbers(text: str) -> list[int]:
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isascii() and part.isdecimal() and len(part) <= 9 for part in parts):
-        raise argparse.ArgumentTypeError(f"{text!r}; expected numbers of encounters with commas between them")
+        raise argparse.ArgumentTypeError(
+            f"{text!r}; expected numbers of encounters with commas between them"
+        )
     return list(dict.fromkeys(int(part) for part in parts))
 
 
 def _made(run: Run, options: argparse.Namespace) -> str:
     if len(options.show) > options.tracks:
-        raise ConfigError(f"--show: {len(options.show)} encounters; expected at most --tracks {options.tracks}")
+        raise ConfigError(
+            f"--show: {len(options.show)} encounters; expected at most --tracks {options.tracks}"
+        )
     chosen = choose(run, options.tracks, options.show)
     flights = _flights(run, chosen, options.policy) if options.tracks else {}
     shown = points(run, np.array(sorted(flights), dtype=int))
@@ -94,6 +115,8 @@ def _flights(run: Run, chosen: Sequence[Choice], policy: Path | None) -> dict[in
     if differing:
         why = "another machine or other versions; they are marked on the page"
         print(
-            f"warning: {differing} of {len(flights)} flights end otherwise than in the table ({why})", file=sys.stderr
+            f"warning: {differing} of {len(flights)} flights end otherwise than in the table "
+            f"({why})",
+            file=sys.stderr,
         )
     return flights

@@ -1,7 +1,9 @@
-"""An existing Dask cluster that flies chunks: ``--scheduler tcp://HOST:PORT`` (docs/howto/evaluation.md).
+"""An existing Dask cluster that flies chunks: ``--scheduler tcp://HOST:PORT``
+(docs/howto/evaluation.md).
 
-Dask hands chunks to workers, and again to others where a worker dies. What is decided here: how many chunks are under
-way, so that no more than those are ever held; that workers fit the run; and what a chunk is that workers die of.
+Dask hands chunks to workers, and again to others where a worker dies. What is decided here: how
+many chunks are under way, so that no more than those are ever held; that workers fit the run; and
+what a chunk is that workers die of.
 """
 
 import asyncio
@@ -28,8 +30,12 @@ from eval.runner.payload import Chunk, Task, WorkerError, differences, fly, pack
 
 _ANSWER_S = 5.0  # time in which a scheduler must answer
 _PATIENCE_S = 2.0  # time after which the number of workers is asked for again
-_AHEAD = 2  # chunks under way for each worker: one in the air, one waiting there, so that none waits for the network
-_ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss)://)?(?:\[[0-9A-Fa-f:.%]+\]|[^\s:/\[\]]+):(?P<port>[0-9]{1,5})")
+# chunks under way for each worker: one in the air, one waiting there, so that none waits for the
+# network
+_AHEAD = 2
+_ADDRESS = re.compile(
+    r"(?:(?:tcp|tls|ws|wss)://)?(?:\[[0-9A-Fa-f:.%]+\]|[^\s:/\[\]]+):(?P<port>[0-9]{1,5})"
+)
 
 
 class Cluster:
@@ -41,7 +47,9 @@ class Cluster:
         self._asked, self._known = 0.0, 0
 
     def size(self) -> int:
-        """Return the number of workers, as of the last two seconds; ``WorkerError``: the scheduler has gone."""
+        """Return the number of workers, as of the last two seconds; ``WorkerError``: the scheduler
+        has gone.
+        """
         if time.monotonic() - self._asked >= _PATIENCE_S:
             try:
                 workers: Any = self._client.nthreads()
@@ -72,15 +80,25 @@ class Cluster:
                 raise ConfigError(f"{where} has {unlike}, expected the same versions everywhere")
 
     def fly(
-        self, task: Task, work: Any, sha256: str, chunks: Iterable[Chunk], stopped: Callable[[], bool]
+        self,
+        task: Task,
+        work: Any,
+        sha256: str,
+        chunks: Iterable[Chunk],
+        stopped: Callable[[], bool],
     ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:
-        """Fly chunks and yield the table of each as it gets ready, in any order; arguments as of :func:`fly_chunks`.
+        """Fly chunks and yield the table of each as it gets ready, in any order; arguments as of
+        :func:`fly_chunks`.
 
-        ``WorkerError`` also: the scheduler has gone, a worker does not fit, or several died of a chunk.
+        ``WorkerError`` also: the scheduler has gone, a worker does not fit, or several died of a
+        chunk.
         """
         name = uuid.uuid4().hex
-        # A task and not scattered data: what a task has made is made again when the worker that holds it dies.
-        payload = self._client.submit(unpacked, packed(name, task, work, sha256), key=f"payload-{name}")
+        # A task and not scattered data: what a task has made is made again when the worker that
+        # holds it dies.
+        payload = self._client.submit(
+            unpacked, packed(name, task, work, sha256), key=f"payload-{name}"
+        )
         waiting = deque(chunks)
         air: dict[Any, tuple[Future, Chunk]] = {}
         landed: SimpleQueue[Future] = SimpleQueue()
@@ -89,8 +107,11 @@ class Cluster:
             while True:
                 while waiting and len(air) < _AHEAD * max(self.size(), 1) and not stopped():
                     chunk = waiting.popleft()
-                    # The first part of a key names the group of tasks, by which the scheduler spreads them evenly.
-                    future = self._client.submit(fly, payload, *chunk, key=(f"chunks-{name}", chunk.first))
+                    # The first part of a key names the group of tasks, by which the scheduler
+                    # spreads them evenly.
+                    future = self._client.submit(
+                        fly, payload, *chunk, key=(f"chunks-{name}", chunk.first)
+                    )
                     air[future.key] = future, chunk
                     future.add_done_callback(landed.put)
                 if not air:
@@ -120,14 +141,18 @@ class Cluster:
             raise
         except KilledWorker:
             part = f"{chunk.first}..{chunk.first + chunk.size - 1}"
-            raise WorkerError(f"several workers have died that had encounters {part} to fly (out of memory?)") from None
+            raise WorkerError(
+                f"several workers have died that had encounters {part} to fly (out of memory?)"
+            ) from None
         except (OSError, CancelledError):
             raise self._lost() from None
         except Exception as problem:
             raise WorkerError(f"a worker has failed: {type(problem).__name__}: {problem}") from None
 
     def _lost(self) -> WorkerError:
-        return WorkerError(f"the scheduler at {self._address} has gone (killed, or the network is down)")
+        return WorkerError(
+            f"the scheduler at {self._address} has gone (killed, or the network is down)"
+        )
 
     def _note(self, text: str) -> None:
         print(f"note: the cluster at {self._address} {text}", file=sys.stderr, flush=True)
@@ -135,13 +160,18 @@ class Cluster:
 
 @contextmanager
 def connected(address: str, packages: tuple[str, ...]) -> Generator[Cluster, None, None]:
-    """Connect with a scheduler at ``HOST:PORT`` or ``tcp://HOST:PORT``, wait for a worker, and give the cluster.
+    """Connect with a scheduler at ``HOST:PORT`` or ``tcp://HOST:PORT``, wait for a worker, and give
+    the cluster.
 
-    Also ``tls`` and ``ws``, set up as Dask's configuration says. The packages must have one version everywhere.
+    Also ``tls`` and ``ws``, set up as Dask's configuration says. The packages must have one version
+    everywhere.
     """
     found = _ADDRESS.fullmatch(address)
     if found is None or not 0 < int(found["port"]) < 65_536:
-        raise ConfigError(f"--scheduler: {address!r} is no address; expected tcp://HOST:PORT, such as tcp://node7:8786")
+        raise ConfigError(
+            f"--scheduler: {address!r} is no address; expected tcp://HOST:PORT, such as "
+            "tcp://node7:8786"
+        )
     address = address if "://" in address else f"tcp://{address}"
     # What matters is said here in a sentence; its own notices are about sockets and coroutines.
     for name in ("distributed", "distributed.client", "tornado.application"):
@@ -160,7 +190,9 @@ def connected(address: str, packages: tuple[str, ...]) -> Generator[Cluster, Non
 
 
 def _greet(address: str) -> None:
-    """Ask the scheduler for its identity, because a client would wait for ever if nothing answers."""
+    """Ask the scheduler for its identity, because a client would wait for ever if nothing
+    answers.
+    """
     from distributed.security import Security
 
     async def ask() -> Any:
@@ -181,4 +213,6 @@ def _greet(address: str) -> None:
             f"--scheduler {address}: no Dask scheduler answers within {_ANSWER_S:g} s, {wanted}"
         ) from None
     if kind != "Scheduler":
-        raise ConfigError(f"--scheduler {address}: is the address of a {kind}, expected that of a Dask scheduler")
+        raise ConfigError(
+            f"--scheduler {address}: is the address of a {kind}, expected that of a Dask scheduler"
+        )

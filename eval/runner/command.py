@@ -1,4 +1,6 @@
-"""The frame of the commands that fly many encounters: workers, the run's folder, chunks, interrupts, files."""
+"""The frame of the commands that fly many encounters: workers, the run's folder, chunks,
+interrupts, files.
+"""
 
 import argparse
 import json
@@ -29,11 +31,15 @@ from eval.runner.workers import cores, fly_chunks
 if TYPE_CHECKING:
     from eval.runner.cluster import Cluster
 
-Fly: TypeAlias = Callable[[list[Chunk], Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]]
+Fly: TypeAlias = Callable[
+    [list[Chunk], Callable[[], bool]], Iterable[tuple[Chunk, Mapping[str, Any]]]
+]
 """(chunks, whether to stop) -> chunks with their columns, in any order."""
 
 _ROW_BYTES, _PART_BYTES = 500, 64_000
-"""What a row and a part take on the disk, generously: a row stands in a part and in the joined table."""
+"""What a row and a part take on the disk, generously: a row stands in a part and in the joined
+table.
+"""
 
 
 class Command(NamedTuple):
@@ -45,9 +51,13 @@ class Command(NamedTuple):
     keys: Mapping[str, str]  # of the configuration by the name of their option
     prefix: str  # as of eval.runner.options.loaded
     prepared: Callable[[Any, argparse.Namespace], tuple[Any, Any, tuple[str, ...]]]
-    """(configuration, options) -> work, the configuration but for its chunks resolved, packages that rows depend on."""
+    """(configuration, options) -> work, the configuration but for its chunks resolved, packages
+    that rows depend on.
+    """
     prepare: Callable[[Any, Any], Any]
-    columns: Callable[[Any, int, int], dict[str, Any]]  # with ``prepare``: of :class:`eval.runner.payload.Task`
+    columns: Callable[
+        [Any, int, int], dict[str, Any]
+    ]  # with ``prepare``: of :class:`eval.runner.payload.Task`
     summarised: Callable[[Mapping[str, Any], Any, Any], dict[str, Any]]
     """(table, configuration, work) -> what the summary says of the flights."""
     figures: str  # module with draw_all: (folder, table, work) -> files of the figures
@@ -55,7 +65,9 @@ class Command(NamedTuple):
 
 
 def run(command: Command, options: argparse.Namespace) -> int:
-    """Fly what the options of a command ask for and return the exit status; bad input raises ``InputError``."""
+    """Fly what the options of a command ask for and return the exit status; bad input raises
+    ``InputError``.
+    """
     if options.help_keys:
         print(help_text(command.folder.model))
         return 0
@@ -66,7 +78,9 @@ def run(command: Command, options: argparse.Namespace) -> int:
     with _cluster_of(options, task.packages) as cluster:
         workers = config.workers or cores() if cluster is None else cluster.size()
         config = config.model_copy(update={"chunk": config.chunk_for(config.wanted, workers)})
-        folder = command.folder(options.out or Path("runs") / time.strftime(f"{command.name}_%Y%m%d_%H%M%S"), config)
+        folder = command.folder(
+            options.out or Path("runs") / time.strftime(f"{command.name}_%Y%m%d_%H%M%S"), config
+        )
         fly = partial(fly_chunks, task, work, workers)
         if cluster is not None:
             fly = partial(cluster.fly, task, work, config.policy_sha256)
@@ -79,13 +93,19 @@ def run(command: Command, options: argparse.Namespace) -> int:
             try:
                 table, flown = _whole_table(folder, config, fly)
             except _UnfinishedError as end:
-                print(f"{end}Go on with: python -m eval.{command.name} --resume --out {folder.path}", file=sys.stderr)
+                print(
+                    f"{end}Go on with: python -m eval.{command.name} --resume --out {folder.path}",
+                    file=sys.stderr,
+                )
                 return end.status
             policy, wall_s = named_policy(config), time.perf_counter() - begun
             summary = {
                 "schema_version": SCHEMA_VERSION,
                 command.unit: config.wanted,
-                **{name: getattr(config, name) for name in ("seed", "scenario", "changes", "mode", "policy_sha256")},
+                **{
+                    name: getattr(config, name)
+                    for name in ("seed", "scenario", "changes", "mode", "policy_sha256")
+                },
                 **described(work.aircraft, policy),
                 "confidence": config.confidence,
                 **command.summarised(table, config, work),
@@ -94,7 +114,9 @@ def run(command: Command, options: argparse.Namespace) -> int:
                 f"{command.unit}_per_s": flown / wall_s if flown else None,
                 "versions": versions("numpy", "safetensors", "pyarrow", "scipy", *packages),
             }
-            write_file(folder.path / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
+            write_file(
+                folder.path / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n"
+            )
             # Imported only now: matplotlib takes a second.
             draw_all = import_module(command.figures).draw_all if config.figures else lambda *_: []
             figures = draw_all(folder.path, table, work)
@@ -126,18 +148,25 @@ class Encounters(Progress):
         """Count encounters that were flown now, and how many of them reached their goal."""
         self._flown, self._reached = self._flown + flown, self._reached + reached
         rate = self._flown / max(time.perf_counter() - self._begun, 1e-9)
-        figures = f"{spaced(round(rate))} encounters/s, success {100.0 * self._reached / self._flown:.1f} %"
+        figures = (
+            f"{spaced(round(rate))} encounters/s, success "
+            f"{100.0 * self._reached / self._flown:.1f} %"
+        )
         self.show(self._before + self._flown, figures, rate)
 
 
 def _cluster_of(
     options: argparse.Namespace, packages: tuple[str, ...]
 ) -> "AbstractContextManager[Cluster] | nullcontext[None]":
-    """Return the context of the cluster that ``--scheduler`` names; of none, and nothing of Dask, without it."""
+    """Return the context of the cluster that ``--scheduler`` names; of none, and nothing of Dask,
+    without it.
+    """
     if options.scheduler is None:
         return nullcontext()
     if options.workers is not None:
-        raise ConfigError("--workers and --scheduler: expected one of them, because a cluster has its own workers")
+        raise ConfigError(
+            "--workers and --scheduler: expected one of them, because a cluster has its own workers"
+        )
     from eval.runner.cluster import connected
 
     return connected(options.scheduler, packages)
@@ -151,11 +180,19 @@ class _UnfinishedError(Exception):
         self.status = status  # of the exit
 
 
-def _whole_table(folder: RunFolder, config: MonteCarloConfig, fly: Fly) -> tuple[Mapping[str, Any], int]:
-    """Fly what is missing of a run; return its whole table, and how many encounters were flown now."""
+def _whole_table(
+    folder: RunFolder, config: MonteCarloConfig, fly: Fly
+) -> tuple[Mapping[str, Any], int]:
+    """Fly what is missing of a run; return its whole table, and how many encounters were
+    flown now.
+    """
     assert config.chunk is not None  # it is resolved
     total, size, stored, flown = config.wanted, config.chunk, folder.done(), 0
-    missing = [Chunk(first, min(size, total - first)) for first in range(0, total, size) if first not in stored]
+    missing = [
+        Chunk(first, min(size, total - first))
+        for first in range(0, total, size)
+        if first not in stored
+    ]
     before = total - sum(chunk.size for chunk in missing)
     try:
         with _stop_on_interrupt() as stopped, Encounters(total, before) as progress:
@@ -175,7 +212,9 @@ def _whole_table(folder: RunFolder, config: MonteCarloConfig, fly: Fly) -> tuple
 
 @contextmanager
 def _stop_on_interrupt() -> Generator[list[int], None, None]:
-    """Give a list that a first Ctrl-C (or SIGTERM) makes non-empty; a second one interrupts at once."""
+    """Give a list that a first Ctrl-C (or SIGTERM) makes non-empty; a second one interrupts at
+    once.
+    """
     received: list[int] = []
 
     def note(number: int, _: Any) -> None:
@@ -183,7 +222,9 @@ def _stop_on_interrupt() -> Generator[list[int], None, None]:
             raise KeyboardInterrupt
         received.append(number)
         # Not print(): the signal may have interrupted one.
-        os.write(sys.stderr.fileno(), b"\nfinishing the chunks in the air (Ctrl-C again stops at once)\n")
+        os.write(
+            sys.stderr.fileno(), b"\nfinishing the chunks in the air (Ctrl-C again stops at once)\n"
+        )
 
     try:
         before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}

@@ -19,10 +19,19 @@ Config = TypeVar("Config", bound=MonteCarloConfig)
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:
     """Return a type of an option: a whole number of at least ``least``, at most ``most``."""
-    wanted = f"a whole number of at least {least}" if most is None else f"a whole number, {least} to {most}"
+    wanted = (
+        f"a whole number of at least {least}"
+        if most is None
+        else f"a whole number, {least} to {most}"
+    )
 
     def value(text: str) -> int:
-        if not text.isascii() or not text.isdecimal() or int(text) < least or (most is not None and int(text) > most):
+        if (
+            not text.isascii()
+            or not text.isdecimal()
+            or int(text) < least
+            or (most is not None and int(text) > most)
+        ):
             raise argparse.ArgumentTypeError(f"{text!r}; expected {wanted}")
         return int(text)
 
@@ -37,7 +46,9 @@ def real(low: float, high: float, unit: str = "") -> Callable[[str], float]:
         try:
             found = float(text)
         except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r}; expected a number, {low:g} to {high:g}{unit}") from None
+            raise argparse.ArgumentTypeError(
+                f"{text!r}; expected a number, {low:g} to {high:g}{unit}"
+            ) from None
         if not low <= found <= high:  # inverted for nan
             raise argparse.ArgumentTypeError(f"{found:g}{unit}; expected {low:g} to {high:g}{unit}")
         return found
@@ -49,29 +60,69 @@ def first_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that a command begins with: configuration and policy."""
     add = parser.add_argument
     add("--config", type=Path, metavar="FILE", help="YAML file with what differs from the defaults")
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="change one key of the configuration")
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change one key of the configuration",
+    )
     add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
     names = "c208, jet, light, paper, uas"
-    add("--aircraft", type=Path, metavar="FILE", help=f"YAML file, or a name: {names} (default: the policy's own)")
-    add("--allow-outside-domain", action="store_true", help="fly what the policy was not trained for, too")
-    add("--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have, 64 hex digits (default: any)")
+    add(
+        "--aircraft",
+        type=Path,
+        metavar="FILE",
+        help=f"YAML file, or a name: {names} (default: the policy's own)",
+    )
+    add(
+        "--allow-outside-domain",
+        action="store_true",
+        help="fly what the policy was not trained for, too",
+    )
+    add(
+        "--policy-sha256",
+        metavar="DIGEST",
+        help="SHA-256 that the policy must have, 64 hex digits (default: any)",
+    )
 
 
 def last_options(parser: argparse.ArgumentParser, name: str) -> None:
-    """Add the options that a command ends with: workers, and the run's folder, whose default begins with ``name``."""
+    """Add the options that a command ends with: workers, and the run's folder, whose default begins
+    with ``name``.
+    """
     add = parser.add_argument
-    add("--workers", type=whole(0), metavar="N", help="processes; 0: one for every core (default: 0)")
-    add("--scheduler", metavar="ADDRESS", help="fly on a Dask cluster instead, such as tcp://node7:8786")
-    add("--resume", action="store_true", help="go on with the run in --out instead of beginning one")
-    add("--out", type=Path, metavar="DIR", help=f"folder of the run (default: runs/{name}_DATE_TIME)")
+    add(
+        "--workers",
+        type=whole(0),
+        metavar="N",
+        help="processes; 0: one for every core (default: 0)",
+    )
+    add(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="fly on a Dask cluster instead, such as tcp://node7:8786",
+    )
+    add(
+        "--resume", action="store_true", help="go on with the run in --out instead of beginning one"
+    )
+    add(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help=f"folder of the run (default: runs/{name}_DATE_TIME)",
+    )
 
 
-def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, str], prefix: str) -> Config:
+def loaded(
+    model: type[Config], options: argparse.Namespace, keys: Mapping[str, str], prefix: str
+) -> Config:
     """Return the configuration: a file's or a begun run's values under those of the command line.
 
-    The options have config, resume, out, policy, scenario, set and what ``keys`` names: key of the configuration by the
-    option's name. The prefix stands for ``--set: `` in messages about options that have names of their own.
+    The options have config, resume, out, policy, scenario, set and what ``keys`` names: key of the
+    configuration by the option's name. The prefix stands for ``--set: `` in messages about options
+    that have names of their own.
     """
     path = options.config
     if options.resume:
@@ -79,7 +130,10 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
             raise ConfigError("--resume: expected --out with the folder of the run")
         begun = options.out / "config.yaml"
         if not begun.is_file():
-            raise ConfigError(f"--resume: {options.out} holds no run (no config.yaml), expected one that was begun")
+            raise ConfigError(
+                f"--resume: {options.out} holds no run (no config.yaml), expected one that was "
+                "begun"
+            )
         path = path or begun
     overrides = []
     if options.policy is not None:
@@ -102,7 +156,9 @@ def loaded(model: type[Config], options: argparse.Namespace, keys: Mapping[str, 
     try:
         return load(model, path, [*overrides, *options.set])
     except ConfigError as problem:
-        raise ConfigError(str(problem) if options.set else str(problem).replace("--set: ", prefix, 1)) from None
+        raise ConfigError(
+            str(problem) if options.set else str(problem).replace("--set: ", prefix, 1)
+        ) from None
 
 
 def named_policy(config: MonteCarloConfig) -> Policy:
@@ -113,13 +169,20 @@ def named_policy(config: MonteCarloConfig) -> Policy:
 
 
 def check_digest(path: Path | None, found: str, wanted: str | None, option: str) -> None:
-    """Refuse a policy (None: the one that ships) whose SHA-256 is not the wanted one (None: any), as an option says."""
+    """Refuse a policy (None: the one that ships) whose SHA-256 is not the wanted one (None: any),
+    as an option says.
+    """
     if wanted is not None and found != wanted.lower():
-        raise ConfigError(f"policy {path or 'that ships'} has SHA-256 {found}, expected {wanted} ({option})")
+        raise ConfigError(
+            f"policy {path or 'that ships'} has SHA-256 {found}, expected {wanted} ({option})"
+        )
 
 
-def named_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, tuple[str, ...] | None, dict[str, Any]]:
-    """Return scenario or encounters, names of the encounters of a file, and what is resolved thereby.
+def named_source(
+    config: MonteCarloConfig, aircraft: Aircraft
+) -> tuple[Source, tuple[str, ...] | None, dict[str, Any]]:
+    """Return scenario or encounters, names of the encounters of a file, and what is resolved
+    thereby.
 
     A file that is not the expected one, or holds fewer than are wanted, raises ``ConfigError``.
     """
@@ -130,14 +193,20 @@ def named_source(config: MonteCarloConfig, aircraft: Aircraft) -> tuple[Source, 
     digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
     wanted = config.scenario_sha256
     if wanted not in (None, digest):
-        raise ConfigError(f"{config.file} has SHA-256 {digest}, expected {wanted} (key scenario_sha256)")
+        raise ConfigError(
+            f"{config.file} has SHA-256 {digest}, expected {wanted} (key scenario_sha256)"
+        )
     if names is not None and count > len(names):
-        raise ConfigError(f"encounters is {count}; expected at most {len(names)}, as many as {config.file} holds")
+        raise ConfigError(
+            f"encounters is {count}; expected at most {len(names)}, as many as {config.file} holds"
+        )
     return source, names, {"scenario_sha256": digest, "encounters": count}
 
 
 def named_evaluation(config: MonteCarloConfig) -> tuple[Evaluation, Policy, dict[str, Any]]:
-    """Return what a configuration names: what is flown, the policy as its file has it, and what is resolved thereby."""
+    """Return what a configuration names: what is flown, the policy as its file has it, and what is
+    resolved thereby.
+    """
     policy = named_policy(config)
     aircraft = config.flown_aircraft(policy)
     source, names, resolved = named_source(config, aircraft)

@@ -1,4 +1,6 @@
-"""The folder of a run: its configuration, finished parts, the table of encounters and the summary, each whole."""
+"""The folder of a run: its configuration, finished parts, the table of encounters and the summary,
+each whole.
+"""
 
 import hashlib
 import json
@@ -24,13 +26,17 @@ _FREE = ("policy", "workers", "figures", "confidence", "resamples")
 
 
 def check_unused(path: Path) -> None:
-    """Refuse a folder in which no run can begin: one that holds something already, or cannot be read."""
+    """Refuse a folder in which no run can begin: one that holds something already, or cannot be
+    read.
+    """
     try:
         unused = is_unused(path)
     except OSError as problem:
         raise ConfigError(f"--out {path}: cannot be read: {problem.strerror}") from None
     if not unused:
-        raise ConfigError(f"--out {path}: holds something already, expected a folder that is new or empty")
+        raise ConfigError(
+            f"--out {path}: holds something already, expected a folder that is new or empty"
+        )
 
 
 class RunFolder:
@@ -41,12 +47,16 @@ class RunFolder:
     schema: bytes = b"monte_carlo 1"  # of that file, in its metadata
 
     def __init__(self, path: Path, config: MonteCarloConfig) -> None:
-        """Name a folder and the configuration as resolved; nothing is touched before it is created or resumed."""
+        """Name a folder and the configuration as resolved; nothing is touched before it is created
+        or resumed.
+        """
         self.path = path
         self._config = config
 
     def begin(self, *, resume: bool) -> None:
-        """Begin a run in an unused folder, or go on with one of the same configuration; else ``ConfigError``."""
+        """Begin a run in an unused folder, or go on with one of the same configuration; else
+        ``ConfigError``.
+        """
         if resume:
             self._check_same()
         else:
@@ -68,7 +78,9 @@ class RunFolder:
                 raise ConfigError(f"--resume: {other}; use another --out for another evaluation")
 
     def done(self) -> set[int]:
-        """Return the first encounters of the chunks that are stored; other versions made them: ``ConfigError``."""
+        """Return the first encounters of the chunks that are stored; other versions made them:
+        ``ConfigError``.
+        """
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -90,7 +102,9 @@ class RunFolder:
         """Store the table of the chunk that begins with encounter ``first``."""
         import pyarrow.parquet as pq
 
-        table = arrow_table(columns).replace_schema_metadata({b"rlcas_run": self._identity().encode()})
+        table = arrow_table(columns).replace_schema_metadata(
+            {b"rlcas_run": self._identity().encode()}
+        )
         with written(self.path / _PARTS / f"{first:09d}.parquet") as path:
             pq.write_table(table, path)
 
@@ -102,7 +116,9 @@ class RunFolder:
         target = self.path / self.table
         if not target.is_file():
             parts = sorted((self.path / _PARTS).glob("*.parquet"))
-            table = pa.concat_tables(pq.read_table(part).replace_schema_metadata() for part in parts)
+            table = pa.concat_tables(
+                pq.read_table(part).replace_schema_metadata() for part in parts
+            )
             # One array a column, so that the file does not show how the run was cut into chunks.
             table = table.combine_chunks().replace_schema_metadata({b"rlcas_schema": self.schema})
             with written(target) as path:
@@ -121,8 +137,12 @@ class RunFolder:
 
 
 def _plain(config: MonteCarloConfig) -> dict[str, Any]:
-    """Return what the rows of a run depend on, in plain values; of files their digests, not where they lie."""
-    values = {key: value for key, value in config.model_dump(mode="json").items() if key not in _FREE}
+    """Return what the rows of a run depend on, in plain values; of files their digests, not where
+    they lie.
+    """
+    values = {
+        key: value for key, value in config.model_dump(mode="json").items() if key not in _FREE
+    }
     return values | {"scenario": values["scenario"] if config.file is None else "a file"}
 
 
@@ -130,7 +150,9 @@ def arrow_table(columns: Mapping[str, np.ndarray]) -> Any:
     """Return columns as a table of pyarrow."""
     import pyarrow as pa
 
-    kinds = {name: pa.string() if values.dtype == object else None for name, values in columns.items()}
+    kinds = {
+        name: pa.string() if values.dtype == object else None for name, values in columns.items()
+    }
     return pa.table({name: pa.array(values, type=kinds[name]) for name, values in columns.items()})
 
 
@@ -145,11 +167,14 @@ def read_table(path: Path, what: str, schema: bytes | None = None) -> dict[str, 
     try:
         read = pq.read_table(path)
     except (OSError, pa.ArrowException) as problem:
-        raise ConfigError(f"{path}: cannot be read as parquet ({problem}), expected {what}") from None
+        raise ConfigError(
+            f"{path}: cannot be read as parquet ({problem}), expected {what}"
+        ) from None
     found = (read.schema.metadata or {}).get(b"rlcas_schema", b"none")
     if schema is not None and found != schema:
         raise ConfigError(
-            f"{path}: has the schema {found.decode(errors='replace')!r}, expected {schema.decode()!r}, {what}"
+            f"{path}: has the schema {found.decode(errors='replace')!r}, expected "
+            f"{schema.decode()!r}, {what}"
         )
     columns = {}
     for name, column in zip(read.column_names, read.columns, strict=True):

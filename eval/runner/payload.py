@@ -1,7 +1,8 @@
 """What a worker gets and does: an evaluation with its policy's bytes, and chunks of it to fly.
 
-A worker of a cluster shares neither the file system nor the past of the program that sends it chunks: all that their
-rows follow from is in the payload, and the worker checks what it has against it before it flies.
+A worker of a cluster shares neither the file system nor the past of the program that sends it
+chunks: all that their rows follow from is in the payload, and the worker checks what it has against
+it before it flies.
 """
 
 import pickle
@@ -33,16 +34,22 @@ class Chunk(NamedTuple):
 
 
 class Task(NamedTuple):
-    """How chunks of one kind of evaluation are flown; its functions are found again by their names in a worker."""
+    """How chunks of one kind of evaluation are flown; its functions are found again by their names
+    in a worker.
+    """
 
-    prepare: Callable[[Any, Policy], Any]  # (what is flown, the policy) -> what the next function flies with
+    prepare: Callable[
+        [Any, Policy], Any
+    ]  # (what is flown, the policy) -> what the next function flies with
     columns: Callable[[Any, int, int], dict[str, np.ndarray]]
     """(what was prepared, first encounter, how many) -> table of the chunk."""
     packages: tuple[str, ...] = DECISIVE  # on whose versions the rows depend
 
 
 class WorkerError(RuntimeError):
-    """A worker has failed, though its input is good; the message says how. What is stored remains."""
+    """A worker has failed, though its input is good; the message says how. What is stored
+    remains.
+    """
 
 
 _SHIPPED = "data/policy.safetensors"
@@ -61,39 +68,48 @@ class Payload:
 
 
 def packed(name: str, task: Task, work: Any, sha256: str) -> bytes:
-    """Return the payload of a run as bytes; ``work`` names its policy's file, None: the one that ships.
+    """Return the payload of a run as bytes; ``work`` names its policy's file, None: the one that
+    ships.
 
     ``PolicyFileError``: the file cannot be read again, or is no longer the one with this digest.
     """
-    path = resources.files("agents").joinpath(_SHIPPED) if work.policy is None else Path(work.policy)
+    path = (
+        resources.files("agents").joinpath(_SHIPPED) if work.policy is None else Path(work.policy)
+    )
     try:
         content = path.read_bytes()
     except OSError as problem:
         raise PolicyFileError(f"{path}: cannot be read again: {problem.strerror}") from None
     now = parse(content, str(path)).sha256
     if now != sha256:
-        raise PolicyFileError(f"{path}: has changed since it was loaded: its SHA-256 is {now}, expected {sha256}")
+        raise PolicyFileError(
+            f"{path}: has changed since it was loaded: its SHA-256 is {now}, expected {sha256}"
+        )
     found = versions(*task.packages)
     decisive = {name: found[name] for name in task.packages}
     return pickle.dumps(Payload(name, task, work._replace(policy=None), content, sha256, decisive))
 
 
 def unpacked(data: bytes) -> Payload:
-    """Return the payload of :func:`packed`; a task of its own, so that each worker is sent one copy."""
+    """Return the payload of :func:`packed`; a task of its own, so that each worker is sent one
+    copy.
+    """
     return pickle.loads(data)
 
 
 def fly(payload: Payload, first: int, count: int) -> dict[str, np.ndarray]:
     """Fly the chunk of ``count`` encounters from ``first`` on and return its table.
 
-    ``InputError``: an encounter cannot be drawn; ``WorkerError``: anything else, with its traceback.
+    ``InputError``: an encounter cannot be drawn; ``WorkerError``: anything else, with its
+    traceback.
     """
-    # Of several threads of a worker one flies: a step is hundreds of short array operations, and threads would
-    # mostly wait for the interpreter's lock.
+    # Of several threads of a worker one flies: a step is hundreds of short array operations, and
+    # threads would mostly wait for the interpreter's lock.
     with _flying:
         try:
-            # For good, not for the chunk: BLAS rounds differently with several threads, and restoring their
-            # number would do so beneath another chunk. Libraries that were loaded meanwhile are held, too.
+            # For good, not for the chunk: BLAS rounds differently with several threads, and
+            # restoring their number would do so beneath another chunk. Libraries that were loaded
+            # meanwhile are held, too.
             threadpool_limits(1)
             if payload.name not in _prepared:
                 prepared = _assembled(payload)
@@ -124,7 +140,11 @@ def _assembled(payload: Payload) -> Any:
     unlike = differences(payload.versions, versions(*payload.versions))
     if unlike:
         raise WorkerError(f"a worker has {unlike}; expected the same versions everywhere")
-    policy = Policy(parse(payload.policy, "the policy that was sent"), source="the policy that was sent")
+    policy = Policy(
+        parse(payload.policy, "the policy that was sent"), source="the policy that was sent"
+    )
     if policy.sha256 != payload.sha256:
-        raise WorkerError(f"the policy that was sent has SHA-256 {policy.sha256}, expected {payload.sha256}")
+        raise WorkerError(
+            f"the policy that was sent has SHA-256 {policy.sha256}, expected {payload.sha256}"
+        )
     return payload.task.prepare(payload.work, policy)

@@ -1,8 +1,9 @@
 """Processes that fly chunks side by side.
 
-Threads would be simpler, but a step of a chunk is hundreds of short array operations, and two threads spend much of
-their time waiting for the interpreter's lock (measured: 1.2 times the speed of one, against 1.9 with processes).
-A worker ends by itself when its parent has gone, so that none outlives one that was killed.
+Threads would be simpler, but a step of a chunk is hundreds of short array operations, and two
+threads spend much of their time waiting for the interpreter's lock (measured: 1.2 times the speed
+of one, against 1.9 with processes). A worker ends by itself when its parent has gone, so that none
+outlives one that was killed.
 """
 
 import multiprocessing
@@ -32,12 +33,14 @@ def cores() -> int:
 def fly_chunks(
     task: Task, work: Any, workers: int, chunks: Iterable[Chunk], stopped: Callable[[], bool]
 ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:
-    """Fly chunks of some work, with the path of its policy, and yield the table of each in any order.
+    """Fly chunks of some work, with the path of its policy, and yield the table of each in any
+    order.
 
-    With one worker everything happens in this process. ``stopped`` is asked before each chunk: once it is true, none is
-    begun and those in the air are finished.
+    With one worker everything happens in this process. ``stopped`` is asked before each chunk: once
+    it is true, none is begun and those in the air are finished.
 
-    ``InputError``: the policy cannot be loaded, or an encounter cannot be drawn; ``WorkerError``: a worker has failed.
+    ``InputError``: the policy cannot be loaded, or an encounter cannot be drawn; ``WorkerError``: a
+    worker has failed.
     """
     waiting = deque(chunks)
     if workers == 1 or len(waiting) <= 1:
@@ -62,7 +65,9 @@ def fly_chunks(
                 try:
                     table = future.result()
                 except BrokenProcessPool:
-                    raise WorkerError("a worker process has ended unexpectedly (killed, or out of memory)") from None
+                    raise WorkerError(
+                        "a worker process has ended unexpectedly (killed, or out of memory)"
+                    ) from None
                 yield chunk, table
 
 
@@ -89,7 +94,8 @@ def _pool(data: bytes, size: int) -> Generator[ProcessPoolExecutor, None, None]:
 def _interrupts_ignored() -> Generator[None, None, None]:
     """Let processes that are started inside ignore Ctrl-C, which a terminal sends to all of them.
 
-    What ignores a signal hands that down, so that there is no moment at which a young worker would die of it.
+    What ignores a signal hands that down, so that there is no moment at which a young worker would
+    die of it.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may change how signals are met

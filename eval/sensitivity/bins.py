@@ -25,30 +25,67 @@ class Quantity(NamedTuple):
     label: str
     unit: str
     column: str
-    edges: tuple[float, ...] = ()  # of the bins; further bins take what lies below the first and above the last
+    edges: tuple[
+        float, ...
+    ] = ()  # of the bins; further bins take what lies below the first and above the last
     words: tuple[str, ...] = ()  # instead of edges where the column holds words: each is a bin
 
 
 def quantities(aircraft: Aircraft) -> dict[str, Quantity]:
-    """Return what is shown, by name and in this order; angles count counter-clockwise, as in the tables of runs."""
+    """Return what is shown, by name and in this order; angles count counter-clockwise, as in the
+    tables of runs.
+    """
     limits, unit, fastest = aircraft.limits, aircraft.separation, aircraft.traffic_speed_max
-    angles, speeds = _steps(-180, 180, 30), tuple(np.linspace(limits.speed_min, limits.speed_max, 11).tolist())
+    angles, speeds = (
+        _steps(-180, 180, 30),
+        tuple(np.linspace(limits.speed_min, limits.speed_max, 11).tolist()),
+    )
     traffic = (0.0, 0.5 * limits.speed_min, *speeds, 0.5 * (limits.speed_max + fastest), fastest)
     distances = [unit * part for part in (1, 1.5, 2, 3, 4, 6, 8, 10, 12, 15, 20)]
     times = tuple(2.0 * aircraft.time_unit * step for step in range(11))
     misses = [unit * part for part in (0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 1, 2, 5)]
     found = (
-        Quantity("relative_heading", "intruder's heading less own heading", "deg", "relative_heading_deg", angles),
-        Quantity("bearing", "bearing of the intruder from the own heading", "deg", "bearing_deg", angles),
-        Quantity("distance", "distance to the intruder at the start", "m", "distance_m", tuple(distances)),
-        Quantity("time_to_conflict", "time to the closest point of approach", "s", "t_cpa_s", times),
-        Quantity("miss_distance", "distance at the closest point of approach", "m", "d_cpa_m", tuple(misses)),
+        Quantity(
+            "relative_heading",
+            "intruder's heading less own heading",
+            "deg",
+            "relative_heading_deg",
+            angles,
+        ),
+        Quantity(
+            "bearing", "bearing of the intruder from the own heading", "deg", "bearing_deg", angles
+        ),
+        Quantity(
+            "distance", "distance to the intruder at the start", "m", "distance_m", tuple(distances)
+        ),
+        Quantity(
+            "time_to_conflict", "time to the closest point of approach", "s", "t_cpa_s", times
+        ),
+        Quantity(
+            "miss_distance",
+            "distance at the closest point of approach",
+            "m",
+            "d_cpa_m",
+            tuple(misses),
+        ),
         Quantity("own_speed", "own speed at the start", "m/s", "own_speed_m_s", speeds),
         Quantity("intruder_speed", "speed of the intruder", "m/s", "intruder_speed_m_s", traffic),
         Quantity("intruders", "number of intruders", "", "intruders", _steps(0.5, 8.5, 1)),
         Quantity("wind", "speed of the wind", "m/s", "wind_m_s", _steps(0, 15, 2.5)),
-        Quantity("wind_error", "error of the wind as the planner has it", "m/s", "wind_error_m_s", _steps(0, 5, 0.5)),
-        Quantity("turbulence", "turbulence of MIL-F-8785C", "", "turbulence", words=("none", "light", "moderate")),
+        Quantity(
+            "wind_error",
+            "error of the wind as the planner has it",
+            "m/s",
+            "wind_error_m_s",
+            _steps(0, 5, 0.5),
+        ),
+        Quantity(
+            "turbulence",
+            "turbulence of MIL-F-8785C",
+            "",
+            "turbulence",
+            words=("none", "light", "moderate"),
+        ),
         Quantity("latency", "age of the reports", "s", "latency_s", _steps(0, 2, 0.25)),
     )
     return {each.name: each for each in found}
@@ -72,28 +109,42 @@ def read_run(path: Path) -> Run:
     """Read the folder of a finished run; what is none raises ``ConfigError``."""
     file = next((path / name for name in _TABLES if (path / name).is_file()), None)
     if file is None:
-        raise ConfigError(f"{path} holds no {' or '.join(_TABLES)}; expected the folder of a finished run")
+        raise ConfigError(
+            f"{path} holds no {' or '.join(_TABLES)}; expected the folder of a finished run"
+        )
     try:
         summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
         aircraft, mode = aircraft_of(summary), str(summary["mode"])
     except (OSError, ValueError, TypeError, KeyError) as problem:
-        raise ConfigError(f"{path}: summary.json cannot be read: {problem}; expected that of a finished run") from None
+        raise ConfigError(
+            f"{path}: summary.json cannot be read: {problem}; expected that of a finished run"
+        ) from None
     table = read_table(file, "the table of a run")
     missing = [name for name in ("outcome", "verdict") if name not in table]
     if missing:
         raise ConfigError(f"{file} has no column {missing[0]}; expected the table of a run")
-    settings = {key: summary[key] for key in ("scenario", "seed", "mode", "policy_sha256", "vehicle") if key in summary}
+    settings = {
+        key: summary[key]
+        for key in ("scenario", "seed", "mode", "policy_sha256", "vehicle")
+        if key in summary
+    }
     return Run(path, mode, table, aircraft, settings)
 
 
 def successes(run: Run) -> dict[str, np.ndarray]:
-    """Return which flights reached the goal without loss of separation, bool ``[N]`` by mode: the run's and others."""
-    columns = {run.mode: "outcome"} | {name: f"{name}_outcome" for name in _BESIDE if f"{name}_outcome" in run.table}
+    """Return which flights reached the goal without loss of separation, bool ``[N]`` by mode: the
+    run's and others.
+    """
+    columns = {run.mode: "outcome"} | {
+        name: f"{name}_outcome" for name in _BESIDE if f"{name}_outcome" in run.table
+    }
     return {mode: run.table[column] == "reached" for mode, column in columns.items()}
 
 
 def rates(run: Run, chosen: np.ndarray, confidence: float) -> dict[str, Any]:
-    """Return what is said of some encounters of a run, mask ``[N]``, in JSON types; rates with exact intervals."""
+    """Return what is said of some encounters of a run, mask ``[N]``, in JSON types; rates with
+    exact intervals.
+    """
     possible = chosen & (run.table["verdict"] != "unresolvable")
 
     def rate(mask: np.ndarray, of: np.ndarray = chosen) -> dict[str, Any]:
@@ -104,7 +155,10 @@ def rates(run: Run, chosen: np.ndarray, confidence: float) -> dict[str, Any]:
         "unresolvable_rate": rate(~possible),
         "violation_rate": rate(run.table["outcome"] == "violation"),
         "success": {
-            mode: {"success_rate": rate(reached), "success_given_resolvable": rate(reached, possible)}
+            mode: {
+                "success_rate": rate(reached),
+                "success_given_resolvable": rate(reached, possible),
+            }
             for mode, reached in successes(run).items()
         },
     }
@@ -114,7 +168,9 @@ def rates(run: Run, chosen: np.ndarray, confidence: float) -> dict[str, Any]:
 
 
 def binned(run: Run, quantity: Quantity, confidence: float) -> dict[str, Any] | None:
-    """Return the bins of a quantity that hold encounters, in JSON types; None: the run does not vary or record it."""
+    """Return the bins of a quantity that hold encounters, in JSON types; None: the run does not
+    vary or record it.
+    """
     if quantity.column not in run.table:
         return None
     cells = _cells(run.table[quantity.column], quantity)
@@ -134,4 +190,6 @@ def _cells(values: np.ndarray, quantity: Quantity) -> list[tuple[dict[str, Any],
     edges = sorted({*quantity.edges, *ends})
     # The last bin holds its upper end.
     place = np.where(finite, np.minimum(np.searchsorted(edges, values, "right"), len(edges) - 1), 0)
-    return [({"low": low, "high": high}, place == i) for i, (low, high) in enumerate(pairwise(edges), 1)]
+    return [
+        ({"low": low, "high": high}, place == i) for i, (low, high) in enumerate(pairwise(edges), 1)
+    ]

@@ -1,4 +1,6 @@
-"""Figures of a sensitivity study: success against one quantity, under the bound of what can be resolved at all."""
+"""Figures of a sensitivity study: success against one quantity, under the bound of what can be
+resolved at all.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,7 +31,9 @@ def points_of(found: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
 
 
 def detailed(found: Mapping[str, Any], title: str) -> Figure:
-    """Return success against a quantity, above the encounters of each bin, or a sweep, above the paired differences."""
+    """Return success against a quantity, above the encounters of each bin, or a sweep, above the
+    paired differences.
+    """
     figure = Figure(figsize=(8.4, 6.4), layout="constrained")
     points, binned = points_of(found), "bins" in found
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.2 if binned else 2.2, 1.0))
@@ -57,20 +61,31 @@ def overview(found: Sequence[Mapping[str, Any]], title: str) -> Figure:
 
 
 def _counts(axes: Any, points: Sequence[Mapping[str, Any]]) -> list[Patch]:
-    """Draw how many encounters the bins hold, and of those without a resolver; return their legend."""
+    """Draw how many encounters the bins hold, and of those without a resolver; return their
+    legend.
+    """
     counts = [("encounters", "#D5D5D5", [point["encounters"] for point in points])]
     if "baseline_violation_rate" in points[0]:
         bare = [point["baseline_violation_rate"]["count"] for point in points]
         counts.append(("of which lost without a resolver", GREY, bare))
     axes.set_ylabel("encounters")
     places = range(len(points))
-    return [axes.bar(places, high, 0.94, align="edge", color=colour, label=name) for name, colour, high in counts]
+    return [
+        axes.bar(places, high, 0.94, align="edge", color=colour, label=name)
+        for name, colour, high in counts
+    ]
 
 
 def _differences(axes: Any, points: Sequence[Mapping[str, Any]], unit: str) -> list[Patch]:
     for mode, place in _places(points, 1):
         style = {"markersize": 4.5, "linewidth": 1.1, "capsize": 2.0, "linestyle": "-"}
-        _bars(axes, place[1:], [point["difference"][mode] for point in points[1:]], **style, **_style(mode))
+        _bars(
+            axes,
+            place[1:],
+            [point["difference"][mode] for point in points[1:]],
+            **style,
+            **_style(mode),
+        )
     axes.axhline(0.0, color="#333333", linewidth=0.8)
     axes.set_ylabel(f"less that at {points[0]['value']:g} {unit},\npoints (paired)")
     return []
@@ -84,13 +99,22 @@ def _success(axes: Any, points: Sequence[Mapping[str, Any]], *, full: bool) -> N
     weighty = counts >= min(_SCALE_FROM, counts.max())
     least = min(float(bound[weighty].min()), 100.0 - _LEAST_SPAN)
     hollow = {"markerfacecolor": "white", "alpha": 0.8}
-    style = {"linestyle": "", "markersize": 5.0 if full else 3.5, "linewidth": 1.1, "capsize": 2.0 if full else 0.0}
+    style = {
+        "linestyle": "",
+        "markersize": 5.0 if full else 3.5,
+        "linewidth": 1.1,
+        "capsize": 2.0 if full else 0.0,
+    }
     for mode, places in _places(points, 2):
         for number, kind in enumerate(("success_given_resolvable", "success_rate")):
             shares = [point["success"][mode][kind] for point in points]
             look = style | _style(mode) | (hollow if number else {})
             _bars(axes, places + number * _APART, shares, zorder=3.0, **look)
-            known = (one for one, heavy in zip(shares, weighty, strict=True) if heavy and one["value"] is not None)
+            known = (
+                one
+                for one, heavy in zip(shares, weighty, strict=True)
+                if heavy and one["value"] is not None
+            )
             least = min([least, *(100.0 * one["low"] for one in known)])
     floor = math.floor(least / 2.0) * 2.0
     top = 100.0 + 0.04 * (100.0 - floor)
@@ -104,7 +128,9 @@ def _success(axes: Any, points: Sequence[Mapping[str, Any]], *, full: bool) -> N
 
 def _bars(axes: Any, places: np.ndarray, shares: Sequence[Mapping[str, Any]], **style: Any) -> None:
     """Draw shares that are known with their intervals, in percent."""
-    known = np.array([[one[key] for key in ("value", "low", "high")] for one in shares], float)  # nan: not known
+    known = np.array(
+        [[one[key] for key in ("value", "low", "high")] for one in shares], float
+    )  # nan: not known
     value, low, high = 100.0 * known.T
     axes.errorbar(places, value, np.maximum([value - low, high - value], 0.0), **style)
 
@@ -115,7 +141,10 @@ def _legend(figure: Figure, points: Sequence[Mapping[str, Any]], more: Sequence[
         style = {"linestyle": "", **_style(mode)}
         handles.append(sample(f"{mode}: of the resolvable", **style))
         handles.append(sample(f"{mode}: of all", markerfacecolor="white", **style))
-    handles += [Patch(facecolor="#E3E3E3", edgecolor="#555555", label="proven unresolvable (the bound)"), *more]
+    handles += [
+        Patch(facecolor="#E3E3E3", edgecolor="#555555", label="proven unresolvable (the bound)"),
+        *more,
+    ]
     legend(figure, handles, min(len(handles), 4))
 
 
@@ -136,7 +165,9 @@ def _name_axis(axes: Any, found: Mapping[str, Any], **style: Any) -> None:
     if "low" in points[0]:
         ends = [(_short(one["low"]), _short(one["high"])) for one in points]
         # Where bins without encounters are left out, both ends of the gap are named.
-        inner = [high if high == low else f"{high} | {low}" for (_, high), (low, _) in pairwise(ends)]
+        inner = [
+            high if high == low else f"{high} | {low}" for (_, high), (low, _) in pairwise(ends)
+        ]
         axes.set_xticks(range(len(points) + 1), [ends[0][0], *inner, ends[-1][1]], fontsize=8)
     else:
         names = [one["word"] if "word" in one else f"{one['value']:g}" for one in points]

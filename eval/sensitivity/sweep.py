@@ -1,4 +1,6 @@
-"""Sweeps over what a run holds fixed: a run of its own for every value, all of them on the same encounters."""
+"""Sweeps over what a run holds fixed: a run of its own for every value, all of them on the same
+encounters.
+"""
 
 import math
 from argparse import ArgumentTypeError
@@ -30,21 +32,32 @@ class Parameter(NamedTuple):
 _TURN_DEG = round(math.degrees(scenario("maneuvering", PAPER).heading_change))
 
 PARAMETERS: dict[str, Parameter] = {
-    "position_std": Parameter("m", (0, 10, 30, 60, 100), 1_000, "noise of reported positions, one sigma per axis"),
-    "velocity_std": Parameter("m/s", (0, 1, 3, 6, 10), 50, "noise of reported velocities, one sigma per axis"),
+    "position_std": Parameter(
+        "m", (0, 10, 30, 60, 100), 1_000, "noise of reported positions, one sigma per axis"
+    ),
+    "velocity_std": Parameter(
+        "m/s", (0, 1, 3, 6, 10), 50, "noise of reported velocities, one sigma per axis"
+    ),
     "latency": Parameter("s", (0, 0.5, 1, 1.5, 2), 2, "age of the reports"),
     "turn_rate": Parameter(
         "deg/s", (0, 0.5, 1, 2, 3), 3, f"largest turn rate of the intruder, up to {_TURN_DEG}° once"
     ),
 }
-"""What can be varied; each begins without the disturbance. Distances, angles and speeds vary in every run."""
+"""What can be varied; each begins without the disturbance. Distances, angles and speeds vary in
+every run.
+"""
 
 
 def changed(name: str, value: float) -> dict[str, str]:
-    """Return what a value of a parameter changes in the scenario, as the configuration writes it."""
+    """Return what a value of a parameter changes in the scenario, as the configuration
+    writes it.
+    """
     if name == "turn_rate":
         # Without a rate of its own an intruder that changes its heading turns at the scenario's.
-        return {"turn_rate_deg_s": f"{value:g}", "heading_change_deg": str(_TURN_DEG if value else 0)}
+        return {
+            "turn_rate_deg_s": f"{value:g}",
+            "heading_change_deg": str(_TURN_DEG if value else 0),
+        }
     return {name: f"[{value:g}, {value:g}]" if name == "latency" else f"{value:g}"}
 
 
@@ -56,10 +69,15 @@ class Sweep(NamedTuple):
 
 
 def swept(text: str) -> Sweep:
-    """Return what ``NAME`` or ``NAME=V1,V2,...`` asks for; what cannot be varied raises ``ConfigError``."""
+    """Return what ``NAME`` or ``NAME=V1,V2,...`` asks for; what cannot be varied raises
+    ``ConfigError``.
+    """
     name, sign, listed = text.partition("=")
     if name in ("wind", "turbulence"):
-        raise ConfigError(f"--vary {name}: the surrogate has no {name}; expected a run of eval.hifi with it as --run")
+        raise ConfigError(
+            f"--vary {name}: the surrogate has no {name}; expected a run of eval.hifi with it as "
+            "--run"
+        )
     if name not in PARAMETERS:
         raise ConfigError(f"--vary {name}: unknown; {one_of(name, PARAMETERS)}")
     parameter = PARAMETERS[name]
@@ -74,8 +92,12 @@ def swept(text: str) -> Sweep:
     return Sweep(name, tuple(values))
 
 
-def fly(sweep: Sweep, named: Mapping[str, Any], sets: Sequence[str], out: Path, *, resume: bool) -> int:
-    """Fly the run of every value below ``out``, or go on; return the status of the first that did not finish, or 0."""
+def fly(
+    sweep: Sweep, named: Mapping[str, Any], sets: Sequence[str], out: Path, *, resume: bool
+) -> int:
+    """Fly the run of every value below ``out``, or go on; return the status of the first that did
+    not finish, or 0.
+    """
     for value in sweep.values:
         own = [f"changes.{key}={text}" for key, text in changed(sweep.name, value).items()]
         status = run_quietly(named, [*sets, *own], _folder(out, sweep.name, value), resume=resume)
@@ -89,13 +111,18 @@ def _folder(out: Path, name: str, value: float) -> Path:
 
 
 def collected(sweep: Sweep, out: Path, confidence: float) -> dict[str, Any]:
-    """Return in JSON types what the runs of a sweep found, and the paired differences from the first one's success."""
+    """Return in JSON types what the runs of a sweep found, and the paired differences from the
+    first one's success.
+    """
     parameter = PARAMETERS[sweep.name]
     runs = [read_run(_folder(out, sweep.name, value)) for value in sweep.values]
     first = successes(runs[0])
     values = []
     for value, run in zip(sweep.values, runs, strict=True):
-        apart = {mode: tango(pairs(first[mode], found), confidence) for mode, found in successes(run).items()}
+        apart = {
+            mode: tango(pairs(first[mode], found), confidence)
+            for mode, found in successes(run).items()
+        }
         every = rates(run, np.ones(len(run.table["outcome"]), bool), confidence)
         differences = {mode: found._asdict() for mode, found in apart.items()}
         values.append({"value": value, "run": run.path.name} | every | {"difference": differences})

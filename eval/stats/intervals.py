@@ -1,8 +1,8 @@
 """Intervals of rates and means, and what is said of them in JSON types and in words.
 
-A rate carries its Clopper-Pearson interval: exact, so that its coverage never falls below what it states. A mean
-carries a percentile bootstrap interval, drawn from a generator of its own so that it repeats: sums over encounters that
-are drawn with replacement.
+A rate carries its Clopper-Pearson interval: exact, so that its coverage never falls below what it
+states. A mean carries a percentile bootstrap interval, drawn from a generator of its own so that it
+repeats: sums over encounters that are drawn with replacement.
 """
 
 import math
@@ -24,7 +24,8 @@ class Interval(NamedTuple):
 
 
 def clopper_pearson(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the exact two-sided interval of a binomial share (Clopper and Pearson, 1934); of no trials: [0, 1].
+    """Return the exact two-sided interval of a binomial share (Clopper and Pearson, 1934); of no
+    trials: [0, 1].
 
     An argument out of its range raises ``ValueError``.
     """
@@ -41,7 +42,9 @@ def clopper_pearson(count: int, total: int, confidence: float = 0.95) -> tuple[f
     return low, high
 
 
-def mean_interval(values: np.ndarray, confidence: float = 0.95, resamples: int = 2_000, seed: int = 0) -> Interval:
+def mean_interval(
+    values: np.ndarray, confidence: float = 0.95, resamples: int = 2_000, seed: int = 0
+) -> Interval:
     """Return the mean of ``values [N]`` and its percentile bootstrap interval."""
     total = len(values)
     if total == 0:
@@ -53,8 +56,8 @@ def mean_interval(values: np.ndarray, confidence: float = 0.95, resamples: int =
 def resampled_sums(columns: np.ndarray, resamples: int, seed: int) -> np.ndarray:
     """Return the sums of columns ``[N, C]``, N >= 1, in each of B resamples, ``[B, C]``.
 
-    Where few rows are distinct (scores, events) their counts are drawn instead of the encounters: the same
-    distribution, and a million encounters take no longer than a thousand.
+    Where few rows are distinct (scores, events) their counts are drawn instead of the encounters:
+    the same distribution, and a million encounters take no longer than a thousand.
     """
     total, rng = len(columns), np.random.default_rng(seed)
     distinct, counts = _distinct(columns)
@@ -71,7 +74,9 @@ def resampled_sums(columns: np.ndarray, resamples: int, seed: int) -> np.ndarray
 
 
 def _distinct(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distinct rows, ``[D, C]``, and their counts; ten times as fast as numpy's unique by axis."""
+    """Return the distinct rows, ``[D, C]``, and their counts; ten times as fast as numpy's unique
+    by axis.
+    """
     code = np.zeros(len(columns), np.int64)
     for column in columns.T:
         values, place = np.unique(column, return_inverse=True)
@@ -93,10 +98,18 @@ def number(value: float) -> float | None:
 
 
 def share(count: SupportsInt, total: SupportsInt, confidence: float = 0.95) -> dict[str, Any]:
-    """Return value, Clopper-Pearson interval, count and total of a rate; the value of nothing is None."""
+    """Return value, Clopper-Pearson interval, count and total of a rate; the value of nothing is
+    None.
+    """
     count, total = int(count), int(total)
     low, high = clopper_pearson(count, total, confidence)
-    return {"value": count / total if total else None, "low": low, "high": high, "count": count, "total": total}
+    return {
+        "value": count / total if total else None,
+        "low": low,
+        "high": high,
+        "count": count,
+        "total": total,
+    }
 
 
 def interval(found: Interval) -> dict[str, float | None]:

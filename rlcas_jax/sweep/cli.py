@@ -1,4 +1,6 @@
-"""The command line of a hyper-parameter search, and everything that can be wrong before the first trial."""
+"""The command line of a hyper-parameter search, and everything that can be wrong before the first
+trial.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,15 +20,17 @@ from rlcas_jax.sweep.space import parse as parse_space
 CONFIG, SETTINGS = "config.yaml", "settings.yaml"
 
 _DESCRIPTION = """\
-Search for hyper-parameters of the training with Optuna: every trial is a training run with other values of some keys.
+Search for hyper-parameters of the training with Optuna: every trial is a training run with other
+values of some keys.
 
   python -m rlcas_jax.sweep --config quick --space sweep_quick --trials 30 --out runs/sweep
   python -m rlcas_jax.sweep --resume --out runs/sweep --trials 60        go on, here with 30 more
   python -m rlcas_jax.train --config runs/sweep/best.yaml                train with what was found
 """
 _EPILOG = """\
-space file (YAML): keys of the training configuration (python -m rlcas_jax.train --help), each with a range or choices
-  ppo.learning_rate: {low: 1e-4, high: 3e-3, log: true}      a number; log draws its logarithm evenly
+space file (YAML): keys of the training configuration (python -m rlcas_jax.train --help), each
+with a range or choices
+  ppo.learning_rate: {low: 1e-4, high: 3e-3, log: true}   a number; log: its logarithm evenly
   ppo.epochs: {low: 2, high: 8}                              a whole number
   shaping.goal: {low: 0.0, high: 1.0, step: 0.25}            a grid
   network.hidden: {choices: [[64, 64], [256, 256]]}          anything else
@@ -58,7 +62,9 @@ class Options:
 
 
 def parse(argv: Sequence[str] | None = None) -> Options:
-    """Read the command line, that of the process by default; raises a ConfigError, and writes nothing."""
+    """Read the command line, that of the process by default; raises a ConfigError, and writes
+    nothing.
+    """
     given = _parser().parse_args(argv)
     directory: Path = given.out
     if given.resume:
@@ -69,18 +75,26 @@ def parse(argv: Sequence[str] | None = None) -> Options:
         settings = load(SweepConfig, source, [f"trials={given.trials}"] if given.trials else [])
     else:
         if not is_unused(directory):
-            raise ConfigError(f"--out {directory} exists and is not empty; name another, or add --resume to go on")
+            raise ConfigError(
+                f"--out {directory} exists and is not empty; name another, or add --resume to go on"
+            )
         if given.space is None or given.trials is None:
-            raise ConfigError(f"--{'space' if given.space is None else 'trials'} is missing (see --help)")
+            raise ConfigError(
+                f"--{'space' if given.space is None else 'trials'} is missing (see --help)"
+            )
         file, source, overrides = given.config, given.space, overrides_of(given)
         try:
             values = {"trials": given.trials, "space": read(file_of(given.space))}
         except YamlError as problem:
             raise ConfigError(str(problem)) from None
-        settings = validated(SweepConfig, values | ({} if given.seeds is None else {"seeds": given.seeds}))
+        settings = validated(
+            SweepConfig, values | ({} if given.seeds is None else {"seeds": given.seeds})
+        )
     base = load(TrainConfig, file, overrides)
     if base.phases:
-        raise ConfigError("phases: expected a training of one phase, as trials are compared step by step")
+        raise ConfigError(
+            "phases: expected a training of one phase, as trials are compared step by step"
+        )
     space = parse_space(settings.space, source)
     check(space, source, lambda texts: load(TrainConfig, file, [*overrides, *texts]))
     if settings.seeds > SEED_END - base.seed:
@@ -95,6 +109,15 @@ def _parser() -> Parser:
     add("--space", type=Path, metavar="FILE", help="what varies (YAML, see below)")
     add("--trials", type=int, metavar="N", help="trials in all, also those of earlier calls")
     add("--out", type=Path, required=True, metavar="DIR", help="directory of the sweep")
-    add("--resume", action="store_true", help="go on with the sweep of --out; only --trials may change")
-    add("--seeds", type=int, metavar="N", help="training runs of a trial, whose mean counts (default: 1)")
+    add(
+        "--resume",
+        action="store_true",
+        help="go on with the sweep of --out; only --trials may change",
+    )
+    add(
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="training runs of a trial, whose mean counts (default: 1)",
+    )
     return parser

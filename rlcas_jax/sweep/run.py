@@ -1,6 +1,8 @@
-"""Search for hyper-parameters: ``python -m rlcas_jax.sweep --space FILE --trials N --out DIR`` (see ``--help``).
+"""Search for hyper-parameters: ``python -m rlcas_jax.sweep --space FILE --trials N --out DIR`` (see
+``--help``).
 
-The search is an Optuna study in ``study.db`` (SQLite) of the sweep's directory, which Optuna's own tools read, too.
+The search is an Optuna study in ``study.db`` (SQLite) of the sweep's directory, which Optuna's own
+tools read, too.
 """
 
 import errno
@@ -32,7 +34,9 @@ from rlcas_jax.train import FAILED, unwritten
 STUDY = "study.db"
 
 STARTUP = 10
-"""Trials that are drawn evenly from the space and never stopped early, before the sampler's model is asked."""
+"""Trials that are drawn evenly from the space and never stopped early, before the sampler's model
+is asked.
+"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,7 +56,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as problem:
         return unwritten(options.directory, problem, again)
     except StorageInternalError as problem:  # by SQLite, whose words are those of the cause
-        why = OSError(errno.EIO, str(getattr(problem.__cause__, "orig", problem)), str(options.directory / STUDY))
+        why = OSError(
+            errno.EIO,
+            str(getattr(problem.__cause__, "orig", problem)),
+            str(options.directory / STUDY),
+        )
         return unwritten(options.directory, why, again)
     if interrupt.requested:
         print(f"interrupted: go on with  python -m rlcas_jax.{again}")
@@ -75,7 +83,8 @@ def _opened(options: Options) -> Study:
     for trial in study.get_trials(states=(TrialState.RUNNING,)):
         study.tell(trial.number, state=TrialState.FAIL)
         study.enqueue_trial(trial.params)
-    # Optuna does not store the sampler's state: with the same seed a resumed study would repeat its first draws.
+    # Optuna does not store the sampler's state: with the same seed a resumed study would repeat its
+    # first draws.
     seed = options.base.seed + len(study.trials)
     study.sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=STARTUP)
     study.pruner = optuna.pruners.MedianPruner(STARTUP)
@@ -87,7 +96,9 @@ def _counted(study: Study) -> int:
 
 
 def _try(study: Study, options: Options, interrupt: Interrupt) -> None:
-    """Try other values; where a stop is asked for, the trial stays unfinished and is queued again on resume."""
+    """Try other values; where a stop is asked for, the trial stays unfinished and is queued again
+    on resume.
+    """
     trial = study.ask(dict(options.space))
     try:
         value = _objective(trial, options, interrupt)
@@ -97,7 +108,9 @@ def _try(study: Study, options: Options, interrupt: Interrupt) -> None:
     if not interrupt.requested:
         study.tell(trial, value)
         if not options.quiet:
-            print(f"trial {trial.number}: success {value:.6g}: {', '.join(overrides(trial.params))}")
+            print(
+                f"trial {trial.number}: success {value:.6g}: {', '.join(overrides(trial.params))}"
+            )
 
 
 def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
@@ -117,7 +130,9 @@ def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
         for index in range(seeds):
             own = directory if seeds == 1 else directory / f"seed-{index}"
             watch = _Watch(options, trial if index == 0 else None, config)
-            summary = _trained(config.model_copy(update={"seed": config.seed + index}), own, watch, interrupt)
+            summary = _trained(
+                config.model_copy(update={"seed": config.seed + index}), own, watch, interrupt
+            )
             if interrupt.requested:
                 return math.nan
             found.append(float(summary["evaluation"]["success_given_resolvable"]))
@@ -151,7 +166,9 @@ class _Watch(Reporter):
                 raise optuna.TrialPruned
 
 
-def _trained(config: TrainConfig, directory: Path, watch: Reporter, interrupt: Interrupt) -> dict[str, Any]:
+def _trained(
+    config: TrainConfig, directory: Path, watch: Reporter, interrupt: Interrupt
+) -> dict[str, Any]:
     """Train and evaluate in a run's own directory and return the summary."""
     from rlcas_jax.finish import finish
     from rlcas_jax.loop import prepared, run
@@ -165,7 +182,9 @@ def _trained(config: TrainConfig, directory: Path, watch: Reporter, interrupt: I
 
 
 def _written(options: Options, study: Study) -> bool:
-    """Write ``best.yaml``, ``sweep.json`` and the figures, print the best trial, and return whether there is one."""
+    """Write ``best.yaml``, ``sweep.json`` and the figures, print the best trial, and return whether
+    there is one.
+    """
     trials = study.get_trials(deepcopy=False)
     complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
     best = study.best_trial if complete else None

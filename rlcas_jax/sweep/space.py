@@ -1,4 +1,6 @@
-"""The space of a hyper-parameter search: keys of the training configuration with Optuna's distributions."""
+"""The space of a hyper-parameter search: keys of the training configuration with Optuna's
+distributions.
+"""
 
 import json
 import math
@@ -8,7 +10,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.distributions import (
+    BaseDistribution,
+    CategoricalDistribution,
+    FloatDistribution,
+    IntDistribution,
+)
 from pydantic.fields import FieldInfo
 
 from agents.config.keys import expected, field_at, keys, nearest, shown
@@ -16,16 +23,25 @@ from agents.config.load import ConfigError
 from rlcas_jax.config import TrainConfig
 
 Space = Mapping[str, BaseDistribution]
-"""Distributions by dotted key, list items by their index; choices are texts as ``--set`` takes them."""
+"""Distributions by dotted key, list items by their index; choices are texts as ``--set`` takes
+them.
+"""
 
-_TRIED = 64  # combinations with the other keys that are tried for a value that is not valid by itself
+_TRIED = (
+    64  # combinations with the other keys that are tried for a value that is not valid by itself
+)
 _FIXED = ("name", "seed", "evaluation", "checkpoint", "phases", "aircraft")
 
 
 def parse(entries: Mapping[str, Any], source: Path | str) -> Space:
-    """Read a space file, dotted key -> ``{low, high, log, step}`` or ``{choices}``; a bad one raises a ConfigError."""
+    """Read a space file, dotted key -> ``{low, high, log, step}`` or ``{choices}``; a bad one
+    raises a ConfigError.
+    """
     if not entries:
-        raise ConfigError(f"{source}: it names no key; expected some, such as ppo.learning_rate: {{low: .., high: ..}}")
+        raise ConfigError(
+            f"{source}: it names no key; expected some, such as ppo.learning_rate: {{low: .., "
+            f"high: ..}}"
+        )
     return {key: _distribution(key, entry, f"{source}: {key}") for key, entry in entries.items()}
 
 
@@ -35,7 +51,8 @@ def overrides(values: Mapping[str, Any]) -> list[str]:
 
 
 def check(space: Space, source: Path | str, load: Callable[[list[str]], TrainConfig]) -> None:
-    """Raise a ConfigError unless each choice and both ends of each range are valid, alone or with some of the others.
+    """Raise a ConfigError unless each choice and both ends of each range are valid, alone or with
+    some of the others.
 
     Args:
         source: what an error sentence names.
@@ -63,17 +80,31 @@ def _distribution(key: str, entry: Any, where: str) -> BaseDistribution:
     field = field_at(TrainConfig, key.split("."))
     if not isinstance(field, FieldInfo):
         close = nearest(key, [known.name.replace("[]", ".0") for known in keys(TrainConfig)])
-        hint = f"did you mean {close}?" if close else "expected a key of the training configuration, see train --help"
+        hint = (
+            f"did you mean {close}?"
+            if close
+            else "expected a key of the training configuration, see train --help"
+        )
         raise ConfigError(f"{where} is unknown; {hint}")
     if any(key == one or key.startswith(f"{one}.") for one in _FIXED):
-        raise ConfigError(f"{where} cannot be searched, because trials would not be compared on equal terms")
-    known = {"choices"} if isinstance(entry, dict) and "choices" in entry else {"low", "high", "log", "step"}
+        raise ConfigError(
+            f"{where} cannot be searched, because trials would not be compared on equal terms"
+        )
+    known = (
+        {"choices"}
+        if isinstance(entry, dict) and "choices" in entry
+        else {"low", "high", "log", "step"}
+    )
     if not isinstance(entry, dict) or not entry.keys() <= known:
-        raise ConfigError(f"{where} is {shown(entry)}; expected {{low, high}}, with log or step, or {{choices}}")
+        raise ConfigError(
+            f"{where} is {shown(entry)}; expected {{low, high}}, with log or step, or {{choices}}"
+        )
     try:
         if "choices" in entry:
             # A text stands as it is; JSON of anything else is YAML in one line.
-            return CategoricalDistribution([c if isinstance(c, str) else json.dumps(c) for c in entry["choices"]])
+            return CategoricalDistribution(
+                [c if isinstance(c, str) else json.dumps(c) for c in entry["choices"]]
+            )
         kind = expected(field)
         if "a whole number" in kind:
             return IntDistribution(**entry)
@@ -81,4 +112,6 @@ def _distribution(key: str, entry: Any, where: str) -> BaseDistribution:
             return FloatDistribution(**entry)
     except (TypeError, ValueError, KeyError) as problem:
         raise ConfigError(f"{where} is {shown(entry)}: {problem}") from None
-    raise ConfigError(f"{where} is {shown(entry)}; expected {{choices: [...]}}, or numbers of a key that is one")
+    raise ConfigError(
+        f"{where} is {shown(entry)}; expected {{choices: [...]}}, or numbers of a key that is one"
+    )

@@ -1,4 +1,6 @@
-"""What messages mean, without ROS: reports, tracks, the situation, and the planner's task that follows from it."""
+"""What messages mean, without ROS: reports, tracks, the situation, and the planner's task that
+follows from it.
+"""
 
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.fields import Code, FieldError, Refusal

@@ -1,8 +1,9 @@
-"""Messages of other packages as reports: NavSatFix, NovAtel's INSPVA and ADS-B, read by their fields.
+"""Messages of other packages as reports: NavSatFix, NovAtel's INSPVA and ADS-B, read by their
+fields.
 
-None of their packages is imported. What such a message lacks is the caller's: a NavSatFix has no velocity, and
-whether its altitude is above the ellipsoid, as the definition has it, or above mean sea level, as several drivers do,
-is a setting.
+None of their packages is imported. What such a message lacks is the caller's: a NavSatFix has no
+velocity, and whether its altitude is above the ellipsoid, as the definition has it, or above mean
+sea level, as several drivers do, is a setting.
 """
 
 import math
@@ -26,8 +27,8 @@ _INS_GOOD = 3  # INS_SOLUTION_GOOD (NovAtel OEM7, inertial solution status)
 def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, reference: str) -> Report:
     """Return a report from a NavSatFix and the velocity beside it.
 
-    By the definition an altitude of NaN means that there is none; a covariance that is not finite is as good as
-    one of unknown type.
+    By the definition an altitude of NaN means that there is none; a covariance that is not finite
+    is as good as one of unknown type.
 
     Args:
         message: sensor_msgs/NavSatFix.
@@ -35,13 +36,16 @@ def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, referenc
         reference: of the altitude that the driver really publishes.
 
     Raises:
-        FieldError: there is no fix or no velocity, or a field is not finite or out of range; with a sighting.
+        FieldError: there is no fix or no velocity, or a field is not finite or out of range; with a
+            sighting.
     """
 
     def at() -> tuple[float, float]:
         status = integer("fix.status.status", message.status.status, -128, 127)
         if status < 0:
-            raise FieldError("fix.status.status", f"is {status}, expected 0 or more: there is no fix")
+            raise FieldError(
+                "fix.status.status", f"is {status}, expected 0 or more: there is no fix"
+            )
         return place("fix", message.latitude, message.longitude)
 
     def over_ground() -> tuple[float, float]:
@@ -58,72 +62,101 @@ def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, referenc
         variances = {n: float(message.position_covariance[n]) for n in (0, 4)}
         if message.position_covariance_type == 0 or not all(map(math.isfinite, variances.values())):
             return 0.0
-        each = (number(f"fix.position_covariance[{n}]", one, 0.0, 1e8, "m^2") for n, one in variances.items())
+        each = (
+            number(f"fix.position_covariance[{n}]", one, 0.0, 1e8, "m^2")
+            for n, one in variances.items()
+        )
         return math.sqrt(max(each))
 
     when = _stamped(message, "fix")
-    return report(identifier("fix.id", identity), when, at, over_ground, height, position_std=spread)
+    return report(
+        identifier("fix.id", identity), when, at, over_ground, height, position_std=spread
+    )
 
 
 def odometry_velocity(message: Any) -> Any:
     """Return the velocity of a nav_msgs/Odometry in ENU like a Twist, or raise :class:`FieldError`.
 
-    Its twist is given in the frame of the body (REP 105's child frame), whose attitude in ENU is the pose's.
+    Its twist is given in the frame of the body (REP 105's child frame), whose attitude in ENU is
+    the pose's.
     """
     twist, attitude = message.twist.twist.linear, message.pose.pose.orientation
-    x, y, z, w = (number(f"odometry.orientation.{axis}", getattr(attitude, axis), -1.01, 1.01, "") for axis in "xyzw")
+    x, y, z, w = (
+        number(f"odometry.orientation.{axis}", getattr(attitude, axis), -1.01, 1.01, "")
+        for axis in "xyzw"
+    )
     length = math.sqrt(x * x + y * y + z * z + w * w)
     if abs(length - 1.0) > 0.01:
         raise FieldError("odometry.orientation", f"has length {length:g}, expected 1")
     x, y, z, w = x / length, y / length, z / length, w / length
-    ahead, left, up = (number(f"odometry.twist.linear.{a}", getattr(twist, a), -400.0, 400.0, "m/s") for a in "xyz")
+    ahead, left, up = (
+        number(f"odometry.twist.linear.{a}", getattr(twist, a), -400.0, 400.0, "m/s") for a in "xyz"
+    )
     east = (1 - 2 * (y * y + z * z)) * ahead + 2 * (x * y - w * z) * left + 2 * (x * z + w * y) * up
-    north = 2 * (x * y + w * z) * ahead + (1 - 2 * (x * x + z * z)) * left + 2 * (y * z - w * x) * up
-    climb = 2 * (x * z - w * y) * ahead + 2 * (y * z + w * x) * left + (1 - 2 * (x * x + y * y)) * up
+    north = (
+        2 * (x * y + w * z) * ahead + (1 - 2 * (x * x + z * z)) * left + 2 * (y * z - w * x) * up
+    )
+    climb = (
+        2 * (x * z - w * y) * ahead + 2 * (y * z + w * x) * left + (1 - 2 * (x * x + y * y)) * up
+    )
     return SimpleNamespace(linear=SimpleNamespace(x=east, y=north, z=climb))
 
 
 def inspva(message: Any, identity: str) -> Report:
-    """Return a report from NovAtel's INSPVA or INSPVAX, or raise :class:`FieldError`; velocities are north, east, up.
+    """Return a report from NovAtel's INSPVA or INSPVAX, or raise :class:`FieldError`; velocities
+    are north, east, up.
 
-    INSPVA's height is above the ellipsoid. INSPVAX's is above mean sea level, with the geoid's undulation beside it.
+    INSPVA's height is above the ellipsoid. INSPVAX's is above mean sea level, with the geoid's
+    undulation beside it.
     """
     extended = hasattr(message, "undulation")
 
     def at() -> tuple[float, float]:
         field = f"inspva.{'ins_status' if extended else 'status'}.status"
-        status = integer(field, (message.ins_status if extended else message.status).status, 0, 2**32 - 1)
+        status = integer(
+            field, (message.ins_status if extended else message.status).status, 0, 2**32 - 1
+        )
         if status != _INS_GOOD:
             raise FieldError(field, f"is {status}, expected {_INS_GOOD} (INS_SOLUTION_GOOD)")
         return place("inspva", message.latitude, message.longitude)
 
     def height() -> Altitude:
         climb = number("inspva.up_velocity", message.up_velocity, -100.0, 100.0, "m/s")
-        undulation = number("inspva.undulation", message.undulation, -120.0, 100.0, "m") if extended else 0.0
+        undulation = (
+            number("inspva.undulation", message.undulation, -120.0, 100.0, "m") if extended else 0.0
+        )
         above = altitude("inspva.height", message.height, "wgs84", climb)
         return Altitude(above.value + undulation, "wgs84", climb)
 
     def over_ground() -> tuple[float, float]:
         return velocity("inspva", message.east_velocity, message.north_velocity)
 
-    return report(identifier("inspva.id", identity), _stamped(message, "inspva"), at, over_ground, height)
+    return report(
+        identifier("inspva.id", identity), _stamped(message, "inspva"), at, over_ground, height
+    )
 
 
-def adsb_vehicle(message: Any, references: Mapping[int, str] = MappingProxyType({})) -> Report | None:
-    """Return a report from an ADS-B vehicle as MAVLink and mavros have it; None: it is on the ground, and no traffic.
+def adsb_vehicle(
+    message: Any, references: Mapping[int, str] = MappingProxyType({})
+) -> Report | None:
+    """Return a report from an ADS-B vehicle as MAVLink and mavros have it; None: it is on the
+    ground, and no traffic.
 
-    The message is stamped when it was received; the state held ``tslc`` (time since last communication, whole
-    seconds) before that. What is cut off lies between 0 and 1 s: its root mean square at the reported speed is the
-    position's standard deviation. What ``altitude`` is measured from depends on the receiver (field names mention
-    QNH and geometry, the documentation mean sea level), so it counts as unknown unless the caller knows it.
+    The message is stamped when it was received; the state held ``tslc`` (time since last
+    communication, whole seconds) before that. What is cut off lies between 0 and 1 s: its root mean
+    square at the reported speed is the position's standard deviation. What ``altitude`` is measured
+    from depends on the receiver (field names mention QNH and geometry, the documentation mean sea
+    level), so it counts as unknown unless the caller knows it.
 
     Args:
-        message: mavros_msgs/ADSBVehicle: SI units, heading in degrees clockwise from north, ``tslc`` a duration.
-        references: what ``altitude_type`` 0 (barometric) and 1 (geometric) mean here, such as ``{0: "pressure"}``.
+        message: mavros_msgs/ADSBVehicle: SI units, heading in degrees clockwise from north,
+            ``tslc`` a duration.
+        references: what ``altitude_type`` 0 (barometric) and 1 (geometric) mean here, such as ``{0:
+            "pressure"}``.
 
     Raises:
-        FieldError: position or velocity are not marked as valid, or a field is not finite or out of range; with a
-            sighting.
+        FieldError: position or velocity are not marked as valid, or a field is not finite or out of
+            range; with a sighting.
     """
     if integer("adsb.emitter_type", message.emitter_type, 0, 255) in _ON_THE_GROUND:
         return None
@@ -133,7 +166,9 @@ def adsb_vehicle(message: Any, references: Mapping[int, str] = MappingProxyType(
 
     def needed(bit: int, what: str) -> None:
         if not has(bit):
-            raise FieldError("adsb.flags", f"is {message.flags:#x}, expected the bit of valid {what}")
+            raise FieldError(
+                "adsb.flags", f"is {message.flags:#x}, expected the bit of valid {what}"
+            )
 
     def when() -> int:
         silent = integer("adsb.tslc.sec", message.tslc.sec, 0, _SILENCE - 1)
@@ -160,7 +195,11 @@ def adsb_vehicle(message: Any, references: Mapping[int, str] = MappingProxyType(
         if not has(_ALTITUDE):
             return None
         reference = references.get(integer("adsb.altitude_type", message.altitude_type, 0, 1))
-        return None if reference is None else altitude("adsb.altitude", message.altitude, reference, climb)
+        return (
+            None
+            if reference is None
+            else altitude("adsb.altitude", message.altitude, reference, climb)
+        )
 
     spread = {"position_std": lambda: speed() / math.sqrt(3.0)}
     return report(f"{message.icao_address:06x}", when, at, over_ground, height, **spread)

@@ -1,7 +1,8 @@
-"""Live ADS-B as reports: BaseStation lines, and the ``aircraft.json`` of readsb, tar1090 and dump1090.
+"""Live ADS-B as reports: BaseStation lines, and the ``aircraft.json`` of readsb, tar1090 and
+dump1090.
 
-Nothing here imports ROS or connects. A receiver sees all that flies or taxies around it, also the ownship. What is
-no traffic is left out and counted; of unusable messages name and place are kept.
+Nothing here imports ROS or connects. A receiver sees all that flies or taxies around it, also the
+ownship. What is no traffic is left out and counted; of unusable messages name and place are kept.
 """
 
 import json
@@ -21,12 +22,20 @@ from ros_bridge.core.reports import FASTEST, Report
 __all__ = ["LATEST", "AircraftJson", "BaseStation", "Traffic"]
 
 LATEST = 30.0
-"""Delay, s, beyond which a receiver's stream is given up: either that much is queued, or its clock has jumped."""
+"""Delay, s, beyond which a receiver's stream is given up: either that much is queued, or its clock
+has jumped.
+"""
 
 _APART = 3.0  # s, between a position and the velocity that goes with it
-_NEW = SECOND * 3 // 20  # a position is a new one when it is this much later: times are rounded to 0.1 s
+_NEW = (
+    SECOND * 3 // 20
+)  # a position is a new one when it is this much later: times are rounded to 0.1 s
 _MOST = 4096  # aircraft that are remembered
-_COPY = (600.0, 15.0, 500 * FOOT)  # m, m/s, m: within these of the ownship, a track of TIS-B is a copy of it
+_COPY = (
+    600.0,
+    15.0,
+    500 * FOOT,
+)  # m, m/s, m: within these of the ownship, a track of TIS-B is a copy of it
 _ADDRESS = re.compile(r"~?[0-9a-f]{6}")
 _TO_SIGMA = 2.448  # radius of 95 % of a circular normal distribution, in standard deviations
 _EPU = (0, 18_520, 7_408, 3_704, 1_852, 926, 555.6, 185.2, 92.6, 30, 10, 3)  # m, by NACp
@@ -34,7 +43,9 @@ _EPV = (0, 10, 3, 1, 0.3)  # m/s, by NACv
 
 
 class Traffic:
-    """Decides which of the aircraft received are traffic, and makes their reports; the ownship's address may be ""."""
+    """Decides which of the aircraft received are traffic, and makes their reports; the ownship's
+    address may be "".
+    """
 
     def __init__(self, own_id: str) -> None:
         self.own: Report | None = None  # the ownship, to be kept up to date
@@ -43,12 +54,14 @@ class Traffic:
         self._reported: dict[str, int] = {}
 
     def report(self, address: str, time: int, row: Mapping[str, Any]) -> Report | None:
-        """Return an aircraft's report, or raise :class:`FieldError`; None where it is no traffic, or repeated.
+        """Return an aircraft's report, or raise :class:`FieldError`; None where it is no traffic,
+        or repeated.
 
         Args:
             address: six hexadecimal digits, after ``~`` where it is no ICAO address.
             time: of its position, ns.
-            row: its fields as readsb names them, values as they came, and ``velocity_age``, s before the position.
+            row: its fields as readsb names them, values as they came, and ``velocity_age``, s
+                before the position.
         """
         reasons = {
             "on the ground": "ground" in (row.get("alt_baro"), row.get("altitude")),
@@ -82,7 +95,13 @@ class Traffic:
         """Return the altitude that can be compared with the ownship's, or else what there is."""
         known = {"wgs84": _known(row, "alt_geom"), "pressure": _known(row, "alt_baro", "altitude")}
         own = None if self.own is None or self.own.altitude is None else self.own.altitude.reference
-        climb = number(name, _known(row, "geom_rate", "baro_rate", "vert_rate") or 0.0, -20_000, 20_000, "ft/min")
+        climb = number(
+            name,
+            _known(row, "geom_rate", "baro_rate", "vert_rate") or 0.0,
+            -20_000,
+            20_000,
+            "ft/min",
+        )
         for reference in sorted(known, key=lambda one: (one != own, one != "wgs84")):
             if known[reference] is not None:
                 value = number(name, known[reference], -3_000, 98_000, "ft")
@@ -106,7 +125,8 @@ class Traffic:
 class _Stream:
     """What both kinds of receivers have in common: the traffic, and how late a message is.
 
-    A message is as late as it arrives later than the quickest one, whatever the receiver's clock or time zone shows.
+    A message is as late as it arrives later than the quickest one, whatever the receiver's clock or
+    time zone shows.
     """
 
     def __init__(self, traffic: Traffic) -> None:
@@ -118,14 +138,18 @@ class _Stream:
         self._least = math.inf
 
     def _time(self, sent: float, arrived: int) -> int:
-        """Return when a message held, ns, that was sent at the receiver's time, s, and arrived at ours, ns."""
+        """Return when a message held, ns, that was sent at the receiver's time, s, and arrived at
+        ours, ns.
+        """
         self._least = min(self._least, arrived - sent * SECOND)
         late = arrived - sent * SECOND - self._least
         if late > LATEST * SECOND:
             raise TimeoutError(f"is {late / SECOND:.0f} s late, expected {LATEST:g} s at most")
         return arrived - int(late)
 
-    def _reports(self, address: str, time: int, row: Mapping[str, Any]) -> Iterator[Report | FieldError]:
+    def _reports(
+        self, address: str, time: int, row: Mapping[str, Any]
+    ) -> Iterator[Report | FieldError]:
         found = tried(lambda: self._traffic.report(address, time, row))
         if found is not None:
             yield found
@@ -139,22 +163,30 @@ class BaseStation(_Stream):
         self._heard: dict[str, dict[str, Any]] = {}
 
     def taken(self, text: str, arrived: int) -> Iterator[Report | FieldError]:
-        """Yield the report that a line completes, or why it cannot be used, or raise TimeoutError (:data:`LATEST`)."""
+        """Yield the report that a line completes, or why it cannot be used, or raise TimeoutError
+        (:data:`LATEST`).
+        """
         parts = [part.strip() for part in text.split(",")]
         if not text.strip() or parts[0] in ("STA", "AIR", "ID", "SEL", "CLK"):
             return
         address = parts[4].lower() if len(parts) >= 22 else ""
         if parts[0] != "MSG" or not _ADDRESS.fullmatch(address):
-            yield FieldError("line", f"is {text!r:.60}, expected 22 fields such as MSG,3,... with an address")
+            yield FieldError(
+                "line", f"is {text!r:.60}, expected 22 fields such as MSG,3,... with an address"
+            )
             return
         try:  # the zone is the receiver's and not known
-            sent = datetime.strptime(f"{parts[6]} {parts[7]}", "%Y/%m/%d %H:%M:%S.%f").replace(tzinfo=UTC)
+            sent = datetime.strptime(f"{parts[6]} {parts[7]}", "%Y/%m/%d %H:%M:%S.%f").replace(
+                tzinfo=UTC
+            )
             now = self._time(sent.timestamp(), arrived)
         except ValueError:
             now = arrived
         if len(self._heard) > _MOST:
             self._heard.clear()
-        row = self._heard.setdefault(address, {"type": "tisb" if address.startswith("~") else "adsb"})
+        row = self._heard.setdefault(
+            address, {"type": "tisb" if address.startswith("~") else "adsb"}
+        )
         if parts[21] or parts[1] in ("2", "3"):
             row["altitude"] = "ground" if parts[1] == "2" or parts[21] in ("1", "-1") else None
         row["alt_baro"] = parts[11] or row.get("alt_baro")
@@ -172,16 +204,21 @@ class AircraftJson(_Stream):
     _now = math.nan
 
     def taken(self, text: str, arrived: int) -> Iterator[Report | FieldError]:
-        """Yield the reports of a document and why aircraft cannot be used; raise TimeoutError as :data:`LATEST` says.
+        """Yield the reports of a document and why aircraft cannot be used; raise TimeoutError as
+        :data:`LATEST` says.
 
-        The first document may have been left there long ago, so reports begin with one that is later.
+        The first document may have been left there long ago, so reports begin with one that is
+        later.
         """
         try:
             document = json.loads(text)
             now = number("document.now", document["now"], 0.0, 1e12, "s")
             rows = [(str(row["hex"]).strip().lower(), row) for row in document["aircraft"]]
         except (ValueError, KeyError, TypeError, RecursionError):
-            yield FieldError("document", f"is {text!r:.60}, expected an aircraft.json with now, aircraft and their hex")
+            yield FieldError(
+                "document",
+                f"is {text!r:.60}, expected an aircraft.json with now, aircraft and their hex",
+            )
             return
         before, self._now = self._now, now
         self._traffic.counts["repeated document"] += now == before
@@ -199,7 +236,9 @@ class AircraftJson(_Stream):
 
 
 def _known(row: Mapping[str, Any], *names: str) -> Any:
-    """Return the first of some fields that is there; dump1090-mutability has other names than readsb for some."""
+    """Return the first of some fields that is there; dump1090-mutability has other names than
+    readsb for some.
+    """
     return next((row[name] for name in names if row.get(name) not in (None, "")), None)
 
 
@@ -207,7 +246,9 @@ def _velocity(name: str, row: Mapping[str, Any]) -> tuple[float, float]:
     speed, track = _known(row, "gs", "speed"), _known(row, "track")
     for what, value in (("speed", speed), ("track", track)):
         if value is None:
-            raise FieldError(f"{name}.{what}", "has not been received, expected one beside the position")
+            raise FieldError(
+                f"{name}.{what}", "has not been received, expected one beside the position"
+            )
     number(f"{name}.velocity_age", row.get("velocity_age", 0.0), -_APART, _APART, "s")
     speed = number(f"{name}.speed", speed, 0.0, FASTEST / KNOT, "kt") * KNOT
     track = math.radians(number(f"{name}.track", track, -360.0, 360.0, "degrees"))

@@ -1,4 +1,6 @@
-"""The policy and the aircraft that files name; the shipped policy and its aircraft where they name none."""
+"""The policy and the aircraft that files name; the shipped policy and its aircraft where they name
+none.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -18,7 +20,9 @@ def loaded(policy_file: str) -> Policy:
 
 
 def aircraft_of(file: str, policy_file: str) -> Aircraft:
-    """Return the aircraft of a file or of a name that ships (``uas``), for "" the policy's, or raise ValueError."""
+    """Return the aircraft of a file or of a name that ships (``uas``), for "" the policy's, or
+    raise ValueError.
+    """
     if not file:
         return loaded(policy_file).aircraft
     # Not before it is asked for: these take a third of a node's start.

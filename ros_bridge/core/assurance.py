@@ -1,7 +1,9 @@
-"""The run-time monitor between messages: which plan is monitored, in which frame, and which reports it gets.
+"""The run-time monitor between messages: which plan is monitored, in which frame, and which reports
+it gets.
 
-Pure: :mod:`agents.assurance.single` with the situation of :mod:`ros_bridge.core.updates` as its input and published
-plans as its plans. The local frame is the monitor's own, about the start of the plan that it began with.
+Pure: :mod:`agents.assurance.single` with the situation of :mod:`ros_bridge.core.updates` as its
+input and published plans as its plans. The local frame is the monitor's own, about the start of the
+plan that it began with.
 """
 
 import math
@@ -29,9 +31,14 @@ from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import ACCURATE, Situation, placed
 from ros_bridge.core.tracks import Track
 
-_SPACING = 0.25  # time steps at least between two reports that the monitor gets: it reads turns from 0.2 on
-_NEWS = 0.4  # share of the deviations allowed; a report that is so far from what was expected is handed over at once
-_GRID = 2.0**20  # parts of a second that times are rounded to: at any age a report has one time, exactly
+# time steps at least between two reports that the monitor gets: it reads turns from 0.2 on
+_SPACING = 0.25
+# share of the deviations allowed; a report that is so far from what was expected is handed over at
+# once
+_NEWS = 0.4
+_GRID = (
+    2.0**20
+)  # parts of a second that times are rounded to: at any age a report has one time, exactly
 _HORIZON = 1.25  # how long a plan lasts at most, in the times of its waypoints
 _UNKNOWN = VehicleState(math.nan, math.nan, math.nan, math.nan)
 
@@ -46,7 +53,9 @@ class Supervision:
     held: Published | None = None  # the plan that is monitored; None: none, or it was withdrawn
     revision: int = 0  # the greatest that was received
     asked: int = 0  # when the last request went out, ns
-    reported: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))  # that the monitor got last
+    reported: Mapping[str, Report] = field(
+        default_factory=lambda: MappingProxyType({})
+    )  # that the monitor got last
 
 
 def published(message: Any, count: int, name: str = "trajectory") -> Published:
@@ -54,7 +63,9 @@ def published(message: Any, count: int, name: str = "trajectory") -> Published:
     if message.status != STATUS_SAFE:
         raise FieldError(f"{name}.status", f"is {message.status}, expected {STATUS_SAFE} (SAFE)")
     if len(message.waypoints) != count:
-        raise FieldError(f"{name}.waypoints", f"has {len(message.waypoints)} points, expected {count}")
+        raise FieldError(
+            f"{name}.waypoints", f"has {len(message.waypoints)} points, expected {count}"
+        )
     return trajectory(message, name)
 
 
@@ -70,9 +81,14 @@ def activated(supervision: Supervision, situation: Situation, published: Publish
     frame, zero = supervision.frame, supervision.zero
     if frame is None or supervision.held is None or _far(frame, published):
         # Nothing that is remembered outlives a change of the frame.
-        frame, zero = LocalFrame(published.start.latitude, published.start.longitude), published.began
+        frame, zero = (
+            LocalFrame(published.start.latitude, published.start.longitude),
+            published.began,
+        )
         fresh = watch.begin(supervision.watch.thresholds)
-        supervision = replace(supervision, watch=fresh, frame=frame, zero=zero, reported=MappingProxyType({}))
+        supervision = replace(
+            supervision, watch=fresh, frame=frame, zero=zero, reported=MappingProxyType({})
+        )
     own, waypoints = flown(frame, published)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
     intruders = {
@@ -80,7 +96,9 @@ def activated(supervision: Supervision, situation: Situation, published: Publish
         for name, track in tracks
         if track is not None and track.estimate is not None
     }
-    began = watch.activate(supervision.watch, received(waypoints), own, intruders, _clock(zero, published.began))
+    began = watch.activate(
+        supervision.watch, received(waypoints), own, intruders, _clock(zero, published.began)
+    )
     return replace(supervision, watch=began, held=published, revision=published.revision)
 
 
@@ -91,11 +109,17 @@ def withdrawn(supervision: Supervision, revision: int) -> Supervision:
     supervision = replace(supervision, revision=revision, held=None)
     if supervision.frame is None or _state(supervision) is State.IDLE:
         return supervision
-    return replace(supervision, watch=watch.activate(supervision.watch, received(()), _UNKNOWN, {}, 0.0))
+    return replace(
+        supervision, watch=watch.activate(supervision.watch, received(()), _UNKNOWN, {}, 0.0)
+    )
 
 
-def stepped(supervision: Supervision, situation: Situation, now: int) -> tuple[Supervision, Verdict | None]:
-    """Return the monitor after the present moment, ``now`` in ns, and its verdict; None before the first plan."""
+def stepped(
+    supervision: Supervision, situation: Situation, now: int
+) -> tuple[Supervision, Verdict | None]:
+    """Return the monitor after the present moment, ``now`` in ns, and its verdict; None before the
+    first plan.
+    """
     frame = supervision.frame
     if frame is None:
         return supervision, None
@@ -119,17 +143,27 @@ def stepped(supervision: Supervision, situation: Situation, now: int) -> tuple[S
             # An aircraft without any good report must be missed all the same.
             intruders[name] = Intruder(_UNKNOWN)
     known = supervision.watch.names
-    silent = {name for name, other in situation.traffic.items() if other.fault is not None and name not in left_out}
+    silent = {
+        name
+        for name, other in situation.traffic.items()
+        if other.fault is not None and name not in left_out
+    }
     gone = [name for name in known if name not in intruders and name not in silent]
     after, verdict = watch.step(
         supervision.watch, _clock(supervision.zero, now), own, intruders, own_age=own_age, gone=gone
     )
     asked = now if verdict.ask is not None else supervision.asked
-    return replace(supervision, watch=after, reported=MappingProxyType(reported), asked=asked), verdict
+    return replace(
+        supervision, watch=after, reported=MappingProxyType(reported), asked=asked
+    ), verdict
 
 
-def answered(supervision: Supervision, number: int, published: Published | None) -> tuple[Supervision, bool]:
-    """Hand in what became of a request; None: there is no plan that may be flown. Return also whether it is flown."""
+def answered(
+    supervision: Supervision, number: int, published: Published | None
+) -> tuple[Supervision, bool]:
+    """Hand in what became of a request; None: there is no plan that may be flown. Return also
+    whether it is flown.
+    """
     frame, ask = supervision.frame, supervision.watch.ask
     if frame is None or ask is None:
         return supervision, False
@@ -153,32 +187,53 @@ def to_fly(supervision: Supervision) -> Flown:
     return Flown.BACKUP if bool(supervision.watch.monitor.on_backup[0]) else Flown.PLAN
 
 
-def backup(supervision: Supervision, altitude: Altitude | None) -> tuple[int, tuple[PlanPoint, ...]]:
+def backup(
+    supervision: Supervision, altitude: Altitude | None
+) -> tuple[int, tuple[PlanPoint, ...]]:
     """Return when the backup at hand begins, ns, and its points, the first of them its start."""
     at_hand, frame = supervision.watch.monitor.backup, supervision.frame
     assert frame is not None, "a backup has a frame"
     began = supervision.zero + round(float(at_hand.started[0]) * SECOND)
     rows = np.stack([values[0] for values in at_hand.knots], axis=-1).tolist()
-    return began, geodetic_points(frame, [Waypoint(n, *row) for n, row in enumerate(rows)], began, altitude)
+    return began, geodetic_points(
+        frame, [Waypoint(n, *row) for n, row in enumerate(rows)], began, altitude
+    )
 
 
 def _reach(own: Report, now: int, limits: Thresholds, situation: Situation) -> Reach:
     """Return what matters to the ownship while a plan lasts."""
     options, origin = limits.options, situation.origin.value
     separation = limits.requirement.separation + limits.requirement.margin
-    horizon, fast = _HORIZON * options.waypoints * options.interval, options.aircraft.traffic_speed_max
+    horizon, fast = (
+        _HORIZON * options.waypoints * options.interval,
+        options.aircraft.traffic_speed_max,
+    )
     undulation = None if origin is None else origin.undulation
-    return Reach(own, now, horizon, separation, options.vertical_filter, limits.limits.speed_max, fast, undulation)
+    return Reach(
+        own,
+        now,
+        horizon,
+        separation,
+        options.vertical_filter,
+        limits.limits.speed_max,
+        fast,
+        undulation,
+    )
 
 
 def _vertically_apart(other: Track, reach: Reach) -> bool:
     """Return whether an aircraft stays above or below the ownship by its last good report."""
     theirs = None if other.last is None else level(other.last.altitude, 0, reach.undulation)
-    return abs(apart(level(reach.own.altitude, 0, reach.undulation), theirs, reach.horizon)) > reach.vertical
+    return (
+        abs(apart(level(reach.own.altitude, 0, reach.undulation), theirs, reach.horizon))
+        > reach.vertical
+    )
 
 
 def _left_out(situation: Situation, reach: Reach, limits: Thresholds) -> frozenset[str]:
-    """Return the aircraft whose reports cannot be used, and that cannot come near by their last places."""
+    """Return the aircraft whose reports cannot be used, and that cannot come near by their last
+    places.
+    """
     return frozenset(
         name
         for name, track in situation.traffic.items()
@@ -201,11 +256,18 @@ def _age(zero: int, time: int, now: int) -> float:
 
 def _intruder(frame: LocalFrame, report: Report, zero: int, now: int) -> Intruder:
     age = _age(zero, report.time, now)
-    return Intruder(placed(frame, report), age, position_std=report.position_std, velocity_std=report.velocity_std)
+    return Intruder(
+        placed(frame, report),
+        age,
+        position_std=report.position_std,
+        velocity_std=report.velocity_std,
+    )
 
 
 def _due(before: Report | None, track: Track, limits: Thresholds) -> Report | None:
-    """Return the report to hand over, if any: the newest, unless it follows closely and says nothing new."""
+    """Return the report to hand over, if any: the newest, unless it follows closely and says
+    nothing new.
+    """
     newest = track.estimate
     if newest is None or track.fault is not None:
         return None

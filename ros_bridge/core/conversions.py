@@ -1,4 +1,5 @@
-"""Messages of ``rlcas_msgs`` as domain values: every field checked, altitudes with their reference, times in ns.
+"""Messages of ``rlcas_msgs`` as domain values: every field checked, altitudes with their reference,
+times in ns.
 
 Messages are read by their fields (:mod:`ros_bridge.core.fields`), so nothing here imports ROS.
 """
@@ -11,7 +12,16 @@ from typing import Any, NamedTuple
 
 from agents.planner.request import Altitude
 from envs.formats.local_frame import LocalFrame
-from ros_bridge.core.fields import FieldError, flags, identifier, integer, number, place, readable, stamp
+from ros_bridge.core.fields import (
+    FieldError,
+    flags,
+    identifier,
+    integer,
+    number,
+    place,
+    readable,
+    stamp,
+)
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
 POSITION, ALTITUDE, VELOCITY, VERTICAL_SPEED, TRUE_AIRSPEED, WIND, POSITION_STD, VELOCITY_STD = (
@@ -117,7 +127,9 @@ def report(
 def velocity(name: str, east: Any, north: Any) -> tuple[float, float]:
     """Return a velocity over the ground, true east and north, m/s, or raise :class:`FieldError`."""
     axes = (("x", east), ("y", north))
-    east, north = (number(f"{name}.velocity.{axis}", one, -FASTEST, FASTEST, "m/s") for axis, one in axes)
+    east, north = (
+        number(f"{name}.velocity.{axis}", one, -FASTEST, FASTEST, "m/s") for axis, one in axes
+    )
     speed = math.hypot(east, north)
     if speed > FASTEST:
         raise FieldError(f"{name}.velocity", f"is {speed:g} m/s, expected {FASTEST:g} m/s at most")
@@ -130,22 +142,31 @@ def altitude(name: str, value: Any, reference: str, climb: float = 0.0) -> Altit
 
 
 def _altitude(name: str, message: Any, climb: float = 0.0) -> Altitude:
-    reference = ALTITUDE_CODES.get(integer(f"{name}.altitude_reference", message.altitude_reference, 0, 255))
+    reference = ALTITUDE_CODES.get(
+        integer(f"{name}.altitude_reference", message.altitude_reference, 0, 255)
+    )
     if reference is None:
-        what = f"is {message.altitude_reference}, expected one of {sorted(ALTITUDE_CODES)} beside an altitude"
+        what = (
+            f"is {message.altitude_reference}, expected one of {sorted(ALTITUDE_CODES)} beside "
+            "an altitude"
+        )
         raise FieldError(f"{name}.altitude_reference", what)
     return altitude(f"{name}.altitude", message.altitude, reference, climb)
 
 
 def aircraft(message: Any, name: str) -> Report:
-    """Return the report that an AircraftState holds, or raise :class:`FieldError` with a sighting."""
+    """Return the report that an AircraftState holds, or raise :class:`FieldError` with a
+    sighting.
+    """
 
     def has(bit: int) -> bool:
         return bool(flags(f"{name}.valid", message.valid, 0xFF) & bit)
 
     def needed(bit: int, what: str) -> None:
         if not has(bit):
-            raise FieldError(f"{name}.valid", f"is {message.valid:#x}, expected the bit of the {what}")
+            raise FieldError(
+                f"{name}.valid", f"is {message.valid:#x}, expected the bit of the {what}"
+            )
 
     def at() -> tuple[float, float]:
         needed(POSITION, "position")
@@ -156,13 +177,20 @@ def aircraft(message: Any, name: str) -> Report:
         return velocity(name, message.velocity.x, message.velocity.y)
 
     def height() -> Altitude | None:
-        climb = number(f"{name}.velocity.z", message.velocity.z, *_CLIMB) if has(VERTICAL_SPEED) else 0.0
+        climb = (
+            number(f"{name}.velocity.z", message.velocity.z, *_CLIMB)
+            if has(VERTICAL_SPEED)
+            else 0.0
+        )
         return _altitude(name, message, climb) if has(ALTITUDE) else None
 
     def wind() -> tuple[float, float] | None:
         if not has(WIND):
             return None
-        x, y = (number(f"{name}.wind.{axis}", getattr(message.wind, axis), -_WIND, _WIND, "m/s") for axis in "xy")
+        x, y = (
+            number(f"{name}.wind.{axis}", getattr(message.wind, axis), -_WIND, _WIND, "m/s")
+            for axis in "xy"
+        )
         return x, y
 
     def airspeed() -> float | None:
@@ -172,12 +200,17 @@ def aircraft(message: Any, name: str) -> Report:
         (east, north), air = over_ground(), wind()
         through_air = speed if air is None else math.hypot(east - air[0], north - air[1])
         if abs(through_air - speed) > _AIRSPEED_AGREES:
-            what = f"is {speed:g} m/s, expected it within {_AIRSPEED_AGREES:g} m/s of what velocity and wind make"
+            what = (
+                f"is {speed:g} m/s, expected it within {_AIRSPEED_AGREES:g} m/s of what "
+                "velocity and wind make"
+            )
             raise FieldError(f"{name}.true_airspeed", f"{what}, {through_air:g} m/s")
         return speed
 
     def std(bit: int, field: str, most: float, unit: str) -> float:
-        return number(f"{name}.{field}", getattr(message, field), 0.0, most, unit) if has(bit) else 0.0
+        return (
+            number(f"{name}.{field}", getattr(message, field), 0.0, most, unit) if has(bit) else 0.0
+        )
 
     return report(
         identifier(f"{name}.id", message.id),
@@ -197,7 +230,9 @@ def geo_reference(message: Any, name: str = "geo_reference") -> Origin:
     frame = LocalFrame(*place(name, message.latitude, message.longitude))
     undulation = None
     if message.geoid_undulation_valid:
-        undulation = number(f"{name}.geoid_undulation", message.geoid_undulation, -120.0, 100.0, "m")
+        undulation = number(
+            f"{name}.geoid_undulation", message.geoid_undulation, -120.0, 100.0, "m"
+        )
     return Origin(frame, undulation)
 
 
@@ -205,17 +240,22 @@ def alert(message: Any, name: str = "alert") -> Alert:
     """Return the alert that a TrafficAlert holds, or raise :class:`FieldError`."""
     time = stamp(f"{name}.header.stamp", message.header.stamp)
     level = integer(f"{name}.level", message.level, 0, 3)
-    ids = tuple(identifier(f"{name}.intruder_ids[{n}]", one) for n, one in enumerate(message.intruder_ids))
+    ids = tuple(
+        identifier(f"{name}.intruder_ids[{n}]", one) for n, one in enumerate(message.intruder_ids)
+    )
     _once(ids, f"{name}.intruder_ids[{{}}]")
     if (level == 0) != (not ids):
         raise FieldError(
-            f"{name}.intruder_ids", f"has {len(ids)} names at level {level}, expected names above level 0 only"
+            f"{name}.intruder_ids",
+            f"has {len(ids)} names at level {level}, expected names above level 0 only",
         )
     return Alert(time, level, ids)
 
 
 def route(waypoints: Any, name: str = "route") -> Route:
-    """Return the route that waypoints of origin ROUTE make, two or more, or raise :class:`FieldError`."""
+    """Return the route that waypoints of origin ROUTE make, two or more, or raise
+    :class:`FieldError`.
+    """
     if len(waypoints) < 2:
         raise FieldError(f"{name}.waypoints", f"has {len(waypoints)} points, expected 2 or more")
     points = []
@@ -224,7 +264,9 @@ def route(waypoints: Any, name: str = "route") -> Route:
         if integer(f"{at}.origin", point.origin, 0, 255) != ROUTE_POINT:
             raise FieldError(f"{at}.origin", f"is {point.origin}, expected {ROUTE_POINT} (ROUTE)")
         index = integer(f"{at}.index", point.index, 0, _LAST_INDEX)
-        points.append(Station(index, *place(at, point.latitude, point.longitude), _height(at, point)))
+        points.append(
+            Station(index, *place(at, point.latitude, point.longitude), _height(at, point))
+        )
     _once([point.index for point in points], f"{name}.waypoints[{{}}].index")
     return tuple(points)
 
@@ -237,11 +279,15 @@ def published_route(message: Any, name: str = "route") -> Route:
 
 
 def plan_point(message: Any, name: str) -> PlanPoint:
-    """Return a waypoint of a plan, all of whose fields must be valid, or raise :class:`FieldError`."""
+    """Return a waypoint of a plan, all of whose fields must be valid, or raise
+    :class:`FieldError`.
+    """
     valid = flags(f"{name}.valid", message.valid, 0x0F)
     wanted = POINT_TRACK | POINT_SPEED | POINT_TIME
     if valid & wanted != wanted:
-        raise FieldError(f"{name}.valid", f"is {valid:#x}, expected track, ground speed and time of arrival")
+        raise FieldError(
+            f"{name}.valid", f"is {valid:#x}, expected track, ground speed and time of arrival"
+        )
     return PlanPoint(
         integer(f"{name}.index", message.index, 0, _LAST_INDEX),
         integer(f"{name}.origin", message.origin, ROUTE_POINT, PLAN_POINT) == ROUTE_POINT,
@@ -254,16 +300,24 @@ def plan_point(message: Any, name: str) -> PlanPoint:
 
 
 def trajectory(message: Any, name: str = "trajectory") -> Published:
-    """Return a plan or a backup, whose times increase and whose indices differ, or raise :class:`FieldError`."""
+    """Return a plan or a backup, whose times increase and whose indices differ, or raise
+    :class:`FieldError`.
+    """
     began = stamp(f"{name}.header.stamp", message.header.stamp)
     start = plan_point(message.start, f"{name}.start")
-    points = tuple(plan_point(point, f"{name}.waypoints[{n}]") for n, point in enumerate(message.waypoints))
+    points = tuple(
+        plan_point(point, f"{name}.waypoints[{n}]") for n, point in enumerate(message.waypoints)
+    )
     _once([point.index for point in points], f"{name}.waypoints[{{}}].index")
-    for number_, (before, after) in enumerate(itertools.pairwise([began, *(point.time for point in points)])):
+    for number_, (before, after) in enumerate(
+        itertools.pairwise([began, *(point.time for point in points)])
+    ):
         if after <= before:
             at = f"{name}.waypoints[{number_}].time_of_arrival"
             raise FieldError(at, "is not after the one before, expected later")
-    return Published(bytes(message.id.uuid), message.revision, began, start, points, tuple(message.intruder_ids))
+    return Published(
+        bytes(message.id.uuid), message.revision, began, start, points, tuple(message.intruder_ids)
+    )
 
 
 def _once(values: Sequence[Any], field: str) -> None:
@@ -276,4 +330,8 @@ def _once(values: Sequence[Any], field: str) -> None:
 
 
 def _height(name: str, point: Any) -> Altitude | None:
-    return _altitude(name, point) if flags(f"{name}.valid", point.valid, 0x0F) & POINT_ALTITUDE else None
+    return (
+        _altitude(name, point)
+        if flags(f"{name}.valid", point.valid, 0x0F) & POINT_ALTITUDE
+        else None
+    )

@@ -1,11 +1,14 @@
-"""Successive reports that follow from one another, and whether the places they name agree with their velocities.
+"""Successive reports that follow from one another, and whether the places they name agree with
+their velocities.
 
-A receiver that repeats an old position under fresh stamps, or names a velocity that is not the aircraft's, is not
-seen from one report to the next: the allowance for a jump is much larger than the way flown in between. Over some
-seconds it is: the displacement is compared with the integral of the reported velocities.
+A receiver that repeats an old position under fresh stamps, or names a velocity that is not the
+aircraft's, is not seen from one report to the next: the allowance for a jump is much larger than
+the way flown in between. Over some seconds it is: the displacement is compared with the integral of
+the reported velocities.
 
-The estimate after each report is :mod:`agents.assurance.tracker` on the ellipsoid: a report itself, with standard
-deviations of its own. Where reports declare no noise, or begin anew, it is the report, to the bit.
+The estimate after each report is :mod:`agents.assurance.tracker` on the ellipsoid: a report itself,
+with standard deviations of its own. Where reports declare no noise, or begin anew, it is the
+report, to the bit.
 """
 
 import math
@@ -21,12 +24,16 @@ from envs.kinematics import VehicleState
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
 
-_WINDOWS = (3.0, 20.0)  # s, that displacements are compared over: fast aircraft are found in the first, slow in both
+_WINDOWS = (
+    3.0,
+    20.0,
+)  # s, that displacements are compared over: fast aircraft are found in the first, slow in both
 _SHORTEST = 2.0  # s, at least
 _SIGMAS = 3.0
 _ALLOWED = Tolerance(60.0, 0.4, _SIGMAS)
-"""Rounded digits, stamps set on reception, positions held for a second; velocities in knots for m/s differ by 0.49.
-Like the windows it describes receivers and the traffic's aircraft, so that nothing of it follows from the ownship."""
+"""Rounded digits, stamps set on reception, positions held for a second; velocities in knots for m/s
+differ by 0.49. Like the windows it describes receivers and the traffic's aircraft, so that nothing
+of it follows from the ownship."""
 
 _TURN_BASELINE = (0.2, 5.0)  # s between two reports that a turn may be read from
 
@@ -47,11 +54,14 @@ class Course:
     newest: Report
     windows: tuple[_Window, ...]
     estimate: Report
-    tracks: Tracks  # what the tracker remembers; the estimate's place is the origin of its map, east and north
+    # what the tracker remembers; the estimate's place is the origin of its map, east and north
+    tracks: Tracks
     reference: Report  # an earlier estimate, far enough back to read a turn from
     contradiction: str = ""  # how the places contradict the velocities; empty: they do not
     turn_rate: float = 0.0
-    """That the newest and an earlier estimate show, rad/s, positive to the left; 0 where noise could be all of it."""
+    """That the newest and an earlier estimate show, rad/s, positive to the left; 0 where noise
+    could be all of it.
+    """
 
 
 def begun(report: Report) -> Course:
@@ -62,8 +72,13 @@ def begun(report: Report) -> Course:
 def extended(course: Course, report: Report) -> Course:
     """Return a course with one more report, later than its newest."""
     before, seconds = course.newest, (report.time - course.newest.time) / SECOND
-    east, north = 0.5 * (before.east + report.east) * seconds, 0.5 * (before.north + report.north) * seconds
-    windows = [_Window(w.start, w.reports + 1, w.east + east, w.north + north) for w in course.windows]
+    east, north = (
+        0.5 * (before.east + report.east) * seconds,
+        0.5 * (before.north + report.north) * seconds,
+    )
+    windows = [
+        _Window(w.start, w.reports + 1, w.east + east, w.north + north) for w in course.windows
+    ]
     contradiction = course.contradiction
     for number, (window, longest) in enumerate(zip(windows, _WINDOWS, strict=True)):
         # For two reports alone the allowance for a jump holds.
@@ -84,16 +99,21 @@ def extended(course: Course, report: Report) -> Course:
 
 
 def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, bool]:
-    """Return how displacement and velocities contradict each other, or "", and whether they clearly agree."""
+    """Return how displacement and velocities contradict each other, or "", and whether they clearly
+    agree.
+    """
     start = window.start
     east, north = displacement(*start.place, *report.place)
     moved, flown = math.hypot(east, north), math.hypot(window.east, window.north)
     noise = math.hypot(start.position_std, report.position_std) + report.velocity_std * seconds
     off, allowed = difference((east, north), (window.east, window.north), noise, _ALLOWED)
     if off <= allowed:
-        # What the noise alone excuses is no agreement: a frozen position under a large declared noise has it too.
+        # What the noise alone excuses is no agreement: a frozen position under a large declared
+        # noise has it too.
         return "", bool(off <= _ALLOWED.share * max(moved, flown))
-    what = f"moved {moved:.0f} m in {seconds:.1f} s while the reported velocities make {flown:.0f} m"
+    what = (
+        f"moved {moved:.0f} m in {seconds:.1f} s while the reported velocities make {flown:.0f} m"
+    )
     return f"outside_domain: {what}; the two differ by {off:.0f} m, allowed {allowed:.0f} m", False
 
 
@@ -117,13 +137,17 @@ def _first(report: Report) -> Tracks:
 
 
 def _improved(course: Course, report: Report) -> tuple[Report, Tracks]:
-    """Return the estimate after one more report, later than those before, and what the tracker remembers then."""
+    """Return the estimate after one more report, later than those before, and what the tracker
+    remembers then.
+    """
     if report.position_std == 0.0 and report.velocity_std == 0.0:
         return report, _first(report)
     before = course.estimate
     x, y = displacement(*before.place, *report.place)
     seconds = (report.time - before.time) / SECOND
-    tracks = follow(course.tracks, _moving(x, y, report), report.position_std, report.velocity_std, seconds)
+    tracks = follow(
+        course.tracks, _moving(x, y, report), report.position_std, report.velocity_std, seconds
+    )
     if tracks.count == 1.0:
         return report, _first(report)
     x, y, heading, speed = map(float, tracks.state)

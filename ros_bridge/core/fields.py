@@ -1,7 +1,8 @@
-"""Fields of messages, read one by one: every value is finite and in range, or refused by its name and with a status.
+"""Fields of messages, read one by one: every value is finite and in range, or refused by its name
+and with a status.
 
-Messages are taken by their fields alone, so that nothing here needs ROS: a message of another package with the same
-fields, or a plain object in a test, serves as well.
+Messages are taken by their fields alone, so that nothing here needs ROS: a message of another
+package with the same fields, or a plain object in a test, serves as well.
 """
 
 from collections.abc import Callable
@@ -19,7 +20,8 @@ _T = TypeVar("_T")
 
 
 class FieldError(ValueError):
-    """A field that cannot be used: its name, such as ``ownship.velocity.x``, what is wrong, and what was expected.
+    """A field that cannot be used: its name, such as ``ownship.velocity.x``, what is wrong, and
+    what was expected.
 
     The sighting is what the message still holds of the aircraft; None: nothing.
     """
@@ -81,7 +83,9 @@ def stamp(name: str, value: Any) -> int:
 
 
 def not_ahead(name: str, time: int, now: int, most: float) -> None:
-    """Raise :class:`FieldError` for a time that is more than ``most`` seconds ahead of the clock; times in ns."""
+    """Raise :class:`FieldError` for a time that is more than ``most`` seconds ahead of the clock;
+    times in ns.
+    """
     ahead = (time - now) / SECOND
     if ahead > most:
         raise FieldError(name, f"is {ahead:.3f} s ahead of the clock, expected {most:g} s at most")
@@ -93,11 +97,15 @@ def nanoseconds(value: Any) -> int:
 
 
 def identifier(name: str, value: Any) -> str:
-    """Return an aircraft's name, stripped and in lower case as receivers vary, or raise :class:`FieldError`."""
+    """Return an aircraft's name, stripped and in lower case as receivers vary, or raise
+    :class:`FieldError`.
+    """
     if not isinstance(value, str) or not value.strip() or not value.strip().isprintable():
         raise FieldError(name, f"is {value!r:.60}, expected a printable name")
     if len(value.encode()) > _LONGEST_ID:
-        raise FieldError(name, f"is {len(value.encode())} bytes long, expected {_LONGEST_ID} at most")
+        raise FieldError(
+            name, f"is {len(value.encode())} bytes long, expected {_LONGEST_ID} at most"
+        )
     return value.strip().lower()
 
 

@@ -1,8 +1,8 @@
 """Whether an aircraft whose newest report cannot be planned with can matter at all.
 
-At the edge of a receiver's range many aircraft stop reporting. One that is so far away, or so high, that it cannot come
-near while a plan lasts is left out by its last places: each of them, grown by what the aircraft may have flown since,
-must lie beyond what both can fly until the end.
+At the edge of a receiver's range many aircraft stop reporting. One that is so far away, or so high,
+that it cannot come near while a plan lasts is left out by its last places: each of them, grown by
+what the aircraft may have flown since, must lie beyond what both can fly until the end.
 """
 
 import math
@@ -36,7 +36,9 @@ class Reach:
 
 
 def level(altitude: Altitude | None, age: int, undulation: float | None) -> Altitude | None:
-    """Return an altitude carried over an age (ns), above the ellipsoid where the undulation is known."""
+    """Return an altitude carried over an age (ns), above the ellipsoid where the undulation is
+    known.
+    """
     if altitude is None:
         return None
     value = altitude.value + altitude.vertical_speed * age / SECOND
@@ -47,9 +49,11 @@ def level(altitude: Altitude | None, age: int, undulation: float | None) -> Alti
 
 
 def apart(own: Altitude | None, other: Altitude | None, horizon: float) -> float:
-    """Return by how much two aircraft stay vertically apart for a time (s), m, negative where the other is below.
+    """Return by how much two aircraft stay vertically apart for a time (s), m, negative where the
+    other is below.
 
-    It is 0 where their altitudes are unknown or of different references, or they may pass each other.
+    It is 0 where their altitudes are unknown or of different references, or they may pass each
+    other.
     """
     if own is None or other is None or own.reference != other.reference:
         return 0.0
@@ -67,7 +71,9 @@ def out_of_reach(track: Track, reach: Reach) -> str | None:
 
 
 def _places(track: Track, least: float) -> Iterator[tuple[Sighting, float]]:
-    """Yield where and how fast the aircraft may have been: unusable messages, its last good report, a rival's."""
+    """Yield where and how fast the aircraft may have been: unusable messages, its last good report,
+    a rival's.
+    """
     for one in track.sightings:
         if one.sighting.place is not None:
             yield one.sighting._replace(time=one.time), FASTEST
@@ -76,16 +82,23 @@ def _places(track: Track, least: float) -> Iterator[tuple[Sighting, float]]:
         if report is not None:
             # Where places and velocities contradict each other, neither is believed.
             doubtful = track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
-            yield report.sighting, FASTEST if doubtful else max(math.hypot(report.east, report.north), least)
+            yield (
+                report.sighting,
+                FASTEST if doubtful else max(math.hypot(report.east, report.north), least),
+            )
 
 
 def _beyond(seen: Sighting, speed: float, reach: Reach) -> str | None:
-    """Return why an aircraft that was seen at a place cannot come near until the horizon, or None."""
+    """Return why an aircraft that was seen at a place cannot come near until the horizon,
+    or None.
+    """
     assert seen.place is not None and seen.time is not None
     own, age = reach.own, max((reach.now - seen.time) / SECOND, 0.0)
     away = distance(*own.place, *seen.place)
     since = f"{age:.1f} s ago, and cannot come near within {reach.horizon:.0f} s"
-    both = speed * (age + reach.horizon) + reach.speed * (reach.horizon + abs(reach.now - own.time) / SECOND)
+    both = speed * (age + reach.horizon) + reach.speed * (
+        reach.horizon + abs(reach.now - own.time) / SECOND
+    )
     if away - both > reach.separation or away - speed * age > reach.limit:
         return f"was {away / 1e3:.0f} km away {since}"
     mine = level(own.altitude, reach.now - own.time, reach.undulation)

@@ -18,24 +18,39 @@ from ros_bridge.core.situation import Task
 
 
 def plan_points(plan: Plan, task: Task) -> tuple[PlanPoint, ...]:
-    """Return the waypoints of a plan on the ellipsoid; those of the route keep the route's altitude."""
+    """Return the waypoints of a plan on the ellipsoid; those of the route keep the route's
+    altitude.
+    """
     filed = {point.index: point.altitude for point in task.route}
     return geodetic_points(task.frame, plan.waypoints, task.time, task.own_altitude, filed)
 
 
-def start_point(frame: LocalFrame, own: VehicleState, time: int, altitude: Altitude | None) -> PlanPoint:
+def start_point(
+    frame: LocalFrame, own: VehicleState, time: int, altitude: Altitude | None
+) -> PlanPoint:
     """Return where a plan starts, on the ellipsoid; its index means nothing."""
-    return geodetic_points(frame, [Waypoint(0, own.x, own.y, own.heading, own.speed, 0.0)], time, altitude)[0]
+    return geodetic_points(
+        frame, [Waypoint(0, own.x, own.y, own.heading, own.speed, 0.0)], time, altitude
+    )[0]
 
 
 def flown(frame: LocalFrame, plan: Published) -> tuple[VehicleState, tuple[Waypoint, ...]]:
-    """Return a published plan in a frame, not only its writer's: the first state, and the waypoints, times in s."""
+    """Return a published plan in a frame, not only its writer's: the first state, and the
+    waypoints, times in s.
+    """
     every = [plan.start, *plan.points]
     at = frame.place([point.latitude for point in every], [point.longitude for point in every])
     track = np.radians([point.track_deg for point in every])
     heading = wrap(0.5 * math.pi - track + at.convergence, np)
     waypoints = [
-        Waypoint(point.index, float(x), float(y), float(psi), point.speed, (point.time - plan.began) / SECOND)
+        Waypoint(
+            point.index,
+            float(x),
+            float(y),
+            float(psi),
+            point.speed,
+            (point.time - plan.began) / SECOND,
+        )
         for point, x, y, psi in zip(every, at.x, at.y, heading, strict=True)
     ]
     first = waypoints[0]
@@ -54,12 +69,15 @@ def geodetic_points(
     Args:
         frame: that they were made in.
         waypoints: with times from ``time``, ns.
-        altitude: of the ownship, which all keep but points of the route, whose altitudes are ``filed`` by index.
+        altitude: of the ownship, which all keep but points of the route, whose altitudes are
+            ``filed`` by index.
     """
     if not waypoints:
         return ()
     at = frame.geodetic([point.x for point in waypoints], [point.y for point in waypoints])
-    track = np.degrees(0.5 * math.pi - np.array([point.heading for point in waypoints]) + at.convergence)
+    track = np.degrees(
+        0.5 * math.pi - np.array([point.heading for point in waypoints]) + at.convergence
+    )
     track = np.remainder(track, 360.0)
     track = np.where(track >= 360.0, 0.0, track)
     level = None if altitude is None else Altitude(altitude.value, altitude.reference)

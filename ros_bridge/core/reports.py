@@ -1,4 +1,6 @@
-"""Reports of aircraft: a whole state as it was reported, or the little that an unusable message still holds."""
+"""Reports of aircraft: a whole state as it was reported, or the little that an unusable message
+still holds.
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,7 +14,9 @@ FASTEST = 400.0
 
 
 class Sighting(NamedTuple):
-    """Which aircraft a message that cannot be used is about, and where it was, as far as that is known."""
+    """Which aircraft a message that cannot be used is about, and where it was, as far as that is
+    known.
+    """
 
     identifier: str
     time: int | None = None  # ns
@@ -34,7 +38,9 @@ class Report:
     position_std: float = 0.0  # one sigma per axis, m
     velocity_std: float = 0.0  # m/s
     true_airspeed: float | None = None  # m/s; None: unknown
-    wind: tuple[float, float] | None = None  # velocity of the air, true east and north, m/s; None: unknown
+    wind: tuple[float, float] | None = (
+        None  # velocity of the air, true east and north, m/s; None: unknown
+    )
 
     @property
     def place(self) -> tuple[float, float]:
@@ -47,6 +53,8 @@ class Report:
         return Sighting(self.identifier, self.time, self.place, self.altitude)
 
     def off(self, place: tuple[float, float], time: int) -> float:
-        """Return how far a place is from where the aircraft is to be expected at a time (ns), straight ahead, m."""
+        """Return how far a place is from where the aircraft is to be expected at a time (ns),
+        straight ahead, m.
+        """
         seconds = (time - self.time) / SECOND
         return distance(*carried(*self.place, self.east, self.north, seconds), *place)

@@ -1,7 +1,8 @@
-"""What the runner knows at one moment, and the task for the planner that follows from it, or why there is none.
+"""What the runner knows at one moment, and the task for the planner that follows from it, or why
+there is none.
 
-All of it is values and pure functions; the node only feeds it. Every refusal carries one of the codes of
-GenerateTrajectory, the field that is meant and a sentence.
+All of it is values and pure functions; the node only feeds it. Every refusal carries one of the
+codes of GenerateTrajectory, the field that is meant and a sentence.
 """
 
 import itertools
@@ -26,14 +27,31 @@ from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.reports import FASTEST, Report
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
-__all__ = ["Code", "Held", "Refusal", "Settings", "Situation", "Task", "placed", "refusal_of", "task", "turn_of"]
+__all__ = [
+    "Code",
+    "Held",
+    "Refusal",
+    "Settings",
+    "Situation",
+    "Task",
+    "placed",
+    "refusal_of",
+    "task",
+    "turn_of",
+]
 
 _T = TypeVar("_T")
 ACCURATE = 100_000.0
-"""Distance from the origin, m, up to which ownship and route are accepted; it follows from the map's errors."""
+"""Distance from the origin, m, up to which ownship and route are accepted; it follows from the
+map's errors.
+"""
 
 _EXTENSION = 5.0  # of a route's last leg, separations
-_COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = 250.0, 10.0, 0.2  # m, m/s, rad: what delays make of the ownship's echo
+_COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = (
+    250.0,
+    10.0,
+    0.2,
+)  # m, m/s, rad: what delays make of the ownship's echo
 
 
 @dataclass(frozen=True)
@@ -41,7 +59,8 @@ class Settings:
     """How old inputs may be, and how plans are made."""
 
     options: Options
-    turn_time: float  # for how long after its report an intruder goes on with the turn that its reports show, s
+    # for how long after its report an intruder goes on with the turn that its reports show, s
+    turn_time: float
     turn_rates: tuple[float, float]  # least and greatest turn rates that count as a turn, rad/s
     ownship_max_age: float = 1.5  # oldest own state, s
     intruder_max_age: float = 5.0  # oldest state of an intruder, s
@@ -82,23 +101,36 @@ class Task:
     own_altitude: Altitude | None
     identifiers: tuple[str, ...]  # of the intruders, in their order
     intruders: tuple[Intruder, ...]
-    excluded: tuple[tuple[str, str], ...]  # names of the aircraft that the plan takes no account of, and why
+    excluded: tuple[
+        tuple[str, str], ...
+    ]  # names of the aircraft that the plan takes no account of, and why
     route: Route
     points: tuple[RoutePoint, ...]
     options: Options
     notes: tuple[str, ...]  # what was assumed
 
 
-def task(situation: Situation, now: int, settings: Settings, asked_route: Route | None = None) -> Task:
+def task(
+    situation: Situation, now: int, settings: Settings, asked_route: Route | None = None
+) -> Task:
     """Return the task at a moment, ns, for the route of a request or else the published one.
 
-    Raises :class:`Refusal` where something is missing, stale, from the future, invalid or inconsistent.
+    Raises :class:`Refusal` where something is missing, stale, from the future, invalid or
+    inconsistent.
     """
     if now <= 0:
-        raise Refusal(Code.NO_CLOCK, "clock", "stands at zero, expected a running clock (is /clock published?)")
+        raise Refusal(
+            Code.NO_CLOCK,
+            "clock",
+            "stands at zero, expected a running clock (is /clock published?)",
+        )
     frame, undulation = _wanted(situation.origin, "geo_reference", "has not been received")
-    report = _usable(situation.own, "ownship", now, settings.ownship_max_age, settings.future_tolerance)
-    own = _now(placed(frame, report), turn_of(situation.own, settings), (now - report.time) / SECOND)
+    report = _usable(
+        situation.own, "ownship", now, settings.ownship_max_age, settings.future_tolerance
+    )
+    own = _now(
+        placed(frame, report), turn_of(situation.own, settings), (now - report.time) / SECOND
+    )
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(far))
@@ -110,13 +142,22 @@ def task(situation: Situation, now: int, settings: Settings, asked_route: Route 
     horizon, fast = _latest_end(points, options), options.aircraft.traffic_speed_max
     # From further away no aircraft comes near before the plan's last leg, however long that is.
     beyond = (FASTEST + speed) * options.waypoints * options.interval
-    reach = Reach(report, now, horizon, separation, options.vertical_filter, speed, fast, undulation, beyond)
+    reach = Reach(
+        report, now, horizon, separation, options.vertical_filter, speed, fast, undulation, beyond
+    )
     identifiers, intruders, excluded = _intruders(situation, frame, now, settings, alerted, reach)
-    copies = [name for name, one in zip(identifiers, intruders, strict=True) if _like(own, one.state)]
+    copies = [
+        name for name, one in zip(identifiers, intruders, strict=True) if _like(own, one.state)
+    ]
     if copies:
-        notes += (f"{', '.join(copies)}: at the ownship's place and velocity; a copy of it (TIS-B) is not recognised",)
+        notes += (
+            f"{', '.join(copies)}: at the ownship's place and velocity; a copy of it (TIS-B) is "
+            "not recognised",
+        )
     height = level(report.altitude, now - report.time, undulation)
-    return Task(frame, now, own, height, identifiers, intruders, excluded, route, points, options, notes)
+    return Task(
+        frame, now, own, height, identifiers, intruders, excluded, route, points, options, notes
+    )
 
 
 def refusal_of(error: RequestError, task: Task) -> Refusal:
@@ -125,7 +166,9 @@ def refusal_of(error: RequestError, task: Task) -> Refusal:
     match = re.match(r"intruders\[(\d+)\]", field_)
     if match:
         name = f"intruder {task.identifiers[int(match[1])]}"
-        return Refusal(Code.INVALID_INTRUDER, field_.replace(match[0], name), problem.replace(match[0], name))
+        return Refusal(
+            Code.INVALID_INTRUDER, field_.replace(match[0], name), problem.replace(match[0], name)
+        )
     for start, code in (("own", Code.INVALID_OWNSHIP), ("route", Code.INVALID_ROUTE)):
         if field_.startswith(start):
             return Refusal(code, field_, problem)
@@ -133,9 +176,13 @@ def refusal_of(error: RequestError, task: Task) -> Refusal:
 
 
 def check_age(kind: str, name: str, age: float, oldest: float, future: float) -> None:
-    """Refuse a kind of input (OWNSHIP, INTRUDER, REQUEST) whose stamp, called ``name``, is too old or ahead; s."""
+    """Refuse a kind of input (OWNSHIP, INTRUDER, REQUEST) whose stamp, called ``name``, is too old
+    or ahead; s.
+    """
     if age > oldest:
-        raise Refusal(Code[f"STALE_{kind}"], name, f"is {age:.2f} s old, expected {oldest:g} s at most")
+        raise Refusal(
+            Code[f"STALE_{kind}"], name, f"is {age:.2f} s old, expected {oldest:g} s at most"
+        )
     if -age > future:
         what = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
         raise Refusal(Code[f"FUTURE_{kind}"], name, what)
@@ -166,11 +213,15 @@ def placed(frame: LocalFrame, report: Report) -> VehicleState:
     """Return a reported state in the local frame."""
     at = frame.place(report.latitude, report.longitude)
     heading = math.atan2(report.north, report.east) + float(at.convergence)
-    return VehicleState(float(at.x), float(at.y), float(wrap(heading, np)), math.hypot(report.east, report.north))
+    return VehicleState(
+        float(at.x), float(at.y), float(wrap(heading, np)), math.hypot(report.east, report.north)
+    )
 
 
 def turn_of(track: Track, settings: Settings) -> float:
-    """Return the turn rate of an aircraft, rad/s; 0 where it is too small to count, or too large to be believed."""
+    """Return the turn rate of an aircraft, rad/s; 0 where it is too small to count, or too large to
+    be believed.
+    """
     least, most = settings.turn_rates
     return track.turn_rate if least <= abs(track.turn_rate) <= most else 0.0
 
@@ -179,7 +230,10 @@ def _now(state: VehicleState, rate: float, seconds: float) -> VehicleState:
     """Return a state some seconds later, along a turn (rad/s)."""
     turn = rate * seconds
     # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
-    reach, course = state.speed * seconds * float(np.sinc(turn / (2.0 * math.pi))), state.heading + 0.5 * turn
+    reach, course = (
+        state.speed * seconds * float(np.sinc(turn / (2.0 * math.pi))),
+        state.heading + 0.5 * turn,
+    )
     x, y = state.x + reach * math.cos(course), state.y + reach * math.sin(course)
     return VehicleState(x, y, float(wrap(state.heading + turn, np)), state.speed)
 
@@ -193,13 +247,18 @@ def _alerted(situation: Situation, now: int, settings: Settings) -> frozenset[st
         return frozenset()
     unknown = [name for name in alert.identifiers if name not in situation.traffic]
     if unknown:
-        what = f"is the subject of an alert of level {alert.level}, and no state of it has been received"
+        what = (
+            f"is the subject of an alert of level {alert.level}, and no state of it has been "
+            "received"
+        )
         raise Refusal(Code.NO_INTRUDER, f"intruder {unknown[0]}", what)
     return frozenset(alert.identifiers)
 
 
 def _latest_end(points: tuple[RoutePoint, ...], options: Options) -> float:
-    """Return a time that no plan along a route outlasts, s: its last leg is the route's longest at most."""
+    """Return a time that no plan along a route outlasts, s: its last leg is the route's longest at
+    most.
+    """
     legs = [math.hypot(b.x - a.x, b.y - a.y) for a, b in itertools.pairwise(points)]
     longest = max(*legs, _EXTENSION * options.aircraft.separation)
     return options.waypoints * options.interval + longest / options.manoeuvre.speed_min
@@ -213,12 +272,19 @@ def _like(own: VehicleState, other: VehicleState) -> bool:
 
 
 def _intruders(
-    situation: Situation, frame: LocalFrame, now: int, settings: Settings, alerted: frozenset[str], reach: Reach
+    situation: Situation,
+    frame: LocalFrame,
+    now: int,
+    settings: Settings,
+    alerted: frozenset[str],
+    reach: Reach,
 ) -> tuple[tuple[str, ...], tuple[Intruder, ...], tuple[tuple[str, str], ...]]:
     names, intruders, excluded = [], [], []
     for name, track in sorted(situation.traffic.items()):
         try:
-            _usable(track, f"intruder {name}", now, settings.intruder_max_age, settings.future_tolerance)
+            _usable(
+                track, f"intruder {name}", now, settings.intruder_max_age, settings.future_tolerance
+            )
         except Refusal:
             why = None if name in alerted else out_of_reach(track, reach)
             if why is None:
@@ -232,18 +298,25 @@ def _intruders(
             excluded.append((name, f"is {away / 1e3:.0f} km away, out of reach"))
             continue
         state = placed(frame, report)
-        # The planner advances the report over its age; only the altitude's reference is settled here.
+        # The planner advances the report over its age; only the altitude's reference is settled
+        # here.
         height = level(report.altitude, 0, reach.undulation)
         age = (now - report.time) / SECOND
         turn = turn_of(track, settings)
         lasts = settings.turn_time if turn else 0.0
-        intruders.append(Intruder(state, age, turn, lasts, report.position_std, report.velocity_std, height))
+        intruders.append(
+            Intruder(state, age, turn, lasts, report.position_std, report.velocity_std, height)
+        )
         names.append(name)
     return tuple(names), tuple(intruders), tuple(excluded)
 
 
-def _route(situation: Situation, frame: LocalFrame, asked: Route | None) -> tuple[Route, tuple[RoutePoint, ...]]:
-    route = asked or _wanted(situation.route, "route", "has not been received, and the request holds none")
+def _route(
+    situation: Situation, frame: LocalFrame, asked: Route | None
+) -> tuple[Route, tuple[RoutePoint, ...]]:
+    route = asked or _wanted(
+        situation.route, "route", "has not been received, and the request holds none"
+    )
     at = frame.place([point.latitude for point in route], [point.longitude for point in route])
     for number, far in enumerate(np.hypot(at.x, at.y).tolist()):
         if far > ACCURATE:
@@ -257,9 +330,11 @@ def _too_far(far: float) -> str:
 
 
 def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[str, ...]]:
-    """Return the planner's options in the ownship's wind: ground speeds that keep the airspeed in its envelope.
+    """Return the planner's options in the ownship's wind: ground speeds that keep the airspeed in
+    its envelope.
 
-    Airspeed and ground speed differ by the wind's speed at most, in whatever direction the aircraft turns.
+    Airspeed and ground speed differ by the wind's speed at most, in whatever direction the aircraft
+    turns.
     """
     options = settings.options
     if report.wind is None:
@@ -268,13 +343,16 @@ def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[str, ..
     legs, flown = options.limits, options.manoeuvre
     legs = legs._replace(speed_min=legs.speed_min + wind, speed_max=legs.speed_max - wind)
     flown = flown._replace(
-        speed_min=max(flown.speed_min, legs.speed_min), speed_max=min(flown.speed_max - wind, legs.speed_max)
+        speed_min=max(flown.speed_min, legs.speed_min),
+        speed_max=min(flown.speed_max - wind, legs.speed_max),
     )
     what = ""
     if wind > settings.wind_max:
         what = f"expected {settings.wind_max:g} m/s at most"
     elif flown.speed_min >= flown.speed_max:
-        what = f"which leaves no ground speed between {legs.speed_min:g} and {flown.speed_max:g} m/s"
+        what = (
+            f"which leaves no ground speed between {legs.speed_min:g} and {flown.speed_max:g} m/s"
+        )
     if what:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", f"is {wind:.1f} m/s, {what}")
     return replace(options, limits=legs, manoeuvre=flown), ()

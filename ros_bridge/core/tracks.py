@@ -1,9 +1,11 @@
-"""What is known of each aircraft: its last good report, what was wrong with a newer one, how old it is.
+"""What is known of each aircraft: its last good report, what was wrong with a newer one, how old it
+is.
 
-A report that repeats the last one or comes late is passed over. One from the future, one that contradicts another of
-the same time and one that has jumped is a fault: nothing is planned with that aircraft. A doubtful report was an
-outlier when two good ones follow in a row; a jump that the next report confirms was none. Where reports of both places
-go on arriving, one name stands for two aircraft, which is a fault until one of them has fallen silent.
+A report that repeats the last one or comes late is passed over. One from the future, one that
+contradicts another of the same time and one that has jumped is a fault: nothing is planned with
+that aircraft. A doubtful report was an outlier when two good ones follow in a row; a jump that the
+next report confirms was none. Where reports of both places go on arriving, one name stands for two
+aircraft, which is a fault until one of them has fallen silent.
 """
 
 from collections.abc import Mapping
@@ -26,9 +28,14 @@ class Verdict(Enum):
     REORDERED = "reordered"  # older than the last one; passed over
     FUTURE = "future"  # from further ahead of the clock than allowed; a fault
     CONFLICT = "conflict"  # another place or velocity at the time of the last one; a fault
-    JUMP = "jump"  # not where the last one let it be expected; a fault unless the next report agrees with it
-    SHARED = "shared"  # the name is used at two places in turns; a fault as long as both are reported
-    CONTRADICTION = "contradiction"  # places do not agree with velocities, as where one is frozen; a fault
+    # not where the last one let it be expected; a fault unless the next report agrees with it
+    JUMP = "jump"
+    SHARED = (
+        "shared"  # the name is used at two places in turns; a fault as long as both are reported
+    )
+    CONTRADICTION = (
+        "contradiction"  # places do not agree with velocities, as where one is frozen; a fault
+    )
     INVALID = "invalid"  # not finite, out of range or inconsistent; a fault
 
 
@@ -63,7 +70,9 @@ class Rules:
     fresh_start: float = 30.0  # after so long without a report, s, any place is accepted
 
     def allowed(self, time: int) -> float:
-        """Return how far from where it is expected an aircraft may be after or before a time, ns, m."""
+        """Return how far from where it is expected an aircraft may be after or before a time, ns,
+        m.
+        """
         return self.jump_distance + self.jump_speed * abs(time / SECOND)
 
 
@@ -89,18 +98,23 @@ class Track:
     estimate: Report | None = None  # the estimate after it (:mod:`ros_bridge.core.courses`)
     fault: Fault | None = None  # None: the newest report was good
     course: Course | None = None
-    """The reports that the last good one follows from, those that contradict themselves included."""
+    """The reports that the last good one follows from, those that contradict themselves included.
+    """
     rival: Course | None = None  # reports of another place under the same name
     since: int = 0  # reports of the course since the rival's newest
     shared: bool = False  # whether the rival was confirmed after that: two aircraft
     sightings: tuple[Sighted, ...] = ()
     """Of the reports that cannot be used and that no good report explains; the newest last."""
     verdict: Verdict = Verdict.TAKEN  # what became of the newest report
-    counts: Mapping[Verdict, int] = field(default_factory=lambda: MappingProxyType({}))  # of all reports
+    counts: Mapping[Verdict, int] = field(
+        default_factory=lambda: MappingProxyType({})
+    )  # of all reports
 
     @property
     def turn_rate(self) -> float:
-        """Turn rate that the reports show, rad/s, positive to the left; 0 where noise could be all of it."""
+        """Turn rate that the reports show, rad/s, positive to the left; 0 where noise could be all
+        of it.
+        """
         return 0.0 if self.course is None else self.course.turn_rate
 
     def age(self, now: int) -> float:
@@ -112,19 +126,30 @@ UNKNOWN = Track()  # of an aircraft without any report
 
 
 def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> Track:
-    """Take in a report, checked, of an aircraft with a name such as ``intruder 4b1a2c``; ``now`` is in ns."""
+    """Take in a report, checked, of an aircraft with a name such as ``intruder 4b1a2c``; ``now`` is
+    in ns.
+    """
     try:
         not_ahead(f"{name}.header.stamp", report.time, now, rules.future)
     except FieldError as error:
         track = _sighted(track, report.sighting._replace(time=None), now, rules)
         return _faulty(track, Verdict.FUTURE, error.field, error.problem, now)
-    if track.rival is not None and (report.time - track.rival.newest.time) / SECOND > rules.fresh_start:
+    if (
+        track.rival is not None
+        and (report.time - track.rival.newest.time) / SECOND > rules.fresh_start
+    ):
         track = replace(track, rival=None, since=0, shared=False)
     if track.course is None:
         return _good(track, begun(report), name, now, rules)
     verdict, field_, problem = _compared(track.course.newest, report, rules)
     if verdict is Verdict.TAKEN:
-        return _good(replace(track, since=track.since + 1), _next(track.course, report, rules), name, now, rules)
+        return _good(
+            replace(track, since=track.since + 1),
+            _next(track.course, report, rules),
+            name,
+            now,
+            rules,
+        )
     if verdict not in FAULTS:
         return _counted(track, verdict)
     if field_ == "position":
@@ -138,12 +163,17 @@ def refused(track: Track, error: FieldError, now: int, rules: Rules) -> Track:
     return _faulty(track, Verdict.INVALID, error.field, error.problem, now)
 
 
-def forgotten(tracks: Mapping[str, Track], now: int, after: float) -> tuple[dict[str, Track], tuple[str, ...]]:
-    """Return the tracks that are still reported, and the names of those that have been silent for ``after`` seconds."""
+def forgotten(
+    tracks: Mapping[str, Track], now: int, after: float
+) -> tuple[dict[str, Track], tuple[str, ...]]:
+    """Return the tracks that are still reported, and the names of those that have been silent for
+    ``after`` seconds.
+    """
     silent = tuple(
         name
         for name, track in tracks.items()
-        if track.age(now) > after and (track.fault is None or (now - track.fault.arrived) / SECOND > after)
+        if track.age(now) > after
+        and (track.fault is None or (now - track.fault.arrived) / SECOND > after)
     )
     return {name: track for name, track in tracks.items() if name not in silent}, silent
 
@@ -191,13 +221,21 @@ def _good(track: Track, course: Course, name: str, now: int, rules: Rules) -> Tr
         return _faulty(track, Verdict.SHARED, f"{name}.id", problem, now)
     # One good report after a doubtful one may be the first of two aircraft, in turns.
     doubtful = track.rival is not None and track.since < _OUTLIER
-    # So may one after a report that cannot be used and comes from elsewhere; several of those are a second aircraft.
+    # So may one after a report that cannot be used and comes from elsewhere; several of those are a
+    # second aircraft.
     doubtful |= any(one.again or one.since < _OUTLIER for one in track.sightings)
     return _counted(replace(track, fault=track.fault if doubtful else None), Verdict.TAKEN)
 
 
 def _elsewhere(
-    track: Track, course: Course, report: Report, name: str, now: int, rules: Rules, verdict: Verdict, problem: str
+    track: Track,
+    course: Course,
+    report: Report,
+    name: str,
+    now: int,
+    rules: Rules,
+    verdict: Verdict,
+    problem: str,
 ) -> Track:
     """Return the track with a report of another place than the course's."""
     rival, again = track.rival, Verdict.JUMP
@@ -213,17 +251,22 @@ def _elsewhere(
     rival = _next(rival, report, rules)
     if track.since or track.shared or verdict is Verdict.CONFLICT:
         return _good(replace(track, rival=rival, since=0, shared=True), course, name, now, rules)
-    # Nothing came from the old place since: the aircraft is here. If the old place is reported again, there are two.
+    # Nothing came from the old place since: the aircraft is here. If the old place is reported
+    # again, there are two.
     return _good(replace(track, rival=course, since=_OUTLIER), rival, name, now, rules)
 
 
 def _compared(before: Report, report: Report, rules: Rules) -> tuple[Verdict, str, str]:
-    """Return what a report is beside an earlier one, and for a fault its field and the rest of the sentence."""
+    """Return what a report is beside an earlier one, and for a fault its field and the rest of the
+    sentence.
+    """
     first, second = (before, report) if report.time >= before.time else (report, before)
     off, seconds = first.off(second.place, second.time), (second.time - first.time) / SECOND
     allowed = rules.allowed(second.time - first.time)
     if off > allowed and seconds <= rules.fresh_start:
-        what = f"is {off:.0f} m from where another report lets it be expected, allowed {allowed:.0f} m"
+        what = (
+            f"is {off:.0f} m from where another report lets it be expected, allowed {allowed:.0f} m"
+        )
         return Verdict.JUMP if seconds > 0.0 else Verdict.CONFLICT, "position", what
     if report.time > before.time:
         return Verdict.TAKEN, "", ""

@@ -1,4 +1,6 @@
-"""What a message does to the situation: one pure function an input; a fault stays until a good message follows."""
+"""What a message does to the situation: one pure function an input; a fault stays until a good
+message follows.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +20,13 @@ def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
 
     With the first one of an id, its transmission, received as traffic before, goes.
     """
-    own = _followed(situation.own, tried(lambda: conversions.aircraft(message, "ownship")), "ownship", now, rules)
+    own = _followed(
+        situation.own,
+        tried(lambda: conversions.aircraft(message, "ownship")),
+        "ownship",
+        now,
+        rules,
+    )
     traffic, before, last = situation.traffic, situation.own.last, own.last
     if last is not None and (before is None or before.identifier != last.identifier):
         echo = traffic.get(last.identifier, UNKNOWN).last
@@ -28,11 +36,12 @@ def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
 
 
 def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
-    """Take in an AircraftState of an intruder; the own transmission, received again, is passed over.
+    """Take in an AircraftState of an intruder; the own transmission, received again, is passed
+    over.
 
-    The own transmission is known by the ownship's id, at the ownship's place: another aircraft of that id counts. A
-    copy under another id, as TIS-B makes them, is not recognised by its place and velocity: it counts as an intruder,
-    and the task has a note of it.
+    The own transmission is known by the ownship's id, at the ownship's place: another aircraft of
+    that id counts. A copy under another id, as TIS-B makes them, is not recognised by its place and
+    velocity: it counts as an intruder, and the task has a note of it.
     """
     name = readable(lambda: identifier("", message.id)) or message.id
     called = f"intruder {name}"
@@ -58,16 +67,22 @@ def alert(situation: Situation, message: Any, now: int, rules: Rules) -> Situati
 
 def route(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in a Trajectory of status ROUTE."""
-    return replace(situation, route=_held(situation.route, lambda: conversions.published_route(message), now))
+    return replace(
+        situation, route=_held(situation.route, lambda: conversions.published_route(message), now)
+    )
 
 
 def geo_reference(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in a GeoReference."""
-    return replace(situation, origin=_held(situation.origin, lambda: conversions.geo_reference(message), now))
+    return replace(
+        situation, origin=_held(situation.origin, lambda: conversions.geo_reference(message), now)
+    )
 
 
 def _near(own: Report, seen: Sighting | None, rules: Rules) -> bool:
-    """Return whether an aircraft of the ownship's id may be the ownship: where it is expected, or at no known place."""
+    """Return whether an aircraft of the ownship's id may be the ownship: where it is expected, or
+    at no known place.
+    """
     if seen is None or seen.time is None or seen.place is None:
         return True
     return own.off(seen.place, seen.time) <= rules.allowed(seen.time - own.time)
@@ -80,7 +95,9 @@ def _held(before: Held[_T], read: Callable[[], _T], now: int) -> Held[_T]:
     return Held(found)
 
 
-def _followed(before: Track, found: Report | FieldError, name: str, now: int, rules: Rules) -> Track:
+def _followed(
+    before: Track, found: Report | FieldError, name: str, now: int, rules: Rules
+) -> Track:
     if isinstance(found, FieldError):
         return refused(before, found, now, rules)
     return taken(before, found, name, now, rules)

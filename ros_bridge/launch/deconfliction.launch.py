@@ -1,5 +1,7 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""Runner and monitor for an aircraft: ``ros2 launch rlcas_toolkit deconfliction.launch.py namespace:=n123``."""
+"""Runner and monitor for an aircraft: ``ros2 launch rlcas_toolkit deconfliction.launch.py
+namespace:=n123``.
+"""
 
 from typing import Any
 
@@ -22,5 +24,9 @@ def _nodes(context: Any) -> list[Any]:
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description; ``--show-args`` lists the arguments."""
-    translate = ("translate", "false", "whether to start the translator, whose sources stand in params_file")
+    translate = (
+        "translate",
+        "false",
+        "whether to start the translator, whose sources stand in params_file",
+    )
     return LaunchDescription([*launching.declared(translate), OpaqueFunction(function=_nodes)])

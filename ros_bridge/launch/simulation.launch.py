@@ -1,5 +1,7 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""Runner, monitor and simulator: ``ros2 launch rlcas_toolkit simulation.launch.py scenario:=head_on encounters:=5``."""
+"""Runner, monitor and simulator: ``ros2 launch rlcas_toolkit simulation.launch.py scenario:=head_on
+encounters:=5``.
+"""
 
 from typing import Any
 
@@ -27,4 +29,6 @@ def _nodes(context: Any) -> list[Any]:
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description; ``--show-args`` lists the arguments."""
-    return LaunchDescription([*launching.declared(*_MORE, use_sim_time="true"), OpaqueFunction(function=_nodes)])
+    return LaunchDescription(
+        [*launching.declared(*_MORE, use_sim_time="true"), OpaqueFunction(function=_nodes)]
+    )

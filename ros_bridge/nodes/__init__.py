@@ -1,4 +1,6 @@
-"""The nodes: runner, monitor, simulator, translator and pilot; each is imported when it is used, with ROS."""
+"""The nodes: runner, monitor, simulator, translator and pilot; each is imported when it is used,
+with ROS.
+"""
 
 from importlib import import_module
 from typing import Any

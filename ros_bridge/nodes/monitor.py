@@ -1,18 +1,22 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""The run-time monitor: checks the plan that is flown, requests new ones, and falls back to a backup.
+"""The run-time monitor: checks the plan that is flown, requests new ones, and falls back to a
+backup.
 
-    python -m ros_bridge.monitor [--ros-args -r __ns:=/n123 --params-file FILE -p separation:=1200.0 ...]
+    python -m ros_bridge.monitor [--ros-args -r __ns:=/n123 --params-file FILE -p separation:=1200.0
+    ...]
 
-A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It subscribes to the
-runner's inputs under the runner's names, so that both need no remapping in one namespace:
+A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It
+subscribes to the runner's inputs under the runner's names, so that both need no remapping in one
+namespace:
 
-    in    rlcas_runner/input/ownship, rlcas_runner/input/traffic   rlcas_msgs/AircraftState   best effort
-          rlcas_runner/input/geo_reference                         rlcas_msgs/GeoReference    latched
-          rlcas_runner/output/trajectory                           rlcas_msgs/Trajectory      latched
-          /diagnostics                                             of the runner: its sign of life
+    in    rlcas_runner/input/ownship, rlcas_runner/input/traffic   rlcas_msgs/AircraftState   best
+          effort rlcas_runner/input/geo_reference                         rlcas_msgs/GeoReference
+          latched rlcas_runner/output/trajectory                           rlcas_msgs/Trajectory
+          latched /diagnostics                                             of the runner: its sign
+          of life
     out   ~/output/status      rlcas_msgs/AssuranceStatus          latched, in every period
-          ~/output/backup      rlcas_msgs/Trajectory               latched, while the backup is flown
-          /diagnostics         diagnostic_msgs/DiagnosticArray
+          ~/output/backup      rlcas_msgs/Trajectory               latched, while the backup is
+          flown /diagnostics         diagnostic_msgs/DiagnosticArray
     calls rlcas_runner/generate_trajectory                         rlcas_msgs/GenerateTrajectory
 
 What is to be flown is AssuranceStatus.fly. Parameters:
@@ -54,7 +58,9 @@ _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
 
 
 class Monitor(ListeningNode):
-    """The node; what it decides is decided in :mod:`ros_bridge.core.assurance` and :mod:`agents.assurance.single`."""
+    """The node; what it decides is decided in :mod:`ros_bridge.core.assurance` and
+    :mod:`agents.assurance.single`.
+    """
 
     kind = "monitor"
 
@@ -73,7 +79,9 @@ class Monitor(ListeningNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to listen."""
         self._start()
-        self.get_logger().info(f"aircraft {aircraft_text(self._supervision.watch.thresholds.options)}")
+        self.get_logger().info(
+            f"aircraft {aircraft_text(self._supervision.watch.thresholds.options)}"
+        )
         self._listen(self._on_health, private=False)
         self._subscribe(topics.PLAN, self._on_trajectory)
         self._subscribe(topics.DIAGNOSTICS, self._on_diagnostics)
@@ -156,7 +164,9 @@ class Monitor(ListeningNode):
             self._publish(self._latest)
 
     def _settle(self, now: int) -> None:
-        """Stop waiting for an answer that does not come; DDS may not yet notice that the runner is gone."""
+        """Stop waiting for an answer that does not come; DDS may not yet notice that the runner is
+        gone.
+        """
         if self._pending is None:
             return
         _, future, since = self._pending
@@ -185,9 +195,14 @@ class Monitor(ListeningNode):
         if begun and now - self._backup_at >= _BACKUP_AGAIN:
             self._backup_at, self._backups = now, self._backups + 1
             own, frame = self._situation.own.last, self._value("map_frame")
-            began, (start, *points) = backup(self._supervision, None if own is None else own.altitude)
+            began, (start, *points) = backup(
+                self._supervision, None if own is None else own.altitude
+            )
             message = trajectory_message(Trajectory.STATUS_BACKUP, began, frame, self._backups)
-            message.start, message.waypoints = point_message(start), [point_message(point) for point in points]
+            message.start, message.waypoints = (
+                point_message(start),
+                [point_message(point) for point in points],
+            )
             self._backup.publish(message)
 
     def _status(self, now: int) -> AssuranceStatus:
@@ -209,8 +224,14 @@ class Monitor(ListeningNode):
         monitor, measured = self._supervision.watch.monitor, self._verdict.measured
         # An answer may have changed the state since then.
         causes = int(monitor.causes[0])
-        message.state, message.fly, message.causes = int(monitor.state[0]), int(to_fly(self._supervision)), causes
-        message.reasons = [why.message for why in watch.reasons(measured._replace(causes=monitor.causes), limits)]
+        message.state, message.fly, message.causes = (
+            int(monitor.state[0]),
+            int(to_fly(self._supervision)),
+            causes,
+        )
+        message.reasons = [
+            why.message for why in watch.reasons(measured._replace(causes=monitor.causes), limits)
+        ]
         own = not causes & int(Cause.OWN_MISSING | Cause.OWN_STALE | Cause.CLOCK)
         message.measured = own and message.fly == int(Flown.PLAN)
         if message.measured:
@@ -218,7 +239,9 @@ class Monitor(ListeningNode):
             for name in _ERRORS:
                 setattr(message, name, float(getattr(measured, name)[0]))
             shares = (getattr(limits, name) * full for name in _ERRORS)
-            message.accumulated = [float(sum_ / share) for sum_, share in zip(monitor.sums[0], shares, strict=True)]
+            message.accumulated = [
+                float(sum_ / share) for sum_, share in zip(monitor.sums[0], shares, strict=True)
+            ]
             if math.isfinite(measured.separation[0]):
                 # A lower bound, which the own distance from the plan may bring below zero.
                 message.separation = max(float(measured.separation[0]), 0.0)
@@ -231,13 +254,18 @@ class Monitor(ListeningNode):
 
     def _on_health(self) -> None:
         state = State(int(self._supervision.watch.monitor.state[0]))
-        problem = (DiagnosticStatus.WARN, state.name if state in (State.DENIED, State.BACKUP) else "")
+        problem = (
+            DiagnosticStatus.WARN,
+            state.name if state in (State.DENIED, State.BACKUP) else "",
+        )
         silence = self._silence(self._now())
         if not 0.0 <= silence <= self._value("runner_silence"):
             problem = (DiagnosticStatus.ERROR, "the runner is silent")
         values = {"state": state.name, "flown": to_fly(self._supervision).name}
         values |= {"silence of the runner, s": f"{silence:.2f}"}
-        self._publish_health(problem, [] if self._verdict is None else self._verdict.outside, values)
+        self._publish_health(
+            problem, [] if self._verdict is None else self._verdict.outside, values
+        )
 
 
 main = partial(process.main, Monitor, "monitor", __doc__)

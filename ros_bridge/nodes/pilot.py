@@ -1,17 +1,20 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""The pilot: flies what the monitor selects, as speed and yaw rate for an autopilot or a simulator that takes these.
+"""The pilot: flies what the monitor selects, as speed and yaw rate for an autopilot or a simulator
+that takes these.
 
     python -m ros_bridge.pilot --ros-args -r '~/output/command:=/ownship/cmd_vel'
 
     in    rlcas_runner/input/ownship           rlcas_msgs/AircraftState    for position and velocity
           rlcas_runner/output/trajectory       rlcas_msgs/Trajectory
           rlcas_monitor/output/status, backup  rlcas_msgs/AssuranceStatus, Trajectory
-    out   ~/output/command                     geometry_msgs/Twist, every 0.1 s: linear.x speed along the track, m/s,
-                                               angular.z turn rate of the track, rad/s, positive to the left
+    out   ~/output/command                     geometry_msgs/Twist, every 0.1 s: linear.x speed
+                                               along the track, m/s, angular.z turn rate of the
+                                               track, rad/s, positive to the left
 
-Nothing is published while nothing is to be flown, nor while the ownship's state cannot be used or is older than
-ownship_max_age: the autopilot must then hold course and speed. An example of the least that an integration does, and
-no autopilot: an aircraft that rolls needs to look ahead (envs.c208.guidance). Parameters:
+Nothing is published while nothing is to be flown, nor while the ownship's state cannot be used or
+is older than ownship_max_age: the autopilot must then hold course and speed. An example of the
+least that an integration does, and no autopilot: an aircraft that rolls needs to look ahead
+(envs.c208.guidance). Parameters:
 """
 
 import math
@@ -38,7 +41,9 @@ _SILENCE = 0.5  # s of the monitor, after which an error is logged
 
 
 class Pilot(Node):
-    """The node; what is to be flown is :mod:`ros_bridge.sim.guidance`, how, :mod:`envs.follower`."""
+    """The node; what is to be flown is :mod:`ros_bridge.sim.guidance`, how,
+    :mod:`envs.follower`.
+    """
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_pilot", **more)
@@ -68,7 +73,9 @@ class Pilot(Node):
         now = self.get_clock().now().nanoseconds
         age = (now - own.time) / SECOND
         if not -0.5 <= age <= self.get_parameter("ownship_max_age").value:
-            self.get_logger().warning(f"the ownship's state is {age:.1f} s old", throttle_duration_sec=5.0)
+            self.get_logger().warning(
+                f"the ownship's state is {age:.1f} s old", throttle_duration_sec=5.0
+            )
             return
         name = bytes(wanted.id.uuid)
         if self._line is None or self._line[0] != name:
@@ -82,14 +89,20 @@ class Pilot(Node):
         silent = 0.0 if status is None else (now - nanoseconds(status.header.stamp)) / SECOND
         if silent > _SILENCE:
             # Its last selection is still the best that is known, but no monitor checks it any more.
-            self.get_logger().error(f"the monitor has been silent for {silent:.1f} s", throttle_duration_sec=1.0)
+            self.get_logger().error(
+                f"the monitor has been silent for {silent:.1f} s", throttle_duration_sec=1.0
+            )
         _, frame, legs, began = self._line
         state = placed(frame, own)
         reach = state.speed * age
-        state = state._replace(x=state.x + reach * math.cos(state.heading), y=state.y + reach * math.sin(state.heading))
+        state = state._replace(
+            x=state.x + reach * math.cos(state.heading), y=state.y + reach * math.sin(state.heading)
+        )
         acceleration, turn = guidance(legs, state, np.float64((now - began) / SECOND))
         limits = limits_of(lambda name: self.get_parameter(name).value)
-        acceleration = min(max(float(acceleration), limits.acceleration_min), limits.acceleration_max)
+        acceleration = min(
+            max(float(acceleration), limits.acceleration_min), limits.acceleration_max
+        )
         turn = min(max(float(turn), -limits.yaw_rate_max), limits.yaw_rate_max)
         speed = min(max(state.speed + acceleration * PERIOD, limits.speed_min), limits.speed_max)
         command = Twist()

@@ -1,5 +1,7 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""Requests for a plan: what is refused before anything is planned, and the planner and policy that answer the rest."""
+"""Requests for a plan: what is refused before anything is planned, and the planner and policy that
+answer the rest.
+"""
 
 import math
 from dataclasses import replace
@@ -19,11 +21,17 @@ NO_PLAN = bytes(16)
 """In a request: no plan in particular."""
 
 
-def check(request: GenerateTrajectory.Request, now: int, settings: Settings, holding: bytes) -> None:
+def check(
+    request: GenerateTrajectory.Request, now: int, settings: Settings, holding: bytes
+) -> None:
     """Raise :class:`Refusal` for a request of an unknown reason, time or plan; ``now`` is in ns."""
     known = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
     if request.reason not in known:
-        raise Refusal(Code.INVALID_REQUEST, "request.reason", f"is {request.reason}, expected one of {list(known)}")
+        raise Refusal(
+            Code.INVALID_REQUEST,
+            "request.reason",
+            f"is {request.reason}, expected one of {list(known)}",
+        )
     field, sent = "request.header.stamp", request.header.stamp
     if now > 0 and (sent.sec or sent.nanosec):
         try:
@@ -33,7 +41,10 @@ def check(request: GenerateTrajectory.Request, now: int, settings: Settings, hol
         check_age("REQUEST", field, age, settings.request_max_age, settings.future_tolerance)
     previous = bytes(request.previous_id.uuid)
     if previous not in (NO_PLAN, holding):
-        what = f"is {previous.hex()}, but the plan that holds is {'none' if holding == NO_PLAN else holding.hex()}"
+        what = (
+            f"is {previous.hex()}, but the plan that holds is "
+            f"{'none' if holding == NO_PLAN else holding.hex()}"
+        )
         raise Refusal(Code.SUPERSEDED, "request.previous_id", what)
 
 
@@ -41,7 +52,14 @@ def planned(wanted: Task, policy: Policy, *, exhaustive: bool) -> Plan:
     """Return the plan for a task; an exhaustive search has no deadline."""
     deadline = math.inf if exhaustive else wanted.options.deadline_s
     options = replace(wanted.options, exhaustive=exhaustive, deadline_s=deadline)
-    return plan(wanted.own, wanted.intruders, wanted.points, policy, options, own_altitude=wanted.own_altitude)
+    return plan(
+        wanted.own,
+        wanted.intruders,
+        wanted.points,
+        policy,
+        options,
+        own_altitude=wanted.own_altitude,
+    )
 
 
 def rehearsed(policy: Policy, options: Options) -> None:

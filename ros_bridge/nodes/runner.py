@@ -1,19 +1,21 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """The runner: takes in ownship, traffic, alerts, route and geo-reference, and answers with plans.
 
-    python -m ros_bridge.runner [--ros-args -r __ns:=/n123 --params-file FILE -p intruder_max_age:=3.0 ...]
+    python -m ros_bridge.runner [--ros-args -r __ns:=/n123 --params-file FILE -p
+    intruder_max_age:=3.0 ...]
 
-A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It subscribes from the
-configuration on, and answers and publishes while it is active:
+A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It
+subscribes from the configuration on, and answers and publishes while it is active:
 
-    in    ~/input/ownship, ~/input/traffic    rlcas_msgs/AircraftState   best effort
-          ~/input/alerts                      rlcas_msgs/TrafficAlert    reliable
-          ~/input/route                       rlcas_msgs/Trajectory      latched (parameter route_durability)
-          ~/input/geo_reference               rlcas_msgs/GeoReference    latched
-    out   ~/output/trajectory                 rlcas_msgs/Trajectory      latched; SAFE plans and withdrawals only
-          ~/output/advisory                   rlcas_msgs/Trajectory      reliable; plans that are not safe
-          ~/output/path, ~/output/markers     nav_msgs/Path, visualization_msgs/MarkerArray   latched
-          /diagnostics                        diagnostic_msgs/DiagnosticArray
+    in    ~/input/ownship, ~/input/traffic    rlcas_msgs/AircraftState   best effort ~/input/alerts
+          rlcas_msgs/TrafficAlert    reliable ~/input/route
+          rlcas_msgs/Trajectory      latched (parameter route_durability) ~/input/geo_reference
+          rlcas_msgs/GeoReference    latched
+    out   ~/output/trajectory                 rlcas_msgs/Trajectory      latched; SAFE plans and
+          withdrawals only ~/output/advisory                   rlcas_msgs/Trajectory      reliable;
+          plans that are not safe ~/output/path, ~/output/markers     nav_msgs/Path,
+          visualization_msgs/MarkerArray   latched /diagnostics
+          diagnostic_msgs/DiagnosticArray
     srv   ~/generate_trajectory               rlcas_msgs/GenerateTrajectory
 
 Parameters:
@@ -53,7 +55,9 @@ _VIEWS_EVERY = 0.1  # s at most from a plan to its situation
 
 
 class Runner(ListeningNode):
-    """The node; everything that can be decided without ROS is decided in :mod:`ros_bridge.core.situation`."""
+    """The node; everything that can be decided without ROS is decided in
+    :mod:`ros_bridge.core.situation`.
+    """
 
     kind = "runner"
 
@@ -80,13 +84,18 @@ class Runner(ListeningNode):
         try:
             durability = self._value("route_durability")
             if durability not in qos.ROUTE:
-                raise ValueError(f"route_durability is {durability!r}, expected {' or '.join(qos.ROUTE)}")
+                raise ValueError(
+                    f"route_durability is {durability!r}, expected {' or '.join(qos.ROUTE)}"
+                )
             policy, digest = loaded(file), self._value("policy_sha256")
             if digest and digest.lower() != policy.sha256:
                 raise ValueError(
-                    f"policy_sha256 is {digest!r}, but {file or 'the policy that ships'} has {policy.sha256}"
+                    f"policy_sha256 is {digest!r}, but {file or 'the policy that ships'} has "
+                    f"{policy.sha256}"
                 )
-            self._policy = policy = policy.for_aircraft(self._aircraft, outside=self._value("outside_domain"))
+            self._policy = policy = policy.for_aircraft(
+                self._aircraft, outside=self._value("outside_domain")
+            )
         except ValueError as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
@@ -94,7 +103,9 @@ class Runner(ListeningNode):
         self.get_logger().info(f"policy {policy.sha256}; aircraft {aircraft_text(options)}")
         self._listen(self._on_health, private=True)
         self._subscribe(topics.ALERTS.private, self._into(updates.alert))
-        self._subscribe(topics.ROUTE.private._replace(quality=qos.ROUTE[durability]), self._into(updates.route))
+        self._subscribe(
+            topics.ROUTE.private._replace(quality=qos.ROUTE[durability]), self._into(updates.route)
+        )
         self._trajectories = self._advertise(topics.PLAN.private)
         self._advice = self._advertise(topics.ADVISORY.private)
         self._paths = self._advertise(topics.PATH.private)
@@ -102,11 +113,15 @@ class Runner(ListeningNode):
         answering: Any = self._on_request  # a coroutine, which rclpy's types do not know of
         # A group of its own, and reentrant: while one answer is waited for, all else goes on.
         group = ReentrantCallbackGroup()
-        service = self.create_service(GenerateTrajectory, "~/generate_trajectory", answering, callback_group=group)
+        service = self.create_service(
+            GenerateTrajectory, "~/generate_trajectory", answering, callback_group=group
+        )
         self._entities.append(lambda: self.destroy_service(service))
         self._call_every(_VIEWS_EVERY, self._on_views)
         # Not before: while it plans, this node and the others come to know each other.
-        self._warm_up_timer = self.create_timer(0.0, self._warm_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._warm_up_timer = self.create_timer(
+            0.0, self._warm_up, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self._entities.append(lambda: self.destroy_timer(self._warm_up_timer))
         return TransitionCallbackReturn.SUCCESS
 
@@ -125,7 +140,9 @@ class Runner(ListeningNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
         if self._searching:
-            self.get_logger().error("the answer of a slow search is not given yet: try again in some seconds")
+            self.get_logger().error(
+                "the answer of a slow search is not given yet: try again in some seconds"
+            )
             return TransitionCallbackReturn.FAILURE
         return super().on_cleanup(state)
 
@@ -157,21 +174,34 @@ class Runner(ListeningNode):
         try:
             await self._answer(request, response)
         except Refusal as refusal:
-            response.status, response.field, response.message = int(refusal.code), refusal.field, str(refusal)
+            response.status, response.field, response.message = (
+                int(refusal.code),
+                refusal.field,
+                str(refusal),
+            )
         except Exception as error:  # The node goes on, and the caller gets an answer in any case.
-            if rclpy.ok(context=self.context):  # else it is being stopped, and nothing can be published any more
+            if rclpy.ok(
+                context=self.context
+            ):  # else it is being stopped, and nothing can be published any more
                 self.get_logger().fatal(f"a request failed for an error of the runner: {error!r}")
-            response.status, response.message = int(Code.INTERNAL_ERROR), f"the runner failed: {error!r}"
+            response.status, response.message = (
+                int(Code.INTERNAL_ERROR),
+                f"the runner failed: {error!r}",
+            )
         response.computation_time = time.perf_counter() - began
         name = Code(response.status).name
         self._answers[name] += 1
         self._last_answer = f"{name} {response.message}".strip()
         return response
 
-    async def _answer(self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response) -> None:
+    async def _answer(
+        self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response
+    ) -> None:
         now = self._now()
         if not self._active or self._policy is None:
-            raise Refusal(Code.NOT_ACTIVE, "node", "is not active, expected it to be activated first")
+            raise Refusal(
+                Code.NOT_ACTIVE, "node", "is not active, expected it to be activated first"
+            )
         self._forget(now)
         settings = planning_settings(self._value, self._aircraft)
         check(request, now, settings, self._unique)
@@ -182,7 +212,8 @@ class Runner(ListeningNode):
         wanted = task(self._situation, now, settings, asked)
         try:
             result = planned(wanted, self._policy, exhaustive=False)
-            # A monitor cannot wait for the slow stages: it asks again, and has its backup meanwhile.
+            # A monitor cannot wait for the slow stages: it asks again, and has its backup
+            # meanwhile.
             patient = request.reason != request.REASON_REPLAN and not self._searching
             if not result.safe and settings.options.exhaustive and patient:
                 result = await self._searched(wanted, self._policy, asked)
@@ -190,8 +221,12 @@ class Runner(ListeningNode):
             raise refusal_of(error, wanted) from error
         self._publish(result, wanted, response)
 
-    async def _searched(self, wanted: Task, policy: Policy, asked: conversions.Route | None) -> Plan:
-        """Search exhaustively in a thread beside the node, which goes on receiving and answering meanwhile."""
+    async def _searched(
+        self, wanted: Task, policy: Policy, asked: conversions.Route | None
+    ) -> Plan:
+        """Search exhaustively in a thread beside the node, which goes on receiving and answering
+        meanwhile.
+        """
         era, unique = self._era, self._unique
         done = Future(executor=self.executor)
         job = self._thread.submit(planned, wanted, policy, exhaustive=True)
@@ -213,7 +248,9 @@ class Runner(ListeningNode):
         # SAFE only if it still is from the present states on.
         then = task(self._situation, now, planning_settings(self._value, self._aircraft), asked)
         late = (then.time - wanted.time) / SECOND
-        return rechecked(found, late, then.own, then.intruders, then.points, then.options, then.own_altitude)
+        return rechecked(
+            found, late, then.own, then.intruders, then.points, then.options, then.own_altitude
+        )
 
     def _wake(self, done: Future) -> None:
         """Let the node go on with an answer; called from the other thread."""
@@ -225,14 +262,21 @@ class Runner(ListeningNode):
     def _publish(self, result: Plan, wanted: Task, response: GenerateTrajectory.Response) -> None:
         frame = self._value("map_frame")
         self._revision = self._next(wanted.time)
-        message = plan_message(result, wanted, frame, self._revision, certified=self._value("certificate"))
+        message = plan_message(
+            result, wanted, frame, self._revision, certified=self._value("certificate")
+        )
         response.trajectory = message
         response.status = int(Code.SAFE if result.safe else Code.UNRESOLVED)
         response.message = "; ".join(reason.message for reason in result.reasons)
         response.field = result.reasons[0].field if result.reasons else ""
-        response.advisory = "; ".join([*([result.advisory] if result.advisory else []), *wanted.notes])
+        response.advisory = "; ".join(
+            [*([result.advisory] if result.advisory else []), *wanted.notes]
+        )
         self._advisory = response.advisory
-        left_out = [*((wanted.identifiers[one.number], one.reason) for one in result.excluded), *wanted.excluded]
+        left_out = [
+            *((wanted.identifiers[one.number], one.reason) for one in result.excluded),
+            *wanted.excluded,
+        ]
         response.excluded_ids = [name for name, _ in left_out]
         response.excluded_reasons = [why for _, why in left_out]
         if not result.safe:
@@ -244,7 +288,9 @@ class Runner(ListeningNode):
         self._views = result, wanted
 
     def _next(self, now: int) -> int:
-        """Return a revision above all before, of earlier runs of the node too: they begin at the clock's second."""
+        """Return a revision above all before, of earlier runs of the node too: they begin at the
+        clock's second.
+        """
         return max(self._revision + 1, min(now // SECOND, 2**31))
 
     def _withdraw(self) -> None:
@@ -273,7 +319,10 @@ class Runner(ListeningNode):
         faults = (track.fault.message for _, track in named if track.fault)
         outside += [text for text in faults if "outside_domain" in text]
         values = {"policy sha256": "" if self._policy is None else self._policy.sha256}
-        values |= {"own age, s": f"{situation.own.age(now):.3f}", "intruders": str(len(situation.traffic))}
+        values |= {
+            "own age, s": f"{situation.own.age(now):.3f}",
+            "intruders": str(len(situation.traffic)),
+        }
         values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in traffic}
         values |= {f"answers {name}": str(count) for name, count in sorted(self._answers.items())}
         values |= {"last answer": self._last_answer, "revision": str(self._revision)}

@@ -1,4 +1,6 @@
-"""A series of encounters in the simulator, as the parameters name them; the node that ``ros_bridge.simulator`` runs."""
+"""A series of encounters in the simulator, as the parameters name them; the node that
+``ros_bridge.simulator`` runs.
+"""
 
 from functools import partial
 from typing import Any

@@ -1,23 +1,28 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""The simulator: an ownship and intruders, their reports as receivers have them, the clock, and the flight of plans.
+"""The simulator: an ownship and intruders, their reports as receivers have them, the clock, and the
+flight of plans.
 
-    python -m ros_bridge.simulator [--ros-args -p scenario:=head_on -p vehicle:=c208 -p rate:=50.0 ...]
+    python -m ros_bridge.simulator [--ros-args -p scenario:=head_on -p vehicle:=c208 -p rate:=50.0
+    ...]
 
-It stands for everything around runner and monitor, which must run with use_sim_time, in the same namespace:
+It stands for everything around runner and monitor, which must run with use_sim_time, in the same
+namespace:
 
     out   /clock                               rosgraph_msgs/Clock       a period of 0.1 s a tick
-          rlcas_runner/input/ownship, traffic  rlcas_msgs/AircraftState  at the rates of the receivers
-          rlcas_runner/input/alerts            rlcas_msgs/TrafficAlert   every second while there is one
-          rlcas_runner/input/route, geo_reference                        latched
+          rlcas_runner/input/ownship, traffic  rlcas_msgs/AircraftState  at the rates of the
+          receivers rlcas_runner/input/alerts            rlcas_msgs/TrafficAlert   every second
+          while there is one rlcas_runner/input/route, geo_reference                        latched
     in    rlcas_runner/output/trajectory       rlcas_msgs/Trajectory
           rlcas_monitor/output/status, backup  rlcas_msgs/AssuranceStatus, Trajectory
           /diagnostics                         of the runner: that it has noticed a new clock
-    calls rlcas_runner/generate_trajectory     when the alert begins, and again while there is no plan
+    calls rlcas_runner/generate_trajectory     when the alert begins, and again while there is no
+    plan
 
-Each encounter begins with a clock that steps back, which makes both nodes forget the one before. The clock never runs
-ahead of the monitor's status by more than two ticks, and while a plan is asked for it keeps to deciding_rate:
-what answers cost in time, they cost in flight. Without --ros-args -p encounters:=N one encounter is flown; then the
-table is printed, and the exit code is 0 if every plan called SAFE kept the separation, else 1. Parameters:
+Each encounter begins with a clock that steps back, which makes both nodes forget the one before.
+The clock never runs ahead of the monitor's status by more than two ticks, and while a plan is asked
+for it keeps to deciding_rate: what answers cost in time, they cost in flight. Without --ros-args -p
+encounters:=N one encounter is flown; then the table is printed, and the exit code is 0 if every
+plan called SAFE kept the separation, else 1. Parameters:
 """
 
 import math
@@ -63,7 +68,9 @@ class _Phase(Enum):
 
 
 class Simulator(Node):
-    """The node; the world is :mod:`ros_bridge.sim.world`, its receivers :mod:`ros_bridge.sim.receivers`."""
+    """The node; the world is :mod:`ros_bridge.sim.world`, its receivers
+    :mod:`ros_bridge.sim.receivers`.
+    """
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_simulator", **more)
@@ -76,10 +83,15 @@ class Simulator(Node):
         self._viewer: Any = None
         if self._value("flightgear"):
             if self._value("vehicle") != "c208":
-                raise ValueError(f"flightgear: vehicle is {self._value('vehicle')}, expected c208, which JSBSim flies")
+                raise ValueError(
+                    f"flightgear: vehicle is {self._value('vehicle')}, expected c208, which "
+                    "JSBSim flies"
+                )
             from envs.c208.flightgear import flightgear_at
 
-            self._viewer = flightgear_at(self._value("flightgear"), paced=False)  # the timer is the pace
+            self._viewer = flightgear_at(
+                self._value("flightgear"), paced=False
+            )  # the timer is the pace
         self.logs: list[FlightLog] = []  # of the encounters flown so far
         self._phase = _Phase.IDLE
         self._flight: EncounterFlight | None = None
@@ -126,7 +138,8 @@ class Simulator(Node):
         return self._clock
 
     def begin(self, encounter: Encounter, name: str, seed: int = 0) -> None:
-        """Begin an encounter, one with own fields ``[1]``; :attr:`flying` becomes false when it is over.
+        """Begin an encounter, one with own fields ``[1]``; :attr:`flying` becomes false when it is
+        over.
 
         One that cannot be flown is over at once, and its log holds the reason.
         """
@@ -143,14 +156,23 @@ class Simulator(Node):
         self._clock = _START
         self._phase, self._since = _Phase.SETTLING, time.perf_counter()
         self._routes.publish(route_of(self._flight, self._frame, self.aircraft.separation))
-        self._origins.publish(GeoReference(latitude=self._frame.latitude, longitude=self._frame.longitude))
+        self._origins.publish(
+            GeoReference(latitude=self._frame.latitude, longitude=self._frame.longitude)
+        )
 
     def _qualities(self, encounter: Encounter) -> tuple[Quality, Quality]:
         names = ("rate", "latency", "dropout", "position_std", "velocity_std")
-        own, traffic = (Quality(*(self._value(f"{kind}_{name}") for name in names)) for kind in ("own", "traffic"))
+        own, traffic = (
+            Quality(*(self._value(f"{kind}_{name}") for name in names))
+            for kind in ("own", "traffic")
+        )
         # A scenario with sensors of its own is not flown with better ones.
-        least = {name: float(getattr(encounter.sensor, name)[0, 0]) for name in ("latency", *names[3:])}
-        return own, traffic._replace(**{name: max(getattr(traffic, name), one) for name, one in least.items()})
+        least = {
+            name: float(getattr(encounter.sensor, name)[0, 0]) for name in ("latency", *names[3:])
+        }
+        return own, traffic._replace(
+            **{name: max(getattr(traffic, name), one) for name, one in least.items()}
+        )
 
     def _on_timer(self) -> None:
         if self._phase is _Phase.IDLE:
@@ -177,14 +199,18 @@ class Simulator(Node):
         both = (self._own, self._traffic, self._origins)
         here &= all(one.get_subscription_count() >= 1 + self._monitored for one in both)
         status = self._guidance.status
-        idle = not self._monitored or (status is not None and status.fly == AssuranceStatus.FLY_NOTHING)
+        idle = not self._monitored or (
+            status is not None and status.fly == AssuranceStatus.FLY_NOTHING
+        )
         if here and idle and self._runner_heard:
             self._zero, self._phase = self._clock, _Phase.FLYING
             self._fly()
             return
         if wall - self._since > _COME_UP:
             what = "runner and monitor have" if self._monitored else "the runner has"
-            self._end(f"{what} not answered within {_COME_UP:g} s (are they there, with use_sim_time?)")
+            self._end(
+                f"{what} not answered within {_COME_UP:g} s (are they there, with use_sim_time?)"
+            )
             return
         self._show(self._clock + _TICK)
 
@@ -201,23 +227,33 @@ class Simulator(Node):
 
     def _deciding(self) -> bool:
         status = self._guidance.status
-        waiting = (AssuranceStatus.STATE_REPLAN_REQUESTED, AssuranceStatus.STATE_DENIED, AssuranceStatus.STATE_BACKUP)
+        waiting = (
+            AssuranceStatus.STATE_REPLAN_REQUESTED,
+            AssuranceStatus.STATE_DENIED,
+            AssuranceStatus.STATE_BACKUP,
+        )
         sought = self._asking is not None or (status is not None and status.state in waiting)
         return self._phase is _Phase.FLYING and sought
 
     def _fly(self) -> None:
-        """Go on by one tick: the clock, what is received, alert and request, and then the flight."""
+        """Go on by one tick: the clock, what is received, alert and request, and then the
+        flight.
+        """
         flight = self._flight
         assert flight is not None
         self._show(self._zero + round(flight.time * SECOND))
         sides = (self._own, {OWN: flight.own}), (self._traffic, flight.traffic)
         for receiver, (publisher, truth) in zip(self._receivers, sides, strict=True):
             for received in receiver.receive(flight.time, truth):
-                publisher.publish(state_message(received, receiver.quality, self._frame, self._zero))
+                publisher.publish(
+                    state_message(received, receiver.quality, self._frame, self._zero)
+                )
         self._act(flight)
         try:
             flight.step()
-        except RuntimeError as error:  # envs.c208.vehicle.FlightError, whose module is not always there
+        except (
+            RuntimeError
+        ) as error:  # envs.c208.vehicle.FlightError, whose module is not always there
             self._end(str(error))
             return
         status = self._guidance.status
@@ -243,7 +279,9 @@ class Simulator(Node):
         near = flight.closest() < self._value("alert_distance") and flight.time >= 1.0
         if near and flight.time - self._alert_at >= _ALERT_AGAIN:
             self._alert_at = flight.time
-            alert = TrafficAlert(level=TrafficAlert.LEVEL_CORRECTIVE, intruder_ids=list(flight.names))
+            alert = TrafficAlert(
+                level=TrafficAlert.LEVEL_CORRECTIVE, intruder_ids=list(flight.names)
+            )
             alert.header.stamp = time_message(self._clock)
             self._alerts.publish(alert)
         due = flight.time - self._asked_at >= self._value("ask_again") and self._log.safe_at is None
@@ -290,7 +328,10 @@ class Simulator(Node):
             flight.truth = Truth()  # what counts from here on is what the plan promises
 
     def _of_now(self, message: Any) -> bool:
-        return self._phase is _Phase.FLYING and self._zero <= nanoseconds(message.header.stamp) <= self._clock + SECOND
+        return (
+            self._phase is _Phase.FLYING
+            and self._zero <= nanoseconds(message.header.stamp) <= self._clock + SECOND
+        )
 
     def _on_trajectory(self, message: Trajectory) -> None:
         if self._of_now(message):

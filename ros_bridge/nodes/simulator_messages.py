@@ -14,22 +14,31 @@ from ros_bridge.sim.receivers import Quality, Received
 from ros_bridge.sim.world import ALTITUDE, OWN, EncounterFlight
 from ros_bridge.transport.messages import aircraft_message
 
-_SPACING, _BEYOND = 5.0, 45.0  # of the route's points, and how far it goes on beyond the goal, separations
+_SPACING, _BEYOND = (
+    5.0,
+    45.0,
+)  # of the route's points, and how far it goes on beyond the goal, separations
 
 
 def route_of(flight: EncounterFlight, frame: LocalFrame, separation: float) -> Trajectory:
-    """Return the filed route: the goal, and points every 5 separations (m) on the same line to 45 beyond it."""
+    """Return the filed route: the goal, and points every 5 separations (m) on the same line to 45
+    beyond it.
+    """
     own = flight.own
     dx, dy = flight.goal[0] - own.x, flight.goal[1] - own.y
     length = max(math.hypot(dx, dy), 1.0)
     reach = _SPACING * separation * np.arange(round(_BEYOND / _SPACING) + 1)
     at = frame.geodetic(flight.goal[0] + dx / length * reach, flight.goal[1] + dy / length * reach)
     places = enumerate(zip(at.latitude.tolist(), at.longitude.tolist(), strict=True), 1)
-    points = [Waypoint(index=index, latitude=place[0], longitude=place[1]) for index, place in places]
+    points = [
+        Waypoint(index=index, latitude=place[0], longitude=place[1]) for index, place in places
+    ]
     return Trajectory(status=Trajectory.STATUS_ROUTE, waypoints=points)
 
 
-def state_message(received: Received, quality: Quality, frame: LocalFrame, zero: int) -> AircraftState:
+def state_message(
+    received: Received, quality: Quality, frame: LocalFrame, zero: int
+) -> AircraftState:
     """Return what a receiver publishes of a state; ``zero`` is the start of the encounter, ns."""
     state, at = received.state, frame.geodetic(received.state.x, received.state.y)
     true = state.heading - float(at.convergence)

@@ -1,23 +1,26 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 r"""The translator: messages of other packages as the runner's inputs.
 
-    python -m ros_bridge.translator --ros-args -p own_source:=nav_sat_fix -p own_id:=4b1234 -p traffic_source:=adsb \
-        -r '~/input/fix:=/mavros/global_position/global' -r '~/input/velocity:=/mavros/local_position/velocity_local' \
-        -r '~/input/adsb:=/mavros/adsb/vehicle'
+    python -m ros_bridge.translator --ros-args -p own_source:=nav_sat_fix -p own_id:=4b1234 -p
+        traffic_source:=adsb \ -r '~/input/fix:=/mavros/global_position/global' -r
+        '~/input/velocity:=/mavros/local_position/velocity_local' \ -r
+        '~/input/adsb:=/mavros/adsb/vehicle'
 
     in    ~/input/fix        sensor_msgs/NavSatFix, with one of
           ~/input/velocity   geometry_msgs/TwistStamped: ENU, over the ground
           ~/input/odometry   nav_msgs/Odometry: its twist in the body's frame, its pose in ENU
           ~/input/inspva     novatel_oem7_msgs/INSPVA or INSPVAX
           ~/input/adsb       mavros_msgs/ADSBVehicle
-    in    adsb:=tcp://HOST:30003 or http://HOST/.../aircraft.json, a live receiver (docs/howto/ros.md)
-    out   rlcas_runner/input/ownship, rlcas_runner/input/traffic   rlcas_msgs/AircraftState
+    in    adsb:=tcp://HOST:30003 or http://HOST/.../aircraft.json, a live receiver
+    (docs/howto/ros.md) out   rlcas_runner/input/ownship, rlcas_runner/input/traffic
+    rlcas_msgs/AircraftState
           /diagnostics       what was passed on, what could not be translated, and why
 
-A fix is the ownship's or, in a second translator, an intruder's (traffic_source nav_sat_fix, and traffic_id).
-An ownship that cannot be translated is not passed on: it grows stale, and requests are refused. Of an intruder that
-cannot be translated the name is passed on, and its place if that is known: requests are refused unless it is out of
-reach. ADS-B vehicles on the ground and obstacles (emitter types 17 to 19) are left out and counted. Parameters:
+A fix is the ownship's or, in a second translator, an intruder's (traffic_source nav_sat_fix, and
+traffic_id). An ownship that cannot be translated is not passed on: it grows stale, and requests are
+refused. Of an intruder that cannot be translated the name is passed on, and its place if that is
+known: requests are refused unless it is out of reach. ADS-B vehicles on the ground and obstacles
+(emitter types 17 to 19) are left out and counted. Parameters:
 """
 
 import importlib
@@ -53,18 +56,26 @@ _DRAINED = 0.1  # s between two looks at what a receiver has sent
 
 
 def paired(fix: Any, twist: Any, identity: str, reference: str, apart: float) -> Report:
-    """Return the report of a fix and the velocity beside it, or raise :class:`FieldError` with a sighting.
+    """Return the report of a fix and the velocity beside it, or raise :class:`FieldError` with a
+    sighting.
 
-    The velocity is the newest TwistStamped or Odometry (None: there has been none), at most ``apart`` s from the fix.
+    The velocity is the newest TwistStamped or Odometry (None: there has been none), at most
+    ``apart`` s from the fix.
     """
 
     def beside() -> Any:
         if twist is None:
             raise FieldError("velocity", "has not been received, expected one beside the fix")
-        times = stamp("fix.header.stamp", fix.header.stamp), stamp("velocity.header.stamp", twist.header.stamp)
+        times = (
+            stamp("fix.header.stamp", fix.header.stamp),
+            stamp("velocity.header.stamp", twist.header.stamp),
+        )
         off = abs(times[0] - times[1]) / SECOND
         if off > apart:
-            raise FieldError("velocity.header.stamp", f"is {off:.2f} s from the fix's, expected {apart:g} s at most")
+            raise FieldError(
+                "velocity.header.stamp",
+                f"is {off:.2f} s from the fix's, expected {apart:g} s at most",
+            )
         return adapters.odometry_velocity(twist) if hasattr(twist, "pose") else twist.twist
 
     return adapters.nav_sat_fix(fix, beside, identity, reference)
@@ -87,24 +98,34 @@ class Translator(Node):
         }
         live = checked_source(self._value("adsb")) if self._value("adsb") else ""
         if live and traffic != "none":
-            raise ValueError(f"adsb and traffic_source {traffic} are both given, expected one of them")
+            raise ValueError(
+                f"adsb and traffic_source {traffic} are both given, expected one of them"
+            )
         if own == traffic and not live:
-            raise ValueError(f"own_source and traffic_source are both {own}, expected one fix at most, and something")
+            raise ValueError(
+                f"own_source and traffic_source are both {own}, expected one fix at most, and "
+                "something"
+            )
         for name, needed in (("own_id", own != "none"), ("traffic_id", traffic == "nav_sat_fix")):
             if needed and not self._value(name):
-                raise ValueError(f"{name} is empty, expected the aircraft's name, such as its 24-bit address")
+                raise ValueError(
+                    f"{name} is empty, expected the aircraft's name, such as its 24-bit address"
+                )
         self._twist: Any = None
         self._counts: Counter[str] = Counter()
         self._wrong = ""
         self._own, self._traffic, self._health = (
-            self.create_publisher(*topic) for topic in (topics.OWNSHIP, topics.TRAFFIC, topics.DIAGNOSTICS)
+            self.create_publisher(*topic)
+            for topic in (topics.OWNSHIP, topics.TRAFFIC, topics.DIAGNOSTICS)
         )
         if "nav_sat_fix" in (own, traffic):
             into = self._own if own == "nav_sat_fix" else self._traffic
             name = self._value("own_id" if own == "nav_sat_fix" else "traffic_id")
             for kind, topic in ((TwistStamped, "~/input/velocity"), (Odometry, "~/input/odometry")):
                 self.create_subscription(kind, topic, partial(setattr, self, "_twist"), qos.SENSOR)
-            self.create_subscription(NavSatFix, "~/input/fix", partial(self._on_fix, into, name), qos.SENSOR)
+            self.create_subscription(
+                NavSatFix, "~/input/fix", partial(self._on_fix, into, name), qos.SENSOR
+            )
         if own in _MESSAGES:
             self.create_subscription(_kind(own), "~/input/inspva", self._on_inspva, qos.SENSOR)
         if traffic in _MESSAGES:
@@ -112,7 +133,9 @@ class Translator(Node):
         if live:
             self._receiver = Receiver(live, lambda: self.get_clock().now().nanoseconds)
             self._live = adsb_live.Traffic(self._value("own_id"))
-            self._reader = (adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson)(self._live)
+            self._reader = (
+                adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson
+            )(self._live)
             self._heard = self.get_clock().now().nanoseconds
             topics.OWNSHIP.heard(self, self._on_ownship)
             self.create_timer(_DRAINED, self._on_live)
@@ -146,7 +169,9 @@ class Translator(Node):
         self._pass(self._traffic, tried(lambda: adapters.adsb_vehicle(message, self._references)))
 
     def _on_ownship(self, message: AircraftState) -> None:
-        self._live.own = readable(lambda: aircraft(message, "ownship"))  # the runner says why it cannot be
+        self._live.own = readable(
+            lambda: aircraft(message, "ownship")
+        )  # the runner says why it cannot be
 
     def _on_live(self) -> None:
         """Pass on what the receiver has sent since the last look."""
@@ -165,7 +190,9 @@ class Translator(Node):
                 self._wrong = f"adsb {late}"
 
     def _pass(self, publisher: Any, found: Report | FieldError | None) -> None:
-        """Publish a report; of traffic that cannot be translated its name and, if known, its place."""
+        """Publish a report; of traffic that cannot be translated its name and, if known,
+        its place.
+        """
         name = "own" if publisher is self._own else "traffic"
         if found is None:
             name = "on the ground, left out"
@@ -179,19 +206,29 @@ class Translator(Node):
         self._counts[name] += 1
 
     def _left_out(self) -> dict[str, int]:
-        """Return what of a live receiver was left out; a receiver that cannot be read or is silent is noted."""
+        """Return what of a live receiver was left out; a receiver that cannot be read or is silent
+        is noted.
+        """
         if self._receiver is None:
             return {}
         silent = (self.get_clock().now().nanoseconds - self._heard) / SECOND
-        problem = self._receiver.problem or (f"has sent nothing for {silent:.0f} s" if silent > _SILENCE else "")
+        problem = self._receiver.problem or (
+            f"has sent nothing for {silent:.0f} s" if silent > _SILENCE else ""
+        )
         if problem:
             self._wrong = f"adsb {self._value('adsb')} {problem}"
             self.get_logger().warning(self._wrong, throttle_duration_sec=30.0)
-        return {f"{reason}, left out": count for reason, count in self._live.counts.items() if count}
+        return {
+            f"{reason}, left out": count for reason, count in self._live.counts.items() if count
+        }
 
     def _on_timer(self) -> None:
-        values = {name: str(count) for name, count in sorted({**self._counts, **self._left_out()}.items())}
-        level, message = (DiagnosticStatus.WARN, self._wrong) if self._wrong else (DiagnosticStatus.OK, "ready")
+        values = {
+            name: str(count) for name, count in sorted({**self._counts, **self._left_out()}.items())
+        }
+        level, message = (
+            (DiagnosticStatus.WARN, self._wrong) if self._wrong else (DiagnosticStatus.OK, "ready")
+        )
         self._wrong = ""
         self._health.publish(views.diagnostics(self, level, message, values))
 
@@ -202,7 +239,9 @@ def _kind(source: str) -> Any:
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ModuleNotFoundError, AttributeError) as error:
-        raise ValueError(f"{source} needs the package {package} with {name}, which is not installed") from error
+        raise ValueError(
+            f"{source} needs the package {package} with {name}, which is not installed"
+        ) from error
 
 
 main = partial(process.main, Translator, "translator", __doc__)

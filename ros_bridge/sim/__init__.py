@@ -1,4 +1,6 @@
-"""The simulated world around runner and monitor, without ROS: aircraft, receivers, what is flown, and its log."""
+"""The simulated world around runner and monitor, without ROS: aircraft, receivers, what is flown,
+and its log.
+"""
 
 from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance

@@ -28,7 +28,9 @@ class FlightLog:
     duration: float = 0.0  # flown, s
     wall: float = 0.0  # taken, s of real time
     failure: str = ""  # why the flight did not go on; empty: it did
-    resolvable: bool | None = None  # whether the separation planned with can be kept at all; None: not looked at
+    resolvable: bool | None = (
+        None  # whether the separation planned with can be kept at all; None: not looked at
+    )
 
     @property
     def kept(self) -> bool:
@@ -50,10 +52,14 @@ def table(logs: Sequence[FlightLog]) -> str:
     lines.append("")
     safe = [log for log in logs if log.safe_at is not None]
     if safe:
-        least, below = min(safe, key=lambda log: log.separation), [log.name for log in safe if not log.kept]
+        least, below = (
+            min(safe, key=lambda log: log.separation),
+            [log.name for log in safe if not log.kept],
+        )
         lines.append(
             f"{len(safe)} of {len(logs)} encounters had a plan called SAFE; the closest of them: "
-            f"{least.separation:.1f} m ({least.name}); below {least.required:g} m: {', '.join(below) or 'none'}"
+            f"{least.separation:.1f} m ({least.name}); below {least.required:g} m: "
+            f"{', '.join(below) or 'none'}"
         )
     else:
         lines.append(f"none of {len(logs)} encounters had a plan called SAFE")
@@ -67,7 +73,8 @@ def table(logs: Sequence[FlightLog]) -> str:
     if every:
         marks = np.percentile(every, (50.0, 90.0, 99.0, 100.0)) * 1e3
         shown = ", ".join(
-            f"{name} {mark:.1f}" for name, mark in zip(("median", "90 %", "99 %", "max"), marks, strict=True)
+            f"{name} {mark:.1f}"
+            for name, mark in zip(("median", "90 %", "99 %", "max"), marks, strict=True)
         )
         lines.append(f"answers, end to end, ms: {shown} ({len(every)} requests)")
     flown, wall = sum(log.duration for log in logs), sum(log.wall for log in logs)

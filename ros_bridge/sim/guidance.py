@@ -1,7 +1,7 @@
 """Which trajectory is to be flown, as an autopilot reads it from the runner and the monitor.
 
-Nothing but a SAFE plan that the monitor names, or the monitor's backup; without a monitor the newest SAFE plan
-until it is withdrawn. Messages are read by their fields; nothing here needs ROS.
+Nothing but a SAFE plan that the monitor names, or the monitor's backup; without a monitor the
+newest SAFE plan until it is withdrawn. Messages are read by their fields; nothing here needs ROS.
 """
 
 from typing import Any
@@ -18,7 +18,9 @@ _REMEMBERED = 8  # plans; the monitor names one of the last two
 
 
 class Guidance:
-    """Selects among plans and backups what the monitor names, or without a monitor the newest plan."""
+    """Selects among plans and backups what the monitor names, or without a monitor the
+    newest plan.
+    """
 
     def __init__(self, *, monitored: bool = True) -> None:
         self._monitored = monitored
@@ -39,7 +41,9 @@ class Guidance:
         return True
 
     def selected(self) -> Any:
-        """Return the trajectory that is to be flown now; None: nothing, or what is named has not arrived yet."""
+        """Return the trajectory that is to be flown now; None: nothing, or what is named has not
+        arrived yet.
+        """
         if not self._monitored:
             return self._newest
         if self.status is not None and self.status.fly == FLY_PLAN:
@@ -50,7 +54,9 @@ class Guidance:
 
 
 def curve(frame: LocalFrame, message: Any) -> tuple[Legs, int]:
-    """Return the legs of a plan or backup in a local frame and when they begin, ns, or raise :class:`FieldError`."""
+    """Return the legs of a plan or backup in a local frame and when they begin, ns, or raise
+    :class:`FieldError`.
+    """
     plan = trajectory(message)
     if not plan.points:
         raise FieldError("trajectory.waypoints", "has 0 points, expected 1 or more")

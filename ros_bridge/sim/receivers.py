@@ -1,7 +1,9 @@
-"""What receivers make of the truth: states that come at a rate, late, with noise, and sometimes not at all.
+"""What receivers make of the truth: states that come at a rate, late, with noise, and sometimes not
+at all.
 
-The noise is white, as the nodes assume it to be. Real errors of satellite navigation last for minutes; both aircraft
-then see the same part of them, so that their distance is known better than their places.
+The noise is white, as the nodes assume it to be. Real errors of satellite navigation last for
+minutes; both aircraft then see the same part of them, so that their distance is known better than
+their places.
 """
 
 import math
@@ -34,7 +36,9 @@ class Received(NamedTuple):
 
 
 class Receiver:
-    """Turns true states into reports, one aircraft after the other; the seed is of noise, losses and moments."""
+    """Turns true states into reports, one aircraft after the other; the seed is of noise, losses
+    and moments.
+    """
 
     def __init__(self, quality: Quality, seed: int) -> None:
         self.quality = quality
@@ -53,9 +57,13 @@ class Receiver:
                 continue
             self._due[name] += period
             if self._random.random() >= self.quality.dropout:
-                self._waiting.append((time + self.quality.latency, Received(name, time, self._noisy(state))))
+                self._waiting.append(
+                    (time + self.quality.latency, Received(name, time, self._noisy(state)))
+                )
         arrived = [received for when, received in self._waiting if when <= time + _TOLERANCE]
-        self._waiting = [(when, received) for when, received in self._waiting if when > time + _TOLERANCE]
+        self._waiting = [
+            (when, received) for when, received in self._waiting if when > time + _TOLERANCE
+        ]
         return arrived
 
     def _noisy(self, state: VehicleState) -> VehicleState:

@@ -1,7 +1,9 @@
-"""The simulated world: the ownship on its vehicle, intruders, the truth about how far apart they come. No ROS.
+"""The simulated world: the ownship on its vehicle, intruders, the truth about how far apart they
+come. No ROS.
 
-The ownship flies lines: straight on at first, then plans and backups as they are published. A kinematic vehicle is
-led along them by :mod:`envs.follower`, one with an aircraft's lags by :mod:`envs.c208.guidance`.
+The ownship flies lines: straight on at first, then plans and backups as they are published. A
+kinematic vehicle is led along them by :mod:`envs.follower`, one with an aircraft's lags by
+:mod:`envs.c208.guidance`.
 """
 
 import importlib.util
@@ -44,17 +46,21 @@ class Truth(NamedTuple):
 
 
 def installed(name: str) -> None:
-    """Raise :class:`SimulationError` for a kind of ownship that is unknown, or whose needs are not installed."""
+    """Raise :class:`SimulationError` for a kind of ownship that is unknown, or whose needs are not
+    installed.
+    """
     if name not in VEHICLES:
         raise SimulationError(f"vehicle is {name!r}, expected one of {', '.join(VEHICLES)}")
     if name != "kinematic" and importlib.util.find_spec("jsbsim") is None:
         raise SimulationError(
-            f"vehicle {name!r} needs jsbsim, which is not installed (pip install 'rlcas-toolkit[sim]')"
+            f"vehicle {name!r} needs jsbsim, which is not installed (pip install "
+            "'rlcas-toolkit[sim]')"
         )
 
 
 def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) -> Vehicle:
-    """Return an ownship of these limits, or raise :class:`SimulationError`; JSBSim is loaded where it is needed.
+    """Return an ownship of these limits, or raise :class:`SimulationError`; JSBSim is loaded where
+    it is needed.
 
     A viewer, an :class:`envs.c208.flightgear.FlightGear`, shows the one in JSBSim.
     """
@@ -64,7 +70,9 @@ def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) 
     low, high = C208_PUBLISHED.speed_min, C208_PUBLISHED.speed_max
     if limits.speed_min < low or limits.speed_max > high:
         what = f"expected no aircraft of {limits.speed_min:g} to {limits.speed_max:g} m/s"
-        raise SimulationError(f"vehicle {name!r} is a Cessna 208B of {low:g} to {high:g} m/s, {what}")
+        raise SimulationError(
+            f"vehicle {name!r} is a Cessna 208B of {low:g} to {high:g} m/s, {what}"
+        )
     from envs.c208.point_mass import PointMassVehicle
     from envs.c208.vehicle import C208Vehicle, FlightError
 
@@ -88,7 +96,12 @@ class EncounterFlight:
     """
 
     def __init__(
-        self, encounter: Encounter, aircraft: Aircraft, limits: Limits, kind: str = "kinematic", viewer: Any = None
+        self,
+        encounter: Encounter,
+        aircraft: Aircraft,
+        limits: Limits,
+        kind: str = "kinematic",
+        viewer: Any = None,
     ) -> None:
         start = VehicleState(*(float(field[0]) for field in encounter.own))
         self.vehicle: Any = vehicle(kind, start, limits, viewer)
@@ -104,9 +117,13 @@ class EncounterFlight:
         self.truth = Truth()  # since the beginning, or since a new one was put here
         self.reached: float | None = None  # when the goal was passed, s
         there = np.flatnonzero(encounter.mask[0])
-        self._intruders = intruder.start(VehicleState(*(field[0][there] for field in encounter.intruders)), np)
+        self._intruders = intruder.start(
+            VehicleState(*(field[0][there] for field in encounter.intruders)), np
+        )
         self._intent = take(take(encounter.intent, 0), there)
-        self.names = tuple(f"4b{number + 1:04x}" for number in range(len(there)))  # of the intruders
+        self.names = tuple(
+            f"4b{number + 1:04x}" for number in range(len(there))
+        )  # of the intruders
 
     @property
     def own(self) -> VehicleState:
@@ -120,7 +137,9 @@ class EncounterFlight:
         return {name: VehicleState(*row) for name, row in zip(self.names, rows, strict=True)}
 
     def fly(self, curves: Legs, began: float, *, plan: bool) -> None:
-        """Fly other legs ``[L]`` from now on, whose clock was 0 at ``began`` (s); errors from a plan count."""
+        """Fly other legs ``[L]`` from now on, whose clock was 0 at ``began`` (s); errors from a
+        plan count.
+        """
         self._curves, self._began, self._on_plan = curves, began, plan
         self._guide: Any = None
         if self._lags:
@@ -134,9 +153,13 @@ class EncounterFlight:
         if self._guide is not None:
             self.vehicle.step(*self._guide.commands(before, self.time), PERIOD)
         else:
-            self.vehicle.step(*guidance(self._curves, before, np.float64(self.time - self._began)), PERIOD)
+            self.vehicle.step(
+                *guidance(self._curves, before, np.float64(self.time - self._began)), PERIOD
+            )
         after = self.own
-        self._intruders = intruder.step(self._intruders, self._intent, self.time, PERIOD, np, response=self._response)
+        self._intruders = intruder.step(
+            self._intruders, self._intent, self.time, PERIOD, np, response=self._response
+        )
         self.time = round(self.time + PERIOD, 6)
         if self._viewer is not None:
             self.vehicle.show(self._intruders.vehicle)

@@ -1,6 +1,8 @@
-"""The thread that listens to an ADS-B receiver: a TCP stream of lines, or a document that is fetched every second.
+"""The thread that listens to an ADS-B receiver: a TCP stream of lines, or a document that is
+fetched every second.
 
-It reconnects by itself, after 1, 2, 4 ... 30 s. What arrives waits in a queue for the node's own thread.
+It reconnects by itself, after 1, 2, 4 ... 30 s. What arrives waits in a queue for the node's own
+thread.
 """
 
 import http.client
@@ -28,9 +30,16 @@ def checked_source(text: str) -> str:
     except ValueError:
         usable = False
     known = parts.scheme == "tcp" and parts.hostname and parts.path in ("", "/")
-    known = known or (parts.scheme in ("http", "https") and parts.hostname) or (parts.scheme == "file" and parts.path)
+    known = (
+        known
+        or (parts.scheme in ("http", "https") and parts.hostname)
+        or (parts.scheme == "file" and parts.path)
+    )
     if not (usable and known):
-        raise ValueError(f"adsb is {text!r}, expected tcp://HOST:30003, http://HOST/.../aircraft.json or file:///...")
+        raise ValueError(
+            f"adsb is {text!r}, expected tcp://HOST:30003, http://HOST/.../aircraft.json or "
+            "file:///..."
+        )
     return text
 
 
@@ -44,7 +53,12 @@ class Receiver(threading.Thread):
         """Arrival, ns, and a line or a document; None where a connection begins."""
         self.problem = "has not answered yet"
         """What is wrong with the connection, a sentence without its subject; "": nothing."""
-        self._source, self._clock, self._stopped, self._again = source, clock, threading.Event(), threading.Event()
+        self._source, self._clock, self._stopped, self._again = (
+            source,
+            clock,
+            threading.Event(),
+            threading.Event(),
+        )
 
     def restart(self) -> None:
         """Give the connection up and begin another one."""
@@ -83,7 +97,9 @@ class Receiver(threading.Thread):
 
     def _lines(self) -> Iterator[str]:
         parts = urlsplit(self._source)
-        with socket.create_connection((parts.hostname or "", parts.port or _PORT), 5.0) as connection:
+        with socket.create_connection(
+            (parts.hostname or "", parts.port or _PORT), 5.0
+        ) as connection:
             connection.settimeout(1.0)
             self.problem = ""
             rest, silent = b"", 0.0
@@ -99,7 +115,10 @@ class Receiver(threading.Thread):
                     return
                 *lines, rest = (rest + more).split(b"\n")
                 if len(rest) > _LONGEST:
-                    raise ValueError(f"it sends no lines but {rest[:20]!r}, expected BaseStation's (port {_PORT})")
+                    raise ValueError(
+                        f"it sends no lines but {rest[:20]!r}, expected BaseStation's (port "
+                        f"{_PORT})"
+                    )
                 silent = 0.0
                 yield from (line.decode("ascii", "replace") for line in lines)
 

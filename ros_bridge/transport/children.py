@@ -1,7 +1,8 @@
-"""Nodes as child processes that end with their parent, however that ends, and a DDS domain for them alone.
+"""Nodes as child processes that end with their parent, however that ends, and a DDS domain for them
+alone.
 
-A child reads its standard input, which only its parent can write to. The system closes it when the parent is gone,
-killed by SIGKILL too, on every platform; the child then ends in order.
+A child reads its standard input, which only its parent can write to. The system closes it when the
+parent is gone, killed by SIGKILL too, on every platform; the child then ends in order.
 """
 
 import contextlib
@@ -45,7 +46,9 @@ def stopped(children: "Iterable[subprocess.Popen[bytes]]") -> None:
 
 
 def end_with_parent() -> None:
-    """Have this process end in order when its standard input is closed; at once if that takes too long."""
+    """Have this process end in order when its standard input is closed; at once if that takes too
+    long.
+    """
     threading.Thread(target=_watch, name="parent", daemon=True).start()
 
 

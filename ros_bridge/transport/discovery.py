@@ -1,9 +1,10 @@
 """Fast DDS discovery of a process that starts: ports of its own, and how it announces itself.
 
-DDS gives a process the first free ports of its domain. One that is started again after a kill gets those of the killed
-one, which the others treat as alive until its lease ends, after 20 s; Fast DDS then takes seconds to connect them
-(docs/reference/ros.md, "Start and restart"). While some of the first ports are held, the process gets others. Their
-number is drawn at random: process numbers repeat in containers, and so does the clock where restarts are quick.
+DDS gives a process the first free ports of its domain. One that is started again after a kill gets
+those of the killed one, which the others treat as alive until its lease ends, after 20 s; Fast DDS
+then takes seconds to connect them (docs/reference/ros.md, "Start and restart"). While some of the
+first ports are held, the process gets others. Their number is drawn at random: process numbers
+repeat in containers, and so does the clock where restarts are quick.
 
 Other delays of Fast DDS are avoided by ``fastdds/profile.xml``, with the reasons.
 """
@@ -26,7 +27,10 @@ CONFIGURED = (
 )
 """Variables by which an integrator configures Fast DDS."""
 
-_IN_DIRECTORY = ("DEFAULT_FASTDDS_PROFILES.xml", "DEFAULT_FASTRTPS_PROFILES.xml")  # read where a process starts
+_IN_DIRECTORY = (
+    "DEFAULT_FASTDDS_PROFILES.xml",
+    "DEFAULT_FASTRTPS_PROFILES.xml",
+)  # read where a process starts
 
 PORTS = 24
 """Among so many of the first ports one is drawn; discovery on one host looks at the first 32."""
@@ -37,30 +41,40 @@ def port(domain: int, number: int) -> int:
     return 7400 + 250 * domain + 10 + 2 * number
 
 
-def configure_dds(environment: MutableMapping[str, str] = os.environ, directory: Path | None = None) -> bool:
-    """Have Fast DDS take part by our profile, unless the integrator has configured it; return whether.
+def configure_dds(
+    environment: MutableMapping[str, str] = os.environ, directory: Path | None = None
+) -> bool:
+    """Have Fast DDS take part by our profile, unless the integrator has configured it; return
+    whether.
 
-    To be called before the process has a node. One of CONFIGURED in the environment, even empty, or a file of profiles
-    in the directory where it starts (None: the present one) is the integrator's. Only Fast DDS takes notice.
+    To be called before the process has a node. One of CONFIGURED in the environment, even empty, or
+    a file of profiles in the directory where it starts (None: the present one) is the integrator's.
+    Only Fast DDS takes notice.
     """
     here = Path() if directory is None else directory
-    if any(name in environment for name in CONFIGURED) or any((here / name).exists() for name in _IN_DIRECTORY):
+    if any(name in environment for name in CONFIGURED) or any(
+        (here / name).exists() for name in _IN_DIRECTORY
+    ):
         return False
     environment["FASTDDS_DEFAULT_PROFILES_FILE"] = str(PROFILE)
-    # On one host alone ROS chooses the transports itself, and the profile what comes by which of them.
+    # On one host alone ROS chooses the transports itself, and the profile what comes by which of
+    # them.
     environment["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
     return True
 
 
 @contextmanager
 def reserved_ports(skipped: int | None = None) -> Generator[list[int]]:
-    """Hold those of the domain's first ports (None: a number that is drawn) that are free, until the block ends."""
+    """Hold those of the domain's first ports (None: a number that is drawn) that are free, until
+    the block ends.
+    """
     name = os.environ.get("ROS_DOMAIN_ID", "0")
     domain = int(name) if name.isascii() and name.isdecimal() else 0  # ROS itself refuses others
     wanted = random.randrange(PORTS) if skipped is None else skipped
     with ExitStack() as held:
         ports = []
-        # Ports in use are passed over, not replaced: another process that starts now must not get ports further on.
+        # Ports in use are passed over, not replaced: another process that starts now must not get
+        # ports further on.
         for there in (port(domain, number) for number in range(wanted)):
             one = held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             try:

@@ -1,8 +1,9 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """What the launch files have in common: their arguments, and the nodes as processes of this Python.
 
-A node is started as a module of the interpreter that runs the launch file, so that a pip installation and a colcon
-workspace work alike. What runner and monitor must agree on is one argument for both.
+A node is started as a module of the interpreter that runs the launch file, so that a pip
+installation and a colcon workspace work alike. What runner and monitor must agree on is one
+argument for both.
 """
 
 import sys
@@ -17,22 +18,39 @@ from ros_bridge.transport import parameters
 ARGUMENTS = (
     ("namespace", "", "of all nodes, such as n123; empty: none"),
     ("use_sim_time", "false", "whether the nodes take the time from /clock"),
-    ("params_file", "", "YAML with parameters of the nodes, which go before those given here; empty: none"),
+    (
+        "params_file",
+        "",
+        "YAML with parameters of the nodes, which go before those given here; empty: none",
+    ),
     ("log_level", "info", "debug, info, warn, error or fatal"),
     ("aircraft", "", "file of the aircraft and its task, of all nodes; empty: the policy's"),
     ("policy_file", "", "of all nodes; empty: the one that ships"),
     ("separation", "", "m, least distance to every intruder, of all nodes; empty: the aircraft's"),
-    ("margin", "", "m, added for what the autopilot leaves of the plan, of runner and monitor; empty: the usual"),
-    ("sigmas", "", "standard deviations of the intruders' positions added, of runner and monitor; empty: the usual"),
+    (
+        "margin",
+        "",
+        "m, added for what the autopilot leaves of the plan, of runner and monitor; empty: the "
+        "usual",
+    ),
+    (
+        "sigmas",
+        "",
+        "standard deviations of the intruders' positions added, of runner and monitor; empty: the "
+        "usual",
+    ),
 )
 """Name, default and meaning of the arguments of every launch file."""
 
 
 def declared(*more: tuple[str, str, str], **other: str) -> list[DeclareLaunchArgument]:
-    """Return the arguments of a launch file: the common ones, with ``other`` defaults, and ``more``."""
+    """Return the arguments of a launch file: the common ones, with ``other`` defaults, and
+    ``more``.
+    """
     every = [(name, other.get(name, default), meaning) for name, default, meaning in ARGUMENTS]
     return [
-        DeclareLaunchArgument(name, default_value=default, description=what) for name, default, what in [*every, *more]
+        DeclareLaunchArgument(name, default_value=default, description=what)
+        for name, default, what in [*every, *more]
     ]
 
 
@@ -42,9 +60,11 @@ def value(context: Any, name: str) -> str:
 
 
 def node(context: Any, name: str, *others: tuple[str, str, str], **more: Any) -> Node:
-    """Return the action that starts the node of a module, with the arguments that are its parameters and not empty.
+    """Return the action that starts the node of a module, with the arguments that are its
+    parameters and not empty.
 
-    ``others`` are the arguments besides the common ones, ``more`` goes to :class:`launch_ros.actions.Node`.
+    ``others`` are the arguments besides the common ones, ``more`` goes to
+    :class:`launch_ros.actions.Node`.
     """
     texts = {argument: value(context, argument) for argument, *_ in (*ARGUMENTS, *others)}
     given: list[Any] = [{"use_sim_time": texts["use_sim_time"].lower() == "true"}]

@@ -1,5 +1,7 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""Domain values as messages of ``rlcas_msgs``; the other direction is :mod:`ros_bridge.core.conversions`."""
+"""Domain values as messages of ``rlcas_msgs``; the other direction is
+:mod:`ros_bridge.core.conversions`.
+"""
 
 import uuid
 from array import array
@@ -53,15 +55,23 @@ def point_message(point: PlanPoint) -> Waypoint:
     return message
 
 
-def trajectory_message(status: int, time: int, frame: str, revision: int, **more: Any) -> Trajectory:
-    """Return a trajectory that starts at a time, ns, with an id of its own; what is not given there is none of."""
+def trajectory_message(
+    status: int, time: int, frame: str, revision: int, **more: Any
+) -> Trajectory:
+    """Return a trajectory that starts at a time, ns, with an id of its own; what is not given there
+    is none of.
+    """
     none = {"min_separation": -1.0, "time_of_min_separation": -1.0, "rejoin_index": -1}
     given = {"id": identity(uuid.uuid4())} | none | more
     return Trajectory(header=header(time, frame), status=status, revision=revision, **given)
 
 
-def plan_message(plan: Plan, task: Task, frame: str, revision: int, *, certified: bool = False) -> Trajectory:
-    """Return a plan as a trajectory, UNRESOLVED unless it is safe; ``certified`` with the certificate of a SAFE one."""
+def plan_message(
+    plan: Plan, task: Task, frame: str, revision: int, *, certified: bool = False
+) -> Trajectory:
+    """Return a plan as a trajectory, UNRESOLVED unless it is safe; ``certified`` with the
+    certificate of a SAFE one.
+    """
     out = {one.number for one in plan.excluded}
     message = trajectory_message(
         Trajectory.STATUS_SAFE if plan.safe else Trajectory.STATUS_UNRESOLVED,
@@ -84,7 +94,9 @@ def plan_message(plan: Plan, task: Task, frame: str, revision: int, *, certified
 
 
 def aircraft_message(report: Report, frame: str = "") -> AircraftState:
-    """Return a report as an AircraftState; the inverse of :func:`ros_bridge.core.conversions.aircraft`."""
+    """Return a report as an AircraftState; the inverse of
+    :func:`ros_bridge.core.conversions.aircraft`.
+    """
     message = sighting_message(report.sighting, frame)
     message.valid |= AircraftState.VALID_VELOCITY
     message.velocity.x, message.velocity.y = report.east, report.north
@@ -104,7 +116,8 @@ def aircraft_message(report: Report, frame: str = "") -> AircraftState:
 
 
 def sighting_message(sighting: Sighting, frame: str = "") -> AircraftState:
-    """Return an AircraftState that names an aircraft, and its place if that is known, without the bit of a velocity.
+    """Return an AircraftState that names an aircraft, and its place if that is known, without the
+    bit of a velocity.
 
     No plan can be made with it; but the aircraft counts until a good state of it follows.
     """

@@ -1,5 +1,7 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""What runner and monitor share: their inputs, releasing what was made, and a clock that may step back."""
+"""What runner and monitor share: their inputs, releasing what was made, and a clock that may step
+back.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,20 +22,26 @@ from ros_bridge.transport import topics, views
 from ros_bridge.transport.settings import aircraft_text, declare, planning_options, report_rules
 from ros_bridge.transport.topics import Topic
 
-_BACKWARD = SECOND // 2  # by how much the clock may step back before everything received is forgotten
+_BACKWARD = (
+    SECOND // 2
+)  # by how much the clock may step back before everything received is forgotten
 _IN_FLIGHT = SECOND  # for how long after that messages may arrive that were sent before
 _AGING = updates.ownship, updates.traffic, updates.alert  # take in what belongs to a moment
 
 
 class ListeningNode(LifecycleNode):
-    """A lifecycle node whose subscriptions, publishers and timers last from its configuration to its cleaning up."""
+    """A lifecycle node whose subscriptions, publishers and timers last from its configuration to
+    its cleaning up.
+    """
 
     kind: str  # such as "runner"
 
     def __init__(self, **more: Any) -> None:
         super().__init__(f"rlcas_{self.kind}", **more)
         self._entities: list[Callable[[], Any]] = []  # how each of them is destroyed
-        self._qos_problems: dict[str, str] = {}  # sentences, by topic; kept until the node is configured anew
+        self._qos_problems: dict[
+            str, str
+        ] = {}  # sentences, by topic; kept until the node is configured anew
         self._active = False
         aircraft = declare(self, self.kind)
         assert aircraft is not None, "runner and monitor have an aircraft"
@@ -94,7 +102,11 @@ class ListeningNode(LifecycleNode):
         says = "a subscriber asks for more {} than offered; it receives nothing"
         events = PublisherEventCallbacks(incompatible_qos=self._misfit(topic.name, says))
         # Diagnostics are published by the inactive node too.
-        make = self.create_publisher if topic is topics.DIAGNOSTICS else self.create_lifecycle_publisher
+        make = (
+            self.create_publisher
+            if topic is topics.DIAGNOSTICS
+            else self.create_lifecycle_publisher
+        )
         made = make(*topic, event_callbacks=events)
         self._entities.append(lambda: self.destroy_publisher(made))
         return made
@@ -112,7 +124,9 @@ class ListeningNode(LifecycleNode):
         self._entities.append(lambda: self.destroy_timer(timer))
 
     def _listen(self, health: Callable[[], None], *, private: bool) -> None:
-        """Subscribe to ownship, traffic and geo-reference, and publish the state of health; the runner privately."""
+        """Subscribe to ownship, traffic and geo-reference, and publish the state of health; the
+        runner privately.
+        """
         inputs = (topics.OWNSHIP, updates.ownship), (topics.TRAFFIC, updates.traffic)
         for topic, update in (*inputs, (topics.GEO_REFERENCE, updates.geo_reference)):
             self._subscribe(topic.private if private else topic, self._into(update))
@@ -120,7 +134,9 @@ class ListeningNode(LifecycleNode):
         self._call_every(self._value("diagnostics_period"), health)
 
     def _into(self, update: Callable[..., Situation]) -> Callable[[Any], None]:
-        """Return what takes a message into the situation, and logs an origin or a route that cannot be used."""
+        """Return what takes a message into the situation, and logs an origin or a route that cannot
+        be used.
+        """
 
         def take(message: Any) -> None:
             now, rules = self._now(), report_rules(self._value)  # may reset the situation
@@ -136,8 +152,12 @@ class ListeningNode(LifecycleNode):
 
         return take
 
-    def _publish_health(self, problem: tuple[bytes, str], outside: Sequence[str], values: dict[str, str]) -> None:
-        """Publish a level and what is wrong ("": nothing), or what is worse; ``outside`` its domain is a warning."""
+    def _publish_health(
+        self, problem: tuple[bytes, str], outside: Sequence[str], values: dict[str, str]
+    ) -> None:
+        """Publish a level and what is wrong ("": nothing), or what is worse; ``outside`` its domain
+        is a warning.
+        """
         level, message = problem if problem[1] else (DiagnosticStatus.OK, "ready")
         if not self._active:
             level, message = DiagnosticStatus.WARN, "not active"
@@ -158,11 +178,15 @@ class ListeningNode(LifecycleNode):
             self.get_logger().info(f"silent, and forgotten: {', '.join(silent)}")
 
     def _now(self) -> int:
-        """Return the node's time, ns; when it has stepped back, everything received belongs to another time."""
+        """Return the node's time, ns; when it has stepped back, everything received belongs to
+        another time.
+        """
         now = self.get_clock().now().nanoseconds
         if now < self._latest - _BACKWARD:
             back = (self._latest - now) / SECOND
-            self.get_logger().warning(f"the clock stepped back by {back:.1f} s: all that was received is forgotten")
+            self.get_logger().warning(
+                f"the clock stepped back by {back:.1f} s: all that was received is forgotten"
+            )
             self._stepped_back()
             self._latest, self._settled = now, now + _IN_FLIGHT
         self._latest = max(self._latest, now)

@@ -1,7 +1,9 @@
 # pyright: reportMissingImports=false
-"""Parameters given to a node that it does not have, and sections of parameter files for nodes that there are not.
+"""Parameters given to a node that it does not have, and sections of parameter files for nodes that
+there are not.
 
-ROS passes over both silently: with ``separaton: 2000.0`` in a file a node would plan with its default.
+ROS passes over both silently: with ``separaton: 2000.0`` in a file a node would plan with its
+default.
 """
 
 import difflib
@@ -16,17 +18,25 @@ _OURS = "rlcas_"
 
 
 def refuse_unknown_parameters(node: Any, known: Iterable[str]) -> None:
-    """Raise ValueError for values given for parameters that a node does not have, once its own are declared."""
-    # rclpy keeps what was given, on the command line or in files, for parameters that are declared later.
+    """Raise ValueError for values given for parameters that a node does not have, once its own are
+    declared.
+    """
+    # rclpy keeps what was given, on the command line or in files, for parameters that are declared
+    # later.
     unknown = [name for name in node._parameter_overrides if not node.has_parameter(name)]
     if unknown:
         raise ValueError(
-            "; ".join(f"{name} is no parameter of {node.get_name()}{_near(name, known)}" for name in unknown)
+            "; ".join(
+                f"{name} is no parameter of {node.get_name()}{_near(name, known)}"
+                for name in unknown
+            )
         )
 
 
 def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None:
-    """Raise ValueError for parameters, in files or arguments, for a node of ours of no known name."""
+    """Raise ValueError for parameters, in files or arguments, for a node of ours of no
+    known name.
+    """
     for flag, value in itertools.pairwise(arguments):
         sections, where = [], value
         if flag == "--params-file":
@@ -40,12 +50,18 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
             sections, where = [value.partition(":")[0].rpartition("/")[2]], f"{flag} {value}"
         for name in sections:
             # A second node of a kind is called after it, such as rlcas_translator_2.
-            if name.startswith(_OURS) and not any(f"{name}_".startswith(f"{one}_") for one in known):
-                raise ValueError(f"{where} has parameters for {name}, which is no node{_near(name, known)}")
+            if name.startswith(_OURS) and not any(
+                f"{name}_".startswith(f"{one}_") for one in known
+            ):
+                raise ValueError(
+                    f"{where} has parameters for {name}, which is no node{_near(name, known)}"
+                )
 
 
 def _sections(tree: Any) -> Iterable[str]:
-    """Yield the names of the nodes that a file's sections are for; sections inside others are in a namespace."""
+    """Yield the names of the nodes that a file's sections are for; sections inside others are in a
+    namespace.
+    """
     for name, inside in tree.items() if isinstance(tree, dict) else ():
         if isinstance(inside, dict) and "ros__parameters" in inside:
             yield str(name).rpartition("/")[2]

@@ -1,8 +1,8 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Parameters of the nodes: name, default, range, unit and meaning.
 
-Numbers that follow from the aircraft are in its units: D is its separation, V its greatest speed, T its time step. A
-default that is a word is what the aircraft has of that name.
+Numbers that follow from the aircraft are in its units: D is its separation, V its greatest speed, T
+its time step. A default that is a word is what the aircraft has of that name.
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,9 @@ class Parameter(NamedTuple):
     nodes: str  # names with blanks
     name: str
     default: Any
-    """A number or a switch in the unit, or a text; a text beside a range is the aircraft's field of that name."""
+    """A number or a switch in the unit, or a text; a text beside a range is the aircraft's field of
+    that name.
+    """
     meaning: str
     low: float | None = None  # None: it is no number
     high: float | None = None
@@ -32,7 +34,9 @@ class Parameter(NamedTuple):
     @property
     def fixed(self) -> bool:
         """Whether it is read once, when the node starts."""
-        return (isinstance(self.default, str) and self.low is None) or "read at the start" in self.meaning
+        return (
+            isinstance(self.default, str) and self.low is None
+        ) or "read at the start" in self.meaning
 
     def resolved(self, aircraft: Aircraft | None, known: dict[str, float]) -> "Parameter":
         """Return the parameter in SI units; ``known`` is what the aircraft has, by name."""
@@ -41,76 +45,318 @@ class Parameter(NamedTuple):
         default = known[self.default] if isinstance(self.default, str) else self.default
         if self.unit not in _UNITS or aircraft is None:
             return self._replace(default=default)
-        size = {"D": aircraft.separation, "V": aircraft.limits.speed_max, "T": aircraft.dt}[self.unit]
+        size = {"D": aircraft.separation, "V": aircraft.limits.speed_max, "T": aircraft.dt}[
+            self.unit
+        ]
         default *= 1.0 if isinstance(self.default, str) else size
-        return self._replace(default=default, low=self.low * size, high=self.high * size, unit=_UNITS[self.unit])
+        return self._replace(
+            default=default, low=self.low * size, high=self.high * size, unit=_UNITS[self.unit]
+        )
 
 
 _ALL, _BOTH = "runner monitor simulator pilot", "runner monitor"
-_MAP, _START = "frame that headers name, x east, y north of the geo-reference; read at the start", "; read at the start"
+_MAP, _START = (
+    "frame that headers name, x east, y north of the geo-reference; read at the start",
+    "; read at the start",
+)
 
 PARAMETERS = (
-    Parameter(_ALL, "aircraft", "", "file of the aircraft, or a name that ships (uas); empty: the policy's"),
+    Parameter(
+        _ALL,
+        "aircraft",
+        "",
+        "file of the aircraft, or a name that ships (uas); empty: the policy's",
+    ),
     Parameter(_ALL, "policy_file", "", "policy file; empty: the one that ships"),
-    Parameter("runner", "policy_sha256", "", "digest that the policy must have, 64 digits; empty: any"),
-    Parameter("runner", "outside_domain", "refuse", "what is outside the policy's training: refuse or allow"),
-    Parameter(_ALL, "speed_min", "speed_min", "lowest air speed that the vehicle itself can fly", 0.0, 400.0, "m/s"),
+    Parameter(
+        "runner", "policy_sha256", "", "digest that the policy must have, 64 digits; empty: any"
+    ),
+    Parameter(
+        "runner",
+        "outside_domain",
+        "refuse",
+        "what is outside the policy's training: refuse or allow",
+    ),
+    Parameter(
+        _ALL,
+        "speed_min",
+        "speed_min",
+        "lowest air speed that the vehicle itself can fly",
+        0.0,
+        400.0,
+        "m/s",
+    ),
     Parameter(_ALL, "speed_max", "speed_max", "highest; wind narrows both", 1.0, 400.0, "m/s"),
-    Parameter(_ALL, "acceleration_min", "acceleration_min", "hardest braking", -40.0, -1e-4, "m/s^2"),
-    Parameter(_ALL, "acceleration_max", "acceleration_max", "that is there at every speed", 1e-4, 40.0, "m/s^2"),
-    Parameter(_ALL, "yaw_rate_max", "yaw_rate_max", "fastest turn that is there at every speed", 0.01, 114.0, "deg/s"),
+    Parameter(
+        _ALL, "acceleration_min", "acceleration_min", "hardest braking", -40.0, -1e-4, "m/s^2"
+    ),
+    Parameter(
+        _ALL,
+        "acceleration_max",
+        "acceleration_max",
+        "that is there at every speed",
+        1e-4,
+        40.0,
+        "m/s^2",
+    ),
+    Parameter(
+        _ALL,
+        "yaw_rate_max",
+        "yaw_rate_max",
+        "fastest turn that is there at every speed",
+        0.01,
+        114.0,
+        "deg/s",
+    ),
     Parameter(_ALL, "separation", "separation", "least distance to every intruder", 1.0, 1e6, "m"),
-    Parameter(_BOTH, "goal_radius", "goal_radius", "within which a point of the route is rejoined", 0.1, 1e6, "m"),
-    Parameter(_BOTH, "margin", 0.145, "added for what the autopilot leaves of the plan (C208B)", 0.0, 5.0, "D"),
-    Parameter(_BOTH, "sigmas", 2.0, "standard deviations of the intruders' positions added to it", 0.0, 10.0),
-    Parameter(_BOTH, "waypoints", 20, "of a plan, the last of them a point of the route; read at the start", 4, 400),
-    Parameter(_BOTH, "spacing", 20, f"from waypoint to waypoint, a multiple of 5{_START}", 5, 400, "steps"),
-    Parameter("runner", "rejoin_by", 0.0, "latest time at which the route is rejoined; 0: the plan's", 0.0, 4e4, "T"),
-    Parameter("runner", "deadline", 0.05, "computation after which the best plan so far is taken", 0.001, 60.0, "s"),
-    Parameter(_BOTH, "vertical_filter", 600.0, "vertically beyond it intruders are left out", 300.0, 5e4, "m"),
+    Parameter(
+        _BOTH,
+        "goal_radius",
+        "goal_radius",
+        "within which a point of the route is rejoined",
+        0.1,
+        1e6,
+        "m",
+    ),
+    Parameter(
+        _BOTH,
+        "margin",
+        0.145,
+        "added for what the autopilot leaves of the plan (C208B)",
+        0.0,
+        5.0,
+        "D",
+    ),
+    Parameter(
+        _BOTH,
+        "sigmas",
+        2.0,
+        "standard deviations of the intruders' positions added to it",
+        0.0,
+        10.0,
+    ),
+    Parameter(
+        _BOTH,
+        "waypoints",
+        20,
+        "of a plan, the last of them a point of the route; read at the start",
+        4,
+        400,
+    ),
+    Parameter(
+        _BOTH, "spacing", 20, f"from waypoint to waypoint, a multiple of 5{_START}", 5, 400, "steps"
+    ),
+    Parameter(
+        "runner",
+        "rejoin_by",
+        0.0,
+        "latest time at which the route is rejoined; 0: the plan's",
+        0.0,
+        4e4,
+        "T",
+    ),
+    Parameter(
+        "runner",
+        "deadline",
+        0.05,
+        "computation after which the best plan so far is taken",
+        0.001,
+        60.0,
+        "s",
+    ),
+    Parameter(
+        _BOTH,
+        "vertical_filter",
+        600.0,
+        "vertically beyond it intruders are left out",
+        300.0,
+        5e4,
+        "m",
+    ),
     Parameter("runner", "wind_max", 0.2, "strongest wind that is planned in", 0.0, 1.0, "V"),
-    Parameter(f"{_BOTH} pilot", "ownship_max_age", 1.5, "oldest state of the ownship that is used", 0.05, 10.0, "T"),
-    Parameter(_BOTH, "intruder_max_age", 5.0, "oldest state of an intruder that is planned with", 0.1, 60.0, "T"),
+    Parameter(
+        f"{_BOTH} pilot",
+        "ownship_max_age",
+        1.5,
+        "oldest state of the ownship that is used",
+        0.05,
+        10.0,
+        "T",
+    ),
+    Parameter(
+        _BOTH,
+        "intruder_max_age",
+        5.0,
+        "oldest state of an intruder that is planned with",
+        0.1,
+        60.0,
+        "T",
+    ),
     Parameter("runner", "alert_max_age", 10.0, "for how long an alert holds", 1.0, 600.0, "T"),
     Parameter("runner", "request_max_age", 1.0, "oldest request that is answered", 0.05, 60.0, "s"),
-    Parameter(_BOTH, "future_tolerance", 0.5, "by how much a stamp may lie ahead of the clock", 0.0, 0.5, "s"),
-    Parameter(_BOTH, "forget_after", 30.0, "silence after which an intruder is forgotten", 5.0, 600.0, "s"),
-    Parameter(_BOTH, "jump_distance", 500.0, "largest distance of a report from its expected place", 10.0, 1e4, "m"),
-    Parameter(_BOTH, "jump_speed", 50.0, "which grows so fast with the time between reports", 0.0, 400.0, "m/s"),
-    Parameter("runner", "extend_route", False, "whether a route that ends before the plan may be extended"),
-    Parameter("runner", "exhaustive", True, "whether slow searches go on before giving up; not for the monitor"),
-    Parameter("runner", "certificate", True, "whether SAFE plans carry what `python -m agents.check` proves; 3 ms"),
-    Parameter("runner", "route_durability", "transient_local", "of the route input: transient_local or volatile"),
+    Parameter(
+        _BOTH,
+        "future_tolerance",
+        0.5,
+        "by how much a stamp may lie ahead of the clock",
+        0.0,
+        0.5,
+        "s",
+    ),
+    Parameter(
+        _BOTH, "forget_after", 30.0, "silence after which an intruder is forgotten", 5.0, 600.0, "s"
+    ),
+    Parameter(
+        _BOTH,
+        "jump_distance",
+        500.0,
+        "largest distance of a report from its expected place",
+        10.0,
+        1e4,
+        "m",
+    ),
+    Parameter(
+        _BOTH,
+        "jump_speed",
+        50.0,
+        "which grows so fast with the time between reports",
+        0.0,
+        400.0,
+        "m/s",
+    ),
+    Parameter(
+        "runner", "extend_route", False, "whether a route that ends before the plan may be extended"
+    ),
+    Parameter(
+        "runner",
+        "exhaustive",
+        True,
+        "whether slow searches go on before giving up; not for the monitor",
+    ),
+    Parameter(
+        "runner",
+        "certificate",
+        True,
+        "whether SAFE plans carry what `python -m agents.check` proves; 3 ms",
+    ),
+    Parameter(
+        "runner",
+        "route_durability",
+        "transient_local",
+        "of the route input: transient_local or volatile",
+    ),
     Parameter("monitor", "period", 0.05, f"between two checks{_START}", 0.02, 0.09, "s"),
     Parameter("monitor", "answer_time", 3.0, "in which the runner must answer", 0.1, 10.0, "s"),
     Parameter("monitor", "replan_interval", 2.0, "least time between two requests", 0.5, 60.0, "T"),
     Parameter("monitor", "cross_track", 0.025, "largest distance from the path", 1e-3, 1.0, "D"),
-    Parameter("monitor", "along_track", 0.05, "largest distance ahead of or behind the plan", 1e-3, 1.0, "D"),
+    Parameter(
+        "monitor",
+        "along_track",
+        0.05,
+        "largest distance ahead of or behind the plan",
+        1e-3,
+        1.0,
+        "D",
+    ),
     Parameter("monitor", "time_error", 1.0, "largest delay or lead", 0.1, 60.0, "T"),
-    Parameter("monitor", "intruder_position", 0.05, "largest error of an intruder, besides 3 sigmas", 1e-3, 1.0, "D"),
-    Parameter("monitor", "intruder_velocity", 0.05, "largest error of its velocity, likewise", 1e-3, 1.0, "V"),
-    Parameter("monitor", "runner_silence", 3.0, "silence of the runner that is reported as a fault", 1.5, 60.0, "s"),
-    Parameter(f"{_BOTH} translator", "diagnostics_period", 1.0, f"of the state of health{_START}", 0.1, 60.0, "s"),
+    Parameter(
+        "monitor",
+        "intruder_position",
+        0.05,
+        "largest error of an intruder, besides 3 sigmas",
+        1e-3,
+        1.0,
+        "D",
+    ),
+    Parameter(
+        "monitor",
+        "intruder_velocity",
+        0.05,
+        "largest error of its velocity, likewise",
+        1e-3,
+        1.0,
+        "V",
+    ),
+    Parameter(
+        "monitor",
+        "runner_silence",
+        3.0,
+        "silence of the runner that is reported as a fault",
+        1.5,
+        60.0,
+        "s",
+    ),
+    Parameter(
+        f"{_BOTH} translator",
+        "diagnostics_period",
+        1.0,
+        f"of the state of health{_START}",
+        0.1,
+        60.0,
+        "s",
+    ),
     Parameter(f"{_BOTH} simulator", "map_frame", "map", _MAP),
-    Parameter("simulator", "scenario", "crossing_left", "family of encounters: a name in envs.encounters"),
+    Parameter(
+        "simulator", "scenario", "crossing_left", "family of encounters: a name in envs.encounters"
+    ),
     Parameter("simulator", "seed", 0, f"of the encounters{_START}"),
     Parameter("simulator", "encounter", 0, f"number of the first{_START}"),
     Parameter("simulator", "encounters", 1, f"how many are flown, one after the other{_START}"),
     Parameter("simulator", "vehicle", "kinematic", "kinematic, point_mass or c208 (JSBSim)"),
-    Parameter("simulator", "flightgear", "", "HOST:PORT of a FlightGear that shows the c208 in real time; empty: none"),
-    Parameter("simulator pilot", "monitor", True, f"fly what the monitor selects, else the newest plan{_START}"),
-    Parameter("simulator", "rate", 20.0, "times real time, at most, while no plan is sought", 0.1, 1_000.0),
-    Parameter("simulator", "deciding_rate", 1.0, "times real time while a plan is sought", 0.1, 1_000.0),
+    Parameter(
+        "simulator",
+        "flightgear",
+        "",
+        "HOST:PORT of a FlightGear that shows the c208 in real time; empty: none",
+    ),
+    Parameter(
+        "simulator pilot",
+        "monitor",
+        True,
+        f"fly what the monitor selects, else the newest plan{_START}",
+    ),
+    Parameter(
+        "simulator", "rate", 20.0, "times real time, at most, while no plan is sought", 0.1, 1_000.0
+    ),
+    Parameter(
+        "simulator", "deciding_rate", 1.0, "times real time while a plan is sought", 0.1, 1_000.0
+    ),
     Parameter("simulator", "longest", 300.0, "after which an encounter ends", 10.0, 900.0, "T"),
     Parameter("simulator", "origin_latitude", 47.0, "of the geo-reference", -89.0, 89.0, "deg"),
     Parameter("simulator", "origin_longitude", 8.0, "of the geo-reference", -180.0, 180.0, "deg"),
-    Parameter("simulator", "alert_distance", 2.0, "an alert is given where aircraft would pass closer", 0.0, 50.0, "D"),
-    Parameter("simulator", "ask_again", 5.0, "between requests while there is an alert and no plan", 1.0, 60.0, "s"),
+    Parameter(
+        "simulator",
+        "alert_distance",
+        2.0,
+        "an alert is given where aircraft would pass closer",
+        0.0,
+        50.0,
+        "D",
+    ),
+    Parameter(
+        "simulator",
+        "ask_again",
+        5.0,
+        "between requests while there is an alert and no plan",
+        1.0,
+        60.0,
+        "s",
+    ),
     *(
-        Parameter("simulator", f"{kind}_{name}", default, f"{meaning} of {whose}", span[0], span[1], unit)
+        Parameter(
+            "simulator", f"{kind}_{name}", default, f"{meaning} of {whose}", span[0], span[1], unit
+        )
         for kind, whose, numbers in (
-            ("own", "the ownship's reports", ((10.0, 0.5, 10.0), (0.05, 0.0, 2.0), (0.0, 0.0, 1.0))),
-            ("traffic", "each intruder's reports", ((1.0, 0.1, 10.0), (0.4, 0.0, 5.0), (0.05, 0.0, 1.0))),
+            (
+                "own",
+                "the ownship's reports",
+                ((10.0, 0.5, 10.0), (0.05, 0.0, 2.0), (0.0, 0.0, 1.0)),
+            ),
+            (
+                "traffic",
+                "each intruder's reports",
+                ((1.0, 0.1, 10.0), (0.4, 0.0, 5.0), (0.05, 0.0, 1.0)),
+            ),
         )
         for name, (default, *span), unit, meaning in (
             ("rate", numbers[0], "Hz", "rate"),
@@ -120,15 +366,40 @@ PARAMETERS = (
             ("velocity_std", (0.0, 0.0, 50.0), "m/s", "noise of the velocity, one sigma per axis,"),
         )
     ),
-    Parameter("translator", "velocity_apart", 0.2, "largest time between a fix and its velocity", 0.0, 2.0, "s"),
+    Parameter(
+        "translator",
+        "velocity_apart",
+        0.2,
+        "largest time between a fix and its velocity",
+        0.0,
+        2.0,
+        "s",
+    ),
     Parameter("translator", "own_source", "none", "none, nav_sat_fix, inspva or inspvax"),
-    Parameter("translator", "own_id", "", "the ownship's name, such as its 24-bit address in hexadecimal"),
-    Parameter("translator", "own_altitude_reference", "wgs84", "what fixes' altitudes are above: wgs84, msl, pressure"),
+    Parameter(
+        "translator", "own_id", "", "the ownship's name, such as its 24-bit address in hexadecimal"
+    ),
+    Parameter(
+        "translator",
+        "own_altitude_reference",
+        "wgs84",
+        "what fixes' altitudes are above: wgs84, msl, pressure",
+    ),
     Parameter("translator", "traffic_source", "none", "none, adsb or nav_sat_fix"),
-    Parameter("translator", "adsb", "", "live receiver: tcp://HOST:30003 or the URL of an aircraft.json; empty: none"),
+    Parameter(
+        "translator",
+        "adsb",
+        "",
+        "live receiver: tcp://HOST:30003 or the URL of an aircraft.json; empty: none",
+    ),
     Parameter("translator", "traffic_id", "", "the intruder's name, where its source is a fix"),
     *(
-        Parameter("translator", f"adsb_{kind}_reference", "", f"what {kind} ADS-B altitudes are above; empty: unknown")
+        Parameter(
+            "translator",
+            f"adsb_{kind}_reference",
+            "",
+            f"what {kind} ADS-B altitudes are above; empty: unknown",
+        )
         for kind in ("barometric", "geometric")
     ),
 )
@@ -141,14 +412,18 @@ def of(node: str) -> Iterator[Parameter]:
 
 def help_text(node: str) -> str:
     """Return a node's parameters for ``--help``; D, V and T are explained where they are used."""
-    lines = [f"  {one.name:20} {_shown(one)} {one.unit}{_range(one)}: {one.meaning}" for one in of(node)]
+    lines = [
+        f"  {one.name:20} {_shown(one)} {one.unit}{_range(one)}: {one.meaning}" for one in of(node)
+    ]
     if any(one.unit in _UNITS for one in of(node)):
         lines.append("D, V, T: separation, greatest speed and time step of the aircraft")
     return "\n".join(lines)
 
 
 def reference() -> str:
-    """Return all parameters as tables in Markdown, each once, as they stand in docs/reference/ros-parameters.md."""
+    """Return all parameters as tables in Markdown, each once, as they stand in
+    docs/reference/ros-parameters.md.
+    """
     parts: list[str] = []
     known: set[Parameter] = set()
     for node in NODES:

@@ -1,5 +1,7 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-"""A node as a process: arguments, spinning, an orderly end, and one line and exit code 2 for bad input."""
+"""A node as a process: arguments, spinning, an orderly end, and one line and exit code 2 for bad
+input.
+"""
 
 import gc
 import signal
@@ -23,9 +25,11 @@ _LOOK = 1.0  # s between two looks at whether the node has finished
 
 
 def main(make: Any, name: str, text: str | None, arguments: Sequence[str] | None = None) -> int:
-    """Run a node until it is stopped, and return the exit code; raise InputError where arguments cannot be used.
+    """Run a node until it is stopped, and return the exit code; raise InputError where arguments
+    cannot be used.
 
-    A lifecycle node is configured and activated first. A node that ends by itself has ``finished``, and then ``code``.
+    A lifecycle node is configured and activated first. A node that ends by itself has ``finished``,
+    and then ``code``.
 
     Args:
         make: class of the node; ValueError where its parameters contradict each other.
@@ -46,7 +50,9 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
     parser.add_argument(FLAG, action="store_true", help="end when standard input is closed")
     alive = issubclass(make, LifecycleNode)
     if alive:
-        parser.add_argument("--manual", action="store_true", help="wait to be configured and activated by others")
+        parser.add_argument(
+            "--manual", action="store_true", help="wait to be configured and activated by others"
+        )
     try:
         options = parser.parse_args(remove_ros_args(given)[1:])
         if options.end_with_parent:
@@ -67,9 +73,14 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
     executor.add_node(node)
     code = 0
     try:
-        steps = () if not alive or options.manual else (node.trigger_configure, node.trigger_activate)
-        if all(step() is TransitionCallbackReturn.SUCCESS for step in steps):  # the node has logged why not
-            # What is there by now stays, and is not gone through again and again in the middle of an answer.
+        steps = (
+            () if not alive or options.manual else (node.trigger_configure, node.trigger_activate)
+        )
+        if all(
+            step() is TransitionCallbackReturn.SUCCESS for step in steps
+        ):  # the node has logged why not
+            # What is there by now stays, and is not gone through again and again in the middle of
+            # an answer.
             gc.freeze()
             gc.enable()
             while rclpy.ok() and not getattr(node, "finished", False):
@@ -80,7 +91,8 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except RuntimeError:
-        # A signal between two steps of the executor ends the context under it; the error has no public class.
+        # A signal between two steps of the executor ends the context under it; the error has no
+        # public class.
         if rclpy.ok():
             raise
     finally:

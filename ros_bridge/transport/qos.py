@@ -18,7 +18,9 @@ LATCHED = QoSProfile(depth=1, reliability=_RELIABLE, durability=DurabilityPolicy
 """Of what holds until it is replaced: a late subscriber gets the last one."""
 
 CLOCK = QoSProfile(depth=1, reliability=_RELIABLE)
-"""Of /clock: the last time is the only one that counts; reliable serves subscribers that ask for less, too."""
+"""Of /clock: the last time is the only one that counts; reliable serves subscribers that ask for
+less, too.
+"""
 
 ROUTE = {"transient_local": LATCHED, "volatile": CLOCK}
 """Of the route's input, by its durability."""

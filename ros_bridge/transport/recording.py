@@ -1,9 +1,10 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """A recording of the graph as an MCAP file, which ``ros2 bag``, Foxglove and other readers open.
 
-Messages are written as they came over the wire; their definitions stand in the file, so that a reader needs nothing
-of ours. The file is whole at every moment: what is added takes the place of the end of the file, with a new end behind
-it, in one write. A recorder that is killed leaves all but its last second.
+Messages are written as they came over the wire; their definitions stand in the file, so that a
+reader needs nothing of ours. The file is whole at every moment: what is added takes the place of
+the end of the file, with a new end behind it, in one write. A recorder that is killed leaves all
+but its last second.
 """
 
 import itertools
@@ -28,7 +29,9 @@ __all__ = ["GrowingFile", "Recorder", "RecordingError", "definition"]
 
 _SETTLE = 1.0  # s of real time at most until a message is in the file
 _END = struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQQQI", 0x02, 20, 0, 0, 0) + b"\x89MCAP0\r\n"
-"""Records DataEnd and Footer, without a summary, and the magic number: how an MCAP file ends at the least."""
+"""Records DataEnd and Footer, without a summary, and the magic number: how an MCAP file ends at the
+least.
+"""
 
 _GAP = 1_000_000_000  # ns between two encounters, whose clocks begin anew
 
@@ -38,7 +41,9 @@ class RecordingError(ValueError):
 
 
 class GrowingFile:
-    """A new file that ends as an MCAP file must after each :meth:`flush`; what comes in between waits in memory."""
+    """A new file that ends as an MCAP file must after each :meth:`flush`; what comes in between
+    waits in memory.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -56,12 +61,16 @@ class GrowingFile:
         return len(data)
 
     def flush(self) -> None:
-        """Write what waits, and an end, or raise OSError; the file then ends where it ended before."""
+        """Write what waits, and an end, or raise OSError; the file then ends where it ended
+        before.
+        """
         if self._waiting:
             self._put(b"".join(self._waiting), _END)
 
     def close(self, *, finished: bool) -> None:
-        """Close the file; what waits is written first, with an end of its own, if the writer has finished."""
+        """Close the file; what waits is written first, with an end of its own, if the writer has
+        finished.
+        """
         try:
             if finished:
                 self._put(b"".join(self._waiting), b"")
@@ -87,19 +96,25 @@ class GrowingFile:
 
 
 class Recorder:
-    """Records what a node hears until it is closed; :class:`RecordingError` or OSError where it cannot.
+    """Records what a node hears until it is closed; :class:`RecordingError` or OSError where it
+    cannot.
 
     Args:
         node: that subscribes.
         path: of the file, which must not exist yet.
-        now: the time to be written beside each message, ns; where it steps back the recording goes on a second later.
+        now: the time to be written beside each message, ns; where it steps back the recording goes
+            on a second later.
     """
 
     def __init__(self, node: Node, path: Path, now: Callable[[], int]) -> None:
         try:
             self._file = GrowingFile(path)
         except OSError as error:
-            what = "exists already" if isinstance(error, FileExistsError) else f"cannot be written: {error.strerror}"
+            what = (
+                "exists already"
+                if isinstance(error, FileExistsError)
+                else f"cannot be written: {error.strerror}"
+            )
             raise RecordingError(f"{path} {what}") from error
         self.path = path  # of the file; another one once the recording has failed
         self._writer: Writer | None = Writer(cast(Any, self._file))  # it writes, tells and flushes
@@ -113,8 +128,12 @@ class Recorder:
             for topic in topics.EVERY:
                 name = f"{topic.kind.__module__.split('.')[0]}/msg/{topic.kind.__name__}"
                 if name not in schemas:
-                    schemas[name] = writer.register_schema(name, "ros2msg", definition(name).encode())
-                channel = writer.register_channel(node.resolve_topic_name(topic.name), "cdr", schemas[name])
+                    schemas[name] = writer.register_schema(
+                        name, "ros2msg", definition(name).encode()
+                    )
+                channel = writer.register_channel(
+                    node.resolve_topic_name(topic.name), "cdr", schemas[name]
+                )
                 channels.append((topic, channel))
             writer.flush()
         for topic, channel in channels:
@@ -130,7 +149,9 @@ class Recorder:
         self._latest = now
         number = self._counts[channel]
         self._counts[channel] += 1
-        self._writer.add_message(channel, log_time=now, publish_time=now, sequence=number, data=bytes(data))
+        self._writer.add_message(
+            channel, log_time=now, publish_time=now, sequence=number, data=bytes(data)
+        )
         if time.monotonic() - self._settled > _SETTLE:
             self._settled = time.monotonic()
             with self._guarded() as writer:
@@ -146,7 +167,9 @@ class Recorder:
 
     @contextmanager
     def _guarded(self) -> Generator[Writer]:
-        """End the recording where it cannot be written: it keeps what it holds, under a name that says so."""
+        """End the recording where it cannot be written: it keeps what it holds, under a name that
+        says so.
+        """
         assert self._writer is not None
         try:
             yield self._writer
@@ -156,13 +179,20 @@ class Recorder:
             if self.path.stat().st_size == 0:
                 self.path.unlink()
                 raise
-            names = (f"{self.path.stem}.partial{number or ''}{self.path.suffix}" for number in itertools.count())
-            self.path = self.path.replace(next(one for one in map(self.path.with_name, names) if not one.exists()))
+            names = (
+                f"{self.path.stem}.partial{number or ''}{self.path.suffix}"
+                for number in itertools.count()
+            )
+            self.path = self.path.replace(
+                next(one for one in map(self.path.with_name, names) if not one.exists())
+            )
             raise
 
 
 def definition(name: str) -> str:
-    """Return the definition of a message (``std_msgs/msg/Header``) and its parts, or raise :class:`RecordingError`."""
+    """Return the definition of a message (``std_msgs/msg/Header``) and its parts, or raise
+    :class:`RecordingError`.
+    """
     texts: dict[str, str] = {}
     waiting = [name]
     while waiting:
@@ -174,12 +204,17 @@ def definition(name: str) -> str:
         texts[one] = file.read_text(encoding="utf-8")
         types = [field.type for field in parse_message_file(package, str(file)).fields]
         waiting += [f"{part.pkg_name}/msg/{part.type}" for part in types if part.pkg_name]
-    rest = (f"MSG: {one.replace('/msg/', '/')}\n{text}" for one, text in texts.items() if one != name)
+    rest = (
+        f"MSG: {one.replace('/msg/', '/')}\n{text}" for one, text in texts.items() if one != name
+    )
     return f"\n{'=' * 80}\n".join([texts[name], *rest])
 
 
 def _file(package: str, folder: str, kind: str) -> Path:
-    prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
+    prefixes = [
+        sys.prefix,
+        *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)),
+    ]
     for prefix in prefixes:
         file = Path(prefix) / "share" / package / folder / f"{kind}.msg"
         if file.is_file():

@@ -20,15 +20,19 @@ from ros_bridge.transport.overrides import refuse_unknown_parameters
 from ros_bridge.transport.parameters import Parameter, of
 
 _SAME = ("rejoin_by", "waypoints", "spacing", "extend_route", "vertical_filter", "exhaustive")
-_OPTIONS = {"max_age": "intruder_max_age", "deadline_s": "deadline"} | {name: name for name in _SAME}
+_OPTIONS = {"max_age": "intruder_max_age", "deadline_s": "deadline"} | {
+    name: name for name in _SAME
+}
 _RENAMED = _OPTIONS | {"aircraft.goal_radius": "goal_radius"}
 """Parameters by the names that the planner's options have."""
 
 
 def declare(node: Any, kind: str) -> Aircraft | None:
-    """Declare the parameters of a kind of nodes, and return the aircraft that they name; None where there is none.
+    """Declare the parameters of a kind of nodes, and return the aircraft that they name; None where
+    there is none.
 
-    A value out of its range, NaN too, is refused by ROS; one for a parameter that there is not, by ValueError.
+    A value out of its range, NaN too, is refused by ROS; one for a parameter that there is not, by
+    ValueError.
     """
     mine, aircraft = list(of(kind)), None
     if mine[0].name == "aircraft":
@@ -54,11 +58,15 @@ def resolved(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
 
 
 def _descriptor(one: Parameter) -> ParameterDescriptor:
-    made = ParameterDescriptor(description=f"{one.meaning}{', ' * bool(one.unit)}{one.unit}", read_only=one.fixed)
+    made = ParameterDescriptor(
+        description=f"{one.meaning}{', ' * bool(one.unit)}{one.unit}", read_only=one.fixed
+    )
     if one.low is not None and one.high is not None and isinstance(one.default, int):
         made.integer_range = [IntegerRange(from_value=int(one.low), to_value=int(one.high), step=1)]
     elif one.low is not None and one.high is not None:
-        made.floating_point_range = [FloatingPointRange(from_value=float(one.low), to_value=float(one.high))]
+        made.floating_point_range = [
+            FloatingPointRange(from_value=float(one.low), to_value=float(one.high))
+        ]
     return made
 
 
@@ -79,7 +87,8 @@ def aircraft_text(options: Options) -> str:
 
 
 def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options:
-    """Return how plans are made for an aircraft, by the values of parameters (None for one that it has not).
+    """Return how plans are made for an aircraft, by the values of parameters (None for one that it
+    has not).
 
     Raises:
         ValueError: the values contradict each other; the message begins with a parameter's name.
@@ -87,16 +96,24 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
     legs = limits_of(value)
     given = {name: value(parameter) for name, parameter in _OPTIONS.items()}
     # A false "rejoin_by" or what a node does not have leaves the usual value.
-    given = {name: one for name, one in given.items() if one is not None and (name != "rejoin_by" or one)}
+    given = {
+        name: one for name, one in given.items() if one is not None and (name != "rejoin_by" or one)
+    }
     given["requirement"] = Requirement(value("separation"), value("margin"), value("sigmas"))
     if not 0.0 < value("goal_radius") <= value("separation"):
         raise ValueError(
-            f"goal_radius is {value('goal_radius'):g} m, expected at most the separation, {value('separation'):g} m"
+            f"goal_radius is {value('goal_radius'):g} m, expected at most the separation, "
+            f"{value('separation'):g} m"
         )
     if legs.speed_min >= legs.speed_max:
-        raise ValueError(f"speed_min is {legs.speed_min:g} m/s, expected less than speed_max, {legs.speed_max:g} m/s")
+        raise ValueError(
+            f"speed_min is {legs.speed_min:g} m/s, expected less than speed_max, "
+            f"{legs.speed_max:g} m/s"
+        )
     try:
-        options = Options.for_aircraft(aircraft._replace(goal_radius=value("goal_radius")), legs, **given)
+        options = Options.for_aircraft(
+            aircraft._replace(goal_radius=value("goal_radius")), legs, **given
+        )
         check(options)
     except RequestError as problem:
         text = str(problem).removeprefix("options.")
@@ -110,10 +127,19 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
 
 
 def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settings:
-    """Return how old inputs may be, and how plans are made; arguments as :func:`planning_options` has them."""
+    """Return how old inputs may be, and how plans are made; arguments as :func:`planning_options`
+    has them.
+    """
     options = planning_options(value, aircraft)
     usual = Thresholds.for_plans(options)
-    names = ("ownship_max_age", "intruder_max_age", "alert_max_age", "request_max_age", "future_tolerance", "wind_max")
+    names = (
+        "ownship_max_age",
+        "intruder_max_age",
+        "alert_max_age",
+        "request_max_age",
+        "future_tolerance",
+        "wind_max",
+    )
     turns = usual.turn_time, (usual.turn_rate_min, usual.turn_rate_max)
     return Settings(options, *turns, **{name: value(name) for name in names})
 

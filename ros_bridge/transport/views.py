@@ -33,7 +33,9 @@ def path(plan: Plan, task: Task, frame: str) -> Path:
             header=header(task.time + round(point.time * SECOND), frame),
             pose=Pose(
                 position=Point(x=float(point.x), y=float(point.y)),
-                orientation=Quaternion(z=math.sin(0.5 * point.heading), w=math.cos(0.5 * point.heading)),
+                orientation=Quaternion(
+                    z=math.sin(0.5 * point.heading), w=math.cos(0.5 * point.heading)
+                ),
             ),
         )
         for point in (start, *plan.waypoints)
@@ -42,35 +44,58 @@ def path(plan: Plan, task: Task, frame: str) -> Path:
 
 
 def markers(plan: Plan, task: Task, frame: str) -> MarkerArray:
-    """Return the line of flight, the waypoints with their indices, and the intruders with the distance to keep."""
+    """Return the line of flight, the waypoints with their indices, and the intruders with the
+    distance to keep.
+    """
     stamp = header(task.time, frame)
     result = [Marker(header=stamp, action=Marker.DELETEALL)]
 
     def add(name: str, kind: int, colour: ColorRGBA, size: float, **more: Any) -> Marker:
         number = sum(marker.ns == name for marker in result)
         scale = Vector3(x=size, y=size, z=size)
-        result.append(Marker(header=stamp, ns=name, id=number, type=kind, color=colour, scale=scale, **more))
+        result.append(
+            Marker(header=stamp, ns=name, id=number, type=kind, color=colour, scale=scale, **more)
+        )
         return result[-1]
 
     colour, unit = _colour(_SAFE if plan.safe else _UNSAFE), 0.25 * task.options.aircraft.separation
     if plan.waypoints:
-        add("plan", Marker.LINE_STRIP, colour, 0.16 * unit, points=[Point(x=x, y=y) for x, y in _line(plan, task)])
+        add(
+            "plan",
+            Marker.LINE_STRIP,
+            colour,
+            0.16 * unit,
+            points=[Point(x=x, y=y) for x, y in _line(plan, task)],
+        )
         dots = [Point(x=float(point.x), y=float(point.y)) for point in plan.waypoints]
         add("waypoints", Marker.SPHERE_LIST, colour, 0.6 * unit, points=dots)
         for point in plan.waypoints:
-            add("indices", _TEXT, colour, unit, text=str(point.index), pose=_pose(point.x, point.y, z=unit))
+            add(
+                "indices",
+                _TEXT,
+                colour,
+                unit,
+                text=str(point.index),
+                pose=_pose(point.x, point.y, z=unit),
+            )
     for name, intruder in zip(task.identifiers, task.intruders, strict=True):
         now = advanced(*reported([intruder])).state
         place = float(now.x[0, 0]), float(now.y[0, 0])
         keep = 2.0 * task.options.requirement.separation
-        add("traffic", Marker.CYLINDER, _colour(_TRAFFIC, 0.35), keep, pose=_pose(*place)).scale.z = 1.0
+        add(
+            "traffic", Marker.CYLINDER, _colour(_TRAFFIC, 0.35), keep, pose=_pose(*place)
+        ).scale.z = 1.0
         add("names", _TEXT, _colour(_TRAFFIC), unit, text=name, pose=_pose(*place, z=unit))
     return MarkerArray(markers=result)
 
 
-def diagnostics(node: Any, level: bytes, message: str, values: Mapping[str, str]) -> DiagnosticArray:
+def diagnostics(
+    node: Any, level: bytes, message: str, values: Mapping[str, str]
+) -> DiagnosticArray:
     """Return a node's state of health."""
-    status = DiagnosticStatus(level=level, name=node.get_fully_qualified_name(), message=message, hardware_id="rlcas")
+    status = DiagnosticStatus(
+        level=level, name=node.get_fully_qualified_name(), message=message, hardware_id="rlcas"
+    )
     status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
     return DiagnosticArray(header=header(node.get_clock().now().nanoseconds, ""), status=[status])
 

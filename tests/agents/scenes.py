@@ -1,4 +1,6 @@
-"""Scenes of the tests of monitor and resolvability: a plan east with reports, and encounters near the limits."""
+"""Scenes of the tests of monitor and resolvability: a plan east with reports, and encounters near
+the limits.
+"""
 
 import math
 from typing import Any
@@ -38,17 +40,27 @@ def on_plan(time: float, count: int = 1, left: float = 0.0, ahead: float = 0.0) 
     return VehicleState(zero + SPEED * time + ahead, zero + left, zero, zero + SPEED)
 
 
-def other(x: float, y: float, heading: float = 0.0, speed: float = SPEED, count: int = 1) -> VehicleState:
+def other(
+    x: float, y: float, heading: float = 0.0, speed: float = SPEED, count: int = 1
+) -> VehicleState:
     """Return one intruder a row, ``[count, 1]``."""
     return VehicleState(*(np.full((count, 1), value) for value in (x, y, heading, speed)))
 
 
 def flying(intruder: VehicleState | None = None, count: int = 1) -> Monitor:
-    """Return monitors whose straight plan was made at 0 s with an intruder on a parallel course far away."""
+    """Return monitors whose straight plan was made at 0 s with an intruder on a parallel course far
+    away.
+    """
     seen = other(*FAR, count=count) if intruder is None else intruder
     monitor = assurance.start(count, 1, THRESHOLDS)
     return assurance.activate(
-        monitor, np.arange(count), straight(count=count), np.ones(count, bool), 0.0, Traffic.straight(seen), THRESHOLDS
+        monitor,
+        np.arange(count),
+        straight(count=count),
+        np.ones(count, bool),
+        0.0,
+        Traffic.straight(seen),
+        THRESHOLDS,
     )
 
 
@@ -57,19 +69,29 @@ def far(time: float, count: int = 1) -> VehicleState:
 
 
 def tell(
-    monitor: Monitor, time: float, own: VehicleState | None = None, seen: VehicleState | None = None, **more: Any
+    monitor: Monitor,
+    time: float,
+    own: VehicleState | None = None,
+    seen: VehicleState | None = None,
+    **more: Any,
 ) -> tuple[Monitor, Decision]:
-    """Step with a report of the ownship on its plan and of the far intruder, unless others are given."""
+    """Step with a report of the ownship on its plan and of the far intruder, unless others are
+    given.
+    """
     count = monitor.state.size
     own = on_plan(time, count) if own is None else own
     seen = far(time, count) if seen is None else seen
     return assurance.step(monitor, assurance.inputs(time, own, seen, **more), THRESHOLDS)
 
 
-def reply(monitor: Monitor, decision: Decision, *, safe: bool, knots: Knots | None = None) -> tuple[Monitor, Any]:
+def reply(
+    monitor: Monitor, decision: Decision, *, safe: bool, knots: Knots | None = None
+) -> tuple[Monitor, Any]:
     rows = np.flatnonzero(decision.replan)
     given = straight(float(monitor.memory.time[0]), rows.size) if knots is None else knots
-    return assurance.answer(monitor, rows, decision.number[rows], given, np.full(rows.size, safe), THRESHOLDS)
+    return assurance.answer(
+        monitor, rows, decision.number[rows], given, np.full(rows.size, safe), THRESHOLDS
+    )
 
 
 def state_of(monitor: Monitor) -> State:
@@ -80,18 +102,27 @@ def causes_of(monitor: Monitor) -> Cause:
     return Cause(int(monitor.causes[0]))
 
 
-# Encounters near the limits of what can be resolved, and an integration of witnesses that shares nothing with them.
+# Encounters near the limits of what can be resolved, and an integration of witnesses that shares
+# nothing with them.
 
 CLOSE = scenario("circle", PAPER, radius=(1_000.0, 4_000.0), min_initial_separation=0.0)
 """Half of these starts are in trouble, a quarter beyond help."""
-CROWDED = scenario("multi", PAPER, intruders=(2, 4), radius=(1_500.0, 4_000.0), min_initial_separation=1_000.0)
-"""A fifth of these starts are beyond help, most of them because the ways past one intruder lead into another."""
+CROWDED = scenario(
+    "multi", PAPER, intruders=(2, 4), radius=(1_500.0, 4_000.0), min_initial_separation=1_000.0
+)
+"""A fifth of these starts are beyond help, most of them because the ways past one intruder lead
+into another.
+"""
 INTERVAL = STRIDE * STEP
 """Between test times, s."""
 
 
-def duel(ahead: Any, course: Any = math.pi, speed: float = 75.0, intruder_speed: float = 75.0) -> Encounter:
-    """Return encounters ``[N]`` with an intruder some way straight ahead on a course; the goal lies at 15 km."""
+def duel(
+    ahead: Any, course: Any = math.pi, speed: float = 75.0, intruder_speed: float = 75.0
+) -> Encounter:
+    """Return encounters ``[N]`` with an intruder some way straight ahead on a course; the goal lies
+    at 15 km.
+    """
     ahead, course = np.broadcast_arrays(np.atleast_1d(ahead).astype(float), course)
     zero, column = np.zeros(ahead.size), np.zeros((ahead.size, 1))
     return Encounter(
@@ -115,11 +146,14 @@ def reflected(encounter: Encounter) -> Encounter:
     )
 
 
-def fine_positions(states: VehicleState, parts: int, limits: Limits | None) -> tuple[np.ndarray, np.ndarray]:
-    """Integrate a flight anew from its first state alone, by the midpoint rule at 1 / ``parts`` s, ``[T parts, ...]``.
+def fine_positions(
+    states: VehicleState, parts: int, limits: Limits | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Integrate a flight anew from its first state alone, by the midpoint rule at 1 / ``parts`` s,
+    ``[T parts, ...]``.
 
-    The turn rate is read off the recorded headings; the acceleration off the speeds, held until a speed limit stops it.
-    """
+    The turn rate is read off the recorded headings; the acceleration off the speeds, held until a
+    speed limit stops it."""
     x, y, heading, speed = (np.array(field[0], np.float64) for field in states)
     dt = 1.0 / parts
     xs, ys = [x], [y]
@@ -127,12 +161,16 @@ def fine_positions(states: VehicleState, parts: int, limits: Limits | None) -> t
         rate = np.angle(np.exp(1j * (states.heading[index + 1] - states.heading[index])))
         gain = states.speed[index + 1] - states.speed[index]
         if limits is not None:
-            at_limit = np.isin(states.speed[index + 1], (limits.speed_min, limits.speed_max)) & (np.abs(gain) > 1e-9)
+            at_limit = np.isin(states.speed[index + 1], (limits.speed_min, limits.speed_max)) & (
+                np.abs(gain) > 1e-9
+            )
             gain = np.where(at_limit, np.sign(gain) * limits.acceleration_max, gain)
         for _ in range(parts):
             middle = heading + 0.5 * dt * rate
             faster = speed + dt * gain
-            faster = faster if limits is None else np.clip(faster, limits.speed_min, limits.speed_max)
+            faster = (
+                faster if limits is None else np.clip(faster, limits.speed_min, limits.speed_max)
+            )
             x = x + dt * 0.5 * (speed + faster) * np.cos(middle)
             y = y + dt * 0.5 * (speed + faster) * np.sin(middle)
             heading, speed = heading + dt * rate, faster
@@ -142,7 +180,9 @@ def fine_positions(states: VehicleState, parts: int, limits: Limits | None) -> t
 
 
 def check_witness(encounter: Encounter, flown: Replay) -> None:
-    """Assert that a replay is a success by an integration of its own, at 0.05 s, within the limits."""
+    """Assert that a replay is a success by an integration of its own, at 0.05 s, within the
+    limits.
+    """
     parts = 20
     x, y = fine_positions(flown.own, parts, SURROGATE)
     others_x, others_y = fine_positions(flown.intruders, parts, None)

@@ -1,4 +1,6 @@
-"""The certificate of a plan proves it to a checker that knows nothing of the planner; an edited one is refused."""
+"""The certificate of a plan proves it to a checker that knows nothing of the planner; an edited one
+is refused.
+"""
 
 import ast
 import cmath
@@ -79,7 +81,9 @@ def test_safe_plan_is_accepted_within_a_second(data: dict[str, Any]) -> None:
         (("limits", "acceleration_max"), -0.7),
     ],
 )
-def test_an_edit_that_matters_is_refused(data: dict[str, Any], path: tuple[Any, ...], change: float) -> None:
+def test_an_edit_that_matters_is_refused(
+    data: dict[str, Any], path: tuple[Any, ...], change: float
+) -> None:
     edited = copy.deepcopy(data)
     place = edited
     for key in path[:-1]:
@@ -96,8 +100,11 @@ def test_a_requirement_above_the_least_distance_is_refused(data: dict[str, Any],
 
 
 @pytest.mark.parametrize(("field", "change"), [(0, 20.0), (1, 1.0), (2, 0.01), (3, 1.0), (4, 0.5)])
-def test_an_intruder_reported_nearer_is_refused(data: dict[str, Any], field: int, change: float) -> None:
-    # The bound is exact: of more and less one leads nearer than it, on whichever side the plan passes.
+def test_an_intruder_reported_nearer_is_refused(
+    data: dict[str, Any], field: int, change: float
+) -> None:
+    # The bound is exact: of more and less one leads nearer than it, on whichever side the plan
+    # passes.
     edited = [copy.deepcopy(data), copy.deepcopy(data)]
     for one, sign in zip(edited, (1.0, -1.0), strict=True):
         one["intruders"][0][field] += sign * change
@@ -148,12 +155,16 @@ def test_intruder_on_the_plan_is_refused(data: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(("far", "passes"), [(900.0, False), (1_100.0, True)])
-def test_fast_intruder_that_crosses_between_waypoints(data: dict[str, Any], far: float, passes: bool) -> None:
+def test_fast_intruder_that_crosses_between_waypoints(
+    data: dict[str, Any], far: float, passes: bool
+) -> None:
     x, y, heading, speed, at = data["waypoints"][8]
     place = complex(x, y) + (far - 10.0 * speed) * cmath.exp(1j * heading)
     begin = place - 390.0 * (at - 10.0) * cmath.exp(1j * (heading + 0.5 * math.pi))
     edited = copy.deepcopy(data)
-    edited["intruders"].append([begin.real, begin.imag, heading + 0.5 * math.pi, 390.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    edited["intruders"].append(
+        [begin.real, begin.imag, heading + 0.5 * math.pi, 390.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    )
     edited["bounds"].append(1_000.0)
     if passes:
         assert check.accept(edited) == 1_000.0
@@ -173,7 +184,9 @@ def test_checker_refuses_what_sampling_finds_wrong(data: dict[str, Any]) -> None
 
 def test_what_is_accepted_with_an_edited_byte_is_still_right(data: dict[str, Any]) -> None:
     rng, text = np.random.default_rng(8), json.dumps(data)
-    digits = [place for place, character in enumerate(text) if character.isdigit() or character in "-.,e"]
+    digits = [
+        place for place, character in enumerate(text) if character.isdigit() or character in "-.,e"
+    ]
     accepted = []
     for place in rng.choice(digits, 50, replace=False).tolist():
         byte = "0123456789-.,e"[int(rng.integers(14))]
@@ -191,7 +204,11 @@ def test_controls_are_the_legs() -> None:
     rng = np.random.default_rng(5)
     for _ in range(20):
         row = rng.uniform([0.0, 0.0, -3.0, 60.0, 0.0], [1e5, 1e5, 3.0, 100.0, 300.0])
-        after = [*(row[:2] + 20.0 * row[3] * np.array([np.cos(row[2]), np.sin(row[2])])), row[2] + 0.3, row[3] + 1.0]
+        after = [
+            *(row[:2] + 20.0 * row[3] * np.array([np.cos(row[2]), np.sin(row[2])])),
+            row[2] + 0.3,
+            row[3] + 1.0,
+        ]
         knots = np.array([row, [*after, row[4] + 20.0]])
         curve = waypoints.legs(waypoints.Knots(*knots.T))
         expected = np.concatenate([curve.yaw_rate[0], curve.acceleration[0]])
@@ -199,7 +216,9 @@ def test_controls_are_the_legs() -> None:
 
 
 @pytest.mark.parametrize("start", [-0.8923062638605757, -1.0292885300099641, 0.0])
-@pytest.mark.parametrize("turn", [math.pi, math.nextafter(math.pi, 0.0), -math.pi, math.nextafter(-math.pi, -4.0)])
+@pytest.mark.parametrize(
+    "turn", [math.pi, math.nextafter(math.pi, 0.0), -math.pi, math.nextafter(-math.pi, -4.0)]
+)
 def test_half_circles_turn_the_same_way_in_checker_and_legs(start: float, turn: float) -> None:
     rows = [[1_960.0, -2_483.0, start, 92.0, 0.0], [1_128.0, -3_207.0, start + turn, 81.0, 20.0]]
     curve = waypoints.legs(waypoints.Knots(*np.array(rows).T))
@@ -236,13 +255,32 @@ def test_checker_stands_alone_and_is_short() -> None:
     source = Path(check.__file__).read_text(encoding="utf-8")
     tree = ast.parse(source)
     names = {
-        alias.name.split(".")[0] for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
-    } | {(node.module or "").split(".")[0] for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        alias.name.split(".")[0]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import)
+        for alias in node.names
+    } | {
+        (node.module or "").split(".")[0]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+    }
     assert names <= set(sys.stdlib_module_names)
-    documented = [node for node in ast.walk(tree) if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef))]
+    documented = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef))
+    ]
     notes = [node.body[0] for node in documented if ast.get_docstring(node)]
-    words = {number for note in notes for number in range(note.lineno, (note.end_lineno or note.lineno) + 1)}
-    code = [line for number, line in enumerate(source.splitlines(), 1) if line.strip() and number not in words]
+    words = {
+        number
+        for note in notes
+        for number in range(note.lineno, (note.end_lineno or note.lineno) + 1)
+    }
+    code = [
+        line
+        for number, line in enumerate(source.splitlines(), 1)
+        if line.strip() and number not in words
+    ]
     assert len(code) <= 200
 
 
@@ -255,8 +293,17 @@ def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> Non
     alone = tmp_path / "check.py"
     alone.write_text(Path(check.__file__).read_text(encoding="utf-8"), encoding="utf-8")
     os.mkfifo(pipe := tmp_path / "pipe")
-    for arguments, status in (([good], 0), ([bad], 1), ([torn], 2), ([pipe], 2), ([tmp_path / "none"], 2), ([], 2)):
-        done = subprocess.run([sys.executable, "-I", alone, *arguments], capture_output=True, text=True, check=False)
+    for arguments, status in (
+        ([good], 0),
+        ([bad], 1),
+        ([torn], 2),
+        ([pipe], 2),
+        ([tmp_path / "none"], 2),
+        ([], 2),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-I", alone, *arguments], capture_output=True, text=True, check=False
+        )
         assert done.returncode == status, done.stderr
         assert "Traceback" not in done.stderr
         assert (done.stdout.count("\n") == 1) == (status == 0)

@@ -81,7 +81,9 @@ def test_whole_numbers_may_be_written_as_people_write_them(written: str):
 
 
 def test_lists_become_tuples_with_converted_items():
-    config = load(Outer, overrides=["inner.hidden=[1, 2e1]", "inner.pair=[1, 2.5]", "path=a/b.yaml"])
+    config = load(
+        Outer, overrides=["inner.hidden=[1, 2e1]", "inner.pair=[1, 2.5]", "path=a/b.yaml"]
+    )
     assert config.inner.hidden == (1, 20)
     assert config.inner.pair == (1.0, 2.5)
     assert config.path == Path("a/b.yaml")
@@ -97,37 +99,67 @@ def test_a_text_is_taken_as_it_is_written(name: str):
     ("override", "sentence"),
     [
         ("inner.rat=1", "--set: inner.rat is unknown (its value is 1); did you mean inner.rate?"),
-        ("quux=1", "--set: quux is unknown (its value is 1); expected one of name, path, inner, items"),
-        ("quux.a=1", "--set: quux is unknown (its value is {a: 1}); expected one of name, path, inner, items"),
+        (
+            "quux=1",
+            "--set: quux is unknown (its value is 1); expected one of name, path, inner, items",
+        ),
+        (
+            "quux.a=1",
+            "--set: quux is unknown (its value is {a: 1}); expected one of name, path, inner, "
+            "items",
+        ),
         ("inner.rate=2", "--set: inner.rate is 2; expected a number above 0 and at most 1"),
         ("inner.rate=fast", "--set: inner.rate is 'fast'; expected a number above 0 and at most 1"),
-        ("inner.rate='3e-4'", "--set: inner.rate is '3e-4'; expected a number above 0 and at most 1"),
+        (
+            "inner.rate='3e-4'",
+            "--set: inner.rate is '3e-4'; expected a number above 0 and at most 1",
+        ),
         ("inner.rate=true", "--set: inner.rate is true; expected a number above 0 and at most 1"),
         ("inner.rate=.nan", "--set: inner.rate is nan; expected a number above 0 and at most 1"),
         ("inner.rate=", "--set: inner.rate is null; expected a number above 0 and at most 1"),
         ("inner.count=1.5", "--set: inner.count is 1.5; expected a whole number at least 1"),
         ("inner.count=13", "--set: inner.count is 13; expected a lucky number"),
-        ("inner.kind=cpo", "--set: inner.kind is 'cpo'; expected one of cpa, none; did you mean cpa?"),
+        (
+            "inner.kind=cpo",
+            "--set: inner.kind is 'cpo'; expected one of cpa, none; did you mean cpa?",
+        ),
         ("inner.kind=7", "--set: inner.kind is 7; expected one of cpa, none"),
         ("inner.flag=yes", "--set: inner.flag is 'yes'; expected true or false"),
-        ("inner.hidden=3", "--set: inner.hidden is 3; expected a list (a whole number at least 1 each)"),
+        (
+            "inner.hidden=3",
+            "--set: inner.hidden is 3; expected a list (a whole number at least 1 each)",
+        ),
         (
             "inner.hidden=[0]",
-            "--set: inner.hidden.0 is 0; expected inner.hidden to be a list (a whole number at least 1 each)",
+            "--set: inner.hidden.0 is 0; expected inner.hidden to be a list (a whole number at "
+            "least 1 each)",
         ),
-        ("inner.pair=[1]", "--set: inner.pair.1 is missing; expected a list of 2 values (a number each) or null"),
+        (
+            "inner.pair=[1]",
+            "--set: inner.pair.1 is missing; expected a list of 2 values (a number each) or null",
+        ),
         ("inner=3", "--set: inner is 3; expected a group of keys"),
         ("inner.rate.x=3", "--set inner.rate.x=3: inner.rate is 0.0007 and has no key 'x'"),
-        ("items=[]", "--set: items is []; expected a list (a group of keys each), at least 1 of them"),
+        (
+            "items=[]",
+            "--set: items is []; expected a list (a group of keys each), at least 1 of them",
+        ),
         ("items=[{weight: 1}]", "--set: items.0.name is missing; expected a text"),
-        ("items.0.wight=1", "--set: items.0.wight is unknown (its value is 1); did you mean items.0.weight?"),
-        ("items.1.weight=2", "--set items.1.weight=2: '1' is no item of a list of 1; expected 0, 1, ..."),
+        (
+            "items.0.wight=1",
+            "--set: items.0.wight is unknown (its value is 1); did you mean items.0.weight?",
+        ),
+        (
+            "items.1.weight=2",
+            "--set items.1.weight=2: '1' is no item of a list of 1; expected 0, 1, ...",
+        ),
         ("items.x=2", "--set items.x=2: 'x' is no item of a list of 1; expected 0, 1, ..."),
         ("name", "--set name: expected KEY=VALUE, such as --set name=x"),
         ("inner..rate=1", "--set inner..rate=1: expected KEY=VALUE, such as --set name=x"),
         (
             "inner.rate={a: b: c",
-            "--set inner.rate: '{a: b: c': line 1: not valid YAML (expected ',' or '}', but got ':')",
+            "--set inner.rate: '{a: b: c': line 1: not valid YAML (expected ',' or '}', but got "
+            "':')",
         ),
     ],
 )
@@ -141,7 +173,10 @@ def test_a_bad_override_is_refused_in_one_sentence(override: str, sentence: str)
     ("content", "sentence"),
     [
         ("inner: {rate: 2}", "inner.rate is 2; expected a number above 0 and at most 1"),
-        ("inner: {rate: 2, count: 0}", "inner.rate is 2; expected a number above 0 and at most 1 (and 1 more)"),
+        (
+            "inner: {rate: 2, count: 0}",
+            "inner.rate is 2; expected a number above 0 and at most 1 (and 1 more)",
+        ),
         (
             "inner: {count: 0, cont: 1}",
             "inner.cont is unknown (its value is 1); did you mean inner.count? (and 1 more)",
@@ -151,7 +186,10 @@ def test_a_bad_override_is_refused_in_one_sentence(override: str, sentence: str)
         ("name: a\nname: b", "line 2: key name stands twice"),
         ("1: a", "line 1: key 1 is no text"),
         ("a: [", "line 1: not valid YAML (expected the node content, but found '<stream end>')"),
-        ("a: !!python/object:os.system x", "line 1: not valid YAML (could not determine a constructor for the tag"),
+        (
+            "a: !!python/object:os.system x",
+            "line 1: not valid YAML (could not determine a constructor for the tag",
+        ),
     ],
 )
 def test_a_bad_file_is_refused_by_its_name(tmp_path: Path, content: str, sentence: str):
@@ -210,12 +248,16 @@ configs = st.builds(
         pair=st.none() | st.tuples(numbers, st.floats(allow_nan=False, allow_infinity=False)),
         flag=st.booleans(),
     ),
-    items=st.lists(st.builds(Item, name=printable, weight=numbers), min_size=1, max_size=3).map(tuple),
+    items=st.lists(st.builds(Item, name=printable, weight=numbers), min_size=1, max_size=3).map(
+        tuple
+    ),
 )
 
 
 @given(configs)
-def test_loading_a_dump_gives_the_same_configuration(tmp_path_factory: pytest.TempPathFactory, config: Outer):
+def test_loading_a_dump_gives_the_same_configuration(
+    tmp_path_factory: pytest.TempPathFactory, config: Outer
+):
     path = tmp_path_factory.getbasetemp() / "dump.yaml"
     path.write_text(dump(config), encoding="utf-8")
     assert load(Outer, path) == config
@@ -230,7 +272,11 @@ def test_overrides_can_say_every_configuration(config: Outer):
     assert load(Outer, overrides=overrides) == config
 
 
-@given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | printable, st.lists))
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | printable, st.lists
+    )
+)
 def test_yaml_gives_back_what_was_written(value: object):
     assert read(write(value)) == value
 
@@ -259,7 +305,9 @@ def test_a_file_that_expands_without_end_is_refused(tmp_path: Path, text: str, w
         load(Outer, path)
 
 
-@pytest.mark.parametrize("value", ['!!int ""', '!!float ""', "!!bool x", "!!timestamp x", "!!map [1]", "!!set [1]"])
+@pytest.mark.parametrize(
+    "value", ['!!int ""', '!!float ""', "!!bool x", "!!timestamp x", "!!map [1]", "!!set [1]"]
+)
 def test_a_value_that_is_not_what_its_tag_says_is_refused(tmp_path: Path, value: str):
     path = tmp_path / "c.yaml"
     path.write_text(f"name: {value}\n", encoding="utf-8")
@@ -288,7 +336,10 @@ def test_help_and_documentation_list_every_key_with_its_text():
         "items[].name",
         "items[].weight",
     ]
-    assert "  inner.rate: a number above 0 and at most 1 (default: 0.0007)\n      Rate, 1/s.\n" in help_text(Outer)
+    assert (
+        "  inner.rate: a number above 0 and at most 1 (default: 0.0007)\n      Rate, 1/s.\n"
+        in help_text(Outer)
+    )
     assert "| `items[].name` | text | `required` | Name. |\n" in markdown(Outer)
 
 
@@ -356,7 +407,9 @@ def test_a_vehicle_is_found_beside_the_configuration_and_its_values_are_taken_ov
     assert "slow.yaml" not in dump(config)
 
 
-def test_a_vehicle_is_found_in_the_working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_vehicle_is_found_in_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     (tmp_path / "slow.yaml").write_text("speed_max_mps: 60\n")
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "config.yaml").write_text("")
@@ -369,18 +422,24 @@ def test_a_vehicle_is_found_in_the_working_directory(tmp_path: Path, monkeypatch
     ("vehicle", "sentence"),
     [
         ("none.yaml", "--set: vehicle: none.yaml: there is no such file"),
-        ("{speed_min_mps: 100}", "--set: vehicle.speed_min_mps is 100.0; expected less than speed_max_mps, 100.0"),
+        (
+            "{speed_min_mps: 100}",
+            "--set: vehicle.speed_min_mps is 100.0; expected less than speed_max_mps, 100.0",
+        ),
         (
             "{acceleration_min_mps2: 0.5}",
-            "--set: vehicle.acceleration_min_mps2 is 0.5; expected a number at least -20 and below 0",
+            "--set: vehicle.acceleration_min_mps2 is 0.5; expected a number at least -20 and "
+            "below 0",
         ),
         (
             "{yaw_rate_max_deg_s: 1e-300}",
-            "--set: vehicle.yaw_rate_max_deg_s is 1e-300; expected a number at least 0.01 and at most 57",
+            "--set: vehicle.yaw_rate_max_deg_s is 1e-300; expected a number at least 0.01 and at "
+            "most 57",
         ),
         (
             "{yaw_rate_max: 3}",
-            "--set: vehicle.yaw_rate_max is unknown (its value is 3); did you mean vehicle.yaw_rate_max_deg_s?",
+            "--set: vehicle.yaw_rate_max is unknown (its value is 3); did you mean "
+            "vehicle.yaw_rate_max_deg_s?",
         ),
     ],
 )
@@ -394,7 +453,8 @@ def test_a_bad_vehicle_file_is_named(tmp_path: Path):
     path = tmp_path / "fast.yaml"
     path.write_text("speed_max: 60\n")
     with pytest.raises(
-        ConfigError, match=r"vehicle: .*fast\.yaml: speed_max is unknown .* did you mean speed_max_mps\?"
+        ConfigError,
+        match=r"vehicle: .*fast\.yaml: speed_max is unknown .* did you mean speed_max_mps\?",
     ):
         load(World, overrides=[f"vehicle={path}"])
 
@@ -406,7 +466,10 @@ def test_an_unchanged_scenario_is_exactly_the_scenario(name: str):
 
 def test_every_number_of_a_scenario_can_be_changed():
     degrees = {"course_difference": "_deg", "turn_rate": "_deg_s", "heading_change": "_deg"}
-    numbers = {field.name + degrees.get(field.name, "") for field in fields(Scenario)} - {"name", "aircraft"}
+    numbers = {field.name + degrees.get(field.name, "") for field in fields(Scenario)} - {
+        "name",
+        "aircraft",
+    }
     assert set(ScenarioConfig.model_fields) - {"name", "weight", "units"} == numbers
 
 
@@ -433,7 +496,9 @@ def test_a_scenario_that_contradicts_the_aircraft_is_refused():
     slow = AircraftConfig(speed_min_mps=18.0, speed_max_mps=36.0).aircraft()
     assert ScenarioConfig(own_speed=(18.0, 36.0)).scenario(slow).own_speed == (18.0, 36.0)
     for low, high in ((50.0, 100.0), (18.0, 36.1), (17.9, 36.0)):
-        with pytest.raises(ConfigError, match=r"^own_speed is .* 18 to 36, the speeds of the aircraft"):
+        with pytest.raises(
+            ConfigError, match=r"^own_speed is .* 18 to 36, the speeds of the aircraft"
+        ):
             ScenarioConfig(own_speed=(low, high)).scenario(slow)
 
 
@@ -441,7 +506,13 @@ def test_numbers_in_units_of_the_aircraft_are_scaled():
     small = AircraftConfig(speed_min_mps=18.0, speed_max_mps=36.0, separation_m=610.0).aircraft()
     made = load(
         ScenarioConfig,
-        overrides=["units=aircraft", "radius=[0.5, 4]", "own_speed=[0.5, 1]", "velocity_std=0.1", "latency=[0, 2]"],
+        overrides=[
+            "units=aircraft",
+            "radius=[0.5, 4]",
+            "own_speed=[0.5, 1]",
+            "velocity_std=0.1",
+            "latency=[0, 2]",
+        ],
     ).scenario(small)
     assert made.radius == (305.0, 2440.0)
     assert made.own_speed == (18.0, 36.0)
@@ -451,7 +522,8 @@ def test_numbers_in_units_of_the_aircraft_are_scaled():
 
 def test_a_dump_holds_only_what_differs_from_the_scenario():
     assert (
-        dump(ScenarioConfig(name="head_on", latency=(0.0, 1.0))) == "name: head_on\nweight: 1.0\nlatency: [0.0, 1.0]\n"
+        dump(ScenarioConfig(name="head_on", latency=(0.0, 1.0)))
+        == "name: head_on\nweight: 1.0\nlatency: [0.0, 1.0]\n"
     )
 
 
@@ -460,17 +532,31 @@ def test_a_dump_holds_only_what_differs_from_the_scenario():
     [
         (
             "name=circl",
-            f"--set: name: 'circl' is unknown; expected one of {', '.join(SCENARIOS)}; did you mean circle?",
+            f"--set: name: 'circl' is unknown; expected one of {', '.join(SCENARIOS)}; did you "
+            "mean circle?",
         ),
         ("weight=0", "--set: weight is 0; expected a number above 0"),
         (
             "own_speed=[100, 50]",
-            "own_speed is [100, 50]; expected [low, high] within 50 to 100, the speeds of the aircraft",
+            "own_speed is [100, 50]; expected [low, high] within 50 to 100, the speeds of the "
+            "aircraft",
         ),
-        ("intruders=[0, 1]", "intruders is [0, 1]; expected [low, high] within 1 to 64, that an encounter can have"),
-        ("latency=[0, 3]", "latency is [0, 3]; expected [low, high] within 0 to 2, two time steps of the aircraft"),
-        ("latency=[0]", "--set: latency.1 is missing; expected a list of 2 values (a number each) or null"),
-        ("turn_rate_deg_s=60", "--set: turn_rate_deg_s is 60; expected a number at least 0 and at most 57 or null"),
+        (
+            "intruders=[0, 1]",
+            "intruders is [0, 1]; expected [low, high] within 1 to 64, that an encounter can have",
+        ),
+        (
+            "latency=[0, 3]",
+            "latency is [0, 3]; expected [low, high] within 0 to 2, two time steps of the aircraft",
+        ),
+        (
+            "latency=[0]",
+            "--set: latency.1 is missing; expected a list of 2 values (a number each) or null",
+        ),
+        (
+            "turn_rate_deg_s=60",
+            "--set: turn_rate_deg_s is 60; expected a number at least 0 and at most 57 or null",
+        ),
     ],
 )
 def test_a_bad_scenario_is_refused(override: str, sentence: str):
@@ -484,7 +570,9 @@ def test_the_default_aircraft_and_its_file_are_the_papers():
     assert load(AircraftConfig, CONFIGS / "aircraft" / "paper.yaml").aircraft() == PAPER
 
 
-@pytest.mark.parametrize("path", sorted((CONFIGS / "aircraft").glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted((CONFIGS / "aircraft").glob("*.yaml")), ids=lambda path: path.stem
+)
 def test_an_aircraft_file_states_its_limits_and_separation(path: Path):
     config = load(AircraftConfig, path)
     assert {*VehicleConfig.model_fields, "separation_m"} <= config.model_fields_set
@@ -495,13 +583,27 @@ def test_an_aircraft_file_states_its_limits_and_separation(path: Path):
 
 def test_what_an_aircraft_does_not_state_follows():
     limits = VehicleConfig(speed_min_mps=18.0, speed_max_mps=36.0).limits()
-    config = AircraftConfig(speed_min_mps=18.0, speed_max_mps=36.0, separation_m=610.0, goal_radius_m=200.0)
+    config = AircraftConfig(
+        speed_min_mps=18.0, speed_max_mps=36.0, separation_m=610.0, goal_radius_m=200.0
+    )
     assert config.aircraft() == new_aircraft(limits, 610.0, goal_radius=200.0)
 
 
 @pytest.mark.parametrize(
-    "override", ["speed_min_mps=100", "goal_radius_m=2000", "separation_m=400", "t_max_s=10.5", "dt_s=30", "dt_s=0"]
+    "override",
+    [
+        "speed_min_mps=100",
+        "goal_radius_m=2000",
+        "separation_m=400",
+        "t_max_s=10.5",
+        "dt_s=30",
+        "dt_s=0",
+    ],
 )
 def test_an_aircraft_that_contradicts_itself_is_refused(override: str):
     with pytest.raises(ConfigError, match="expected"):
-        load(AircraftConfig, None, [override, "goal_radius_m=500"] if "separation" in override else [override])
+        load(
+            AircraftConfig,
+            None,
+            [override, "goal_radius_m=500"] if "separation" in override else [override],
+        )

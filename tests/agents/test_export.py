@@ -1,4 +1,6 @@
-"""An actor becomes a policy file whose expected actions are flax's own, for one intruder and for any number of them."""
+"""An actor becomes a policy file whose expected actions are flax's own, for one intruder and for
+any number of them.
+"""
 
 import math
 from dataclasses import replace
@@ -26,11 +28,16 @@ HIDDEN = (16, 8)
 
 
 def made(hidden=HIDDEN, feature_set="cpa", module=Actor):
-    """Return parameters, free to be changed, of an actor whose actions are as large as a trained one's."""
-    # Shapes from flax, values from numpy: compiling the orthogonal initialisation would take most of the test's time.
+    """Return parameters, free to be changed, of an actor whose actions are as large as a trained
+    one's.
+    """
+    # Shapes from flax, values from numpy: compiling the orthogonal initialisation would take most
+    # of the test's time.
     shapes = jax.eval_shape(module(hidden, feature_set).init, jax.random.key(3), jnp.zeros((1, 8)))
     rng = np.random.default_rng(3)
-    return jax.tree.map(lambda leaf: rng.normal(0.0, 1.4 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes)
+    return jax.tree.map(
+        lambda leaf: rng.normal(0.0, 1.4 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes
+    )
 
 
 def description(**changes):
@@ -68,10 +75,17 @@ def test_written_policy_decides_as_flax(tmp_path, hidden, feature_set):
 
 def test_metadata(tmp_path):
     path = tmp_path / "p.safetensors"
-    write(path, to_policy_file(made(), description(limits=C208_PUBLISHED, score=-1.5, notes="a note")))
+    write(
+        path, to_policy_file(made(), description(limits=C208_PUBLISHED, score=-1.5, notes="a note"))
+    )
     metadata = read(path).metadata
     assert read(path).limits == C208_PUBLISHED
-    assert metadata["architecture"] == {"hidden": [16, 8], "activation": "tanh", "feature_set": "cpa", "output": "clip"}
+    assert metadata["architecture"] == {
+        "hidden": [16, 8],
+        "activation": "tanh",
+        "feature_set": "cpa",
+        "output": "clip",
+    }
     training = metadata["training"]
     assert (training["config"], training["steps"], training["score"]) == (
         {"ppo": {"epochs": 4}, "widths": [1, 2]},
@@ -127,7 +141,11 @@ def test_diverged_parameters_are_refused(bad, where):
         (lambda: made(module=Critic), {}, "not those of agents.learning.networks.Actor"),
         (dict, {}, "not those of agents.learning.networks.Actor"),
         (lambda: made()["params"], {}, "not those of agents.learning.networks.Actor"),
-        (made, {"hidden": (16, 9)}, r"tensor actor/hidden_1/kernel has shape \[16, 8\], expected \[16, 9\]"),
+        (
+            made,
+            {"hidden": (16, 9)},
+            r"tensor actor/hidden_1/kernel has shape \[16, 8\], expected \[16, 9\]",
+        ),
         (made, {"hidden": (16,)}, "tensor 'actor/hidden_1/bias' is unexpected"),
         (made, {"hidden": (16, 8, 4)}, "tensor 'actor/hidden_2/bias' is missing"),
         (made, {"feature_set": "none"}, r"shape \[22, 16\], expected \[8, 16\]"),
@@ -142,7 +160,8 @@ def test_what_cannot_be_exported(variables, changes, message):
         to_policy_file(variables(), description(**changes))
 
 
-# The network for any number of intruders: invariances, backends, files, and the aircraft that it refuses.
+# The network for any number of intruders: invariances, backends, files, and the aircraft that it
+# refuses.
 LAYERS, ENCODER, MOST = (48, 32), (24,), 4
 FAMILY = Ratios((0.3, 0.8), (-0.5, -0.02), (0.02, 0.5), (0.2, 3.0))._asdict()
 UAS = new_aircraft(Limits(18.0, 36.0, -0.5, 0.5, math.radians(10.0)), 610.0)
@@ -151,12 +170,18 @@ UAS = new_aircraft(Limits(18.0, 36.0, -0.5, 0.5, math.radians(10.0)), 610.0)
 @cache
 def content():
     actor = Actor(LAYERS, "set", encoder=ENCODER)
-    seen = set_inputs(scene(*(jax.tree.map(jnp.asarray, part) for part in states(2)), PAPER.limits, 1e3, jnp), jnp)
+    seen = set_inputs(
+        scene(*(jax.tree.map(jnp.asarray, part) for part in states(2)), PAPER.limits, 1e3, jnp), jnp
+    )
     shapes = jax.eval_shape(actor.init, jax.random.key(0), seen)
     rng = np.random.default_rng(3)
-    weights = jax.tree.map(lambda leaf: rng.normal(0.0, 1.2 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes)
+    weights = jax.tree.map(
+        lambda leaf: rng.normal(0.0, 1.2 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes
+    )
     described = SetOf(ENCODER, MOST, PAPER, FAMILY)
-    return to_policy_file(weights, new_metadata(LAYERS, "set", PAPER.limits, {"seed": 0}, steps=0, of_set=described))
+    return to_policy_file(
+        weights, new_metadata(LAYERS, "set", PAPER.limits, {"seed": 0}, steps=0, of_set=described)
+    )
 
 
 @cache
@@ -165,12 +190,20 @@ def policy(dtype="float32"):
 
 
 def states(count, most=3, aircraft=PAPER):
-    """Return own states, intruders, their mask and goals, alike for every aircraft of the same ratios."""
+    """Return own states, intruders, their mask and goals, alike for every aircraft of the same
+    ratios.
+    """
     rng, unit, fast = np.random.default_rng(5), aircraft.separation, aircraft.limits.speed_max
     shape = (count, most)
-    own = VehicleState(*rng.uniform(-1, 1, (2, count)) * unit, rng.uniform(-3, 3, count), rng.uniform(0.5, 1, count))
+    own = VehicleState(
+        *rng.uniform(-1, 1, (2, count)) * unit,
+        rng.uniform(-3, 3, count),
+        rng.uniform(0.5, 1, count),
+    )
     others = VehicleState(
-        *rng.uniform(-8, 8, (2, *shape)) * unit, rng.uniform(-3, 3, shape), rng.uniform(0.5, 1, shape)
+        *rng.uniform(-8, 8, (2, *shape)) * unit,
+        rng.uniform(-3, 3, shape),
+        rng.uniform(0.5, 1, shape),
     )
     own, others = (each._replace(speed=each.speed * fast) for each in (own, others))
     return own, others, rng.random(shape) < 0.7, *rng.uniform(-9, 9, (2, count)) * unit
@@ -194,7 +227,9 @@ def test_order_of_intruders_does_not_matter():
 def test_absent_intruders_change_nothing():
     own, others, present, *goal = states(100)
     rng = np.random.default_rng(0)
-    moved = VehicleState(*(np.where(present, field, rng.uniform(-5, 5, present.shape)) for field in others))
+    moved = VehicleState(
+        *(np.where(present, field, rng.uniform(-5, 5, present.shape)) for field in others)
+    )
     np.testing.assert_array_equal(
         policy().command(own, moved, present, *goal), policy().command(own, others, present, *goal)
     )
@@ -204,16 +239,26 @@ def test_mirrored_scene_gives_mirrored_action():
     own, others, present, goal_x, goal_y = states(200)
     mirror = [each._replace(y=-each.y, heading=-each.heading) for each in (own, others)]
     action = policy().command(own, others, present, goal_x, goal_y)
-    np.testing.assert_allclose(policy().command(*mirror, present, goal_x, -goal_y), action * [1.0, -1.0], atol=1e-6)
+    np.testing.assert_allclose(
+        policy().command(*mirror, present, goal_x, -goal_y), action * [1.0, -1.0], atol=1e-6
+    )
 
 
 def test_alike_aircraft_are_commanded_alike():
     large = new_aircraft(
-        Limits(25.0, 50.0, *(0.5 * sign * 0.25 * 4.0 for sign in (-1.0, 1.0)), PAPER.limits.yaw_rate_max * 2.0), 250.0
+        Limits(
+            25.0,
+            50.0,
+            *(0.5 * sign * 0.25 * 4.0 for sign in (-1.0, 1.0)),
+            PAPER.limits.yaw_rate_max * 2.0,
+        ),
+        250.0,
     )
     assert ratios(large.limits, 250.0) == pytest.approx(ratios(PAPER.limits, 1000.0))
     np.testing.assert_allclose(
-        policy().for_aircraft(large).command(*states(100, aircraft=large)), policy().command(*states(100)), atol=1e-4
+        policy().for_aircraft(large).command(*states(100, aircraft=large)),
+        policy().command(*states(100)),
+        atol=1e-4,
     )
 
 
@@ -222,7 +267,9 @@ def test_one_row_has_the_same_bits_in_any_company():
     together = policy().command(own, others, present, goal_x, goal_y)
     for row in (0, 7, 299):
         index = slice(row, row + 1)
-        alone = policy().command(rows(own, index), rows(others, index), present[index], goal_x[index], goal_y[index])
+        alone = policy().command(
+            rows(own, index), rows(others, index), present[index], goal_x[index], goal_y[index]
+        )
         np.testing.assert_array_equal(alone[0], together[row])
         seen = [rows(others, (row, k)) for k in np.flatnonzero(present[row])]
         one = policy().command_one(rows(own, row), seen, goal_x[row], goal_y[row])
@@ -247,15 +294,23 @@ def test_nobody_around_is_a_scene_too():
     own, others, present, goal_x, goal_y = states(5)
     empty = policy().command(own, others, present & False, goal_x, goal_y)
     nowhere = VehicleState(*(np.zeros((5, 0)) for _ in range(4)))
-    np.testing.assert_array_equal(policy().command(own, nowhere, np.zeros((5, 0), bool), goal_x, goal_y), empty)
-    np.testing.assert_allclose(policy().command_one(rows(own, 0), [], goal_x[0], goal_y[0]), empty[0], atol=1e-5)
+    np.testing.assert_array_equal(
+        policy().command(own, nowhere, np.zeros((5, 0), bool), goal_x, goal_y), empty
+    )
+    np.testing.assert_allclose(
+        policy().command_one(rows(own, 0), [], goal_x[0], goal_y[0]), empty[0], atol=1e-5
+    )
 
 
 def test_paper_observation_of_one_intruder_is_its_scene():
     own, others, _, goal_x, goal_y = states(100, most=1)
-    observation = observe(own, VehicleState(*(field[:, 0] for field in others)), goal_x, goal_y, PAPER, np)
+    observation = observe(
+        own, VehicleState(*(field[:, 0] for field in others)), goal_x, goal_y, PAPER, np
+    )
     np.testing.assert_allclose(
-        policy()(observation), policy().command(own, others, np.ones((100, 1), bool), goal_x, goal_y), atol=2e-3
+        policy()(observation),
+        policy().command(own, others, np.ones((100, 1), bool), goal_x, goal_y),
+        atol=2e-3,
     )
 
 
@@ -280,17 +335,27 @@ def test_traffic_outside_the_domain_is_said_by_quantity():
     fast = UAS.limits.speed_max
     inside = {"intruders": [1], "intruder_speed": [0.4 * fast, 1.3 * fast]}
     assert not departures(allowed, inside | {"latency": []})
-    said = departures(allowed, {"intruder_speed": [0.1 * fast, fast, 1.4 * fast], "intruders": [40]})
-    assert [text.split(" is ")[0] for text in said] == ["outside_domain: intruder_speed", "outside_domain: intruders"]
+    said = departures(
+        allowed, {"intruder_speed": [0.1 * fast, fast, 1.4 * fast], "intruders": [40]}
+    )
+    assert [text.split(" is ")[0] for text in said] == [
+        "outside_domain: intruder_speed",
+        "outside_domain: intruders",
+    ]
     assert f" {0.1 * fast:.4g} m/s; expected {0.4 * fast:.4g} to {1.3 * fast:.4g} m/s" in said[0]
-    assert excess((40.0, 130.0), np.array([30.0, 40.0, 131.2, 131.4])).tolist() == pytest.approx([10.0, 0.0, 0.0, 1.4])
+    assert excess((40.0, 130.0), np.array([30.0, 40.0, 131.2, 131.4])).tolist() == pytest.approx(
+        [10.0, 0.0, 0.0, 1.4]
+    )
 
 
 def test_more_intruders_than_in_training_are_refused():
     own, others, present, *goal = states(2, most=policy().most + 1)
-    policy().command(own, others, present & (np.arange(policy().most + 1) > 0), *goal)  # an absent one does not count
+    policy().command(
+        own, others, present & (np.arange(policy().most + 1) > 0), *goal
+    )  # an absent one does not count
     with pytest.raises(
-        OutsideDomainError, match=f"there are {policy().most + 1} intruders; expected {policy().most} at"
+        OutsideDomainError,
+        match=f"there are {policy().most + 1} intruders; expected {policy().most} at",
     ):
         policy().command(own, others, present | True, *goal)
     many = [rows(others, (0, k)) for k in range(policy().most + 1)]
@@ -298,7 +363,9 @@ def test_more_intruders_than_in_training_are_refused():
         policy().command_one(rows(own, 0), many, goal[0][0], goal[1][0])
     allowed = policy().for_aircraft(PAPER, outside="allow")
     one = allowed.command_one(rows(own, 0), many, goal[0][0], goal[1][0])
-    np.testing.assert_allclose(one, allowed.command(own, others, present | True, *goal)[0], atol=1e-5)
+    np.testing.assert_allclose(
+        one, allowed.command(own, others, present | True, *goal)[0], atol=1e-5
+    )
 
 
 def test_file_comes_back_whole_and_an_edit_is_refused():
@@ -306,10 +373,14 @@ def test_file_comes_back_whole_and_an_edit_is_refused():
     assert again.metadata == content().metadata
     assert (again.aircraft, again.hidden, again.feature_set) == (PAPER, LAYERS, "set")
     for path, value in (("intruders", 0), ("encoder", []), ("hidden", [3, 3])):
-        document = content().metadata | {"architecture": content().metadata["architecture"] | {path: value}}
+        document = content().metadata | {
+            "architecture": content().metadata["architecture"] | {path: value}
+        }
         with pytest.raises(PolicyFileError):
             serialise(replace(content(), metadata=document))
-    wrong = content().metadata | {"family": content().metadata["family"] | {"speed_min": [0.9, 0.1]}}
+    wrong = content().metadata | {
+        "family": content().metadata["family"] | {"speed_min": [0.9, 0.1]}
+    }
     with pytest.raises(PolicyFileError, match=r"family\.speed_min"):
         serialise(replace(content(), metadata=wrong))
 
@@ -318,7 +389,9 @@ def test_file_comes_back_whole_and_an_edit_is_refused():
 @pytest.mark.parametrize("aircraft", [PAPER, UAS])
 def test_kept_separation_is_that_of_the_manoeuvre_as_flown(number, aircraft):
     own, others, present, *goal = states(300, aircraft=aircraft)
-    kept = escapes.kept(scene(own, others, present, *goal, aircraft.limits, aircraft.separation, np), np)[number]
+    kept = escapes.kept(
+        scene(own, others, present, *goal, aircraft.limits, aircraft.separation, np), np
+    )[number]
     turn, throttle = escapes.TURNS[number], escapes.THROTTLES[number]
     limits, steps = aircraft.limits, 1000
     dt = escapes.HORIZON * aircraft.time_unit / steps
@@ -330,7 +403,9 @@ def test_kept_separation_is_that_of_the_manoeuvre_as_flown(number, aircraft):
         yaw_rate = math.copysign(min(limits.yaw_rate_max, max(left / dt, 0.0)), turn)
         own = advance(own, np.full(300, rate), np.full(300, yaw_rate), dt, limits, np)
         time = (step + 1) * dt
-        away = np.hypot(others.x + vx * time - own.x[:, None], others.y + vy * time - own.y[:, None])
+        away = np.hypot(
+            others.x + vx * time - own.x[:, None], others.y + vy * time - own.y[:, None]
+        )
         least = np.minimum(least, np.where(present, away, np.inf).min(axis=-1))
     near = least < 1.5 * aircraft.separation
     assert near.sum() > 30
@@ -347,10 +422,15 @@ def test_the_contract_says_what_the_world_does():
     geometry = decode(observation, PAPER, np)
     assert geometry.own_speed == pytest.approx(80.0)
     assert ACTION["names"] == ["acceleration", "yaw_rate"]
-    assert commands((1.0, 1.0), SURROGATE, np) == (SURROGATE.acceleration_max, SURROGATE.yaw_rate_max)
+    assert commands((1.0, 1.0), SURROGATE, np) == (
+        SURROGATE.acceleration_max,
+        SURROGATE.yaw_rate_max,
+    )
 
 
 def test_shipped_policy_that_is_absent_is_said_so(monkeypatch):
     monkeypatch.setattr(inference, "_SHIPPED", "data/absent.safetensors")
-    with pytest.raises(PolicyFileError, match=r"agents/data/absent\.safetensors: .*ships no policy"):
+    with pytest.raises(
+        PolicyFileError, match=r"agents/data/absent\.safetensors: .*ships no policy"
+    ):
         Policy.load()

@@ -51,7 +51,9 @@ def random_policy(feature_set: str) -> PolicyFile:
     own, intruders, mask, *goal = (jax.tree.map(jnp.asarray, part) for part in states(2, 3))
     seen: Any = jnp.zeros((1, 8))
     if encoder:
-        seen = set_inputs(scene(own, intruders, mask, *goal, PAPER.limits, PAPER.separation, jnp), jnp)
+        seen = set_inputs(
+            scene(own, intruders, mask, *goal, PAPER.limits, PAPER.separation, jnp), jnp
+        )
     random = np.random.default_rng(4)
     weights = jax.tree.map(
         lambda leaf: random.normal(0.0, 1.0 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"),
@@ -59,7 +61,9 @@ def random_policy(feature_set: str) -> PolicyFile:
     )
     family = Ratios((0.4, 0.75), (-0.4, -0.03), (0.03, 0.4), (0.3, 2.5))._asdict()
     of_set = SetOf(encoder, 3, PAPER, family) if encoder else None
-    return to_policy_file(weights, new_metadata((16, 24), feature_set, PAPER.limits, {}, steps=0, of_set=of_set))
+    return to_policy_file(
+        weights, new_metadata((16, 24), feature_set, PAPER.limits, {}, steps=0, of_set=of_set)
+    )
 
 
 @cache
@@ -75,11 +79,15 @@ def random_model(feature_set: str) -> Any:
 def decided(made: Any, inputs: dict[str, np.ndarray]) -> np.ndarray:
     settings = onnxruntime.SessionOptions()
     settings.intra_op_num_threads = settings.inter_op_num_threads = 1
-    session = onnxruntime.InferenceSession(made.SerializeToString(), settings, providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(
+        made.SerializeToString(), settings, providers=["CPUExecutionProvider"]
+    )
     return session.run(None, inputs)[0]
 
 
-def as_inputs(own: Any, intruders: VehicleState, mask: np.ndarray, *goal: np.ndarray) -> dict[str, np.ndarray]:
+def as_inputs(
+    own: Any, intruders: VehicleState, mask: np.ndarray, *goal: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return a model's inputs for states, by the policy's own scene."""
     seen = scene(own, intruders, mask, *goal, PAPER.limits, PAPER.separation, np)
     ratios = [np.full(seen.own_speed.shape, ratio) for ratio in seen.ratios]
@@ -95,7 +103,9 @@ def as_inputs(own: Any, intruders: VehicleState, mask: np.ndarray, *goal: np.nda
 def test_it_decides_as_the_shipped_policy(most: int):
     seen = states(500, most)
     flown = Policy.load().for_aircraft(PAPER, outside="allow")
-    difference = np.abs(decided(shipped_model(), as_inputs(*seen)) - flown.command(*seen)).max(axis=-1)
+    difference = np.abs(decided(shipped_model(), as_inputs(*seen)) - flown.command(*seen)).max(
+        axis=-1
+    )
     # A handful of places where float32 takes another branch may differ by more.
     assert np.quantile(difference, 0.98) < 1e-3
 
@@ -122,7 +132,9 @@ def test_it_says_what_it_is():
     assert said["policy_sha256"] == content.sha256 == Policy.load().sha256
     for part in ("schema", "scene", "action", "limits", "task", "family", "architecture"):
         assert json.loads(said[part]) == content.metadata[part]
-    assert [(entry.domain, entry.version) for entry in made.opset_import if not entry.domain] == [("", OPSET)]
+    assert [(entry.domain, entry.version) for entry in made.opset_import if not entry.domain] == [
+        ("", OPSET)
+    ]
     assert [value.name for value in made.graph.input] == ["own", "traffic", "present"]
     assert [value.name for value in made.graph.output] == ["action"]
     # Every operator is of the plain set, so that tools without control flow can read it.
@@ -131,7 +143,9 @@ def test_it_says_what_it_is():
 
 def test_equal_policies_give_equal_bytes():
     again = model(random_policy("cpa"))
-    assert again.SerializeToString(deterministic=True) == random_model("cpa").SerializeToString(deterministic=True)
+    assert again.SerializeToString(deterministic=True) == random_model("cpa").SerializeToString(
+        deterministic=True
+    )
 
 
 def test_a_model_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -148,7 +162,10 @@ def test_bad_input_ends_with_one_sentence(tmp_path: Path, capsys: pytest.Capture
     for arguments, words in (
         ([str(tmp_path / "none.safetensors"), "out.onnx"], "no such policy file"),
         ([str(damaged), str(tmp_path / "out.onnx")], "damaged.safetensors"),
-        ([str(SHIPPED), str(tmp_path / "none" / "out.onnx")], "cannot be written: No such file or directory"),
+        (
+            [str(SHIPPED), str(tmp_path / "none" / "out.onnx")],
+            "cannot be written: No such file or directory",
+        ),
         ([str(SHIPPED), str(tmp_path)], "cannot be written: Is a directory"),
         ([str(SHIPPED)], "required: OUT.onnx"),
     ):
@@ -168,7 +185,10 @@ def test_an_observation_that_the_policy_refuses_gives_no_number(bad: float):
     spoilt = good.copy()
     spoilt[np.arange(8), np.arange(8)] = bad
     with np.errstate(invalid="ignore", over="ignore"):
-        actions, expected = decided(made, {"observation": spoilt}), decided(made, {"observation": good})
+        actions, expected = (
+            decided(made, {"observation": spoilt}),
+            decided(made, {"observation": good}),
+        )
     assert np.isnan(actions[:8]).all()
     assert np.array_equal(actions[8], expected[8])
     assert np.isfinite(expected).all()
@@ -202,4 +222,7 @@ def test_without_onnx_it_says_what_to_install(
     with pytest.raises(SystemExit) as ended:
         run_cli(lambda: export_onnx.main([str(SHIPPED), str(tmp_path / "out.onnx")]))
     assert ended.value.code == 1
-    assert "onnx is not installed; expected the extra: pip install 'rlcas-toolkit[onnx]'" in capsys.readouterr().err
+    assert (
+        "onnx is not installed; expected the extra: pip install 'rlcas-toolkit[onnx]'"
+        in capsys.readouterr().err
+    )

@@ -1,4 +1,6 @@
-"""The network's derived inputs: invariant under rotation, mirrored with the scene, bounded; manoeuvres as flown."""
+"""The network's derived inputs: invariant under rotation, mirrored with the scene, bounded;
+manoeuvres as flown.
+"""
 
 import jax.numpy as jnp
 import numpy as np
@@ -70,14 +72,18 @@ def test_a_mirrored_scene_looks_the_same_to_the_mirrored_sets(feature_set):
     observation = random_observations()
     mirrored = observation.copy()
     mirrored[:, [1, 3, 4, 6]] *= -1.0
-    np.testing.assert_allclose(inputs(mirrored, feature_set), inputs(observation, feature_set), atol=1e-8)
+    np.testing.assert_allclose(
+        inputs(mirrored, feature_set), inputs(observation, feature_set), atol=1e-8
+    )
     hands = [mirror_sign(list(seen.T), feature_set, np) for seen in (observation, mirrored)]
     np.testing.assert_array_equal(hands[0], -hands[1])
     assert set(hands[0]) == {-1.0, 1.0}
     # An intruder to the left of the line to the goal is seen as it is.
     left = np.sin(np.pi * (observation[:, 4] - observation[:, 6])) >= 0.0
     np.testing.assert_array_equal(hands[0] > 0.0, left)
-    np.testing.assert_array_equal(inputs(observation[left], feature_set)[:, :22], inputs(observation[left]))
+    np.testing.assert_array_equal(
+        inputs(observation[left], feature_set)[:, :22], inputs(observation[left])
+    )
 
 
 def test_the_side_does_not_depend_on_the_sign_of_zero():
@@ -91,7 +97,9 @@ def test_the_side_does_not_depend_on_the_sign_of_zero():
 @given(OBSERVATION)
 @example([-1.0] * 8)
 @example([1.0] * 8)
-@example([0.0, 0.3, 0.0, 0.3, 0.0, -1.0, 0.0, -1.0])  # on top of intruder and goal, at equal velocity
+@example(
+    [0.0, 0.3, 0.0, 0.3, 0.0, -1.0, 0.0, -1.0]
+)  # on top of intruder and goal, at equal velocity
 @example([0.0, 1.0, 0.0, -1.0, 1.0, 1.0, -1.0, 1.0])  # equal headings at the seam, 20 km astern
 def test_finite_and_bounded_everywhere(observation):
     for feature_set in FEATURE_SETS[1:]:
@@ -106,7 +114,9 @@ def test_finite_and_bounded_everywhere(observation):
 @pytest.mark.parametrize("feature_set", FEATURE_SETS[1:])
 @given(observation=OBSERVATION)
 def test_plain_floats_agree_with_arrays(feature_set, observation):
-    np.testing.assert_allclose(features(observation, feature_set, FLOATS), inputs(observation, feature_set), atol=1e-6)
+    np.testing.assert_allclose(
+        features(observation, feature_set, FLOATS), inputs(observation, feature_set), atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("feature_set", FEATURE_SETS[1:])
@@ -126,7 +136,9 @@ def test_closest_approach_is_that_of_the_world():
     other = VehicleState(5000.0, 4000.0, -2.0, 70.0)
     cpa = straight_cpa(own, other, np)
     values = inputs(observe(own, other, 9000.0, 3000.0, PAPER, np))
-    time, miss = (values[i] / (1.0 - abs(values[i])) * scale for i, scale in ((14, 60.0), (15, 1000.0)))
+    time, miss = (
+        values[i] / (1.0 - abs(values[i])) * scale for i, scale in ((14, 60.0), (15, 1000.0))
+    )
     assert time == pytest.approx(cpa.time, rel=2e-3)
     assert abs(miss) == pytest.approx(cpa.distance, rel=2e-3)
     assert values[17] == pytest.approx(np.clip(1.5 - cpa.distance / 1000.0, -1.0, 1.5), abs=1e-3)

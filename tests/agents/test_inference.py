@@ -1,4 +1,6 @@
-"""The numpy network decides as the flax one did, in any batch, and refuses what is no observation."""
+"""The numpy network decides as the flax one did, in any batch, and refuses what is no
+observation.
+"""
 
 import os
 import subprocess
@@ -35,10 +37,13 @@ ACTOR = Actor(HIDDEN)
 @cache
 def variables():
     """Return parameters of an actor whose actions are as large as a trained one's."""
-    # Shapes from flax, values from numpy: compiling the orthogonal initialisation would take most of the test's time.
+    # Shapes from flax, values from numpy: compiling the orthogonal initialisation would take most
+    # of the test's time.
     shapes = jax.eval_shape(ACTOR.init, jax.random.key(3), jnp.zeros((1, 8)))
     rng = np.random.default_rng(3)
-    return jax.tree.map(lambda leaf: rng.normal(0.0, 1.4 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes)
+    return jax.tree.map(
+        lambda leaf: rng.normal(0.0, 1.4 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes
+    )
 
 
 @cache
@@ -58,7 +63,9 @@ def random_observations():
 
 @cache
 def flown_observations():
-    """Return what the actor sees while it flies 64 encounters of the surrogate for 80 s, ``[80 * 64, 8]``."""
+    """Return what the actor sees while it flies 64 encounters of the surrogate for 80 s, ``[80 *
+    64, 8]``.
+    """
     world = surrogate.World(RULES, PAPER)
 
     def step(state, _):
@@ -114,19 +121,25 @@ def test_single_observations_agree_with_the_batch(dtype, observations):
     assert difference.max() < (PARITY_TOLERANCE if dtype == "float32" else 1e-8)
 
 
-@pytest.mark.parametrize("shape", [(8,), (1, 8), (3, 8), (2, 3, 8), (0, 8), (4, 0, 8), (1, 1, 1, 8)])
+@pytest.mark.parametrize(
+    "shape", [(8,), (1, 8), (3, 8), (2, 3, 8), (0, 8), (4, 0, 8), (1, 1, 1, 8)]
+)
 def test_shapes(shape):
     observation = np.random.default_rng(2).uniform(-1.0, 1.0, shape)
     action = policy()(observation)
     assert action.shape == (*shape[:-1], 2)
     assert action.dtype == np.float32
     flat = [policy()(row) for row in observation.reshape(-1, 8)]
-    np.testing.assert_allclose(action.reshape(-1, 2), np.array(flat).reshape(-1, 2), atol=PARITY_TOLERANCE)
+    np.testing.assert_allclose(
+        action.reshape(-1, 2), np.array(flat).reshape(-1, 2), atol=PARITY_TOLERANCE
+    )
 
 
 def test_lists_integers_and_strided_views_are_observations():
     corner = [1, 0, -1, 0, 0, 1, 0, 1]
-    np.testing.assert_allclose(policy()(corner), policy()(np.array(corner, float)), atol=PARITY_TOLERANCE)
+    np.testing.assert_allclose(
+        policy()(corner), policy()(np.array(corner, float)), atol=PARITY_TOLERANCE
+    )
     assert policy()([[0.5] * 8, [0] * 8]).shape == (2, 2)
     wide = random_observations()[:20]
     np.testing.assert_array_equal(policy()(np.asfortranarray(wide)), policy()(wide))
@@ -147,7 +160,10 @@ def test_an_action_that_is_not_finite_is_refused():
     kernel, bias = spoilt._decider.layers[-1]
     spoilt._decider.layers[-1] = kernel, bias + np.float32(np.nan)
     own = VehicleState(0.0, 0.0, 0.0, 75.0)
-    for call in (lambda: spoilt(random_observations()[:3]), lambda: spoilt.command_one(own, [], 1e4, 0.0)):
+    for call in (
+        lambda: spoilt(random_observations()[:3]),
+        lambda: spoilt.command_one(own, [], 1e4, 0.0),
+    ):
         with pytest.raises(ValueError, match="not finite"):
             call()
 
@@ -175,7 +191,9 @@ def test_one_row_calls_have_the_same_bits():
         for dtype in ("float32", "float64"):
             everything = policy(dtype)(random_observations()[:300])
             for i in range(0, 300, 7):
-                np.testing.assert_array_equal(policy(dtype)(random_observations()[i : i + 1])[0], everything[i])
+                np.testing.assert_array_equal(
+                    policy(dtype)(random_observations()[i : i + 1])[0], everything[i]
+                )
 
 
 ROWS_ALONE_AND_TOGETHER = """
@@ -200,12 +218,16 @@ def test_rows_hold_for_the_kernels_of_other_processors(core):
 
 
 @given(
-    st.integers(0, 7), st.sampled_from([np.nan, np.inf, -np.inf, 1.001, -1.00002, 1e300]), st.sampled_from([(), (3,)])
+    st.integers(0, 7),
+    st.sampled_from([np.nan, np.inf, -np.inf, 1.001, -1.00002, 1e300]),
+    st.sampled_from([(), (3,)]),
 )
 def test_bad_components_are_named(component, value, batch):
     observation = np.zeros((*batch, 8))
     observation[(*(0 for _ in batch), component)] = value
-    expected = f"'{NAMES[component]}'" + (r" of row \[0\]" if batch else "") + " is .*expected one in"
+    expected = (
+        f"'{NAMES[component]}'" + (r" of row \[0\]" if batch else "") + " is .*expected one in"
+    )
     with pytest.raises(ValueError, match=expected):
         policy()(observation)
 
@@ -234,7 +256,9 @@ def test_slightly_outside_is_clipped():
     for excess in (1e-7, 1e-6, 9e-6):
         for sign in (-1.0, 1.0):
             outside = np.full(8, sign * (1.0 + excess))
-            np.testing.assert_array_equal(policy("float64")(outside), policy("float64")(np.full(8, sign)))
+            np.testing.assert_array_equal(
+                policy("float64")(outside), policy("float64")(np.full(8, sign))
+            )
             np.testing.assert_array_equal(policy()(outside[None]), policy()(np.full((1, 8), sign)))
 
 
@@ -242,7 +266,10 @@ def test_one_policy_serves_many_threads():
     rows = random_observations()[:200, None]
     expected = [policy()(row).tolist() for row in rows]
     results = [[] for _ in range(4)]
-    threads = [threading.Thread(target=lambda r=r: r.extend(policy()(row).tolist() for row in rows)) for r in results]
+    threads = [
+        threading.Thread(target=lambda r=r: r.extend(policy()(row).tolist() for row in rows))
+        for r in results
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -258,7 +285,9 @@ def test_load(tmp_path):
     assert loaded.limits == SURROGATE
     assert loaded.metadata["training"]["config"] == {"seed": 0}
     assert loaded.dtype == np.float32
-    np.testing.assert_array_equal(loaded(random_observations()[:9]), policy()(random_observations()[:9]))
+    np.testing.assert_array_equal(
+        loaded(random_observations()[:9]), policy()(random_observations()[:9])
+    )
     assert Policy.load(str(path), np.float64).dtype == np.float64
     with pytest.raises(ValueError, match="dtype is float16, expected float32 or float64"):
         Policy.load(path, np.float16)
@@ -268,9 +297,14 @@ def test_parity_vectors_are_checked(tmp_path):
     """A file in perfect order whose network decides otherwise than the training framework did."""
     path = tmp_path / "p.safetensors"
     write(path, replace(content(), parity_action=np.clip(content().parity_action * 0.999, -1, 1)))
-    with pytest.raises(PolicyFileError, match=r"p\.safetensors: the network in float64 gives action .* expected"):
+    with pytest.raises(
+        PolicyFileError, match=r"p\.safetensors: the network in float64 gives action .* expected"
+    ):
         Policy.load(path)
-    other = replace(content(), actor={**content().actor, "head/bias": content().actor["head/bias"] + np.float32(1e-4)})
+    other = replace(
+        content(),
+        actor={**content().actor, "head/bias": content().actor["head/bias"] + np.float32(1e-4)},
+    )
     with pytest.raises(PolicyFileError, match="for parity vector"):
         Policy(other)
 
@@ -289,21 +323,35 @@ def scenes(count=40, most=3):
     """Return own states, intruders, their mask and goals."""
     rng = np.random.default_rng(5)
     shape = (count, most)
-    own = VehicleState(*rng.uniform(-1e3, 1e3, (2, count)), rng.uniform(-3, 3, count), rng.uniform(50, 100, count))
-    others = VehicleState(*rng.uniform(-8e3, 8e3, (2, *shape)), rng.uniform(-3, 3, shape), rng.uniform(50, 100, shape))
+    own = VehicleState(
+        *rng.uniform(-1e3, 1e3, (2, count)), rng.uniform(-3, 3, count), rng.uniform(50, 100, count)
+    )
+    others = VehicleState(
+        *rng.uniform(-8e3, 8e3, (2, *shape)), rng.uniform(-3, 3, shape), rng.uniform(50, 100, shape)
+    )
     return own, others, rng.random(shape) < 0.7, *rng.uniform(-9e3, 9e3, (2, count))
 
 
 def test_command_of_one_is_that_of_many():
     own, others, present, goal_x, goal_y = scenes()
-    decided = policy().for_aircraft(PAPER, outside="allow")  # of several intruders it takes the most critical one
+    decided = policy().for_aircraft(
+        PAPER, outside="allow"
+    )  # of several intruders it takes the most critical one
     together = decided.command(own, others, present, goal_x, goal_y)
     for row in range(len(goal_x)):
-        alone = decided.command(*(VehicleState(*(f[row : row + 1] for f in s)) for s in (own, others)),
-                                 present[row : row + 1], goal_x[row : row + 1], goal_y[row : row + 1])  # fmt: skip
+        alone = decided.command(
+            *(VehicleState(*(f[row : row + 1] for f in s)) for s in (own, others)),
+            present[row : row + 1],
+            goal_x[row : row + 1],
+            goal_y[row : row + 1],
+        )
         np.testing.assert_array_equal(alone[0], together[row])
-        seen = [VehicleState(*(float(f[row, k]) for f in others)) for k in np.flatnonzero(present[row])]
-        one = decided.command_one(VehicleState(*(float(f[row]) for f in own)), seen, goal_x[row], goal_y[row])
+        seen = [
+            VehicleState(*(float(f[row, k]) for f in others)) for k in np.flatnonzero(present[row])
+        ]
+        one = decided.command_one(
+            VehicleState(*(float(f[row]) for f in own)), seen, goal_x[row], goal_y[row]
+        )
         np.testing.assert_allclose(one, together[row], atol=1e-3)
 
 
@@ -322,15 +370,19 @@ def test_command_names_what_has_another_shape():
 
 
 def test_two_exact_images_of_each_other_pass():
-    # Head-on with all numbers equal, the line to the goal is the line to the other: the sign of the mirror is a tie,
-    # which rounding would break for either of them by itself.
+    # Head-on with all numbers equal, the line to the goal is the line to the other: the sign of the
+    # mirror is a tie, which rounding would break for either of them by itself.
     decided, limits, x, y = Policy.load(), PAPER.limits, 7000.0 * np.cos(1.0), 7000.0 * np.sin(1.0)
     one, other = VehicleState(-x, -y, 1.0, 75.0), VehicleState(x, y, 1.0 + np.pi, 75.0)
     closest = np.inf
     for _ in range(150):
         actions = decided.command_one(one, [other], x, y), decided.command_one(other, [one], -x, -y)
         one, other = (
-            VehicleState(*map(float, advance(state, *commands(np.array(action), limits, np), 1.0, limits, np)))
+            VehicleState(
+                *map(
+                    float, advance(state, *commands(np.array(action), limits, np), 1.0, limits, np)
+                )
+            )
             for state, action in zip((one, other), actions, strict=True)
         )
         closest = min(closest, np.hypot(one.x - other.x, one.y - other.y))

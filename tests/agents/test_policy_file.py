@@ -25,20 +25,31 @@ KEY = "rlcas_policy"
 def content(hidden=(6, 5), feature_set="cpa", config=None, **training):
     rng = np.random.default_rng(1)
     actor, inputs = {}, size(feature_set)
-    for name, width in zip([*(f"hidden_{i}" for i in range(len(hidden))), "head"], [*hidden, 2], strict=True):
+    for name, width in zip(
+        [*(f"hidden_{i}" for i in range(len(hidden))), "head"], [*hidden, 2], strict=True
+    ):
         actor[f"{name}/kernel"] = rng.normal(size=(inputs, width)).astype(np.float32)
         actor[f"{name}/bias"] = rng.normal(size=width).astype(np.float32)
         inputs = width
     actor["log_std"] = np.full(2, -0.5, np.float32)
-    config = {"ppo": {"learning_rate": 3e-4, "epochs": 4}, "seeds": [1, 2]} if config is None else config
-    training = {"steps": 1000, "score": 12.5, "versions": {"numpy": "2"}, "notes": 'a "note" with ünïcode\n'} | training
+    config = (
+        {"ppo": {"learning_rate": 3e-4, "epochs": 4}, "seeds": [1, 2]} if config is None else config
+    )
+    training = {
+        "steps": 1000,
+        "score": 12.5,
+        "versions": {"numpy": "2"},
+        "notes": 'a "note" with ünïcode\n',
+    } | training
     metadata = new_metadata(hidden, feature_set, SURROGATE, config, **training)
     observation = rng.uniform(-1, 1, (3, 8)).astype(np.float32)
     return PolicyFile(actor, observation, rng.uniform(-1, 1, (3, 2)).astype(np.float32), metadata)
 
 
 def rebuilt(tensors=None, change=None, seal=True):
-    """Return a file in good form whose tensors, or metadata (changed in place), say something else."""
+    """Return a file in good form whose tensors, or metadata (changed in place), say
+    something else.
+    """
     policy = content()
     tensors = policy.tensors if tensors is None else tensors
     document = json.loads(canonical(policy.metadata))
@@ -70,7 +81,11 @@ def test_round_trip(tmp_path, hidden, feature_set):
         assert again.tensors[name].dtype == np.float32
         np.testing.assert_array_equal(again.tensors[name], tensor)
     assert again.metadata == policy.metadata
-    assert again.sha256 == policy.sha256 == json.loads(header(path.read_bytes())["__metadata__"][KEY])["sha256"]
+    assert (
+        again.sha256
+        == policy.sha256
+        == json.loads(header(path.read_bytes())["__metadata__"][KEY])["sha256"]
+    )
     assert (again.hidden, again.feature_set, again.limits) == (hidden, feature_set, SURROGATE)
     assert serialise(again) == path.read_bytes()
     assert [entry.name for entry in tmp_path.iterdir()] == ["p.safetensors"]
@@ -101,7 +116,9 @@ def test_any_changed_byte_is_refused(position, flip):
 
 
 def test_every_byte_of_the_header_counts():
-    """One exhaustive pass over the header, where a damage could change the spelling and not the meaning."""
+    """One exhaustive pass over the header, where a damage could change the spelling and not the
+    meaning.
+    """
     for position in range(HEADER_END):
         for value in (0x09, 0x20, 0x0A, DATA[position] ^ 0x20):
             if value != DATA[position]:
@@ -140,7 +157,10 @@ def with_header(change):
 
 def test_nothing_can_be_hidden_beside_the_content():
     assert with_header(str) == DATA
-    more = {"an extra field": '"dtype":"F32","note":"x",', "the same twice": '"dtype":"F32","dtype":"F32",'}
+    more = {
+        "an extra field": '"dtype":"F32","note":"x",',
+        "the same twice": '"dtype":"F32","dtype":"F32",',
+    }
     for what in more.values():
         with pytest.raises(PolicyFileError, match=r"canonical|not a valid safetensors"):
             parse(with_header(lambda text, what=what: text.replace('"dtype":"F32",', what, 1)), "p")
@@ -212,7 +232,11 @@ def at(path, value):
         ("schema.name", "other", "metadata.schema is .*'other'.*, expected .*'rlcas-policy'"),
         ("schema.version", 3, "metadata.schema is"),
         ("schema", KeyError, "metadata.schema is None"),
-        ("observation.names", list(reversed(OBSERVATION["names"])), r"metadata\.observation\.names is"),
+        (
+            "observation.names",
+            list(reversed(OBSERVATION["names"])),
+            r"metadata\.observation\.names is",
+        ),
         ("observation.half_range", [1.0] * 8, r"metadata\.observation\.half_range is"),
         ("observation.more", 1, r"metadata\.observation\.more is 1, expected None"),
         ("action.names", ["yaw_rate", "acceleration"], r"metadata\.action\.names is"),
@@ -256,7 +280,11 @@ def test_wrong_metadata(path, value, message):
 
 
 def altered(name, tensor):
-    return {key: value for key, value in (content().tensors | {name: tensor}).items() if value is not None}
+    return {
+        key: value
+        for key, value in (content().tensors | {name: tensor}).items()
+        if value is not None
+    }
 
 
 def nan_at(name, index, value=np.nan):
@@ -270,9 +298,15 @@ def nan_at(name, index, value=np.nan):
     [
         (altered("actor/log_std", None), "tensor 'actor/log_std' is missing"),
         (altered("parity/action", None), "tensor 'parity/action' is missing"),
-        (altered("critic/head/bias", np.zeros(1, np.float32)), "tensor 'critic/head/bias' is unexpected"),
+        (
+            altered("critic/head/bias", np.zeros(1, np.float32)),
+            "tensor 'critic/head/bias' is unexpected",
+        ),
         (altered("actor/head/bias", np.zeros(3, np.float32)), r"shape \[3\], expected \[2\]"),
-        (altered("actor/head/bias", np.zeros((2, 1), np.float32)), r"shape \[2, 1\], expected \[2\]"),
+        (
+            altered("actor/head/bias", np.zeros((2, 1), np.float32)),
+            r"shape \[2, 1\], expected \[2\]",
+        ),
         (altered("actor/head/bias", np.zeros(2, np.float64)), "dtype float64, expected float32"),
         (altered("actor/head/bias", np.zeros(2, np.float16)), "dtype float16, expected float32"),
         (altered("actor/head/bias", np.zeros(2, np.int32)), "dtype int32, expected float32"),
@@ -282,7 +316,10 @@ def nan_at(name, index, value=np.nan):
             | {"parity/observation": np.zeros((0, 8), np.float32)},
             r"hold \[0\] vectors",
         ),
-        (nan_at("actor/hidden_1/kernel", (2, 3)), r"actor/hidden_1/kernel is not finite at \[2, 3\]"),
+        (
+            nan_at("actor/hidden_1/kernel", (2, 3)),
+            r"actor/hidden_1/kernel is not finite at \[2, 3\]",
+        ),
         (nan_at("actor/head/kernel", (0, 0), -2e4), r"actor/head/kernel leaves \[-10000, 10000\]"),
         (nan_at("actor/log_std", 1, -np.inf), r"actor/log_std is not finite at \[1\]"),
         (nan_at("parity/observation", (0, 0), 1.5), r"parity/observation leaves \[-1, 1\]"),
@@ -307,7 +344,12 @@ def test_digest_is_checked():
 
 @pytest.mark.parametrize(
     ("config", "training"),
-    [({"rate": float("nan")}, {}), ({"rate": object()}, {}), ({}, {"steps": -5}), ({}, {"score": float("inf")})],
+    [
+        ({"rate": float("nan")}, {}),
+        ({"rate": object()}, {}),
+        ({}, {"steps": -5}),
+        ({}, {"score": float("inf")}),
+    ],
 )
 def test_metadata_that_cannot_be_written(config, training):
     with pytest.raises(PolicyFileError, match="new policy: "):
@@ -320,7 +362,9 @@ def test_writing_refuses_what_reading_would_and_leaves_the_old_file(tmp_path):
     before = path.read_bytes()
     policy = content()
     with pytest.raises(PolicyFileError, match="not finite"):
-        write(path, replace(policy, actor={**policy.actor, "log_std": np.full(2, np.nan, np.float32)}))
+        write(
+            path, replace(policy, actor={**policy.actor, "log_std": np.full(2, np.nan, np.float32)})
+        )
     with pytest.raises(PolicyFileError, match="has dtype float64"):
         write(path, replace(policy, actor={**policy.actor, "log_std": np.zeros(2)}))
     assert path.read_bytes() == before

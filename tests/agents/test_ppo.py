@@ -1,4 +1,6 @@
-"""PPO's parts against plain loops and numbers computed by hand: advantages, losses, clipping, shuffling."""
+"""PPO's parts against plain loops and numbers computed by hand: advantages, losses, clipping,
+shuffling.
+"""
 
 import itertools
 import math
@@ -23,7 +25,9 @@ compiled_advantages = jax.jit(ppo.advantages)
 
 
 def looped(reward, value, value_next, terminated, discount, gae_lambda) -> np.ndarray:
-    """Return generalised advantages of one episode stream ``[T]``, as the definition reads: a sum over the future."""
+    """Return generalised advantages of one episode stream ``[T]``, as the definition reads: a sum
+    over the future.
+    """
     steps = len(reward)
     estimate = np.zeros(steps)
     for t in range(steps):
@@ -40,7 +44,10 @@ def looped(reward, value, value_next, terminated, discount, gae_lambda) -> np.nd
 def compare_advantages(reward, value, value_next, terminated, discount, gae_lambda) -> None:
     columns = [np.asarray(column, np.float32) for column in (reward, value, value_next, terminated)]
     found = compiled_advantages(*columns, discount, gae_lambda)
-    expected = [looped(*(c[:, n] for c in columns), discount, gae_lambda) for n in range(columns[0].shape[1])]
+    expected = [
+        looped(*(c[:, n] for c in columns), discount, gae_lambda)
+        for n in range(columns[0].shape[1])
+    ]
     np.testing.assert_allclose(found, np.stack(expected, axis=1), rtol=1e-4, atol=1e-4)
 
 
@@ -60,12 +67,18 @@ def test_advantages_against_a_plain_loop(seed, discount, gae_lambda, termination
 
 
 def test_advantages_by_hand() -> None:
-    """Rewards 1, 2; values 3, 4, then 5; discount 0.5, lambda 0.5: deltas 0 and 0.5; the first looks 0.25 ahead."""
+    """Rewards 1, 2; values 3, 4, then 5; discount 0.5, lambda 0.5: deltas 0 and 0.5; the first
+    looks 0.25 ahead.
+    """
     column = np.float32([[1.0], [2.0]]), np.float32([[3.0], [4.0]]), np.float32([[4.0], [5.0]])
     none = np.zeros((2, 1), np.float32)
-    np.testing.assert_allclose(compiled_advantages(*column, none, 0.5, 0.5)[:, 0], [0.0 + 0.25 * 0.5, 0.5])
+    np.testing.assert_allclose(
+        compiled_advantages(*column, none, 0.5, 0.5)[:, 0], [0.0 + 0.25 * 0.5, 0.5]
+    )
     last = np.float32([[0.0], [1.0]])
-    np.testing.assert_allclose(compiled_advantages(*column, last, 0.5, 0.5)[:, 0], [0.25 * -2.0, -2.0])
+    np.testing.assert_allclose(
+        compiled_advantages(*column, last, 0.5, 0.5)[:, 0], [0.25 * -2.0, -2.0]
+    )
 
 
 def test_gaussian_log_prob_and_entropy_are_scipys() -> None:
@@ -73,13 +86,17 @@ def test_gaussian_log_prob_and_entropy_are_scipys() -> None:
     action, mean = generator.normal(size=(2, 50, 2)).astype(np.float32)
     log_std = np.float32([-1.2, 0.4])
     normal = stats.norm(mean, np.exp(log_std))
-    np.testing.assert_allclose(ppo.gaussian_log_prob(action, mean, log_std), normal.logpdf(action).sum(-1), rtol=1e-4)
+    np.testing.assert_allclose(
+        ppo.gaussian_log_prob(action, mean, log_std), normal.logpdf(action).sum(-1), rtol=1e-4
+    )
     expected = stats.norm(0.0, np.exp(log_std)).entropy().sum()
     np.testing.assert_allclose(ppo.gaussian_entropy(jnp.asarray(log_std)), expected, rtol=1e-6)
 
 
 class MeanOfObservation:
-    """An actor whose mean is the observation times a parameter, so that ratios can be computed by hand."""
+    """An actor whose mean is the observation times a parameter, so that ratios can be computed by
+    hand.
+    """
 
     def apply(self, variables: Any, observation: jax.Array) -> tuple[jax.Array, jax.Array]:
         return observation * variables["gain"], variables["log_std"]
@@ -100,7 +117,9 @@ def tiny_batch(old_ratio: list[float], advantage: list[float]) -> Batch:
     """Return three samples drawn at their mean, whose probability ratios are the ones given."""
     observation = np.float32([[0.5, 0.0], [0.0, -0.5], [1.0, 1.0]])
     log_prob = -math.log(2.0 * math.pi) - np.log(np.float32(old_ratio))
-    return Batch(observation, observation, log_prob, np.float32(advantage), np.float32([0.0, 0.0, 3.0]))
+    return Batch(
+        observation, observation, log_prob, np.float32(advantage), np.float32([0.0, 0.0, 3.0])
+    )
 
 
 def losses(batch: Batch, **settings: Any) -> dict[str, float]:
@@ -114,9 +133,11 @@ def losses(batch: Batch, **settings: Any) -> dict[str, float]:
     [
         # Inside the clip range nothing is clipped: -(1.1 - 2 * 0.9 + 3) / 3.
         ([1.1, 0.9, 1.0], [1.0, -2.0, 3.0], -(1.1 - 1.8 + 3.0) / 3.0, 0.0),
-        # A ratio beyond the range that gains no more: 1.5 counts as 1.2; 0.5 with a negative advantage as 0.8.
+        # A ratio beyond the range that gains no more: 1.5 counts as 1.2; 0.5 with a negative
+        # advantage as 0.8.
         ([1.5, 0.5, 1.0], [1.0, -2.0, 3.0], -(1.2 - 1.6 + 3.0) / 3.0, 2.0 / 3.0),
-        # The pessimistic side is never clipped: 1.5 with a negative and 0.5 with a positive advantage.
+        # The pessimistic side is never clipped: 1.5 with a negative and 0.5 with a positive
+        # advantage.
         ([1.5, 0.5, 1.0], [-1.0, 2.0, 3.0], -(-1.5 + 1.0 + 3.0) / 3.0, 2.0 / 3.0),
     ],
 )
@@ -124,21 +145,29 @@ def test_policy_loss_by_hand(ratios, advantage, expected, clipped) -> None:
     found = losses(tiny_batch(ratios, advantage), clip=0.2)
     assert found["policy_loss"] == pytest.approx(expected, rel=1e-5)
     assert found["clip_fraction"] == pytest.approx(clipped)
-    assert found["approx_kl"] == pytest.approx(np.mean([r - 1.0 - math.log(r) for r in ratios]), abs=1e-5)
+    assert found["approx_kl"] == pytest.approx(
+        np.mean([r - 1.0 - math.log(r) for r in ratios]), abs=1e-5
+    )
     # Drawn at the mean, with a standard deviation of 1 in two dimensions.
     assert found["neg_log_prob"] == pytest.approx(math.log(2.0 * math.pi), rel=1e-5)
 
 
 def test_value_loss_entropy_and_total_by_hand() -> None:
-    """Values are 1, -1 and 4, targets 0, 0 and 3; two unit Gaussians have an entropy of log(2 pi e)."""
+    """Values are 1, -1 and 4, targets 0, 0 and 3; two unit Gaussians have an entropy of log(2 pi
+    e).
+    """
     found = losses(tiny_batch([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), value=0.7, entropy=0.3)
     assert found["value_loss"] == pytest.approx(0.5 * (1.0 + 1.0 + 1.0) / 3.0)
     assert found["entropy"] == pytest.approx(math.log(2.0 * math.pi * math.e), rel=1e-6)
-    assert found["loss"] == pytest.approx(-2.0 + 0.7 * 0.5 - 0.3 * math.log(2.0 * math.pi * math.e), rel=1e-5)
+    assert found["loss"] == pytest.approx(
+        -2.0 + 0.7 * 0.5 - 0.3 * math.log(2.0 * math.pi * math.e), rel=1e-5
+    )
 
 
 def test_a_mean_action_beyond_its_limits_costs_its_square_by_hand() -> None:
-    """Means of 3 times (0.5, 0), (0, -0.5) and (1, 1) are 0.5, 0.5, and twice 2 beyond the limits."""
+    """Means of 3 times (0.5, 0), (0, -0.5) and (1, 1) are 0.5, 0.5, and twice 2 beyond the
+    limits.
+    """
     batch = tiny_batch([1.0, 1.0, 1.0], [1.0, 2.0, 3.0])
     beyond = (0.25 + 0.25 + 8.0) / 3.0
     critic, steep = UNIT[1], {"gain": jnp.float32(3.0), "log_std": jnp.zeros(2)}
@@ -152,7 +181,9 @@ def test_a_mean_action_beyond_its_limits_costs_its_square_by_hand() -> None:
 
 
 def test_advantages_are_normalised_within_each_minibatch() -> None:
-    """By hand: 1, 2, 6 have mean 3 and standard deviation sqrt(14/3); so have they shifted and scaled."""
+    """By hand: 1, 2, 6 have mean 3 and standard deviation sqrt(14/3); so have they shifted and
+    scaled.
+    """
     found = ppo.normalized(jnp.array([[1.0, 2.0, 6.0], [107.0, 112.0, 132.0]]))
     by_hand = np.array([-2.0, -1.0, 3.0]) / math.sqrt(14.0 / 3.0)
     np.testing.assert_allclose(found, [by_hand, by_hand], rtol=1e-4)
@@ -165,9 +196,13 @@ def test_an_update_learns_from_normalised_advantages_if_it_shall(small) -> None:
 
     def learned(samples: Batch, *, normalize: bool) -> float:
         settings = replace(SETTINGS, normalize_advantage=normalize)
-        return float(update(state, samples, jax.random.key(1), 1e-3, parts, settings)[1]["policy_loss"])
+        return float(
+            update(state, samples, jax.random.key(1), 1e-3, parts, settings)[1]["policy_loss"]
+        )
 
-    assert learned(changed, normalize=True) == pytest.approx(learned(rollout, normalize=True), abs=1e-4)
+    assert learned(changed, normalize=True) == pytest.approx(
+        learned(rollout, normalize=True), abs=1e-4
+    )
     assert abs(learned(changed, normalize=False) - learned(rollout, normalize=False)) > 1.0
 
 
@@ -175,7 +210,9 @@ def test_the_gradient_of_a_clipped_sample_is_zero() -> None:
     def policy_gradient(ratio: float) -> float:
         batch = tiny_batch([ratio] * 3, [1.0, 1.0, 1.0])
         batch = batch._replace(action=batch.action + np.float32(0.1))
-        shift = ppo.gaussian_log_prob(batch.action, batch.observation, jnp.zeros(2)) + math.log(2.0 * math.pi)
+        shift = ppo.gaussian_log_prob(batch.action, batch.observation, jnp.zeros(2)) + math.log(
+            2.0 * math.pi
+        )
         batch = batch._replace(log_prob=batch.log_prob + shift)
         settings = PpoSettings(value=0.0)
         gradient, _ = jax.grad(ppo.losses, has_aux=True)(UNIT, batch, BY_HAND, settings)
@@ -200,7 +237,13 @@ def small() -> tuple[Learner, LearnerState, Batch]:
     observation, action = generator.normal(size=(*shape, 3)), generator.normal(size=(*shape, 2))
     mean, log_std = parts.policy(state.actor, observation.astype(np.float32))
     log_prob = ppo.gaussian_log_prob(action, mean, log_std)
-    rollout = Batch(observation, action, log_prob, generator.normal(size=shape), 10.0 * generator.normal(size=shape))
+    rollout = Batch(
+        observation,
+        action,
+        log_prob,
+        generator.normal(size=shape),
+        10.0 * generator.normal(size=shape),
+    )
     return parts, state, jax.tree.map(lambda a: np.asarray(a, np.float32), rollout)
 
 
@@ -210,7 +253,9 @@ update = jax.jit(ppo.update, static_argnums=(4, 5))
 def test_a_learning_rate_of_zero_changes_no_parameter(small) -> None:
     parts, state, rollout = small
     after, logged = update(state, rollout, jax.random.key(1), 0.0, parts, SETTINGS)
-    for a, b in zip(*(jax.tree.leaves((each.actor, each.critic)) for each in (after, state)), strict=True):
+    for a, b in zip(
+        *(jax.tree.leaves((each.actor, each.critic)) for each in (after, state)), strict=True
+    ):
         np.testing.assert_array_equal(a, b)
     # So the policy is still the one that drew the actions.
     assert abs(float(logged["approx_kl"])) < 1e-6
@@ -224,7 +269,9 @@ def test_learning_reduces_the_loss_and_depends_on_the_key(small) -> None:
     assert float(after["value_loss"]) < float(before["value_loss"])
     again, _ = update(state, rollout, jax.random.key(1), 3e-2, parts, SETTINGS)
     other, _ = update(state, rollout, jax.random.key(3), 3e-2, parts, SETTINGS)
-    weights = [np.asarray(s.critic["params"]["trunk"]["head"]["kernel"]) for s in (first, again, other)]
+    weights = [
+        np.asarray(s.critic["params"]["trunk"]["head"]["kernel"]) for s in (first, again, other)
+    ]
     np.testing.assert_array_equal(weights[0], weights[1])
     assert np.any(weights[0] != weights[2])
 
@@ -237,15 +284,21 @@ def adams_first_moment(state: LearnerState) -> Any:
 def test_each_networks_gradient_is_clipped_to_its_own_norm(small) -> None:
     """Adam's first moment after one minibatch is a tenth of the gradient that it was given."""
     parts, state, rollout = small
-    once = PpoSettings(epochs=1, minibatches=1, segment=2, max_grad_norm=0.5 * SETTINGS.max_grad_norm)
+    once = PpoSettings(
+        epochs=1, minibatches=1, segment=2, max_grad_norm=0.5 * SETTINGS.max_grad_norm
+    )
     parts = ppo.learner(parts.actor, parts.critic, once)
     after, logged = update(state, rollout, jax.random.key(1), 0.0, parts, once)
     samples = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), rollout)
     samples = samples._replace(advantage=ppo.normalized(samples.advantage[None])[0])
-    gradient, _ = jax.grad(ppo.losses, has_aux=True)((state.actor, state.critic), samples, parts, once)
+    gradient, _ = jax.grad(ppo.losses, has_aux=True)(
+        (state.actor, state.critic), samples, parts, once
+    )
     norms = [float(optax.tree.norm(network)) for network in gradient]
     assert norms[1] > 100.0 * once.max_grad_norm, "of the critic, which errs widely"
-    assert float(logged["grad_norm"]) == pytest.approx(float(np.hypot(*norms)), rel=1e-3), "logged before it is clipped"
+    assert float(logged["grad_norm"]) == pytest.approx(float(np.hypot(*norms)), rel=1e-3), (
+        "logged before it is clipped"
+    )
     # All parameters of a network are scaled by one factor, which keeps its gradient's direction.
     for network, norm, moment in zip(gradient, norms, adams_first_moment(after), strict=True):
         scale = 0.1 * min(1.0, once.max_grad_norm / norm)
@@ -271,20 +324,26 @@ class Fixed:
 
 
 class Table:
-    """A critic with a parameter for each sample: its gradient shows which samples a minibatch holds."""
+    """A critic with a parameter for each sample: its gradient shows which samples a minibatch
+    holds.
+    """
 
     def apply(self, variables: Any, observation: jax.Array) -> jax.Array:
         return variables["table"][observation[..., 0].astype(jnp.int32)]
 
 
 def recorder(total: int, size: int) -> optax.GradientTransformation:
-    """Return an optimiser that only counts how often each sample was used and checks how many come at once."""
+    """Return an optimiser that only counts how often each sample was used and checks how many come
+    at once.
+    """
 
     def record(gradient: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
         used = gradient[1]["table"] != 0.0
         return gradient, (state[0] + used, state[1] + (used.sum() == size))
 
-    return optax.GradientTransformation(lambda _: (jnp.zeros(total, int), jnp.zeros((), int)), record)
+    return optax.GradientTransformation(
+        lambda _: (jnp.zeros(total, int), jnp.zeros((), int)), record
+    )
 
 
 @pytest.mark.parametrize("segment", [1, 2, 4, 8])
@@ -297,7 +356,9 @@ def test_every_epoch_uses_every_sample_once(segment: int) -> None:
     index = np.arange(total, dtype=np.float32).reshape(ENCOUNTERS, STEPS)
     zeros = np.zeros((ENCOUNTERS, STEPS), np.float32)
     action = np.zeros((ENCOUNTERS, STEPS, 2), np.float32)
-    rollout = Batch(index[..., None], action, zeros - np.float32(math.log(2.0 * math.pi)), zeros, zeros + 1.0)
+    rollout = Batch(
+        index[..., None], action, zeros - np.float32(math.log(2.0 * math.pi)), zeros, zeros + 1.0
+    )
     after, _ = update(state, rollout, jax.random.key(0), 0.0, parts, settings)
     used, full_minibatches = after.optimizer
     np.testing.assert_array_equal(used, settings.epochs)
@@ -305,7 +366,9 @@ def test_every_epoch_uses_every_sample_once(segment: int) -> None:
 
 
 def test_initial_networks_are_those_of_the_recipe() -> None:
-    """Orthogonal hidden layers of gain sqrt(2), a head of 0.01 for the policy and 1 for the value, zero biases."""
+    """Orthogonal hidden layers of gain sqrt(2), a head of 0.01 for the policy and 1 for the value,
+    zero biases.
+    """
     parts = ppo.learner(Actor((16, 16), "none", -0.7), Critic((16, 16), "none"), PpoSettings())
     state = ppo.initial_state(parts, jax.random.key(4), jnp.zeros((1, 8)))
     actor, critic = state.actor["params"], state.critic["params"]
@@ -327,10 +390,11 @@ def test_explained_variance() -> None:
     assert float(ppo.explained_variance(-target, target)) == pytest.approx(-3.0)
 
 
-# Five probe environments that localise a defect of PPO: each needs one more part of it than the one before.
+# Five probe environments that localise a defect of PPO: each needs one more part of it than the one
+# before.
 #
-# A probe's episode lasts one or two steps. Everything that differs between probes is data, so that one compiled
-# training loop serves all of them.
+# A probe's episode lasts one or two steps. Everything that differs between probes is data, so that
+# one compiled training loop serves all of them.
 
 
 COUNT, PROBE_STEPS, UPDATES = 32, 16, 150
@@ -369,7 +433,9 @@ def environment(probe: Probe, cost: jax.Array) -> Environment:
         clock = world.clock + 1.0
         ended = clock >= probe.length
         miss = action[:, 0] - probe.target - probe.target_by_sign * world.sign
-        reward = jnp.where(ended, probe.pays + probe.pays_sign * world.sign, 0.0) - cost * miss * miss
+        reward = (
+            jnp.where(ended, probe.pays + probe.pays_sign * world.sign, 0.0) - cost * miss * miss
+        )
         return world._replace(clock=clock, ended=ended), Step(reward, ended, None)
 
     def restart(world: World, index: jax.Array) -> World:
@@ -390,15 +456,22 @@ def trained(probe: Probe, cost: jax.Array) -> ppo.LearnerState:
     """Return the learner after UPDATES updates with a learning rate that falls to 0."""
     world = World(jnp.ones(COUNT), jnp.zeros(COUNT), jnp.ones(COUNT, bool), jax.random.key(0))
 
-    def one(carry: tuple[ppo.LearnerState, World], index: jax.Array) -> tuple[tuple[ppo.LearnerState, World], None]:
+    def one(
+        carry: tuple[ppo.LearnerState, World], index: jax.Array
+    ) -> tuple[tuple[ppo.LearnerState, World], None]:
         state, world = carry
-        noise_key, observe_key, shuffle_key = jax.random.split(jax.random.fold_in(jax.random.key(1), index), 3)
+        noise_key, observe_key, shuffle_key = jax.random.split(
+            jax.random.fold_in(jax.random.key(1), index), 3
+        )
         noise = jax.random.normal(noise_key, (PROBE_STEPS, COUNT, 2))
         world, samples, _, _ = collect(
             state, world, noise, observe_key, environment(probe, cost), PARTS, probe.discount, 0.95
         )
         rate = 2e-2 * (1.0 - index / UPDATES)
-        return (ppo.update(state, samples, shuffle_key, rate, PARTS, PROBE_SETTINGS)[0], world), None
+        return (
+            ppo.update(state, samples, shuffle_key, rate, PARTS, PROBE_SETTINGS)[0],
+            world,
+        ), None
 
     begin = ppo.initial_state(PARTS, jax.random.key(2), jnp.zeros((1, 2))), world
     return jax.lax.scan(one, begin, jnp.arange(UPDATES))[0][0]
@@ -407,7 +480,9 @@ def trained(probe: Probe, cost: jax.Array) -> ppo.LearnerState:
 def solved(probe: Probe) -> tuple[ppo.LearnerState, np.ndarray]:
     """Train on a probe and return the learner and its action's standard deviation."""
     cost = 0.0 if probe.target is None else 1.0
-    state = trained(jax.tree.map(jnp.float32, probe._replace(target=probe.target or 0.0)), jnp.float32(cost))
+    state = trained(
+        jax.tree.map(jnp.float32, probe._replace(target=probe.target or 0.0)), jnp.float32(cost)
+    )
     return state, np.exp(state.actor["params"]["log_std"])
 
 
@@ -433,7 +508,9 @@ def test_value_that_depends_on_the_observation() -> None:
 
 
 def test_discounting() -> None:
-    """The second of two steps pays 1: a failure points to the bootstrap, the discount or the ends of episodes."""
+    """The second of two steps pays 1: a failure points to the bootstrap, the discount or the ends
+    of episodes.
+    """
     state, _ = solved(Probe(shows_clock=1.0, length=2.0, pays=1.0, discount=0.7))
     assert value(state, 0.0, 1.0) == pytest.approx(1.0, abs=0.05)
     assert value(state, 0.0, 0.0) == pytest.approx(0.7, abs=0.05)
@@ -443,12 +520,15 @@ def test_policy() -> None:
     """The action 0.5 pays best: a failure points to the policy loss or to the advantages' sign."""
     state, std = solved(Probe(target=0.5))
     assert action(state, 0.0, 0.0) == pytest.approx(0.5, abs=0.05)
-    # Exploring costs its variance, which therefore shrinks from its initial exp(-0.5) squared = 0.37.
+    # Exploring costs its variance, which therefore shrinks from its initial exp(-0.5) squared =
+    # 0.37.
     assert std[0] < 0.3
 
 
 def test_policy_and_value_together() -> None:
-    """The best action and the pay both follow what is shown: a failure points to samples that got out of step."""
+    """The best action and the pay both follow what is shown: a failure points to samples that got
+    out of step.
+    """
     state, std = solved(Probe(shows_sign=1.0, pays_sign=1.0, target=0.0, target_by_sign=0.5))
     assert action(state, 1.0, 0.0) == pytest.approx(0.5, abs=0.1)
     assert action(state, -1.0, 0.0) == pytest.approx(-0.5, abs=0.1)

@@ -1,4 +1,6 @@
-"""Formulas and constants of the proofs are those of the code: definitions are read from the Coq files."""
+"""Formulas and constants of the proofs are those of the code: definitions are read from the Coq
+files.
+"""
 
 import math
 import re
@@ -72,7 +74,11 @@ class Reader:
 
     def application(self) -> str:
         head, arguments = self.atom(), []
-        while self.tokens and re.match(r"[\w(]", self.ahead()) and self.ahead() not in ("then", "else"):
+        while (
+            self.tokens
+            and re.match(r"[\w(]", self.ahead())
+            and self.ahead() not in ("then", "else")
+        ):
             arguments.append(self.atom())
         return f"{head}({', '.join(arguments)})" if arguments else head
 
@@ -88,9 +94,13 @@ class Reader:
 def definitions() -> dict[str, Callable[..., Any]]:
     scope: dict[str, Any] = dict(PRIMITIVE)
     for name in ("Constants", "Vectors", "Bound", "Motion", "Quadrature", "Safe"):
-        text = re.sub(r"\(\*.*?\*\)", "", (PROOFS / f"{name}.v").read_text(encoding="utf-8"), flags=re.DOTALL)
+        text = re.sub(
+            r"\(\*.*?\*\)", "", (PROOFS / f"{name}.v").read_text(encoding="utf-8"), flags=re.DOTALL
+        )
         for label, arguments, body in HEAD.findall(text):
-            if re.search(r"RInt|\bfun\b|\^", body):  # positions are integrals in the proofs, and have closed forms
+            if re.search(
+                r"RInt|\bfun\b|\^", body
+            ):  # positions are integrals in the proofs, and have closed forms
                 continue
             code, names = Reader(body).expression(), " ".join(ARGUMENTS.findall(arguments)).split()
             scope[label] = eval(f"lambda {', '.join(names)}: {code}" if names else code, scope)
@@ -101,20 +111,33 @@ COQ = definitions()
 
 
 def test_definitions_are_read() -> None:
-    assert {"TINY", "CLOSE", "norm", "bound", "loss", "opening", "growth", "required", "owed", "swerve"} <= set(COQ)
+    assert {
+        "TINY",
+        "CLOSE",
+        "norm",
+        "bound",
+        "loss",
+        "opening",
+        "growth",
+        "required",
+        "owed",
+        "swerve",
+    } <= set(COQ)
     assert COQ["norm"](3.0, 4.0) == 5.0
     assert COQ["loss"](2.0, 4.0) == pytest.approx(0.5)
 
 
 def test_constants_are_the_codes() -> None:
-    assert runpy.run_path(str(PROOFS / "constants.py"))["text"]() == (PROOFS / "Constants.v").read_text(
-        encoding="utf-8"
-    )
+    assert runpy.run_path(str(PROOFS / "constants.py"))["text"]() == (
+        PROOFS / "Constants.v"
+    ).read_text(encoding="utf-8")
     assert (COQ["CLOSE"], COQ["ROUNDING"]) == (validator.CLOSE, validator.ROUNDING)
 
 
 def ends(rng: np.random.Generator, count: int) -> Any:
-    """Return relative positions at the ends of parts: far and near, at rest, closing, opening and passing."""
+    """Return relative positions at the ends of parts: far and near, at rest, closing, opening and
+    passing.
+    """
     first = rng.normal(0.0, 1.0, (count, 2)) * 10.0 ** rng.uniform(0.0, 4.0, (count, 1))
     step = rng.normal(0.0, 1.0, (count, 2)) * 10.0 ** rng.uniform(-9.0, 3.5, (count, 1))
     aimed = rng.random(count) < 0.3
@@ -145,11 +168,16 @@ def test_checkers_bound_is_the_best_proven_one() -> None:
     for x0, y0, x1, y1 in ends(rng, 300).tolist():
         bow = 10.0 ** rng.uniform(-6.0, 2.0)
         dx, dy = x1 - x0, y1 - y0
-        open0, open1 = (x0 * dx + y0 * dy) / math.hypot(x0, y0), -(x1 * dx + y1 * dy) / math.hypot(x1, y1)
+        open0, open1 = (
+            (x0 * dx + y0 * dy) / math.hypot(x0, y0),
+            -(x1 * dx + y1 * dy) / math.hypot(x1, y1),
+        )
         known = [COQ["cross_bound"](x0, y0, x1, y1, bow)]
         known += [math.hypot(x0, y0) - COQ["loss"](bow, open0)] if open0 >= 0.0 else []
         known += [math.hypot(x1, y1) - COQ["loss"](bow, open1)] if open1 >= 0.0 else []
-        known += [far - math.hypot(dx, dy) - bow for far in (math.hypot(x0, y0), math.hypot(x1, y1))]
+        known += [
+            far - math.hypot(dx, dy) - bow for far in (math.hypot(x0, y0), math.hypot(x1, y1))
+        ]
         found = check.bound(check.ball(x0, y0), check.ball(x1, y1), check.ball(bow).hi) / unit
         assert found == pytest.approx(max(*known, 0.0), rel=1e-9, abs=1e-6)
 
@@ -164,11 +192,13 @@ def test_requirement_is_the_proven_one() -> None:
         traffic = traffic._replace(position_std=one + std, velocity_std=one + vstd, age=one + age)
         spread = COQ["norm"](std, vstd * age)
         base = COQ["required"](asked.separation, asked.margin, asked.sigmas, spread, away)
-        assert required(traffic, VehicleState(*np.full((4, 1), away / math.sqrt(2.0))), asked)[0, 0] == pytest.approx(
-            base
-        )
+        assert required(traffic, VehicleState(*np.full((4, 1), away / math.sqrt(2.0))), asked)[
+            0, 0
+        ] == pytest.approx(base)
         grown = separation.growth(traffic, np.array([[time]]), asked)
-        assert grown.item() == pytest.approx(COQ["growth"](asked.sigmas, std, vstd, age, time), abs=1e-9)
+        assert grown.item() == pytest.approx(
+            COQ["growth"](asked.sigmas, std, vstd, age, time), abs=1e-9
+        )
 
 
 def test_intruders_fly_the_proven_closed_form() -> None:
@@ -191,9 +221,15 @@ def test_intruders_fly_the_proven_closed_form() -> None:
         now = advanced(traffic, np.full((1, 1), age))
         place = separation._flown(now, np.array([[time]]))
         assert (place[0].item(), place[1].item()) == pytest.approx((x, y), abs=1e-6)
-        report = [check.ball(0.0, 0.0), check.spin(check.ball(psi)), *map(check.ball, (v, age, w, lasts))]
+        report = [
+            check.ball(0.0, 0.0),
+            check.spin(check.ball(psi)),
+            *map(check.ball, (v, age, w, lasts)),
+        ]
         ball = check.other(report, check.ball(time))
-        assert (ball.x / (1 << check.BITS), ball.y / (1 << check.BITS)) == pytest.approx((x, y), abs=1e-6)
+        assert (ball.x / (1 << check.BITS), ball.y / (1 << check.BITS)) == pytest.approx(
+            (x, y), abs=1e-6
+        )
         assert now.turn_time.item() == pytest.approx(COQ["advanced_lasts"](lasts, age))
 
 
@@ -216,9 +252,13 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
     ends = ([0.0, 16_677.97], [0.0, -3_722.89], [0.0, 0.12332], [99.0, 99.0], [0.0, 600.0])
     knots = waypoints.Knots(*(np.array([row]) for row in ends))
     curves = waypoints.legs(knots)
-    arcs = [field.ravel().tolist() for field in (curves.yaw_rate, curves.acceleration, curves.speed)]
+    arcs = [
+        field.ravel().tolist() for field in (curves.yaw_rate, curves.acceleration, curves.speed)
+    ]
     error = separation.blur(curves).item()
-    assert error == pytest.approx(sum(COQ["blur"](w, a, v, 60.0) for w, a, v in zip(*arcs, strict=True)), rel=1e-9)
+    assert error == pytest.approx(
+        sum(COQ["blur"](w, a, v, 60.0) for w, a, v in zip(*arcs, strict=True)), rel=1e-9
+    )
     place = 0.0
     nodes, weights = np.polynomial.legendre.leggauss(40)
     for psi, w, a, v in zip(curves.heading.ravel(), *arcs, strict=True):
@@ -248,7 +288,12 @@ def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> N
     knots = waypoints.Knots(
         *(
             np.array([row])
-            for row in ([0.0, 1_500.0, 3_050.0], [0.0, 300.0, 500.0], [0.1, 0.3, 0.0], [80.0, 74.0, 80.0])
+            for row in (
+                [0.0, 1_500.0, 3_050.0],
+                [0.0, 300.0, 500.0],
+                [0.1, 0.3, 0.0],
+                [80.0, 74.0, 80.0],
+            )
         ),
         time=np.array([[0.0, 20.0, 40.0]]),
     )
@@ -268,7 +313,11 @@ def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> N
     expected = [
         COQ["swerve"](v, w, p, 2.0) + COQ["other_swerve"](90.0, 0.02, 10.0)
         for v, w, p in zip(
-            *(field.ravel().tolist() for field in (curves.speed, curves.yaw_rate, curves.acceleration)), strict=True
+            *(
+                field.ravel().tolist()
+                for field in (curves.speed, curves.yaw_rate, curves.acceleration)
+            ),
+            strict=True,
         )
     ]
     assert pull == pytest.approx(np.array(expected))

@@ -1,4 +1,6 @@
-"""The benchmarks count what they say they count; peers fly our training, and begin and are counted as we are."""
+"""The benchmarks count what they say they count; peers fly our training, and begin and are counted
+as we are.
+"""
 
 import json
 import math
@@ -37,7 +39,8 @@ TINY = (
 )
 PAPER_NETWORKS = [[22, 256, 256, 2], [22, 256, 256, 1]]
 needs_peers = pytest.mark.skipif(
-    not sb3_task.available(), reason=f"the extra 'peers' is not installed; to have it: {sb3_task.INSTALL}"
+    not sb3_task.available(),
+    reason=f"the extra 'peers' is not installed; to have it: {sb3_task.INSTALL}",
 )
 
 
@@ -48,13 +51,20 @@ def last_line(capsys: pytest.CaptureFixture[str]) -> dict:
 def test_flop_counts_against_sums_by_hand():
     assert gemm.weights(PAPER_NETWORKS) == 2 * (22 * 256 + 256 * 256) + 256 * 2 + 256
     assert gemm.flop_per_step(PAPER_NETWORKS, 4) == 2 * 143_104 * 13
-    # No gradient flows into the two first layers' inputs: one product less for each, in every epoch.
+    # No gradient flows into the two first layers' inputs: one product less for each, in every
+    # epoch.
     assert gemm.used_flop_per_step(PAPER_NETWORKS, 4) == 2 * 143_104 * 13 - 4 * 2 * (2 * 22 * 256)
 
 
 def test_products_have_the_shapes_and_the_work_of_forward_and_backward_passes():
     work = gemm.products([3, 5, 2], 7)
-    assert [product.flop for product in work] == [2 * 7 * 15, 2 * 7 * 15, 2 * 7 * 10, 2 * 7 * 10, 2 * 7 * 10]
+    assert [product.flop for product in work] == [
+        2 * 7 * 15,
+        2 * 7 * 15,
+        2 * 7 * 10,
+        2 * 7 * 10,
+        2 * 7 * 10,
+    ]
     shapes = []
     for product in work:
         left, right = np.ones(product.left), np.ones(product.right)
@@ -124,13 +134,19 @@ def test_training_without_the_peer_ends_with_one_json_object(capsys: pytest.Capt
     assert figures["weights"] == 2 * (22 * 8 + 64) + 24
     assert figures["flop_per_step"] == 2 * figures["weights"] * 7
     assert figures["steps_per_s_best"] >= figures["steps_per_s_median"] > 0.0
-    assert figures["gflop_per_s"] == pytest.approx(figures["flop_per_step"] * figures["steps_per_s_median"] / 1e9)
+    assert figures["gflop_per_s"] == pytest.approx(
+        figures["flop_per_step"] * figures["steps_per_s_median"] / 1e9
+    )
     assert {"jax", "python"} <= figures["versions"].keys()
 
 
-def test_training_says_how_to_get_the_peer(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+def test_training_says_how_to_get_the_peer(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(sb3_task, "available", lambda: False)
-    monkeypatch.setattr(training, "measure", lambda config, extent: {"peer_cells": len(extent.batches)})
+    monkeypatch.setattr(
+        training, "measure", lambda config, extent: {"peer_cells": len(extent.batches)}
+    )
     training.main([])
     assert sb3_task.INSTALL in capsys.readouterr().out
 
@@ -144,7 +160,9 @@ def test_bad_repeats_are_refused():
 @pytest.mark.parametrize("feature_set", ["cpa", "mirror"])
 def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set: str):
     config = load(TrainConfig, None, [*TINY, f"network.feature_set={feature_set}"])
-    mine = DeconflictionVectorEnv(4, "circle", aircraft=config.aircraft.aircraft(), rules=config.rules())
+    mine = DeconflictionVectorEnv(
+        4, "circle", aircraft=config.aircraft.aircraft(), rules=config.rules()
+    )
     theirs = sb3_task.environment(config, 4)
 
     def inputs(seen: np.ndarray) -> np.ndarray:
@@ -157,7 +175,9 @@ def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set
         actions = np.tile(np.float32([0.0, 0.3]), (4, 1))
         # What the peer turns to, our world turns to as the features saw the scene.
         hands = features.mirror_sign(list(seen.T), feature_set, np) * np.ones(4)
-        seen, reward, terminated, truncated, _ = mine.step((actions * np.stack([np.ones(4), hands], -1)).astype("f4"))
+        seen, reward, terminated, truncated, _ = mine.step(
+            (actions * np.stack([np.ones(4), hands], -1)).astype("f4")
+        )
         their_seen, their_reward, done, infos = theirs.step(actions)
         np.testing.assert_allclose(their_seen, inputs(seen), atol=1e-4)
         np.testing.assert_allclose(their_reward, config.ppo.reward_scale * reward)
@@ -171,7 +191,9 @@ def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set
 def test_peer_has_our_networks():
     config = load(TrainConfig, None, ["ppo.epochs=4", "network.feature_set=cpa"])
     model = sb3_task.algorithm(config, sb3_task.Cell(environments=4, steps=8, batch=16, epochs=4))
-    kernels = sum(p.numel() for name, p in model.policy.named_parameters() if name.endswith("weight"))
+    kernels = sum(
+        p.numel() for name, p in model.policy.named_parameters() if name.endswith("weight")
+    )
     assert kernels == gemm.weights(training.networks(config))
     assert (model.gamma, model.gae_lambda, model.n_epochs) == (0.995, 0.95, 4)
 
@@ -179,8 +201,12 @@ def test_peer_has_our_networks():
 @pytest.mark.slow
 @needs_peers
 def test_training_beside_the_peer_gives_both_ratios(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(sb3_task, "DEFAULTS", sb3_task.Cell(environments=1, steps=64, batch=16, epochs=10))
-    extent = training.Extent(repeats=1, batches=(64,), environments=(8,), samples=512, cell_s=0.0, finalists=1)
+    monkeypatch.setattr(
+        sb3_task, "DEFAULTS", sb3_task.Cell(environments=1, steps=64, batch=16, epochs=10)
+    )
+    extent = training.Extent(
+        repeats=1, batches=(64,), environments=(8,), samples=512, cell_s=0.0, finalists=1
+    )
     figures = training.measure(load(TrainConfig, None, TINY), extent)
     peer = figures["sb3"]
     assert peer["best"]["batch"] == 64
@@ -189,7 +215,9 @@ def test_training_beside_the_peer_gives_both_ratios(monkeypatch: pytest.MonkeyPa
     assert {entry["threads"] for entry in peer["grid"]} == {1, measure.machine()["cores"]}
     ours = figures["steps_per_s_median"]
     assert figures["ratio_to_sb3_best"] == pytest.approx(ours / peer["best"]["steps_per_s_median"])
-    assert figures["ratio_to_sb3_default"] == pytest.approx(ours / peer["default"]["steps_per_s_median"])
+    assert figures["ratio_to_sb3_default"] == pytest.approx(
+        ours / peer["default"]["steps_per_s_median"]
+    )
     json.dumps(figures)
 
 
@@ -200,7 +228,8 @@ peers = pytest.mark.parametrize(
         pytest.param(
             name,
             marks=pytest.mark.skipif(
-                not learning_sides.available(name), reason=f"{learning_sides.LEARNERS[name]} is not installed"
+                not learning_sides.available(name),
+                reason=f"{learning_sides.LEARNERS[name]} is not installed",
             ),
         )
         for name in ("sb3", "sbx")
@@ -287,7 +316,10 @@ def test_a_peer_begins_as_we_do_and_follows_our_schedule(peer: str):
         assert theirs.update().steps == 128
         assert rate_of(peer, theirs._model.policy) == pytest.approx(rate, rel=1e-6)
     assert theirs._model.num_timesteps == 3 * 128
-    assert any(np.any(old != new) for old, new in zip(kernels, kernels_of(peer, theirs._weights.get()), strict=True))
+    assert any(
+        np.any(old != new)
+        for old, new in zip(kernels, kernels_of(peer, theirs._weights.get()), strict=True)
+    )
 
 
 def rate_of(peer: str, policy: Any) -> float:
@@ -299,12 +331,16 @@ def rate_of(peer: str, policy: Any) -> float:
 def kernels_of(peer: str, kept: Any) -> list[np.ndarray]:
     if peer == "sb3":
         return [np.array(value) for name, value in kept[0].items() if name.endswith("weight")]
-    return [np.array(leaf) for state in kept for leaf in jax.tree.leaves(state.params) if leaf.ndim == 2]
+    return [
+        np.array(leaf) for state in kept for leaf in jax.tree.leaves(state.params) if leaf.ndim == 2
+    ]
 
 
 @pytest.mark.slow
 @peers
-@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::RuntimeWarning")
+@pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::RuntimeWarning"
+)
 def test_a_peer_that_diverges_says_so(peer: str, tmp_path: Path):
     config = tiny("ppo.learning_rate=1.0", "ppo.reward_scale=1e38", "steps=1280")
     learning_run.train(peer, config, 60.0, tmp_path / "run.jsonl", "run")
@@ -345,7 +381,9 @@ def test_bad_options_are_refused(option: str, value: str, said: str):
         learning.main([option, value])
 
 
-def test_a_peer_that_is_asked_for_and_absent_is_refused_with_how_to_get_it(monkeypatch: pytest.MonkeyPatch):
+def test_a_peer_that_is_asked_for_and_absent_is_refused_with_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch,
+):
     monkeypatch.setattr(learning, "available", lambda name: name == "ours")
     with pytest.raises(ConfigError, match=r"SBX is not installed; to have it: pip install"):
         learning.main(["--learner", "sbx"])

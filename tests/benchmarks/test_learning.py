@@ -1,4 +1,6 @@
-"""The comparison of learning curves counts alike for every learner, and goes on where it was stopped."""
+"""The comparison of learning curves counts alike for every learner, and goes on where it was
+stopped.
+"""
 
 import json
 import math
@@ -21,7 +23,17 @@ from scipy import stats
 from agents.config.load import ConfigError, load
 from benchmarks.learning import run as learning
 from benchmarks.learning import training as learning_run
-from benchmarks.learning.curves import WINDOW, Flown, Point, Times, Windows, ratio, reached, score_at, t_mean
+from benchmarks.learning.curves import (
+    WINDOW,
+    Flown,
+    Point,
+    Times,
+    Windows,
+    ratio,
+    reached,
+    score_at,
+    t_mean,
+)
 from benchmarks.learning.training import Log
 from benchmarks.learning.trials import PEERS_BEST, Trial, best, changed, described, settings
 from rlcas_jax import task
@@ -48,7 +60,9 @@ def test_windows_lose_no_step_no_second_and_no_episode(made: list[tuple[int, int
     assert points[-1].steps == sum(steps for steps, _ in made)
     assert points[-1].wall_s == 0.5 * len(made)
     assert sum(point.episodes for point in points) == sum(episodes for _, episodes in made)
-    assert all(point.score == -100.0 if point.episodes else math.isnan(point.score) for point in points)
+    assert all(
+        point.score == -100.0 if point.episodes else math.isnan(point.score) for point in points
+    )
     ends = [0, *(point.steps for point in points[:-1])]
     assert all(later - sooner >= least for sooner, later in pairwise(ends))
 
@@ -76,7 +90,11 @@ def test_time_to_a_score_lies_between_the_windows_by_a_straight_line():
     assert reached([], 75.0, "wall_s") is None
 
 
-@given(st.lists(st.floats(-100.0, 100.0), min_size=1, max_size=12), st.floats(-100.0, 100.0), st.floats(0.0, 50.0))
+@given(
+    st.lists(st.floats(-100.0, 100.0), min_size=1, max_size=12),
+    st.floats(-100.0, 100.0),
+    st.floats(0.0, 50.0),
+)
 def test_a_higher_score_is_never_reached_sooner(scores: list[float], score: float, more: float):
     run = curve(*scores)
     low, high = reached(run, score, "wall_s"), reached(run, score + more, "wall_s")
@@ -88,7 +106,9 @@ def test_a_higher_score_is_never_reached_sooner(scores: list[float], score: floa
 
 def test_score_at_a_place_is_that_of_the_episodes_of_its_last_share():
     run = [Point(100 * i, float(i), float(i), i) for i in range(1, 101)]
-    assert score_at(run, 10_000, "steps") == pytest.approx(np.average(range(96, 101), weights=range(96, 101)))
+    assert score_at(run, 10_000, "steps") == pytest.approx(
+        np.average(range(96, 101), weights=range(96, 101))
+    )
     assert score_at(run, 50.5, "wall_s", tail=0.001) == 50.0
     assert math.isnan(score_at(run, 0.5, "wall_s"))
 
@@ -98,8 +118,13 @@ def test_intervals_are_students_and_welchs():
     expected = stats.t.interval(0.95, 3, np.mean(values), stats.sem(values))
     assert t_mean(values) == pytest.approx((np.mean(values), *expected))
     assert math.isnan(t_mean([1.0]).low)
-    theirs, ours = Times((310.0, 280.0, 350.0), (400.0,) * 3), Times((60.0, 75.0, 58.0, 66.0), (100.0,) * 4)
-    test = stats.ttest_ind(np.log(theirs.seeds), np.log(ours.seeds), equal_var=False).confidence_interval()
+    theirs, ours = (
+        Times((310.0, 280.0, 350.0), (400.0,) * 3),
+        Times((60.0, 75.0, 58.0, 66.0), (100.0,) * 4),
+    )
+    test = stats.ttest_ind(
+        np.log(theirs.seeds), np.log(ours.seeds), equal_var=False
+    ).confidence_interval()
     found = ratio(theirs, ours)
     assert (found.low, found.high) == pytest.approx((math.exp(test.low), math.exp(test.high)))
     assert found.value == pytest.approx(stats.gmean(theirs.seeds) / stats.gmean(ours.seeds))
@@ -153,7 +178,9 @@ def test_every_learner_tries_the_same_valid_settings_whatever_their_number():
 # Stopping and going on
 
 
-def run_in_this_process(learner: str, config: Path, seconds: float, out: Path, until: float | None) -> None:
+def run_in_this_process(
+    learner: str, config: Path, seconds: float, out: Path, until: float | None
+) -> None:
     learning_run.train(learner, load(TrainConfig, config), seconds, out, out.stem, until)
 
 
@@ -192,16 +219,23 @@ def test_ours_goes_on_after_a_kill_with_the_same_curve(
     assert [point._replace(wall_s=0.0) for point in after.curve] == [
         point._replace(wall_s=0.0) for point in before.curve
     ]
-    assert again["learners"]["ours"]["score_after_equal_steps"] == whole["learners"]["ours"]["score_after_equal_steps"]
+    assert (
+        again["learners"]["ours"]["score_after_equal_steps"]
+        == whole["learners"]["ours"]["score_after_equal_steps"]
+    )
     assert again["ratios"] == {}
     table = pq.read_table(tmp_path / "curves.parquet").to_pydict()
     assert table["steps"] == [640]
     assert table["episodes"][0] > 0
-    assert {"learning.png", "learning.svg", "summary.json"} <= {file.name for file in tmp_path.iterdir()}
+    assert {"learning.png", "learning.svg", "summary.json"} <= {
+        file.name for file in tmp_path.iterdir()
+    }
 
 
 def fake_process(made: list[str], stop_after: int | None = None):
-    """Return a stand-in for a process that writes a run of two windows, the better the larger the learning rate."""
+    """Return a stand-in for a process that writes a run of two windows, the better the larger the
+    learning rate.
+    """
 
     def process(learner: str, config: Path, seconds: float, out: Path, until: float | None) -> None:
         score = 1e4 * load(TrainConfig, config).ppo.learning_rate
@@ -216,8 +250,19 @@ def fake_process(made: list[str], stop_after: int | None = None):
     return process
 
 
-def test_trials_choose_the_setting_and_none_is_made_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    options = ["--config", "configs/sprint.yaml", "--trials", "4", "--seeds", "2", "--learner", "ours"]
+def test_trials_choose_the_setting_and_none_is_made_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    options = [
+        "--config",
+        "configs/sprint.yaml",
+        "--trials",
+        "4",
+        "--seeds",
+        "2",
+        "--learner",
+        "ours",
+    ]
     made: list[str] = []
     monkeypatch.setattr(learning, "_process", fake_process(made, stop_after=3))
     with pytest.raises(KeyboardInterrupt):
@@ -227,8 +272,12 @@ def test_trials_choose_the_setting_and_none_is_made_twice(tmp_path: Path, monkey
     assert made == ["ours-0", "ours-1", "ours-2", "ours-3", "ours-seed0", "ours-seed1"]
     summary = json.loads((tmp_path / "summary.json").read_text())
     config = load(TrainConfig, tmp_path / "runs" / "ours-seed1.yaml")
-    # The last window alone, which is the same for all, is within the last fifth: the first of the best is taken.
-    assert summary["settings"]["ours"] == settings(load(TrainConfig, Path("configs/sprint.yaml")), 1)[0]
+    # The last window alone, which is the same for all, is within the last fifth: the first of the
+    # best is taken.
+    assert (
+        summary["settings"]["ours"]
+        == settings(load(TrainConfig, Path("configs/sprint.yaml")), 1)[0]
+    )
     assert (config.seed, config.steps) == (1, 5_000_000)
     learning.main([*options, "--out", str(tmp_path)])
     assert len(made) == 6
@@ -238,7 +287,10 @@ def test_trials_choose_the_setting_and_none_is_made_twice(tmp_path: Path, monkey
 
 def trial(setting: float, *curves: list[Point], ended: str = "score") -> Trial:
     """Return a trial of 20 s with a run for each curve."""
-    return Trial({"epochs": setting}, tuple(Log({"seconds": 20.0}, tuple(points), 1.0, ended) for points in curves))
+    return Trial(
+        {"epochs": setting},
+        tuple(Log({"seconds": 20.0}, tuple(points), 1.0, ended) for points in curves),
+    )
 
 
 def test_the_best_trial_is_the_soonest_of_those_whose_seeds_all_come_to_the_score():
@@ -255,19 +307,34 @@ def test_the_best_trial_is_the_soonest_of_those_whose_seeds_all_come_to_the_scor
     assert said["ended"] == ["time", "time"]
 
 
-def test_trials_may_be_judged_by_the_time_to_a_score(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_trials_may_be_judged_by_the_time_to_a_score(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     made: list[str] = []
     monkeypatch.setattr(learning, "_process", fake_process(made))
-    options = ["--config", "configs/sprint.yaml", "--learner", "ours", "--seeds", "1", "--out", str(tmp_path)]
+    options = [
+        "--config",
+        "configs/sprint.yaml",
+        "--learner",
+        "ours",
+        "--seeds",
+        "1",
+        "--out",
+        str(tmp_path),
+    ]
     options += ["--trials", "3", "--trial-seeds", "2"]
     learning.main([*options, "--trial-target", "8"])
-    assert made == [f"ours-{number}{seed}" for number in range(3) for seed in ("", "-seed1")] + ["ours-seed0"]
+    assert made == [f"ours-{number}{seed}" for number in range(3) for seed in ("", "-seed1")] + [
+        "ours-seed0"
+    ]
     summary = json.loads((tmp_path / "summary.json").read_text())
     times = [tried["time_to_8_s"] for tried in summary["trials"]["ours"]]
     soonest = min(range(3), key=lambda number: times[number][0])
     chosen = settings(load(TrainConfig, Path("configs/sprint.yaml")), 3)[soonest]
     assert summary["settings"]["ours"] == chosen
-    assert chosen["learning_rate"] == max(tried["learning_rate"] for tried in summary["trials"]["ours"])
+    assert chosen["learning_rate"] == max(
+        tried["learning_rate"] for tried in summary["trials"]["ours"]
+    )
     with pytest.raises(ConfigError, match="made with other options"):
         learning.main([*options, "--trial-target", "9"])
 
@@ -286,7 +353,9 @@ class Rising:
         return Flown(WINDOW, 100 * self.score, 100)
 
 
-@pytest.mark.parametrize(("until", "ended", "windows"), [(None, "steps", 5), (25.0, "score", 3), (99.0, "steps", 5)])
+@pytest.mark.parametrize(
+    ("until", "ended", "windows"), [(None, "steps", 5), (25.0, "score", 3), (99.0, "steps", 5)]
+)
 def test_a_training_ends_at_its_score(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, until: float | None, ended: str, windows: int
 ):
@@ -302,14 +371,21 @@ def test_a_training_ends_at_its_score(
 def test_a_process_that_fails_ends_with_status_1_and_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(learning.subprocess, "run", lambda *a, **k: subprocess.CompletedProcess([], 3))
+    monkeypatch.setattr(
+        learning.subprocess, "run", lambda *a, **k: subprocess.CompletedProcess([], 3)
+    )
     assert learning.main(arguments(tmp_path, "--trials", "0")) == 1
     assert "ended with status 3; the same command goes on" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_ours_killed_for_good_goes_on(tmp_path: Path):
-    command = [sys.executable, "-m", "benchmarks.learning", *arguments(tmp_path, "--steps", "4000", "--trials", "0")]
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.learning",
+        *arguments(tmp_path, "--steps", "4000", "--trials", "0"),
+    ]
     command += ["--seeds", "2"]
     second = tmp_path / "runs" / "ours-seed1.jsonl"
     with subprocess.Popen(command, start_new_session=True) as process:
@@ -321,7 +397,10 @@ def test_ours_killed_for_good_goes_on(tmp_path: Path):
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "ours-seed0: done before" in done.stdout
     assert (tmp_path / "runs" / "ours-seed0.jsonl").read_bytes() == first
-    assert json.loads(done.stdout.splitlines()[-1])["learners"]["ours"]["ended"] == ["steps", "steps"]
+    assert json.loads(done.stdout.splitlines()[-1])["learners"]["ours"]["ended"] == [
+        "steps",
+        "steps",
+    ]
 
 
 def test_a_file_that_is_no_run_is_refused(tmp_path: Path):
@@ -341,5 +420,12 @@ def test_places_that_cannot_be_written_to_are_refused(tmp_path: Path):
         learning.main(["--out", str(file)])
     with pytest.raises(ConfigError, match="there is no directory"):
         learning_run.main(
-            ["--learner", "ours", "--config", "configs/sprint.yaml", "--out", str(tmp_path / "no" / "run")]
+            [
+                "--learner",
+                "ours",
+                "--config",
+                "configs/sprint.yaml",
+                "--out",
+                str(tmp_path / "no" / "run"),
+            ]
         )

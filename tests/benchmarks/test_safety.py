@@ -66,7 +66,9 @@ def found(plans: Plans) -> set[str]:
 
 
 def nearest(plans: Plans) -> tuple[Any, Any]:
-    """Return which waypoint is nearest to the intruder, ``[N]``, and the unit vector to it there, complex."""
+    """Return which waypoint is nearest to the intruder, ``[N]``, and the unit vector to it there,
+    complex.
+    """
     state = plans.request.traffic.state
     other = state.x + 1j * state.y + state.speed * np.exp(1j * state.heading) * plans.knots.time
     away = other - plans.knots.x - 1j * plans.knots.y
@@ -84,7 +86,8 @@ def changed(plans: Plans, name: str, column: Any, change: Any) -> Plans:
 
 def towards_the_intruder(plans: Plans) -> Plans:
     which, to = nearest(plans)
-    # Waypoints are not where the plan comes closest: the more there is to spare, the further one must be moved.
+    # Waypoints are not where the plan comes closest: the more there is to spare, the further one
+    # must be moved.
     far = 60.0 + 3.0 * (plans.separation - 1_000.0)
     return changed(changed(plans, "x", which, far * to.real), "y", which, far * to.imag)
 
@@ -102,7 +105,9 @@ def all_towards_the_intruder(plans: Plans) -> Plans:
     shift = (plans.separation - 990.0) * closest / np.abs(closest)
     state = plans.request.traffic.state
     moved = state._replace(x=state.x - shift.real[:, None], y=state.y - shift.imag[:, None])
-    return plans._replace(request=plans.request._replace(traffic=plans.request.traffic._replace(state=moved)))
+    return plans._replace(
+        request=plans.request._replace(traffic=plans.request.traffic._replace(state=moved))
+    )
 
 
 def too_fast(plans: Plans) -> Plans:
@@ -128,7 +133,10 @@ MUTATIONS: dict[str, tuple[Callable[[Plans], Plans], set[str]]] = {
     "infinite": (lambda plans: changed(plans, "speed", 19, math.inf), {"not finite"}),
     "another start": (lambda plans: changed(plans, "x", 0, 0.01), {"start"}),
     "another end": (lambda plans: changed(plans, "y", 20, 0.1), {"last"}),
-    "an end that is not the route's": (lambda plans: plans._replace(last=plans.request.points), {"last"}),
+    "an end that is not the route's": (
+        lambda plans: plans._replace(last=plans.request.points),
+        {"last"},
+    ),
     "a waypoint out of reach": (lambda plans: changed(plans, "x", 4, 3_000.0), {"leg"}),
 }
 
@@ -150,7 +158,9 @@ def test_a_spoiled_plan_is_found(plans: Plans, name: str) -> None:
     checks = found(spoil(plans))
     assert checks >= expected
     if not expected:
-        route = Route(plans.request.route_x, plans.request.route_y, plans.request.points, plans.last)
+        route = Route(
+            plans.request.route_x, plans.request.route_y, plans.request.points, plans.last
+        )
         own, traffic = plans.request.own, plans.request.traffic
         verdict = resimulate(spoil(plans).knots, own, traffic, route, OPTIONS, OPTIONS.limits)
         assert verdict.wrong.any()
@@ -205,20 +215,33 @@ def test_what_plan_publishes_is_judged_too(policy: Policy) -> None:
     assert published.faults(asked, with_index(3, answer.waypoints[4].index), OPTIONS) == ["indices"]
     assert published.faults(asked, with_index(3, asked.route[0].index), OPTIONS) == ["indices"]
     assert published.faults(asked, with_index(19, 10**6), OPTIONS) == ["last index"]
-    assert published.faults(asked, replace(answer, waypoints=answer.waypoints[1:]), OPTIONS) == ["count"]
+    assert published.faults(asked, replace(answer, waypoints=answer.waypoints[1:]), OPTIONS) == [
+        "count"
+    ]
     left_out = replace(answer, excluded=(Excluded(0, "is far above", 1e3),))
     level = asked._replace(altitude=Altitude(2_000.0, "msl"))
 
     def above(height: float, climb: float) -> list[Intruder]:
-        return [replace(asked.intruders[0], altitude=Altitude(height, "msl", climb)), *asked.intruders[1:]]
+        return [
+            replace(asked.intruders[0], altitude=Altitude(height, "msl", climb)),
+            *asked.intruders[1:],
+        ]
 
     assert published.faults(level._replace(intruders=above(3_000.0, 0.0)), left_out, OPTIONS) == []
-    assert published.faults(level._replace(intruders=above(3_000.0, -2.0)), left_out, OPTIONS) == ["vertical"]
-    assert published.faults(level._replace(intruders=above(2_500.0, 0.0)), left_out, OPTIONS) == ["vertical"]
+    assert published.faults(level._replace(intruders=above(3_000.0, -2.0)), left_out, OPTIONS) == [
+        "vertical"
+    ]
+    assert published.faults(level._replace(intruders=above(2_500.0, 0.0)), left_out, OPTIONS) == [
+        "vertical"
+    ]
 
 
-def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(policy: Policy, plans: Plans) -> None:
-    fast = plans.request._replace(own=plans.request.own._replace(speed=np.full(len(plans.last), 100.5)))
+def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(
+    policy: Policy, plans: Plans
+) -> None:
+    fast = plans.request._replace(
+        own=plans.request.own._replace(speed=np.full(len(plans.last), 100.5))
+    )
     every = plan_many(fast, policy, OPTIONS).proposals
     solved = np.flatnonzero(every.safe)[:1]  # so fast, not all of these can be solved
     assert solved.size
@@ -227,7 +250,9 @@ def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(policy: Pol
     tally = Tally()
     attack.judge(tally, 0, drawn_, best.knots, best.last, OPTIONS)
     assert tally.violations == []
-    faster = changed(one._replace(knots=best.knots, request=request), "speed", 1, 100.7 - best.knots.speed[:, 1])
+    faster = changed(
+        one._replace(knots=best.knots, request=request), "speed", 1, 100.7 - best.knots.speed[:, 1]
+    )
     attack.judge(tally, 0, drawn_, faster.knots, best.last, OPTIONS)
     assert "speed" in {violation["check"] for violation in tally.violations}
 
@@ -267,7 +292,18 @@ def last_line(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_a_small_attack_finds_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    arguments = ["--first", "30", "--requests", "150", "--single", "10", "--workers", "1", "--block", "100"]
+    arguments = [
+        "--first",
+        "30",
+        "--requests",
+        "150",
+        "--single",
+        "10",
+        "--workers",
+        "1",
+        "--block",
+        "100",
+    ]
     assert safety.main([*arguments, "--out", str(tmp_path)]) == 0
     figures = last_line(capsys)
     assert figures["complete"]
@@ -291,9 +327,22 @@ def test_violations_are_counted_written_and_lead_to_a_failure(
         return tally
 
     monkeypatch.setattr(safety, "attack", wrong)
-    arguments = ["--requests", "300", "--single", "0", "--workers", "1", "--block", "100", "--out", str(tmp_path)]
+    arguments = [
+        "--requests",
+        "300",
+        "--single",
+        "0",
+        "--workers",
+        "1",
+        "--block",
+        "100",
+        "--out",
+        str(tmp_path),
+    ]
     assert safety.main(arguments) == 1
-    assert last_line(capsys)["violations_by_check"] == {"separation": {"count": 3, "first": [7, 107, 207]}}
+    assert last_line(capsys)["violations_by_check"] == {
+        "separation": {"count": 3, "first": [7, 107, 207]}
+    }
     file = tmp_path / "batches.jsonl"
     _, *lines = file.read_text(encoding="utf-8").splitlines()
     assert [json.loads(line)[1]["violations"][0]["number"] for line in lines] == [7, 107, 207]
@@ -301,10 +350,14 @@ def test_violations_are_counted_written_and_lead_to_a_failure(
     # What is done counts again and is not attacked again; a line that an interruption cut off is.
     file.write_text(file.read_text(encoding="utf-8")[:-5], encoding="utf-8")
     calls: list[Batch] = []
-    monkeypatch.setattr(safety, "attack", lambda batch, policy: calls.append(batch) or wrong(batch, policy))
+    monkeypatch.setattr(
+        safety, "attack", lambda batch, policy: calls.append(batch) or wrong(batch, policy)
+    )
     assert safety.main(arguments) == 1
     assert [batch.hundreds for batch in calls] == [(200,)]
-    assert last_line(capsys)["violations_by_check"] == {"separation": {"count": 3, "first": [7, 107, 207]}}
+    assert last_line(capsys)["violations_by_check"] == {
+        "separation": {"count": 3, "first": [7, 107, 207]}
+    }
     assert safety.main(arguments) == 1
     assert last_line(capsys)["families"]["circle"] == [300, 0] and len(calls) == 1
     with pytest.raises(ConfigError, match="holds another attack"):
@@ -322,7 +375,9 @@ def test_an_interrupted_attack_prints_what_was_done(
         return tally
 
     monkeypatch.setattr(safety, "attack", interrupted)
-    assert safety.main(["--requests", "900", "--single", "0", "--workers", "1", "--block", "100"]) == 0
+    assert (
+        safety.main(["--requests", "900", "--single", "0", "--workers", "1", "--block", "100"]) == 0
+    )
     figures = last_line(capsys)
     assert not figures["complete"]
     assert figures["requests"] == 200
@@ -341,7 +396,9 @@ def test_a_planner_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch, polic
 
 @pytest.mark.slow
 def test_a_longer_attack_by_two_processes_finds_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    assert safety.main(["--seed", "1", "--requests", "5000", "--single", "300", "--workers", "2"]) == 0
+    assert (
+        safety.main(["--seed", "1", "--requests", "5000", "--single", "300", "--workers", "2"]) == 0
+    )
     figures = last_line(capsys)
     assert figures["requests"] == 5_000
     assert figures["reflown"] > 50
@@ -363,7 +420,15 @@ ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
 @pytest.fixture(scope="module")
 def data() -> dict[str, Any]:
     intruders = [
-        Intruder(VehicleState(9_000.0, 100.0, 3.14, 80.0), 0.4, 0.01, 20.0, 5.0, 0.5, Altitude(2_500.0, "msl")),
+        Intruder(
+            VehicleState(9_000.0, 100.0, 3.14, 80.0),
+            0.4,
+            0.01,
+            20.0,
+            5.0,
+            0.5,
+            Altitude(2_500.0, "msl"),
+        ),
         Intruder(VehicleState(5_000.0, 600.0, -2.0, 70.0), altitude=Altitude(5_500.0, "msl")),
     ]
     own = VehicleState(0.0, 0.0, 0.0, 80.0)
@@ -373,7 +438,9 @@ def data() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(("nearer", "fault"), [(-1e-5, ""), (1e-5, "distance"), (5.0, "distance")])
-def test_judgement_is_good_to_some_micrometres(data: dict[str, Any], nearer: float, fault: str) -> None:
+def test_judgement_is_good_to_some_micrometres(
+    data: dict[str, Any], nearer: float, fault: str
+) -> None:
     edited = copy.deepcopy(data)
     mutation.approach(edited, 0, edited["requirement"]["separation"] - nearer)
     assert judgement.wrong([edited]) == [fault]
@@ -395,7 +462,9 @@ def test_judgement_is_good_to_some_micrometres(data: dict[str, Any], nearer: flo
         (("excluded", 0, 2), -2_500.0, "excluded"),
     ],
 )
-def test_judgement_finds_each_fault(data: dict[str, Any], path: tuple[Any, ...], change: float, fault: str) -> None:
+def test_judgement_finds_each_fault(
+    data: dict[str, Any], path: tuple[Any, ...], change: float, fault: str
+) -> None:
     edited = copy.deepcopy(data)
     place = edited
     for key in path[:-1]:
@@ -419,7 +488,13 @@ def test_sampled_flight_is_the_legs(data: dict[str, Any]) -> None:
     for arc in range(0, 200, 17):
         psi, v, w, a, h = (
             float(field[0, arc])
-            for field in (flight.heading, flight.speed, flight.rate, flight.acceleration, flight.length)
+            for field in (
+                flight.heading,
+                flight.speed,
+                flight.rate,
+                flight.acceleration,
+                flight.length,
+            )
         )
         t = 0.5 * h * (1.0 + nodes)
         far = np.sum(0.5 * h * weights * (v + a * t) * np.exp(1j * (psi + w * t)))
@@ -432,7 +507,10 @@ def test_command_counts_and_goes_on(
     monkeypatch.setattr(certificates, "BLOCK", 8)
 
     def run(plans: int) -> dict[str, Any]:
-        assert certificates.main(["--plans", str(plans), "--workers", "1", "--out", str(tmp_path)]) == 0
+        assert (
+            certificates.main(["--plans", str(plans), "--workers", "1", "--out", str(tmp_path)])
+            == 0
+        )
         return json.loads(capsys.readouterr().out.splitlines()[-1])
 
     first = run(1)
@@ -447,7 +525,10 @@ def test_command_counts_and_goes_on(
     second = run(more)
     assert second["counts"]["certificates"] >= more
     assert path.read_bytes().startswith(written)
-    assert all(json.loads(line)["block"] == block for block, line in enumerate(path.read_text().splitlines()))
+    assert all(
+        json.loads(line)["block"] == block
+        for block, line in enumerate(path.read_text().splitlines())
+    )
     assert run(more)["counts"] == second["counts"]
 
 
@@ -462,6 +543,8 @@ def test_what_the_checker_gets_wrong_is_a_failure(
 
 
 def test_another_seed_in_the_same_folder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "blocks.jsonl").write_text(json.dumps({"seed": 3, "block": 0}) + "\n", encoding="utf-8")
+    (tmp_path / "blocks.jsonl").write_text(
+        json.dumps({"seed": 3, "block": 0}) + "\n", encoding="utf-8"
+    )
     with pytest.raises(certificates.InputError, match="--seed 3"):
         certificates.main(["--seed", "4", "--out", str(tmp_path)])

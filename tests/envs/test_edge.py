@@ -1,4 +1,6 @@
-"""The edge of every program: options, the guard, a base installation, files, text, and locks of folders."""
+"""The edge of every program: options, the guard, a base installation, files, text, and locks of
+folders.
+"""
 
 import errno
 import os
@@ -50,7 +52,8 @@ def parser() -> Parser:
 
 def program(body: str, *arguments: str, before: str = "") -> subprocess.CompletedProcess[str]:
     text = (
-        f"from pathlib import Path\nfrom envs.edge.command import *\n{before}\ndef main():\n    {body}\nrun_cli(main)"
+        f"from pathlib import Path\nfrom envs.edge.command import *\n{before}\ndef main():\n   "
+        f" {body}\nrun_cli(main)"
     )
     command = [sys.executable, "-c", text, *arguments]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
@@ -84,11 +87,24 @@ def test_an_option_may_be_given_once_in_every_parse():
         ("raise MemoryError", 1, "error: out of memory: MemoryError"),
         ("raise OverflowError('int too large')", 1, "error: a number too large: int too large"),
         ("main()", 1, "error: nested too deeply"),
-        ("raise OSError(28, 'No space left on device', 'runs/x.png')", 1, "error: runs/x.png: No space left"),
-        ("raise ConfigError('x.csv: full') from OSError(28, 'No space left')", 1, "error: x.csv: full"),
-        ("raise ConfigError('x.csv: no') from OSError(13, 'Permission denied')", 2, "error: x.csv: no"),
         (
-            "from envs.edge.files import check_space; check_space(Path('/tmp/x'), 10**18, 'a file')",
+            "raise OSError(28, 'No space left on device', 'runs/x.png')",
+            1,
+            "error: runs/x.png: No space left",
+        ),
+        (
+            "raise ConfigError('x.csv: full') from OSError(28, 'No space left')",
+            1,
+            "error: x.csv: full",
+        ),
+        (
+            "raise ConfigError('x.csv: no') from OSError(13, 'Permission denied')",
+            2,
+            "error: x.csv: no",
+        ),
+        (
+            "from envs.edge.files import check_space; check_space(Path('/tmp/x'), 10**18, 'a "
+            "file')",
             1,
             "error: --out /tmp/x: ",
         ),
@@ -108,7 +124,9 @@ def test_a_full_disk_under_the_output_is_one_sentence():
     text = "from envs.edge.command import run_cli; run_cli(lambda: print('x' * 10_000))"
     with Path("/dev/full").open("w") as full:
         command = [sys.executable, "-c", text]
-        result = subprocess.run(command, cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        result = subprocess.run(
+            command, cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
     assert result.returncode == 1
     assert re.fullmatch(r"error: .*No space left on device\n", result.stderr)
 
@@ -139,15 +157,21 @@ def test_without_extras_every_program_names_what_to_install(tmp_path: Path):
 
     def start(*arguments: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, *arguments]
-        return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+        )
 
     modules = commands()
     assert len(modules) > 20
     with ThreadPoolExecutor(2) as pool:
         answers = pool.map(lambda module: start("-m", module, "--help"), modules)
         for module, result in zip(modules, answers, strict=True):
-            installs = re.fullmatch(r"error: \w+ is not installed; .*rlcas-toolkit\[\w+\]'\n", result.stderr)
-            assert (result.returncode == 0 and not result.stderr) or (result.returncode == 1 and installs), (
+            installs = re.fullmatch(
+                r"error: \w+ is not installed; .*rlcas-toolkit\[\w+\]'\n", result.stderr
+            )
+            assert (result.returncode == 0 and not result.stderr) or (
+                result.returncode == 1 and installs
+            ), (
                 module,
                 result.stderr,
             )
@@ -233,11 +257,15 @@ def test_a_disk_without_room_is_refused_by_name(tmp_path: Path):
 @given(st.text())
 def test_nothing_invisible_is_left_in_a_visible_text(text: str) -> None:
     shown = visible(text)
-    assert not [each for each in shown if unicodedata.category(each) in {"Cc", "Cf"} and each != "\n"]
+    assert not [
+        each for each in shown if unicodedata.category(each) in {"Cc", "Cf"} and each != "\n"
+    ]
     assert visible(shown) == shown
 
 
-def test_an_error_shows_a_reversing_character_as_its_code(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_shows_a_reversing_character_as_its_code(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     def main() -> int:
         raise InputError("encounter 'a\u202eb' is unknown")
 
@@ -261,10 +289,15 @@ with locked(Path(sys.argv[1])):
 
 def test_a_folder_in_use_is_refused_until_its_process_is_killed(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "run"
-    holder = subprocess.Popen([sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True)
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True
+    )
     assert holder.stdout is not None
     assert holder.stdout.readline() == "held\n"
-    with pytest.raises(ConfigError, match=f"--resume {folder} .* process {holder.pid} on "), locked(folder, "--resume"):
+    with (
+        pytest.raises(ConfigError, match=f"--resume {folder} .* process {holder.pid} on "),
+        locked(folder, "--resume"),
+    ):
         pass
     holder.send_signal(signal.SIGKILL)
     holder.communicate()
@@ -302,7 +335,9 @@ def kept_in(monkeypatch: pytest.MonkeyPatch, cache: Path) -> str | None:
     return os.environ.get("JAX_COMPILATION_CACHE_DIR")
 
 
-def test_another_processor_keeps_its_programs_elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_another_processor_keeps_its_programs_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     here = kept_in(monkeypatch, tmp_path)
     assert here is not None
     assert Path(here).is_dir()
@@ -313,7 +348,9 @@ def test_another_processor_keeps_its_programs_elsewhere(monkeypatch: pytest.Monk
     assert elsewhere != here
 
 
-def test_kept_programs_stay_below_their_bound(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_kept_programs_stay_below_their_bound(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(compiled, "_LARGE", 1000)
     first = tmp_path / "rlcas-toolkit" / "compiled" / "older" / "program"
     first.parent.mkdir(parents=True)
@@ -325,7 +362,9 @@ def test_kept_programs_stay_below_their_bound(monkeypatch: pytest.MonkeyPatch, t
     assert not first.is_file()
 
 
-def test_a_cache_folder_that_cannot_be_used_is_left_alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_cache_folder_that_cannot_be_used_is_left_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     (tmp_path / "file").write_text("")
     assert kept_in(monkeypatch, tmp_path / "file") is None
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "mine")

@@ -1,4 +1,6 @@
-"""Encounter samplers: the geometry of every scenario, the conditions on starts, and parity of numpy and jax."""
+"""Encounter samplers: the geometry of every scenario, the conditions on starts, and parity of numpy
+and jax.
+"""
 
 import itertools
 import math
@@ -48,15 +50,22 @@ def leaves(encounter: Encounter) -> list[np.ndarray]:
 
 def gaps(encounter: Encounter) -> np.ndarray:
     """Return each present intruder's distance at the start, inf for absent ones, ``[N, K]``."""
-    gap = np.hypot(encounter.intruders.x - encounter.own.x[:, None], encounter.intruders.y - encounter.own.y[:, None])
+    gap = np.hypot(
+        encounter.intruders.x - encounter.own.x[:, None],
+        encounter.intruders.y - encounter.own.y[:, None],
+    )
     return np.where(encounter.mask, gap, np.inf)
 
 
 def passing_distance(encounter: Encounter) -> np.ndarray:
     """Return the closest approach on straight courses by an independent formula, ``[N, K]``."""
-    gap = (encounter.intruders.x - encounter.own.x[:, None]) + 1j * (encounter.intruders.y - encounter.own.y[:, None])
+    gap = (encounter.intruders.x - encounter.own.x[:, None]) + 1j * (
+        encounter.intruders.y - encounter.own.y[:, None]
+    )
     own_velocity = encounter.own.speed * np.exp(1j * encounter.own.heading)
-    velocity = encounter.intruders.speed * np.exp(1j * encounter.intruders.heading) - own_velocity[:, None]
+    velocity = (
+        encounter.intruders.speed * np.exp(1j * encounter.intruders.heading) - own_velocity[:, None]
+    )
     time = np.maximum(-(gap * velocity.conj()).real / np.abs(velocity) ** 2, 0.0)
     return np.abs(gap + velocity * time)
 
@@ -89,9 +98,15 @@ def test_ranges(name: str) -> None:
     assert all(np.all(np.isfinite(leaf)) for leaf in leaves(encounter) if leaf.dtype != bool)
     # Own course, speed and goal distance are uniform: the means of 10^4 draws lie within 5 sigma.
     if name in ("circle", "maneuvering", "noisy"):
-        uniform = ((encounter.own.heading, -math.pi, math.pi), (goal, 3e3, 1e4), (encounter.own.speed, 50, 100))
+        uniform = (
+            (encounter.own.heading, -math.pi, math.pi),
+            (goal, 3e3, 1e4),
+            (encounter.own.speed, 50, 100),
+        )
         for values, low, high in uniform:
-            assert values.mean() == pytest.approx(0.5 * (low + high), abs=5.0 * (high - low) / math.sqrt(12e4))
+            assert values.mean() == pytest.approx(
+                0.5 * (low + high), abs=5.0 * (high - low) / math.sqrt(12e4)
+            )
 
 
 @each_scenario
@@ -128,15 +143,28 @@ def test_displacement_moves_starts_and_nothing_else(name: str) -> None:
     np.testing.assert_array_equal(there.goal_y, middle.goal_y)
     # The four shifts of a pair are independent of one another.
     pairs = (there.own, middle.own), (there.intruders, middle.intruders)
-    shifts = np.stack([(at - of).reshape(5_000, -1)[:, 0] for a, b in pairs for at, of in ((a.x, b.x), (a.y, b.y))])
+    shifts = np.stack(
+        [
+            (at - of).reshape(5_000, -1)[:, 0]
+            for a, b in pairs
+            for at, of in ((a.x, b.x), (a.y, b.y))
+        ]
+    )
     assert np.max(np.abs(np.corrcoef(shifts) - np.eye(4))) < 5.0 / math.sqrt(5_000)
 
 
 @pytest.mark.parametrize(
     ("name", "middle", "half_width"),
-    [("crossing_left", 90, 45), ("crossing_right", -90, 45), ("head_on", 180, 20), ("same_course", 0, 20)],
+    [
+        ("crossing_left", 90, 45),
+        ("crossing_right", -90, 45),
+        ("head_on", 180, 20),
+        ("same_course", 0, 20),
+    ],
 )
-def test_course_differences_of_the_four_conflicts(name: str, middle: float, half_width: float) -> None:
+def test_course_differences_of_the_four_conflicts(
+    name: str, middle: float, half_width: float
+) -> None:
     difference = clockwise_difference(drawn(scenario(name, PAPER), 5_000))
     away = np.remainder(difference - middle + 180.0, 360.0) - 180.0
     assert np.max(np.abs(away)) <= half_width + 1e-6
@@ -158,7 +186,8 @@ def test_a_crossing_intruder_comes_from_the_side_of_its_name(name: str, side: fl
 
 def test_courses_of_the_circle_are_uniform() -> None:
     counts, _ = np.histogram(
-        clockwise_difference(drawn(scenario("circle", PAPER, min_initial_separation=0.0), 36_000)), 36
+        clockwise_difference(drawn(scenario("circle", PAPER, min_initial_separation=0.0), 36_000)),
+        36,
     )
     # Chi-square with 35 degrees of freedom: 80 is exceeded with probability 2e-5.
     assert np.sum((counts - 1_000.0) ** 2 / 1_000.0) < 80.0
@@ -181,7 +210,9 @@ def test_only_conflicts_are_accepted(name: str) -> None:
 def test_unfiltered_circle_starts_in_violation_as_often_as_geometry_says() -> None:
     """About 2.1 %: the expectation comes from an independent sampler on the complex plane."""
     generator, count = np.random.default_rng(2), 400_000
-    radius, own, speed = (generator.uniform(*ends, count) for ends in ((3e3, 1e4), (50, 100), (50, 100)))
+    radius, own, speed = (
+        generator.uniform(*ends, count) for ends in ((3e3, 1e4), (50, 100), (50, 100))
+    )
     gap = radius * speed / own * np.exp(1j * generator.uniform(-np.pi, np.pi, count)) - radius
     for shift in (1, -1, 1j, -1j):
         gap += shift * generator.uniform(-500.0, 500.0, count)
@@ -189,7 +220,9 @@ def test_unfiltered_circle_starts_in_violation_as_often_as_geometry_says() -> No
     assert expected == pytest.approx(0.0208, abs=0.0012)
 
     unfiltered = scenario("circle", PAPER, min_initial_separation=0.0)
-    encounter, accepted = sample(unfiltered, np.random.default_rng(3).random((1, count, unfiltered.dimensions)), np)
+    encounter, accepted = sample(
+        unfiltered, np.random.default_rng(3).random((1, count, unfiltered.dimensions)), np
+    )
     assert accepted.all()
     found = np.mean(gaps(encounter) < 1_000.0)
     assert found == pytest.approx(expected, abs=5.0 * math.sqrt(2.0 * expected / count))
@@ -197,7 +230,9 @@ def test_unfiltered_circle_starts_in_violation_as_often_as_geometry_says() -> No
 
 @each_scenario
 def test_the_attempts_are_never_exhausted(name: str) -> None:
-    """Of 10^5 encounters every one is accepted within its attempts; only the still rejected are drawn again."""
+    """Of 10^5 encounters every one is accepted within its attempts; only the still rejected are
+    drawn again.
+    """
     chosen, generator, rejected = scenario(name, PAPER), np.random.default_rng(4), 100_000
     for _ in range(chosen.attempts):
         _, accepted = sample(chosen, generator.random((1, rejected, chosen.dimensions)), np)
@@ -232,14 +267,21 @@ def test_circle_is_passive_and_perfectly_seen() -> None:
 
 def test_maneuvering_turns_once_within_the_designs_ranges() -> None:
     encounter = drawn(scenario("maneuvering", PAPER), 20_000)
-    rate, change = np.degrees(encounter.intent.turn_rate), np.degrees(encounter.intent.heading_change)
+    rate, change = (
+        np.degrees(encounter.intent.turn_rate),
+        np.degrees(encounter.intent.heading_change),
+    )
     assert rate.min() >= 0.0
     assert 2.95 < rate.max() <= 3.0 + 1e-9
     assert rate.mean() == pytest.approx(1.5, abs=0.05)
     assert 118.0 < np.max(np.abs(change)) <= 120.0 + 1e-9
     assert change.mean() == pytest.approx(0.0, abs=3.0)
     assert change.std() == pytest.approx(120.0 / math.sqrt(3.0), rel=0.03)
-    gap = encounter.intruders.x - encounter.own.x[:, None] + 1j * (encounter.intruders.y - encounter.own.y[:, None])
+    gap = (
+        encounter.intruders.x
+        - encounter.own.x[:, None]
+        + 1j * (encounter.intruders.y - encounter.own.y[:, None])
+    )
     own_velocity = (encounter.own.speed * np.exp(1j * encounter.own.heading))[:, None]
     velocity = encounter.intruders.speed * np.exp(1j * encounter.intruders.heading) - own_velocity
     cpa = np.maximum(-(gap * velocity.conj()).real / np.abs(velocity) ** 2, 0.0)
@@ -270,7 +312,9 @@ def test_multi_has_two_to_eight_intruders_equally_often() -> None:
 
 @each_scenario
 def test_numpy_and_jax_give_the_same_encounters_of_the_same_draws(name: str) -> None:
-    """From draws that float32 holds: starts within 0.1 m (float32's unit is 2 mm at 20 km), angles within 1e-6."""
+    """From draws that float32 holds: starts within 0.1 m (float32's unit is 2 mm at 20 km), angles
+    within 1e-6.
+    """
     chosen = scenario(name, PAPER)
     draws = np.random.default_rng(6).random((1, 2_000, chosen.dimensions), np.float32)
     plain, plain_accepted = sample(chosen, draws.astype(np.float64), np)
@@ -288,11 +332,17 @@ def test_numpy_and_jax_give_the_same_encounters_of_the_same_draws(name: str) -> 
     relative = np.abs(plain.intruders.speed * np.exp(1j * plain.intruders.heading)
                       - (plain.own.speed * np.exp(1j * plain.own.heading))[:, None])  # fmt: skip
     calm = relative > 5.0
-    np.testing.assert_allclose(np.asarray(jitted.intent.onset)[calm], plain.intent.onset[calm], rtol=1e-3, atol=1e-2)
+    np.testing.assert_allclose(
+        np.asarray(jitted.intent.onset)[calm], plain.intent.onset[calm], rtol=1e-3, atol=1e-2
+    )
     # The conditions may differ only where a start lies on one of their limits.
     apart, passing = gaps(plain), np.where(plain.mask, passing_distance(plain), 0.0)
-    on_the_edge = (np.abs(apart - 1_000.0).min(-1) < 0.5) | (np.abs(passing - 1_000.0).min(-1) < 0.5)
-    np.testing.assert_array_equal(np.asarray(jitted_accepted)[~on_the_edge], plain_accepted[~on_the_edge])
+    on_the_edge = (np.abs(apart - 1_000.0).min(-1) < 0.5) | (
+        np.abs(passing - 1_000.0).min(-1) < 0.5
+    )
+    np.testing.assert_array_equal(
+        np.asarray(jitted_accepted)[~on_the_edge], plain_accepted[~on_the_edge]
+    )
 
 
 @pytest.mark.parametrize("xp", [np, jnp], ids=["numpy", "jax"])
@@ -302,7 +352,10 @@ def test_padding_adds_absent_intruders_only(xp) -> None:
     encounter = jax.tree.map(xp.asarray, plain)
     wide = padded(encounter, 4, xp)
     np.testing.assert_array_equal(wide.mask, np.tile([True, False, False, False], (50, 1)))
-    for narrow, padded_fields in ((encounter.intruders, wide.intruders), (encounter.intent, wide.intent)):
+    for narrow, padded_fields in (
+        (encounter.intruders, wide.intruders),
+        (encounter.intent, wide.intent),
+    ):
         for field, more in zip(narrow, padded_fields, strict=True):
             assert more.shape == (50, 4)
             np.testing.assert_array_equal(more[:, :1], field)
@@ -323,8 +376,12 @@ def test_choose_takes_every_field_of_the_chosen_row(condition: list[bool], name:
 
 
 def test_scenario_changes_fields_and_refuses_unknown_names() -> None:
-    assert scenario("circle", PAPER, radius=(200.0, 300.0)) == replace(scenario("circle", PAPER), radius=(200.0, 300.0))
-    with pytest.raises(EncounterError, match=r"'cirle' is unknown; expected one of circle, crossing_left"):
+    assert scenario("circle", PAPER, radius=(200.0, 300.0)) == replace(
+        scenario("circle", PAPER), radius=(200.0, 300.0)
+    )
+    with pytest.raises(
+        EncounterError, match=r"'cirle' is unknown; expected one of circle, crossing_left"
+    ):
         scenario("cirle", PAPER)
 
 
@@ -337,7 +394,10 @@ shapes = st.lists(st.integers(1, 5), min_size=0, max_size=3).map(tuple)
 
 @both
 @given(
-    seed=st.integers(0, 2**63), first=st.integers(0, 10**9), shape=shapes, cuts=st.lists(st.integers(0, 40), max_size=4)
+    seed=st.integers(0, 2**63),
+    first=st.integers(0, 10**9),
+    shape=shapes,
+    cuts=st.lists(st.integers(0, 40), max_size=4),
 )
 def test_any_split_of_a_range_gives_the_same_numbers(draw, seed, first, shape, cuts) -> None:
     whole = draw(seed, first, 40, shape)
@@ -352,13 +412,19 @@ def test_any_split_of_a_range_gives_the_same_numbers(draw, seed, first, shape, c
 def test_one_seed_repeats_and_everything_else_differs(draw) -> None:
     base = draw(7, 100, 50, (3,), stream=2)
     np.testing.assert_array_equal(base, draw(7, 100, 50, (3,), stream=2))
-    for other in (draw(8, 100, 50, (3,), stream=2), draw(7, 100, 50, (3,), stream=3), draw(7, 150, 50, (3,), stream=2)):
+    for other in (
+        draw(8, 100, 50, (3,), stream=2),
+        draw(7, 100, 50, (3,), stream=3),
+        draw(7, 150, 50, (3,), stream=2),
+    ):
         assert np.intersect1d(base, other).size == 0
     assert np.unique(base).size == base.size
 
 
 def test_streams_and_encounters_are_uncorrelated() -> None:
-    rows = np.stack([uniforms(0, 0, 20_000, (), stream) for stream in range(4)] + [uniforms(1, 0, 20_000, ())])
+    rows = np.stack(
+        [uniforms(0, 0, 20_000, (), stream) for stream in range(4)] + [uniforms(1, 0, 20_000, ())]
+    )
     rows = np.concatenate([rows, np.roll(rows[:1], 1, axis=1)])
     assert np.max(np.abs(np.corrcoef(rows) - np.eye(len(rows)))) < 5.0 / math.sqrt(20_000)
 
@@ -402,11 +468,15 @@ def pool() -> Encounter:
 def test_a_pool_holds_rows_of_padded_starts(pool: Encounter) -> None:
     assert pool.mask.shape == (40, 100, 8)
     assert {leaf.shape[:2] for leaf in jax.tree.leaves(pool)} == {(40, 100)}
-    assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(pool) if leaf.dtype != bool)
+    assert all(
+        bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(pool) if leaf.dtype != bool
+    )
 
 
 def test_a_pool_keeps_the_conditions_of_its_scenarios(pool: Encounter) -> None:
-    gap = np.hypot(pool.intruders.x - pool.own.x[..., None], pool.intruders.y - pool.own.y[..., None])
+    gap = np.hypot(
+        pool.intruders.x - pool.own.x[..., None], pool.intruders.y - pool.own.y[..., None]
+    )
     assert np.min(np.where(pool.mask, gap, np.inf)) >= 1_000.0 - 0.01
 
 

@@ -40,7 +40,10 @@ def test_a_passive_intruder_keeps_its_course(backend: Backend) -> None:
     """
     heading = np.repeat(HEADINGS, 3)
     speed = np.tile([20.0, 75.0, 150.0], HEADINGS.size)
-    inputs = [backend.rounded(field) for field in (0.0 * heading + 7_000.0, 0.0 * heading - 9_000.0, heading, speed)]
+    inputs = [
+        backend.rounded(field)
+        for field in (0.0 * heading + 7_000.0, 0.0 * heading - 9_000.0, heading, speed)
+    ]
     vehicle = VehicleState(*(backend.xp.asarray(field, backend.dtype) for field in inputs))
     flight = fly(vehicle, passive(vehicle.x), backend.xp)
     x, y, heading, speed = inputs
@@ -76,19 +79,29 @@ def maneuvering(count: int, seed: int) -> tuple[VehicleState, Intent]:
 
 def turned(flight: list[IntruderState]) -> np.ndarray:
     """Return the heading change since the start, without wraps, ``[time, N]``."""
-    return np.unwrap(np.stack([state.vehicle.heading for state in flight]), axis=0) - flight[0].vehicle.heading
+    return (
+        np.unwrap(np.stack([state.vehicle.heading for state in flight]), axis=0)
+        - flight[0].vehicle.heading
+    )
 
 
 def test_a_change_of_intent_turns_to_the_announced_course() -> None:
-    """In the announced direction, by the announced amount to 0.5 degrees, and it stays there to the end."""
+    """In the announced direction, by the announced amount to 0.5 degrees, and it stays there to the
+    end.
+    """
     vehicle, intent = maneuvering(500, seed=1)
     change = turned(fly(vehicle, intent)) * np.sign(intent.heading_change)
     assert np.min(change) >= -1e-6, "it turned to the other side first"
-    # P control closes the last error exponentially: 20 s after the turn at full rate nothing is left.
-    settled = np.ceil(intent.onset + np.abs(intent.heading_change) / intent.turn_rate).astype(int) + 20
+    # P control closes the last error exponentially: 20 s after the turn at full rate nothing is
+    # left.
+    settled = (
+        np.ceil(intent.onset + np.abs(intent.heading_change) / intent.turn_rate).astype(int) + 20
+    )
     for column in range(500):
         after = change[settled[column] :, column]
-        np.testing.assert_allclose(np.degrees(after), np.degrees(abs(intent.heading_change[column])), atol=0.5)
+        np.testing.assert_allclose(
+            np.degrees(after), np.degrees(abs(intent.heading_change[column])), atol=0.5
+        )
 
 
 def test_a_turn_is_never_quicker_than_announced() -> None:
@@ -100,10 +113,16 @@ def test_a_turn_is_never_quicker_than_announced() -> None:
     np.testing.assert_allclose(np.max(rate, axis=0)[large], intent.turn_rate[large], rtol=1e-9)
 
 
-@pytest.mark.parametrize(("onset", "first"), [(0.0, 0), (0.3, 1), (1.0, 1), (7.0, 7), (7.001, 8), (299.5, None)])
-def test_the_turn_begins_with_the_first_step_at_or_after_its_onset(onset: float, first: int | None) -> None:
+@pytest.mark.parametrize(
+    ("onset", "first"), [(0.0, 0), (0.3, 1), (1.0, 1), (7.0, 7), (7.001, 8), (299.5, None)]
+)
+def test_the_turn_begins_with_the_first_step_at_or_after_its_onset(
+    onset: float, first: int | None
+) -> None:
     vehicle = random_states(np.random.default_rng(3), 4)
-    intent = Intent(np.full(4, onset), np.radians([60.0, -60.0, 120.0, -120.0]), np.full(4, math.radians(2.0)))
+    intent = Intent(
+        np.full(4, onset), np.radians([60.0, -60.0, 120.0, -120.0]), np.full(4, math.radians(2.0))
+    )
     moving = np.abs(np.diff(turned(fly(vehicle, intent)), axis=0)) > 1e-5
     if first is None:
         assert not moving.any()
@@ -114,7 +133,9 @@ def test_the_turn_begins_with_the_first_step_at_or_after_its_onset(onset: float,
 
 @pytest.mark.parametrize("backend", ARRAY_BACKENDS, ids=lambda backend: backend.name)
 def test_no_intruder_ever_turns_back_of_its_own(backend: Backend) -> None:
-    """Over 300 s the course moves monotonically towards the announced one and never beyond by 0.5 degrees."""
+    """Over 300 s the course moves monotonically towards the announced one and never beyond by 0.5
+    degrees.
+    """
     vehicle, intent = maneuvering(64, seed=4)
     vehicle = VehicleState(*(backend.xp.asarray(field, backend.dtype) for field in vehicle))
     intent = Intent(*(backend.xp.asarray(field, backend.dtype) for field in intent))
@@ -131,7 +152,10 @@ def test_no_intruder_ever_turns_back_of_its_own(backend: Backend) -> None:
 def test_intruders_are_mirror_symmetric() -> None:
     vehicle, intent = maneuvering(100, seed=5)
     other_way = intent._replace(heading_change=-intent.heading_change)
-    left, right = fly(vehicle, intent, steps=120)[-1], fly(mirrored(vehicle), other_way, steps=120)[-1]
+    left, right = (
+        fly(vehicle, intent, steps=120)[-1],
+        fly(mirrored(vehicle), other_way, steps=120)[-1],
+    )
     expected = mirrored(left.vehicle)
     np.testing.assert_allclose(right.vehicle.x, expected.x, atol=1e-3)
     np.testing.assert_allclose(right.vehicle.y, expected.y, atol=1e-3)
@@ -139,9 +163,13 @@ def test_intruders_are_mirror_symmetric() -> None:
 
 
 def test_all_three_gains_act() -> None:
-    """By hand for one step with an error of 0.01 rad: the yaw rate is P e + I e dt + D (e - e_before) / dt."""
+    """By hand for one step with an error of 0.01 rad: the yaw rate is P e + I e dt + D (e -
+    e_before) / dt.
+    """
     vehicle = VehicleState(np.zeros(1), np.zeros(1), np.array([-0.01]), np.full(1, 80.0))
-    state = IntruderState(vehicle, np.array([1e7]), np.zeros(1), np.array([0.004]), np.array([0.02]))
+    state = IntruderState(
+        vehicle, np.array([1e7]), np.zeros(1), np.array([0.004]), np.array([0.02])
+    )
     gains = intruder.Gains(proportional=0.3, integral=0.1, derivative=0.2)
     after = intruder.step(state, passive(vehicle.x), 5.0, 1.0, np, gains)
     rate = 0.3 * 0.01 + 0.1 * (0.02 + 0.01) + 0.2 * (0.01 - 0.004)
@@ -150,7 +178,8 @@ def test_all_three_gains_act() -> None:
     np.testing.assert_allclose(after.error_sum, 0.03, atol=1e-7)
 
 
-# Reports of the intruder: perfect ones change nothing, noise has its statistics and latency lets it grow.
+# Reports of the intruder: perfect ones change nothing, noise has its statistics and latency lets it
+# grow.
 LIMITS = Limits(0.0, 150.0, -0.5, 0.5, math.radians(3.0))
 SILENCE = np.zeros((4, 1))
 
@@ -163,7 +192,9 @@ def assert_same(found: VehicleState, expected: VehicleState) -> None:
 
 
 @given(states(), states(), states())
-def test_perfect_reports_are_the_truth(now: VehicleState, before: VehicleState, before_that: VehicleState) -> None:
+def test_perfect_reports_are_the_truth(
+    now: VehicleState, before: VehicleState, before_that: VehicleState
+) -> None:
     """Without noise and latency nothing but the present matters."""
     assert_same(perceive(now, before, before_that, Sensor(), SILENCE[:, 0], 1.0, np), now)
 
@@ -171,7 +202,9 @@ def test_perfect_reports_are_the_truth(now: VehicleState, before: VehicleState, 
 @given(states(), st.floats(0.0, 2.0))
 def test_straight_flight_is_dead_reckoned_exactly(now: VehicleState, latency: float) -> None:
     before, before_that = carried_back(now, 1.0, np), carried_back(now, 2.0, np)
-    assert_same(perceive(now, before, before_that, Sensor(latency=latency), SILENCE[:, 0], 1.0, np), now)
+    assert_same(
+        perceive(now, before, before_that, Sensor(latency=latency), SILENCE[:, 0], 1.0, np), now
+    )
 
 
 def test_carried_back_undoes_straight_flight() -> None:
@@ -208,8 +241,12 @@ def errors(sensor: Sensor, count: int = 40_000) -> tuple[np.ndarray, np.ndarray]
 
 @pytest.mark.parametrize("latency", [0.0, 0.5, 1.0, 2.0])
 @pytest.mark.parametrize(("position_std", "velocity_std"), [(30.0, 3.0), (0.0, 10.0), (30.0, 0.0)])
-def test_noise_has_its_size_and_latency_lets_it_grow(position_std: float, velocity_std: float, latency: float) -> None:
-    """Unbiased; in each axis the position is off by sqrt(sigma_p^2 + (sigma_v latency)^2). Bounds are 5 sigma."""
+def test_noise_has_its_size_and_latency_lets_it_grow(
+    position_std: float, velocity_std: float, latency: float
+) -> None:
+    """Unbiased; in each axis the position is off by sqrt(sigma_p^2 + (sigma_v latency)^2). Bounds
+    are 5 sigma.
+    """
     position, velocity = errors(Sensor(position_std, velocity_std, latency))
     for found, expected in (
         (position, math.hypot(position_std, velocity_std * latency)),
@@ -217,7 +254,9 @@ def test_noise_has_its_size_and_latency_lets_it_grow(position_std: float, veloci
     ):
         root = math.sqrt(found.shape[1])
         np.testing.assert_allclose(found.mean(axis=1), 0.0, atol=5.0 * expected / root + 1e-6)
-        np.testing.assert_allclose(found.std(axis=1), expected, rtol=5.0 / (root * math.sqrt(2.0)), atol=1e-4)
+        np.testing.assert_allclose(
+            found.std(axis=1), expected, rtol=5.0 / (root * math.sqrt(2.0)), atol=1e-4
+        )
 
 
 def test_the_four_draws_act_on_their_own_component() -> None:
@@ -227,7 +266,9 @@ def test_the_four_draws_act_on_their_own_component() -> None:
         noise[component] = 1.0
         history = carried_back(now, 1.0, np), carried_back(now, 2.0, np)
         found = perceive(now, *history, Sensor(30.0, 3.0, 1.5), noise, 1.0, np)
-        np.testing.assert_allclose([found.x[0] - now.x[0], found.y[0] - now.y[0]], [east, north], atol=1e-6)
+        np.testing.assert_allclose(
+            [found.x[0] - now.x[0], found.y[0] - now.y[0]], [east, north], atol=1e-6
+        )
 
 
 # Reports.
@@ -240,11 +281,17 @@ def test_perfect_reports_are_no_reports() -> None:
 
 
 @pytest.mark.parametrize("latency", [1.0, 2.0])
-def test_a_late_report_shows_the_intruder_where_it_would_be_had_it_not_turned(latency: float) -> None:
-    """The present observation of an intruder dead-reckoned from its true state of one or two seconds ago."""
+def test_a_late_report_shows_the_intruder_where_it_would_be_had_it_not_turned(
+    latency: float,
+) -> None:
+    """The present observation of an intruder dead-reckoned from its true state of one or two
+    seconds ago.
+    """
     starts = encounters("maneuvering", count=FEW)
     starts = starts._replace(
-        intent=Intent(*(np.full((FEW, 1), value, np.float32) for value in (0.0, 1.5, math.radians(3.0)))),
+        intent=Intent(
+            *(np.full((FEW, 1), value, np.float32) for value in (0.0, 1.5, math.radians(3.0)))
+        ),
         sensor=Sensor(*(np.full((FEW, 1), value, np.float32) for value in (0.0, 0.0, latency))),
     )
     state = reset(starts, history_dt=1.0)
@@ -252,9 +299,12 @@ def test_a_late_report_shows_the_intruder_where_it_would_be_had_it_not_turned(la
     for _ in range(5):
         state, _ = step(state, (np.zeros(FEW, np.float32), np.ones(FEW, np.float32)), WORLD)
         history.append(state.intruders.vehicle)
-    old = VehicleState(*(np.asarray(field[:, 0], np.float64) for field in history[-1 - int(latency)]))
+    old = VehicleState(
+        *(np.asarray(field[:, 0], np.float64) for field in history[-1 - int(latency)])
+    )
     carried = old._replace(
-        x=old.x + latency * old.speed * np.cos(old.heading), y=old.y + latency * old.speed * np.sin(old.heading)
+        x=old.x + latency * old.speed * np.cos(old.heading),
+        y=old.y + latency * old.speed * np.sin(old.heading),
     )
     own = VehicleState(*(np.asarray(field, np.float64) for field in state.own))
     expected = observation.observe(own, carried, starts.goal_x, starts.goal_y, PAPER, np)

@@ -1,4 +1,6 @@
-"""Motion, the end of an encounter and their one update: exact, symmetric, and alike in every backend."""
+"""Motion, the end of an encounter and their one update: exact, symmetric, and alike in every
+backend.
+"""
 
 import itertools
 import math
@@ -15,7 +17,15 @@ from envs.backend import FLOATS
 from envs.encounters import scenario
 from envs.gym import flight
 from envs.intruder import Recording, start, step
-from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance, commands, velocity
+from envs.kinematics import (
+    C208_PUBLISHED,
+    SURROGATE,
+    Limits,
+    VehicleState,
+    advance,
+    commands,
+    velocity,
+)
 from envs.outcome import RULES, judge, reward
 from envs.trees import take
 from envs.world import World
@@ -33,23 +43,39 @@ from tests.support import (
 )
 
 RATE = math.radians(3.0)
-EVERY_LIMIT = pytest.mark.parametrize("limits", [SURROGATE, C208_PUBLISHED], ids=["surrogate", "c208"])
+EVERY_LIMIT = pytest.mark.parametrize(
+    "limits", [SURROGATE, C208_PUBLISHED], ids=["surrogate", "c208"]
+)
 
 
-def random_commands(generator: np.random.Generator, count: int, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
-    """Return accelerations and yaw rates over the limits; a quarter of each sits on zero or on an end."""
+def random_commands(
+    generator: np.random.Generator, count: int, limits: Limits
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return accelerations and yaw rates over the limits; a quarter of each sits on zero or on an
+    end.
+    """
     acceleration = generator.uniform(limits.acceleration_min, limits.acceleration_max, count)
-    acceleration[: count // 4] = generator.choice([limits.acceleration_min, 0.0, limits.acceleration_max], count // 4)
+    acceleration[: count // 4] = generator.choice(
+        [limits.acceleration_min, 0.0, limits.acceleration_max], count // 4
+    )
     yaw_rate = generator.uniform(-limits.yaw_rate_max, limits.yaw_rate_max, count)
-    yaw_rate[count // 8 : 3 * count // 8] = generator.choice([-1.0, 0.0, 1.0], count // 4) * limits.yaw_rate_max
+    yaw_rate[count // 8 : 3 * count // 8] = (
+        generator.choice([-1.0, 0.0, 1.0], count // 4) * limits.yaw_rate_max
+    )
     return acceleration, yaw_rate
 
 
-def some_motion(count: int, limits: Limits = SURROGATE, seed: int = 0) -> tuple[VehicleState, np.ndarray, np.ndarray]:
-    """Return states, half of which are so near a speed limit that one step can reach it, and commands for them."""
+def some_motion(
+    count: int, limits: Limits = SURROGATE, seed: int = 0
+) -> tuple[VehicleState, np.ndarray, np.ndarray]:
+    """Return states, half of which are so near a speed limit that one step can reach it, and
+    commands for them.
+    """
     generator = np.random.default_rng(seed)
     state = random_states(generator, count)
-    near = generator.choice([limits.speed_min, limits.speed_max], count) + generator.uniform(-0.6, 0.6, count)
+    near = generator.choice([limits.speed_min, limits.speed_max], count) + generator.uniform(
+        -0.6, 0.6, count
+    )
     speed = generator.uniform(limits.speed_min, limits.speed_max, count)
     speed = np.where(generator.random(count) < 0.5, near, speed)
     speed = np.clip(speed, limits.speed_min, limits.speed_max)
@@ -57,7 +83,11 @@ def some_motion(count: int, limits: Limits = SURROGATE, seed: int = 0) -> tuple[
 
 
 def integrated(
-    state: VehicleState, acceleration: np.ndarray, yaw_rate: np.ndarray, duration: float, limits: Limits
+    state: VehicleState,
+    acceleration: np.ndarray,
+    yaw_rate: np.ndarray,
+    duration: float,
+    limits: Limits,
 ) -> VehicleState:
     """Integrate the motion in steps of 1 ms with ordinary trigonometry (midpoint rule)."""
     steps = round(duration * 1_000)
@@ -71,7 +101,9 @@ def integrated(
     return VehicleState(x, y, state.heading + yaw_rate * duration, speed)
 
 
-def assert_same(found: VehicleState, expected: VehicleState, metres: float, radians: float = 1e-9) -> None:
+def assert_same(
+    found: VehicleState, expected: VehicleState, metres: float, radians: float = 1e-9
+) -> None:
     assert np.max(np.hypot(found.x - expected.x, found.y - expected.y)) <= metres
     assert np.max(angle_between(found.heading, expected.heading)) <= radians
     np.testing.assert_allclose(found.speed, expected.speed, rtol=0.0, atol=metres)
@@ -83,7 +115,8 @@ def test_a_step_is_exact_whatever_the_command(limits: Limits) -> None:
     state, acceleration, yaw_rate = some_motion(20_000, limits)
     found = advance(state, acceleration, yaw_rate, 1.0, limits, np)
     expected = integrated(state, acceleration, yaw_rate, 1.0, limits)
-    # The integration itself stops at a limit up to 1 ms late, which is 5e-4 m/s; the step is far better than 2 cm.
+    # The integration itself stops at a limit up to 1 ms late, which is 5e-4 m/s; the step is far
+    # better than 2 cm.
     assert_same(found, expected, metres=2e-3)
 
 
@@ -97,7 +130,9 @@ def test_a_limit_is_reached_inside_the_step() -> None:
 
 
 def test_a_turn_is_the_circle_of_its_radius() -> None:
-    """A full circle at 3 degrees/s takes 120 s, returns to its start and has the radius v / omega."""
+    """A full circle at 3 degrees/s takes 120 s, returns to its start and has the radius v /
+    omega.
+    """
     state = VehicleState(np.zeros(1), np.zeros(1), np.zeros(1), np.array([80.0]))
     track = [state]
     for _ in range(120):
@@ -108,10 +143,14 @@ def test_a_turn_is_the_circle_of_its_radius() -> None:
 
 
 @given(states(), accelerations, yaw_rates, st.floats(0.0, 1.0))
-def test_two_steps_equal_one(state: VehicleState, acceleration: float, yaw_rate: float, share: float) -> None:
+def test_two_steps_equal_one(
+    state: VehicleState, acceleration: float, yaw_rate: float, share: float
+) -> None:
     whole = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
     half = advance(state, acceleration, yaw_rate, share, SURROGATE, np)
-    assert_same(advance(half, acceleration, yaw_rate, 1.0 - share, SURROGATE, np), whole, metres=1e-9)
+    assert_same(
+        advance(half, acceleration, yaw_rate, 1.0 - share, SURROGATE, np), whole, metres=1e-9
+    )
 
 
 def test_two_half_steps_equal_one_for_many_commands() -> None:
@@ -123,7 +162,12 @@ def test_two_half_steps_equal_one_for_many_commands() -> None:
 
 @given(states(), accelerations, yaw_rates, headings, st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
 def test_motion_does_not_depend_on_place_or_direction(
-    state: VehicleState, acceleration: float, yaw_rate: float, angle: float, east: float, north: float
+    state: VehicleState,
+    acceleration: float,
+    yaw_rate: float,
+    angle: float,
+    east: float,
+    north: float,
 ) -> None:
     there = advance(moved(state, angle, east, north), acceleration, yaw_rate, 1.0, SURROGATE, np)
     expected = moved(advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np), angle, east, north)
@@ -131,19 +175,25 @@ def test_motion_does_not_depend_on_place_or_direction(
 
 
 @given(states(), accelerations, yaw_rates)
-def test_motion_is_mirror_symmetric(state: VehicleState, acceleration: float, yaw_rate: float) -> None:
+def test_motion_is_mirror_symmetric(
+    state: VehicleState, acceleration: float, yaw_rate: float
+) -> None:
     left = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
     right = advance(mirrored(state), acceleration, -yaw_rate, 1.0, SURROGATE, np)
     assert_same(mirrored(left), right, metres=1e-9)
 
 
 @given(states(), accelerations, yaw_rates)
-def test_motion_inside_the_limits_can_be_flown_back(state: VehicleState, acceleration: float, yaw_rate: float) -> None:
+def test_motion_inside_the_limits_can_be_flown_back(
+    state: VehicleState, acceleration: float, yaw_rate: float
+) -> None:
     """Turned around at its end, with the time-reversed commands, the vehicle retraces its step."""
     assume(SURROGATE.speed_min <= state.speed + acceleration <= SURROGATE.speed_max)
 
     def turned(vehicle: VehicleState) -> VehicleState:
-        return vehicle._replace(heading=np.remainder(vehicle.heading + 2.0 * math.pi, 2.0 * math.pi) - math.pi)
+        return vehicle._replace(
+            heading=np.remainder(vehicle.heading + 2.0 * math.pi, 2.0 * math.pi) - math.pi
+        )
 
     there = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
     back = advance(turned(there), -acceleration, -yaw_rate, 1.0, SURROGATE, np)
@@ -157,7 +207,9 @@ def test_speed_never_leaves_the_limits(limits: Limits, dtype: type) -> None:
     state = VehicleState(*(field.astype(dtype) for field in some_motion(2_000, limits)[0]))
     for _ in range(60):
         acceleration, yaw_rate = random_commands(generator, 2_000, limits)
-        state = advance(state, acceleration.astype(dtype), yaw_rate.astype(dtype), dtype(1.0), limits, np)
+        state = advance(
+            state, acceleration.astype(dtype), yaw_rate.astype(dtype), dtype(1.0), limits, np
+        )
         # One unit in the last place is what rounding a sum can cost.
         unit = float(np.spacing(dtype(limits.speed_max)))
         assert np.all(state.speed >= limits.speed_min - unit)
@@ -168,7 +220,13 @@ def test_speed_never_leaves_the_limits(limits: Limits, dtype: type) -> None:
 
 @pytest.mark.parametrize(
     ("speed", "acceleration", "expected"),
-    [(45.0, -0.5, 45.0), (45.0, 0.0, 45.0), (45.0, 0.5, 45.5), (120.0, 0.5, 120.0), (120.0, -0.5, 119.5)],
+    [
+        (45.0, -0.5, 45.0),
+        (45.0, 0.0, 45.0),
+        (45.0, 0.5, 45.5),
+        (120.0, 0.5, 120.0),
+        (120.0, -0.5, 119.5),
+    ],
 )
 def test_a_speed_outside_the_limits_stays_until_commanded_inwards(
     speed: float, acceleration: float, expected: float
@@ -181,7 +239,9 @@ def test_a_speed_outside_the_limits_stays_until_commanded_inwards(
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda backend: backend.name)
 def test_backends_move_alike(backend: Backend) -> None:
-    """One step of each against numpy in float64; 5 mm is what float32 can hold at 10 km (its unit is 1 mm)."""
+    """One step of each against numpy in float64; 5 mm is what float32 can hold at 10 km (its unit
+    is 1 mm).
+    """
     state, acceleration, yaw_rate = some_motion(2_000, seed=5)
     inputs = [backend.rounded(column) for column in (*state, acceleration, yaw_rate)]
     expected = advance(VehicleState(*inputs[:4]), inputs[4], inputs[5], 1.0, SURROGATE, np)
@@ -199,7 +259,9 @@ def test_commands_scale_each_side_by_its_own_limit_and_clip() -> None:
     steering = np.array([1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -9.0])
     acceleration, yaw_rate = commands((throttle, steering), C208_PUBLISHED, np)
     np.testing.assert_allclose(acceleration, [-0.8, -0.8, -0.4, 0.0, 0.25, 0.5, 0.5], atol=1e-15)
-    np.testing.assert_allclose(np.degrees(yaw_rate), [5.0, 5.0, 2.5, 0.0, -2.5, -5.0, -5.0], atol=1e-12)
+    np.testing.assert_allclose(
+        np.degrees(yaw_rate), [5.0, 5.0, 2.5, 0.0, -2.5, -5.0, -5.0], atol=1e-12
+    )
 
 
 def test_positive_steering_turns_left() -> None:
@@ -212,7 +274,9 @@ def test_positive_steering_turns_left() -> None:
 
 def test_velocity_points_along_the_heading() -> None:
     quarter = 0.5 * math.pi
-    state = VehicleState(np.zeros(4), np.zeros(4), np.array([0.0, quarter, -math.pi, -quarter]), np.full(4, 80.0))
+    state = VehicleState(
+        np.zeros(4), np.zeros(4), np.array([0.0, quarter, -math.pi, -quarter]), np.full(4, 80.0)
+    )
     vx, vy = velocity(state, np)
     np.testing.assert_allclose(vx, [80.0, 0.0, -80.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(vy, [0.0, 80.0, 0.0, -80.0], atol=1e-9)
@@ -227,7 +291,8 @@ def test_limits_are_data_that_broadcast() -> None:
     np.testing.assert_allclose(found.speed, [60.0, 60.2, 60.5], atol=1e-12)
 
 
-# The rules: every clause of the end of an encounter, which outweighs which, and the paper's rewards.
+# The rules: every clause of the end of an encounter, which outweighs which, and the paper's
+# rewards.
 
 FAR, CLOSE = 5_000.0, 999.9
 AWAY, HOME = 3_000.0, 499.9
@@ -264,7 +329,9 @@ def test_the_rules_are_the_papers() -> None:
     ],
 )
 def test_every_clause_and_its_precedence(separation, goal_distance, time, expected, points) -> None:
-    """A violation outweighs everything; the goal outweighs the clock; each gives the reward of the paper's table."""
+    """A violation outweighs everything; the goal outweighs the clock; each gives the reward of the
+    paper's table.
+    """
     outcome = judge(separation, goal_distance, time, RULES, FLOATS)
     assert tuple(outcome) == expected
     assert outcome.ended(FLOATS) == any(expected)
@@ -282,7 +349,9 @@ def test_the_thresholds_themselves() -> None:
 @pytest.mark.parametrize("dt", [1.0, 0.5, 0.1, 0.3])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_the_clock_stops_exactly_at_the_last_step(dt: float, dtype: type) -> None:
-    """Time is a sum of steps: t_max falls on step 300 at 1 s, not on 299 or 301, whatever the rounding."""
+    """Time is a sum of steps: t_max falls on step 300 at 1 s, not on 299 or 301, whatever the
+    rounding.
+    """
     rules = RULES._replace(dt=dt)
     time, step, timeouts = dtype(0.0), 0, []
     while step < 300.0 / dt + 2:
@@ -300,7 +369,9 @@ def test_at_most_one_of_the_three_holds_in_every_backend() -> None:
         assert np.array_equal(np.stack(outcome, axis=-1), np.array(plain))
         assert np.max(np.sum(np.stack(outcome), axis=0)) == 1
         assert np.array_equal(outcome.ended(xp), np.any(np.array(plain), axis=-1))
-        np.testing.assert_array_equal(reward(outcome, RULES, xp), [reward(o, RULES, FLOATS) for o in plain])
+        np.testing.assert_array_equal(
+            reward(outcome, RULES, xp), [reward(o, RULES, FLOATS) for o in plain]
+        )
 
 
 # One update for all array namespaces: plain floats, numpy and recorded intruders.
@@ -318,11 +389,16 @@ def test_plain_floats_equal_numpy_to_the_last_bit(name: str, dt: float) -> None:
     singles = [flight.begin(take(encounters, i), dt) for i in range(COUNT)]
     rng = np.random.default_rng(1)
     for _ in range(STEPS):
-        action, noise = rng.uniform(-1.2, 1.2, (COUNT, 2)), rng.normal(size=(4, *encounters.mask.shape))
+        action, noise = (
+            rng.uniform(-1.2, 1.2, (COUNT, 2)),
+            rng.normal(size=(4, *encounters.mask.shape)),
+        )
         seen = world.observe(batch, aircraft, noise, xp=np).astype(np.float32)
         batch, result = world.step(batch, (action[:, 0], action[:, 1]), parameters, np)
         for i, mask in enumerate(encounters.mask):
-            np.testing.assert_array_equal(flight.observe(singles[i], aircraft, noise[:, i, mask]), seen[i])
+            np.testing.assert_array_equal(
+                flight.observe(singles[i], aircraft, noise[:, i, mask]), seen[i]
+            )
             singles[i], one = flight.step(singles[i], tuple(action[i].tolist()), parameters)
             assert singles[i].own == tuple(field[i] for field in batch.own)
             assert one.outcome == tuple(field[i] for field in result.outcome)
@@ -335,11 +411,15 @@ def test_plain_floats_equal_numpy_to_the_last_bit(name: str, dt: float) -> None:
 
 
 def test_each_recorded_intruder_follows_its_own_clock() -> None:
-    """Rows are read by each flight's own time, and after the last one the intruder flies straight on."""
+    """Rows are read by each flight's own time, and after the last one the intruder flies straight
+    on.
+    """
     rows = np.arange(12.0).reshape(3, 1, 4)  # [N, K, T + 1]
     recording = Recording(rows, 10.0 * rows, 0.0 * rows, 0.0 * rows + 7.0)
     clock = np.array([0, 2, 3])
-    began = start(VehicleState(*(field[np.arange(3), 0, clock][:, None] for field in recording)), np)
+    began = start(
+        VehicleState(*(field[np.arange(3), 0, clock][:, None] for field in recording)), np
+    )
     after = step(began, recording, 1.0 * clock[:, None], 1.0, np).vehicle
     np.testing.assert_allclose(after.x[:, 0], [1.0, 7.0, 11.0 + 7.0])
     np.testing.assert_allclose(after.y[:, 0], [10.0, 70.0, 110.0])

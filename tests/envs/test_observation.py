@@ -1,4 +1,6 @@
-"""The observation contract: components by hand, symmetries, the way back, and the choice among intruders."""
+"""The observation contract: components by hand, symmetries, the way back, and the choice among
+intruders.
+"""
 
 import math
 
@@ -41,8 +43,13 @@ def test_the_order_is_the_contract() -> None:
 
 
 def test_a_scene_by_hand() -> None:
-    """Own ship heads north at 75 m/s; a 60 m/s intruder 5 km to the east heads west; the goal is 15 km behind."""
-    own, intruder = one(1_000.0, 2_000.0, 0.5 * math.pi, 75.0), one(6_000.0, 2_000.0, -math.pi, 60.0)
+    """Own ship heads north at 75 m/s; a 60 m/s intruder 5 km to the east heads west; the goal is 15
+    km behind.
+    """
+    own, intruder = (
+        one(1_000.0, 2_000.0, 0.5 * math.pi, 75.0),
+        one(6_000.0, 2_000.0, -math.pi, 60.0),
+    )
     seen = see(own, intruder, 1_000.0, -13_000.0)
     np.testing.assert_allclose(seen[[OWN_SPEED, OWN_HEADING, SPEED]], [0.0, 0.5, -0.2], atol=1e-7)
     np.testing.assert_allclose(seen[[HEADING, BEARING, DISTANCE]], [-1.0, -0.5, -0.5], atol=1e-7)
@@ -77,7 +84,9 @@ def test_scales_and_clipping(
 
 
 @given(states(), states(), near, near)
-def test_every_component_lies_within_one(own: VehicleState, intruder: VehicleState, x: float, y: float) -> None:
+def test_every_component_lies_within_one(
+    own: VehicleState, intruder: VehicleState, x: float, y: float
+) -> None:
     seen = observe(own, intruder, np.float64(x), np.float64(y), PAPER, np)
     assert seen.shape == (8,)
     assert np.all(np.abs(seen) <= 1.0)
@@ -85,7 +94,13 @@ def test_every_component_lies_within_one(own: VehicleState, intruder: VehicleSta
 
 @given(states(), states(), near, near, st.floats(-math.pi, math.pi), near, near)
 def test_only_the_headings_notice_that_the_scene_was_moved_and_turned(
-    own: VehicleState, intruder: VehicleState, x: float, y: float, angle: float, east: float, north: float
+    own: VehicleState,
+    intruder: VehicleState,
+    x: float,
+    y: float,
+    angle: float,
+    east: float,
+    north: float,
 ) -> None:
     goal = VehicleState(np.float64(x), np.float64(y), own.heading, own.speed)
     there = [moved(vehicle, angle, east, north) for vehicle in (own, intruder, goal)]
@@ -110,13 +125,19 @@ def test_a_mirrored_scene_flips_the_sign_of_every_angle(
 
 
 @given(states(), states(), near, near)
-def test_decode_recovers_what_was_not_clipped(own: VehicleState, intruder: VehicleState, x: float, y: float) -> None:
-    """In the ownship's frame, against rotation matrices; 5 mm at 20 km is what the angles' 1e-7 rad allow."""
+def test_decode_recovers_what_was_not_clipped(
+    own: VehicleState, intruder: VehicleState, x: float, y: float
+) -> None:
+    """In the ownship's frame, against rotation matrices; 5 mm at 20 km is what the angles' 1e-7 rad
+    allow.
+    """
     goal_x, goal_y = own.x + x, own.y + y
     intruder = intruder._replace(x=own.x + 0.7 * intruder.x, y=own.y + 0.7 * intruder.y)
     seen = observe(own, intruder, goal_x, goal_y, PAPER, np)
     found = decode(list(seen), PAPER, np)
-    ahead = np.array([[np.cos(own.heading), np.sin(own.heading)], [-np.sin(own.heading), np.cos(own.heading)]])
+    ahead = np.array(
+        [[np.cos(own.heading), np.sin(own.heading)], [-np.sin(own.heading), np.cos(own.heading)]]
+    )
     course = np.array([np.cos(intruder.heading), np.sin(intruder.heading)])
     expected = [
         own.speed,
@@ -143,10 +164,19 @@ def test_backends_observe_alike(backend: Backend) -> None:
     own, intruder = random_states(generator, 1_000), random_states(generator, 1_000)
     goal = generator.uniform(-1e4, 1e4, (2, 1_000))
     inputs = [backend.rounded(column) for column in (*own, *intruder, *goal)]
-    expected = observe(VehicleState(*inputs[:4]), VehicleState(*inputs[4:8]), inputs[8], inputs[9], PAPER, np)
+    expected = observe(
+        VehicleState(*inputs[:4]), VehicleState(*inputs[4:8]), inputs[8], inputs[9], PAPER, np
+    )
 
     def components(*fields):
-        seen = observe(VehicleState(*fields[:4]), VehicleState(*fields[4:8]), fields[8], fields[9], PAPER, backend.xp)
+        seen = observe(
+            VehicleState(*fields[:4]),
+            VehicleState(*fields[4:8]),
+            fields[8],
+            fields[9],
+            PAPER,
+            backend.xp,
+        )
         return seen if isinstance(seen, list) else tuple(seen[..., i] for i in range(SIZE))
 
     found = np.stack(backend.apply(components, *inputs), axis=-1)
@@ -179,17 +209,24 @@ def chosen_of(*intruders: VehicleState, mask: tuple[bool, ...] | None = None) ->
     group = stacked(*intruders)
     present = np.array([mask if mask is not None else (True,) * len(intruders)])
     found = most_critical(CRUISE, group, present, PAPER, np)
-    same = [all(np.array_equal(a, b) for a, b in zip(found, intruder, strict=True)) for intruder in intruders]
+    same = [
+        all(np.array_equal(a, b) for a, b in zip(found, intruder, strict=True))
+        for intruder in intruders
+    ]
     assert sum(same) == 1
     return same.index(True)
 
 
 def test_criticality_is_the_time_to_the_conflict() -> None:
     own = VehicleState(*(field[:, None] for field in CRUISE))
-    found = criticality(own, stacked(SOON, LATER, INSIDE, INSIDE_BUT_LEAVING, PASSING_WIDE), PAPER, np)[0]
+    found = criticality(
+        own, stacked(SOON, LATER, INSIDE, INSIDE_BUT_LEAVING, PASSING_WIDE), PAPER, np
+    )[0]
     soon = (4_000.0 - math.sqrt(1_500.0**2 - 200.0**2)) / 200.0
     later = (12_000.0 - math.sqrt(1_500.0**2 - 500.0**2)) / 200.0
-    np.testing.assert_allclose(found, [soon, later, -1_500.0, -600.0, 11_600.0], rtol=1e-6, atol=1e-3)
+    np.testing.assert_allclose(
+        found, [soon, later, -1_500.0, -600.0, 11_600.0], rtol=1e-6, atol=1e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -205,7 +242,9 @@ def test_criticality_is_the_time_to_the_conflict() -> None:
         ((PASSING_WIDE, NEARER_BUT_LEAVING, SOON, LATER), 2),
     ],
 )
-def test_the_conflict_that_comes_first_is_chosen(intruders: tuple[VehicleState, ...], expected: int) -> None:
+def test_the_conflict_that_comes_first_is_chosen(
+    intruders: tuple[VehicleState, ...], expected: int
+) -> None:
     assert chosen_of(*intruders) == expected
 
 
@@ -236,13 +275,17 @@ def test_the_order_of_the_intruders_does_not_matter() -> None:
     own, intruders, mask = crowd(500, 5, seed=2)
     order = np.random.default_rng(3).permutation(5)
     before = most_critical(own, intruders, mask, PAPER, np)
-    after = most_critical(own, VehicleState(*(field[:, order] for field in intruders)), mask[:, order], PAPER, np)
+    after = most_critical(
+        own, VehicleState(*(field[:, order] for field in intruders)), mask[:, order], PAPER, np
+    )
     np.testing.assert_array_equal(np.stack(after), np.stack(before))
 
 
 def test_a_single_intruder_takes_a_short_way_to_the_same_answer() -> None:
     own, intruders, _ = crowd(200, 1, seed=4)
-    padded = VehicleState(*(np.concatenate([field, CRUISE.x + 0.0 * field], axis=-1) for field in intruders))
+    padded = VehicleState(
+        *(np.concatenate([field, CRUISE.x + 0.0 * field], axis=-1) for field in intruders)
+    )
     general = most_critical(own, padded, np.tile([True, False], (200, 1)), PAPER, np)
     short = most_critical(own, intruders, np.ones((200, 1), bool), PAPER, np)
     np.testing.assert_array_equal(np.stack(short), np.stack(general))

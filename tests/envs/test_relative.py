@@ -35,21 +35,34 @@ OTHER = Limits(0.0, 150.0, -0.5, 0.5, math.radians(3.0))
 RATE = math.radians(3.0)
 
 
-def meeting(generator: np.random.Generator, count: int, ranges: tuple[float, float]) -> tuple[VehicleState, ...]:
-    """Return pairs of aircraft some distance apart on any courses, a third of them flying almost side by side."""
+def meeting(
+    generator: np.random.Generator, count: int, ranges: tuple[float, float]
+) -> tuple[VehicleState, ...]:
+    """Return pairs of aircraft some distance apart on any courses, a third of them flying almost
+    side by side.
+    """
     own = random_states(generator, count)
-    direction, apart = generator.uniform(-math.pi, math.pi, count), generator.uniform(*ranges, count)
+    direction, apart = (
+        generator.uniform(-math.pi, math.pi, count),
+        generator.uniform(*ranges, count),
+    )
     other = random_states(generator, count)._replace(
         x=own.x + apart * np.cos(direction), y=own.y + apart * np.sin(direction)
     )
     together = generator.random(count) < 1 / 3
     heading = np.where(together, own.heading + generator.normal(0.0, 0.1, count), other.heading)
-    speed = np.where(together, np.clip(own.speed + generator.normal(0.0, 2.0, count), 50.0, 100.0), other.speed)
-    return own, other._replace(heading=np.remainder(heading + math.pi, 2.0 * math.pi) - math.pi, speed=speed)
+    speed = np.where(
+        together, np.clip(own.speed + generator.normal(0.0, 2.0, count), 50.0, 100.0), other.speed
+    )
+    return own, other._replace(
+        heading=np.remainder(heading + math.pi, 2.0 * math.pi) - math.pi, speed=speed
+    )
 
 
 def brute_force(own, other, turns, acceleration, steps: int = 1_000):
-    """Sample both real arcs every millisecond and return the smallest distance and the two final states."""
+    """Sample both real arcs every millisecond and return the smallest distance and the two final
+    states.
+    """
     smallest = np.full(own.x.shape, np.inf)
     for step in range(steps + 1):
         now = step / steps
@@ -59,9 +72,13 @@ def brute_force(own, other, turns, acceleration, steps: int = 1_000):
     return smallest, a, b
 
 
-@pytest.mark.parametrize("ranges", [(900.0, 1_150.0), (100.0, 20_000.0)], ids=["at the separation", "anywhere"])
+@pytest.mark.parametrize(
+    "ranges", [(900.0, 1_150.0), (100.0, 20_000.0)], ids=["at the separation", "anywhere"]
+)
 def test_leg_separation_is_that_of_the_real_arcs(ranges: tuple[float, float]) -> None:
-    """Within the stated 0.05 m of both arcs sampled every millisecond, full deflections and any speeds included."""
+    """Within the stated 0.05 m of both arcs sampled every millisecond, full deflections and any
+    speeds included.
+    """
     generator = np.random.default_rng(1)
     count = 4_000
     own, other = meeting(generator, count, ranges)
@@ -98,11 +115,15 @@ def test_leg_separation_is_the_same_for_both_aircraft(
     own_next = advance(own, 0.3, turn, 1.0, SURROGATE, np)
     other_next = advance(other, 0.0, other_turn, 1.0, OTHER, np)
     one_way = leg_separation(own, own_next, other, other_next, 1.0, np)
-    np.testing.assert_allclose(one_way, leg_separation(other, other_next, own, own_next, 1.0, np), rtol=1e-12)
+    np.testing.assert_allclose(
+        one_way, leg_separation(other, other_next, own, own_next, 1.0, np), rtol=1e-12
+    )
 
 
 def test_leg_separation_in_single_precision() -> None:
-    """Jax and numpy in float32 within 2 cm of float64 at up to 20 km, which is some units of float32 there."""
+    """Jax and numpy in float32 within 2 cm of float64 at up to 20 km, which is some units of
+    float32 there.
+    """
     generator = np.random.default_rng(4)
     own, other = meeting(generator, 2_000, (500.0, 15_000.0))
     own_next = advance(own, 0.5, RATE, 1.0, SURROGATE, np)
@@ -125,8 +146,18 @@ def test_straight_cpa_against_brute_force() -> None:
     generator = np.random.default_rng(5)
     own, other = random_states(generator, 200), random_states(generator, 200)
     times = np.linspace(0.0, 600.0, 60_001)[:, None]
-    gap_x = other.x + other.speed * np.cos(other.heading) * times - own.x - own.speed * np.cos(own.heading) * times
-    gap_y = other.y + other.speed * np.sin(other.heading) * times - own.y - own.speed * np.sin(own.heading) * times
+    gap_x = (
+        other.x
+        + other.speed * np.cos(other.heading) * times
+        - own.x
+        - own.speed * np.cos(own.heading) * times
+    )
+    gap_y = (
+        other.y
+        + other.speed * np.sin(other.heading) * times
+        - own.y
+        - own.speed * np.sin(own.heading) * times
+    )
     gaps = np.hypot(gap_x, gap_y)
     found = straight_cpa(own, other, np)
     within = found.time < 600.0
@@ -152,7 +183,9 @@ def test_straight_cpa_of_diverging_and_of_parallel_aircraft_is_now() -> None:
 
 
 def test_straight_cpa_by_hand() -> None:
-    """Crossing at right angles at 100 m/s, from 1000 m and from 2000 m: they pass 707 m apart after 15 s."""
+    """Crossing at right angles at 100 m/s, from 1000 m and from 2000 m: they pass 707 m apart after
+    15 s.
+    """
     cpa = straight_cpa(one(-1_000.0, 0.0, 0.0, 100.0), one(0.0, 2_000.0, -0.5 * math.pi, 100.0), np)
     assert cpa.time[0] == pytest.approx(15.0)
     assert cpa.distance[0] == pytest.approx(1_000.0 / math.sqrt(2.0))
@@ -172,7 +205,9 @@ def test_straight_cpa_by_hand() -> None:
 )
 def test_bearing_by_hand(heading: float, x: float, y: float, expected: float) -> None:
     """Left positive, and through the wrap at 180 degrees."""
-    found = math.degrees(bearing(one(0.0, 0.0, math.radians(heading), 75.0), np.array([x]), np.array([y]), np)[0])
+    found = math.degrees(
+        bearing(one(0.0, 0.0, math.radians(heading), 75.0), np.array([x]), np.array([y]), np)[0]
+    )
     assert (found - expected + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-4)
 
 
@@ -188,20 +223,27 @@ def test_the_scene_may_be_moved_turned_and_mirrored(
     )
     if relative_speed > 1.0:
         np.testing.assert_allclose(after, before, rtol=1e-6, atol=1e-4)
-    np.testing.assert_allclose(straight_cpa(mirrored(own), mirrored(other), np), before, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        straight_cpa(mirrored(own), mirrored(other), np), before, rtol=1e-6, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("backend", ARRAY_BACKENDS, ids=lambda backend: backend.name)
 def test_distance(backend: Backend) -> None:
-    (found,) = backend.apply(lambda x, y: (distance(x, y, backend.xp),), [3.0, 0.0, -5e3], [4.0, 0.0, 12e3])
+    (found,) = backend.apply(
+        lambda x, y: (distance(x, y, backend.xp),), [3.0, 0.0, -5e3], [4.0, 0.0, 12e3]
+    )
     np.testing.assert_allclose(found, [5.0, 0.0, 13e3], rtol=1e-6)
 
 
-# Angles: accuracy of the polynomials against libm, and the range of wrapped angles, in every backend.
+# Angles: accuracy of the polynomials against libm, and the range of wrapped angles, in every
+# backend.
 
 TURN = 2.0 * math.pi
 each_backend = pytest.mark.parametrize("backend", BACKENDS, ids=lambda backend: backend.name)
-each_array_backend = pytest.mark.parametrize("backend", ARRAY_BACKENDS, ids=lambda backend: backend.name)
+each_array_backend = pytest.mark.parametrize(
+    "backend", ARRAY_BACKENDS, ids=lambda backend: backend.name
+)
 
 
 def tolerance(backend: Backend) -> float:
@@ -222,7 +264,9 @@ def neighbours(dtype: type, *values: float, steps: int = 4) -> np.ndarray:
 
 @each_backend
 def test_sincos_agrees_with_libm_over_its_whole_domain(backend: Backend) -> None:
-    dense = np.linspace(-1.5 * math.pi, 1.5 * math.pi, 100_001 if backend.name != "floats" else 1_001)
+    dense = np.linspace(
+        -1.5 * math.pi, 1.5 * math.pi, 100_001 if backend.name != "floats" else 1_001
+    )
     corners = neighbours(np.float64, 0.0, *(0.5 * math.pi * k for k in range(-2, 3)))
     angle = backend.rounded(np.concatenate([dense[1:-1], corners, [1e-30, -1e-30, 1e-8]]))
     sine, cosine = backend.apply(lambda a: sincos(a, backend.xp), angle)
@@ -241,7 +285,10 @@ def test_sine_of_small_angles_is_relatively_accurate(backend: Backend) -> None:
 def test_atan2_agrees_with_libm_all_around_at_every_length(backend: Backend) -> None:
     count = 2_001 if backend.name != "floats" else 201
     angle, length = np.meshgrid(np.linspace(-math.pi, math.pi, count), [1e-3, 1.0, 567.0, 2e4, 1e7])
-    y, x = backend.rounded(length * np.sin(angle)).ravel(), backend.rounded(length * np.cos(angle)).ravel()
+    y, x = (
+        backend.rounded(length * np.sin(angle)).ravel(),
+        backend.rounded(length * np.cos(angle)).ravel(),
+    )
     (found,) = backend.apply(lambda a, b: (atan2(a, b, backend.xp),), y, x)
     assert np.max(angle_between(found, np.arctan2(y, x))) <= tolerance(backend)
 
@@ -251,14 +298,18 @@ def test_atan2_on_the_axes_and_diagonals(backend: Backend) -> None:
     y = np.array([0.0, 1.0, 1.0, 1.0, 0.0, -1.0, -1.0, -1.0, 0.0])
     x = np.array([1.0, 1.0, 0.0, -1.0, -1.0, -1.0, 0.0, 1.0, 0.0])
     (found,) = backend.apply(lambda a, b: (atan2(a, b, backend.xp),), y, x)
-    np.testing.assert_allclose(found, math.pi * np.array([0, 1, 2, 3, 4, -3, -2, -1, 0]) / 4, atol=tolerance(backend))
+    np.testing.assert_allclose(
+        found, math.pi * np.array([0, 1, 2, 3, 4, -3, -2, -1, 0]) / 4, atol=tolerance(backend)
+    )
 
 
 @given(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5))
 def test_atan2_of_any_vector(y: float, x: float) -> None:
     for backend in ARRAY_BACKENDS[:2]:
         rounded_y, rounded_x = backend.rounded([y]), backend.rounded([x])
-        (found,) = backend.apply(lambda a, b, xp=backend.xp: (atan2(a, b, xp),), rounded_y, rounded_x)
+        (found,) = backend.apply(
+            lambda a, b, xp=backend.xp: (atan2(a, b, xp),), rounded_y, rounded_x
+        )
         assert abs(found[0]) <= math.pi + tolerance(backend)
         if math.hypot(x, y) > 1e-20:
             assert angle_between(found, np.arctan2(rounded_y, rounded_x))[0] <= tolerance(backend)
@@ -292,7 +343,8 @@ def test_wrap_leaves_wrapped_angles_alone(backend: Backend) -> None:
     np.testing.assert_array_equal(wrapped, angle)
 
 
-# Two aircraft of the same ratios fly the same encounters, scaled, whatever the separation and the speeds.
+# Two aircraft of the same ratios fly the same encounters, scaled, whatever the separation and the
+# speeds.
 
 
 COUNT, STEPS = 12, 310
@@ -303,7 +355,9 @@ FAMILIES = [
 
 
 def twin(aircraft: Aircraft, length: float, speed: float) -> Aircraft:
-    """Return the aircraft alike whose separation is ``length`` times as large and whose speeds are ``speed`` times."""
+    """Return the aircraft alike whose separation is ``length`` times as large and whose speeds are
+    ``speed`` times.
+    """
     limits, time = aircraft.limits, length / speed
     return new_aircraft(
         Limits(
@@ -332,46 +386,66 @@ def drawn(aircraft: Aircraft, name: str, changes: dict[str, bool]) -> Encounter:
 def scaled(state: VehicleState, length: float, speed: float) -> np.ndarray:
     """Return x and y in ``length``, the heading's sine and cosine, and the speed in ``speed``."""
     return np.stack(
-        [state.x / length, state.y / length, np.cos(state.heading), np.sin(state.heading), state.speed / speed]
+        [
+            state.x / length,
+            state.y / length,
+            np.cos(state.heading),
+            np.sin(state.heading),
+            state.speed / speed,
+        ]
     )
 
 
 def flown(aircraft: Aircraft, encounters: Encounter) -> dict[str, np.ndarray]:
-    """Fly encounters by actions that depend on what is seen; lengths in separations, speeds in ``speed_max``."""
+    """Fly encounters by actions that depend on what is seen; lengths in separations, speeds in
+    ``speed_max``.
+    """
     parameters = World(aircraft.rules(), aircraft)
     units = aircraft.separation, aircraft.limits.speed_max
     state = world.begin(encounters, np, history_dt=aircraft.dt)
     rng = np.random.default_rng(2)
-    logged: dict[str, list[np.ndarray]] = {key: [] for key in ("own", "traffic", "seen", "set", "outcome", "apart")}
+    logged: dict[str, list[np.ndarray]] = {
+        key: [] for key in ("own", "traffic", "seen", "set", "outcome", "apart")
+    }
     for _ in range(STEPS):
         noise = rng.standard_normal((4, *encounters.mask.shape))
         observed = world.observe(state, aircraft, noise, xp=np)
         rows = world.observe_set(state, aircraft, noise, 3, xp=np)
         wander = np.sin(rng.uniform(0.0, 6.0, (2, COUNT)))
-        action = wander[0], np.clip(0.5 * wander[1] + np.sin(np.pi * observed[:, 6]) - 0.3 * observed[:, 5], -1, 1)
+        action = (
+            wander[0],
+            np.clip(0.5 * wander[1] + np.sin(np.pi * observed[:, 6]) - 0.3 * observed[:, 5], -1, 1),
+        )
         state, result = world.step(state, action, parameters, np)
         logged["own"].append(scaled(state.own, *units))
         logged["traffic"].append(scaled(state.intruders.vehicle, *units))
         logged["seen"].append(observed)
-        logged["set"].append(np.concatenate([rows.own, rows.traffic.reshape(COUNT, -1), rows.mask], axis=-1))
+        logged["set"].append(
+            np.concatenate([rows.own, rows.traffic.reshape(COUNT, -1), rows.mask], axis=-1)
+        )
         logged["outcome"].append(np.stack(result.outcome))
         logged["apart"].append(result.separation / aircraft.separation)
     return {key: np.stack(values) for key, values in logged.items()}
 
 
-@pytest.mark.parametrize(("name", "changes"), FAMILIES, ids=lambda value: value if isinstance(value, str) else "")
+@pytest.mark.parametrize(
+    ("name", "changes"), FAMILIES, ids=lambda value: value if isinstance(value, str) else ""
+)
 def test_alike_aircraft_fly_alike(name: str, changes: dict[str, bool]) -> None:
     """From the draws to the outcome, through reports, observation and motion.
 
-    Only the distance of an intruder's waypoint, some 10^7 m, does not scale: after a turn courses differ by 2e-4 rad.
-    """
+    Only the distance of an intruder's waypoint, some 10^7 m, does not scale: after a turn courses
+    differ by 2e-4 rad."""
     small = twin(PAPER, 0.61, 0.36)
-    assert ratios(small.limits, small.separation) == pytest.approx(ratios(PAPER.limits, PAPER.separation), rel=1e-12)
+    assert ratios(small.limits, small.separation) == pytest.approx(
+        ratios(PAPER.limits, PAPER.separation), rel=1e-12
+    )
     one, other = (flown(aircraft, drawn(aircraft, name, changes)) for aircraft in (PAPER, small))
     turning = name == "maneuvering" or "turn" in changes
     for key in ("own", "traffic", "seen", "set", "apart"):
         tolerance = 0.01 if turning else 1e-8
-        # A bearing beyond half a turn comes back on the other side, and a rank may change between two equals.
+        # A bearing beyond half a turn comes back on the other side, and a rank may change between
+        # two equals.
         close = np.abs(one[key] - other[key]) < tolerance
         assert close.mean() > (0.995 if key in ("seen", "set") else 1.0 - 1e-12), key
     assert np.mean(one["outcome"] == other["outcome"]) > 0.9999
@@ -383,10 +457,18 @@ def test_alike_aircraft_fly_alike(name: str, changes: dict[str, bool]) -> None:
 def test_any_twin_draws_and_sees_alike(length: float, speed: float, seed: int) -> None:
     other = twin(PAPER, length, speed)
     for name in ("multi", "noisy", "same_course"):
-        here, there = (starts.numbered(scenario(name, aircraft), seed, 0, 4) for aircraft in (PAPER, other))
-        np.testing.assert_allclose(scaled(there.own, length, speed), scaled(here.own, 1.0, 1.0), rtol=1e-9, atol=1e-6)
-        np.testing.assert_allclose(there.intent.onset / (length / speed), here.intent.onset, rtol=1e-7, atol=1e-7)
-        np.testing.assert_allclose(there.sensor.latency / (length / speed), here.sensor.latency, rtol=1e-12)
+        here, there = (
+            starts.numbered(scenario(name, aircraft), seed, 0, 4) for aircraft in (PAPER, other)
+        )
+        np.testing.assert_allclose(
+            scaled(there.own, length, speed), scaled(here.own, 1.0, 1.0), rtol=1e-9, atol=1e-6
+        )
+        np.testing.assert_allclose(
+            there.intent.onset / (length / speed), here.intent.onset, rtol=1e-7, atol=1e-7
+        )
+        np.testing.assert_allclose(
+            there.sensor.latency / (length / speed), here.sensor.latency, rtol=1e-12
+        )
         sights = [
             observe_set(start.own, *ranked(start.own, start.intruders, start.mask, 5, aircraft, np),
                         start.goal_x, start.goal_y, aircraft, np)
@@ -422,7 +504,9 @@ def test_one_encounter_in_plain_floats_is_the_batchs() -> None:
         ({"displacement": float("nan")}, "displacement"),
     ],
 )
-def test_a_scenario_that_contradicts_its_aircraft_is_refused(changes: dict[str, object], field: str) -> None:
+def test_a_scenario_that_contradicts_its_aircraft_is_refused(
+    changes: dict[str, object], field: str
+) -> None:
     with pytest.raises(EncounterError, match=f"^{field} .*expected"):
         scenario("circle", PAPER, **changes)
 
@@ -430,11 +514,15 @@ def test_a_scenario_that_contradicts_its_aircraft_is_refused(changes: dict[str, 
 def test_a_mask_of_another_shape_is_refused() -> None:
     start = starts.numbered(scenario("multi", PAPER), 0, 0, 3)
     with pytest.raises(ValueError, match=r"mask has shape \(3, 7\); expected \(3, 8\)"):
-        observe_set(start.own, start.intruders, start.mask[:, :7], start.goal_x, start.goal_y, PAPER, np)
+        observe_set(
+            start.own, start.intruders, start.mask[:, :7], start.goal_x, start.goal_y, PAPER, np
+        )
 
 
 def test_an_aircraft_that_can_hover_begins_with_some_speed() -> None:
-    multirotor = load(AircraftConfig, None, ["speed_min_mps=0", "speed_max_mps=20", "separation_m=150"]).aircraft()
+    multirotor = load(
+        AircraftConfig, None, ["speed_min_mps=0", "speed_max_mps=20", "separation_m=150"]
+    ).aircraft()
     found = scenario("circle", multirotor)
     assert found.own_speed == (4.0, 20.0)
     assert np.isfinite(starts.numbered(found, 0, 0, 50).intruders.x).all()

@@ -1,4 +1,6 @@
-"""The jax surrogate against a plain numpy loop, and the contract of its steps, resets, masks and reports."""
+"""The jax surrogate against a plain numpy loop, and the contract of its steps, resets, masks and
+reports.
+"""
 
 import itertools
 import math
@@ -58,16 +60,22 @@ def encounters(name: str, most: int = 1, count: int = COUNT, seed: int = 0) -> E
     chosen = scenario(name, PAPER)
     draws = np.random.default_rng(seed).random((chosen.attempts, count, chosen.dimensions))
     starts = padded(sample(chosen, draws, np)[0], most, np)
-    return jax.tree.map(lambda field: field if field.dtype == bool else field.astype(np.float32), starts)
+    return jax.tree.map(
+        lambda field: field if field.dtype == bool else field.astype(np.float32), starts
+    )
 
 
 def actions(count: int = COUNT, seed: int = 1) -> np.ndarray:
-    """Return actions that are held for 10 s each, a third of them beyond the limits, ``[T, N, 2]``."""
+    """Return actions that are held for 10 s each, a third of them beyond the limits, ``[T,
+    N, 2]``.
+    """
     held = np.random.default_rng(seed).uniform(-1.5, 1.5, (STEPS // 10, count, 2))
     return np.repeat(held, 10, axis=0).astype(np.float32)
 
 
-def one_on_one(own: tuple[float, ...], other: tuple[float, ...], goal: tuple[float, float] = (2e4, 0.0)) -> Encounter:
+def one_on_one(
+    own: tuple[float, ...], other: tuple[float, ...], goal: tuple[float, float] = (2e4, 0.0)
+) -> Encounter:
     """Return FEW times the same encounter of two vehicles, given as (x, y, heading, speed)."""
 
     def column(value: float, *shape: int) -> np.ndarray:
@@ -86,7 +94,9 @@ def one_on_one(own: tuple[float, ...], other: tuple[float, ...], goal: tuple[flo
 
 @pytest.fixture(scope="module")
 def flights() -> dict[str, Any]:
-    """Episodes of manoeuvring intruders with random actions, the same encounters with K = 1 and padded to K = 3."""
+    """Episodes of manoeuvring intruders with random actions, the same encounters with K = 1 and
+    padded to K = 3.
+    """
     alone, wide = encounters("maneuvering"), encounters("maneuvering", most=3)
     return {
         "starts": alone,
@@ -97,14 +107,17 @@ def flights() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_a_whole_episode_equals_a_plain_loop_over_the_core(flights: dict[str, Any], dtype: type) -> None:
+def test_a_whole_episode_equals_a_plain_loop_over_the_core(
+    flights: dict[str, Any], dtype: type
+) -> None:
     """Algorithm 1 written out: intruder, ownship, then conflict, termination, score.
 
-    Compilers contract products and sums, so that float32 headings come to differ by a unit in the last place here
-    and there: 2e-6 rad, 100 m/s and 300 s make some centimetres. The first minute agrees within 1 cm. Against
-    float64 the whole flight of up to 30 km is good to 0.5 m.
-    """
-    starts = jax.tree.map(lambda field: field if field.dtype == bool else field.astype(dtype), flights["starts"])
+    Compilers contract products and sums, so that float32 headings come to differ by a unit in the
+    last place here and there: 2e-6 rad, 100 m/s and 300 s make some centimetres. The first minute
+    agrees within 1 cm. Against float64 the whole flight of up to 30 km is good to 0.5 m."""
+    starts = jax.tree.map(
+        lambda field: field if field.dtype == bool else field.astype(dtype), flights["starts"]
+    )
     flown: Record = flights["alone"]
     heading_rounding = STEPS * 0.5 * float(np.spacing(np.float32(math.pi)))
     own, traffic, time = starts.own, intruder.start(starts.intruders, np), np.zeros(COUNT, dtype)
@@ -116,21 +129,35 @@ def test_a_whole_episode_equals_a_plain_loop_over_the_core(flights: dict[str, An
         own = advance(own, acceleration, yaw_rate, dtype(1.0), SURROGATE, np)
         time = time + dtype(1.0)
         separation = leg_separation(
-            before, own, *(VehicleState(*(f[:, 0] for f in at.vehicle)) for at in (traffic_before, traffic)), 1.0, np
+            before,
+            own,
+            *(VehicleState(*(f[:, 0] for f in at.vehicle)) for at in (traffic_before, traffic)),
+            1.0,
+            np,
         )
         goal_distance = np.hypot(starts.goal_x - own.x, starts.goal_y - own.y)
         judged = outcome.judge(separation, goal_distance, time, RULES, np)
 
         for name, found in (("own", flown.own), ("intruders", flown.intruders)):
-            expected = own if name == "own" else VehicleState(*(field[:, 0] for field in traffic.vehicle))
-            at = VehicleState(*(np.asarray(field[index], np.float64).reshape(COUNT) for field in found))
-            assert np.max(np.hypot(at.x - expected.x, at.y - expected.y)) <= metres, f"{name}, step {index}"
+            expected = (
+                own if name == "own" else VehicleState(*(field[:, 0] for field in traffic.vehicle))
+            )
+            at = VehicleState(
+                *(np.asarray(field[index], np.float64).reshape(COUNT) for field in found)
+            )
+            assert np.max(np.hypot(at.x - expected.x, at.y - expected.y)) <= metres, (
+                f"{name}, step {index}"
+            )
             assert np.max(angle_between(at.heading, expected.heading)) <= heading_rounding
             np.testing.assert_allclose(at.speed, expected.speed, atol=1e-3)
         np.testing.assert_array_equal(flown.steps[index], index + 1.0)
         np.testing.assert_allclose(flown.result.separation[index], separation, atol=2.0 * metres)
-        np.testing.assert_allclose(flown.result.goal_distance[index], goal_distance, atol=2.0 * metres)
-        clear = np.minimum(np.abs(separation - 1_000.0), np.abs(goal_distance - 500.0)) > 2.0 * metres
+        np.testing.assert_allclose(
+            flown.result.goal_distance[index], goal_distance, atol=2.0 * metres
+        )
+        clear = (
+            np.minimum(np.abs(separation - 1_000.0), np.abs(goal_distance - 500.0)) > 2.0 * metres
+        )
         for field, expected in zip(flown.result.outcome, judged, strict=True):
             np.testing.assert_array_equal(np.asarray(field[index])[clear], expected[clear])
         points = outcome.reward(judged, RULES, np)
@@ -141,7 +168,9 @@ def test_a_whole_episode_equals_a_plain_loop_over_the_core(flights: dict[str, An
 
 
 def test_both_aircraft_are_compared_at_the_same_times() -> None:
-    """In trail at equal speed the range stays 1010 m; comparing one old and one new position would see 910 m."""
+    """In trail at equal speed the range stays 1010 m; comparing one old and one new position would
+    see 910 m.
+    """
     for leader, follower in (((1_010.0, 0.0), (0.0, 0.0)), ((0.0, 0.0), (1_010.0, 0.0))):
         starts = one_on_one((*follower, 0.0, 100.0), (*leader, 0.0, 100.0))
         _, result = step(reset(starts), STILL, WORLD)
@@ -178,9 +207,13 @@ def test_the_observation_shows_both_aircraft_after_they_moved(flights: dict[str,
     flown, starts = flights["alone"], flights["starts"]
     for index in (0, 1, 150):
         own = VehicleState(*(np.asarray(field[index], np.float64) for field in flown.own))
-        other = VehicleState(*(np.asarray(field[index, :, 0], np.float64) for field in flown.intruders))
+        other = VehicleState(
+            *(np.asarray(field[index, :, 0], np.float64) for field in flown.intruders)
+        )
         expected = observation.observe(own, other, starts.goal_x, starts.goal_y, PAPER, np)
-        np.testing.assert_allclose(np.cos(np.pi * flown.observation[index]), np.cos(np.pi * expected), atol=1e-4)
+        np.testing.assert_allclose(
+            np.cos(np.pi * flown.observation[index]), np.cos(np.pi * expected), atol=1e-4
+        )
         assert flown.observation.dtype == jnp.float32
         assert np.max(np.abs(flown.observation[index])) <= 1.0
 
@@ -228,7 +261,9 @@ def test_restart_begins_afresh_only_where_an_encounter_ended() -> None:
         one_on_one((0.0, 0.0, 0.0, 100.0), nobody),
         one_on_one((0.0, 0.0, 0.0, 100.0), nobody),
     ]
-    starts = jax.tree.map(lambda *fields: np.stack([field[row] for row, field in enumerate(fields)]), *rows)
+    starts = jax.tree.map(
+        lambda *fields: np.stack([field[row] for row, field in enumerate(fields)]), *rows
+    )
     state = reset(starts)._replace(steps=np.float32([5.0, 7.0, 299.0, 11.0]))
     fresh = reset(encounters("maneuvering", count=FEW))
     action = (np.full(FEW, 0.3, np.float32), np.full(FEW, -0.2, np.float32))
@@ -252,7 +287,9 @@ def test_restart_also_replaces_the_reports_history() -> None:
     fresh = reset(others, history_dt=1.0)
     final, _ = step(state, STILL, WORLD)
     following = restart(final, fresh)
-    for after, end, begin in zip(*(jax.tree.leaves(s.previous) for s in (following, final, fresh)), strict=True):
+    for after, end, begin in zip(
+        *(jax.tree.leaves(s.previous) for s in (following, final, fresh)), strict=True
+    ):
         np.testing.assert_array_equal(after[0], begin[0])
         np.testing.assert_array_equal(after[1:], end[1:])
 
@@ -263,7 +300,10 @@ def test_restart_also_replaces_the_reports_history() -> None:
 def test_absent_intruders_do_not_matter(flights: dict[str, Any]) -> None:
     """K = 3 with two absent flies, sees and scores as K = 1 does."""
     alone, wide = flights["alone"], flights["wide"]
-    results = [flown.result._replace(separations=flown.result.separations[..., :1]) for flown in (alone, wide)]
+    results = [
+        flown.result._replace(separations=flown.result.separations[..., :1])
+        for flown in (alone, wide)
+    ]
     for narrow, broad in ((alone.own, wide.own), results):
         for a, b in zip(jax.tree.leaves(narrow), jax.tree.leaves(broad), strict=True):
             np.testing.assert_allclose(b, a, rtol=1e-6, atol=1e-2)
@@ -301,13 +341,21 @@ def test_the_nearest_of_several_intruders_decides() -> None:
 
 
 def test_a_mirrored_episode_stays_mirrored(flights: dict[str, Any]) -> None:
-    """Mirrored starts and actions: mirrored flight within 25 cm, mirrored observations, the same outcome."""
+    """Mirrored starts and actions: mirrored flight within 25 cm, mirrored observations, the same
+    outcome.
+    """
     starts = flights["starts"]
     intent = starts.intent._replace(heading_change=-starts.intent.heading_change)
     other_side = starts._replace(
-        own=mirrored(starts.own), goal_y=-starts.goal_y, intruders=mirrored(starts.intruders), intent=intent
+        own=mirrored(starts.own),
+        goal_y=-starts.goal_y,
+        intruders=mirrored(starts.intruders),
+        intent=intent,
     )
-    flown, other = flights["alone"], fly(reset(other_side), flights["actions"] * np.float32([1.0, -1.0]))
+    flown, other = (
+        flights["alone"],
+        fly(reset(other_side), flights["actions"] * np.float32([1.0, -1.0])),
+    )
     for a, b in ((flown.own, other.own), (flown.intruders, other.intruders)):
         np.testing.assert_allclose(b.x, a.x, atol=0.25)
         np.testing.assert_allclose(b.y, -a.y, atol=0.25)
@@ -322,5 +370,6 @@ def test_a_mirrored_episode_stays_mirrored(flights: dict[str, Any]) -> None:
     assert np.max(difference[~near]) < 1e-3
     clear = np.abs(np.asarray(flown.result.separation) - 1_000.0) > 0.5
     np.testing.assert_array_equal(
-        np.asarray(other.result.outcome.violation)[clear], np.asarray(flown.result.outcome.violation)[clear]
+        np.asarray(other.result.outcome.violation)[clear],
+        np.asarray(flown.result.outcome.violation)[clear],
     )

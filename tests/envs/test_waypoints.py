@@ -1,4 +1,6 @@
-"""The leg's curve meets its waypoints and is gentle; the follower keeps to it in position and time."""
+"""The leg's curve meets its waypoints and is gentle; the follower keeps to it in position
+and time.
+"""
 
 import math
 from dataclasses import replace
@@ -24,7 +26,10 @@ def history(count: int, seed: int, hold: int) -> VehicleState:
     flown = [state]
     for second in range(SECONDS):
         if second % hold == 0:
-            acceleration, yaw_rate = rng.uniform(-0.5, 0.5, count), rng.uniform(-1.0, 1.0, count) * math.radians(3.0)
+            acceleration, yaw_rate = (
+                rng.uniform(-0.5, 0.5, count),
+                rng.uniform(-1.0, 1.0, count) * math.radians(3.0),
+            )
         state = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
         flown.append(state)
     return VehicleState(*(np.stack(field) for field in zip(*flown, strict=True)))
@@ -39,7 +44,10 @@ def ends(flown: VehicleState) -> Knots:
 def left_by(flown: VehicleState) -> np.ndarray:
     """Return the largest distance of the curves from the histories, m, ``[count]``."""
     curves = legs(ends(flown))
-    off = [np.hypot(*(a - b[i] for a, b in zip(at(curves, float(i))[:2], flown[:2], strict=True))) for i in range(21)]
+    off = [
+        np.hypot(*(a - b[i] for a, b in zip(at(curves, float(i))[:2], flown[:2], strict=True)))
+        for i in range(21)
+    ]
     return np.max(off, axis=0)
 
 
@@ -67,7 +75,9 @@ def test_steady_turns_are_met_exactly(state: VehicleState, yaw_rate: float) -> N
 def test_steady_acceleration_is_met_exactly(acceleration: float, speed: float) -> None:
     gained = speed + acceleration * SECONDS
     path = 0.5 * (speed + gained) * SECONDS
-    curve = leg(Waypoint(0, 0.0, 0.0, 0.0, speed, 0.0), Waypoint(1, path, 0.0, 0.0, gained, float(SECONDS)))
+    curve = leg(
+        Waypoint(0, 0.0, 0.0, 0.0, speed, 0.0), Waypoint(1, path, 0.0, 0.0, gained, float(SECONDS))
+    )
     np.testing.assert_allclose(curve.acceleration, acceleration, atol=1e-6)
     np.testing.assert_allclose(curve.yaw_rate, 0.0, atol=1e-9)
 
@@ -79,7 +89,9 @@ def test_the_curve_is_the_gentlest_that_meets_its_ends() -> None:
     step = SECONDS / ARCS
 
     def end_and_cost(yaw_rate: Any, acceleration: Any) -> tuple[np.ndarray, np.ndarray]:
-        state = VehicleState(curves.x[..., 0], curves.y[..., 0], curves.heading[..., 0], curves.speed[..., 0])
+        state = VehicleState(
+            curves.x[..., 0], curves.y[..., 0], curves.heading[..., 0], curves.speed[..., 0]
+        )
         wide = SURROGATE._replace(speed_min=0.0, speed_max=500.0)
         for arc in range(ARCS):
             state = advance(state, acceleration[..., arc], yaw_rate[..., arc], step, wide, np)
@@ -89,15 +101,19 @@ def test_the_curve_is_the_gentlest_that_meets_its_ends() -> None:
     controls = np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1)
     fixed, least = end_and_cost(controls[:, :ARCS], controls[:, ARCS:])
     for row in range(50):
-        # Directions in which the end does not move to first order, from a numerical Jacobian; the solver takes an
-        # arc for its chord, which leaves a part in a hundred.
+        # Directions in which the end does not move to first order, from a numerical Jacobian; the
+        # solver takes an arc for its chord, which leaves a part in a hundred.
         jacobian = np.empty((4, 2 * ARCS))
         for i in range(2 * ARCS):
             moved = controls.copy()
             moved[:, i] += 1e-5
-            jacobian[:, i] = (end_and_cost(moved[:, :ARCS], moved[:, ARCS:])[0][row] - fixed[row]) / 1e-5
+            jacobian[:, i] = (
+                end_and_cost(moved[:, :ARCS], moved[:, ARCS:])[0][row] - fixed[row]
+            ) / 1e-5
         free = np.linalg.svd(jacobian)[2][4:]
-        gradient = np.concatenate([2.0 * controls[row, :ARCS] / 0.02**2, 2.0 * controls[row, ARCS:] / 0.2**2])
+        gradient = np.concatenate(
+            [2.0 * controls[row, :ARCS] / 0.02**2, 2.0 * controls[row, ARCS:] / 0.2**2]
+        )
         assert np.abs(free @ gradient).max() <= 0.01 * max(np.abs(gradient).max(), 1.0)
     assert np.all(np.isfinite(least))
 
@@ -116,7 +132,9 @@ def test_legs_move_with_the_scene(angle: float, east: float) -> None:
     flown = ends(history(20, 6, 10))
     cosine, sine = math.cos(angle), math.sin(angle)
     turned = flown._replace(
-        x=flown.x * cosine - flown.y * sine + east, y=flown.x * sine + flown.y * cosine, heading=flown.heading + angle
+        x=flown.x * cosine - flown.y * sine + east,
+        y=flown.x * sine + flown.y * cosine,
+        heading=flown.heading + angle,
     )
     a, b = legs(flown), legs(turned)
     np.testing.assert_allclose(a.yaw_rate, b.yaw_rate, atol=1e-7)
@@ -138,7 +156,9 @@ def test_states_on_a_plan_are_continuous_and_consistent() -> None:
     times = np.linspace(0.0, 20.0, 401)
     path = [at(curves, time) for time in times]
     x, y = (np.array([float(getattr(state, name)) for state in path]) for name in ("x", "y"))
-    heading, speed = (np.array([float(getattr(state, name)) for state in path]) for name in ("heading", "speed"))
+    heading, speed = (
+        np.array([float(getattr(state, name)) for state in path]) for name in ("heading", "speed")
+    )
     step = times[1]
     vx, vy = np.diff(x) / step, np.diff(y) / step
     middle = 0.5 * (speed[1:] + speed[:-1])
@@ -148,7 +168,9 @@ def test_states_on_a_plan_are_continuous_and_consistent() -> None:
 
 def test_the_leg_of_a_time_is_found() -> None:
     points = [Waypoint(i, 1600.0 * i, 0.0, 0.0, 80.0, 20.0 * i) for i in range(1, 4)]
-    bent = legs(knots(VehicleState(0.0, 100.0, 0.1, 75.0), [replace(points[0], y=200.0), *points[1:]]))
+    bent = legs(
+        knots(VehicleState(0.0, 100.0, 0.1, 75.0), [replace(points[0], y=200.0), *points[1:]])
+    )
     for time, number in ((-1.0, 0), (0.0, 0), (19.9, 0), (20.0, 1), (41.0, 2), (90.0, 2)):
         assert at(bent, time) == at(Legs(*(field[number : number + 1] for field in bent)), time)
     beyond = at(legs(knots(VehicleState(0.0, 0.0, 0.0, 80.0), points)), 70.0)
@@ -167,7 +189,8 @@ def test_waypoints_are_values() -> None:
         Waypoint(0, 0.0, 0.0, 0.0, 80.0, 0.0).x = 1.0  # type: ignore[misc]
 
 
-# The follower keeps to the plan in position and time, and errors are kept apart as across, along and in time.
+# The follower keeps to the plan in position and time, and errors are kept apart as across, along
+# and in time.
 
 
 def flown_plans(count: int, seed: int, legs_each: int = 6) -> tuple[VehicleState, Legs]:
@@ -178,7 +201,10 @@ def flown_plans(count: int, seed: int, legs_each: int = 6) -> tuple[VehicleState
     states = [state]
     for second in range(20 * legs_each):
         if second % 8 == 0:
-            acceleration, yaw_rate = rng.uniform(-0.3, 0.3, count), rng.uniform(-1.0, 1.0, count) * math.radians(2.0)
+            acceleration, yaw_rate = (
+                rng.uniform(-0.3, 0.3, count),
+                rng.uniform(-1.0, 1.0, count) * math.radians(2.0),
+            )
         state = advance(state, acceleration, yaw_rate, 1.0, limits, np)
         if second % 20 == 19:
             states.append(state)
@@ -208,7 +234,9 @@ def test_a_plan_within_the_limits_is_followed_to_a_centimetre() -> None:
 
 def test_an_error_of_the_start_is_brought_to_nothing() -> None:
     start, plan = flown_plans(50, 1)
-    displaced = start._replace(x=start.x + 20.0, y=start.y - 15.0, speed=np.clip(start.speed + 2.0, 50.0, 98.0))
+    displaced = start._replace(
+        x=start.x + 20.0, y=start.y - 15.0, speed=np.clip(start.speed + 2.0, 50.0, 98.0)
+    )
     wide = C208_PUBLISHED._replace(speed_max=120.0)
     off = fly(KinematicVehicle(displaced, wide), plan, 60.0)
     assert np.median(off[-1]) < 0.5
@@ -234,7 +262,9 @@ def test_errors_are_kept_apart(across: float, late: float, number: int) -> None:
     # Far inside a turn the abeam point is found by three steps only to a part of what is left.
     assert float(found.cross_track) == pytest.approx(across, abs=0.5)
     assert float(found.time) == pytest.approx(late, abs=0.2)
-    assert float(found.along_track) == pytest.approx(-late * 0.5 * (place.speed + at(plan, time).speed), abs=15.0)
+    assert float(found.along_track) == pytest.approx(
+        -late * 0.5 * (place.speed + at(plan, time).speed), abs=15.0
+    )
 
 
 def test_on_the_plan_there_is_no_error() -> None:

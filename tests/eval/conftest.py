@@ -1,4 +1,6 @@
-"""Policies that need no training, made of numbers put in by hand, and an evaluation of one with its report."""
+"""Policies that need no training, made of numbers put in by hand, and an evaluation of one with its
+report.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +30,9 @@ GOAL_SINE, AHEAD_DEPTH, HOMEWARD_DEPTH = 9, 17, 21
 
 
 def hand_made() -> PolicyFile:
-    """Return a policy that turns right of what is ahead and else to the goal: it solves many encounters, not all."""
+    """Return a policy that turns right of what is ahead and else to the goal: it solves many
+    encounters, not all.
+    """
     kernel = np.zeros((22, 64), np.float32)
     bias = np.zeros(64, np.float32)
     kernel[GOAL_SINE, 0] = 3.0
@@ -60,9 +64,13 @@ def completed(actor: dict[str, np.ndarray], hidden: tuple[int, ...]) -> PolicyFi
     from agents.policy.eight_network import EightNetwork
 
     observations = np.random.default_rng(0).uniform(-1.0, 1.0, (16, 8)).astype(np.float32)
-    metadata = new_metadata(hidden, "cpa", SURROGATE, {}, steps=0, score=None, versions={}, notes="made by hand")
+    metadata = new_metadata(
+        hidden, "cpa", SURROGATE, {}, steps=0, score=None, versions={}, notes="made by hand"
+    )
     blank = PolicyFile(actor, observations, np.zeros((16, 2), np.float32), metadata)
-    actions = np.clip(EightNetwork(blank, np.float64).of_parity(observations), -1.0, 1.0).astype(np.float32)
+    actions = np.clip(EightNetwork(blank, np.float64).of_parity(observations), -1.0, 1.0).astype(
+        np.float32
+    )
     return PolicyFile(actor, observations, actions, metadata)
 
 
@@ -82,14 +90,18 @@ def policy(policy_path: Path) -> Policy:
 
 @pytest.fixture(autouse=True, scope="session")
 def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS to one thread, as the evaluation does; with more, rows would depend on their company."""
+    """Hold BLAS to one thread, as the evaluation does; with more, rows would depend on their
+    company.
+    """
     with threadpool_limits(1):
         yield
 
 
 @pytest.fixture(scope="session")
 def report_run(policy_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of an evaluation of the hand-made policy, which solves many encounters and not all."""
+    """Return the folder of an evaluation of the hand-made policy, which solves many encounters and
+    not all.
+    """
     place = tmp_path_factory.mktemp("report")
     file, out = place / "encounters.csv", place / "run"
     names = [f"{number} {HOSTILE}" for number in range(COUNT)]

@@ -1,4 +1,6 @@
-"""The policy in BlueSky and in BlueSky-Gym, both real and headless, in the environment that ``make bluesky`` makes."""
+"""The policy in BlueSky and in BlueSky-Gym, both real and headless, in the environment that ``make
+bluesky`` makes.
+"""
 
 import json
 import os
@@ -104,7 +106,11 @@ print(json.dumps({"free": free, "drift": float(np.mean(drift)), "wrong": float(w
 
 def run(program: str, folder: Path) -> dict:
     done = subprocess.run(
-        [PYTHON, "-c", program.replace("SOURCE", repr(str(ROOT / "eval" / "bluesky" / "plugin.py")))],
+        [
+            PYTHON,
+            "-c",
+            program.replace("SOURCE", repr(str(ROOT / "eval" / "bluesky" / "plugin.py"))),
+        ],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -123,7 +129,9 @@ def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
     assert flown["least"] >= 5.0
     assert flown["climb"] == 0.0
     assert flown["turned_below"] < 1.0, "an aircraft 9000 ft below is in no conflict"
-    assert abs(flown["course"] - 90.0) < 5.0, "past the conflict the aircraft flies its course again"
+    assert abs(flown["course"] - 90.0) < 5.0, (
+        "past the conflict the aircraft flies its course again"
+    )
     assert not [text for text in flown["said"] if text.startswith("RLCAS")]
     assert found["off_for_all"]["least"] < 1.0, "RESOOFF holds"
 

@@ -1,4 +1,6 @@
-"""The grid's value must be right where the answer is known, and both answers must never contradict each other."""
+"""The grid's value must be right where the answer is known, and both answers must never contradict
+each other.
+"""
 
 import json
 import math
@@ -14,7 +16,15 @@ from envs.edge.command import run_cli
 from envs.kinematics import Limits
 from eval.boundary import run as boundary
 from eval.boundary.grid import Solution, edge_value, make_grid, solve, value_at
-from eval.boundary.slices import Answers, Slice, best_separation, compare, encounters_at, judge, values_at
+from eval.boundary.slices import (
+    Answers,
+    Slice,
+    best_separation,
+    compare,
+    encounters_at,
+    judge,
+    values_at,
+)
 
 SEPARATION, SURROGATE = PAPER.separation, PAPER.limits
 TURNS_ONLY = Limits(50.0, 50.0, -0.5, 0.5, math.radians(3.0))
@@ -23,7 +33,9 @@ HEAD_ON = Slice("head-on", 75.0, 75.0, math.pi)
 
 
 def solved(limits: Limits, intruder_speed: float, dt: float, cell: float) -> Solution:
-    return solve(make_grid(limits, intruder_speed, SEPARATION, dt, cell), limits, intruder_speed, SEPARATION)
+    return solve(
+        make_grid(limits, intruder_speed, SEPARATION, dt, cell), limits, intruder_speed, SEPARATION
+    )
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +54,8 @@ def states(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_point_at_rest_is_missed_by_the_turning_circle():
-    # An aircraft that heads for a point d ahead and turns at once comes no nearer than sqrt(d^2 + r^2) - r.
+    # An aircraft that heads for a point d ahead and turns at once comes no nearer than sqrt(d^2 +
+    # r^2) - r.
     ahead = np.array([1_300.0, 1_500.0, 1_700.0, 1_900.0])
     exact = np.hypot(ahead, RADIUS) - RADIUS
     errors = []
@@ -86,9 +99,13 @@ def test_wider_limits_keep_more(coarse: Solution):
 
 def test_a_similar_aircraft_keeps_the_same_share(coarse: Solution):
     # Twice the lengths and times, the same speeds.
-    limits = SURROGATE._replace(acceleration_min=-0.25, acceleration_max=0.25, yaw_rate_max=math.radians(1.5))
+    limits = SURROGATE._replace(
+        acceleration_min=-0.25, acceleration_max=0.25, yaw_rate_max=math.radians(1.5)
+    )
     grid = make_grid(limits, 75.0, 2.0 * SEPARATION, 10.0, 240.0)
-    np.testing.assert_allclose(solve(grid, limits, 75.0, 2.0 * SEPARATION).value, 2.0 * coarse.value, rtol=1e-4)
+    np.testing.assert_allclose(
+        solve(grid, limits, 75.0, 2.0 * SEPARATION).value, 2.0 * coarse.value, rtol=1e-4
+    )
 
 
 def test_the_value_grows_as_the_range_opens(fine: Solution):
@@ -114,12 +131,15 @@ def test_the_value_is_that_of_the_best_flight(fine: Solution, own_speed: float, 
 
 def test_slices_mirror_each_other(fine: Solution):
     x, y = states(200)
-    left, right = (values_at(fine, Slice("", 75.0, 75.0, sign * math.pi / 2), x, sign * y) for sign in (1.0, -1.0))
+    left, right = (
+        values_at(fine, Slice("", 75.0, 75.0, sign * math.pi / 2), x, sign * y)
+        for sign in (1.0, -1.0)
+    )
     np.testing.assert_allclose(left, right, atol=1e-3)
     # A positive course difference: from the left.
-    assert encounters_at(Slice("", 75.0, 75.0, math.pi / 2), x, y, PAPER).intruders.heading[0, 0] == pytest.approx(
-        -math.pi / 2
-    )
+    assert encounters_at(Slice("", 75.0, 75.0, math.pi / 2), x, y, PAPER).intruders.heading[
+        0, 0
+    ] == pytest.approx(-math.pi / 2)
 
 
 @pytest.fixture(scope="module")
@@ -133,15 +153,21 @@ def test_both_answers_agree(answers: Answers):
     assert figures["grid_error_m"] < 5.0
     assert figures["resolvable"] > 30
     assert figures["unresolvable"] > 30
-    assert figures["points"] == figures["resolvable"] + figures["unresolvable"] + figures["undecided"]
+    assert (
+        figures["points"] == figures["resolvable"] + figures["unresolvable"] + figures["undecided"]
+    )
     assert figures["greatest_unresolvable_excess_m"] < figures["grid_error_m"]
     assert figures["least_resolvable_excess_m"] > -figures["grid_error_m"]
-    assert figures["unavoidable_area_km2"] == pytest.approx(figures["unresolvable_area_km2"], rel=0.25)
+    assert figures["unavoidable_area_km2"] == pytest.approx(
+        figures["unresolvable_area_km2"], rel=0.25
+    )
 
 
 def test_a_contradiction_would_be_counted(answers: Answers):
     wrong = answers._replace(
-        verdict=np.where(answers.verdict == Verdict.RESOLVABLE, Verdict.UNRESOLVABLE, Verdict.RESOLVABLE)
+        verdict=np.where(
+            answers.verdict == Verdict.RESOLVABLE, Verdict.UNRESOLVABLE, Verdict.RESOLVABLE
+        )
     )
     assert min(compare(wrong, SEPARATION, 500.0)["disagreements"].values()) > 30
 
@@ -150,7 +176,11 @@ def test_the_program_writes_figures_and_answers(tmp_path: Path, capsys: pytest.C
     out = tmp_path / "new" / "boundary"
     arguments = ["--slice", "100", "0", "45", "--spacing", "500", "--grid", "coarse"]
     assert boundary.main([*arguments, "--out", str(out)]) == 0
-    assert {path.name for path in out.iterdir()} == {"boundary.json", "boundary.png", "boundary.svg"}
+    assert {path.name for path in out.iterdir()} == {
+        "boundary.json",
+        "boundary.png",
+        "boundary.svg",
+    }
     written = json.loads((out / "boundary.json").read_text(encoding="utf-8"))
     assert [part["course_difference_deg"] for part in written["slices"]] == pytest.approx([45.0])
     assert written["disagreements"] == 0
@@ -161,7 +191,10 @@ def test_the_program_writes_figures_and_answers(tmp_path: Path, capsys: pytest.C
     ("arguments", "words"),
     [
         (["--slice", "40", "75", "180"], "own speed of slice 1 is 40 m/s; expected 50 to 100 m/s"),
-        (["--slice", "75", "200", "180"], "intruder's speed of slice 1 is 200 m/s; expected 0 to 150 m/s"),
+        (
+            ["--slice", "75", "200", "180"],
+            "intruder's speed of slice 1 is 200 m/s; expected 0 to 150 m/s",
+        ),
         (["--slice", "75", "75", "270"], "course difference of slice 1 is 270 degrees"),
         (["--slice", "75", "nan", "0"], "intruder's speed of slice 1 is nan"),
         (["--slice", "75", "75"], "expected 3 arguments"),

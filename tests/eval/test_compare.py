@@ -1,4 +1,6 @@
-"""Peers side by side: the same flights as the evaluation's, one table, and clear words on bad input."""
+"""Peers side by side: the same flights as the evaluation's, one table, and clear words on bad
+input.
+"""
 
 import json
 import math
@@ -31,7 +33,14 @@ from envs.traffic.tracks import TrackError
 from envs.trees import take
 from eval.compare import deciders as comparison
 from eval.compare import run as compare
-from eval.compare.deciders import REFERENCE, WITNESS, Comparison, Entry, baseline_entry, policy_entries
+from eval.compare.deciders import (
+    REFERENCE,
+    WITNESS,
+    Comparison,
+    Entry,
+    baseline_entry,
+    policy_entries,
+)
 from eval.flights import chunks, simulate
 from eval.flights import recorded as recorded_flights
 from eval.flights.chunks import Evaluation, Pilot
@@ -41,7 +50,9 @@ from eval.stats.paired import mcnemar_exact, pairs, tango
 from tests.support import fly_recorded, recorded
 
 
-def make(policy_path: Path | None, name: str, baselines: tuple[str, ...] = ("none", "mvp")) -> Comparison:
+def make(
+    policy_path: Path | None, name: str, baselines: tuple[str, ...] = ("none", "mvp")
+) -> Comparison:
     entries = policy_entries(policy_path, "ours", PAPER)
     entries += tuple(baseline_entry(each, PAPER) for each in baselines)
     return Comparison(entries, Evaluation(policy_path, scenario(name, PAPER), None, 4, PAPER))
@@ -56,9 +67,15 @@ def test_a_policy_flies_here_as_in_the_evaluation(policy_path: Path, name: str) 
     reached = theirs["outcome"] == "reached"
     assert 0 < reached.sum() < 60
     np.testing.assert_array_equal(ours["ours.path_excess"][reached], theirs["path_excess"][reached])
-    np.testing.assert_array_equal(ours["ours.min_separation_m"][reached], theirs["min_separation_m"][reached])
-    np.testing.assert_array_equal(ours["ours.heading_reversals"][reached], theirs["heading_reversals"][reached])
-    np.testing.assert_array_equal(ours["none.outcome"] == "violation", theirs["baseline_outcome"] == "violation")
+    np.testing.assert_array_equal(
+        ours["ours.min_separation_m"][reached], theirs["min_separation_m"][reached]
+    )
+    np.testing.assert_array_equal(
+        ours["ours.heading_reversals"][reached], theirs["heading_reversals"][reached]
+    )
+    np.testing.assert_array_equal(
+        ours["none.outcome"] == "violation", theirs["baseline_outcome"] == "violation"
+    )
     # Flights go on after a loss, so that smaller volumes can be judged.
     lost = theirs["outcome"] == "violation"
     assert (ours["ours.min_separation_m"][lost] <= theirs["min_separation_m"][lost]).all()
@@ -103,9 +120,20 @@ def test_replayed_intruders_fly_their_recording() -> None:
         np.testing.assert_array_equal(getattr(again, field), getattr(plain, field), err_msg=field)
 
 
-def test_the_command_and_its_files(policy_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_and_its_files(
+    policy_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "run"
-    arguments = ["--policy", str(policy_path), "--baseline", "mvp", "--encounters", "40", "--set", "resamples=200"]
+    arguments = [
+        "--policy",
+        str(policy_path),
+        "--baseline",
+        "mvp",
+        "--encounters",
+        "40",
+        "--set",
+        "resamples=200",
+    ]
     assert compare.main([*arguments, "--out", str(out)]) == 0
     assert sorted(path.name for path in out.iterdir()) == [
         "compare.png",
@@ -142,9 +170,16 @@ def test_the_command_and_its_files(policy_path: Path, tmp_path: Path, capsys: py
 
 
 def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
-    encounter_file.write(tmp_path / "own.csv", numbered(scenario("multi", PAPER, intruders=(2, 4)), 1, 0, 3))
+    encounter_file.write(
+        tmp_path / "own.csv", numbered(scenario("multi", PAPER, intruders=(2, 4)), 1, 0, 3)
+    )
     out = tmp_path / "run"
-    assert compare.main(["--scenario", f"file:{tmp_path / 'own.csv'}", "--baseline", "rules", "--out", str(out)]) == 0
+    assert (
+        compare.main(
+            ["--scenario", f"file:{tmp_path / 'own.csv'}", "--baseline", "rules", "--out", str(out)]
+        )
+        == 0
+    )
     summary = json.loads((out / "summary.json").read_text())
     assert summary["encounters"] == 3
     assert math.isfinite(summary["entries"][0]["heading_reversals_mean"])
@@ -155,15 +190,23 @@ def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
 def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
     entries = policy_entries(None, "ours", PAPER, ("plan", "assured"))
     evaluation = Evaluation(None, scenario(name, PAPER), None, 4, PAPER, "assured")
-    ours = comparison.columns(Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 20, 25)
+    ours = comparison.columns(
+        Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 20, 25
+    )
     theirs = chunks.columns(Pilot.load(evaluation), 20, 25)
     for mode, columns in (("assured", ""), ("plan", "plan_")):
         np.testing.assert_array_equal(ours[f"ours, {mode}.outcome"], theirs[f"{columns}outcome"])
     reached = theirs["outcome"] == "reached"
     assert reached.sum() > 15
-    np.testing.assert_array_equal(ours["ours, assured.path_excess"][reached], theirs["path_excess"][reached])
-    np.testing.assert_array_equal(ours["ours, assured.min_separation_m"][reached], theirs["min_separation_m"][reached])
-    as_validated = chunks.columns(Pilot.load(evaluation._replace(mode="plan")), 20, 25)["plan_min_separation_m"]
+    np.testing.assert_array_equal(
+        ours["ours, assured.path_excess"][reached], theirs["path_excess"][reached]
+    )
+    np.testing.assert_array_equal(
+        ours["ours, assured.min_separation_m"][reached], theirs["min_separation_m"][reached]
+    )
+    as_validated = chunks.columns(Pilot.load(evaluation._replace(mode="plan")), 20, 25)[
+        "plan_min_separation_m"
+    ]
     np.testing.assert_array_equal(theirs["plan_min_separation_m"], as_validated)
 
 
@@ -179,7 +222,9 @@ def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.Monk
     monkeypatch.setattr(recorded_flights, "plan_at_start", hopeless)
     entries = policy_entries(None, "ours", PAPER, ("plan",))
     evaluation = Evaluation(None, scenario("circle", PAPER), None, 4, PAPER)
-    table = comparison.columns(Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 0, 3)
+    table = comparison.columns(
+        Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 0, 3
+    )
     assert set(table["ours, plan.outcome"]) == {"timeout"}
     assert np.isnan(table["ours, plan.min_separation_m"]).all()
     assert not table["ours, plan.lost_do365_terminal"].any()
@@ -187,7 +232,16 @@ def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.Monk
 
 def test_numbers_of_a_scenario_can_be_changed(tmp_path: Path) -> None:
     changes = "changes={own_speed: [60, 61], radius: [9000, 9100]}"
-    arguments = ["--baseline", "none", "--encounters", "30", "--set", "resamples=100", "--set", changes]
+    arguments = [
+        "--baseline",
+        "none",
+        "--encounters",
+        "30",
+        "--set",
+        "resamples=100",
+        "--set",
+        changes,
+    ]
     compare.main([*arguments, "--out", str(tmp_path / "run")])
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["changes"] == {"own_speed": [60, 61], "radius": [9000, 9100]}
@@ -207,36 +261,69 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert rates["mvp_speed"] > 0.8
     assert "left out: 7: the ownship begins with" in capsys.readouterr().err
     few = tmp_path / "few"
-    compare.main(["--scenario", f"tracks:{path}", "--baseline", "none", "--encounters", "3", "--out", str(few)])
+    compare.main(
+        [
+            "--scenario",
+            f"tracks:{path}",
+            "--baseline",
+            "none",
+            "--encounters",
+            "3",
+            "--out",
+            str(few),
+        ]
+    )
     assert json.loads((few / "summary.json").read_text())["encounters"] == 3
 
 
 @pytest.mark.parametrize(
     ("arguments", "kind", "sentence"),
     [
-        (["--baseline", "mpv"], ConfigError, "--baseline: 'mpv'; expected one of none, rules, mvp, mvp_speed"),
+        (
+            ["--baseline", "mpv"],
+            ConfigError,
+            "--baseline: 'mpv'; expected one of none, rules, mvp, mvp_speed",
+        ),
         (["--encounters", "0"], ConfigError, "--encounters: '0'; expected"),
         (["--encounters", "many"], ConfigError, "--encounters: 'many'; expected"),
         (["--mode", "policy"], ConfigError, "--mode: invalid choice: 'policy'"),
-        (["--scenario", "multi", "--set", "changes.intruders=[2,64]"], OutsideDomainError, "there are 64 intruders"),
+        (
+            ["--scenario", "multi", "--set", "changes.intruders=[2,64]"],
+            OutsideDomainError,
+            "there are 64 intruders",
+        ),
         (["--set", "changes.own_sped=[50,70]"], ConfigError, "changes.own_sped is unknown"),
-        (["--set", "changes.radius=1", "--scenario", "file:a.csv"], ConfigError, "radius cannot be changed"),
+        (
+            ["--set", "changes.radius=1", "--scenario", "file:a.csv"],
+            ConfigError,
+            "radius cannot be changed",
+        ),
         (["--set", "mode=plan"], ConfigError, "--set mode=plan: plays no part here"),
         (["--set", "confidence=nan"], ConfigError, "confidence is 'nan'; expected"),
         (["--scenario", "circel"], ConfigError, "--scenario: 'circel' is unknown"),
         (["--scenario", "file:absent.csv"], EncounterError, "absent.csv: there is no such file"),
         (["--scenario", "tracks:absent.daa"], TrackError, "absent.daa: there is no such file"),
-        (["--scenario", "tracks:absent.txt"], TrackError, "absent.txt ends in '.txt'; expected .json"),
+        (
+            ["--scenario", "tracks:absent.txt"],
+            TrackError,
+            "absent.txt ends in '.txt'; expected .json",
+        ),
         (["--scenario", "lincoln:absent.txt"], EncounterError, "absent.txt: there is no such file"),
         (["--policy", "absent.nnet"], NnetError, "absent.nnet: there is no such file"),
         (["--policy", "mvp.nnet"], NnetError, "mvp.nnet: there is no such file"),
         (["--policy", "a.nnet", "--policy", "a.nnet"], ConfigError, "a file stands twice"),
         (["--policy-sha256", "0" * 64], ConfigError, "expected 000"),
-        (["--policy-sha256", "0" * 64] * 2, ConfigError, "given 2 times; expected once for each of 1 policies"),
+        (
+            ["--policy-sha256", "0" * 64] * 2,
+            ConfigError,
+            "given 2 times; expected once for each of 1 policies",
+        ),
         (["--policy", "a.nnet", "--policy-sha256", "0" * 64], ConfigError, "each of 0 policies"),
     ],
 )
-def test_bad_input_is_one_sentence(tmp_path: Path, arguments: list[str], kind: type, sentence: str) -> None:
+def test_bad_input_is_one_sentence(
+    tmp_path: Path, arguments: list[str], kind: type, sentence: str
+) -> None:
     with pytest.raises(kind) as raised:
         compare.main([*arguments, "--out", str(tmp_path / "run")])
     assert sentence in str(raised.value)
@@ -245,7 +332,13 @@ def test_bad_input_is_one_sentence(tmp_path: Path, arguments: list[str], kind: t
 
 
 def test_policies_have_names_unlike_each_other_and_baselines() -> None:
-    names = ("mvp.safetensors", "witness.safetensors", "one/policy.safetensors", "two/policy.safetensors", "c.nnet")
+    names = (
+        "mvp.safetensors",
+        "witness.safetensors",
+        "one/policy.safetensors",
+        "two/policy.safetensors",
+        "c.nnet",
+    )
     assert comparison.policy_names([Path(name) for name in names]) == [*names[:4], "c"]
 
 
@@ -255,10 +348,13 @@ def test_the_aircraft_is_the_policies_and_one(tmp_path: Path, policy_path: Path)
     other = tmp_path / "other.safetensors"
     policy_file.write(other, replace(slower, metadata={**slower.metadata, "limits": limits}))
     with pytest.raises(ConfigError, match=r"--policy: .*other\.safetensors"):
-        compare.main(["--policy", str(policy_path), "--policy", str(other), "--out", str(tmp_path / "run")])
+        compare.main(
+            ["--policy", str(policy_path), "--policy", str(other), "--out", str(tmp_path / "run")]
+        )
 
 
-# The witness takes part in a comparison as a flight that is really flown, with the intruders as they truly fly.
+# The witness takes part in a comparison as a flight that is really flown, with the intruders as
+# they truly fly.
 
 
 SHORT = {"radius": (3_000.0, 3_600.0)}
@@ -270,7 +366,9 @@ FEW = WitnessSearch(rounds=1)
 @pytest.fixture(scope="module")
 def starts() -> Encounter:
     """Straight and turning intruders, and two starts that nothing can save, 0.9 km apart: 10."""
-    plain, turning = (numbered(scenario(name, PAPER, **SHORT), 3, 0, 4) for name in ("circle", "maneuvering"))
+    plain, turning = (
+        numbered(scenario(name, PAPER, **SHORT), 3, 0, 4) for name in ("circle", "maneuvering")
+    )
     lost = take(plain, [1, 2])
     beside = lost.own.x[:, None] + 900.0
     lost = lost._replace(intruders=lost.intruders._replace(x=beside, y=lost.own.y[:, None]))
@@ -289,7 +387,9 @@ def flown(starts: Encounter) -> Any:
 
 def comparison_of(source: Any, *names: str, search: WitnessSearch = FEW) -> Comparison:
     entries = tuple(baseline_entry(name, QUICK) for name in names)
-    return Comparison((*entries, Entry(WITNESS, WITNESS, search)), Evaluation(None, source, None, 4, QUICK))
+    return Comparison(
+        (*entries, Entry(WITNESS, WITNESS, search)), Evaluation(None, source, None, 4, QUICK)
+    )
 
 
 def test_what_is_flown_is_the_witness(starts: Encounter, best: Found, flown: Any) -> None:
@@ -313,7 +413,9 @@ def test_what_is_flown_is_the_witness(starts: Encounter, best: Found, flown: Any
     assert (beyond <= SURROGATE.speed_max).all()
 
 
-def test_without_a_witness_the_flight_is_that_of_none(starts: Encounter, best: Found, flown: Any) -> None:
+def test_without_a_witness_the_flight_is_that_of_none(
+    starts: Encounter, best: Found, flown: Any
+) -> None:
     lost = np.flatnonzero(np.isnan(best.arrival))
     assert {1, 5} <= set(lost)
     none = baseline_entry(REFERENCE, QUICK).decider
@@ -321,7 +423,9 @@ def test_without_a_witness_the_flight_is_that_of_none(starts: Encounter, best: F
     flights, paths = flown
     for field, ours, theirs in zip(flights._fields, flights, straight, strict=True):
         np.testing.assert_array_equal(ours[lost], theirs, err_msg=field)
-    np.testing.assert_array_equal(paths.intruders.x[: len(seen.intruders.x), lost], seen.intruders.x)
+    np.testing.assert_array_equal(
+        paths.intruders.x[: len(seen.intruders.x), lost], seen.intruders.x
+    )
     assert np.isnan(paths.own.x[len(seen.own.x) :, lost]).all()
 
 
@@ -332,7 +436,9 @@ def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) ->
 
 
 def test_a_witness_row_does_not_depend_on_its_company() -> None:
-    made = comparison_of(scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0)), REFERENCE)
+    made = comparison_of(
+        scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0)), REFERENCE
+    )
     together, apart = comparison.columns(made, 0, 6), comparison.columns(made, 4, 1)
     for name, values in apart.items():
         np.testing.assert_array_equal(values, together[name][4:5], err_msg=name)
@@ -341,7 +447,10 @@ def test_a_witness_row_does_not_depend_on_its_company() -> None:
 def test_the_witness_hears_no_noise() -> None:
     loud = scenario("noisy", PAPER, **SHORT)
     still = scenario("noisy", PAPER, **SHORT, position_std=0.0, velocity_std=0.0)
-    table, quiet = (comparison.columns(comparison_of(source, "mvp", REFERENCE), 0, 5) for source in (loud, still))
+    table, quiet = (
+        comparison.columns(comparison_of(source, "mvp", REFERENCE), 0, 5)
+        for source in (loud, still)
+    )
     assert (table["mvp.path_excess"] != quiet["mvp.path_excess"]).any()
     for name in (name for name in table if name.startswith("witness.")):
         np.testing.assert_array_equal(table[name], quiet[name], err_msg=name)
@@ -354,7 +463,9 @@ def test_a_recorded_intruder_is_known_to_its_end(starts: Encounter, flown: Any) 
     again, paths = fly_witnesses(turning._replace(intent=recording), FEW, QUICK)
     for ours, theirs in zip(flown[0], again, strict=True):
         np.testing.assert_array_equal(ours[6:], theirs)
-    np.testing.assert_array_equal(flown[1].separation[: len(paths.separation), 6:], paths.separation)
+    np.testing.assert_array_equal(
+        flown[1].separation[: len(paths.separation), 6:], paths.separation
+    )
 
 
 def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Found) -> None:
@@ -371,7 +482,17 @@ def test_the_command_says_how_much_longer_than_the_witness(
     tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["--policy", str(policy_path), "--encounters", "8", "--set", "resamples=100"]
-    compare.main([*arguments, "--baseline", "mvp_speed", "--baseline", "witness", "--out", str(tmp_path / "run")])
+    compare.main(
+        [
+            *arguments,
+            "--baseline",
+            "mvp_speed",
+            "--baseline",
+            "witness",
+            "--out",
+            str(tmp_path / "run"),
+        ]
+    )
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     rows = {row["name"]: row for row in summary["entries"]}
     # Those asked for, and the flight without a resolver.
@@ -397,14 +518,19 @@ def test_the_command_says_how_much_longer_than_the_witness(
 
 
 def test_a_misspelt_witness_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"--baseline: 'witnes'; expected one of .*witness; did you mean witness\?"):
+    with pytest.raises(
+        ConfigError,
+        match=r"--baseline: 'witnes'; expected one of .*witness; did you mean witness\?",
+    ):
         compare.main(["--baseline", "witnes", "--out", str(tmp_path / "run")])
 
 
 @pytest.mark.slow
 def test_recorded_tracks(tmp_path: Path) -> None:
     path = recorded("lincoln_lab/encounters.json")
-    compare.main(["--scenario", f"tracks:{path}", "--baseline", "witness", "--out", str(tmp_path / "run")])
+    compare.main(
+        ["--scenario", f"tracks:{path}", "--baseline", "witness", "--out", str(tmp_path / "run")]
+    )
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     rates = {row["name"]: row["success_rate"]["value"] for row in summary["entries"]}
     assert rates["witness"] == summary["resolvable_rate"]["value"]

@@ -1,4 +1,6 @@
-"""Encounters between forms of files: what comes back is what went out, and what cannot be held is refused."""
+"""Encounters between forms of files: what comes back is what went out, and what cannot be held is
+refused.
+"""
 
 import json
 import math
@@ -42,7 +44,9 @@ def test_there_and_back_by_lincoln_s_form(own: Path, tmp_path: Path) -> None:
     assert convert.main([str(there), str(back), "--lossy"]) == 0
     (before, _), (after, names) = encounter_file.read(own), encounter_file.read(back)
     assert names == ["0", "1", "2"]
-    for one, other in zip((*before.own, *before.intruders), (*after.own, *after.intruders), strict=True):
+    for one, other in zip(
+        (*before.own, *before.intruders), (*after.own, *after.intruders), strict=True
+    ):
         np.testing.assert_allclose(other, one, atol=1e-6)
 
 
@@ -53,7 +57,9 @@ def test_there_and_back_by_daidalus_form(own: Path, tmp_path: Path, end: str) ->
     assert convert.main([str(own), str(there), *one]) == 0
     assert convert.main([str(there), str(back), "--lossy"]) == 0
     (before, _), (after, _) = encounter_file.read(own), encounter_file.read(back)
-    for first, second in zip((*before.own, *before.intruders), (*after.own, *after.intruders), strict=True):
+    for first, second in zip(
+        (*before.own, *before.intruders), (*after.own, *after.intruders), strict=True
+    ):
         np.testing.assert_allclose(second[0], first[1], atol=1e-6)
 
 
@@ -61,7 +67,12 @@ def test_a_turn_becomes_events_and_rows(tmp_path: Path) -> None:
     turning = take(numbered(scenario("maneuvering", PAPER), 5, 0, 40), slice(0, 40))
     path = tmp_path / "turning.csv"
     encounter_file.write(path, turning)
-    assert convert.main([str(path), str(tmp_path / "turning.json"), "--altitude-ft", "5000", "--lossy"]) == 0
+    assert (
+        convert.main(
+            [str(path), str(tmp_path / "turning.json"), "--altitude-ft", "5000", "--lossy"]
+        )
+        == 0
+    )
     found = read_lincoln(tmp_path / "turning.json")
     for i, each in enumerate(found):
         turned = np.abs(each.events[1][:, 2]).max()
@@ -81,7 +92,9 @@ def test_recorded_encounters_keep_their_tracks(tmp_path: Path) -> None:
     for first, second in zip(tracks_of(one), tracks_of(again), strict=True):
         assert np.hypot(first.x - second.x, first.y - second.y).max() < 1.0
     name = str(one.number)
-    assert convert.main([str(source), str(tmp_path / "one.xyz"), "--encounter", name, "--lossy"]) == 0
+    assert (
+        convert.main([str(source), str(tmp_path / "one.xyz"), "--encounter", name, "--lossy"]) == 0
+    )
     own, other = read_daidalus(tmp_path / "one.xyz").tracks
     known = tracks_of(one)[1]
     np.testing.assert_allclose(other.x, known.x[::10], atol=1e-9)
@@ -94,17 +107,31 @@ def test_recorded_encounters_keep_their_tracks(tmp_path: Path) -> None:
     [
         (["own.txt", "a.csv"], "own.txt ends in '.txt'; expected .csv, .json, .daa or .xyz"),
         (["own.csv", "own.csv"], "own.csv is there already, expected a new file"),
-        (["own.csv", "a.json"], "a.json cannot hold the goal of 3 of 3 encounters, the first '0'; expected --lossy"),
+        (
+            ["own.csv", "a.json"],
+            "a.json cannot hold the goal of 3 of 3 encounters, the first '0'; expected --lossy",
+        ),
         (["own.csv", "a.json", "--lossy"], "encounter '0' has no altitude, expected one"),
-        (["own.csv", "a.xyz", "--lossy", "--altitude-ft", "1"], "holds 3 encounters and .xyz files one, expected"),
+        (
+            ["own.csv", "a.xyz", "--lossy", "--altitude-ft", "1"],
+            "holds 3 encounters and .xyz files one, expected",
+        ),
         (["own.csv", "a.xyz", "--encounter", "nine"], "--encounter: 'nine' is not in "),
-        (["own.csv", "a.xyz", "--altitude-ft", "1e9"], "--altitude-ft: 1e+09 ft; expected -2000 to 60000 ft"),
-        (["own.csv", "a.xyz", "--seconds", "0"], "--seconds: '0'; expected a whole number, 1 to 3600"),
+        (
+            ["own.csv", "a.xyz", "--altitude-ft", "1e9"],
+            "--altitude-ft: 1e+09 ft; expected -2000 to 60000 ft",
+        ),
+        (
+            ["own.csv", "a.xyz", "--seconds", "0"],
+            "--seconds: '0'; expected a whole number, 1 to 3600",
+        ),
         (["none.csv", "a.xyz"], "none.csv: there is no such file"),
         (["none.daa", "a.csv"], "none.daa: there is no such file"),
     ],
 )
-def test_bad_input_is_one_sentence(own: Path, tmp_path: Path, arguments: list[str], sentence: str) -> None:
+def test_bad_input_is_one_sentence(
+    own: Path, tmp_path: Path, arguments: list[str], sentence: str
+) -> None:
     assert own.exists()
     files = [str(tmp_path / name) for name in arguments[:2]]
     with pytest.raises((ConfigError, ValueError)) as raised:
@@ -114,15 +141,21 @@ def test_bad_input_is_one_sentence(own: Path, tmp_path: Path, arguments: list[st
 
 
 def test_several_intruders_do_not_fit_into_a_pair(tmp_path: Path) -> None:
-    encounter_file.write(tmp_path / "multi.csv", numbered(scenario("multi", PAPER, intruders=(2, 3)), 1, 0, 2))
+    encounter_file.write(
+        tmp_path / "multi.csv", numbered(scenario("multi", PAPER, intruders=(2, 3)), 1, 0, 2)
+    )
     with pytest.raises(EncounterError, match=r"intruders, expected one, because a \.json file"):
-        convert.main([str(tmp_path / "multi.csv"), str(tmp_path / "a.json"), "--lossy", "--altitude-ft", "1"])
+        convert.main(
+            [str(tmp_path / "multi.csv"), str(tmp_path / "a.json"), "--lossy", "--altitude-ft", "1"]
+        )
     one = ["--encounter", "0", "--lossy", "--altitude-ft", "1"]
     assert convert.main([str(tmp_path / "multi.csv"), str(tmp_path / "a.xyz"), *one]) == 0
     assert len(read_daidalus(tmp_path / "a.xyz").tracks) >= 3
 
 
-def test_lossy_says_what_it_leaves_out(own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lossy_says_what_it_leaves_out(
+    own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     convert.main([str(own), str(tmp_path / "a.json"), "--lossy", "--altitude-ft", "0"])
     printed = capsys.readouterr()
     assert "left out: the goal of 3 of 3 encounters, the first '0'" in printed.err
@@ -131,29 +164,50 @@ def test_lossy_says_what_it_leaves_out(own: Path, tmp_path: Path, capsys: pytest
 
 
 speed_of_intruder = st.one_of(st.just(0.0), st.floats(0.0, 150.0))
-turn = st.one_of(st.just((0.0, 0.0, 0.05)), st.tuples(st.floats(0, 60), st.floats(-3.1, 3.1), st.floats(0.0, 0.5)))
+turn = st.one_of(
+    st.just((0.0, 0.0, 0.05)),
+    st.tuples(st.floats(0, 60), st.floats(-3.1, 3.1), st.floats(0.0, 0.5)),
+)
 place = st.floats(-50_000, 50_000)
 course = st.floats(-math.pi, math.pi, exclude_max=True)
 flights = st.tuples(
-    st.tuples(place, place, course, st.floats(50, 100)), st.tuples(place, place, course, speed_of_intruder), turn
+    st.tuples(place, place, course, st.floats(50, 100)),
+    st.tuples(place, place, course, speed_of_intruder),
+    turn,
 )
 
 
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(flights, st.sampled_from([".json", ".daa", ".xyz", ".csv"]))
 def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
-    """From our form by any other to Lincoln Laboratory's and to DAIDALUS', the tracks stay the same."""
+    """From our form by any other to Lincoln Laboratory's and to DAIDALUS', the tracks stay the
+    same.
+    """
     own, other, turns = flown
     for old in tmp_path.iterdir():
         old.unlink()
-    paths = [tmp_path / "0.csv", tmp_path / f"one{form}", tmp_path / "two.json", tmp_path / "three.xyz"]
-    encounter_file.write(paths[0], built([((*own, 0.0, 0.0), (0.0, 0.0, 0.0), [(*other, *turns)])]), ["0"])
+    paths = [
+        tmp_path / "0.csv",
+        tmp_path / f"one{form}",
+        tmp_path / "two.json",
+        tmp_path / "three.xyz",
+    ]
+    encounter_file.write(
+        paths[0], built([((*own, 0.0, 0.0), (0.0, 0.0, 0.0), [(*other, *turns)])]), ["0"]
+    )
     known = []
     for source, target in pairwise(paths):
-        assert convert.main([str(source), str(target), "--altitude-ft", "5000", "--seconds", "40", "--lossy"]) == 0
+        assert (
+            convert.main(
+                [str(source), str(target), "--altitude-ft", "5000", "--seconds", "40", "--lossy"]
+            )
+            == 0
+        )
         if target.suffix == ".json":
             # A row each tenth of a second.
-            known.append([(track.x[::10], track.y[::10]) for track in tracks_of(read_lincoln(target)[0])])
+            known.append(
+                [(track.x[::10], track.y[::10]) for track in tracks_of(read_lincoln(target)[0])]
+            )
         elif target.suffix != ".csv":
             known.append([(track.x, track.y) for track in read_daidalus(target).tracks])
     for again in known[1:]:
@@ -163,9 +217,22 @@ def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
 def test_an_intruder_at_rest_is_written_and_read(tmp_path: Path) -> None:
     encounter_file.write(
         tmp_path / "own.csv",
-        built([((0.0, 0.0, 0.0, 75.0, 9e3, 0.0), (0.0, 0.0, 0.0), [(4e3, 0.0, 1.0, 0.0, 0.0, 0.0, 0.05)])]),
+        built(
+            [
+                (
+                    (0.0, 0.0, 0.0, 75.0, 9e3, 0.0),
+                    (0.0, 0.0, 0.0),
+                    [(4e3, 0.0, 1.0, 0.0, 0.0, 0.0, 0.05)],
+                )
+            ]
+        ),
     )
-    assert convert.main([str(tmp_path / "own.csv"), str(tmp_path / "a.json"), "--altitude-ft", "0", "--lossy"]) == 0
+    assert (
+        convert.main(
+            [str(tmp_path / "own.csv"), str(tmp_path / "a.json"), "--altitude-ft", "0", "--lossy"]
+        )
+        == 0
+    )
     assert read_lincoln(tmp_path / "a.json")[0].speed[1] == 0.0
 
 
@@ -182,7 +249,9 @@ def test_what_the_reader_would_refuse_is_not_written(tmp_path: Path) -> None:
         "events_time_s_vrate_fps_turn_radps_accel_ftpss": [[], []],
     }
     (tmp_path / "fast.json").write_text(json.dumps([one]))
-    with pytest.raises(EncounterError, match=r"a\.csv, as it would be: .*column own_speed_m_s: '450"):
+    with pytest.raises(
+        EncounterError, match=r"a\.csv, as it would be: .*column own_speed_m_s: '450"
+    ):
         convert.main([str(tmp_path / "fast.json"), str(tmp_path / "a.csv"), "--lossy"])
     assert [path.name for path in tmp_path.iterdir()] == ["fast.json"]
 
@@ -190,7 +259,10 @@ def test_what_the_reader_would_refuse_is_not_written(tmp_path: Path) -> None:
 def test_shorter_tracks_and_other_columns_are_lost_on_request(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lines = ["NAME, sx, sy, sz, vx, vy, vz, time, heading", "[none], [m], [m], [m], [m/s], [m/s], [m/s], [s], [deg]"]
+    lines = [
+        "NAME, sx, sy, sz, vx, vy, vz, time, heading",
+        "[none], [m], [m], [m], [m/s], [m/s], [m/s], [s], [deg]",
+    ]
     for second in range(121):
         lines.append(f"own, {60 * second}, 0, 0, 60, 0, 0, {second}, 90")
         if second <= 10:
@@ -224,10 +296,14 @@ def test_every_key_has_its_row() -> None:
     assert not [name for name in names if f"\n| `{name}` | " not in text]
 
 
-def test_the_command_writes_the_tables_and_leaves_the_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_writes_the_tables_and_leaves_the_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (name,) = tables()
     written = (DOCS / name).read_text(encoding="utf-8")
-    (tmp_path / name).write_text(written.replace("| `encounters` |", "| `meetings` |"), encoding="utf-8")
+    (tmp_path / name).write_text(
+        written.replace("| `encounters` |", "| `meetings` |"), encoding="utf-8"
+    )
     monkeypatch.setattr(sys, "argv", ["reference", str(tmp_path)])
     main()
     assert (tmp_path / name).read_text(encoding="utf-8") == written

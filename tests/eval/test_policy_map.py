@@ -1,4 +1,6 @@
-"""Where a policy fails: the map shows its commands and scores, failures are grouped without loss, proofs hold."""
+"""Where a policy fails: the map shows its commands and scores, failures are grouped without loss,
+proofs hold.
+"""
 
 import argparse
 import csv
@@ -25,7 +27,16 @@ from eval.monte_carlo import run as monte_carlo
 from eval.policy_map import run as policy_map
 from eval.policy_map.advisory import Scene, advise, name_of, relative_velocity, scores
 from eval.policy_map.enclosure import Form
-from eval.policy_map.proof import COUNTEREXAMPLE, VERIFIED, Scenes, answers, box_of, decide, layers, turns_of
+from eval.policy_map.proof import (
+    COUNTEREXAMPLE,
+    VERIFIED,
+    Scenes,
+    answers,
+    box_of,
+    decide,
+    layers,
+    turns_of,
+)
 from tests.eval.conftest import COUNT
 
 SCENE = Scene(75.0, 90.0, math.radians(-90.0), math.radians(30.0), 8_000.0)
@@ -38,7 +49,9 @@ class EvenHanded:
     def __init__(self, bias: float = 0.0) -> None:
         self.bias = bias
 
-    def command(self, own: VehicleState, intruders: VehicleState, present: Any, goal_x: Any, goal_y: Any) -> np.ndarray:
+    def command(
+        self, own: VehicleState, intruders: VehicleState, present: Any, goal_x: Any, goal_y: Any
+    ) -> np.ndarray:
         x, y = intruders.x[:, 0] - own.x, intruders.y[:, 0] - own.y
         left = y * np.cos(own.heading) - x * np.sin(own.heading)
         far = np.minimum(np.hypot(x, y) / 10_000.0, 2.0) - 1.0
@@ -52,7 +65,9 @@ def test_a_map_is_what_the_policy_commands_at_each_place():
     asked = []
 
     class Spy(EvenHanded):
-        def command(self, own: Any, intruders: Any, present: Any, goal_x: Any, goal_y: Any) -> np.ndarray:
+        def command(
+            self, own: Any, intruders: Any, present: Any, goal_x: Any, goal_y: Any
+        ) -> np.ndarray:
             asked.append((own, intruders, goal_x, goal_y))
             return super().command(own, intruders, present, goal_x, goal_y)
 
@@ -62,11 +77,16 @@ def test_a_map_is_what_the_policy_commands_at_each_place():
     ((own, intruders, goal_x, goal_y),) = asked
     ahead_left = 4 * 5 + 1  # row 4: 4800 m ahead, column 1: 2400 m to the left
     assert (own.speed[ahead_left], intruders.speed[ahead_left, 0]) == (75.0, 90.0)
-    assert (intruders.x[ahead_left, 0], intruders.y[ahead_left, 0]) == pytest.approx((-2_400.0, 4_800.0))
-    # Angles count to the left: the goal stands there, and the intruder flies 90 degrees to the right of the ownship.
+    assert (intruders.x[ahead_left, 0], intruders.y[ahead_left, 0]) == pytest.approx(
+        (-2_400.0, 4_800.0)
+    )
+    # Angles count to the left: the goal stands there, and the intruder flies 90 degrees to the
+    # right of the ownship.
     assert math.degrees(math.atan2(-goal_x[ahead_left], goal_y[ahead_left])) == pytest.approx(30.0)
     assert math.hypot(goal_x[ahead_left], goal_y[ahead_left]) == pytest.approx(8_000.0)
-    assert math.degrees(intruders.heading[ahead_left, 0] - own.heading[ahead_left]) == pytest.approx(-90.0)
+    assert math.degrees(
+        intruders.heading[ahead_left, 0] - own.heading[ahead_left]
+    ) == pytest.approx(-90.0)
     # It stands to the left, so that the turn goes to the right, which is negative.
     assert advisory.yaw_rate[4, 1] == pytest.approx(-0.24 * PAPER.limits.yaw_rate_max)
     assert advisory.acceleration[4, 1] == pytest.approx(0.5 * (math.hypot(2.4, 4.8) / 10.0 - 1.0))
@@ -83,7 +103,9 @@ def test_a_relative_heading_of_minus_90_comes_from_the_left():
 
 def test_chatter_by_hand():
     nan = math.nan
-    steering = np.array([[0.0, 1.0], [1.0, 1.0], [-1.0, nan]])  # two flights; the second ends after two seconds
+    steering = np.array(
+        [[0.0, 1.0], [1.0, 1.0], [-1.0, nan]]
+    )  # two flights; the second ends after two seconds
     throttle = np.array([[0.5, 0.0], [0.5, 0.4], [0.5, nan]])
     action = np.stack([throttle, steering], axis=-1)
     ended: Any = SimpleNamespace(reversals=np.array([1, 0]), outcome=np.array([1, 0]))
@@ -93,15 +115,31 @@ def test_chatter_by_hand():
     assert found["acceleration_change_m_s2_per_s"] == pytest.approx(0.2 / 3.0)
     assert found["mean_yaw_rate_deg_s"] == pytest.approx(3.0 * 4.0 / 5.0)
     assert found["reversals_per_flight"]["mean"] == 0.5
-    assert (found["flights"], found["violation"], found["reached"], found["timeout"]) == (2, 1, 1, 0)
+    assert (found["flights"], found["violation"], found["reached"], found["timeout"]) == (
+        2,
+        1,
+        1,
+        0,
+    )
 
 
 def test_a_run_writes_its_files_and_repeats_itself(
     tmp_path: Path, policy_path: Path, policy: Policy, capsys: pytest.CaptureFixture[str]
 ):
-    arguments = ["--policy", str(policy_path), "--relative-heading", "-90", "--relative-heading", "20", *SMALL]
+    arguments = [
+        "--policy",
+        str(policy_path),
+        "--relative-heading",
+        "-90",
+        "--relative-heading",
+        "20",
+        *SMALL,
+    ]
     for name in ("one", "two"):
-        assert policy_map.main([*arguments, "--goal-distance", "3000", "--out", str(tmp_path / name)]) == 0
+        assert (
+            policy_map.main([*arguments, "--goal-distance", "3000", "--out", str(tmp_path / name)])
+            == 0
+        )
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith("chatter, 4 circle flights: yaw rate")
     names = {path.name for path in (tmp_path / "one").iterdir()}
@@ -118,7 +156,10 @@ def test_a_run_writes_its_files_and_repeats_itself(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--relative-heading", "200"], "--relative-heading: 200 degrees; expected -180 to 180 degrees"),
+        (
+            ["--relative-heading", "200"],
+            "--relative-heading: 200 degrees; expected -180 to 180 degrees",
+        ),
         (["--relative-heading", "nan"], "--relative-heading: nan degrees; expected"),
         (["--relative-heading", "0"] * 9, "--relative-heading: given 9 times; expected at most 8"),
         (["--own-speed", "40"], "--own-speed: 40 m/s; expected 50 to 100 m/s"),
@@ -145,7 +186,9 @@ def test_bad_input_ends_with_one_sentence(
     assert not out.exists()
 
 
-def test_a_folder_with_something_in_it_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_folder_with_something_in_it_is_left_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     (tmp_path / "kept").write_text("kept")
     with pytest.raises(SystemExit) as ended:
         run_cli(lambda: policy_map.main(["--out", str(tmp_path)]))
@@ -163,7 +206,9 @@ def tables(count: int, seed: int) -> dict[str, np.ndarray]:
     edges = np.array([0.0, 30.0, 60.0, 135.0, 180.0, 12.3])
     return {
         "outcome": rng.choice(np.array(["reached", "violation", "timeout"], dtype=object), count),
-        "verdict": rng.choice(np.array(["resolvable", "unresolvable", "undecided"], dtype=object), count),
+        "verdict": rng.choice(
+            np.array(["resolvable", "unresolvable", "undecided"], dtype=object), count
+        ),
         "relative_heading_deg": rng.choice(edges, count) * rng.choice([-1.0, 1.0], count),
         "distance_m": rng.choice([1_000.0, 1_500.0, 3_000.0, 25_000.0], count),
         "min_separation_m": rng.choice([0.0, 949.9, 950.0, 999.9, 1_200.0], count),
@@ -176,7 +221,9 @@ def test_every_failure_is_in_one_group(count: int, seed: int) -> None:
     groups = grouped(table, 1_000.0)
     members = np.concatenate([group.members for group in groups]) if groups else np.array([], int)
     np.testing.assert_array_equal(np.sort(members), np.flatnonzero(failures(table)))
-    assert [group.members.size for group in groups] == sorted((group.members.size for group in groups), reverse=True)
+    assert [group.members.size for group in groups] == sorted(
+        (group.members.size for group in groups), reverse=True
+    )
     for group in groups:
         assert group.such >= group.members.size
         assert np.all((table["outcome"][group.members] == "timeout") == (group.how == HOW[2]))
@@ -192,9 +239,25 @@ def test_cases_are_different_failures_of_the_groups(count: int, seed: int, wante
         assert chosen
 
 
-def test_a_run_s_failures_are_listed_and_drawn(report_run: Path, policy_path: Path, tmp_path: Path) -> None:
+def test_a_run_s_failures_are_listed_and_drawn(
+    report_run: Path, policy_path: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "failed"
-    assert main(["--run", str(report_run), "--policy", str(policy_path), "--cases", "4", "--out", str(out)]) == 0
+    assert (
+        main(
+            [
+                "--run",
+                str(report_run),
+                "--policy",
+                str(policy_path),
+                "--cases",
+                "4",
+                "--out",
+                str(out),
+            ]
+        )
+        == 0
+    )
     found = json.loads((out / "failures.json").read_text())
     summary = json.loads((report_run / "summary.json").read_text())
     resolved, resolvable = (summary["success_given_resolvable"][key] for key in ("count", "total"))
@@ -207,16 +270,29 @@ def test_a_run_s_failures_are_listed_and_drawn(report_run: Path, policy_path: Pa
     assert (out / "failures.png").stat().st_size > 10_000
     # The file of their starts is flown as they were.
     again = tmp_path / "again"
-    flown = ["--mode", "policy", "--policy", str(policy_path), "--scenario", f"file:{out / 'encounters.csv'}"]
-    assert monte_carlo.main([*flown, "--workers", "1", "--set", "figures=false", "--out", str(again)]) == 0
+    flown = [
+        "--mode",
+        "policy",
+        "--policy",
+        str(policy_path),
+        "--scenario",
+        f"file:{out / 'encounters.csv'}",
+    ]
+    assert (
+        monte_carlo.main([*flown, "--workers", "1", "--set", "figures=false", "--out", str(again)])
+        == 0
+    )
     counts = json.loads((again / "summary.json").read_text())["counts"]
     assert (counts["success"], counts["violation"] + counts["timeout"]) == (0, found["failures"])
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"), [(["--cases", "500"], "--cases: '500'"), (["--cases", "-1"], "--cases: '-1'")]
+    ("arguments", "said"),
+    [(["--cases", "500"], "--cases: '500'"), (["--cases", "-1"], "--cases: '-1'")],
 )
-def test_bad_input_is_a_sentence(arguments: list[str], said: str, report_run: Path, tmp_path: Path) -> None:
+def test_bad_input_is_a_sentence(
+    arguments: list[str], said: str, report_run: Path, tmp_path: Path
+) -> None:
     with pytest.raises(ConfigError, match=said):
         main(["--run", str(report_run), "--out", str(tmp_path / "x"), *arguments])
 
@@ -226,7 +302,8 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
         main(["--run", str(tmp_path / "nowhere"), "--out", str(tmp_path / "x")])
 
 
-# What is proven of the policy box by box holds for what it commands, and what is known to be wrong is found.
+# What is proven of the policy box by box holds for what it commands, and what is known to be wrong
+# is found.
 
 ERROR = np.full(4, 0.03)
 SEARCH: dict[str, Any] = {"allowed": 0.1, "depth": 6, "seed": 0}
@@ -240,7 +317,9 @@ def policy() -> Policy:
 
 @cache
 def scenes(count: int = 12) -> Scenes:
-    return local.draw(policy(), argparse.Namespace(boxes=count, course=(0.0, 180.0), loss=(0.0, 30.0), seed=3))[0]
+    return local.draw(
+        policy(), argparse.Namespace(boxes=count, course=(0.0, 180.0), loss=(0.0, 30.0), seed=3)
+    )[0]
 
 
 def moved(shifts: np.ndarray, half: np.ndarray = ERROR) -> Scenes:
@@ -259,7 +338,9 @@ def test_bounds_hold_for_what_the_policy_commands_in_the_box(part: float):
     inputs, sign = box_of(policy(), scenes(), half)
     turn, _ = turns_of(layers(policy()), inputs)
     low, high = turn.ends
-    known = np.isfinite(turn.width)  # of a relative speed near 0 nothing is known until the box is cut
+    known = np.isfinite(
+        turn.width
+    )  # of a relative speed near 0 nothing is known until the box is cut
     assert known.mean() > 0.8
     for each in shifts(20):
         inner, other = box_of(policy(), moved(each, half), 0.0 * half)
@@ -268,18 +349,26 @@ def test_bounds_hold_for_what_the_policy_commands_in_the_box(part: float):
         line = inputs.middle + (inputs.slopes * to_line[:, None]).sum(-1)
         assert (np.abs(inner.middle - line) <= inputs.rest + inner.width + 1e-9)[same].all()
         command = sign * answers(policy(), moved(each, half))
-        assert ((np.clip(low, -1.0, 1.0) - 1e-6 <= command) & (command <= np.clip(high, -1.0, 1.0) + 1e-6))[same].all()
+        assert (
+            (np.clip(low, -1.0, 1.0) - 1e-6 <= command)
+            & (command <= np.clip(high, -1.0, 1.0) + 1e-6)
+        )[same].all()
 
 
 def test_a_box_of_no_size_has_the_bounds_of_the_command():
     inputs, sign = box_of(policy(), scenes(), 0.0 * ERROR)
     turn, _ = turns_of(layers(policy()), inputs)
     assert turn.width.max() < 0.02
-    np.testing.assert_allclose(sign * np.clip(turn.middle, -1.0, 1.0), answers(policy(), scenes()), atol=0.02)
+    np.testing.assert_allclose(
+        sign * np.clip(turn.middle, -1.0, 1.0), answers(policy(), scenes()), atol=0.02
+    )
 
 
 def test_a_line_along_a_curve_encloses_it():
-    x, inside = Form(np.array([0.5]), np.array([[0.9, 0.0, 0.0, 0.0]]), np.array([0.05])), np.linspace(-1.0, 1.0, 41)
+    x, inside = (
+        Form(np.array([0.5]), np.array([[0.9, 0.0, 0.0, 0.0]]), np.array([0.05])),
+        np.linspace(-1.0, 1.0, 41),
+    )
     near = 0.5 + 0.9 * inside + 0.05 * inside[::-1]
     for form, curve in (
         (x * x, near * near),
@@ -308,7 +397,9 @@ def test_what_is_verified_has_no_counterexample_and_the_mirror_image_is_verified
         assert (side * answers(policy(), moved(each)) <= SEARCH["allowed"])[found == VERIFIED].all()
     pace, goal, state = scenes()
     image = Scenes(pace, goal * [1.0, -1.0], state * [1.0, -1.0, 1.0, -1.0])
-    assert np.array_equal(decide(policy(), image, ERROR, -side, **SEARCH) == VERIFIED, found == VERIFIED)
+    assert np.array_equal(
+        decide(policy(), image, ERROR, -side, **SEARCH) == VERIFIED, found == VERIFIED
+    )
     assert np.array_equal(local.passing(image), -local.passing(scenes()))
 
 
@@ -337,10 +428,14 @@ def test_the_network_part_in_onnx_decides_as_the_policy():
     inputs, sign = box_of(policy(), scenes(), 0.0 * ERROR)
     session = runtime.InferenceSession(made.SerializeToString(), providers=["CPUExecutionProvider"])
     turn = session.run(None, {"inputs": inputs.middle.astype(np.float32)})[0][:, 1]
-    np.testing.assert_allclose(sign * np.clip(turn, -1.0, 1.0), answers(policy(), scenes()), atol=0.02)
+    np.testing.assert_allclose(
+        sign * np.clip(turn, -1.0, 1.0), answers(policy(), scenes()), atol=0.02
+    )
 
 
-def test_the_command_writes_the_map_and_boxes_for_other_verifiers(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_command_writes_the_map_and_boxes_for_other_verifiers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     pytest.importorskip("onnx")
     options = "--boxes 2 --depth 1 --course 135 180 --vnnlib 1 --out"
     arguments = [*options.split(), str(tmp_path / "out")]
@@ -353,10 +448,18 @@ def test_the_command_writes_the_map_and_boxes_for_other_verifiers(tmp_path: Path
     assert "side: " in capsys.readouterr().out
     box = (tmp_path / "out/box_000.vnnlib").read_text()
     assert (box.count("declare-const X_"), box.count("assert")) == (53, 107)
-    assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".json", ".onnx", ".png", ".svg", ".vnnlib"}
+    assert {path.suffix for path in (tmp_path / "out").iterdir()} == {
+        ".json",
+        ".onnx",
+        ".png",
+        ".svg",
+        ".vnnlib",
+    }
 
 
-@pytest.mark.parametrize("words", [["--course", "90", "10"], ["--loss", "0", "90"], ["--boxes", "0"]])
+@pytest.mark.parametrize(
+    "words", [["--course", "90", "10"], ["--loss", "0", "90"], ["--boxes", "0"]]
+)
 def test_bad_usage_is_refused_with_the_option(words: list[str]):
     with pytest.raises(ConfigError, match=words[0]):
         local.main(words)

@@ -1,4 +1,6 @@
-"""Importance splitting against probabilities that are known: exactly, or by plain sampling of something cheap."""
+"""Importance splitting against probabilities that are known: exactly, or by plain sampling of
+something cheap.
+"""
 
 import csv
 import json
@@ -32,7 +34,9 @@ SMALL = ["--particles", "60", "--repetitions", "3", "--moves", "1"]
 
 
 class Tail:
-    """The sum of normal numbers, whose tail is known exactly, where the first of them is positive."""
+    """The sum of normal numbers, whose tail is known exactly, where the first of them is
+    positive.
+    """
 
     dimensions = 7
 
@@ -41,7 +45,9 @@ class Tail:
 
 
 class Miss:
-    """The closest approach of straight courses in circle encounters: cheap, so that plain sampling knows it too."""
+    """The closest approach of straight courses in circle encounters: cheap, so that plain sampling
+    knows it too.
+    """
 
     dimensions = CIRCLE.dimensions
 
@@ -63,8 +69,12 @@ class Flat:
         return np.full(len(draws), 5.0)
 
 
-def estimates(problem, threshold: float, repetitions: int, particles: int = 400, moves: int = 4, seed: int = 0):
-    rngs = [np.random.default_rng(one) for one in np.random.SeedSequence(seed).spawn(repetitions + 1)]
+def estimates(
+    problem, threshold: float, repetitions: int, particles: int = 400, moves: int = 4, seed: int = 0
+):
+    rngs = [
+        np.random.default_rng(one) for one in np.random.SeedSequence(seed).spawn(repetitions + 1)
+    ]
     plan = pilot(problem, threshold, particles, moves, 0.2, rngs[0])
     return plan, [repetition(problem, plan, particles, moves, rng) for rng in rngs[1:]]
 
@@ -98,7 +108,10 @@ def test_an_extreme_value_fit_meets_a_known_tail() -> None:
 def test_straight_courses_agree_with_a_million_plain_samples() -> None:
     threshold = 0.05  # m
     plain = np.concatenate(
-        [Miss().miss(uniforms(11, first, 50_000, (CIRCLE.dimensions,))) for first in range(0, 1_000_000, 50_000)]
+        [
+            Miss().miss(uniforms(11, first, 50_000, (CIRCLE.dimensions,)))
+            for first in range(0, 1_000_000, 50_000)
+        ]
     )
     plain = plain[np.isfinite(plain)]
     _, made = estimates(Miss(), threshold, 12, particles=600)
@@ -119,7 +132,9 @@ def test_levels_that_nobody_passes_give_zero_and_not_an_error() -> None:
     assert made.probability.tolist() == [0.0]
     assert made.ancestors == 0
     assert len(made.last) == 0
-    deep = repetition(Tail(), Plan((0.0, -50.0, -60.0), (0.5, 0.5), 0), 20, 1, np.random.default_rng(0))
+    deep = repetition(
+        Tail(), Plan((0.0, -50.0, -60.0), (0.5, 0.5), 0), 20, 1, np.random.default_rng(0)
+    )
     assert deep.probability[0] > 0.0
     assert deep.probability[1:].tolist() == [0.0, 0.0]
 
@@ -143,7 +158,9 @@ def problem_of(policy, mode: str, name: str = "circle", **settings) -> FlightPro
 @pytest.mark.parametrize("mode", ["policy", pytest.param("plan", marks=pytest.mark.slow), "none"])
 def test_the_value_is_the_separation_of_the_flight(policy, mode: str) -> None:
     problem = problem_of(policy, mode)
-    draws = np.random.default_rng(1).standard_normal((4 if mode == "plan" else 60, CIRCLE.dimensions))
+    draws = np.random.default_rng(1).standard_normal(
+        (4 if mode == "plan" else 60, CIRCLE.dimensions)
+    )
     starts, inside = problem.sampled(draws)
     values = problem.value(draws)
     np.testing.assert_array_equal(np.isnan(values), ~inside)
@@ -168,7 +185,9 @@ def test_noise_is_part_of_the_draws(policy) -> None:
     again[3, noisy:] += 2.0
     before, after = problem.value(draws), problem.value(again)
     assert np.isfinite(before[3])
-    np.testing.assert_array_equal(before != after, [np.isnan(one) or row == 3 for row, one in enumerate(before)])
+    np.testing.assert_array_equal(
+        before != after, [np.isnan(one) or row == 3 for row, one in enumerate(before)]
+    )
     assert problem_of(policy, "plan", "noisy").dimensions == noisy + 4
 
 
@@ -177,7 +196,9 @@ def test_proven_unresolvable_encounters_can_be_left_out(policy) -> None:
     rng = np.random.default_rng(3)
     draws = rng.standard_normal((1_500, CIRCLE.dimensions))
     near, inside = every.sampled(draws)
-    close = np.hypot(near.intruders.x[:, 0] - near.own.x, near.intruders.y[:, 0] - near.own.y) < 1_150.0
+    close = (
+        np.hypot(near.intruders.x[:, 0] - near.own.x, near.intruders.y[:, 0] - near.own.y) < 1_150.0
+    )
     draws = draws[inside & close]
     values, kept = every.value(draws), problem_of(policy, "none", resolvable_only=True).value(draws)
     excluded = np.isinf(kept)
@@ -191,7 +212,13 @@ def test_files_of_an_estimate(tmp_path: Path, policy_path: Path) -> None:
     arguments = ["--policy", str(policy_path), "--mode", "none", "--closer-than", "30", *SMALL]
     assert rare.main([*arguments, "--encounters-per-hour", "0.5", "--out", str(out)]) == 0
     found = json.loads((out / "rare.json").read_text(encoding="utf-8"))
-    assert {path.name for path in out.iterdir()} >= {"rare.json", "rare.png", "rare.svg", "config.yaml", "worst.csv"}
+    assert {path.name for path in out.iterdir()} >= {
+        "rare.json",
+        "rare.png",
+        "rare.svg",
+        "config.yaml",
+        "worst.csv",
+    }
     assert (out / "tail.png").stat().st_size > 10_000
     assert found["losses_per_hour"]["high"] == 0.5 * found["rate"]["high"]
     assert found["tail"][0]["threshold_m"] > 30.0
@@ -216,8 +243,22 @@ def test_the_same_seed_gives_the_same_estimate(tmp_path: Path, policy_path: Path
     for number, seed in enumerate(("4", "4", "5")):
         out = tmp_path / str(number)
         arguments = ["--policy", str(policy_path), "--mode", "none", "--closer-than", "400"]
-        rare.main([*arguments, "--particles", "12", "--repetitions", "3", "--seed", seed, "--out", str(out)])
-        rates.append(json.loads((out / "rare.json").read_text(encoding="utf-8"))["rate"]["repetitions"])
+        rare.main(
+            [
+                *arguments,
+                "--particles",
+                "12",
+                "--repetitions",
+                "3",
+                "--seed",
+                seed,
+                "--out",
+                str(out),
+            ]
+        )
+        rates.append(
+            json.loads((out / "rare.json").read_text(encoding="utf-8"))["rate"]["repetitions"]
+        )
     assert rates[0] == rates[1] != rates[2]
 
 

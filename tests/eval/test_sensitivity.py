@@ -1,4 +1,6 @@
-"""Success by geometry, noise and aircraft: bins that lose none, sweeps on the same encounters, and families."""
+"""Success by geometry, noise and aircraft: bins that lose none, sweeps on the same encounters, and
+families.
+"""
 
 import json
 from dataclasses import replace
@@ -35,11 +37,15 @@ def made_up(path: Path, mode: str = "policy", table: str = "encounters.parquet",
     rng = np.random.default_rng(0)
     distance = rng.uniform(1_000.0, 22_000.0, COUNT)
     verdict = np.where(distance < 1_200.0, "unresolvable", "resolvable")
-    outcome = np.where((rng.random(COUNT) < 0.9) & (verdict == "resolvable"), "reached", "violation")
+    outcome = np.where(
+        (rng.random(COUNT) < 0.9) & (verdict == "resolvable"), "reached", "violation"
+    )
     values = {
         "outcome": outcome.astype(object),
         "verdict": verdict.astype(object),
-        "baseline_outcome": np.where(np.arange(COUNT) % 2 == 0, "violation", "reached").astype(object),
+        "baseline_outcome": np.where(np.arange(COUNT) % 2 == 0, "violation", "reached").astype(
+            object
+        ),
         "relative_heading_deg": rng.uniform(-180.0, 180.0, COUNT),
         "distance_m": distance,
         "own_speed_m_s": np.full(COUNT, 75.0),
@@ -80,11 +86,19 @@ def test_every_value_falls_into_one_bin(values: list[float]) -> None:
 def test_rates_are_counted_by_hand() -> None:
     table = {
         "outcome": np.array(["reached", "violation", "reached", "timeout", "violation"], object),
-        "verdict": np.array(["resolvable", "unresolvable", "resolvable", "undecided", "resolvable"], object),
-        "policy_outcome": np.array(["reached", "violation", "timeout", "timeout", "reached"], object),
-        "baseline_outcome": np.array(["violation", "violation", "reached", "reached", "violation"], object),
+        "verdict": np.array(
+            ["resolvable", "unresolvable", "resolvable", "undecided", "resolvable"], object
+        ),
+        "policy_outcome": np.array(
+            ["reached", "violation", "timeout", "timeout", "reached"], object
+        ),
+        "baseline_outcome": np.array(
+            ["violation", "violation", "reached", "reached", "violation"], object
+        ),
     }
-    found = rates(Run(Path("run"), "plan", table, PAPER), np.array([True, True, True, True, False]), 0.95)
+    found = rates(
+        Run(Path("run"), "plan", table, PAPER), np.array([True, True, True, True, False]), 0.95
+    )
     assert found["encounters"] == 4
     assert (found["unresolvable_rate"]["count"], found["unresolvable_rate"]["total"]) == (1, 4)
     assert found["violation_rate"]["count"] == 1
@@ -92,8 +106,14 @@ def test_rates_are_counted_by_hand() -> None:
     plan, policy = found["success"]["plan"], found["success"]["policy"]
     assert (plan["success_rate"]["count"], plan["success_rate"]["total"]) == (2, 4)
     # The undecided count with the resolvable.
-    assert (plan["success_given_resolvable"]["count"], plan["success_given_resolvable"]["total"]) == (2, 3)
-    assert (policy["success_given_resolvable"]["count"], policy["success_rate"]["value"]) == (1, 0.25)
+    assert (
+        plan["success_given_resolvable"]["count"],
+        plan["success_given_resolvable"]["total"],
+    ) == (2, 3)
+    assert (policy["success_given_resolvable"]["count"], policy["success_rate"]["value"]) == (
+        1,
+        0.25,
+    )
     low, high = clopper_pearson(2, 4)
     assert (plan["success_rate"]["low"], plan["success_rate"]["high"]) == (low, high)
 
@@ -108,7 +128,10 @@ def test_files_of_a_run_cut_into_bins(tmp_path: Path) -> None:
     assert (distance[0]["low"], distance[-1]["low"]) == (1_000.0, 20_000.0)
     assert distance[0]["unresolvable_rate"]["count"] > 0
     for one in distance:
-        success, bound = one["success"]["policy"]["success_rate"]["value"], 1.0 - one["unresolvable_rate"]["value"]
+        success, bound = (
+            one["success"]["policy"]["success_rate"]["value"],
+            1.0 - one["unresolvable_rate"]["value"],
+        )
         assert success <= bound + 1e-12
     names = {"relative_heading", "distance", "overview"}
     assert {path.name for path in out.iterdir()} == {
@@ -167,7 +190,12 @@ def test_a_turn_rate_of_zero_means_no_turn() -> None:
 def test_edges_of_bins_scale_with_the_aircraft() -> None:
     twice = new_aircraft(PAPER.limits._replace(speed_min=100.0, speed_max=200.0), 4_000.0)
     ours, theirs = quantities(PAPER), quantities(twice)
-    for name, factor in (("distance", 4.0), ("miss_distance", 4.0), ("time_to_conflict", 2.0), ("own_speed", 2.0)):
+    for name, factor in (
+        ("distance", 4.0),
+        ("miss_distance", 4.0),
+        ("time_to_conflict", 2.0),
+        ("own_speed", 2.0),
+    ):
         assert theirs[name].edges == pytest.approx([factor * edge for edge in ours[name].edges])
     for one in ours.values():
         assert list(one.edges) == sorted(set(one.edges))
@@ -212,9 +240,15 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str],
     [
         (lambda run: (run / "summary.json").unlink(), "summary.json cannot be read"),
         (lambda run: (run / "encounters.parquet").write_bytes(b"PAR1 no"), "cannot be read"),
-        (lambda run: (run / "summary.json").write_text("[", encoding="utf-8"), "summary.json cannot be read"),
+        (
+            lambda run: (run / "summary.json").write_text("[", encoding="utf-8"),
+            "summary.json cannot be read",
+        ),
         (lambda run: (run / "summary.json").write_text("{}", encoding="utf-8"), "aircraft is None"),
-        (lambda run: pq.write_table(pa.table({"x": [1]}), run / "encounters.parquet"), "has no column outcome"),
+        (
+            lambda run: pq.write_table(pa.table({"x": [1]}), run / "encounters.parquet"),
+            "has no column outcome",
+        ),
     ],
 )
 def test_a_damaged_run_is_one_sentence(tmp_path: Path, capsys, spoil, said: str) -> None:
@@ -227,7 +261,8 @@ def test_a_damaged_run_is_one_sentence(tmp_path: Path, capsys, spoil, said: str)
     assert said in line
 
 
-# Aircraft follow from their numbers, are judged as an evaluation is, and fly alike where their ratios are.
+# Aircraft follow from their numbers, are judged as an evaluation is, and fly alike where their
+# ratios are.
 
 
 @pytest.mark.parametrize("seed", [0, 7])
@@ -277,29 +312,58 @@ def test_aircraft_of_the_same_ratios_fly_the_same_flights(
 ) -> None:
     policy, tables = Policy.load(), []
     for aircraft in (PAPER, scaled(PAPER, length, speed)):
-        source = replace(scenario(name, aircraft), intruders=(2, 3)) if name == "multi" else scenario(name, aircraft)
+        source = (
+            replace(scenario(name, aircraft), intruders=(2, 3))
+            if name == "multi"
+            else scenario(name, aircraft)
+        )
         tables.append(columns(Pilot(Evaluation(None, source, None, 3, aircraft), policy), 0, 16))
     ours, theirs = tables
     for column in ("outcome", "baseline_outcome", "verdict", "heading_reversals", "intruders"):
         np.testing.assert_array_equal(ours[column], theirs[column], err_msg=column)
     units = {"min_separation_m": length, "path_length_m": length, "duration_s": length / speed}
     for column, unit in units.items():
-        np.testing.assert_allclose(ours[column] * unit, theirs[column], rtol=tolerance, err_msg=column)
+        np.testing.assert_allclose(
+            ours[column] * unit, theirs[column], rtol=tolerance, err_msg=column
+        )
 
 
 def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) -> None:
     out = tmp_path / "family"
-    how = ["--count", "2", "--encounters", "12", "--aircraft-seed", "4", "--seed", "2", "--workers", "1"]
+    how = [
+        "--count",
+        "2",
+        "--encounters",
+        "12",
+        "--aircraft-seed",
+        "4",
+        "--seed",
+        "2",
+        "--workers",
+        "1",
+    ]
     assert family.main([*how, "--allow-outside-domain", "--out", str(out)]) == 0
     found = json.loads((out / "family.json").read_text(encoding="utf-8"))
     rates = [row["success_rate"] for row in found["rows"]]
     assert found["success_rate"]["count"] == sum(rate["count"] for rate in rates)
-    assert found["success_rate"]["mean"] == pytest.approx(np.mean([rate["value"] for rate in rates]))
+    assert found["success_rate"]["mean"] == pytest.approx(
+        np.mean([rate["value"] for rate in rates])
+    )
     assert found["success_rate"]["worst"]["value"] == min(rate["value"] for rate in rates)
     path = out / "aircraft_01.yaml"
     assert load(AircraftConfig, path) == family.drawn(4, 1)
     fast = family.drawn(4, 1).speed_max_mps
-    again = ["--aircraft", str(path), "--allow-outside-domain", "--encounters", "12", "--seed", "2", "--workers", "1"]
+    again = [
+        "--aircraft",
+        str(path),
+        "--allow-outside-domain",
+        "--encounters",
+        "12",
+        "--seed",
+        "2",
+        "--workers",
+        "1",
+    ]
     traffic = f"changes={{intruder_speed: [{0.4 * fast}, {1.3 * fast}], attempts: 200}}"
     run = tmp_path / "again"
     more = ["--set", traffic, "--set", "resamples=100", "--set", "figures=false", "--out", str(run)]
@@ -324,6 +388,8 @@ def test_bad_input_flies_nothing(tmp_path: Path, arguments: list[str], sentence:
 
 
 def test_a_family_outside_the_policy_flies_nothing(tmp_path: Path, policy_path: Path) -> None:
-    with pytest.raises(OutsideDomainError):  # a policy of one intruder serves its own aircraft alone
+    with pytest.raises(
+        OutsideDomainError
+    ):  # a policy of one intruder serves its own aircraft alone
         family.main(["--policy", str(policy_path), "--out", str(tmp_path / "none")])
     assert not (tmp_path / "none").exists()

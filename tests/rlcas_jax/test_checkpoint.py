@@ -1,4 +1,6 @@
-"""Checkpoints survive every end of a process, and a warm start begins with the networks of an earlier run."""
+"""Checkpoints survive every end of a process, and a warm start begins with the networks of an
+earlier run.
+"""
 
 import logging
 import os
@@ -124,7 +126,9 @@ def test_a_damaged_checkpoint_is_passed_over_with_a_warning(
     else:
         content = bytearray(os.urandom(1000))
     bad.write_bytes(content)
-    with pytest.raises(CheckpointError, match=r"checkpoint-0000000002\.safetensors: not a whole checkpoint"):
+    with pytest.raises(
+        CheckpointError, match=r"checkpoint-0000000002\.safetensors: not a whole checkpoint"
+    ):
         restore(bad, like=tree())
     with caplog.at_level(logging.WARNING):
         assert latest(tmp_path) == good
@@ -161,10 +165,16 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path):
     ("like", "sentence"),
     [
         ({"a": jnp.zeros(2)}, r"\['b'\] is in .*safetensors and not in this run"),
-        ({"a": jnp.zeros(2), "b": jnp.zeros(1), "c": jnp.zeros(1)}, r"\['c'\] is in this run and not in .*safetensors"),
+        (
+            {"a": jnp.zeros(2), "b": jnp.zeros(1), "c": jnp.zeros(1)},
+            r"\['c'\] is in this run and not in .*safetensors",
+        ),
         (Pair(jnp.zeros(2), jnp.zeros(1)), r"\.left is in this run and not in"),
         ({"a": jnp.zeros(3), "b": jnp.zeros(1)}, r"\['a'\] is float32\[2\]; expected float32\[3\]"),
-        ({"a": jnp.zeros(2, jnp.int32), "b": jnp.zeros(1)}, r"\['a'\] is float32\[2\]; expected int32\[2\]"),
+        (
+            {"a": jnp.zeros(2, jnp.int32), "b": jnp.zeros(1)},
+            r"\['a'\] is float32\[2\]; expected int32\[2\]",
+        ),
     ],
 )
 def test_another_structure_is_refused_by_the_leafs_name(tmp_path: Path, like: Any, sentence: str):
@@ -192,7 +202,10 @@ def test_a_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path: Path):
     number = 0
     for attempt in range(3):
         with subprocess.Popen(
-            [sys.executable, "-c", SAVING, str(tmp_path), str(number)], cwd=ROOT, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", SAVING, str(tmp_path), str(number)],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            text=True,
         ) as process:
             assert process.stdout is not None
             confirmed = int(process.stdout.readline())
@@ -247,7 +260,9 @@ def test_networks_and_optimiser_are_those_of_the_earlier_run(earlier: Run, tmp_p
     later = trained(tmp_path / "later", *changes, f"warm_start={earlier.directory}")
     begun = checkpoint.restore(first_checkpoint(later), earlier.state.learner, "learner")
     fresh = checkpoint.restore(first_checkpoint(earlier), earlier.state.learner, "learner")
-    for mine, theirs, new in zip(*map(jax.tree.leaves, (begun, earlier.state.learner, fresh)), strict=True):
+    for mine, theirs, new in zip(
+        *map(jax.tree.leaves, (begun, earlier.state.learner, fresh)), strict=True
+    ):
         np.testing.assert_array_equal(mine, theirs)
         assert not np.array_equal(mine, new)
     assert int(later.state.update) == 1
@@ -258,7 +273,9 @@ def test_a_checkpoint_is_as_good_as_its_run(earlier: Run, tmp_path: Path) -> Non
     file = checkpoint.latest(earlier.directory / "checkpoints")
     of_run = trained(tmp_path / "a", f"warm_start={earlier.directory}")
     of_file = trained(tmp_path / "b", f"warm_start={file}")
-    for mine, theirs in zip(jax.tree.leaves(of_run.state), jax.tree.leaves(of_file.state), strict=True):
+    for mine, theirs in zip(
+        jax.tree.leaves(of_run.state), jax.tree.leaves(of_file.state), strict=True
+    ):
         np.testing.assert_array_equal(mine, theirs)
 
 
@@ -269,7 +286,9 @@ def test_a_checkpoint_is_as_good_as_its_run(earlier: Run, tmp_path: Path) -> Non
         pytest.param(["network.hidden=[8]"], "made by another structure", marks=pytest.mark.slow),
     ],
 )
-def test_other_networks_are_refused(overrides: list[str], said: str, earlier: Run, tmp_path: Path) -> None:
+def test_other_networks_are_refused(
+    overrides: list[str], said: str, earlier: Run, tmp_path: Path
+) -> None:
     with pytest.raises(checkpoint.CheckpointError, match=said):
         trained(tmp_path / "other", f"warm_start={earlier.directory}", *overrides)
 
@@ -288,13 +307,17 @@ def policy(earlier: Run) -> Path:
     path = earlier.directory / "alone.safetensors"
     config = earlier.config
     network = config.network
-    metadata = new_metadata(tuple(network.hidden), network.feature_set, config.aircraft.limits(), {}, steps=1)
+    metadata = new_metadata(
+        tuple(network.hidden), network.feature_set, config.aircraft.limits(), {}, steps=1
+    )
     content = export.to_policy_file(earlier.state.learner.actor, metadata)
     policy_file.write(path, content)
     return path
 
 
-def test_a_policy_begins_a_training_with_a_fresh_critic(earlier: Run, policy: Path, tmp_path: Path) -> None:
+def test_a_policy_begins_a_training_with_a_fresh_critic(
+    earlier: Run, policy: Path, tmp_path: Path
+) -> None:
     later = trained(tmp_path / "later", f"warm_start={policy}", "checkpoint.every_seconds=0")
     first = sorted((later.directory / "checkpoints").glob("*.safetensors"))[0]
     learner = checkpoint.restore(first, earlier.state.learner, "learner")
@@ -308,7 +331,9 @@ def same(one: object, other: object) -> bool:
 
 
 def test_an_unfit_policy_file_is_refused(policy: Path, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"warm_start: .*network\.hidden \(8, 8\); expected \(8, 9\)"):
+    with pytest.raises(
+        ConfigError, match=r"warm_start: .*network\.hidden \(8, 8\); expected \(8, 9\)"
+    ):
         trained(tmp_path / "other", f"warm_start={policy}", "network.hidden=[8, 9]")
     damaged = tmp_path / "damaged.safetensors"
     content = bytearray(policy.read_bytes())

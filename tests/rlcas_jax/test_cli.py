@@ -30,7 +30,9 @@ def written(options: Options) -> None:
     write_configurations(options)
 
 
-def test_without_arguments_the_defaults_are_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_arguments_the_defaults_are_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.chdir(tmp_path)
     options = parse([], now=MOMENT)
     assert options.directory == Path("runs/train-20260131T120000-0")
@@ -43,7 +45,17 @@ def test_without_arguments_the_defaults_are_trained(tmp_path: Path, monkeypatch:
 def test_arguments_reach_the_configuration(tmp_path: Path):
     file = tmp_path / "a.yaml"
     file.write_text("name: a\nsteps: 7\n")
-    argv = ["--config", str(file), "--set", "seed=5", "--set", "ppo.clip=0.3", "--steps", "1e6", "--quiet"]
+    argv = [
+        "--config",
+        str(file),
+        "--set",
+        "seed=5",
+        "--set",
+        "ppo.clip=0.3",
+        "--steps",
+        "1e6",
+        "--quiet",
+    ]
     options = parse([*argv, "--out", str(tmp_path / "out")])
     config = options.jobs[0].config
     assert (config.name, config.seed, config.ppo.clip, config.steps) == ("a", 5, 0.3, 1_000_000)
@@ -78,8 +90,14 @@ def test_a_resumed_run_is_the_prepared_one(tmp_path: Path, seeds: int):
     ("arguments", "sentence"),
     [
         (["--config", "none.yaml"], "none.yaml: there is no such file"),
-        (["--set", "ppo.clipp=1"], "--set: ppo.clipp is unknown (its value is 1); did you mean ppo.clip?"),
-        (["--steps", "1.5"], "--set: steps is 1.5; expected a whole number at least 1 and at most 1e+12"),
+        (
+            ["--set", "ppo.clipp=1"],
+            "--set: ppo.clipp is unknown (its value is 1); did you mean ppo.clip?",
+        ),
+        (
+            ["--steps", "1.5"],
+            "--set: steps is 1.5; expected a whole number at least 1 and at most 1e+12",
+        ),
         (["--seeds", "0"], "--seeds is 0; expected 1 to 2147483648 (seeds are below 2147483648)"),
         (
             ["--set", "seed=2147483647", "--seeds", "2"],
@@ -93,9 +111,13 @@ def test_a_resumed_run_is_the_prepared_one(tmp_path: Path, seeds: int):
         (["--resume", "."], "--resume .: it holds no config.yaml, so it is no run"),
         (
             ["--resume", ".", "--steps", "3"],
-            "--steps cannot change a run that is resumed; leave it out, or start a new run without --resume",
+            "--steps cannot change a run that is resumed; leave it out, or start a new run "
+            "without --resume",
         ),
-        (["--conf", "x"], "unrecognized arguments: --conf x (see python -m rlcas_jax.train --help)"),
+        (
+            ["--conf", "x"],
+            "unrecognized arguments: --conf x (see python -m rlcas_jax.train --help)",
+        ),
     ],
 )
 def test_bad_arguments_are_refused_in_one_sentence(
@@ -110,7 +132,9 @@ def test_bad_arguments_are_refused_in_one_sentence(
 def test_a_directory_in_use_is_not_overwritten(tmp_path: Path):
     (tmp_path / "file").touch()
     for out in (tmp_path, tmp_path / "file"):
-        with pytest.raises(ConfigError, match="exists and is not empty; name another, or go on with it by --resume"):
+        with pytest.raises(
+            ConfigError, match="exists and is not empty; name another, or go on with it by --resume"
+        ):
             parse(["--out", str(out)])
     (tmp_path / "empty").mkdir()
     assert parse(["--out", str(tmp_path / "empty")]).directory == tmp_path / "empty"
@@ -119,7 +143,9 @@ def test_a_directory_in_use_is_not_overwritten(tmp_path: Path):
 def test_a_key_that_the_phases_set_themselves_is_refused(tmp_path: Path):
     phases = "phases=[{steps: 100, ppo: {epochs: 1}}, {steps: 200}]"
     for given, key in (("steps=7", "steps"), ("ppo.epochs=2", "ppo.epochs")):
-        with pytest.raises(ConfigError, match=rf"{key} is set by phase 0 itself; expected phases\.0\.{key}"):
+        with pytest.raises(
+            ConfigError, match=rf"{key} is set by phase 0 itself; expected phases\.0\.{key}"
+        ):
             parse(["--set", phases, "--set", given, "--out", str(tmp_path / "out")])
     options = parse(["--set", phases, "--set", "phases.1.steps=7", "--out", str(tmp_path / "out")])
     assert [phase.steps for phase in options.jobs[0].config.in_phases()] == [100, 7]
@@ -131,10 +157,13 @@ def test_help_lists_every_key_and_loads_nothing_heavy():
         "from rlcas_jax.cli import parse\n"
         "try: parse(['--help'])\n"
         "except SystemExit as end: assert end.code == 0\n"
-        "heavy = {'jax', 'flax', 'optax', 'matplotlib', 'rich', 'tensorboardX', 'scipy'} & set(sys.modules)\n"
+        "heavy = {'jax', 'flax', 'optax', 'matplotlib', 'rich', 'tensorboardX', 'scipy'} & "
+        "set(sys.modules)\n"
         "assert not heavy, heavy\n"
     )
-    result = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
+    result = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert result.returncode == 0, result.stderr
     for key in keys(TrainConfig):
         assert f"\n  {key.name}: " in result.stdout
@@ -164,7 +193,11 @@ with Interrupt() as interrupt:
 
 def started(*arguments: object) -> "subprocess.Popen[str]":
     return subprocess.Popen(
-        [sys.executable, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT
+        [sys.executable, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=ROOT,
     )
 
 
@@ -179,7 +212,9 @@ def test_the_first_signal_says_what_it_waits_for_and_the_second_ends() -> None:
     process = busy("work")
     assert process.stdout is not None
     process.send_signal(signal.SIGINT)
-    assert process.stdout.readline().startswith("stopping: waits for the call; Ctrl-C again ends at once")
+    assert process.stdout.readline().startswith(
+        "stopping: waits for the call; Ctrl-C again ends at once"
+    )
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=1_200)
     assert process.returncode == 130
@@ -202,8 +237,12 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("after_s", [1.0, 2.5])
-def test_a_signal_while_a_training_starts_ends_it_with_130(after_s: float, config: Path, tmp_path: Path) -> None:
-    process = started("-m", "rlcas_jax.train", "--config", config, "--out", tmp_path / "run", "--quiet")
+def test_a_signal_while_a_training_starts_ends_it_with_130(
+    after_s: float, config: Path, tmp_path: Path
+) -> None:
+    process = started(
+        "-m", "rlcas_jax.train", "--config", config, "--out", tmp_path / "run", "--quiet"
+    )
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=1_200)
@@ -216,9 +255,14 @@ def test_one_folder_has_one_training(config: Path, tmp_path: Path) -> None:
     process = started("-m", "rlcas_jax.train", "--config", config, "--out", out, "--quiet")
     try:
         deadline = time.monotonic() + 1_200
-        while time.monotonic() < deadline and len(metrics.read(out / metrics.FILE).get("update", ())) < 1:
+        while (
+            time.monotonic() < deadline
+            and len(metrics.read(out / metrics.FILE).get("update", ())) < 1
+        ):
             time.sleep(0.05)
-        with pytest.raises(ConfigError, match=f"--resume {out} is in use by process {process.pid} on "):
+        with pytest.raises(
+            ConfigError, match=f"--resume {out} is in use by process {process.pid} on "
+        ):
             main(["--resume", str(out), "--quiet"])
     finally:
         process.kill()
@@ -256,9 +300,11 @@ def run(stream: io.StringIO, quiet: bool = False) -> str:
 def test_elsewhere_there_is_a_plain_line_every_ten_seconds_and_a_last_one():
     assert run(io.StringIO()).splitlines() == [
         "2 000 of 10 000 steps, 31 234 steps/s, score +12.3, success 61.2 %, 40 s left",
-        "4 000 of 10 000 steps, 31 234 steps/s, score +12.3, success 61.2 %, deterministic 95.0 %, 30 s left",
+        "4 000 of 10 000 steps, 31 234 steps/s, score +12.3, success 61.2 %, deterministic 95.0 "
+        "%, 30 s left",
         "stopped",
-        "5 000 of 10 000 steps, 31 234 steps/s, score +12.3, success 61.2 %, deterministic 95.0 %, 25 s left",
+        "5 000 of 10 000 steps, 31 234 steps/s, score +12.3, success 61.2 %, deterministic 95.0 "
+        "%, 25 s left",
     ]
 
 
@@ -297,7 +343,13 @@ def test_a_run_that_does_nothing_shows_nothing():
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(0.2, "0 s"), (59.6, "1 min 0 s"), (200, "3 min 20 s"), (7500, "2 h 5 min"), (math.nan, "? s")],
+    [
+        (0.2, "0 s"),
+        (59.6, "1 min 0 s"),
+        (200, "3 min 20 s"),
+        (7500, "2 h 5 min"),
+        (math.nan, "? s"),
+    ],
 )
 def test_durations_in_words(seconds: float, text: str):
     assert duration(seconds) == text

@@ -33,7 +33,9 @@ PARTS = ppo.learner(Actor((8,), "none", -1.0), Critic((8,), "none"), ppo.PpoSett
 
 
 class World(NamedTuple):
-    """A counter per environment that the action moves a little; an episode ends at 4 + its number."""
+    """A counter per environment that the action moves a little; an episode ends at 4 + its
+    number.
+    """
 
     number: jax.Array
     clock: jax.Array
@@ -50,7 +52,9 @@ class Seen(NamedTuple):
 
 def observe(world: World, key: jax.Array) -> jax.Array:
     """Number, clock, what the actions moved, and a draw that is new with every observation."""
-    return jnp.stack([world.number, world.clock, world.moved, jax.random.uniform(key, (COUNT,))], axis=-1)
+    return jnp.stack(
+        [world.number, world.clock, world.moved, jax.random.uniform(key, (COUNT,))], axis=-1
+    )
 
 
 def step(world: World, action: jax.Array) -> tuple[World, Step]:
@@ -94,27 +98,36 @@ def test_samples_have_encounters_first_and_statistics_time_first(rollout) -> Non
     world, samples, statistics, figures = rollout
     assert samples.observation.shape == (COUNT, STEPS, 4)
     assert samples.action.shape == (COUNT, STEPS, 2)
-    assert {field.shape for field in (samples.log_prob, samples.advantage, samples.target)} == {(COUNT, STEPS)}
+    assert {field.shape for field in (samples.log_prob, samples.advantage, samples.target)} == {
+        (COUNT, STEPS)
+    }
     assert statistics.action.shape == (STEPS, COUNT, 2)
     assert world.clock.shape == (COUNT,)
     assert set(figures) == {"explained_variance"}
 
 
 def test_episodes_run_through_and_begin_again_in_the_step_after_their_end(rollout) -> None:
-    """By hand: episodes last 4, 5 and 6 steps; the first observation after an end is that of the new start."""
+    """By hand: episodes last 4, 5 and 6 steps; the first observation after an end is that of the
+    new start.
+    """
     world, samples, _, _ = rollout
     clocks = [[t % (4 + n) for t in range(STEPS)] for n in range(COUNT)]
     np.testing.assert_array_equal(samples.observation[..., 1], clocks)
-    np.testing.assert_array_equal(samples.observation[..., 0], np.tile(np.arange(COUNT)[:, None], (1, STEPS)))
+    np.testing.assert_array_equal(
+        samples.observation[..., 0], np.tile(np.arange(COUNT)[:, None], (1, STEPS))
+    )
     # A start knows the step of the rollout at which it was needed.
     assert [float(samples.observation[n, 4 + n, 2]) for n in range(COUNT)] == [104.0, 105.0, 106.0]
-    # The rollout ends after an episode's last step only for the second: its end is kept for the next rollout.
+    # The rollout ends after an episode's last step only for the second: its end is kept for the
+    # next rollout.
     np.testing.assert_array_equal(world.ended, [False, True, False])
 
 
 def test_the_environment_gets_the_action_that_is_stored(rollout) -> None:
     _, samples, statistics, _ = rollout
-    np.testing.assert_allclose(np.swapaxes(statistics.action, 0, 1), samples.action, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        np.swapaxes(statistics.action, 0, 1), samples.action, rtol=1e-5, atol=1e-6
+    )
     np.testing.assert_array_equal(np.swapaxes(statistics.clock, 0, 1), samples.observation[..., 1])
     # And what it did shows in the next observation of the same encounter.
     same = np.asarray(samples.observation[:, 1:, 1]) > 0.0
@@ -125,13 +138,17 @@ def test_the_environment_gets_the_action_that_is_stored(rollout) -> None:
 def test_the_log_probability_is_that_of_the_drawing_policy(rollout, state) -> None:
     _, samples, _, _ = rollout
     mean, log_std = PARTS.policy(state.actor, samples.observation)
-    np.testing.assert_allclose(samples.log_prob, ppo.gaussian_log_prob(samples.action, mean, log_std), atol=1e-5)
+    np.testing.assert_allclose(
+        samples.log_prob, ppo.gaussian_log_prob(samples.action, mean, log_std), atol=1e-5
+    )
     z = (np.asarray(samples.action) - mean) / np.exp(-1.0)
     assert 0.5 < z.std() < 1.5
     assert np.unique(z).size == z.size
 
 
-def test_advantages_and_targets_bootstrap_from_the_next_observation_but_never_across_an_end(rollout, state) -> None:
+def test_advantages_and_targets_bootstrap_from_the_next_observation_but_never_across_an_end(
+    rollout, state
+) -> None:
     world, samples, _, _ = rollout
     value = np.asarray(PARTS.value(state.critic, samples.observation), np.float64)
     last_key = jax.random.fold_in(jax.random.split(jax.random.key(1))[1], STEPS)
@@ -143,7 +160,12 @@ def test_advantages_and_targets_bootstrap_from_the_next_observation_but_never_ac
             reward, ended = clock + 10.0 * n, clock == 4 + n
             after = last[n] if t == STEPS - 1 else value[n, t + 1]
             goes_on = 0.0 if ended else 1.0
-            following = reward + DISCOUNT * after * goes_on - value[n, t] + DISCOUNT * LAMBDA * goes_on * following
+            following = (
+                reward
+                + DISCOUNT * after * goes_on
+                - value[n, t]
+                + DISCOUNT * LAMBDA * goes_on * following
+            )
             expected[t] = following
         np.testing.assert_allclose(samples.advantage[n], expected, rtol=1e-4, atol=1e-3)
     np.testing.assert_allclose(samples.target, samples.advantage + value, rtol=1e-5, atol=1e-4)
@@ -180,7 +202,9 @@ def worth(states: surrogate.State, **weights: float) -> jax.Array:
 
 
 @given(st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=40), st.floats(0.5, 1.0))
-def test_shaping_telescopes_to_the_starts_potential(potentials: list[float], discount: float) -> None:
+def test_shaping_telescopes_to_the_starts_potential(
+    potentials: list[float], discount: float
+) -> None:
     """For any potential and any episode: sum_t discount^t shaped_t = -potential(s_0)."""
     steps = len(potentials) - 1
     before, after = np.float32(potentials[:-1]), np.float32(potentials[1:])
@@ -191,7 +215,9 @@ def test_shaping_telescopes_to_the_starts_potential(potentials: list[float], dis
 
 def test_only_termination_forfeits_the_potential() -> None:
     before, after, ended = np.float32([3.0, 3.0]), np.float32([5.0, 5.0]), np.array([False, True])
-    np.testing.assert_allclose(shaped(before, after, ended, 0.9), [0.9 * 5.0 - 3.0, -3.0], rtol=1e-6)
+    np.testing.assert_allclose(
+        shaped(before, after, ended, 0.9), [0.9 * 5.0 - 3.0, -3.0], rtol=1e-6
+    )
 
 
 @given(st.floats(-5.0, 5.0))
@@ -203,7 +229,10 @@ def test_the_turn_rate_cost_is_symmetric_and_bounded(yaw_rate: float) -> None:
 
 def test_the_heading_change_cost_does_not_depend_on_the_rate() -> None:
     sharp, gentle = jnp.full(10, -1.0), jnp.full(40, 0.25)
-    costs = [float(heading_change_cost(rates, math.radians(3.0), 1.0).sum()) for rates in (sharp, gentle, 5.0 * sharp)]
+    costs = [
+        float(heading_change_cost(rates, math.radians(3.0), 1.0).sum())
+        for rates in (sharp, gentle, 5.0 * sharp)
+    ]
     np.testing.assert_allclose(costs, 30.0 / 90.0, rtol=1e-5)
     assert float(heading_change_cost(jnp.float32(0.0), math.radians(3.0), 1.0)) == 0.0
 
@@ -212,12 +241,16 @@ def state_of(name: str, most: int = 1, count: int = FLIGHTS) -> surrogate.State:
     chosen = scenario(name, PAPER)
     draws = np.random.default_rng(0).random((chosen.attempts, count, chosen.dimensions))
     starts = padded(sample(chosen, draws, np)[0], most, np)
-    return surrogate.reset(jax.tree.map(lambda a: jnp.asarray(a, bool if a.dtype == bool else jnp.float32), starts))
+    return surrogate.reset(
+        jax.tree.map(lambda a: jnp.asarray(a, bool if a.dtype == bool else jnp.float32), starts)
+    )
 
 
 @pytest.fixture(scope="module")
 def episodes() -> tuple[surrogate.State, surrogate.State, np.ndarray]:
-    """Random flights: the states before and after each step, ``[T, N]``, and whether it is the episode's last."""
+    """Random flights: the states before and after each step, ``[T, N]``, and whether it is the
+    episode's last.
+    """
 
     def forward(state: surrogate.State, action: jax.Array) -> tuple:
         after, _ = surrogate.step(state, (action[:, 0], action[:, 1]), WORLD)
@@ -225,7 +258,9 @@ def episodes() -> tuple[surrogate.State, surrogate.State, np.ndarray]:
 
     held = np.random.default_rng(1).uniform(-1.0, 1.0, (SECONDS // 20, FLIGHTS, 2))
     actions = np.repeat(held, 20, axis=0).astype(np.float32)
-    before, after = jax.jit(lambda state: jax.lax.scan(forward, state, actions)[1])(state_of("circle"))
+    before, after = jax.jit(lambda state: jax.lax.scan(forward, state, actions)[1])(
+        state_of("circle")
+    )
     ends = np.asarray(after.ended)
     assert np.all(ends.any(axis=0))
     first = np.arange(SECONDS)[:, None] == ends.argmax(axis=0)
@@ -234,7 +269,9 @@ def episodes() -> tuple[surrogate.State, surrogate.State, np.ndarray]:
 
 @pytest.mark.parametrize("weights", [{"goal": 1.0}, {"goal": 3.0}])
 @pytest.mark.parametrize("discount", [0.99, 1.0])
-def test_the_shaping_of_whole_episodes_depends_on_their_start_alone(episodes, weights, discount) -> None:
+def test_the_shaping_of_whole_episodes_depends_on_their_start_alone(
+    episodes, weights, discount
+) -> None:
     """Random flights that end by violation and by time: none gains anything by shaping."""
     before, after, last = episodes
     worths = [np.asarray(worth(states, **weights)) for states in (before, after)]
@@ -248,17 +285,23 @@ def test_the_shaping_of_whole_episodes_depends_on_their_start_alone(episodes, we
 
 
 def test_the_path_excess_cost_adds_up_to_the_path_excess(episodes) -> None:
-    """10 for 10 km of flight, less what the goal came nearer; no step of any flight earns anything."""
+    """10 for 10 km of flight, less what the goal came nearer; no step of any flight earns
+    anything.
+    """
     before, after, last = episodes
     cost = np.asarray(
-        10.0 * path_excess_cost(before.own, after.own, (before.goal_x, before.goal_y), 1_000.0), np.float64
+        10.0 * path_excess_cost(before.own, after.own, (before.goal_x, before.goal_y), 1_000.0),
+        np.float64,
     )
     lasts, count = last.argmax(axis=0), np.arange(FLIGHTS)
     flown = np.arange(SECONDS)[:, None] <= lasts
     x, y = (np.asarray(values, np.float64) for values in (before.own.x, before.own.y))
     end_x, end_y = (np.asarray(values, np.float64) for values in (after.own.x, after.own.y))
     legs = np.where(flown, np.hypot(end_x - x, end_y - y), 0.0)
-    goal_x, goal_y = np.asarray(before.goal_x[0], np.float64), np.asarray(before.goal_y[0], np.float64)
+    goal_x, goal_y = (
+        np.asarray(before.goal_x[0], np.float64),
+        np.asarray(before.goal_y[0], np.float64),
+    )
     nearer = np.hypot(goal_x - x[0], goal_y - y[0]) - np.hypot(
         goal_x - end_x[lasts, count], goal_y - end_y[lasts, count]
     )
@@ -273,13 +316,16 @@ def test_the_straight_path_to_the_goal_has_no_cost() -> None:
     state = state_of("circle", count=3)
     own = state.own._replace(x=jnp.zeros(3), y=jnp.zeros(3))
     ahead, back, aside = (
-        own._replace(x=jnp.full(3, x), y=jnp.full(3, y)) for x, y in ((80.0, 0.0), (-80.0, 0.0), (0, 80))
+        own._replace(x=jnp.full(3, x), y=jnp.full(3, y))
+        for x, y in ((80.0, 0.0), (-80.0, 0.0), (0, 80))
     )
     goal = jnp.full(3, 8_000.0), jnp.zeros(3)
     np.testing.assert_allclose(10.0 * path_excess_cost(own, ahead, goal, 1_000.0), 0.0, atol=1e-6)
     np.testing.assert_allclose(10.0 * path_excess_cost(own, back, goal, 1_000.0), 0.16, rtol=1e-4)
     np.testing.assert_allclose(
-        10.0 * path_excess_cost(own, aside, goal, 1_000.0), 1e-3 * (80.0 + np.hypot(8_000, 80) - 8_000), rtol=1e-3
+        10.0 * path_excess_cost(own, aside, goal, 1_000.0),
+        1e-3 * (80.0 + np.hypot(8_000, 80) - 8_000),
+        rtol=1e-3,
     )
 
 
@@ -292,21 +338,34 @@ def test_potential_by_hand() -> None:
 
 
 def left(x: float, y: float, *, speed: float = 90.0, scale: float = 1.0) -> float:
-    """Return the potential's way to a goal ahead at x and left at y, m, for an aircraft that turns at 3 deg/s."""
-    aircraft = PAPER._replace(separation=scale * PAPER.separation, goal_radius=scale * PAPER.goal_radius)
-    aircraft = aircraft._replace(limits=aircraft.limits._replace(yaw_rate_max=math.radians(3.0) / scale))
+    """Return the potential's way to a goal ahead at x and left at y, m, for an aircraft that turns
+    at 3 deg/s.
+    """
+    aircraft = PAPER._replace(
+        separation=scale * PAPER.separation, goal_radius=scale * PAPER.goal_radius
+    )
+    aircraft = aircraft._replace(
+        limits=aircraft.limits._replace(yaw_rate_max=math.radians(3.0) / scale)
+    )
     state = state_of("head_on", count=1)
     own = state.own._replace(
-        x=jnp.zeros(1), y=jnp.zeros(1), heading=jnp.full(1, 0.5), speed=jnp.full(1, speed, jnp.float32)
+        x=jnp.zeros(1),
+        y=jnp.zeros(1),
+        heading=jnp.full(1, 0.5),
+        speed=jnp.full(1, speed, jnp.float32),
     )
     cosine, sine = math.cos(0.5), math.sin(0.5)
-    goal = (jnp.full(1, scale * v, jnp.float32) for v in (x * cosine - y * sine, x * sine + y * cosine))
+    goal = (
+        jnp.full(1, scale * v, jnp.float32) for v in (x * cosine - y * sine, x * sine + y * cosine)
+    )
     scene = state._replace(own=own, goal_x=next(goal), goal_y=next(goal))
     return -1e4 * scale * float(potential(scene, ShapingConfig(goal=1.0), aircraft)[0])
 
 
 def test_a_goal_that_the_next_turn_cannot_meet_counts_the_way_round() -> None:
-    """A goal that is met by turning at the limit is as far as its distance, one inside the circle is farther."""
+    """A goal that is met by turning at the limit is as far as its distance, one inside the circle
+    is farther.
+    """
     radius = 90.0 / math.radians(3.0)
     assert left(-3_000.0, 1_000.0) == pytest.approx(math.hypot(3_000.0, 1_000.0), rel=1e-5)
     assert left(0.0, 2.0 * radius) == pytest.approx(2.0 * radius, rel=1e-5)
@@ -314,6 +373,7 @@ def test_a_goal_that_the_next_turn_cannot_meet_counts_the_way_round() -> None:
     assert centre == pytest.approx(radius + DETOUR * (radius - PAPER.goal_radius), rel=1e-5)
     assert left(0.0, -radius) == pytest.approx(centre, rel=1e-5)
     assert left(0.0, radius, scale=7.0) == pytest.approx(7.0 * centre, rel=1e-5)
-    # Flying straight on from there is progress though the goal gets farther, and so is slowing down.
+    # Flying straight on from there is progress though the goal gets farther, and so is slowing
+    # down.
     assert left(-300.0, radius) < centre
     assert left(0.0, radius, speed=60.0) < centre

@@ -1,4 +1,6 @@
-"""The training configuration: what is accepted, every key changes something, and the page that lists them."""
+"""The training configuration: what is accepted, every key changes something, and the page that
+lists them.
+"""
 
 import re
 import sys
@@ -33,7 +35,9 @@ def test_own_speeds_that_the_aircraft_does_not_fly_are_refused():
         load(TrainConfig, None, [aircraft, "scenarios.0.own_speed=[50, 100]"])
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "configs" / "aircraft").glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "configs" / "aircraft").glob("*.yaml")), ids=lambda path: path.stem
+)
 def test_quick_trains_any_aircraft_by_one_option(path: Path):
     config = load(TrainConfig, ROOT / "configs" / "quick.yaml", [f"aircraft={path}"])
     aircraft = config.aircraft.aircraft()
@@ -103,7 +107,8 @@ def test_a_dump_repeats_the_run(
         f"seed={seed}",
         f"steps={steps}",
         f"ppo.learning_rate={rate}",
-        f"ppo={{environments: {environments}, rollout: {rollout}, minibatch: {minibatch}, segment: {segment}}}",
+        f"ppo={{environments: {environments}, rollout: {rollout}, minibatch: {minibatch}, "
+        f"segment: {segment}}}",
         f"shaping.goal={rate}",
     ]
     config = load(TrainConfig, overrides=overrides)
@@ -120,11 +125,13 @@ def test_a_dump_repeats_the_run(
         ("steps=0", "--set: steps is 0; expected a whole number at least 1 and at most 1e+12"),
         (
             "name=a/b",
-            "--set: name is 'a/b'; expected a text of at most 64 letters, digits, dots, dashes and underscores",
+            "--set: name is 'a/b'; expected a text of at most 64 letters, digits, dots, dashes "
+            "and underscores",
         ),
         (
             "ppo.minibatch=5000",
-            "--set: ppo.minibatch is 5000; expected a divisor of environments times rollout, 32768, such as 4096",
+            "--set: ppo.minibatch is 5000; expected a divisor of environments times rollout, "
+            "32768, such as 4096",
         ),
         ("ppo.segment=3", "--set: ppo.segment is 3; expected a divisor of rollout, 32, such as 2"),
         (
@@ -138,7 +145,8 @@ def test_a_dump_repeats_the_run(
         ),
         (
             "network.feature_set=cap",
-            "--set: network.feature_set is 'cap'; expected one of cpa, mirror, none, set; did you mean cpa?",
+            "--set: network.feature_set is 'cap'; expected one of cpa, mirror, none, set; did you "
+            "mean cpa?",
         ),
     ],
 )
@@ -149,7 +157,12 @@ def test_a_bad_value_is_refused_in_one_sentence(override: str, sentence: str):
 
 
 def test_feature_sets_are_those_of_the_network():
-    assert set(get_args(NetworkConfig.model_fields["feature_set"].annotation)) == {"none", "cpa", "mirror", "set"}
+    assert set(get_args(NetworkConfig.model_fields["feature_set"].annotation)) == {
+        "none",
+        "cpa",
+        "mirror",
+        "set",
+    }
 
 
 def test_sizes_of_an_update():
@@ -169,14 +182,16 @@ def test_every_key_is_read_by_the_program():
     unused = [
         key.name
         for key in keys(TrainConfig)
-        # A scenario's numbers are taken over as a whole and tested with it; the aircraft's likewise.
+        # A scenario's numbers are taken over as a whole and tested with it; the aircraft's
+        # likewise.
         if not key.name.startswith(("scenarios[].", "aircraft."))
         and not re.search(rf"\.{key.name.rpartition('.')[2]}\b", program)
     ]
     assert not unused
 
 
-# Every configuration key changes something: the compiled update, the start, or what a run leaves behind.
+# Every configuration key changes something: the compiled update, the start, or what a run leaves
+# behind.
 
 BASE = [
     "network.hidden=[4]",
@@ -243,7 +258,9 @@ CHANGED: dict[str, str] = {
     "shaping.path_excess_cost": "0.1",
 }
 ELSEWHERE = {
-    "aircraft.traffic_speed_max_mps": "what scenarios are refused, and observations of eight numbers",
+    "aircraft.traffic_speed_max_mps": (
+        "what scenarios are refused, and observations of eight numbers"
+    ),
     "phases": "the configuration of each phase (test_metrics)",
     **dict.fromkeys(
         ("family.speed_min", "family.acceleration", "family.turn_radius", "family.traffic_speed"),
@@ -319,11 +336,15 @@ DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"
 @pytest.mark.parametrize("name", tables())
 def test_the_pages_are_current(name: str):
     page = (DOCS / name).read_text(encoding="utf-8")
-    assert with_tables(page, tables()[name]) == page, "run `python -m rlcas_jax.reference docs/reference`"
+    assert with_tables(page, tables()[name]) == page, (
+        "run `python -m rlcas_jax.reference docs/reference`"
+    )
 
 
 def test_every_key_and_every_metric_has_its_row():
-    assert all(f"\n| `{key.name}` | " in tables()["configuration.md"][0] for key in keys(TrainConfig))
+    assert all(
+        f"\n| `{key.name}` | " in tables()["configuration.md"][0] for key in keys(TrainConfig)
+    )
     assert all(f"\n| `{name}` | " in tables()["metrics.md"][0] for name in METRICS)
     said = (DOCS / "metrics.md").read_text(encoding="utf-8")
     assert f"differ in\n{' and '.join(f'`{name}`' for name in WALL_CLOCK)} only" in said

@@ -1,4 +1,6 @@
-"""The environments of a training: on several devices and in several processes as on one, and a family of aircraft."""
+"""The environments of a training: on several devices and in several processes as on one, and a
+family of aircraft.
+"""
 
 import json
 import os
@@ -83,7 +85,9 @@ def alone(tmp_path_factory: pytest.TempPathFactory, config_file: Path) -> Path:
 
 
 def assert_same_curve(out: Path, expected: Path) -> None:
-    """Compare all figures of two runs but those of the clock; sums over devices round differently."""
+    """Compare all figures of two runs but those of the clock; sums over devices round
+    differently.
+    """
     curve, wanted = metrics.read(out), metrics.read(expected)
     assert curve.keys() == wanted.keys()
     assert len(curve["step"]) == 6
@@ -93,7 +97,9 @@ def assert_same_curve(out: Path, expected: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("devices", [2, 4])
-def test_virtual_devices_learn_what_one_learns(devices: int, tmp_path: Path, config_file: Path, alone: Path) -> None:
+def test_virtual_devices_learn_what_one_learns(
+    devices: int, tmp_path: Path, config_file: Path, alone: Path
+) -> None:
     ended(start("--config", config_file, "--out", tmp_path / "run", "--devices", devices))
     assert_same_curve(tmp_path / "run", alone)
 
@@ -102,11 +108,15 @@ def test_virtual_devices_learn_what_one_learns(devices: int, tmp_path: Path, con
 def test_two_processes_learn_what_one_learns_and_the_first_one_writes(
     tmp_path: Path, config_file: Path, alone: Path
 ) -> None:
-    outputs = [ended(process) for process in pair("--config", config_file, "--out", tmp_path / "run")]
+    outputs = [
+        ended(process) for process in pair("--config", config_file, "--out", tmp_path / "run")
+    ]
     assert_same_curve(tmp_path / "run", alone)
     assert "resolved, of all" in outputs[0]
     assert "resolved" not in outputs[1]
-    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == sorted(p.name for p in alone.iterdir())
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == sorted(
+        p.name for p in alone.iterdir()
+    )
 
 
 @pytest.mark.slow
@@ -116,7 +126,9 @@ def test_a_run_of_two_processes_is_stopped_by_either_and_goes_on_on_two_devices(
     out = tmp_path / "run"
     processes = pair("--config", config_file, "--set", "steps=40960", "--out", out)
     deadline = time.monotonic() + 1_200
-    while time.monotonic() < deadline and len(metrics.read(out / metrics.FILE).get("update", ())) < 2:
+    while (
+        time.monotonic() < deadline and len(metrics.read(out / metrics.FILE).get("update", ())) < 2
+    ):
         time.sleep(0.02)
     processes[1].send_signal(signal.SIGINT)
     for process in processes:
@@ -132,7 +144,11 @@ def test_a_run_of_two_processes_is_stopped_by_either_and_goes_on_on_two_devices(
     ("devices", "overrides", "message"),
     [
         (3, [], r"ppo\.environments is 1024; expected a multiple of 3 devices"),
-        (2, ["ppo.minibatch=16"], r"ppo\.minibatch is 16; expected a multiple of 2 devices times segment, 32"),
+        (
+            2,
+            ["ppo.minibatch=16"],
+            r"ppo\.minibatch is 16; expected a multiple of 2 devices times segment, 32",
+        ),
     ],
 )
 def test_what_cannot_be_split_is_refused(devices: int, overrides: list[str], message: str) -> None:
@@ -146,8 +162,14 @@ def test_what_cannot_be_split_is_refused(devices: int, overrides: list[str], mes
         (["--devices", "0"], "--devices is 0; expected 1 or more"),
         (["--processes", "2"], "--processes and --process need --coordinator"),
         (["--coordinator", "here"], "--coordinator is 'here'; expected HOST:PORT"),
-        (["--coordinator", "here:1", "--processes", "2"], "--process is None of --processes 2; expected both"),
-        (["--coordinator", "here:1", "--processes", "2", "--process", "2"], "--process is 2 of --processes 2"),
+        (
+            ["--coordinator", "here:1", "--processes", "2"],
+            "--process is None of --processes 2; expected both",
+        ),
+        (
+            ["--coordinator", "here:1", "--processes", "2", "--process", "2"],
+            "--process is 2 of --processes 2",
+        ),
         (["--coordinator", "here:1", "--processes", "2", "--process", "1"], "needs --out"),
     ],
 )
@@ -158,13 +180,14 @@ def test_what_is_said_of_processes_is_checked(arguments: list[str], message: str
 
 def test_processes_are_read(tmp_path: Path) -> None:
     where = ["--out", str(tmp_path / "run")]
-    assert parse([*where, "--coordinator", "a:9", "--processes", "2", "--process", "1"]).processes == Processes(
-        "a:9", 2, 1
-    )
+    assert parse(
+        [*where, "--coordinator", "a:9", "--processes", "2", "--process", "1"]
+    ).processes == Processes("a:9", 2, 1)
     assert parse([*where, "--coordinator", "auto"]).processes == Processes("auto", None, None)
 
 
-# A family of aircraft in one training, and the network for any number of intruders that learns to fly them.
+# A family of aircraft in one training, and the network for any number of intruders that learns to
+# fly them.
 
 TINY = [
     "network={hidden: [8], feature_set: set, encoder: [6]}",
@@ -173,7 +196,9 @@ TINY = [
     "steps=512",
     "scenarios=[{name: circle}, {name: circle, intruders: [2, 3]}]",
 ]
-FAMILY = "family={share: 0.5, speed_min: [0.4, 0.5], acceleration: [0.1, 0.2], turn_radius: [0.5, 1.0]}"
+FAMILY = (
+    "family={share: 0.5, speed_min: [0.4, 0.5], acceleration: [0.1, 0.2], turn_radius: [0.5, 1.0]}"
+)
 
 
 def tiny(*changes: str) -> TrainConfig:
@@ -183,7 +208,9 @@ def tiny(*changes: str) -> TrainConfig:
 def test_aircraft_lie_in_the_family_and_the_share_is_kept() -> None:
     config = tiny(FAMILY, "ppo.environments=2048", "ppo.minibatch=1024")
     flown = fleet(config)
-    found = ratios(Limits(*(np.asarray(field, float) for field in flown.limits)), config.aircraft.separation_m)
+    found = ratios(
+        Limits(*(np.asarray(field, float) for field in flown.limits)), config.aircraft.separation_m
+    )
     bounds = Ratios((0.4, 0.5), (-0.2, -0.1), (0.1, 0.2), (0.5, 1.0))
     for values, (low, high) in zip(found, bounds, strict=True):
         other = values[flown.other]
@@ -191,7 +218,9 @@ def test_aircraft_lie_in_the_family_and_the_share_is_kept() -> None:
         assert high + 1e-6 >= other.max() > high - 0.1 * (high - low)
     assert 0.45 < flown.other.mean() < 0.55
     own = ratios(config.aircraft.limits(), config.aircraft.separation_m)
-    np.testing.assert_allclose([np.unique(values[~flown.other])[0] for values in found], own, rtol=1e-6)
+    np.testing.assert_allclose(
+        [np.unique(values[~flown.other])[0] for values in found], own, rtol=1e-6
+    )
     assert not fleet(tiny()).other.any()
 
 
@@ -211,7 +240,9 @@ def test_an_update_learns_from_sets(changes: tuple[str, ...]) -> None:
     before = jax.device_get(state.learner.actor)
     after, figures = task.update(state)
     assert bool(figures["finite"])
-    moved = jax.tree.map(lambda a, b: float(jnp.abs(a - b).max()), before, jax.device_get(after.learner.actor))
+    moved = jax.tree.map(
+        lambda a, b: float(jnp.abs(a - b).max()), before, jax.device_get(after.learner.actor)
+    )
     assert moved["params"]["trunk"]["each_0"]["kernel"] > 0.0
 
 
@@ -221,7 +252,9 @@ def test_a_policy_file_says_which_aircraft_were_trained() -> None:
     assert set_of(tiny()).family["speed_min"] == (0.5, 0.5)
 
 
-@pytest.mark.parametrize("wrong", ["speed_min: [0.9, 0.1]", "turn_radius: [0.0, 1.0]", "traffic_speed: [0.5, 9.0]"])
+@pytest.mark.parametrize(
+    "wrong", ["speed_min: [0.9, 0.1]", "turn_radius: [0.0, 1.0]", "traffic_speed: [0.5, 9.0]"]
+)
 def test_a_family_that_cannot_be_is_refused(wrong: str) -> None:
     with pytest.raises(ConfigError, match=wrong.split(":", maxsplit=1)[0]):
         tiny(f"family={{share: 0.5, {wrong}}}")

@@ -1,8 +1,7 @@
 """The surrogate under gymnax's interface: its contract, and the same states as the surrogate's own.
 
-gymnax wants another version of Gymnasium than the rest of the tests. ``tests/test_package.py`` runs this module in an
-environment of its own, together with the learner of docs/howto/gymnasium.md.
-"""
+gymnax wants another version of Gymnasium than the rest of the tests. ``tests/test_package.py`` runs
+this module in an environment of its own, together with the learner of docs/howto/gymnasium.md."""
 
 from typing import Any
 
@@ -30,11 +29,15 @@ def keys(number: int) -> jax.Array:
     return jax.random.split(jax.random.key(number), COUNT)
 
 
-def flown(env: Deconfliction, params: Any, steps: int, action: tuple[float, float] = (0.0, 0.0)) -> Any:
+def flown(
+    env: Deconfliction, params: Any, steps: int, action: tuple[float, float] = (0.0, 0.0)
+) -> Any:
     """Return what each of so many steps of a batch yields, stacked over time."""
 
     def step(state: Any, key: jax.Array) -> Any:
-        found = jax.vmap(env.step, (0, 0, None, None))(jax.random.split(key, COUNT), state, jnp.asarray(action), params)
+        found = jax.vmap(env.step, (0, 0, None, None))(
+            jax.random.split(key, COUNT), state, jnp.asarray(action), params
+        )
         return found[1], found
 
     @jax.jit
@@ -51,7 +54,9 @@ def test_it_is_registered_with_its_spaces() -> None:
     observation, state = jax.jit(env.reset)(jax.random.key(0), params)
     action = env.action_space(params).sample(jax.random.key(1))
     assert env.action_space(params).contains(action)
-    after, _, reward, terminated, truncated, info = jax.jit(env.step)(jax.random.key(2), state, action, params)
+    after, _, reward, terminated, truncated, info = jax.jit(env.step)(
+        jax.random.key(2), state, action, params
+    )
     space = env.observation_space(params)
     for seen in (observation, after, info["final_observation"]):
         assert (seen.shape, seen.dtype) == (space.shape, np.float32)
@@ -77,7 +82,9 @@ def test_several_intruders_are_seen_as_a_dict() -> None:
 def test_an_encounter_is_flown_as_the_surrogate_flies_it(name: str) -> None:
     env = Deconfliction(name, UAS)
     params, late = env.default_params, name == "noisy"
-    pool = jax.jit(lambda key: surrogate.redraw_pool(key, [env.scenario], [1.0], 1, COUNT))(jax.random.key(0))
+    pool = jax.jit(lambda key: surrogate.redraw_pool(key, [env.scenario], [1.0], 1, COUNT))(
+        jax.random.key(0)
+    )
     starts = jax.tree.map(lambda field: field[0], pool)
     actions = jax.random.uniform(jax.random.key(1), (60, COUNT, 2), minval=-1.0, maxval=1.0)
     world = surrogate.World(UAS.rules(), UAS)

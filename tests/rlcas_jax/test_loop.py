@@ -1,4 +1,6 @@
-"""The training run as a whole: repeatable, resumable after anything, and loud when it goes wrong."""
+"""The training run as a whole: repeatable, resumable after anything, and loud when it goes
+wrong.
+"""
 
 import json
 import os
@@ -47,11 +49,15 @@ def command(*arguments: object) -> list[str]:
 
 
 def train(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=1_200, check=False)
+    return subprocess.run(
+        command(*arguments), capture_output=True, text=True, timeout=1_200, check=False
+    )
 
 
 def stop_midway(out: Path, config_file: Path, number: signal.Signals) -> tuple[int, str]:
-    """Start a training, send it a signal once two updates are logged, and return its exit status and output."""
+    """Start a training, send it a signal once two updates are logged, and return its exit status
+    and output.
+    """
     process = subprocess.Popen(
         command("--config", config_file, "--set", "steps=2_000_000_000", "--out", out),
         stdout=subprocess.PIPE,
@@ -79,7 +85,10 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory, config_file: Path) -
 def figures(directory: Path) -> list[dict[str, float | None]]:
     """Return the logged rows without what depends on the clock."""
     rows = [json.loads(line) for line in (directory / metrics.FILE).read_text().splitlines()]
-    return [{name: value for name, value in row.items() if name not in metrics.WALL_CLOCK} for row in rows]
+    return [
+        {name: value for name, value in row.items() if name not in metrics.WALL_CLOCK}
+        for row in rows
+    ]
 
 
 def final_state(directory: Path) -> bytes:
@@ -88,9 +97,13 @@ def final_state(directory: Path) -> bytes:
 
 
 def test_a_run_leaves_what_is_promised(uninterrupted: Path) -> None:
-    assert {"config.yaml", "versions.json", "metrics.jsonl", "policy.safetensors", "summary.json"} <= {
-        path.name for path in uninterrupted.iterdir()
-    }
+    assert {
+        "config.yaml",
+        "versions.json",
+        "metrics.jsonl",
+        "policy.safetensors",
+        "summary.json",
+    } <= {path.name for path in uninterrupted.iterdir()}
     for name in ("episode_reward", "loss", "entropy", "neg_log_probability"):
         assert (uninterrupted / "figures" / f"{name}.png").stat().st_size > 5_000
         assert (uninterrupted / "figures" / f"{name}.svg").exists()
@@ -98,7 +111,9 @@ def test_a_run_leaves_what_is_promised(uninterrupted: Path) -> None:
     assert summary["finished"]
     assert summary["steps"] == 25600
     evaluated = summary["evaluation"]
-    assert evaluated["success_rate"] + evaluated["violation_rate"] + evaluated["timeout_rate"] == pytest.approx(1.0)
+    assert evaluated["success_rate"] + evaluated["violation_rate"] + evaluated[
+        "timeout_rate"
+    ] == pytest.approx(1.0)
     assert evaluated["success_given_resolvable"] >= evaluated["success_rate"]
     policy = Policy.load(uninterrupted / "policy.safetensors")
     assert policy.sha256 == summary["policy_sha256"]
@@ -122,13 +137,24 @@ def test_resuming_after_a_kill_equals_an_uninterrupted_run(
     assert resumed.returncode == 0, resumed.stderr
     assert figures(killed) == figures(uninterrupted)
     assert final_state(killed) == final_state(uninterrupted)
-    assert (killed / "policy.safetensors").read_bytes() == (uninterrupted / "policy.safetensors").read_bytes()
+    assert (killed / "policy.safetensors").read_bytes() == (
+        uninterrupted / "policy.safetensors"
+    ).read_bytes()
 
 
 def test_before_an_episode_has_ended_there_is_no_training_score() -> None:
-    judged = dict.fromkeys(("score_mean", "success_rate", "success_given_resolvable", "violation_rate"), 0.0)
+    judged = dict.fromkeys(
+        ("score_mean", "success_rate", "success_given_resolvable", "violation_rate"), 0.0
+    )
     judged |= {"timeout_rate": 1.0, "unresolvable_proven": 0, "undecided": 0, "encounters": 1}
-    begun = {"seed": 0, "steps": 1, "wall_s": 1.0, "finished": False, "training_score": None, "evaluation": judged}
+    begun = {
+        "seed": 0,
+        "steps": 1,
+        "wall_s": 1.0,
+        "finished": False,
+        "training_score": None,
+        "evaluation": judged,
+    }
     assert "none yet" in table(Path("runs"), [begun])
     assert "2 seeds: resolved of" in table(Path("runs"), [begun, begun])
     assert "2 seeds: training score +7.0 to +7.0, resolved of" in table(
@@ -143,7 +169,10 @@ def test_ctrl_c_saves_and_exports(config_file: Path, tmp_path: Path) -> None:
     assert status == 130, output
     assert f"--resume {out}" in output
     assert "Traceback" not in output
-    summary = json.loads((out / "summary.json").read_text(), parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+    summary = json.loads(
+        (out / "summary.json").read_text(),
+        parse_constant=lambda name: pytest.fail(f"{name} in JSON"),
+    )
     assert not summary["finished"]
     Policy.load(out / "policy.safetensors")
     stored = checkpoint.latest(out / "checkpoints")
@@ -162,7 +191,9 @@ def test_another_seed_is_another_run_and_the_same_seed_the_same(
     assert figures(tmp_path / "two" / "seed-1") != figures(uninterrupted)
 
 
-def test_what_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(config_file: Path, tmp_path: Path) -> None:
+def test_what_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(
+    config_file: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "diverged"
     done = train("--config", config_file, "--out", out, "--set", "ppo.reward_scale=1e30", "--quiet")
     assert done.returncode == 1
@@ -175,7 +206,9 @@ def test_what_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(con
 
 
 @pytest.mark.slow
-def test_a_run_whose_files_cannot_be_written_says_so_and_goes_on_later(uninterrupted: Path, tmp_path: Path) -> None:
+def test_a_run_whose_files_cannot_be_written_says_so_and_goes_on_later(
+    uninterrupted: Path, tmp_path: Path
+) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(uninterrupted, copy)
     (copy / "policy.safetensors").unlink()
@@ -187,7 +220,9 @@ def test_a_run_whose_files_cannot_be_written_says_so_and_goes_on_later(uninterru
     assert "Traceback" not in done.stderr
     (copy / "policy.safetensors").rmdir()
     assert train("--resume", copy, "--quiet").returncode == 0
-    assert (copy / "policy.safetensors").read_bytes() == (uninterrupted / "policy.safetensors").read_bytes()
+    assert (copy / "policy.safetensors").read_bytes() == (
+        uninterrupted / "policy.safetensors"
+    ).read_bytes()
 
 
 @pytest.mark.slow
@@ -202,7 +237,13 @@ def test_a_run_whose_folder_is_moved_says_so_and_goes_on_later(
             out.rename(elsewhere)
 
     monkeypatch.setattr(Reporter, "update", update)
-    given = ["--config", str(config_file), "--set", f"checkpoint.every_seconds={every_seconds}", "--quiet"]
+    given = [
+        "--config",
+        str(config_file),
+        "--set",
+        f"checkpoint.every_seconds={every_seconds}",
+        "--quiet",
+    ]
     assert main([*given, "--out", str(out)]) == 1
     assert not out.exists()
     elsewhere.rename(out)
@@ -211,26 +252,36 @@ def test_a_run_whose_folder_is_moved_says_so_and_goes_on_later(
 
 
 @pytest.mark.slow
-def test_kept_and_broken_programs_change_no_bit(tmp_path: Path, config_file: Path, uninterrupted: Path) -> None:
+def test_kept_and_broken_programs_change_no_bit(
+    tmp_path: Path, config_file: Path, uninterrupted: Path
+) -> None:
     """Compiled anew, loaded, and compiled beside entries that are cut off."""
     folder = tmp_path / "kept"
     environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(folder)}
     for name in ("anew", "loaded", "cut off"):
         out = tmp_path / name
         program = command("--config", config_file, "--out", out, "--quiet")
-        done = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=1_200, check=False)
+        done = subprocess.run(
+            program, env=environment, capture_output=True, text=True, timeout=1_200, check=False
+        )
         assert done.returncode == 0, done.stderr
         assert ("Error reading persistent compilation cache" in done.stderr) == (name == "cut off")
         assert figures(out) == figures(uninterrupted)
         entries = list(folder.glob("*-cache"))
         assert entries
         for entry in entries:
-            os.truncate(entry, entry.stat().st_size // 2 if name == "loaded" else entry.stat().st_size)
+            os.truncate(
+                entry, entry.stat().st_size // 2 if name == "loaded" else entry.stat().st_size
+            )
 
 
 @pytest.mark.slow
-def test_a_full_disk_ends_a_training_in_one_sentence(uninterrupted: Path, config_file: Path, tmp_path: Path) -> None:
-    """The limit on the size of files stands in for it; the second thing that grows is the file for TensorBoard."""
+def test_a_full_disk_ends_a_training_in_one_sentence(
+    uninterrupted: Path, config_file: Path, tmp_path: Path
+) -> None:
+    """The limit on the size of files stands in for it; the second thing that grows is the file for
+    TensorBoard.
+    """
     out = tmp_path / "full"
     done = subprocess.run(
         # A shell sets the limit, in KiB: a fork is nothing for the threads of JAX.
@@ -261,6 +312,8 @@ def test_a_resumed_run_must_be_the_run_that_was_begun(uninterrupted: Path, tmp_p
         (copy / name).write_text((uninterrupted / name).read_text())
     newest = checkpoint.latest(uninterrupted / "checkpoints")
     (copy / "checkpoints" / newest.name).write_bytes(newest.read_bytes())
-    (copy / "config.yaml").write_text((copy / "config.yaml").read_text().replace("discount: 0.995", "discount: 0.9"))
+    (copy / "config.yaml").write_text(
+        (copy / "config.yaml").read_text().replace("discount: 0.995", "discount: 0.9")
+    )
     with pytest.raises(ConfigError, match="another configuration"):
         main(["--resume", str(copy), "--quiet"])

@@ -22,13 +22,27 @@ from rlcas_jax.progress import Reporter
 
 
 def row(update: int, **more: float) -> dict[str, float]:
-    return {"step": 128.0 * update, "update": update, "score": -1.0 / update, "wall_s": 0.1 * update, **more}
+    return {
+        "step": 128.0 * update,
+        "update": update,
+        "score": -1.0 / update,
+        "wall_s": 0.1 * update,
+        **more,
+    }
 
 
 def test_what_is_written_is_read_as_columns(tmp_path: Path):
     with Writer(tmp_path) as writer:
         writer.write(row(1, score=math.nan))
-        writer.write(row(2, eval_success=0.5, loss=np.float32(0.1), entropy=jnp.float32(1.5), episodes=np.int64(3)))
+        writer.write(
+            row(
+                2,
+                eval_success=0.5,
+                loss=np.float32(0.1),
+                entropy=jnp.float32(1.5),
+                episodes=np.int64(3),
+            )
+        )
     log = read(tmp_path)
     np.testing.assert_array_equal(log["update"], [1.0, 2.0])
     np.testing.assert_array_equal(log["score"], [math.nan, -0.5])
@@ -157,7 +171,9 @@ def test_every_figure_is_drawn_and_the_same_metrics_give_the_same_picture(tmp_pa
 
 def test_seeds_of_different_length_go_into_one_figure(tmp_path: Path):
     runs = [log(tmp_path / str(seed), seed, updates) for seed, updates in enumerate((20, 12, 1))]
-    assert len(training_figures([*runs, tmp_path / "not-begun"], tmp_path / "figures")) == len(NAMES)
+    assert len(training_figures([*runs, tmp_path / "not-begun"], tmp_path / "figures")) == len(
+        NAMES
+    )
 
 
 def test_a_short_run_can_be_drawn(tmp_path: Path):
@@ -177,7 +193,11 @@ def test_the_command_draws_finished_runs_again(tmp_path: Path):
 @pytest.mark.parametrize("count", [1, 399, 400, 401, 12_207])
 def test_a_long_curve_is_drawn_by_means_that_keep_its_own(count: int):
     random = np.random.default_rng(count)
-    steps, values, weights = np.arange(1.0, count + 1), random.normal(size=count), random.integers(1, 90, count)
+    steps, values, weights = (
+        np.arange(1.0, count + 1),
+        random.normal(size=count),
+        random.integers(1, 90, count),
+    )
     ends, means = stretches(steps, values, weights)
     assert len(ends) == len(means) <= 400
     assert ends[-1] == count
@@ -201,7 +221,8 @@ def test_matplotlib_is_loaded_only_to_draw():
     assert subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=False).returncode == 0
 
 
-# Phases: parts of one training that differ in some keys, each going on with the networks of the one before.
+# Phases: parts of one training that differ in some keys, each going on with the networks of the one
+# before.
 
 TINY = """\
 name: tiny
@@ -240,7 +261,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory, file: Path, trained_once: No
 def rows(directory: Path) -> list[dict[str, float]]:
     """Return the logged rows without what depends on the clock."""
     logged = [json.loads(line) for line in (directory / metrics.FILE).read_text().splitlines()]
-    return [{name: value for name, value in row.items() if name not in metrics.WALL_CLOCK} for row in logged]
+    return [
+        {name: value for name, value in row.items() if name not in metrics.WALL_CLOCK}
+        for row in logged
+    ]
 
 
 def test_each_phase_has_its_own_keys_and_the_common_ones(file: Path, tmp_path: Path) -> None:
@@ -280,7 +304,9 @@ def test_steps_and_updates_are_counted_over_all_phases(whole: Run) -> None:
     assert log["learning_rate"][0] == log["learning_rate"][20] > log["learning_rate"][19]
 
 
-def test_a_phase_goes_on_with_the_networks_of_the_one_before(whole: Run, file: Path, tmp_path: Path) -> None:
+def test_a_phase_goes_on_with_the_networks_of_the_one_before(
+    whole: Run, file: Path, tmp_path: Path
+) -> None:
     """Its first update is that of a training of this phase alone that begins with them."""
     config = load(TrainConfig, file, ["phases.1.steps=512"])
     both = trained(config, tmp_path / "both")
@@ -295,7 +321,9 @@ def test_a_phase_goes_on_with_the_networks_of_the_one_before(whole: Run, file: P
 
 
 @pytest.mark.parametrize("least", [pytest.param(5, marks=pytest.mark.slow), 25])
-def test_a_kill_in_either_phase_loses_nothing(whole: Run, file: Path, tmp_path: Path, least: int) -> None:
+def test_a_kill_in_either_phase_loses_nothing(
+    whole: Run, file: Path, tmp_path: Path, least: int
+) -> None:
     killed = tmp_path / "killed"
     command = [sys.executable, "-m", "rlcas_jax.train", "--quiet"]
     process = subprocess.Popen([*command, "--config", str(file), "--out", str(killed)], cwd=ROOT)
@@ -310,13 +338,19 @@ def test_a_kill_in_either_phase_loses_nothing(whole: Run, file: Path, tmp_path: 
     assert least <= done < UPDATES, "the run ended before it was killed: nothing was tested"
     again = run(prepared(load(TrainConfig, file), killed, resume=True), Reporter(quiet=True))
     assert rows(killed) == rows(whole.directory)
-    for mine, theirs in zip(jax.tree.leaves(again.state), jax.tree.leaves(whole.state), strict=True):
+    for mine, theirs in zip(
+        jax.tree.leaves(again.state), jax.tree.leaves(whole.state), strict=True
+    ):
         np.testing.assert_array_equal(mine, theirs)
-    newest = [checkpoint.latest(directory / "checkpoints") for directory in (killed, whole.directory)]
+    newest = [
+        checkpoint.latest(directory / "checkpoints") for directory in (killed, whole.directory)
+    ]
     assert newest[0].read_bytes() == newest[1].read_bytes()
 
 
 def test_the_best_configuration_trains_one_policy_in_phases() -> None:
     phases = load(TrainConfig, ROOT / "configs" / "best.yaml").in_phases()
     assert len(phases) > 1
-    assert {(phase.network, phase.family) for phase in phases} == {(phases[0].network, phases[0].family)}
+    assert {(phase.network, phase.family) for phase in phases} == {
+        (phases[0].network, phases[0].family)
+    }

@@ -55,7 +55,11 @@ def stand_in(training: Any, reporter: Any, interrupt: Any = None) -> Any:
     reporter.start(total=config.steps)
     for number in range(1, 5):
         found = quality(config) * number / 4
-        row = {"step": number * config.evaluation.every_steps, "steps_per_s": 1.0, "score": math.nan}
+        row = {
+            "step": number * config.evaluation.every_steps,
+            "steps_per_s": 1.0,
+            "score": math.nan,
+        }
         reporter.update(row | {"eval_success": found, "eval_score": 100.0 * found})
     reporter.stop()
     return SimpleNamespace(config=config, directory=training.directory, finished=True)
@@ -63,21 +67,32 @@ def stand_in(training: Any, reporter: Any, interrupt: Any = None) -> Any:
 
 def evaluated(run: Any) -> dict[str, Any]:
     found = quality(run.config)
-    return {"finished": True, "evaluation": {"success_given_resolvable": found, "score_mean": 100.0 * found}}
+    return {
+        "finished": True,
+        "evaluation": {"success_given_resolvable": found, "score_mean": 100.0 * found},
+    }
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put the stand-in in the place of the training, and draw no figures."""
-    monkeypatch.setattr(loop, "prepared", lambda config, directory: SimpleNamespace(config=config, directory=directory))
+    monkeypatch.setattr(
+        loop,
+        "prepared",
+        lambda config, directory: SimpleNamespace(config=config, directory=directory),
+    )
     monkeypatch.setattr(loop, "run", stand_in)
     monkeypatch.setattr(finish, "finish", evaluated)
     monkeypatch.setattr(sweep, "STARTUP", 3)
-    monkeypatch.setattr(sweep, "gc", SimpleNamespace(collect=int))  # nothing to collect, and looking takes time
+    monkeypatch.setattr(
+        sweep, "gc", SimpleNamespace(collect=int)
+    )  # nothing to collect, and looking takes time
     monkeypatch.setattr(sweep, "_draw", lambda *_: None)
 
 
-def arguments(folder: Path, out: str = "out", space: str = SPACE, trials: int = 6, more: str = "") -> list[str]:
+def arguments(
+    folder: Path, out: str = "out", space: str = SPACE, trials: int = 6, more: str = ""
+) -> list[str]:
     for name, text in (("tiny.yaml", TINY), ("space.yaml", space)):
         (folder / name).write_text(text)
     given = f"--config {folder / 'tiny.yaml'} --space {folder / 'space.yaml'} --out {folder / out}"
@@ -92,18 +107,27 @@ def trials(out: Path) -> list[optuna.trial.FrozenTrial]:
 @pytest.mark.parametrize(
     ("entry", "says"),
     [
-        ("ppo.learning_rat: {low: 1, high: 2}", "ppo.learning_rat is unknown; did you mean ppo.learning_rate?"),
+        (
+            "ppo.learning_rat: {low: 1, high: 2}",
+            "ppo.learning_rat is unknown; did you mean ppo.learning_rate?",
+        ),
         ("learning_rate: {low: 1e-4, high: 1e-3}", "did you mean ppo.learning_rate?"),
         (
             "ppo.learning_rate: {low: 1e-4, high: 1e-3, lg: true}",
             "expected {low, high}, with log or step, or {choices}",
         ),
-        ("ppo.learning_rate: {low: 1e-4, high: 2}", "space.yaml: ppo.learning_rate is 2.0; expected a number above 0"),
+        (
+            "ppo.learning_rate: {low: 1e-4, high: 2}",
+            "space.yaml: ppo.learning_rate is 2.0; expected a number above 0",
+        ),
         ("ppo.learning_rate: {low: 1e-3, high: 1e-4}", "low <= high"),
         ("ppo.learning_rate: {low: 1e-3}", "'high'"),
         ("ppo.learning_rate: {low: 1e-3, high: .inf}", "numbers of a key that is one"),
         ("ppo.entropy: {low: 0, high: 1e-2, log: true}", "must hold for `log=True`"),
-        ("ppo.minibatch: {choices: [64, 96]}", "ppo.minibatch is 96; expected a divisor of environments times rollout"),
+        (
+            "ppo.minibatch: {choices: [64, 96]}",
+            "ppo.minibatch is 96; expected a divisor of environments times rollout",
+        ),
         ("ppo.minibatch: {choices: []}", "must contain one or more elements"),
         ("ppo.minibatch: [64, 128]", r"is \[64, 128\]; expected {low, high}"),
         ("network.feature_set: {low: 1, high: 2}", "expected {choices: "),
@@ -117,7 +141,9 @@ def trials(out: Path) -> list[optuna.trial.FrozenTrial]:
         ("a: {low: 1, low: 2}", "key low stands twice"),
     ],
 )
-def test_a_space_that_is_not_usable_is_refused_in_a_sentence(entry: str, says: str, tmp_path: Path) -> None:
+def test_a_space_that_is_not_usable_is_refused_in_a_sentence(
+    entry: str, says: str, tmp_path: Path
+) -> None:
     with pytest.raises(ConfigError, match=says):
         parse(arguments(tmp_path, space=entry))
     assert not (tmp_path / "out").exists()
@@ -142,8 +168,13 @@ def test_a_bad_option_is_refused(more: str, says: str, tmp_path: Path) -> None:
 
 
 def test_the_example_is_a_space_of_the_quick_configuration() -> None:
-    given = "--config configs/quick.yaml --space configs/sweep_quick.yaml --trials 1 --out runs/none-such"
-    options = parse([str(ROOT / word) if word.startswith("configs/") else word for word in given.split()])
+    given = (
+        "--config configs/quick.yaml --space configs/sweep_quick.yaml --trials 1 --out "
+        "runs/none-such"
+    )
+    options = parse(
+        [str(ROOT / word) if word.startswith("configs/") else word for word in given.split()]
+    )
     assert "ppo.learning_rate" in options.space
 
 
@@ -152,7 +183,10 @@ def test_a_sweep_leaves_its_study_and_the_best_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.undo()
-    for name, stand in (("run", stand_in), ("prepared", lambda c, d: SimpleNamespace(config=c, directory=d))):
+    for name, stand in (
+        ("run", stand_in),
+        ("prepared", lambda c, d: SimpleNamespace(config=c, directory=d)),
+    ):
         monkeypatch.setattr(loop, name, stand)
     monkeypatch.setattr(finish, "finish", evaluated)
     out = tmp_path / "out"
@@ -166,7 +200,9 @@ def test_a_sweep_leaves_its_study_and_the_best_configuration(
     config = load(TrainConfig, out / "best.yaml")
     assert config == load(TrainConfig, sweep.trial_directory(out, best.number) / "config.yaml")
     assert config.ppo.learning_rate == best.params["ppo.learning_rate"]
-    assert dump(load(TrainConfig, out / "config.yaml")) == dump(load(TrainConfig, tmp_path / "tiny.yaml"))
+    assert dump(load(TrainConfig, out / "config.yaml")) == dump(
+        load(TrainConfig, tmp_path / "tiny.yaml")
+    )
     for name in ("history", "slices", "importance"):
         assert (out / "figures" / f"{name}.png").stat().st_size > 5_000
         assert (out / "figures" / f"{name}.svg").exists()
@@ -207,7 +243,11 @@ def test_a_trial_that_diverges_does_not_end_the_sweep(
 
 @pytest.mark.parametrize("moved", [True, False])
 def test_a_sweep_whose_folder_goes_says_so(
-    quick: None, moved: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    quick: None,
+    moved: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     out = tmp_path / "out"
 

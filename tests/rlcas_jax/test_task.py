@@ -1,4 +1,6 @@
-"""The training task: what is learned from, near-limit starts, what is reported and what policies are judged by."""
+"""The training task: what is learned from, near-limit starts, what is reported and what policies
+are judged by.
+"""
 
 from typing import Any
 
@@ -89,7 +91,10 @@ def test_every_update_learns_and_draws_anew(plain: Task) -> None:
     for network in ("actor", "critic"):
         moved = [
             np.any(a != b)
-            for a, b in zip(*(jax.tree.leaves(getattr(s.learner, network)) for s in (first, second)), strict=True)
+            for a, b in zip(
+                *(jax.tree.leaves(getattr(s.learner, network)) for s in (first, second)),
+                strict=True,
+            )
         ]
         assert all(moved)
 
@@ -109,7 +114,9 @@ def test_the_reported_rates_and_score_are_those_of_the_episodes_that_ended(train
 
 @pytest.mark.slow
 def test_shaping_changes_what_is_learned_but_not_what_is_reported(trained) -> None:
-    """The first rollout flies the same policy through the same encounters, with and without shaping."""
+    """The first rollout flies the same policy through the same encounters, with and without
+    shaping.
+    """
     _, shaped_log = run(task_of(*SHAPED), 1)
     first, shaped = trained[1][0], shaped_log[0]
     for name in ("episodes", "score", "success", "violation", "timeout"):
@@ -122,7 +129,9 @@ def test_the_state_holds_what_the_mixture_needs() -> None:
     shapes = jax.eval_shape(task_of().initial)
     assert shapes.environment.mask.shape == (32, 1)
     assert shapes.environment.previous is None
-    mixed = jax.eval_shape(task_of("scenarios=[{name: circle}, {name: multi}, {name: noisy}]").initial)
+    mixed = jax.eval_shape(
+        task_of("scenarios=[{name: circle}, {name: multi}, {name: noisy}]").initial
+    )
     assert mixed.environment.mask.shape == (32, 8)
     assert mixed.environment.previous is not None
 
@@ -134,7 +143,9 @@ def test_policies_are_judged_by_the_aircrafts_separation() -> None:
         "aircraft.separation_m=1200",
         "network.feature_set=set",
     )
-    assert task.rules == RULES._replace(separation=1200.0, reward_timeout=-20.0, goal_radius=600.0, dt=1.2, t_max=360.0)
+    assert task.rules == RULES._replace(
+        separation=1200.0, reward_timeout=-20.0, goal_radius=600.0, dt=1.2, t_max=360.0
+    )
 
 
 def test_required_separations_are_spread_over_the_range() -> None:
@@ -144,12 +155,16 @@ def test_required_separations_are_spread_over_the_range() -> None:
     assert required.max() < 1_080.0
     # Any 64 neighbours are as good as all of them.
     for first in range(0, 1024, 64):
-        np.testing.assert_allclose(np.sort(required[first : first + 64]), np.linspace(1_000.0, 1_080.0, 64), atol=3.0)
+        np.testing.assert_allclose(
+            np.sort(required[first : first + 64]), np.linspace(1_000.0, 1_080.0, 64), atol=3.0
+        )
 
 
 def test_each_encounter_is_lost_by_its_required_separation() -> None:
     drawn = drawn_starts(64)
-    required = load(TrainConfig, None, ["world.separation_spread=4"]).world.required_separation(64, 1_000.0)
+    required = load(TrainConfig, None, ["world.separation_spread=4"]).world.required_separation(
+        64, 1_000.0
+    )
     world = surrogate.World(RULES, PAPER)
     begun = surrogate.reset(drawn, required_separation=jnp.asarray(required))
     still = jnp.zeros(64), jnp.zeros(64)
@@ -180,7 +195,9 @@ def straight_on(observation: jax.Array) -> jax.Array:
 
 
 def to_the_goal(observation: jax.Array) -> jax.Array:
-    return jnp.stack([jnp.ones_like(observation[:, 0]), jnp.clip(20.0 * observation[:, 6], -1.0, 1.0)], axis=-1)
+    return jnp.stack(
+        [jnp.ones_like(observation[:, 0]), jnp.clip(20.0 * observation[:, 6], -1.0, 1.0)], axis=-1
+    )
 
 
 def flown(encounter: Encounter, policy: Any, **rules: Any) -> Outcome:
@@ -214,7 +231,9 @@ def test_every_encounter_ends_in_exactly_one_way_and_it_is_the_first() -> None:
 
     for _ in range(300):
         state, outcome = one(state)
-        happened = np.where(np.any(np.stack(outcome), axis=0), np.argmax(np.stack(outcome), axis=0), -1)
+        happened = np.where(
+            np.any(np.stack(outcome), axis=0), np.argmax(np.stack(outcome), axis=0), -1
+        )
         first = np.where(first < 0, happened, first)
     np.testing.assert_array_equal(np.sum(np.stack(found), axis=0), 1)
     np.testing.assert_array_equal(np.argmax(np.stack(found), axis=0), first)

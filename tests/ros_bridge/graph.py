@@ -1,4 +1,6 @@
-"""A real graph for tests: nodes in processes of their own or in this one, a client, DDS on loopback, a domain apart."""
+"""A real graph for tests: nodes in processes of their own or in this one, a client, DDS on
+loopback, a domain apart.
+"""
 
 import contextlib
 import gc
@@ -20,7 +22,8 @@ MISSING = "ROS 2 and rlcas_msgs are not installed; to have them: make ros"
 pytest.importorskip("rclpy", reason=MISSING)
 pytest.importorskip("rlcas_msgs", reason=MISSING)
 
-# The parser of interfaces brings a library that imports a deprecated module of Python's, when the first node is made.
+# The parser of interfaces brings a library that imports a deprecated module of Python's, when the
+# first node is made.
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     import rosidl_generator_py  # noqa: F401
@@ -47,7 +50,9 @@ NODE = "/rlcas_runner"
 
 @contextlib.contextmanager
 def domain() -> Generator[int]:
-    """Reserve a domain id until the block ends; what still runs on it is killed: the next to have it would hear it."""
+    """Reserve a domain id until the block ends; what still runs on it is killed: the next to have
+    it would hear it.
+    """
     # Nodes of earlier tests in this process hold ports until they are collected.
     gc.collect()
     with free_domain() as number:
@@ -64,7 +69,10 @@ class Process:
     started: ClassVar[dict[int, list["Process"]]] = {}
 
     def __init__(self, module: str, number: int, *arguments: str) -> None:
-        environment = os.environ | {"ROS_DOMAIN_ID": str(number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        environment = os.environ | {
+            "ROS_DOMAIN_ID": str(number),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
         self.popen = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
             cwd=ROOT,
@@ -136,7 +144,8 @@ class Client:
         return heard
 
     def call(self, kind: type, service: str, request: Any, once: bool = False) -> Any:
-        """Return the answer of a service, asked again after a while without one unless it is to be asked once.
+        """Return the answer of a service, asked again after a while without one unless it is to be
+        asked once.
 
         A server that has not found its client yet has nowhere to send its answer to.
         """
@@ -198,7 +207,9 @@ def as_message(kind: type, plain: SimpleNamespace) -> Any:
     return message
 
 
-def aircraft(time: int, x: float, y: float, heading: float, speed: float, **more: Any) -> AircraftState:
+def aircraft(
+    time: int, x: float, y: float, heading: float, speed: float, **more: Any
+) -> AircraftState:
     return as_message(AircraftState, plain_aircraft(x, y, heading, speed, time=time, **more))
 
 
@@ -220,26 +231,36 @@ def alert(time: int, *ids: str, level: int = TrafficAlert.LEVEL_CORRECTIVE) -> T
 
 
 class World:
-    """A runner with everything it needs, and its inputs. An aircraft that is reported again has flown on meanwhile."""
+    """A runner with everything it needs, and its inputs. An aircraft that is reported again has
+    flown on meanwhile.
+    """
 
     def __init__(self, client: Client, node: str = NODE) -> None:
         self.client, self.node = client, node
         self._since: dict[str, tuple[Any, int]] = {}
 
-    def _state(self, x: float, y: float, heading: float, speed: float, **more: Any) -> AircraftState:
+    def _state(
+        self, x: float, y: float, heading: float, speed: float, **more: Any
+    ) -> AircraftState:
         time, name = more.pop("time", None) or self.client.now(), more.get("id", "4b1a2c")
         start = x, y, heading, speed
         before, since = self._since.get(name, (None, time))
         if before != start:
             self._since[name] = start, (since := time)
         way = speed * (time - since) / 1e9
-        return aircraft(time, x + way * math.cos(heading), y + way * math.sin(heading), heading, speed, **more)
+        return aircraft(
+            time, x + way * math.cos(heading), y + way * math.sin(heading), heading, speed, **more
+        )
 
-    def ownship(self, x: float = 0.0, y: float = 0.0, heading: float = 0.0, speed: float = 75.0, **more: Any) -> None:
+    def ownship(
+        self, x: float = 0.0, y: float = 0.0, heading: float = 0.0, speed: float = 75.0, **more: Any
+    ) -> None:
         message = self._state(x, y, heading, speed, **({"id": "own"} | more))
         self.client.say(AircraftState, f"{self.node}/input/ownship", message, qos.SENSOR)
 
-    def intruder(self, x: float, y: float, heading: float, speed: float = 75.0, **more: Any) -> None:
+    def intruder(
+        self, x: float, y: float, heading: float, speed: float = 75.0, **more: Any
+    ) -> None:
         message = self._state(x, y, heading, speed, **more)
         self.client.say(AircraftState, f"{self.node}/input/traffic", message, qos.TRAFFIC)
 
@@ -248,7 +269,9 @@ class World:
         self.client.say(TrafficAlert, f"{self.node}/input/alerts", message, qos.EVENTS)
 
     def route(self, message: Trajectory | None = None, **more: Any) -> None:
-        self.client.say(Trajectory, f"{self.node}/input/route", message or route(**more), qos.LATCHED)
+        self.client.say(
+            Trajectory, f"{self.node}/input/route", message or route(**more), qos.LATCHED
+        )
 
     def reference(self, **more: Any) -> None:
         message = reference(self.client.now(), **more)

@@ -1,4 +1,6 @@
-"""Messages as plain objects, for what needs no ROS: those of ``rlcas_msgs``, and those of other packages."""
+"""Messages as plain objects, for what needs no ROS: those of ``rlcas_msgs``, and those of other
+packages.
+"""
 
 import math
 from functools import cache
@@ -46,7 +48,9 @@ FRAME = LocalFrame(47.0, 8.0)
 RULES = Rules()
 OPTIONS = Options.for_aircraft(PAPER)
 THRESHOLDS = Thresholds.for_plans(OPTIONS)
-SETTINGS = Settings(OPTIONS, THRESHOLDS.turn_time, (THRESHOLDS.turn_rate_min, THRESHOLDS.turn_rate_max))
+SETTINGS = Settings(
+    OPTIONS, THRESHOLDS.turn_time, (THRESHOLDS.turn_rate_min, THRESHOLDS.turn_rate_max)
+)
 _NUMBERS = {
     **{f"{sign}int{bits}": int for sign in ("", "u") for bits in (8, 16, 32, 64)},
     "float32": lambda value: float(np.float32(value)),
@@ -60,7 +64,9 @@ def stamp(time: int) -> SimpleNamespace:
     return SimpleNamespace(sec=time // SECOND, nanosec=time % SECOND)
 
 
-def aircraft(x: float, y: float, heading: float, speed: float, *, frame: LocalFrame = FRAME, **more: Any) -> Any:
+def aircraft(
+    x: float, y: float, heading: float, speed: float, *, frame: LocalFrame = FRAME, **more: Any
+) -> Any:
     """Return an AircraftState of a place and a velocity in the local frame."""
     at = frame.geodetic(x, y)
     true = heading - float(at.convergence)
@@ -93,7 +99,9 @@ def geo_reference(frame: LocalFrame = FRAME, **more: Any) -> Any:
 
 
 def alert(*ids: str, level: int = 2, time: int = NOW) -> Any:
-    return SimpleNamespace(header=SimpleNamespace(stamp=stamp(time)), level=level, intruder_ids=list(ids))
+    return SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp(time)), level=level, intruder_ids=list(ids)
+    )
 
 
 def point(index: int, latitude: float, longitude: float, **more: Any) -> Any:
@@ -112,12 +120,16 @@ def point(index: int, latitude: float, longitude: float, **more: Any) -> Any:
     return SimpleNamespace(**(fields | more))
 
 
-def route_points(*, frame: LocalFrame = FRAME, spacing: float = 5_000.0, count: int = 10, first: int = 7) -> list[Any]:
+def route_points(
+    *, frame: LocalFrame = FRAME, spacing: float = 5_000.0, count: int = 10, first: int = 7
+) -> list[Any]:
     """Return a straight route eastwards through the origin's north, beginning ahead of it."""
     at = frame.geodetic([spacing * (number + 1) for number in range(count)], [0.0] * count)
     return [
         point(first + number, latitude, longitude)
-        for number, (latitude, longitude) in enumerate(zip(at.latitude.tolist(), at.longitude.tolist(), strict=True))
+        for number, (latitude, longitude) in enumerate(
+            zip(at.latitude.tolist(), at.longitude.tolist(), strict=True)
+        )
     ]
 
 
@@ -126,12 +138,22 @@ def published(points: list[Any], status: int = 4) -> Any:
 
 
 def heard(
-    *intruders, own=None, reference=None, points=None, alerts=(), frame: LocalFrame = FRAME, now: int = NOW
+    *intruders,
+    own=None,
+    reference=None,
+    points=None,
+    alerts=(),
+    frame: LocalFrame = FRAME,
+    now: int = NOW,
 ) -> Situation:
-    """Return what is known after messages of these intruders, a route, and an ownship that flies along it."""
+    """Return what is known after messages of these intruders, a route, and an ownship that flies
+    along it.
+    """
     situation = updates.geo_reference(Situation(), reference or geo_reference(frame), now, RULES)
     situation = updates.route(situation, published(points or route_points(frame=frame)), now, RULES)
-    situation = updates.ownship(situation, own or aircraft(0.0, 0.0, 0.0, 75.0, id="own", frame=frame), now, RULES)
+    situation = updates.ownship(
+        situation, own or aircraft(0.0, 0.0, 0.0, 75.0, id="own", frame=frame), now, RULES
+    )
     for message in intruders:
         situation = updates.traffic(situation, message, now, RULES)
     for message in alerts:
@@ -139,7 +161,9 @@ def heard(
     return situation
 
 
-def refusal(situation: Situation, now: int = NOW, settings: Settings | None = None) -> tuple[Code, str]:
+def refusal(
+    situation: Situation, now: int = NOW, settings: Settings | None = None
+) -> tuple[Code, str]:
     """Return the code and the field with which a request is refused."""
     with pytest.raises(Refusal) as caught:
         task(situation, now, settings or SETTINGS)
@@ -153,10 +177,21 @@ def crossing(**more):
 
 @cache
 def definitions(package: str) -> dict[str, str]:
-    """Return the definitions of another package's messages, as its files hold them, by their names."""
-    parts = Path(__file__).with_name("other_packages.msg").read_text(encoding="utf-8").split(f"{'=' * 80}\nMSG: ")[1:]
+    """Return the definitions of another package's messages, as its files hold them, by
+    their names.
+    """
+    parts = (
+        Path(__file__)
+        .with_name("other_packages.msg")
+        .read_text(encoding="utf-8")
+        .split(f"{'=' * 80}\nMSG: ")[1:]
+    )
     named = (part.split("\n", 1) for part in parts)
-    return {head.removeprefix(f"{package}/"): text for head, text in named if head.startswith(f"{package}/")}
+    return {
+        head.removeprefix(f"{package}/"): text
+        for head, text in named
+        if head.startswith(f"{package}/")
+    }
 
 
 def message(package: str, name: str, **fields: Any) -> Any:

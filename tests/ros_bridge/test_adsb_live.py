@@ -1,4 +1,6 @@
-"""Live ADS-B: what a receiver's lines and documents mean, and Debian's dump1090 at the other end of the line."""
+"""Live ADS-B: what a receiver's lines and documents mean, and Debian's dump1090 at the other end of
+the line.
+"""
 
 import json
 import math
@@ -25,7 +27,15 @@ from ros_bridge.transport.adsb_receiver import Receiver, checked_source
 
 T0 = 1_800_000_000
 OWN = Report("4b0000", T0 * SECOND, 47.0, 8.0, 60.0, 0.0, Altitude(1_500.0, "pressure"))
-ROW = {"hex": "4b1234", "lat": 47.1, "lon": 8.2, "gs": 120.0, "track": 90.0, "alt_baro": 5000, "seen_pos": 0.5}
+ROW = {
+    "hex": "4b1234",
+    "lat": 47.1,
+    "lon": 8.2,
+    "gs": 120.0,
+    "track": 90.0,
+    "alt_baro": 5000,
+    "seen_pos": 0.5,
+}
 KNOT, FOOT = 1852.0 / 3600.0, 0.3048
 
 
@@ -35,15 +45,35 @@ def document(second: float, *rows: Any, **changes: Any) -> str:
 
 def line(kind: int, second: float, address: str = "4B1234", **fields: Any) -> str:
     """Return a line whose clock is that of another time zone."""
-    at = time.strftime("%Y/%m/%d,%H:%M:%S", time.gmtime(T0 + 7_200 + int(second))) + f".{round(second % 1 * 1e3):03d}"
-    names = ("call", "alt", "gs", "track", "lat", "lon", "climb", "squawk", "alert", "emergency", "spi", "ground")
+    at = (
+        time.strftime("%Y/%m/%d,%H:%M:%S", time.gmtime(T0 + 7_200 + int(second)))
+        + f".{round(second % 1 * 1e3):03d}"
+    )
+    names = (
+        "call",
+        "alt",
+        "gs",
+        "track",
+        "lat",
+        "lon",
+        "climb",
+        "squawk",
+        "alert",
+        "emergency",
+        "spi",
+        "ground",
+    )
     values = ",".join(str(fields.get(name, "")) for name in names)
     return f"MSG,{kind},1,1,{address},1,{at},{at},{values}"
 
 
 def read(reader: Any, *given: tuple[float, str]) -> list[Report | FieldError]:
     """Return what a reader makes of texts and their arrivals, s."""
-    return [found for second, text in given for found in reader.taken(text, round((T0 + second) * SECOND))]
+    return [
+        found
+        for second, text in given
+        for found in reader.taken(text, round((T0 + second) * SECOND))
+    ]
 
 
 def reports(*documents: str, own: Report | None = OWN) -> tuple[list[Any], dict[str, int]]:
@@ -84,14 +114,26 @@ def test_lines_of_an_aircraft_are_put_together() -> None:
 def test_what_is_no_traffic_is_left_out_and_counted() -> None:
     own = ROW | {"hex": "4B0000"}
     unplaced = {"hex": "4b0003", "alt_baro": 3000, "seen": 1.0}
-    assert reports(document(1.0, ROW | {"alt_baro": "ground"}, ROW | {"altitude": "ground"}, own, unplaced)) == (
+    assert reports(
+        document(1.0, ROW | {"alt_baro": "ground"}, ROW | {"altitude": "ground"}, own, unplaced)
+    ) == (
         [],
         {"on the ground": 2, "own echo": 1, "without a position": 1},
     )
     reader = BaseStation(Traffic("4B0000"))
     place = {"lat": 47.1, "lon": 8.2}
-    assert read(reader, (0.0, line(2, 0.0, gs=9, track=80, **place)), (0.1, line(3, 0.1, "4b0000", **place))) == []
-    assert read(reader, (0.2, line(4, 0.2, gs=9, track=80)), (0.3, line(3, 0.3, ground=-1, **place))) == []
+    assert (
+        read(
+            reader,
+            (0.0, line(2, 0.0, gs=9, track=80, **place)),
+            (0.1, line(3, 0.1, "4b0000", **place)),
+        )
+        == []
+    )
+    assert (
+        read(reader, (0.2, line(4, 0.2, gs=9, track=80)), (0.3, line(3, 0.3, ground=-1, **place)))
+        == []
+    )
     assert len(read(reader, (0.5, line(3, 0.5, **place)))) == 1  # it has taken off
 
 
@@ -107,13 +149,22 @@ def test_what_is_no_traffic_is_left_out_and_counted() -> None:
     ],
 )
 def test_a_track_of_radar_at_the_ownship_is_its_copy(changes: dict[str, Any], copied: bool) -> None:
-    row = {"hex": "~2abcde", "type": "tisb_trackfile", "lat": 47.001, "lon": 8.001, "gs": 120.0, "track": 88.0}
+    row = {
+        "hex": "~2abcde",
+        "type": "tisb_trackfile",
+        "lat": 47.001,
+        "lon": 8.001,
+        "gs": 120.0,
+        "track": 88.0,
+    }
     found, left_out = reports(document(1.0, row | {"alt_baro": 4900} | changes))
     assert (found == [], left_out == {"copy of the ownship": 1}) == (copied, copied)
     assert len(reports(document(1.0, row | {"alt_baro": 4900} | changes), own=None)[0]) == 1
 
 
-@pytest.mark.parametrize(("reference", "chosen"), [("pressure", "pressure"), ("wgs84", "wgs84"), ("msl", "wgs84")])
+@pytest.mark.parametrize(
+    ("reference", "chosen"), [("pressure", "pressure"), ("wgs84", "wgs84"), ("msl", "wgs84")]
+)
 def test_the_altitude_is_that_which_compares_with_the_own_one(reference: str, chosen: str) -> None:
     own = Report("4b0000", T0 * SECOND, 47.0, 8.0, 60.0, 0.0, Altitude(1_500.0, reference))
     (found,), _ = reports(document(1.0, alt_geom=5400), own=own)
@@ -123,7 +174,9 @@ def test_the_altitude_is_that_which_compares_with_the_own_one(reference: str, ch
 
 
 def test_a_position_that_stays_is_not_passed_on_again() -> None:
-    found, left_out = reports(document(1.0), document(2.0, seen_pos=1.5), document(3.0, seen_pos=2.45), document(4.0))
+    found, left_out = reports(
+        document(1.0), document(2.0, seen_pos=1.5), document(3.0, seen_pos=2.45), document(4.0)
+    )
     assert [one.time for one in found] == [T0 * SECOND + SECOND // 2, T0 * SECOND + 7 * SECOND // 2]
     assert left_out == {"repeated position": 2}
 
@@ -139,7 +192,12 @@ def test_a_document_that_is_not_renewed_says_nothing() -> None:
 
 @pytest.mark.parametrize(
     ("changes", "field"),
-    [({"gs": None}, "speed"), ({"track": ""}, "track"), ({"gs": 1e4}, "speed"), ({"seen_pos": -1.0}, "seen_pos")],
+    [
+        ({"gs": None}, "speed"),
+        ({"track": ""}, "track"),
+        ({"gs": 1e4}, "speed"),
+        ({"seen_pos": -1.0}, "seen_pos"),
+    ],
 )
 def test_an_aircraft_without_a_velocity_is_sighted(changes: dict[str, Any], field: str) -> None:
     (found,), _ = reports(document(1.0, **changes))
@@ -151,19 +209,41 @@ def test_an_aircraft_without_a_velocity_is_sighted(changes: dict[str, Any], fiel
 @pytest.mark.parametrize(
     "garbage",
     [
-        *("", "<html>", "[1]", "7", '{"now": 1}', '{"now": "x", "aircraft": []}', '{"now": Infinity, "aircraft": []}'),
-        *('{"now": 5, "aircraft": 5}', '{"now": 5, "aircraft": [5]}', '{"now": 5, "aircraft": [{}]}', "[" * 20_000),
+        *(
+            "",
+            "<html>",
+            "[1]",
+            "7",
+            '{"now": 1}',
+            '{"now": "x", "aircraft": []}',
+            '{"now": Infinity, "aircraft": []}',
+        ),
+        *(
+            '{"now": 5, "aircraft": 5}',
+            '{"now": 5, "aircraft": [5]}',
+            '{"now": 5, "aircraft": [{}]}',
+            "[" * 20_000,
+        ),
     ],
 )
 def test_garbage_is_one_error_and_nothing_else(garbage: str) -> None:
     found = read(AircraftJson(Traffic("")), (0.0, garbage))
     assert [one.field for one in found] == ["document"]
-    wrong = read(BaseStation(Traffic("")), (0.0, garbage), (0.0, "MSG,3,1,1,4B12"), (0.0, line(3, 0.0, "4b123g")))
+    wrong = read(
+        BaseStation(Traffic("")),
+        (0.0, garbage),
+        (0.0, "MSG,3,1,1,4B12"),
+        (0.0, line(3, 0.0, "4b123g")),
+    )
     assert [one.field for one in wrong] == ["line"] * (3 if garbage else 2)
 
 
 def test_values_that_are_none_are_refused_one_by_one() -> None:
-    rows = [ROW | {"lat": [1]}, ROW | {"hex": "zz"}, ROW | {"nac_p": [], "tisb": 5, "type": None, "hex": "4b0001"}]
+    rows = [
+        ROW | {"lat": [1]},
+        ROW | {"hex": "zz"},
+        ROW | {"nac_p": [], "tisb": 5, "type": None, "hex": "4b0001"},
+    ]
     found, _ = reports(document(1.0, *rows))
     assert [type(one) for one in found] == [FieldError, FieldError, Report]
 
@@ -176,7 +256,10 @@ def test_what_was_queued_is_late_by_as_much_and_not_fresh() -> None:
     with pytest.raises(TimeoutError, match="late"):
         read(reader, (LATEST + 5.0, line(3, 2.0, **place)))
     reader.begin()
-    assert len(read(reader, (50.0, line(4, 2.1, gs=120, track=180)), (50.1, line(3, 2.2, **place)))) == 1
+    assert (
+        len(read(reader, (50.0, line(4, 2.1, gs=120, track=180)), (50.1, line(3, 2.2, **place))))
+        == 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -213,10 +296,14 @@ class Sky:
         self._raw = socket.create_connection(("127.0.0.1", raw))
 
     def transmit(self) -> None:
-        """Send what traffic, an aircraft on the ground, the ownship and its track by TIS-B transmit in a second."""
+        """Send what traffic, an aircraft on the ground, the ownship and its track by TIS-B transmit
+        in a second.
+        """
         for odd in (0, 1):
             frames = [_position(0x4B1234, 47.1, 8.2, odd), _velocity(0x4B1234, 100, -50)]
-            frames += [_frame(0x4B9999, 6 << 51 | 10 << 36 | odd << 34 | _place(47.01, 8.01, odd, 90.0))]
+            frames += [
+                _frame(0x4B9999, 6 << 51 | 10 << 36 | odd << 34 | _place(47.01, 8.01, odd, 90.0))
+            ]
             frames += [_position(0x4B0000, 47.0, 8.0, odd), _velocity(0x4B0000, 117, 0)]
             frames += [_position(0x2ABCDE, 47.0, 8.0, odd, 1), _velocity(0x2ABCDE, 115, 2, 1)]
             self._raw.sendall("".join(frames).encode())
@@ -227,7 +314,9 @@ class Sky:
 
 
 def _frame(address: int, message: int, tisb: int = 0) -> str:
-    bits = ((18 << 27 | 2 << 24) if tisb else (17 << 27 | 5 << 24) | 0) << 56 | address << 56 | message
+    bits = (
+        ((18 << 27 | 2 << 24) if tisb else (17 << 27 | 5 << 24) | 0) << 56 | address << 56 | message
+    )
     rest = bits << 24
     for at in range(rest.bit_length() - 1, 23, -1):
         rest ^= (rest >> at & 1) * (0x1FFF409 << at - 24)
@@ -246,25 +335,53 @@ def _place(latitude: float, longitude: float, odd: int, turn: float = 360.0) -> 
 def _position(address: int, latitude: float, longitude: float, odd: int, tisb: int = 0) -> str:
     feet = (4900 + 1000) // 25
     altitude = (feet & 0x7F0) << 1 | 0x10 | feet & 0xF
-    return _frame(address, 11 << 51 | tisb << 48 | altitude << 36 | odd << 34 | _place(latitude, longitude, odd), tisb)
+    return _frame(
+        address,
+        11 << 51 | tisb << 48 | altitude << 36 | odd << 34 | _place(latitude, longitude, odd),
+        tisb,
+    )
 
 
 def _velocity(address: int, east_kt: int, north_kt: int, tisb: int = 0) -> str:
     east, north = ((value < 0) << 10 | abs(value) + 1 for value in (east_kt, north_kt))
-    return _frame(address, 19 << 51 | 1 << 48 | tisb << 47 | east << 32 | north << 21 | 1 << 10, tisb)
+    return _frame(
+        address, 19 << 51 | 1 << 48 | tisb << 47 | east << 32 | north << 21 | 1 << 10, tisb
+    )
 
 
 @pytest.fixture
 def dump1090(tmp_path: Path) -> Iterator[tuple[Callable[[], Any], int, Sky]]:
-    """Yield how to start Debian's dump1090 again, its port, and what it hears; its documents are in ``tmp_path``."""
-    program = shutil.which("dump1090-mutability") or shutil.which("dump1090-mutability", path="/usr/bin")
+    """Yield how to start Debian's dump1090 again, its port, and what it hears; its documents are in
+    ``tmp_path``.
+    """
+    program = shutil.which("dump1090-mutability") or shutil.which(
+        "dump1090-mutability", path="/usr/bin"
+    )
     if program is None:
         pytest.skip("dump1090-mutability is not installed")
     raw, sbs = free_ports(2)
-    options = ["--net-only", "--quiet", "--net-bind-address", "127.0.0.1", "--lat", "47", "--lon", "8"]
-    options += ["--write-json", str(tmp_path), "--net-ri-port", str(raw), "--net-sbs-port", str(sbs)]
+    options = [
+        "--net-only",
+        "--quiet",
+        "--net-bind-address",
+        "127.0.0.1",
+        "--lat",
+        "47",
+        "--lon",
+        "8",
+    ]
+    options += [
+        "--write-json",
+        str(tmp_path),
+        "--net-ri-port",
+        str(raw),
+        "--net-sbs-port",
+        str(sbs),
+    ]
     options += [word for port in ("ro", "bi", "bo") for word in (f"--net-{port}-port", "0")]
-    start = partial(subprocess.Popen, [program, *options], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    start = partial(
+        subprocess.Popen, [program, *options], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     with start() as running:
         eventually(lambda: _listens(raw))
         sky = Sky(raw)
@@ -303,7 +420,9 @@ def drained(receiver: Receiver, reader: Any) -> list[Report | FieldError]:
 
 
 def own_now() -> Report:
-    return Report("4b0000", time.time_ns(), 47.0, 8.0, 117 * KNOT, 0.0, Altitude(4900 * FOOT, "pressure"))
+    return Report(
+        "4b0000", time.time_ns(), 47.0, 8.0, 117 * KNOT, 0.0, Altitude(4900 * FOOT, "pressure")
+    )
 
 
 def is_traffic(report: Any) -> bool:
@@ -334,11 +453,17 @@ def test_lines_of_a_real_receiver_become_reports_and_again_after_its_restart(dum
             restarted()
     finally:
         receiver.stop()
-    assert "closed" in receiver.problem or "cannot be read" in receiver.problem or receiver.problem == ""
+    assert (
+        "closed" in receiver.problem
+        or "cannot be read" in receiver.problem
+        or receiver.problem == ""
+    )
 
 
 @pytest.mark.parametrize("scheme", ["http", "file"])
-def test_documents_of_a_real_receiver_become_reports(scheme: str, dump1090: Any, tmp_path: Path) -> None:
+def test_documents_of_a_real_receiver_become_reports(
+    scheme: str, dump1090: Any, tmp_path: Path
+) -> None:
     class Quiet(SimpleHTTPRequestHandler):
         def log_message(self, *_: Any) -> None: ...
 
@@ -346,7 +471,9 @@ def test_documents_of_a_real_receiver_become_reports(scheme: str, dump1090: Any,
     traffic = Traffic("4b0000")
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        base = f"http://127.0.0.1:{server.server_port}" if scheme == "http" else f"file://{tmp_path}"
+        base = (
+            f"http://127.0.0.1:{server.server_port}" if scheme == "http" else f"file://{tmp_path}"
+        )
         reader, receiver = AircraftJson(traffic), Receiver(f"{base}/aircraft.json", time.time_ns)
         receiver.start()
         found: list[Any] = []
@@ -388,11 +515,15 @@ def test_a_translator_passes_live_traffic_on_and_says_what_is_wrong() -> None:
     from ros_bridge.transport import qos
 
     with pytest.raises(ValueError, match="adsb and traffic_source nav_sat_fix are both given"):  # noqa: SIM117
-        with graph.beside(Translator, adsb="tcp://h", traffic_source="nav_sat_fix", traffic_id="n1"):
+        with graph.beside(
+            Translator, adsb="tcp://h", traffic_source="nav_sat_fix", traffic_id="n1"
+        ):
             pass
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
-        graph.beside(Translator, adsb=f"tcp://127.0.0.1:{server.getsockname()[1]}", diagnostics_period=0.2) as (
+        graph.beside(
+            Translator, adsb=f"tcp://127.0.0.1:{server.getsockname()[1]}", diagnostics_period=0.2
+        ) as (
             _,
             client,
         ),
@@ -408,7 +539,9 @@ def test_a_translator_passes_live_traffic_on_and_says_what_is_wrong() -> None:
             assert (states[-1].id, states[-1].valid) == ("4b1234", AircraftState.VALID_POSITION)
             lines = (line(4, 0.5, gs=100, track=90), line(3, 0.6, lat=47.1, lon=8.2, alt=5000))
             connection.sendall("".join(f"{one}\n" for one in lines).encode())
-            state = client.spin(lambda: states[-1] if states[-1].valid & AircraftState.VALID_VELOCITY else None)
+            state = client.spin(
+                lambda: states[-1] if states[-1].valid & AircraftState.VALID_VELOCITY else None
+            )
             assert state.velocity.x == pytest.approx(100 * KNOT)
             assert state.altitude_reference == AircraftState.ALTITUDE_PRESSURE
         client.spin(lambda: health[-1].status[0].message.endswith("has closed the connection"))

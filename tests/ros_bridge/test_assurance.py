@@ -1,4 +1,6 @@
-"""The monitor's memory between messages: which reports it gets, on which clock, and which plans it takes."""
+"""The monitor's memory between messages: which reports it gets, on which clock, and which plans it
+takes.
+"""
 
 import functools
 import itertools
@@ -40,8 +42,12 @@ RULES = Rules()
 FAR = 30_000.0
 
 
-def traffic(situation: Situation, seconds: float, heading: float = math.pi, x: float | None = None) -> Situation:
-    """Return the situation with a report of an aircraft that comes from the east, 4 km to the left of the path."""
+def traffic(
+    situation: Situation, seconds: float, heading: float = math.pi, x: float | None = None
+) -> Situation:
+    """Return the situation with a report of an aircraft that comes from the east, 4 km to the left
+    of the path.
+    """
     place = FAR - 75.0 * seconds if x is None else x
     message = aircraft(place, 4_000.0, heading, 75.0, time=NOW + round(seconds * SECOND))
     return updates.traffic(situation, message, NOW + round(seconds * SECOND), RULES)
@@ -59,7 +65,9 @@ def published(situation: Situation, revision: int = 1, seconds: float = 0.0) -> 
     result = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), options)
     assert result.safe
     start = start_point(wanted.frame, wanted.own, wanted.time, None)
-    return Published(bytes(16), revision, wanted.time, start, plan_points(result, wanted), wanted.identifiers)
+    return Published(
+        bytes(16), revision, wanted.time, start, plan_points(result, wanted), wanted.identifiers
+    )
 
 
 @functools.cache
@@ -76,7 +84,10 @@ def test_there_is_no_verdict_before_the_first_plan():
     assert to_fly(withdrawn(supervision, 1)) is Flown.NOTHING
 
 
-@given(st.integers(SECOND // 1000, SECOND), st.lists(st.integers(SECOND // 1000, SECOND // 3), min_size=1, max_size=6))
+@given(
+    st.integers(SECOND // 1000, SECOND),
+    st.lists(st.integers(SECOND // 1000, SECOND // 3), min_size=1, max_size=6),
+)
 def test_report_handed_over_again_is_in_order(first: int, steps: list[int]):
     supervision, situation = begun()
     situation = own(traffic(situation, first / SECOND), first / SECOND)
@@ -115,11 +126,18 @@ def test_changed_report_is_handed_over_at_once():
 
 
 def noisy(second: int, random: np.random.Generator) -> Any:
-    """Return a report, noisy as it declares, of an aircraft that comes from the east, 500 m to the left of the path."""
+    """Return a report, noisy as it declares, of an aircraft that comes from the east, 500 m to the
+    left of the path.
+    """
     x, y, u, v = random.normal(size=4)
     east, north = -75.0 + 3.0 * u, 3.0 * v
     place = 9_000.0 - 75.0 * second + 30.0 * x, 500.0 + 30.0 * y
-    spread = {"valid": 0xC5, "position_std": 30.0, "velocity_std": 3.0, "time": NOW + second * SECOND}
+    spread = {
+        "valid": 0xC5,
+        "position_std": 30.0,
+        "velocity_std": 3.0,
+        "time": NOW + second * SECOND,
+    }
     return aircraft(*place, math.atan2(north, east), math.hypot(east, north), **spread)
 
 
@@ -153,7 +171,8 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
     assert verdict is not None and verdict.state is State.DENIED
     assert any(why.message.startswith("intruders lack a report") for why in verdict.reasons)
     situation = replace(
-        situation, traffic={name: track for name, track in situation.traffic.items() if name != "bad001"}
+        situation,
+        traffic={name: track for name, track in situation.traffic.items() if name != "bad001"},
     )
     situation = own(traffic(situation, 2.0), 2.0)
     _, verdict = stepped(supervision, situation, NOW + 2 * SECOND)

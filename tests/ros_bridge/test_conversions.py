@@ -1,4 +1,6 @@
-"""Messages to domain values: every field is taken as it is or refused by its name, and places in the local frame."""
+"""Messages to domain values: every field is taken as it is or refused by its name, and places in
+the local frame.
+"""
 
 import math
 from types import SimpleNamespace
@@ -127,7 +129,14 @@ def test_inconsistent_fields_are_refused_by_name(path: str, value: object, field
 def test_a_field_without_its_bit_is_not_read(value: float):
     message = full()
     message.valid = 0x05
-    for path in ("altitude", "velocity.z", "true_airspeed", "wind.x", "position_std", "velocity_std"):
+    for path in (
+        "altitude",
+        "velocity.z",
+        "true_airspeed",
+        "wind.x",
+        "position_std",
+        "velocity_std",
+    ):
         changed(message, path, value)
     report = conversions.aircraft(message, "it")
     assert report.altitude is None and report.wind is None and report.true_airspeed is None
@@ -138,7 +147,9 @@ def test_a_field_without_its_bit_is_not_read(value: float):
 def test_a_geo_reference_is_refused_by_name(value: float):
     for field in ("latitude", "longitude", "geoid_undulation"):
         with pytest.raises(FieldError) as caught:
-            conversions.geo_reference(geo_reference(**{"geoid_undulation_valid": True, field: value}))
+            conversions.geo_reference(
+                geo_reference(**{"geoid_undulation_valid": True, field: value})
+            )
         assert caught.value.field == f"geo_reference.{field}"
 
 
@@ -169,7 +180,10 @@ def test_alerts_that_contradict_themselves_are_refused(message, field: str):
         ([point(1, 47.0, 8.0), point(2, math.nan, 8.0)], "route.waypoints[1].latitude"),
         ([point(1, 47.0, 8.0), point(2, 47.0, 200.0)], "route.waypoints[1].longitude"),
         ([point(1, 47.0, 8.0), point(2, 47.1, 8.0, origin=1)], "route.waypoints[1].origin"),
-        ([point(1, 47.0, 8.0, valid=1), point(2, 47.1, 8.0)], "route.waypoints[0].altitude_reference"),
+        (
+            [point(1, 47.0, 8.0, valid=1), point(2, 47.1, 8.0)],
+            "route.waypoints[0].altitude_reference",
+        ),
         ([point(1, 47.0, 8.0, valid=16), point(2, 47.1, 8.0)], "route.waypoints[0].valid"),
     ],
 )
@@ -184,17 +198,29 @@ def test_a_plan_is_no_route():
         conversions.published_route(published([point(1, 47.0, 8.0), point(2, 47.1, 8.0)], status=1))
 
 
-# The local frame against PROJ's own map and its geodesics: round trips, distances, directions, predictions.
+# The local frame against PROJ's own map and its geodesics: round trips, distances, directions,
+# predictions.
 
 GEOD = pyproj.Geod(ellps="WGS84")
-ORIGINS = [(0.0, 0.0), (47.0, 8.0), (47.0, 179.99), (-33.0, -179.99), (89.0, 20.0), (90.0, 0.0), (-90.0, 135.0)]
+ORIGINS = [
+    (0.0, 0.0),
+    (47.0, 8.0),
+    (47.0, 179.99),
+    (-33.0, -179.99),
+    (89.0, 20.0),
+    (90.0, 0.0),
+    (-90.0, 135.0),
+]
 origins = st.tuples(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0))
 places = st.tuples(st.floats(0.0, 60_000.0), st.floats(-math.pi, math.pi))
 
 
 def disc(radius: float, count: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     generator = np.random.default_rng(seed)
-    far, way = radius * np.sqrt(generator.uniform(size=count)), generator.uniform(-math.pi, math.pi, count)
+    far, way = (
+        radius * np.sqrt(generator.uniform(size=count)),
+        generator.uniform(-math.pi, math.pi, count),
+    )
     return far * np.cos(way), far * np.sin(way)
 
 
@@ -238,7 +264,9 @@ def test_distances_between_places_are_those_on_the_ellipsoid(
     )
     there = LocalFrame(*origin).geodetic(x, y)
     half = x.size // 2
-    true = GEOD.inv(there.longitude[:half], there.latitude[:half], there.longitude[half:], there.latitude[half:])[2]
+    true = GEOD.inv(
+        there.longitude[:half], there.latitude[:half], there.longitude[half:], there.latitude[half:]
+    )[2]
     assert np.max(np.abs(np.hypot(x[:half] - x[half:], y[:half] - y[half:]) - true)) <= allowed
 
 
@@ -251,8 +279,12 @@ def test_straight_flight_far_from_the_origin_is_predicted(latitude: float, longi
     at = frame.geodetic(x, y)
     track = np.degrees(7.0 * way)
     length = 40_000.0
-    east, north = frame.place(at.latitude, at.longitude).velocity(np.sin(np.radians(track)), np.cos(np.radians(track)))
-    longitude_, latitude_, _ = GEOD.fwd(at.longitude, at.latitude, track, np.full(track.shape, length))
+    east, north = frame.place(at.latitude, at.longitude).velocity(
+        np.sin(np.radians(track)), np.cos(np.radians(track))
+    )
+    longitude_, latitude_, _ = GEOD.fwd(
+        at.longitude, at.latitude, track, np.full(track.shape, length)
+    )
     there = frame.place(latitude_, longitude_)
     off = np.hypot(there.x - x - length * east, there.y - y - length * north)
     assert np.max(off) <= 5.0
@@ -278,16 +310,24 @@ def test_dead_reckoning_covers_the_distance_flown(origin, way: float, speed: flo
     assert distance(*origin, *to) == pytest.approx(speed * seconds, abs=1e-6)
 
 
-# Messages of other packages, made from their own definitions, as reports: units, references, what is refused.
+# Messages of other packages, made from their own definitions, as reports: units, references, what
+# is refused.
 
 
 ADSB = message("mavros_msgs", "ADSBVehicle")
-VALID = ADSB.FLAG_VALID_COORDS | ADSB.FLAG_VALID_ALTITUDE | ADSB.FLAG_VALID_HEADING | ADSB.FLAG_VALID_VELOCITY
+VALID = (
+    ADSB.FLAG_VALID_COORDS
+    | ADSB.FLAG_VALID_ALTITUDE
+    | ADSB.FLAG_VALID_HEADING
+    | ADSB.FLAG_VALID_VELOCITY
+)
 _VERTICAL = 128  # VERTICAL_VELOCITY_VALID of MAVLink, which mavros passes on and does not name
 
 
 def time(kind: str, nanoseconds: int) -> Any:
-    return message("builtin_interfaces", kind, sec=nanoseconds // SECOND, nanosec=nanoseconds % SECOND)
+    return message(
+        "builtin_interfaces", kind, sec=nanoseconds // SECOND, nanosec=nanoseconds % SECOND
+    )
 
 
 def header(nanoseconds: int = NOW) -> Any:
@@ -295,8 +335,12 @@ def header(nanoseconds: int = NOW) -> Any:
 
 
 def fix(**more: Any) -> Any:
-    sensor = pytest.importorskip("sensor_msgs.msg", reason="ROS 2 is not installed; to have it: make ros")
-    result = sensor.NavSatFix(latitude=47.0, longitude=8.0, altitude=500.0, position_covariance_type=2)
+    sensor = pytest.importorskip(
+        "sensor_msgs.msg", reason="ROS 2 is not installed; to have it: make ros"
+    )
+    result = sensor.NavSatFix(
+        latitude=47.0, longitude=8.0, altitude=500.0, position_covariance_type=2
+    )
     result.position_covariance = [4.0, 0.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 16.0]
     result.header.stamp.sec, result.header.stamp.nanosec = NOW // SECOND, NOW % SECOND
     result.status.status = more.pop("status", sensor.NavSatStatus.STATUS_FIX)
@@ -318,7 +362,9 @@ def test_fix_and_velocity_make_a_report():
 
 
 def test_fix_without_altitude_or_covariance_is_taken_with_both_unknown():
-    report = nav_sat_fix(fix(altitude=math.nan, position_covariance=[math.nan] * 9), twist, "own", "wgs84")
+    report = nav_sat_fix(
+        fix(altitude=math.nan, position_covariance=[math.nan] * 9), twist, "own", "wgs84"
+    )
     assert (report.altitude, report.position_std) == (None, 0.0)
     assert (report.latitude, report.east) == (47.0, 30.0)
     assert nav_sat_fix(fix(position_covariance_type=0), twist, "own", "wgs84").position_std == 0.0
@@ -344,7 +390,9 @@ def test_bad_fix_is_refused_by_name(change: dict, velocity: Any, field: str):
 def test_fix_without_velocity_still_says_where_the_aircraft_is():
     for status, place in ((0, (47.0, 8.0)), (-1, None)):
         with pytest.raises(FieldError) as caught:
-            nav_sat_fix(fix(status=status), lambda: twist(math.nan, math.nan, math.nan), " N1 ", "wgs84")
+            nav_sat_fix(
+                fix(status=status), lambda: twist(math.nan, math.nan, math.nan), " N1 ", "wgs84"
+            )
         assert caught.value.sighting == ("n1", NOW, place, None)
 
 
@@ -353,14 +401,18 @@ def inertial(name: str, **more: Any) -> Any:
     place = {"latitude": 47.0, "longitude": 8.0, "height": 400.0}
     velocity = {"north_velocity": 40.0, "east_velocity": 30.0, "up_velocity": -1.0}
     solution = {"ins_status" if name == "INSPVAX" else "status": status}
-    return message("novatel_oem7_msgs", name, header=header(), **(place | velocity | solution | more))
+    return message(
+        "novatel_oem7_msgs", name, header=header(), **(place | velocity | solution | more)
+    )
 
 
 def test_inspva_height_is_ellipsoidal_and_inspvax_above_the_sea():
     report = inspva(inertial("INSPVA"), "own")
     assert (report.east, report.north, report.time) == (30.0, 40.0, NOW)
     assert report.altitude == Altitude(400.0, "wgs84", -1.0)
-    assert inspva(inertial("INSPVAX", undulation=48.0), "own").altitude == Altitude(448.0, "wgs84", -1.0)
+    assert inspva(inertial("INSPVAX", undulation=48.0), "own").altitude == Altitude(
+        448.0, "wgs84", -1.0
+    )
 
 
 @pytest.mark.parametrize("status", [0, 1, 2, 6, 7])
@@ -401,7 +453,9 @@ def test_adsb_heading_is_degrees_clockwise_from_north(heading: float, speed: flo
     assert math.hypot(report.east, report.north) == pytest.approx(speed, rel=1e-6)
 
 
-@pytest.mark.parametrize(("heading", "track"), [(90.0, 90.0), (3.0, 3.0), (0.0, 0.0), (359.5, 359.5), (360.0, 0.0)])
+@pytest.mark.parametrize(
+    ("heading", "track"), [(90.0, 90.0), (3.0, 3.0), (0.0, 0.0), (359.5, 359.5), (360.0, 0.0)]
+)
 def test_adsb_headings_of_all_quarters_are_taken(heading: float, track: float):
     report = read(adsb(heading=heading, hor_velocity=80.0))
     turn = math.degrees(math.atan2(report.east, report.north)) - track
@@ -423,8 +477,14 @@ def test_adsb_altitude_is_unknown_unless_its_reference_is_given():
 
 def test_adsb_vehicles_on_the_ground_are_no_traffic():
     named = {kind: getattr(ADSB, kind) for kind in dir(ADSB) if kind.startswith("EMITTER_")}
-    left_out = {kind for kind, code in named.items() if adsb_vehicle(adsb(emitter_type=code)) is None}
-    assert left_out == {"EMITTER_EMERGENCY_SURFACE", "EMITTER_SERVICE_SURFACE", "EMITTER_POINT_OBSTACLE"}
+    left_out = {
+        kind for kind, code in named.items() if adsb_vehicle(adsb(emitter_type=code)) is None
+    }
+    assert left_out == {
+        "EMITTER_EMERGENCY_SURFACE",
+        "EMITTER_SERVICE_SURFACE",
+        "EMITTER_POINT_OBSTACLE",
+    }
 
 
 @pytest.mark.parametrize(
@@ -448,13 +508,20 @@ def test_bad_adsb_report_is_refused_and_its_aircraft_named(change: dict, field: 
         adsb_vehicle(adsb(**change))
     assert caught.value.field == field
     sighting = caught.value.sighting
-    assert sighting is not None and sighting.identifier == f"{change.get('icao_address', 0x4B1A2C):06x}"
+    assert (
+        sighting is not None
+        and sighting.identifier == f"{change.get('icao_address', 0x4B1A2C):06x}"
+    )
     known = "latitude" not in change and change.get("flags", VALID) & ADSB.FLAG_VALID_COORDS
     assert sighting.place == ((47.0, 8.0) if known else None)
 
 
-@pytest.mark.parametrize("kind", ["std_msgs/Header", "builtin_interfaces/Time", "builtin_interfaces/Duration"])
+@pytest.mark.parametrize(
+    "kind", ["std_msgs/Header", "builtin_interfaces/Time", "builtin_interfaces/Duration"]
+)
 def test_definitions_of_common_messages_are_those_installed(kind: str):
     package, name = kind.split("/")
-    installed = pytest.importorskip(f"{package}.msg", reason="ROS 2 is not installed; to have it: make ros")
+    installed = pytest.importorskip(
+        f"{package}.msg", reason="ROS 2 is not installed; to have it: make ros"
+    )
     assert fields_of(package, name) == getattr(installed, name).get_fields_and_field_types()

@@ -1,4 +1,6 @@
-"""Traffic that is silent, faulty or damaged: it is refused or left out by name, and never hides another aircraft."""
+"""Traffic that is silent, faulty or damaged: it is refused or left out by name, and never hides
+another aircraft.
+"""
 
 import math
 import random
@@ -31,7 +33,9 @@ STALE = 8.0
 
 
 def silent(*messages, seconds: float = STALE) -> tuple[Situation, int]:
-    """Return what is known so long after the last report of traffic, with a fresh ownship at 1000 m."""
+    """Return what is known so long after the last report of traffic, with a fresh ownship at 1000
+    m.
+    """
     late = NOW + round(seconds * SECOND)
     high = {"valid": 0x07, "altitude": 1_000.0, "altitude_reference": 1}
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late, **high)
@@ -39,7 +43,9 @@ def silent(*messages, seconds: float = STALE) -> tuple[Situation, int]:
 
 
 def above(metres: float, **more):
-    return crossing(**({"valid": 0x07, "altitude": 1_000.0 + metres, "altitude_reference": 1} | more))
+    return crossing(
+        **({"valid": 0x07, "altitude": 1_000.0 + metres, "altitude_reference": 1} | more)
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,7 +77,10 @@ def test_silent_aircraft_out_of_reach_is_excluded_by_name(message):
         (aircraft(60_000.0, 0.0, math.pi, 75.0, valid=0x01), Code.INVALID_INTRUDER),
         (above(700.0), Code.STALE_INTRUDER),
         (above(10_000.0, altitude_reference=3), Code.STALE_INTRUDER),
-        (above(10_000.0, valid=0x0F, velocity=SimpleNamespace(x=0.0, y=75.0, z=-40.0)), Code.STALE_INTRUDER),
+        (
+            above(10_000.0, valid=0x0F, velocity=SimpleNamespace(x=0.0, y=75.0, z=-40.0)),
+            Code.STALE_INTRUDER,
+        ),
     ],
 )
 def test_silent_aircraft_that_may_come_near_is_refused(message, code: Code):
@@ -81,7 +90,10 @@ def test_silent_aircraft_that_may_come_near_is_refused(message, code: Code):
 def test_far_reports_do_not_hide_a_near_aircraft_of_the_same_name():
     far, near = (aircraft(x, 0.0, math.pi, 75.0) for x in (320_000.0, 6_000.0))
     for first, second in ((far, near), (near, far)):
-        assert refusal(*silent(first, second, seconds=1.0)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.position")
+        assert refusal(*silent(first, second, seconds=1.0)) == (
+            Code.INVALID_INTRUDER,
+            "intruder 4b1a2c.position",
+        )
     beyond = aircraft(400_000.0, 0.0, math.pi, 75.0)
     assert task(*silent(far, beyond, seconds=1.0), SETTINGS).identifiers == ()
 
@@ -98,7 +110,9 @@ def test_fault_of_an_aircraft_under_the_own_id_holds():
 
 
 def unusable(kind: str, second: int, x: float):
-    """Return a report of an aircraft that flies westwards and lacks its velocity, or comes from ahead of the clock."""
+    """Return a report of an aircraft that flies westwards and lacks its velocity, or comes from
+    ahead of the clock.
+    """
     time = NOW + second * SECOND
     if kind == "no velocity":
         return aircraft(x - 75.0 * second, 0.0, math.pi, 75.0, time=time, valid=0x01)
@@ -108,7 +122,9 @@ def unusable(kind: str, second: int, x: float):
 @pytest.mark.parametrize("kind", ["no velocity", "future"])
 @pytest.mark.parametrize("good", [True, False])
 @pytest.mark.parametrize("pattern", ["fnfnfnfnfn", "fffnfffnfffnf", "nffnffnf"])
-def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(kind: str, good: bool, pattern: str):
+def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(
+    kind: str, good: bool, pattern: str
+):
     situation, refusals = heard(), []
     for second, which in enumerate(pattern):
         now = NOW + second * SECOND
@@ -119,7 +135,9 @@ def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(kind: 
         else:
             message = unusable(kind, second, 320_000.0)
         own = aircraft(75.0 * second, 0.0, 0.0, 75.0, id="own", time=now)
-        situation = updates.traffic(updates.ownship(situation, own, now, RULES), message, now, RULES)
+        situation = updates.traffic(
+            updates.ownship(situation, own, now, RULES), message, now, RULES
+        )
         refusals += [] if answered(situation, now) else [second]
     # One report alone may be an outlier; from the second on there is another aircraft.
     since = [second for second, which in enumerate(pattern) if which == "n"][1]
@@ -141,7 +159,9 @@ def test_unusable_report_at_the_same_place_is_no_second_aircraft():
     assert not answered(situation, late)
     late += SECOND
     good = aircraft(8_850.0, 0.0, math.pi, 75.0, time=late)
-    situation = updates.ownship(situation, aircraft(150.0, 0.0, 0.0, 75.0, id="own", time=late), late, RULES)
+    situation = updates.ownship(
+        situation, aircraft(150.0, 0.0, 0.0, 75.0, id="own", time=late), late, RULES
+    )
     assert answered(updates.traffic(situation, good, late, RULES), late)
 
 
@@ -153,22 +173,36 @@ def test_far_aircraft_without_velocity_is_excluded_on_long_legs_too():
     assert [name for name, _ in wanted.excluded] == ["4b1a2c"]
 
 
-# A hundred thousand aircraft states, a third of them damaged: what is planned with is where the aircraft is.
+# A hundred thousand aircraft states, a third of them damaged: what is planned with is where the
+# aircraft is.
 
 ROWS, TICKS, EVERY = 100_000, 40, 0.5
 RULES = Rules()
-STARTS = {"own": (0.0, 0.0, 0.0, 75.0), "4b0001": (9_000.0, 300.0, math.pi, 80.0), "4b0002": (60e3, 9e3, -1.6, 50.0)}
+STARTS = {
+    "own": (0.0, 0.0, 0.0, 75.0),
+    "4b0001": (9_000.0, 300.0, math.pi, 80.0),
+    "4b0002": (60e3, 9e3, -1.6, 50.0),
+}
 
 
 def truth(name: str, seconds: float) -> tuple[float, float, float, float]:
     x, y, heading, speed = STARTS[name]
-    return x + speed * seconds * math.cos(heading), y + speed * seconds * math.sin(heading), heading, speed
+    return (
+        x + speed * seconds * math.cos(heading),
+        y + speed * seconds * math.sin(heading),
+        heading,
+        speed,
+    )
 
 
 def damaged(message, name: str, now: int, draw: random.Random) -> None:
     kind = draw.randrange(8)
     if kind == 0:
-        setattr(message, draw.choice(["latitude", "longitude"]), draw.choice([math.nan, 1e300, -91.0, "x", None]))
+        setattr(
+            message,
+            draw.choice(["latitude", "longitude"]),
+            draw.choice([math.nan, 1e300, -91.0, "x", None]),
+        )
     elif kind == 1:
         message.latitude += draw.choice([-1.0, 1.0]) * draw.uniform(0.05, 3.0)
     elif kind == 2:
@@ -181,7 +215,10 @@ def damaged(message, name: str, now: int, draw: random.Random) -> None:
         message.valid = draw.choice([0, 1, 3, 4, 255, 65_535])
     elif kind == 6:
         scale = draw.choice([0.0, 1.94384, 57.29578, -1.0])
-        message.velocity.x, message.velocity.y = scale * message.velocity.x, scale * message.velocity.y
+        message.velocity.x, message.velocity.y = (
+            scale * message.velocity.x,
+            scale * message.velocity.y,
+        )
     else:
         message.position_std, message.valid = draw.choice([math.nan, -1.0, 1e9]), 0x45
 
@@ -207,7 +244,9 @@ def test_damaged_states_never_move_what_is_planned_with():
                 continue
             planned += 1
             # An intruder may bear the ownship's name, which is not looked at here.
-            tracks = {one: situation.traffic[one] for one in wanted.identifiers} | {"own": situation.own}
+            tracks = {one: situation.traffic[one] for one in wanted.identifiers} | {
+                "own": situation.own
+            }
             for name in tracks.keys() & STARTS.keys():
                 track, last = tracks[name], tracks[name].last
                 assert last is not None

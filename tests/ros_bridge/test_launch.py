@@ -17,7 +17,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ros_bridge.transport.discovery import CONFIGURED, PORTS, PROFILE, configure_dds, port, reserved_ports
+from ros_bridge.transport.discovery import (
+    CONFIGURED,
+    PORTS,
+    PROFILE,
+    configure_dds,
+    port,
+    reserved_ports,
+)
 from tests.ros_bridge.graph import MISSING, Process, domain
 
 pytest.importorskip("rclpy", reason=MISSING)
@@ -30,11 +37,19 @@ from agents.planner.request import Options
 from envs.aircraft import PAPER
 from eval.hifi.config import HifiConfig
 from ros_bridge.transport import parameters
-from ros_bridge.transport.settings import monitor_thresholds, planning_options, planning_settings, resolved
+from ros_bridge.transport.settings import (
+    monitor_thresholds,
+    planning_options,
+    planning_settings,
+    resolved,
+)
 
 PACKAGE = Path(parameters.__file__).parents[1]
 LAUNCH = sorted((PACKAGE / "launch").glob("*.launch.py"))
-DECLARED = {f"rlcas_{name}": {one.name for one in parameters.of(name)} | {"use_sim_time"} for name in parameters.NODES}
+DECLARED = {
+    f"rlcas_{name}": {one.name for one in parameters.of(name)} | {"use_sim_time"}
+    for name in parameters.NODES
+}
 
 
 class _Action:
@@ -52,7 +67,9 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Put stand-ins of launch in the way of imports: they hold what they are given."""
     names = {
         "launch": {"LaunchDescription": _Action},
-        "launch.actions": dict.fromkeys(("DeclareLaunchArgument", "OpaqueFunction", "Shutdown"), _Action),
+        "launch.actions": dict.fromkeys(
+            ("DeclareLaunchArgument", "OpaqueFunction", "Shutdown"), _Action
+        ),
         "launch.substitutions": {"LaunchConfiguration": _Value},
         "launch_ros": {},
         "launch_ros.actions": {"Node": _Action},
@@ -93,10 +110,14 @@ def test_launch_files_start_nodes_with_declared_parameters(stand_ins, file: Path
     wanted = {"aircraft": "configs/aircraft/uas.yaml", "separation": 700.0, "sigmas": 1.0}
     for node in nodes[:2]:
         # What is empty is the node's own default.
-        assert node.named["parameters"][0] == wanted | {"use_sim_time": file.name == "simulation.launch.py"}
+        assert node.named["parameters"][0] == wanted | {
+            "use_sim_time": file.name == "simulation.launch.py"
+        }
 
 
-@pytest.mark.skipif(importlib.util.find_spec("launch_ros") is None, reason="launch_ros is not installed")
+@pytest.mark.skipif(
+    importlib.util.find_spec("launch_ros") is None, reason="launch_ros is not installed"
+)
 @pytest.mark.parametrize("file", LAUNCH, ids=lambda file: file.name)
 def test_launch_files_are_understood_by_ros(file: Path):
     from launch import LaunchContext
@@ -126,7 +147,9 @@ def values_of(kind: str, **given: Any) -> Callable[[str], Any]:
 
 def test_the_aircraft_in_flight_is_that_of_the_evaluations():
     given = yaml.safe_load((PACKAGE / "launch" / "c208.yaml").read_text(encoding="utf-8"))
-    runner, monitor = (given[f"/**/rlcas_{name}"]["ros__parameters"] for name in ("runner", "monitor"))
+    runner, monitor = (
+        given[f"/**/rlcas_{name}"]["ros__parameters"] for name in ("runner", "monitor")
+    )
     assert runner == monitor
     config = load(HifiConfig, PACKAGE.parent / "configs" / "flight_c208.yaml")
     assert runner["margin"] == config.planner.margin
@@ -144,7 +167,9 @@ def test_defaults_are_the_usual_options_of_the_aircraft():
     options = planning_options(values_of("runner"), PAPER)
     assert options == replace(usual, requirement=usual.requirement._replace(margin=145.0))
     for name in ("uas", "jet"):
-        aircraft = load(AircraftConfig, PACKAGE.parent / "configs" / "aircraft" / f"{name}.yaml").aircraft()
+        aircraft = load(
+            AircraftConfig, PACKAGE.parent / "configs" / "aircraft" / f"{name}.yaml"
+        ).aircraft()
         made = {one.name: one.default for one in resolved("runner", aircraft)}
         options, usual = planning_options(made.get, aircraft), Options.for_aircraft(aircraft)
         assert options.requirement.separation == aircraft.separation
@@ -156,12 +181,24 @@ def test_defaults_are_the_usual_options_of_the_aircraft():
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"speed_min": 99.0, "speed_max": 99.5}, "speed_min, speed_max: allows 99 to 99.5 m/s; expected a range"),
-        ({"speed_min": 90.0, "speed_max": 80.0}, "speed_min is 90 m/s, expected less than speed_max, 80 m/s"),
-        ({"goal_radius": 1_001.0}, "goal_radius is 1001 m, expected at most the separation, 1000 m"),
+        (
+            {"speed_min": 99.0, "speed_max": 99.5},
+            "speed_min, speed_max: allows 99 to 99.5 m/s; expected a range",
+        ),
+        (
+            {"speed_min": 90.0, "speed_max": 80.0},
+            "speed_min is 90 m/s, expected less than speed_max, 80 m/s",
+        ),
+        (
+            {"goal_radius": 1_001.0},
+            "goal_radius is 1001 m, expected at most the separation, 1000 m",
+        ),
         ({"spacing": 7}, "spacing is 7, expected an integer from 5 to 400, a multiple of 5"),
         ({"rejoin_by": 350.0}, "rejoin_by is 350, expected 20 to 340 s"),
-        ({"yaw_rate_max": 0.02}, "yaw_rate_max makes a full circle of 24000 s, expected at most the plan's 380 s"),
+        (
+            {"yaw_rate_max": 0.02},
+            "yaw_rate_max makes a full circle of 24000 s, expected at most the plan's 380 s",
+        ),
         ({"waypoints": 5}, "yaw_rate_max makes a full circle"),
     ],
 )
@@ -172,7 +209,14 @@ def test_contradicting_parameters_are_refused_by_name(given: dict[str, Any], say
 
 
 def test_any_separation_and_limits_are_taken():
-    given = {"separation": 150.0, "goal_radius": 50.0, "waypoints": 30, "spacing": 10, "margin": 3.0, "speed_max": 95.0}
+    given = {
+        "separation": 150.0,
+        "goal_radius": 50.0,
+        "waypoints": 30,
+        "spacing": 10,
+        "margin": 3.0,
+        "speed_max": 95.0,
+    }
     options = planning_options(values_of("runner", **given), PAPER)
     assert options.requirement.separation == 150.0 and options.aircraft.goal_radius == 50.0
     assert (options.waypoints, options.interval, options.limits.speed_max) == (30, 10.0, 95.0)
@@ -188,14 +232,22 @@ def test_the_bridge_names_topics_of_the_world():
     assert all(set(one) == keys for one in bridge)
 
 
-@pytest.mark.skipif(shutil.which("ign") is None and shutil.which("gz") is None, reason="no SDF parser is installed")
+@pytest.mark.skipif(
+    shutil.which("ign") is None and shutil.which("gz") is None, reason="no SDF parser is installed"
+)
 def test_the_world_is_valid_for_the_parser():
-    command = [shutil.which("gz") or shutil.which("ign"), "sdf", "-k", str(PACKAGE / "gazebo" / "world.sdf")]
+    command = [
+        shutil.which("gz") or shutil.which("ign"),
+        "sdf",
+        "-k",
+        str(PACKAGE / "gazebo" / "world.sdf"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and "Valid." in done.stdout, done.stdout + done.stderr
 
 
-# A process that starts gets ports that no process of late had, and takes part by our profile of Fast DDS.
+# A process that starts gets ports that no process of late had, and takes part by our profile of
+# Fast DDS.
 
 PROGRAM = """
 import rclpy
@@ -241,9 +293,16 @@ def test_a_domain_that_ros_refuses_is_no_matter_here(name: str, monkeypatch: pyt
 
 def test_a_process_gets_a_later_place():
     with domain() as number:
-        environment = os.environ | {"ROS_DOMAIN_ID": str(number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        environment = os.environ | {
+            "ROS_DOMAIN_ID": str(number),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
         with subprocess.Popen(
-            [sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, text=True
+            [sys.executable, "-c", PROGRAM],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=environment,
+            text=True,
         ) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == "here\n"
@@ -271,7 +330,9 @@ def test_dds_configuration_of_the_integrator_is_respected(name: str, value: str,
 
 
 @pytest.mark.parametrize("name", ["DEFAULT_FASTDDS_PROFILES.xml", "DEFAULT_FASTRTPS_PROFILES.xml"])
-def test_profile_file_in_the_working_directory_is_respected(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_profile_file_in_the_working_directory_is_respected(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     (tmp_path / name).write_text("<dds/>")
     environment: dict[str, str] = {}
     assert not configure_dds(environment, tmp_path)
@@ -282,7 +343,9 @@ def test_profile_file_in_the_working_directory_is_respected(name: str, tmp_path:
 
 @pytest.mark.parametrize("said", [False, True])
 def test_killed_node_leaves_no_port_in_shared_memory(said: bool, monkeypatch: pytest.MonkeyPatch):
-    """Unless the integrator wants one: a file in /dev/shm that nobody removes, and that holds the others up."""
+    """Unless the integrator wants one: a file in /dev/shm that nobody removes, and that holds the
+    others up.
+    """
     for name in CONFIGURED:
         monkeypatch.delenv(name, raising=False)
     if said:

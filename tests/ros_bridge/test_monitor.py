@@ -1,4 +1,6 @@
-"""The monitor beside the runner on a real graph: it watches, asks for new plans, and does without the runner."""
+"""The monitor beside the runner on a real graph: it watches, asks for new plans, and does without
+the runner.
+"""
 
 import math
 import signal
@@ -27,7 +29,9 @@ WATCHER = "/rlcas_monitor"
 
 
 class Flight:
-    """An ownship that flies its plan exactly, an intruder that flies straight, and what the monitor says of it."""
+    """An ownship that flies its plan exactly, an intruder that flies straight, and what the monitor
+    says of it.
+    """
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -35,9 +39,15 @@ class Flight:
         self.monitor = Process("ros_bridge.monitor", number)
         self.client = Client(number)
         self.world = World(self.client)
-        self.says: list[AssuranceStatus] = self.client.hear(AssuranceStatus, f"{WATCHER}/output/status", qos.LATCHED)
-        self.plans: list[Trajectory] = self.client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
-        self.backups: list[Trajectory] = self.client.hear(Trajectory, f"{WATCHER}/output/backup", qos.LATCHED)
+        self.says: list[AssuranceStatus] = self.client.hear(
+            AssuranceStatus, f"{WATCHER}/output/status", qos.LATCHED
+        )
+        self.plans: list[Trajectory] = self.client.hear(
+            Trajectory, f"{NODE}/output/trajectory", qos.LATCHED
+        )
+        self.backups: list[Trajectory] = self.client.hear(
+            Trajectory, f"{WATCHER}/output/backup", qos.LATCHED
+        )
         self.legs: Legs | None = None
         self.began = self.revision = 0
         self.zero = self.client.now()
@@ -58,14 +68,24 @@ class Flight:
             if self.legs is None:
                 state = (75.0 * (now - self.zero) / 1e9, 0.0, 0.0, 75.0)
             else:
-                state = tuple(float(value) for value in at(self.legs, np.float64((now - self.began) / 1e9)))
+                state = tuple(
+                    float(value) for value in at(self.legs, np.float64((now - self.began) / 1e9))
+                )
             self.world.ownship(*state, time=now)
         self.report()
         self.client.idle(0.1)
-        if self.plans and self.plans[-1].status == Trajectory.STATUS_SAFE and self.plans[-1].revision > self.revision:
+        if (
+            self.plans
+            and self.plans[-1].status == Trajectory.STATUS_SAFE
+            and self.plans[-1].revision > self.revision
+        ):
             published = plan_of(self.plans[-1], 20)
             own, waypoints = flown(FRAME, published)
-            self.legs, self.began, self.revision = legs(knots(own, waypoints)), published.began, published.revision
+            self.legs, self.began, self.revision = (
+                legs(knots(own, waypoints)),
+                published.began,
+                published.revision,
+            )
 
     def report(self) -> None:
         for identity, flying in (("4b1a2c", self.intruder), ("new001", self.other)):
@@ -80,7 +100,9 @@ class Flight:
         """Fly until the monitor is in a state."""
         end = time.monotonic() + PATIENCE
         while not (self.says and self.says[-1].state == state):
-            assert time.monotonic() < end, f"the monitor is in {self.says[-1].state if self.says else None}"
+            assert time.monotonic() < end, (
+                f"the monitor is in {self.says[-1].state if self.says else None}"
+            )
             self.tick()
         return self.says[-1]
 
@@ -120,7 +142,9 @@ def flight() -> Iterator[Flight]:
 
 
 def saved(flight: Flight) -> float:
-    """Kill the runner, let an aircraft come head on, and return the time from its report to the backup, s."""
+    """Kill the runner, let an aircraft come head on, and return the time from its report to the
+    backup, s.
+    """
     flight.runner.stop(signal.SIGKILL)
     for _ in range(5):
         flight.tick()
@@ -142,7 +166,10 @@ def saved(flight: Flight) -> float:
 
 def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
     idle = flight.until(state=AssuranceStatus.STATE_IDLE)
-    assert (idle.fly, list(idle.reasons)) == (AssuranceStatus.FLY_NOTHING, ["there is no plan to monitor"])
+    assert (idle.fly, list(idle.reasons)) == (
+        AssuranceStatus.FLY_NOTHING,
+        ["there is no plan to monitor"],
+    )
 
     flight.plan()
     status = flight.until(state=AssuranceStatus.STATE_MONITORING)
@@ -192,7 +219,8 @@ def test_monitor_requests_plans_and_finds_a_new_runner(flight: Flight):
     flight.tick()
     assert flight.says[-1].trajectory_revision == flight.revision > before
 
-    # The runner dies; against an aircraft that will be met in a minute nobody plans, until there is a new one.
+    # The runner dies; against an aircraft that will be met in a minute nobody plans, until there is
+    # a new one.
     flight.runner.stop(signal.SIGKILL)
     last, (x, y, heading) = flight.revision, flight.place(60.0)
     ahead = (x + 60.0 * 75.0 * math.cos(heading), y + 60.0 * 75.0 * math.sin(heading))

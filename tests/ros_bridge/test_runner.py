@@ -1,4 +1,6 @@
-"""The runner as a process on a real graph: what it answers, publishes, latches, refuses and withdraws."""
+"""The runner as a process on a real graph: what it answers, publishes, latches, refuses and
+withdraws.
+"""
 
 import json
 import math
@@ -48,8 +50,15 @@ def number() -> Iterator[int]:
 @pytest.fixture(scope="module")
 def runner(number: int) -> Iterator[Process]:
     # Ages are generous, so that a busy machine does not make anything stale.
-    ages = ("ownship_max_age:=10.0", "intruder_max_age:=60.0", "request_max_age:=60.0", "forget_after:=600.0")
-    process = Process("ros_bridge.runner", number, "--ros-args", *(part for age in ages for part in ("-p", age)))
+    ages = (
+        "ownship_max_age:=10.0",
+        "intruder_max_age:=60.0",
+        "request_max_age:=60.0",
+        "forget_after:=600.0",
+    )
+    process = Process(
+        "ros_bridge.runner", number, "--ros-args", *(part for age in ages for part in ("-p", age))
+    )
     yield process
     process.stop()
 
@@ -67,14 +76,22 @@ def world(client: Client) -> World:
 
 
 def asked(client: Client, **more) -> GenerateTrajectory.Response:
-    request = GenerateTrajectory.Request(**({"reason": GenerateTrajectory.Request.REASON_MANUAL} | more))
+    request = GenerateTrajectory.Request(
+        **({"reason": GenerateTrajectory.Request.REASON_MANUAL} | more)
+    )
     return client.call(GenerateTrajectory, SERVICE, request)
 
 
 def answer(
-    client: Client, wanted: Code, meanwhile: Callable[[], None] | None = None, field: str | None = None, **more
+    client: Client,
+    wanted: Code,
+    meanwhile: Callable[[], None] | None = None,
+    field: str | None = None,
+    **more,
 ) -> GenerateTrajectory.Response:
-    """Ask until the answer is the wanted one, because topics and service may overtake each other."""
+    """Ask until the answer is the wanted one, because topics and service may overtake each
+    other.
+    """
     end = time.monotonic() + PATIENCE
     while True:
         response = asked(client, **more)
@@ -113,21 +130,30 @@ def test_safe_plan_is_published_and_latched(client: Client, world: World):
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
     paths = client.hear(PathMessage, f"{NODE}/output/path", qos.LATCHED)
     markers = client.hear(MarkerArray, f"{NODE}/output/markers", qos.LATCHED)
-    # The views follow the answer, so the latched ones may still be those of the plan before, which had no traffic.
+    # The views follow the answer, so the latched ones may still be those of the plan before, which
+    # had no traffic.
     shown = {"plan", "waypoints", "indices", "traffic", "names"}
-    client.spin(lambda: plans and paths and markers and {marker.ns for marker in markers[-1].markers} >= shown)
+    client.spin(
+        lambda: (
+            plans and paths and markers and {marker.ns for marker in markers[-1].markers} >= shown
+        )
+    )
     assert plans[-1] == response.trajectory
     assert len(paths[-1].poses) == 21
 
     plan = trajectory(plans[-1])
     began, points = plan.began, plan.points
-    assert [round((point.time - began) / 1e9, 6) for point in points[:19]] == [20.0 * (n + 1) for n in range(19)]
+    assert [round((point.time - began) / 1e9, 6) for point in points[:19]] == [
+        20.0 * (n + 1) for n in range(19)
+    ]
     assert points[-1].time - began >= 380e9
     assert [point.of_route for point in points] == [False] * 19 + [True]
     assert len({point.index for point in points} | set(range(7, 17))) == 29
 
 
-def test_trajectory_carries_the_certificate_that_proves_it(client: Client, world: World, tmp_path: Path):
+def test_trajectory_carries_the_certificate_that_proves_it(
+    client: Client, world: World, tmp_path: Path
+):
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
     response = answer(client, Code.SAFE, lambda: encounter(world))
     client.spin(lambda: plans and plans[-1].id == response.trajectory.id)
@@ -199,7 +225,9 @@ def gone(world: World) -> None:
         ({"y": 20_000.0}, Code.INVALID_OWNSHIP, "ownship.position"),
     ],
 )
-def test_a_bad_ownship_is_refused_until_a_good_one_comes(client: Client, world: World, change, code, field):
+def test_a_bad_ownship_is_refused_until_a_good_one_comes(
+    client: Client, world: World, change, code, field
+):
     answer(client, Code.SAFE, lambda: gone(world))
 
     def bad() -> None:
@@ -216,7 +244,10 @@ def test_a_bad_ownship_is_refused_until_a_good_one_comes(client: Client, world: 
 
 def test_requests_are_checked(client: Client, world: World):
     assert answer(client, Code.INVALID_REQUEST, reason=0).field == "request.reason"
-    assert answer(client, Code.SUPERSEDED, previous_id=identity(uuid.UUID(int=7))).field == "request.previous_id"
+    assert (
+        answer(client, Code.SUPERSEDED, previous_id=identity(uuid.UUID(int=7))).field
+        == "request.previous_id"
+    )
     request = GenerateTrajectory.Request(reason=1)
     request.header.stamp.sec = 10
     assert client.call(GenerateTrajectory, SERVICE, request).status == Code.STALE_REQUEST
@@ -235,10 +266,14 @@ def test_an_alert_about_an_unknown_aircraft_is_refused(client: Client, world: Wo
 
 
 def set_to(client: Client, name: str, value: float):
-    kind = ParameterType.PARAMETER_BOOL if isinstance(value, bool) else ParameterType.PARAMETER_DOUBLE
+    kind = (
+        ParameterType.PARAMETER_BOOL if isinstance(value, bool) else ParameterType.PARAMETER_DOUBLE
+    )
     field = "bool_value" if isinstance(value, bool) else "double_value"
     given = Parameter(name=name, value=ParameterValue(type=kind, **{field: value}))
-    [result] = client.call(SetParameters, f"{NODE}/set_parameters", SetParameters.Request(parameters=[given])).results
+    [result] = client.call(
+        SetParameters, f"{NODE}/set_parameters", SetParameters.Request(parameters=[given])
+    ).results
     return result
 
 
@@ -253,7 +288,10 @@ def test_a_silent_ownship_is_stale(client: Client, world: World):
 def test_contradicting_limits_of_the_aircraft_are_refused(client: Client):
     assert set_to(client, "speed_max", 70.0).successful
     refused = set_to(client, "speed_min", 80.0)
-    assert not refused.successful and "speed_min is 80 m/s, expected less than speed_max, 70 m/s" in refused.reason
+    assert (
+        not refused.successful
+        and "speed_min is 80 m/s, expected less than speed_max, 70 m/s" in refused.reason
+    )
     assert set_to(client, "speed_max", 100.0).successful
 
 
@@ -277,7 +315,9 @@ def test_a_publisher_that_does_not_fit_is_reported(client: Client):
     health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
     poor = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     quiet = PublisherEventCallbacks(incompatible_qos=lambda _: None)
-    publisher = client.node.create_publisher(Trajectory, f"{NODE}/input/route", poor, event_callbacks=quiet)
+    publisher = client.node.create_publisher(
+        Trajectory, f"{NODE}/input/route", poor, event_callbacks=quiet
+    )
     try:
         client.spin(lambda: health and health[-1].status[0].level == b"\x02")
         assert "~/input/route: a publisher offers less" in health[-1].status[0].message
@@ -298,7 +338,10 @@ def test_deactivation_withdraws_the_plan(client: Client, world: World):
     answer(client, Code.NOT_ACTIVE)
     change.transition.id = 3
     assert client.call(ChangeState, f"{NODE}/change_state", change, once=True).success
-    assert client.call(GetState, f"{NODE}/get_state", GetState.Request()).current_state.label == "active"
+    assert (
+        client.call(GetState, f"{NODE}/get_state", GetState.Request()).current_state.label
+        == "active"
+    )
     answer(client, Code.SAFE, lambda: gone(world))
 
 
@@ -308,11 +351,15 @@ def test_traffic_outside_the_domain_shows_in_answer_and_diagnostics(client: Clie
 
     def fast() -> None:
         gone(world)
-        world.intruder(30_000.0 + 140.0 * (client.now() - began) / 1e9, 30_000.0, 0.0, 140.0, id="fa57aa")
+        world.intruder(
+            30_000.0 + 140.0 * (client.now() - began) / 1e9, 30_000.0, 0.0, 140.0, id="fa57aa"
+        )
 
     world.reference()
     world.route()
-    while "outside_domain: intruder_speed is 140 m/s" not in answer(client, Code.SAFE, fast).advisory:
+    while (
+        "outside_domain: intruder_speed is 140 m/s" not in answer(client, Code.SAFE, fast).advisory
+    ):
         fast()
         client.idle(0.1)
     heard = len(health)
@@ -321,7 +368,9 @@ def test_traffic_outside_the_domain_shows_in_answer_and_diagnostics(client: Clie
     assert "intruder_speed is 140 m/s" in values["outside domain"]
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_the_process_ends_in_order(how: signal.Signals):
     with domain() as number:
         process, client = Process("ros_bridge.runner", number), Client(number)
@@ -363,7 +412,8 @@ def test_simulated_time_that_is_zero_or_steps_back_voids_everything():
             client.idle(0.3)
             assert asked(client).status == Code.SAFE
 
-            # What was sent before, from somewhere else, and comes late is no report of the new time.
+            # What was sent before, from somewhere else, and comes late is no report of the new
+            # time.
             clock(10)
             client.idle(0.3)
             world.ownship(x=20_000.0, time=20 * 10**9)

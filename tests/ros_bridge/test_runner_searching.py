@@ -1,4 +1,6 @@
-"""A long search, and traffic with faults: the runner answers meanwhile, refuses, and never calls such a plan SAFE."""
+"""A long search, and traffic with faults: the runner answers meanwhile, refuses, and never calls
+such a plan SAFE.
+"""
 
 import math
 import threading
@@ -7,7 +9,17 @@ from typing import Any
 
 import pytest
 
-from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, beside, domain, eventually
+from tests.ros_bridge.graph import (
+    MISSING,
+    NODE,
+    PATIENCE,
+    Client,
+    Process,
+    World,
+    beside,
+    domain,
+    eventually,
+)
 
 pytest.importorskip("rclpy", reason=MISSING)
 
@@ -22,7 +34,9 @@ Request = GenerateTrajectory.Request
 
 
 class Scene:
-    """A runner whose long searches last until they are let go, and an aircraft too near to be avoided."""
+    """A runner whose long searches last until they are let go, and an aircraft too near to be
+    avoided.
+    """
 
     def __init__(self, node: planning.Runner, client, patch: pytest.MonkeyPatch) -> None:
         self.node, self.client, self.world = node, client, World(client)
@@ -119,7 +133,9 @@ def test_node_plans_once_before_its_first_request(monkeypatch: pytest.MonkeyPatc
     """Else the first request would wait for what is made at the first plan."""
     planned: list[Any] = []
     really = requests.plan
-    monkeypatch.setattr(requests, "plan", lambda *given, **more: planned.append(really(*given, **more)))
+    monkeypatch.setattr(
+        requests, "plan", lambda *given, **more: planned.append(really(*given, **more))
+    )
     with beside(planning.Runner) as (node, client):
         node.trigger_configure()
         assert planned == []
@@ -134,7 +150,8 @@ def test_node_plans_once_before_its_first_request(monkeypatch: pytest.MonkeyPatc
         client.spin(lambda: len(planned) == 2)
 
 
-# Faults of real traffic over real DDS: a runner that must refuse, or leave out, and never call such a plan SAFE.
+# Faults of real traffic over real DDS: a runner that must refuse, or leave out, and never call such
+# a plan SAFE.
 
 SERVICE = f"{NODE}/generate_trajectory"
 _EVERY = 0.2  # s between reports
@@ -144,7 +161,12 @@ _EVERY = 0.2  # s between reports
 def world() -> Iterator[World]:
     ages = ("intruder_max_age:=1.0", "request_max_age:=60.0", "forget_after:=5.0")
     with domain() as number:
-        process = Process("ros_bridge.runner", number, "--ros-args", *(part for age in ages for part in ("-p", age)))
+        process = Process(
+            "ros_bridge.runner",
+            number,
+            "--ros-args",
+            *(part for age in ages for part in ("-p", age)),
+        )
         client = Client(number)
         try:
             world = World(client)
@@ -167,7 +189,9 @@ def asked(world: World) -> GenerateTrajectory.Response:
     return world.client.call(GenerateTrajectory, SERVICE, GenerateTrajectory.Request(reason=3))
 
 
-def becomes(world: World, wanted: Code, reported: Callable[[int], None]) -> GenerateTrajectory.Response:
+def becomes(
+    world: World, wanted: Code, reported: Callable[[int], None]
+) -> GenerateTrajectory.Response:
     """Report and ask until the answer is the wanted one."""
     for number in range(round(PATIENCE / _EVERY)):
         reported(number)
@@ -204,8 +228,14 @@ def test_far_aircraft_without_velocity_or_reports_is_excluded_by_name(world: Wor
     response = becomes(world, Code.SAFE, lambda _: far(1))
     assert list(response.trajectory.intruder_ids) == []
     left_out = dict(zip(response.excluded_ids, response.excluded_reasons, strict=True))
-    assert set(left_out) == {"novelo", "silent"} and all("km away" in why for why in left_out.values())
-    near = lambda _: (world.ownship(id="4b1a2c"), world.intruder(9_000.0, 0.0, math.pi, id="novelo", valid=0x01))  # noqa: E731
+    assert set(left_out) == {"novelo", "silent"} and all(
+        "km away" in why for why in left_out.values()
+    )
+
+    def near(_: int) -> None:
+        world.ownship(id="4b1a2c")
+        world.intruder(9_000.0, 0.0, math.pi, id="novelo", valid=0x01)
+
     assert becomes(world, Code.INVALID_INTRUDER, near).field == "intruder novelo.valid"
 
 
@@ -239,4 +269,7 @@ def test_two_aircraft_under_one_id_are_never_planned_with(world: World):
             assert response.status == Code.INVALID_INTRUDER, number
             fields.append(response.field)
     # One report of each is a jump, more of either show two aircraft.
-    assert set(fields) <= {"intruder shared.position", "intruder shared.id"} and fields[-1] == "intruder shared.id"
+    assert (
+        set(fields) <= {"intruder shared.position", "intruder shared.id"}
+        and fields[-1] == "intruder shared.id"
+    )

@@ -1,4 +1,6 @@
-"""The simulated world: the truth that it keeps, how plans are flown in it, what its receivers and its log say."""
+"""The simulated world: the truth that it keeps, how plans are flown in it, what its receivers and
+its log say.
+"""
 
 import importlib.util
 import math
@@ -22,7 +24,9 @@ from ros_bridge.sim.flight_log import FlightLog, kept, table
 from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import VEHICLES, EncounterFlight, SimulationError, vehicle
 
-NEEDS_JSBSIM = pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed")
+NEEDS_JSBSIM = pytest.mark.skipif(
+    importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed"
+)
 
 
 def met(name: str = "crossing_left", number: int = 0):
@@ -73,7 +77,9 @@ def test_only_intruders_that_exist_fly():
 
 
 def test_unknown_vehicle_is_refused():
-    with pytest.raises(SimulationError, match=r"vehicle is 'glider', expected one of kinematic, point_mass, c208"):
+    with pytest.raises(
+        SimulationError, match=r"vehicle is 'glider', expected one of kinematic, point_mass, c208"
+    ):
         vehicle("glider", VehicleState(0.0, 0.0, 0.0, 70.0), C208_PUBLISHED)
 
 
@@ -82,7 +88,11 @@ def test_a_vehicle_that_cannot_fly_so_is_refused():
     with pytest.raises(SimulationError, match="c208"):
         vehicle("c208", VehicleState(0.0, 0.0, 0.0, 300.0), C208_PUBLISHED)
     with pytest.raises(SimulationError, match="expected no aircraft of 31 to 120 m/s"):
-        vehicle("point_mass", VehicleState(0.0, 0.0, 0.0, 70.0), C208_PUBLISHED._replace(speed_max=120.0))
+        vehicle(
+            "point_mass",
+            VehicleState(0.0, 0.0, 0.0, 70.0),
+            C208_PUBLISHED._replace(speed_max=120.0),
+        )
 
 
 def test_jsbsim_is_loaded_for_vehicles_that_need_it():
@@ -97,7 +107,8 @@ def test_jsbsim_is_loaded_for_vehicles_that_need_it():
     assert VEHICLES[0] == "kinematic"
 
 
-# Receivers: what arrives is what was true, at its rate, no sooner than its latency, and with the noise asked for.
+# Receivers: what arrives is what was true, at its rate, no sooner than its latency, and with the
+# noise asked for.
 
 STEP = 0.1
 
@@ -112,7 +123,11 @@ def heard(quality: Quality, seconds: float, seed: int = 0, names: tuple[str, ...
     return result
 
 
-@given(rate=st.sampled_from([0.5, 1.0, 2.0, 5.0, 10.0]), latency=st.floats(0.0, 3.0), seed=st.integers(0, 1000))
+@given(
+    rate=st.sampled_from([0.5, 1.0, 2.0, 5.0, 10.0]),
+    latency=st.floats(0.0, 3.0),
+    seed=st.integers(0, 1000),
+)
 def test_reports_come_once_in_order_at_rate_and_latency(rate, latency, seed):
     reports = heard(Quality(rate, latency), 20.0, seed)
     times = [one.time for _, one in reports]
@@ -179,10 +194,15 @@ def test_safe_plans_must_keep_the_separation():
 
 def test_the_table_names_what_went_wrong():
     text = table([flown(), flown(name="y 3", separation=900.04, latency=[0.01, 0.02], wall=9.0)])
-    assert "2 of 2 encounters had a plan called SAFE; the closest of them: 900.0 m (y 3); below 1000 m: y 3" in text
+    assert (
+        "2 of 2 encounters had a plan called SAFE; the closest of them: 900.0 m (y 3); below 1000 "
+        "m: y 3" in text
+    )
     assert "900.0 !" in text and "1100.0 " in text
     assert "20.0 times real time" in text
-    assert "answers, end to end, ms: median 15.0, 90 % 19.0, 99 % 19.9, max 20.0 (2 requests)" in text
+    assert (
+        "answers, end to end, ms: median 15.0, 90 % 19.0, 99 % 19.9, max 20.0 (2 requests)" in text
+    )
     # Refusing is no success where the encounter could have been resolved.
     judged = [
         flown(resolvable=True),
@@ -190,6 +210,10 @@ def test_the_table_names_what_went_wrong():
         flown(resolvable=False, safe_at=None),
         flown(),
     ]
-    assert "of those that can be resolved at the separation planned with: 1 of 2 (50.0 %)" in table(judged)
+    assert "of those that can be resolved at the separation planned with: 1 of 2 (50.0 %)" in table(
+        judged
+    )
     none = table([flown(safe_at=None, failure="runner and monitor have not answered")])
-    assert "none of 1 encounters had a plan called SAFE" in none and "x 0: runner and monitor" in none
+    assert (
+        "none of 1 encounters had a plan called SAFE" in none and "x 0: runner and monitor" in none
+    )

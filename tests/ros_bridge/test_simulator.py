@@ -1,4 +1,6 @@
-"""The simulator as a node: what it publishes and flies, and the whole loop of runner, monitor and simulator."""
+"""The simulator as a node: what it publishes and flies, and the whole loop of runner, monitor and
+simulator.
+"""
 
 import importlib.util
 import math
@@ -54,16 +56,30 @@ from tests.ros_bridge.graph import MISSING, NODE, World
 SPEEDS = st.floats(-120.0, 120.0)
 MAYBE = st.floats(0.1, 50.0) | st.just(0.0)
 HEIGHTS = st.none() | st.builds(
-    Altitude, st.floats(-500.0, 20_000.0), st.sampled_from(["wgs84", "msl", "pressure"]), st.floats(-50.0, 50.0)
+    Altitude,
+    st.floats(-500.0, 20_000.0),
+    st.sampled_from(["wgs84", "msl", "pressure"]),
+    st.floats(-50.0, 50.0),
 )
 
 
-@given(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0), SPEEDS, SPEEDS, HEIGHTS, MAYBE, MAYBE, st.booleans())
+@given(
+    st.floats(-90.0, 90.0),
+    st.floats(-180.0, 180.0),
+    SPEEDS,
+    SPEEDS,
+    HEIGHTS,
+    MAYBE,
+    MAYBE,
+    st.booleans(),
+)
 def test_reports_come_back_from_their_messages_as_they_were(
     latitude, longitude, east, north, altitude, position_std, velocity_std, own
 ):
     more = {"wind": (0.0, 0.0), "true_airspeed": math.hypot(east, north)} if own else {}
-    report = Report("n1", NOW, latitude, longitude, east, north, altitude, position_std, velocity_std, **more)
+    report = Report(
+        "n1", NOW, latitude, longitude, east, north, altitude, position_std, velocity_std, **more
+    )
     assert conversions.aircraft(aircraft_message(report), "ownship") == report
 
 
@@ -111,7 +127,10 @@ def test_the_codes_are_those_of_the_messages():
     from ros_bridge.sim import guidance
 
     assert guidance.STATUS_WITHDRAWN == Trajectory.STATUS_WITHDRAWN
-    assert (guidance.FLY_PLAN, guidance.FLY_BACKUP) == (AssuranceStatus.FLY_PLAN, AssuranceStatus.FLY_BACKUP)
+    assert (guidance.FLY_PLAN, guidance.FLY_BACKUP) == (
+        AssuranceStatus.FLY_PLAN,
+        AssuranceStatus.FLY_BACKUP,
+    )
 
 
 def message(number: int, status: int = Trajectory.STATUS_SAFE) -> SimpleNamespace:
@@ -123,7 +142,12 @@ def word(fly: int, number: int = 0) -> SimpleNamespace:
 
 
 def test_the_monitor_decides_which_plan_is_flown():
-    guidance, first, second, backup = Guidance(), message(1), message(2), message(9, Trajectory.STATUS_BACKUP)
+    guidance, first, second, backup = (
+        Guidance(),
+        message(1),
+        message(2),
+        message(9, Trajectory.STATUS_BACKUP),
+    )
     assert guidance.add_plan(first) and guidance.selected() is None
     guidance.status = word(AssuranceStatus.FLY_PLAN, 1)
     assert guidance.selected() is first
@@ -143,10 +167,16 @@ def test_the_monitor_decides_which_plan_is_flown():
 
 def test_unsafe_and_withdrawn_plans_are_not_flown():
     guidance = Guidance(monitored=False)
-    assert not guidance.add_plan(message(1, Trajectory.STATUS_UNRESOLVED)) and guidance.selected() is None
+    assert (
+        not guidance.add_plan(message(1, Trajectory.STATUS_UNRESOLVED))
+        and guidance.selected() is None
+    )
     safe = message(2)
     assert guidance.add_plan(safe) and guidance.selected() is safe
-    assert not guidance.add_plan(message(3, Trajectory.STATUS_WITHDRAWN)) and guidance.selected() is None
+    assert (
+        not guidance.add_plan(message(3, Trajectory.STATUS_WITHDRAWN))
+        and guidance.selected() is None
+    )
 
 
 def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
@@ -155,10 +185,20 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
         now = client.now()
         # Straight east at 75 m/s, 20 s a leg; the ownship is 30 m to its right.
         points = [LocalWaypoint(n, 1_500.0 * n, 0.0, 0.0, 75.0, 20.0 * n) for n in range(1, 21)]
-        start = start_point(FRAME, SimpleNamespace(x=0.0, y=0.0, heading=0.0, speed=75.0), now, None)
-        every: list[Waypoint] = [point_message(point) for point in geodetic_points(FRAME, points, now, None)]
+        start = start_point(
+            FRAME, SimpleNamespace(x=0.0, y=0.0, heading=0.0, speed=75.0), now, None
+        )
+        every: list[Waypoint] = [
+            point_message(point) for point in geodetic_points(FRAME, points, now, None)
+        ]
         name = identity(uuid.uuid4())
-        plan = Trajectory(header=header(now, "map"), id=name, status=1, start=point_message(start), waypoints=every)
+        plan = Trajectory(
+            header=header(now, "map"),
+            id=name,
+            status=1,
+            start=point_message(start),
+            waypoints=every,
+        )
         client.say(Trajectory, f"{NODE}/output/trajectory", plan, qos.LATCHED)
         status = AssuranceStatus(fly=AssuranceStatus.FLY_PLAN, trajectory_id=name)
         client.say(AssuranceStatus, "/rlcas_monitor/output/status", status, qos.LATCHED)
@@ -173,8 +213,11 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
 
         client.spin(turning)
         command = commands[-1]
-        # Lateral acceleration of 0.25 / s^2 a metre, as a turn rate at 75 m/s, cut off at the limit of 5 degrees/s.
-        assert command.angular.z == pytest.approx(min(0.25 * 30.0 / 75.0, math.radians(5.0)), rel=0.05)
+        # Lateral acceleration of 0.25 / s^2 a metre, as a turn rate at 75 m/s, cut off at the limit
+        # of 5 degrees/s.
+        assert command.angular.z == pytest.approx(
+            min(0.25 * 30.0 / 75.0, math.radians(5.0)), rel=0.05
+        )
         assert command.linear.x == pytest.approx(75.0, abs=0.5)
         client.idle(0.7)
         before = len(commands)
@@ -182,16 +225,21 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
         assert len(commands) == before
 
 
-# The whole loop: runner, monitor and simulator fly, what they fly is recorded, and others can read it.
+# The whole loop: runner, monitor and simulator fly, what they fly is recorded, and others can read
+# it.
 
 
 def flown(*arguments: str, seconds: float = 600.0) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "ros_bridge.demo", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=seconds, check=False)
+    return subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=seconds, check=False
+    )
 
 
 def test_encounter_is_flown_safely_and_recorded(tmp_path: Path):
-    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    reader = pytest.importorskip(
+        "mcap.reader", reason="mcap is not installed; to have it: make ros"
+    )
     decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
     file = tmp_path / "flight.mcap"
     done = flown("--scenarios", "crossing_right", "--record", str(file), "--rate", "100")
@@ -212,7 +260,9 @@ def test_encounter_is_flown_safely_and_recorded(tmp_path: Path):
     assert plans[0].min_separation >= 1_025.0
     assert {said.fly for said in messages["/rlcas_monitor/output/status"]} == {0, 1}
     assert messages["/rlcas_runner/input/traffic"][0].id == "4b0001"
-    values = {one.key: one.value for said in messages["/diagnostics"] for one in said.status[0].values}
+    values = {
+        one.key: one.value for said in messages["/diagnostics"] for one in said.status[0].values
+    }
     assert values["policy sha256"] == Policy.load().sha256
     assert len(messages["/clock"]) > 500 and messages["/rlcas_runner/output/markers"]
 
@@ -239,9 +289,21 @@ def eventually(holds: Callable[[], object], seconds: float = 120.0) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
 def test_killed_demo_leaves_no_process_and_a_readable_recording(tmp_path: Path):
-    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    reader = pytest.importorskip(
+        "mcap.reader", reason="mcap is not installed; to have it: make ros"
+    )
     file = tmp_path / "flight.mcap"
-    command = [sys.executable, "-m", "ros_bridge.demo", "--random", "9", "--rate", "5", "--record", str(file)]
+    command = [
+        sys.executable,
+        "-m",
+        "ros_bridge.demo",
+        "--random",
+        "9",
+        "--rate",
+        "5",
+        "--record",
+        str(file),
+    ]
     with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL) as demo:
         eventually(lambda: len(children(demo.pid)) == 2)
         nodes = children(demo.pid)
@@ -255,12 +317,25 @@ def test_killed_demo_leaves_no_process_and_a_readable_recording(tmp_path: Path):
 
 @pytest.mark.slow
 def test_full_disk_ends_a_recording_in_one_sentence_and_keeps_it(tmp_path: Path):
-    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    reader = pytest.importorskip(
+        "mcap.reader", reason="mcap is not installed; to have it: make ros"
+    )
     file = tmp_path / "flight.mcap"
     command = ["--scenarios", "head_on", "--each", "9", "--rate", "20", "--record", str(file)]
     # Files may grow to so many blocks only: what a full disk does, without one.
-    limited = ["bash", "-c", 'ulimit -f 64; exec "$@"', "bash", sys.executable, "-m", "ros_bridge.demo", *command]
-    done = subprocess.run(limited, cwd=ROOT, capture_output=True, text=True, timeout=1_200, check=False)
+    limited = [
+        "bash",
+        "-c",
+        'ulimit -f 64; exec "$@"',
+        "bash",
+        sys.executable,
+        "-m",
+        "ros_bridge.demo",
+        *command,
+    ]
+    done = subprocess.run(
+        limited, cwd=ROOT, capture_output=True, text=True, timeout=1_200, check=False
+    )
     assert done.returncode == 1, done.stderr
     assert f"error: {file}: File too large" in done.stderr and "Traceback" not in done.stderr
     assert not file.exists()
@@ -292,7 +367,10 @@ def rows(text: str) -> list[list[str]]:
     """Return the cells of the demo's table, a list for each encounter."""
     head, *lines = text[text.index("encounter  ") :].split("\n\n", 1)[0].splitlines()
     starts = [match.start() for match in re.finditer(r"(?:^|(?<=  ))\S", head)]
-    return [[line[a:b].strip() for a, b in zip(starts, [*starts[1:], None], strict=True)] for line in lines]
+    return [
+        [line[a:b].strip() for a, b in zip(starts, [*starts[1:], None], strict=True)]
+        for line in lines
+    ]
 
 
 @pytest.mark.slow
@@ -311,7 +389,10 @@ def test_another_aircraft_is_flown_safely_at_its_own_separation():
     uas = ("--aircraft", "configs/aircraft/uas.yaml", "--outside-domain", "allow")
     done = flown(*uas, "--scenarios", "crossing_right")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "1 of 1 encounters had a plan called SAFE" in done.stdout and "below 610 m: none" in done.stdout
+    assert (
+        "1 of 1 encounters had a plan called SAFE" in done.stdout
+        and "below 610 m: none" in done.stdout
+    )
 
 
 @pytest.mark.slow
@@ -334,7 +415,9 @@ def test_simulator_alone_names_the_missing_nodes():
 
 
 def begun(file: Path) -> tuple[GrowingFile, Any, int]:
-    writer = pytest.importorskip("mcap.writer", reason="mcap is not installed; to have it: make ros")
+    writer = pytest.importorskip(
+        "mcap.writer", reason="mcap is not installed; to have it: make ros"
+    )
     growing = GrowingFile(file)
     made = writer.Writer(growing)
     made.start(profile="ros2", library="test")
@@ -343,13 +426,17 @@ def begun(file: Path) -> tuple[GrowingFile, Any, int]:
 
 
 def messages(file: Path) -> list[int]:
-    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    reader = pytest.importorskip(
+        "mcap.reader", reason="mcap is not installed; to have it: make ros"
+    )
     with file.open("rb") as stream:
         return [message.sequence for _, _, message in reader.make_reader(stream).iter_messages()]
 
 
 def add(made: Any, channel: int, number: int, size: int = 8) -> None:
-    made.add_message(channel, log_time=number, publish_time=number, sequence=number, data=bytes(size))
+    made.add_message(
+        channel, log_time=number, publish_time=number, sequence=number, data=bytes(size)
+    )
 
 
 def test_file_is_readable_after_each_flush_and_at_the_end(tmp_path: Path):
@@ -362,7 +449,9 @@ def test_file_is_readable_after_each_flush_and_at_the_end(tmp_path: Path):
     made.finish()
     growing.close(finished=True)
     with file.open("rb") as stream:
-        reader = pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+        reader = pytest.importorskip(
+            "mcap.reader", reason="mcap is not installed; to have it: make ros"
+        )
         summary = reader.make_reader(stream).get_summary()
     assert summary is not None and summary.statistics.message_count == 20
     assert messages(file) == list(range(20))

@@ -1,4 +1,6 @@
-"""From what was received to the planner's task: what is refused, under which code, and what the task holds."""
+"""From what was received to the planner's task: what is refused, under which code, and what the
+task holds.
+"""
 
 import math
 from dataclasses import replace
@@ -42,7 +44,9 @@ def test_complete_situation_is_a_task():
     wanted = task(heard(crossing()), NOW, SETTINGS)
     assert wanted.own == pytest.approx((0.0, 0.0, 0.0, 75.0), abs=1e-6)
     assert wanted.identifiers == ("4b1a2c",)
-    assert wanted.intruders[0].state == pytest.approx((8_000.0, -8_000.0, math.pi / 2.0, 75.0), abs=1e-6)
+    assert wanted.intruders[0].state == pytest.approx(
+        (8_000.0, -8_000.0, math.pi / 2.0, 75.0), abs=1e-6
+    )
     assert [place.index for place in wanted.points] == list(range(7, 17))
     assert wanted.points[0].x == pytest.approx(5_000.0, abs=1e-6)
     assert wanted.notes == ("the wind is unknown and taken as calm",)
@@ -55,10 +59,14 @@ def test_complete_situation_is_a_task():
     st.floats(-math.pi, math.pi, exclude_max=True),
     st.floats(0.0, 1.5),
 )
-def test_the_ownship_is_carried_to_the_request(origin, x: float, y: float, heading: float, age: float):
+def test_the_ownship_is_carried_to_the_request(
+    origin, x: float, y: float, heading: float, age: float
+):
     frame = LocalFrame(*origin)
     late = NOW + round(age * SECOND)
-    state = task(heard(own=aircraft(x, y, heading, 75.0, id="own", frame=frame), frame=frame), late, SETTINGS).own
+    state = task(
+        heard(own=aircraft(x, y, heading, 75.0, id="own", frame=frame), frame=frame), late, SETTINGS
+    ).own
     assert state.x == pytest.approx(x + 75.0 * age * math.cos(heading), abs=1e-3)
     assert state.y == pytest.approx(y + 75.0 * age * math.sin(heading), abs=1e-3)
     assert abs(math.remainder(state.heading - heading, 2.0 * math.pi)) < 1e-9
@@ -75,10 +83,15 @@ def test_intruder_keeps_its_position_and_gets_an_age():
 def test_turn_shown_by_reports_is_expected_to_go_on():
     later, late = math.pi / 2.0 + math.radians(3.0), NOW + SECOND
     turned = aircraft(8_000.0, -7_925.0, later, 75.0, time=late)
-    situation = heard(crossing(), turned, own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
+    situation = heard(
+        crossing(), turned, own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late
+    )
     [intruder] = task(situation, late + SECOND // 2, SETTINGS).intruders
     assert intruder.turn_rate == pytest.approx(math.radians(3.0), rel=1e-3)
-    assert (intruder.age, intruder.turn_time) == (pytest.approx(0.5), 15.0)  # the planner counts it from the report
+    assert (intruder.age, intruder.turn_time) == (
+        pytest.approx(0.5),
+        15.0,
+    )  # the planner counts it from the report
 
 
 def test_a_turning_ownship_is_advanced_along_its_arc():
@@ -98,7 +111,10 @@ def test_missing_input_is_named():
     assert refusal(replace(whole, origin=NOTHING)) == (Code.NO_GEO_REFERENCE, "geo_reference")
     assert refusal(replace(whole, own=Situation().own)) == (Code.NO_OWNSHIP, "ownship")
     assert refusal(replace(whole, route=NOTHING)) == (Code.NO_ROUTE, "route")
-    assert refusal(heard(crossing(), alerts=[alert("4b1a2c", "beef01")])) == (Code.NO_INTRUDER, "intruder beef01")
+    assert refusal(heard(crossing(), alerts=[alert("4b1a2c", "beef01")])) == (
+        Code.NO_INTRUDER,
+        "intruder beef01",
+    )
 
 
 def test_stale_input_is_named():
@@ -125,7 +141,9 @@ def test_unreadable_input_is_named_until_it_is_replaced():
     assert refusal(heard(bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
     assert refusal(heard(crossing(), bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
     later = crossing(time=NOW + SECOND // 10)
-    assert task(heard(crossing(), bad, later), NOW + SECOND // 10, SETTINGS).identifiers == ("4b1a2c",)
+    assert task(heard(crossing(), bad, later), NOW + SECOND // 10, SETTINGS).identifiers == (
+        "4b1a2c",
+    )
 
     broken = aircraft(0.0, 0.0, 0.0, math.inf, id="own")
     assert refusal(heard(own=broken)) == (Code.INVALID_OWNSHIP, "ownship.velocity.x")
@@ -142,7 +160,10 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
         Code.INVALID_OWNSHIP,
         "ownship.position",
     )
-    assert refusal(heard(points=route_points(spacing=11_000.0))) == (Code.INVALID_ROUTE, "route.waypoints[9]")
+    assert refusal(heard(points=route_points(spacing=11_000.0))) == (
+        Code.INVALID_ROUTE,
+        "route.waypoints[9]",
+    )
     far = aircraft(301_000.0, 0.0, 0.0, 75.0)
     wanted = task(heard(far), NOW, SETTINGS)
     assert wanted.identifiers == () and wanted.excluded[0][0] == "4b1a2c"
@@ -151,7 +172,8 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
 
 
 @pytest.mark.parametrize(
-    ("own_id", "echo"), [("own", "own"), ("4B1A2C", "4b1a2c"), ("4b1a2c", " 4B1A2C  "), ("4b1a2c", "4B1A2C\t\n")]
+    ("own_id", "echo"),
+    [("own", "own"), ("4B1A2C", "4b1a2c"), ("4b1a2c", " 4B1A2C  "), ("4b1a2c", "4B1A2C\t\n")],
 )
 def test_own_transmission_received_again_is_no_intruder(own_id: str, echo: str):
     own, copy = aircraft(0.0, 0.0, 0.0, 75.0, id=own_id), aircraft(0.0, 0.0, 0.0, 75.0, id=echo)
@@ -168,7 +190,12 @@ def test_another_aircraft_with_the_ownships_id_counts():
     before = updates.traffic(Situation(), far, NOW, RULES)
     assert list(updates.ownship(before, own, NOW, RULES).traffic) == ["4b1a2c"]
     # Without a place it is taken for the own transmission.
-    assert task(heard(aircraft(0.0, 0.0, 0.0, 75.0, id="4b1a2c", valid=0), own=own), NOW, SETTINGS).identifiers == ()
+    assert (
+        task(
+            heard(aircraft(0.0, 0.0, 0.0, 75.0, id="4b1a2c", valid=0), own=own), NOW, SETTINGS
+        ).identifiers
+        == ()
+    )
 
 
 def test_alert_names_an_aircraft_in_any_case():
@@ -183,30 +210,49 @@ def test_copy_of_the_ownship_under_another_id_is_noted():
 
 
 def test_msl_heights_are_comparable_with_the_undulation_only():
-    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x07, altitude=1_000.0, altitude_reference=1)
+    own = aircraft(
+        0.0, 0.0, 0.0, 75.0, id="own", valid=0x07, altitude=1_000.0, altitude_reference=1
+    )
     other = crossing(valid=0x07, altitude=2_000.0, altitude_reference=2)
     without = task(heard(other, own=own), NOW, SETTINGS)
-    assert without.intruders[0].altitude is not None and without.intruders[0].altitude.reference == "msl"
+    assert (
+        without.intruders[0].altitude is not None
+        and without.intruders[0].altitude.reference == "msl"
+    )
     undulated = geo_reference(geoid_undulation_valid=True, geoid_undulation=47.5)
     with_it = task(heard(other, own=own, reference=undulated), NOW, SETTINGS)
     assert with_it.intruders[0].altitude is not None
-    assert (with_it.intruders[0].altitude.value, with_it.intruders[0].altitude.reference) == (2_047.5, "wgs84")
+    assert (with_it.intruders[0].altitude.value, with_it.intruders[0].altitude.reference) == (
+        2_047.5,
+        "wgs84",
+    )
 
 
 @given(st.floats(-14.0, 14.0), st.floats(-14.0, 14.0), st.floats(-math.pi, math.pi))
-def test_planned_ground_speeds_keep_the_airspeed_in_its_limits(east: float, north: float, way: float):
+def test_planned_ground_speeds_keep_the_airspeed_in_its_limits(
+    east: float, north: float, way: float
+):
     calm, wind = SETTINGS, SimpleNamespace(x=east, y=north, z=0.0)
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=wind)
     options = task(heard(own=own), NOW, calm).options
-    for limits, free in ((options.limits, calm.options.limits), (options.manoeuvre, calm.options.manoeuvre)):
+    for limits, free in (
+        (options.limits, calm.options.limits),
+        (options.manoeuvre, calm.options.manoeuvre),
+    ):
         for speed in (limits.speed_min, limits.speed_max):
             air = math.hypot(speed * math.cos(way) - east, speed * math.sin(way) - north)
-            assert min(free.speed_min, calm.options.limits.speed_min) - 1e-9 <= air <= free.speed_max + 1e-9
+            assert (
+                min(free.speed_min, calm.options.limits.speed_min) - 1e-9
+                <= air
+                <= free.speed_max + 1e-9
+            )
         assert limits.speed_min < limits.speed_max
 
 
 def test_too_strong_a_wind_is_refused():
-    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=SimpleNamespace(x=15.0, y=15.0, z=0.0))
+    own = aircraft(
+        0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=SimpleNamespace(x=15.0, y=15.0, z=0.0)
+    )
     assert refusal(heard(own=own)) == (Code.INVALID_OWNSHIP, "ownship.wind")
 
 
@@ -242,8 +288,14 @@ def test_a_plan_survives_its_way_over_the_ellipsoid(origin: tuple[float, float])
 # A plan that took long is SAFE only if it still is from where everybody is by then.
 
 
-def at(seconds: float, intruder: tuple[float, float, float], own: tuple[float, float, float] | None = None) -> Task:
-    """Return the task some seconds after NOW, the ownship having flown straight on where nothing else is said."""
+def at(
+    seconds: float,
+    intruder: tuple[float, float, float],
+    own: tuple[float, float, float] | None = None,
+) -> Task:
+    """Return the task some seconds after NOW, the ownship having flown straight on where nothing
+    else is said.
+    """
     now = NOW + round(seconds * SECOND)
     rules = Rules(jump_distance=1e5)
     situation = updates.geo_reference(Situation(), geo_reference(), now, rules)
@@ -277,7 +329,9 @@ def test_plan_without_delay_is_unchanged(made: Plan, asked: Task):
 
 @pytest.mark.parametrize("late", [0.5, 2.0])
 def test_ownship_on_its_prediction_keeps_the_plan(made: Plan, asked: Task, late: float):
-    roomy = replace(asked.options, requirement=asked.options.requirement._replace(margin=0.0, separation=950.0))
+    roomy = replace(
+        asked.options, requirement=asked.options.requirement._replace(margin=0.0, separation=950.0)
+    )
     present = replace(at(late, (9_000.0 - 75.0 * late, 0.0, math.pi)), options=roomy)
     assert revalidated(made, asked, present).safe
 
@@ -286,7 +340,9 @@ def test_intruder_off_its_prediction_voids_the_plan(made: Plan, asked: Task):
     side = math.copysign(1.0, made.waypoints[1].y)
     late = revalidated(made, asked, at(2.0, (2_500.0, side * 600.0, math.pi)))
     assert not late.safe
-    assert late.reasons[0].message.startswith("plan was found 2.0 s after the request and is too late")
+    assert late.reasons[0].message.startswith(
+        "plan was found 2.0 s after the request and is too late"
+    )
     assert "separation" in late.reasons[0].message
 
 

@@ -1,4 +1,6 @@
-"""Reports in and out of order: what is taken, what is passed over, what is a fault and until when."""
+"""Reports in and out of order: what is taken, what is passed over, what is a fault and
+until when.
+"""
 
 import math
 from dataclasses import replace
@@ -24,8 +26,15 @@ START = VehicleState(np.float64(0.0), np.float64(0.0), np.float64(0.3), np.float
 
 
 def report(seconds: float, x: float | None = None, y: float = 0.0):
-    """Return a report of an aircraft that flies eastwards at 80 m/s and was at the origin at NOW."""
-    return read(aircraft(80.0 * seconds if x is None else x, y, 0.0, 80.0, time=NOW + round(seconds * SECOND)), "it")
+    """Return a report of an aircraft that flies eastwards at 80 m/s and was at the origin
+    at NOW.
+    """
+    return read(
+        aircraft(
+            80.0 * seconds if x is None else x, y, 0.0, 80.0, time=NOW + round(seconds * SECOND)
+        ),
+        "it",
+    )
 
 
 def fed(*reports, now: float = 0.0) -> tuple[Track, list[Verdict]]:
@@ -60,7 +69,13 @@ def test_in_whatever_order_they_come_the_newest_counts(order: list[int]):
     assert sum(track.counts.values()) == len(order)
 
 
-@given(st.lists(st.tuples(st.integers(1, 3), st.floats(-200.0, 200.0), st.floats(-3.0, 3.0)), min_size=1, max_size=8))
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 3), st.floats(-200.0, 200.0), st.floats(-3.0, 3.0)),
+        min_size=1,
+        max_size=8,
+    )
+)
 def test_without_declared_noise_the_report_is_believed(flown: list[tuple[int, float, float]]):
     track, seconds = UNKNOWN, 0.0
     for step, off, heading in flown:
@@ -82,18 +97,30 @@ def test_errors_of_estimates_are_much_smaller_and_as_declared(latitude: float):
             place = 60.0 * second + 30.0 * x, 45.0 * second + 30.0 * y
             spread = {"position_std": 30.0, "velocity_std": 3.0, "valid": 0xC5, "frame": frame}
             message = aircraft(
-                *place, math.atan2(north, east), math.hypot(east, north), time=NOW + second * SECOND, **spread
+                *place,
+                math.atan2(north, east),
+                math.hypot(east, north),
+                time=NOW + second * SECOND,
+                **spread,
             )
             one = read(message, "it")
             track = taken(track, one, "it", one.time, RULES)
         assert track.estimate is not None and track.fault is None
         at = frame.place(track.estimate.latitude, track.estimate.longitude)
         east, north = at.velocity(track.estimate.east, track.estimate.north)
-        off = float(at.x) - 60.0 * 29, float(at.y) - 45.0 * 29, float(east) - 60.0, float(north) - 45.0
+        off = (
+            float(at.x) - 60.0 * 29,
+            float(at.y) - 45.0 * 29,
+            float(east) - 60.0,
+            float(north) - 45.0,
+        )
         spread = track.estimate.position_std, track.estimate.velocity_std
         assert spread[0] < 30.0 and spread[1] <= 3.0
-        found.append([off[0] / spread[0], off[1] / spread[0], off[2] / spread[1], off[3] / spread[1]])
-    # 240 numbers of variance 1 if all is as declared: their mean square is 1 within 0.28, three standard deviations.
+        found.append(
+            [off[0] / spread[0], off[1] / spread[0], off[2] / spread[1], off[3] / spread[1]]
+        )
+    # 240 numbers of variance 1 if all is as declared: their mean square is 1 within 0.28, three
+    # standard deviations.
     assert 0.72 < np.mean(np.square(found)) < 1.28
     assert np.sqrt(np.mean(np.square(found), axis=0)).max() < 1.4
 
@@ -102,7 +129,9 @@ def test_two_reports_of_one_time_that_differ_are_a_fault():
     track, verdicts = fed(report(0.0), report(0.0, x=50.0))
     assert verdicts[-1] is Verdict.CONFLICT
     assert track.last == report(0.0)
-    assert track.fault is not None and track.fault.message.startswith("it.header.stamp belongs to two reports")
+    assert track.fault is not None and track.fault.message.startswith(
+        "it.header.stamp belongs to two reports"
+    )
 
 
 def test_a_report_from_the_future_is_a_fault_until_a_good_one_comes():
@@ -131,13 +160,16 @@ def test_single_outlier_is_refused():
     track, verdicts = fed(report(0.0), report(1.0, y=5_000.0), report(2.0))
     assert verdicts == [Verdict.TAKEN, Verdict.JUMP, Verdict.TAKEN]
     assert track.last == report(2.0)
-    # It may be one of two aircraft that report in turns; another good report in a row shows that it is not.
+    # It may be one of two aircraft that report in turns; another good report in a row shows that it
+    # is not.
     assert track.fault is not None and track.fault.verdict is Verdict.JUMP
     assert fed(report(0.0), report(1.0, y=5_000.0), report(2.0), report(3.0))[0].fault is None
 
 
 def taken_in_turns(first, second, pattern: str, every: float = 1.0) -> list[Track]:
-    """Return the track after each report of two aircraft, called a and b, in the order of a pattern."""
+    """Return the track after each report of two aircraft, called a and b, in the order of a
+    pattern.
+    """
     track, history = UNKNOWN, []
     for number, turn in enumerate(pattern):
         seconds = every * number
@@ -149,13 +181,16 @@ def taken_in_turns(first, second, pattern: str, every: float = 1.0) -> list[Trac
 
 def other(seconds: float):
     """Return a report of an aircraft 60 km away that flies westwards."""
-    message = aircraft(60_000.0 - 80.0 * seconds, 5_000.0, math.pi, 80.0, time=NOW + round(seconds * SECOND))
+    message = aircraft(
+        60_000.0 - 80.0 * seconds, 5_000.0, math.pi, 80.0, time=NOW + round(seconds * SECOND)
+    )
     return read(message, "it")
 
 
 @pytest.mark.parametrize(
     ("pattern", "since"),
-    # Two reports of one aircraft in a row look like the end of an outlier, or of a jump, the first time only.
+    # Two reports of one aircraft in a row look like the end of an outlier, or of a jump, the first
+    # time only.
     [("ababababab", 1), ("aabaabaaba", 5), ("abbabbabba", 3), ("aabbaabbaa", 4), ("abbbabbbab", 4)],
 )
 def test_name_of_two_aircraft_is_a_fault_while_both_report(pattern: str, since: int):
@@ -183,8 +218,12 @@ def test_shared_name_is_free_again_when_one_aircraft_falls_silent():
 
 
 def frozen(seconds: float, moving: float, jitter: float = 0.0):
-    """Return a report of an aircraft at 80 m/s whose position stands still after ``moving`` seconds."""
-    return report(seconds, x=80.0 * min(seconds, moving), y=jitter * (-1.0) ** round(10.0 * seconds))
+    """Return a report of an aircraft at 80 m/s whose position stands still after ``moving``
+    seconds.
+    """
+    return report(
+        seconds, x=80.0 * min(seconds, moving), y=jitter * (-1.0) ** round(10.0 * seconds)
+    )
 
 
 @pytest.mark.parametrize("every", [0.1, 1.0])
@@ -194,7 +233,9 @@ def test_frozen_position_under_fresh_stamps_is_a_fault(every: float, moving: flo
     track, faulty = UNKNOWN, []
     for number in range(round((moving + 40.0) / every)):
         seconds = number * every
-        track = taken(track, frozen(seconds, moving, jitter), "it", NOW + round(seconds * SECOND), RULES)
+        track = taken(
+            track, frozen(seconds, moving, jitter), "it", NOW + round(seconds * SECOND), RULES
+        )
         faulty.append((seconds, track.fault is not None))
     since = next(seconds for seconds, bad in faulty if bad)
     assert moving < since <= moving + 5.0
@@ -224,7 +265,9 @@ def test_frozen_position_is_a_fault_under_declared_noise_too(std: tuple[float, f
     assert faulty.index(True) <= 15 and all(faulty[faulty.index(True) :])
 
 
-@pytest.mark.parametrize("unit", [1_852.0 / 3_600.0, 3_600.0 / 1_852.0, 0.3048, 1.0 / 0.3048, 3.6, 1.0 / 3.6])
+@pytest.mark.parametrize(
+    "unit", [1_852.0 / 3_600.0, 3_600.0 / 1_852.0, 0.3048, 1.0 / 0.3048, 3.6, 1.0 / 3.6]
+)
 def test_velocity_in_another_unit_is_a_fault(unit: float):
     track = UNKNOWN
     for second in range(12):
@@ -250,14 +293,30 @@ def test_velocity_zero_of_an_aircraft_that_moves_is_a_fault():
     assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.1, 0.5, 1.0]), st.floats(-6.0, 6.0), st.floats(0.0, 100.0))
-def test_noisy_turning_aircraft_do_not_contradict_themselves(seed: int, every: float, degrees: float, speed: float):
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.1, 0.5, 1.0]),
+    st.floats(-6.0, 6.0),
+    st.floats(0.0, 100.0),
+)
+def test_noisy_turning_aircraft_do_not_contradict_themselves(
+    seed: int, every: float, degrees: float, speed: float
+):
     random, track = np.random.default_rng(seed), UNKNOWN
-    start = VehicleState(np.float64(0.0), np.float64(0.0), np.float64(0.3), np.float64(max(speed, 50.0)))
+    start = VehicleState(
+        np.float64(0.0), np.float64(0.0), np.float64(0.3), np.float64(max(speed, 50.0))
+    )
     for number in range(round(30.0 / every)):
-        at = kinematics.advance(start, 0.0, math.radians(degrees), np.float64(every * number), SURROGATE, np)
+        at = kinematics.advance(
+            start, 0.0, math.radians(degrees), np.float64(every * number), SURROGATE, np
+        )
         time, (east, north, up) = NOW + round(every * number * SECOND), random.normal(size=3)
-        state = (float(at.x) + 10.0 * east, float(at.y) + 10.0 * north, float(at.heading), float(at.speed) + up)
+        state = (
+            float(at.x) + 10.0 * east,
+            float(at.y) + 10.0 * north,
+            float(at.heading),
+            float(at.speed) + up,
+        )
         message = aircraft(*state, time=time, valid=0x45, position_std=10.0)
         track = taken(track, read(message, "it"), "it", time, RULES)
         assert track.verdict is Verdict.TAKEN
@@ -272,7 +331,9 @@ def test_outliers_that_disagree_are_refused():
 @given(st.floats(0.1, 29.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_what_lies_within_the_allowance_is_no_jump(seconds: float, ahead: float, aside: float):
     allowed = 0.69 * (RULES.jump_distance + RULES.jump_speed * seconds)
-    _, verdicts = fed(report(0.0), report(seconds, x=80.0 * seconds + ahead * allowed, y=aside * allowed))
+    _, verdicts = fed(
+        report(0.0), report(seconds, x=80.0 * seconds + ahead * allowed, y=aside * allowed)
+    )
     assert verdicts[-1] is Verdict.TAKEN
 
 
@@ -307,7 +368,9 @@ def turning(rate: float, every: float, std: float = 0.0, count: int = 9) -> Trac
 @given(st.floats(0.3, 5.5), st.sampled_from([-1.0, 1.0]), st.sampled_from([0.1, 0.25, 0.5, 1.0]))
 def test_a_turn_shows_in_the_reports_whatever_their_rate(degrees: float, side: float, every: float):
     rate = side * math.radians(degrees)
-    assert turning(rate, every).turn_rate == pytest.approx(rate, rel=1e-3, abs=5e-5)  # meridians converge
+    assert turning(rate, every).turn_rate == pytest.approx(
+        rate, rel=1e-3, abs=5e-5
+    )  # meridians converge
 
 
 def test_noise_and_gaps_and_what_no_aircraft_can_do_show_no_turn():

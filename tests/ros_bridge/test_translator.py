@@ -1,4 +1,6 @@
-"""Other packages' messages on a graph: passed on as they mean it, or not at all and with the reason."""
+"""Other packages' messages on a graph: passed on as they mean it, or not at all and with the
+reason.
+"""
 
 import importlib
 import json
@@ -42,7 +44,9 @@ from tests.ros_bridge.scenes import NOW, SECOND, definitions, stamp
 TRANSLATOR = "/rlcas_translator"
 
 
-def odometry(roll: float, pitch: float, yaw: float, ahead: float, left: float, up: float) -> SimpleNamespace:
+def odometry(
+    roll: float, pitch: float, yaw: float, ahead: float, left: float, up: float
+) -> SimpleNamespace:
     cr, sr, cp, sp, cy, sy = (f(0.5 * a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
     quaternion = SimpleNamespace(
         w=cr * cp * cy + sr * sp * sy,
@@ -58,10 +62,19 @@ def odometry(roll: float, pitch: float, yaw: float, ahead: float, left: float, u
     )
 
 
-@given(*(st.floats(-1.5, 1.5) for _ in range(2)), st.floats(-math.pi, math.pi), *(st.floats(-50.0, 50.0),) * 3)
+@given(
+    *(st.floats(-1.5, 1.5) for _ in range(2)),
+    st.floats(-math.pi, math.pi),
+    *(st.floats(-50.0, 50.0),) * 3,
+)
 def test_odometry_turns_with_the_body(roll, pitch, yaw, ahead, left, up):
-    # Roll about x, then pitch about y, then yaw about z: one axis after the other, as matrices do it.
-    x, y, z = ahead, math.cos(roll) * left - math.sin(roll) * up, math.sin(roll) * left + math.cos(roll) * up
+    # Roll about x, then pitch about y, then yaw about z: one axis after the other, as matrices do
+    # it.
+    x, y, z = (
+        ahead,
+        math.cos(roll) * left - math.sin(roll) * up,
+        math.sin(roll) * left + math.cos(roll) * up,
+    )
     x, z = math.cos(pitch) * x + math.sin(pitch) * z, -math.sin(pitch) * x + math.cos(pitch) * z
     x, y = math.cos(yaw) * x - math.sin(yaw) * y, math.sin(yaw) * x + math.cos(yaw) * y
     linear = adapters.odometry_velocity(odometry(roll, pitch, yaw, ahead, left, up)).linear
@@ -97,18 +110,24 @@ def test_a_fix_goes_with_the_velocity_of_its_time_alone():
     assert (turned.east, turned.north) == pytest.approx((0.0, 70.0), abs=1e-9)
     with pytest.raises(FieldError, match="velocity has not been received"):
         paired(fix(NOW), None, "n1", "msl", 0.2)
-    with pytest.raises(FieldError, match=r"velocity\.header\.stamp is 1\.00 s from the fix's, expected 0\.2 s"):
+    with pytest.raises(
+        FieldError, match=r"velocity\.header\.stamp is 1\.00 s from the fix's, expected 0\.2 s"
+    ):
         paired(fix(NOW), velocity(NOW - SECOND), "n1", "msl", 0.2)
 
 
 def test_good_states_are_passed_on_and_others_reported():
-    with beside(Translator, own_source="nav_sat_fix", own_id="4b1234", own_altitude_reference="msl") as (_, client):
+    with beside(
+        Translator, own_source="nav_sat_fix", own_id="4b1234", own_altitude_reference="msl"
+    ) as (_, client):
         states = client.hear(AircraftState, f"{NODE}/input/ownship", qos.SENSOR)
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
         client.say(NavSatFix, f"{TRANSLATOR}/input/fix", fix(NOW), qos.SENSOR)
         client.spin(
             lambda: (
-                health and health[-1].status[0].message == "velocity has not been received, expected one beside the fix"
+                health
+                and health[-1].status[0].message
+                == "velocity has not been received, expected one beside the fix"
             )
         )
         assert states == []  # an ownship without velocity is not passed on
@@ -117,7 +136,12 @@ def test_good_states_are_passed_on_and_others_reported():
         client.say(NavSatFix, f"{TRANSLATOR}/input/fix", fix(NOW), qos.SENSOR)
         client.spin(lambda: states)
         state = states[0]
-        assert (state.id, state.latitude, state.velocity.x, state.velocity.y) == ("4b1234", 47.1, 60.0, 30.0)
+        assert (state.id, state.latitude, state.velocity.x, state.velocity.y) == (
+            "4b1234",
+            47.1,
+            60.0,
+            30.0,
+        )
         assert (state.altitude, state.altitude_reference) == (1_900.0, AircraftState.ALTITUDE_MSL)
 
 
@@ -126,7 +150,11 @@ def test_traffic_that_cannot_be_translated_is_named():
         states = client.hear(AircraftState, f"{NODE}/input/traffic", qos.TRAFFIC)
         client.say(NavSatFix, f"{TRANSLATOR}/input/fix", fix(NOW), qos.SENSOR)
         client.spin(lambda: states)
-        assert (states[0].id, states[0].valid, states[0].latitude) == ("n 42", AircraftState.VALID_POSITION, 47.1)
+        assert (states[0].id, states[0].valid, states[0].latitude) == (
+            "n 42",
+            AircraftState.VALID_POSITION,
+            47.1,
+        )
         lost = fix(NOW)
         lost.status.status = -1
         client.say(NavSatFix, f"{TRANSLATOR}/input/fix", lost, qos.SENSOR)
@@ -138,7 +166,10 @@ def test_traffic_that_cannot_be_translated_is_named():
     ("given", "says"),
     [
         ([], "own_source and traffic_source are both none"),
-        (["own_source:=gps"], "own_source is 'gps', expected one of none, nav_sat_fix, inspva, inspvax"),
+        (
+            ["own_source:=gps"],
+            "own_source is 'gps', expected one of none, nav_sat_fix, inspva, inspvax",
+        ),
         (["own_source:=nav_sat_fix"], "own_id is empty"),
         (["traffic_source:=adsb"], "adsb needs the package mavros_msgs"),
     ],
@@ -148,7 +179,8 @@ def test_bad_parameters_are_refused_in_one_sentence(given, says):
         main(["--ros-args", *(part for one in given for part in ("-p", one))])
 
 
-# mavros and NovAtel over real DDS: their packages are built from their definitions, and the translator reads them.
+# mavros and NovAtel over real DDS: their packages are built from their definitions, and the
+# translator reads them.
 
 OURS = ROOT / "ros_bridge" / "rlcas_msgs"
 SENDER = """
@@ -187,24 +219,45 @@ def built(package: str, folder: Path, prefix: Path) -> None:
     (source / "CMakeLists.txt").write_text(text, encoding="utf-8")
     described = (OURS / "package.xml").read_text(encoding="utf-8").replace("rlcas_msgs", package)
     (source / "package.xml").write_text(described, encoding="utf-8")
-    command = [sys.executable, "-m", "ros_bridge.build_interfaces", "--source", str(source), "--prefix", str(prefix)]
+    command = [
+        sys.executable,
+        "-m",
+        "ros_bridge.build_interfaces",
+        "--source",
+        str(source),
+        "--prefix",
+        str(prefix),
+    ]
     done = subprocess.run(
-        [*command, "--build", str(folder / "build" / package)], cwd=ROOT, capture_output=True, text=True, check=False
+        [*command, "--build", str(folder / "build" / package)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
-def test_translator_reads_the_messages_of_mavros_and_novatel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_translator_reads_the_messages_of_mavros_and_novatel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     prefix = tmp_path / "prefix"
     for package in ("mavros_msgs", "novatel_oem7_msgs"):
         built(package, tmp_path, prefix)
     [packages] = prefix.glob("lib/python*/site-packages")
     for name, value in (("PYTHONPATH", packages), ("LD_LIBRARY_PATH", prefix / "lib")):
-        monkeypatch.setenv(name, os.pathsep.join(filter(None, [str(value), os.environ.get(name, "")])))
+        monkeypatch.setenv(
+            name, os.pathsep.join(filter(None, [str(value), os.environ.get(name, "")]))
+        )
     sources = ("own_source:=inspvax", "own_id:=own", "traffic_source:=adsb")
     with domain() as number:
-        Process("ros_bridge.translator", number, "--ros-args", *(part for one in sources for part in ("-p", one)))
+        Process(
+            "ros_bridge.translator",
+            number,
+            "--ros-args",
+            *(part for one in sources for part in ("-p", one)),
+        )
         script = tmp_path / "drivers_of_others.py"
         script.write_text(SENDER, encoding="utf-8")
         monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]]))
@@ -213,13 +266,17 @@ def test_translator_reads_the_messages_of_mavros_and_novatel(tmp_path: Path, mon
         try:
             own = client.hear(AircraftState, f"{NODE}/input/ownship", qos.SENSOR)
             traffic = client.hear(AircraftState, f"{NODE}/input/traffic", qos.TRAFFIC)
-            client.spin(lambda: own and {one.id for one in traffic} >= {"000001", "000002", "000003"}, 30.0)
+            client.spin(
+                lambda: own and {one.id for one in traffic} >= {"000001", "000002", "000003"}, 30.0
+            )
             client.idle(1.0)
             states = {one.id: one for one in traffic}
         finally:
             client.close()
     assert set(states) == {"000001", "000002", "000003"}
-    assert (states["000001"].velocity.x, states["000001"].velocity.y) == pytest.approx((80.0, 0.0), abs=1e-9)
+    assert (states["000001"].velocity.x, states["000001"].velocity.y) == pytest.approx(
+        (80.0, 0.0), abs=1e-9
+    )
     assert states["000002"].velocity.x == pytest.approx(4.187, abs=1e-3)  # 80 m/s at 3 degrees
     assert states["000003"].valid == AircraftState.VALID_POSITION
     assert (own[0].altitude, own[0].altitude_reference) == (448.0, AircraftState.ALTITUDE_WGS84)
@@ -232,12 +289,17 @@ DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "ros-paramet
 
 
 def test_the_docs_are_current():
-    wanted = "expected the output of `python -m ros_bridge.transport.parameters` in docs/reference/ros-parameters.md"
+    wanted = (
+        "expected the output of `python -m ros_bridge.transport.parameters` in "
+        "docs/reference/ros-parameters.md"
+    )
     assert parameters.reference() in DOCS.read_text(encoding="utf-8"), wanted
 
 
 def test_the_layout_for_viewers_names_what_is_recorded():
-    layout = json.loads((DOCS.parents[1] / "assets" / "foxglove-layout.json").read_text(encoding="utf-8"))
+    layout = json.loads(
+        (DOCS.parents[1] / "assets" / "foxglove-layout.json").read_text(encoding="utf-8")
+    )
     recorded = {f"/{name.removeprefix('/')}": kind for kind, name, _ in topics.EVERY}
     panels = layout["configById"]
     shown = [*panels["3D!plan"]["topics"], panels["DiagnosticSummary!health"]["topicToRender"]]
@@ -260,7 +322,10 @@ def test_defaults_lie_in_their_ranges_and_names_are_unique(node: str):
 
 @pytest.mark.parametrize("given", [{"separaton": 2000.0}, {"marign": 500.0}, {"margin": math.nan}])
 def test_unknown_and_undefined_values_are_refused_by_name(given: dict[str, float]):
-    with pytest.raises((ValueError, ParameterException), match=next(iter(given))), beside(Monitor, **given):
+    with (
+        pytest.raises((ValueError, ParameterException), match=next(iter(given))),
+        beside(Monitor, **given),
+    ):
         pass
 
 
@@ -281,9 +346,17 @@ def test_default_margin_is_an_aircrafts(node: Any):
         ("/**/rlcas_runer:\n  ros__parameters: {margin: 50.0}", "rlcas_runer"),
         ("n123:\n  rlcas_montor:\n    ros__parameters: {margin: 50.0}", "rlcas_montor"),
         ("/**/rlcas_translator_2:\n  ros__parameters: {own_id: a}", ""),
-        ("a: {b: [1, {c: d}], e: &x f}\n/rlcas_runr:\n  ros__parameters: {list: [1, 2], other: *x}", "rlcas_runr"),
+        (
+            "a: {b: [1, {c: d}], e: &x f}\n/rlcas_runr:\n  ros__parameters: {list: [1, 2], other: "
+            "*x}",
+            "rlcas_runr",
+        ),
         ("{a: " * 3000 + "1" + "}" * 3000, ""),
-        ("/n123/rlcas_runner:\n  ros__parameters: {margin: 50.0}\n/other:\n  ros__parameters: {a: 1}", ""),
+        (
+            "/n123/rlcas_runner:\n  ros__parameters: {margin: 50.0}\n/other:\n  ros__parameters: "
+            "{a: 1}",
+            "",
+        ),
     ],
 )
 def test_parameter_file_for_an_unknown_node_is_refused(tmp_path: Path, text: str, wrong: str):
@@ -294,7 +367,9 @@ def test_parameter_file_for_an_unknown_node_is_refused(tmp_path: Path, text: str
     if not wrong:
         refuse_unknown_nodes(arguments, names)
         return
-    with pytest.raises(ValueError, match=f"parameters for {wrong}, which is no node; the nearest is rlcas_"):
+    with pytest.raises(
+        ValueError, match=f"parameters for {wrong}, which is no node; the nearest is rlcas_"
+    ):
         refuse_unknown_nodes(arguments, names)
 
 
@@ -306,8 +381,12 @@ def test_a_named_pipe_is_no_parameter_file(tmp_path: Path):
 
 def test_argument_for_an_unknown_node_is_refused():
     names = [f"rlcas_{name}" for name in parameters.NODES]
-    refuse_unknown_nodes(["--ros-args", "-p", "rlcas_runner:margin:=50.0", "-p", "policy_file:=a:b"], names)
-    with pytest.raises(ValueError, match="for rlcas_runer, which is no node; the nearest is rlcas_runner"):
+    refuse_unknown_nodes(
+        ["--ros-args", "-p", "rlcas_runner:margin:=50.0", "-p", "policy_file:=a:b"], names
+    )
+    with pytest.raises(
+        ValueError, match="for rlcas_runer, which is no node; the nearest is rlcas_runner"
+    ):
         refuse_unknown_nodes(["--ros-args", "-p", "/n1/rlcas_runer:margin:=50.0"], names)
 
 
@@ -324,7 +403,9 @@ def test_public_names_exist(room: str):
 def test_core_and_sim_load_no_ros():
     rooms = ", ".join(f"ros_bridge.{room}" for room in ("core", "sim", "transport", "nodes"))
     program = f"import sys, {rooms}; print('rclpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "False"
 
 
@@ -338,7 +419,9 @@ def test_core_and_sim_load_no_ros():
         ),
         (["--ros-args", "-p", "policy_sha256:=" + 32 * "ab"], "policy_sha256 is 'abab"),
         (["--ros-args", "-p", "separation:=0.0"], "separation out of range"),
-        pytest.param(["--ros-args", "-p", "separation:=many"], "separation", marks=pytest.mark.slow),
+        pytest.param(
+            ["--ros-args", "-p", "separation:=many"], "separation", marks=pytest.mark.slow
+        ),
         (["--ros-args", "-p", "policy_file:=/nowhere/policy"], "no such policy file"),
         pytest.param(
             ["--ros-args", "-p", "route_durability:=forever"],
@@ -361,10 +444,15 @@ def test_messages_hold_what_the_conversions_expect():
 
     bits = [name for name in dir(AircraftState) if name.startswith("VALID_")]
     assert sorted(getattr(AircraftState, name) for name in bits) == [1 << n for n in range(8)]
-    assert all(getattr(AircraftState, name) == getattr(read, name.removeprefix("VALID_")) for name in bits)
+    assert all(
+        getattr(AircraftState, name) == getattr(read, name.removeprefix("VALID_")) for name in bits
+    )
     for name, bit in (("ALTITUDE", read.POINT_ALTITUDE), ("TRACK", read.POINT_TRACK)):
         assert getattr(Waypoint, f"VALID_{name}") == bit
-    assert (Waypoint.VALID_GROUND_SPEED, Waypoint.VALID_TIME_OF_ARRIVAL) == (read.POINT_SPEED, read.POINT_TIME)
+    assert (Waypoint.VALID_GROUND_SPEED, Waypoint.VALID_TIME_OF_ARRIVAL) == (
+        read.POINT_SPEED,
+        read.POINT_TIME,
+    )
     for name in ("SAFE", "ROUTE", "BACKUP"):
         assert getattr(Trajectory, f"STATUS_{name}") == getattr(read, f"STATUS_{name}")
     codes = {
@@ -375,7 +463,8 @@ def test_messages_hold_what_the_conversions_expect():
     assert codes == {code.name: code.value for code in Code}
 
 
-# The node on the page about ROS graphs of one's own runs, and the runner answers it as the page says.
+# The node on the page about ROS graphs of one's own runs, and the runner answers it as the page
+# says.
 PAGE = (ROOT / "docs" / "howto" / "own-ros-graph.md").read_text(encoding="utf-8")
 PROGRAM = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)[0]
 PRINTED = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)
@@ -383,10 +472,16 @@ OWN = '        self.own.publish(aircraft("own", now, 80.0 * seconds, 80.0))\n'
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("left_out", "printed"), [("", PRINTED[0]), (OWN, PRINTED[1])], ids=["whole", "no ownship"])
-def test_the_program_of_the_page_gets_the_answers_of_the_page(left_out: str, printed: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("left_out", "printed"), [("", PRINTED[0]), (OWN, PRINTED[1])], ids=["whole", "no ownship"]
+)
+def test_the_program_of_the_page_gets_the_answers_of_the_page(
+    left_out: str, printed: str, tmp_path: Path
+) -> None:
     assert left_out in PROGRAM
-    (tmp_path / "ask.py").write_text(PROGRAM.replace(left_out, "") if left_out else PROGRAM, encoding="utf-8")
+    (tmp_path / "ask.py").write_text(
+        PROGRAM.replace(left_out, "") if left_out else PROGRAM, encoding="utf-8"
+    )
     with domain() as number:
         Process("ros_bridge.runner", number)
         environment = os.environ | {

@@ -1,4 +1,6 @@
-"""The outlook is a lower bound; a backup is always at hand, can be flown, and is flown when the monitor says so."""
+"""The outlook is a lower bound; a backup is always at hand, can be flown, and is flown when the
+monitor says so.
+"""
 
 import math
 from dataclasses import replace
@@ -41,11 +43,15 @@ def winding(generator: np.random.Generator, count: int) -> Knots:
     state = random_states(generator, count, extent=2_000.0)
     parts, first = [], 0.0
     for _ in range(2):
-        knots = flown(state, state.heading + generator.uniform(-2.0, 2.0, count), state.speed, THRESHOLDS)
+        knots = flown(
+            state, state.heading + generator.uniform(-2.0, 2.0, count), state.speed, THRESHOLDS
+        )
         parts.append(Knots(*knots[:4], knots.time + first))
         state = VehicleState(*(field[:, -1] for field in knots[:4]))
         first += sum(STEPS)
-    return Knots(*(np.concatenate([a, b[:, 1:]], axis=1)[:, :21] for a, b in zip(*parts, strict=True)))
+    return Knots(
+        *(np.concatenate([a, b[:, 1:]], axis=1)[:, :21] for a, b in zip(*parts, strict=True))
+    )
 
 
 def test_the_outlook_is_a_sharp_lower_bound_of_the_rest() -> None:
@@ -69,7 +75,11 @@ def test_the_outlook_is_a_sharp_lower_bound_of_the_rest() -> None:
     assert (coarse.separation[mask] <= least[mask] + 1e-6).all()
     close = mask & (least < 1_000.0)
     np.testing.assert_allclose(coarse.separation[close], ahead.separation[close], atol=1e-9)
-    assert close.any() and np.isfinite(coarse.loss[close]).all() and np.isinf(coarse.loss[~close]).all()
+    assert (
+        close.any()
+        and np.isfinite(coarse.loss[close]).all()
+        and np.isinf(coarse.loss[~close]).all()
+    )
 
 
 def test_the_past_of_a_plan_does_not_count() -> None:
@@ -79,17 +89,27 @@ def test_the_past_of_a_plan_does_not_count() -> None:
     # The intruder stands at 500 m on the way: at 7 s and more it lies behind.
     standing = Traffic.straight(other(500.0, 0.0, 0.0, 0.0))
     for now in (7.0, 13.3, 47.0):
-        ahead = outlook(course(knots, legs(knots)), np.array([now]), standing, np.full((1, 1), 1e9), 2.0)
+        ahead = outlook(
+            course(knots, legs(knots)), np.array([now]), standing, np.full((1, 1), 1e9), 2.0
+        )
         assert ahead.separation[0, 0] == pytest.approx(abs(75.0 * now - 500.0), abs=0.01)
 
 
 def test_backups_are_flyable_and_their_legs_are_exact() -> None:
     own = random_states(np.random.default_rng(4), 300)
     generator = np.random.default_rng(5)
-    knots = flown(own, own.heading + generator.uniform(-2.6, 2.6, 300), generator.uniform(50.0, 100.0, 300), THRESHOLDS)
+    knots = flown(
+        own,
+        own.heading + generator.uniform(-2.6, 2.6, 300),
+        generator.uniform(50.0, 100.0, 300),
+        THRESHOLDS,
+    )
     curves = legs(knots)
     assert knots.x.shape == (300, len(STEPS) + 1) and np.all(knots.time[:, -1] == sum(STEPS))
-    assert np.ptp(curves.yaw_rate, axis=-1).max() < 1e-6 and np.ptp(curves.acceleration, axis=-1).max() < 1e-5
+    assert (
+        np.ptp(curves.yaw_rate, axis=-1).max() < 1e-6
+        and np.ptp(curves.acceleration, axis=-1).max() < 1e-5
+    )
     # Where nothing else is left, backups turn as fast as the vehicle can.
     limits = THRESHOLDS.limits
     assert SURROGATE.yaw_rate_max < np.abs(curves.yaw_rate).max() <= limits.yaw_rate_max + 1e-9
@@ -131,7 +151,11 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
     assert second.course[0] == first.course[0] and second.knots.x[0, 0] == 75.0
     np.testing.assert_allclose(second.legs.x[0, 0, 0], 75.0)
     into = Traffic.straight(
-        other(6_000.0 * math.cos(first.course[0]), 6_000.0 * math.sin(first.course[0]), first.course[0] + math.pi)
+        other(
+            6_000.0 * math.cos(first.course[0]),
+            6_000.0 * math.sin(first.course[0]),
+            first.course[0] + math.pi,
+        )
     )
     third = refreshed(second, moved, into, zero + 2.0, THRESHOLDS)
     assert third.safe[0] and third.course[0] != first.course[0]
@@ -156,13 +180,18 @@ def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
     assert not best.safe[0]
     slightly = best._replace(course=best.course - 0.02 * np.sign(best.course))
     kept = refreshed(slightly, own, near, zero + 1.0, THRESHOLDS)
-    assert kept.clearance[0] < best.clearance[0] and kept.course[0] == slightly.course[0] and not kept.safe[0]
+    assert (
+        kept.clearance[0] < best.clearance[0]
+        and kept.course[0] == slightly.course[0]
+        and not kept.safe[0]
+    )
     wrong = best._replace(course=zero, speed=zero + 75.0)
     changed = refreshed(wrong, own, near, zero + 1.0, THRESHOLDS)
     assert changed.course[0] == best.course[0]
 
 
-# The monitor at work for one aircraft, in plain words (whole encounters: tests/eval/flights/test_plan_mode.py).
+# The monitor at work for one aircraft, in plain words (whole encounters:
+# tests/eval/flights/test_plan_mode.py).
 
 ROUTE = [RoutePoint(7 + number, 12_000.0 + 5_000.0 * number, 0.0) for number in range(8)]
 OWN = VehicleState(0.0, 0.0, 0.0, 75.0)
@@ -192,7 +221,9 @@ def on(plan: Plan, time: float, watch: watching.Watch) -> VehicleState:
 def test_one_aircraft_from_plan_to_replan(policy: Policy, first: Plan) -> None:
     watch = watching.activate(watching.begin(THRESHOLDS), first, OWN, {"a": parallel(0.0)}, 0.0)
     for time in range(3):
-        watch, verdict = watching.step(watch, float(time), on(first, time, watch), {"a": parallel(time)})
+        watch, verdict = watching.step(
+            watch, float(time), on(first, time, watch), {"a": parallel(time)}
+        )
         assert verdict.state is State.MONITORING and verdict.fly is Flown.PLAN
         assert verdict.ask is None and verdict.reasons == () and len(verdict.backup) == 11
     # Somebody new comes head-on.
@@ -201,16 +232,22 @@ def test_one_aircraft_from_plan_to_replan(policy: Policy, first: Plan) -> None:
     watch, verdict = watching.step(watch, 3.0, own, {"b": meeting, "a": parallel(3.0)})
     assert watch.names == ("a", "b") and verdict.state is State.REPLAN_REQUESTED
     assert {why.cause for why in verdict.reasons} == {Cause.SEPARATION, Cause.INTRUDER_DEVIATION}
-    assert any(why.message.startswith("separation of the rest of the plan is ") for why in verdict.reasons)
+    assert any(
+        why.message.startswith("separation of the rest of the plan is ") for why in verdict.reasons
+    )
     assert verdict.ask is not None and len(verdict.ask.intruders) == 2
     answer = plan(verdict.ask.own, verdict.ask.intruders, ROUTE, policy)
     assert answer.status is Status.SAFE
-    refused, taken_up = watching.answer(watch, verdict.ask.number, replace(answer, status=Status.UNRESOLVED))
+    refused, taken_up = watching.answer(
+        watch, verdict.ask.number, replace(answer, status=Status.UNRESOLVED)
+    )
     assert not taken_up and refused.monitor.state[0] == State.BACKUP
     watch, taken_up = watching.answer(watch, verdict.ask.number, answer)
     assert taken_up
     meeting = Intruder(VehicleState(9_000.0 - 75.0, 0.0, math.pi, 75.0))
-    watch, verdict = watching.step(watch, 4.0, on(answer, 4.0, watch), {"a": parallel(4.0), "b": meeting})
+    watch, verdict = watching.step(
+        watch, 4.0, on(answer, 4.0, watch), {"a": parallel(4.0), "b": meeting}
+    )
     assert verdict.state is State.MONITORING and verdict.reasons == ()
     assert watching.answer(watch, 99, answer) == (watch, False)
 
@@ -225,7 +262,9 @@ def test_an_intruder_that_is_not_reported_is_missing_until_it_is_gone(first: Pla
     assert verdict.state is State.MONITORING and watch.names == ()
     watch, verdict = watching.step(watch, 3.0, None, {})
     assert verdict.state is State.DENIED and verdict.backup
-    assert [why.message for why in verdict.reasons] == ["own is missing, not finite or out of range"]
+    assert [why.message for why in verdict.reasons] == [
+        "own is missing, not finite or out of range"
+    ]
 
 
 def test_every_cause_has_its_words(first: Plan) -> None:
@@ -234,7 +273,9 @@ def test_every_cause_has_its_words(first: Plan) -> None:
     every = np.array([int(~Cause(0))], dtype=np.int32)
     reasons = watching.reasons(verdict.measured._replace(causes=every), THRESHOLDS)
     assert [why.cause for why in reasons] == list(Cause)
-    assert all(why.message.startswith(why.field + " ") and "{" not in why.message for why in reasons)
+    assert all(
+        why.message.startswith(why.field + " ") and "{" not in why.message for why in reasons
+    )
 
 
 def test_the_own_distance_from_the_plan_is_taken_off_the_separation_of_its_rest() -> None:

@@ -1,4 +1,6 @@
-"""Whatever the monitor is given: a reason where something is wrong, never a pass, never an exception."""
+"""Whatever the monitor is given: a reason where something is wrong, never a pass, never an
+exception.
+"""
 
 import math
 from typing import Any
@@ -34,12 +36,18 @@ UNSEEN = VehicleState(*(np.full((1, 1), NAN) for _ in range(4)))
 
 
 def flat(tree: Any) -> list[np.ndarray]:
-    return [leaf for part in tree for leaf in flat(part)] if isinstance(tree, tuple) else [np.asarray(tree)]
+    return (
+        [leaf for part in tree for leaf in flat(part)]
+        if isinstance(tree, tuple)
+        else [np.asarray(tree)]
+    )
 
 
 @pytest.mark.parametrize("field", ["x", "y", "heading", "speed"])
 @pytest.mark.parametrize("value", [NAN, math.inf, -math.inf, 1e9, -1e300])
-def test_an_own_state_that_is_no_state_is_denied_and_holds_the_backup(field: str, value: float) -> None:
+def test_an_own_state_that_is_no_state_is_denied_and_holds_the_backup(
+    field: str, value: float
+) -> None:
     monitor, _ = tell(flying(), 0.0)
     held = monitor.backup
     for time in (1.0, 2.0, 30.0):
@@ -58,14 +66,19 @@ def test_a_flown_backup_goes_on_without_an_own_state() -> None:
     monitor, decision = tell(flying(), 0.0, seen=ahead[0])
     monitor, _ = reply(monitor, decision, safe=False)
     monitor, decision = tell(monitor, 1.0, GONE, ahead[1])
-    assert state_of(monitor) is State.DENIED and decision.fly[0] == Flown.BACKUP and not decision.replan[0]
+    assert (
+        state_of(monitor) is State.DENIED
+        and decision.fly[0] == Flown.BACKUP
+        and not decision.replan[0]
+    )
     assert np.isfinite(np.stack(assurance.references(monitor, 1.0, 0.1, 10))).all()
     monitor, decision = tell(monitor, 2.0, seen=ahead[2])
     assert state_of(monitor) is State.BACKUP and decision.replan[0]
 
 
 @pytest.mark.parametrize(
-    ("age", "cause"), [(2.0, Cause.OWN_STALE), (NAN, Cause.OWN_MISSING), (-1.0, Cause.OWN_OUT_OF_ORDER)]
+    ("age", "cause"),
+    [(2.0, Cause.OWN_STALE), (NAN, Cause.OWN_MISSING), (-1.0, Cause.OWN_OUT_OF_ORDER)],
 )
 def test_the_own_age_counts(age: float, cause: Cause) -> None:
     monitor, _ = tell(flying(), 0.0)
@@ -81,7 +94,9 @@ def test_an_own_state_from_before_the_last_is_out_of_order() -> None:
 
 
 def test_a_repeated_report_is_in_order_however_its_age_rounds() -> None:
-    """Of times since 1970, now less age is rounded by up to 0.24 us, differently at every telling."""
+    """Of times since 1970, now less age is rounded by up to 0.24 us, differently at every
+    telling.
+    """
     monitor, _ = tell(flying(), 0.0)
     known = []
     for later, jitter in enumerate((0.0, 4e-7, -4e-7, 4e-7)):
@@ -135,7 +150,11 @@ def test_a_lost_intruder_on_its_way_to_us_leads_to_the_backup() -> None:
 
 def test_an_intruder_that_has_never_been_seen_is_denied() -> None:
     monitor, decision = tell(flying(), 0.0, seen=UNSEEN)
-    assert state_of(monitor) is State.DENIED and not decision.replan[0] and not decision.traffic.mask.any()
+    assert (
+        state_of(monitor) is State.DENIED
+        and not decision.replan[0]
+        and not decision.traffic.mask.any()
+    )
 
 
 @pytest.mark.parametrize("age", [1.5, -1.0])
@@ -160,7 +179,9 @@ def test_a_turn_is_read_from_two_reports_but_not_from_noise() -> None:
     std = np.array([[0.0, 0.0, 3.0, 0.0]])
     for time in (0.0, 1.0, 1.0 + 1e-3):
         seen = VehicleState(
-            *(np.zeros((1, 4)) for _ in range(2)), (rates * min(time, 1.0))[None], np.full((1, 4), 75.0)
+            *(np.zeros((1, 4)) for _ in range(2)),
+            (rates * min(time, 1.0))[None],
+            np.full((1, 4), 75.0),
         )
         given = assurance.inputs(time, on_plan(time), seen, velocity_std=std)
         memory, _own, traffic, _causes = updated(memory, given, THRESHOLDS)
@@ -209,7 +230,14 @@ def played(given: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
         straight(count=monitor.state.size),
         np.ones(monitor.state.size, bool),
         0.0,
-        take(updated(blank(given[0].time.size, 2, np.full(given[0].time.size, 75.0)), given[0], THRESHOLDS)[2], rows),
+        take(
+            updated(
+                blank(given[0].time.size, 2, np.full(given[0].time.size, 75.0)),
+                given[0],
+                THRESHOLDS,
+            )[2],
+            rows,
+        ),
         THRESHOLDS,
     )
     seen = []
@@ -235,14 +263,18 @@ def test_one_aircraft_is_judged_alike_alone_and_in_any_company() -> None:
     for rows in (np.array([3]), np.array([11, 0, 7])):
         alone = played(given, rows)
         for (monitor, decision), (part, part_decision) in zip(together, alone, strict=True):
-            for a, b in zip(flat(take((monitor, decision), rows)), flat((part, part_decision)), strict=True):
+            for a, b in zip(
+                flat(take((monitor, decision), rows)), flat((part, part_decision)), strict=True
+            ):
                 if a.dtype == float:
                     np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-6)
                 else:
                     np.testing.assert_array_equal(a, b)
 
 
-wild = st.one_of(st.floats(), st.floats(-1e4, 1e4), st.sampled_from([0.0, 1.0, 75.0, NAN, math.inf, -math.inf]))
+wild = st.one_of(
+    st.floats(), st.floats(-1e4, 1e4), st.sampled_from([0.0, 1.0, 75.0, NAN, math.inf, -math.inf])
+)
 calm = st.floats(-3e3, 3e3)
 
 
@@ -254,13 +286,28 @@ def anything(draw: st.DrawFn) -> Inputs:
     pairs = [np.array([[draw(st.one_of(st.just(0.0), wild)) for _ in range(2)]]) for _ in range(3)]
     mask = np.array([[draw(st.booleans()) for _ in range(2)]])
     time = np.array([draw(st.one_of(st.floats(0.0, 100.0), wild))])
-    return Inputs(time, own, np.array([draw(st.one_of(st.just(0.0), wild))]), seen, pairs[0], mask, pairs[1], pairs[2])
+    return Inputs(
+        time,
+        own,
+        np.array([draw(st.one_of(st.just(0.0), wild))]),
+        seen,
+        pairs[0],
+        mask,
+        pairs[1],
+        pairs[2],
+    )
 
 
 @given(st.lists(anything(), min_size=1, max_size=5), st.booleans())
 def test_any_input_gives_a_reason_or_a_valid_state(given: list[Inputs], safe: bool) -> None:
     monitor = assurance.activate(
-        assurance.start(1, 2, THRESHOLDS), np.array([0]), straight(), np.array([safe]), 0.0, blank_traffic(), THRESHOLDS
+        assurance.start(1, 2, THRESHOLDS),
+        np.array([0]),
+        straight(),
+        np.array([safe]),
+        0.0,
+        blank_traffic(),
+        THRESHOLDS,
     )
     sighted = False
     for inputs in given:
@@ -271,11 +318,18 @@ def test_any_input_gives_a_reason_or_a_valid_state(given: list[Inputs], safe: bo
         assert not wrong or causes & BLIND
         assert (state is State.DENIED) if causes & BLIND else (state is not State.IDLE)
         if state is State.MONITORING:
-            assert not causes & ~Cause.BACKUP_UNSAFE and decision.traffic.mask[0].sum() == inputs.mask[0].sum()
+            assert (
+                not causes & ~Cause.BACKUP_UNSAFE
+                and decision.traffic.mask[0].sum() == inputs.mask[0].sum()
+            )
         sighted = sighted or not causes & BLIND
         assert np.isfinite(np.stack(monitor.backup.knots)).all()
-        assert np.isfinite(monitor.backup.started[0]) == sighted, "from the first own state on there is a backup"
-        assert np.isfinite(np.stack(assurance.references(monitor, monitor.memory.time, 0.1, 2))).all()
+        assert np.isfinite(monitor.backup.started[0]) == sighted, (
+            "from the first own state on there is a backup"
+        )
+        assert np.isfinite(
+            np.stack(assurance.references(monitor, monitor.memory.time, 0.1, 2))
+        ).all()
         if decision.replan[0]:
             monitor, _ = reply(monitor, decision, safe=False)
 
@@ -291,11 +345,17 @@ def blank_traffic() -> Any:
 def test_an_aged_turn_is_advanced_along_its_arc_and_lasts_less() -> None:
     memory = blank(1, 1, np.full(1, 75.0))
     for time, age in ((0.0, 0.0), (1.0, 0.0), (3.0, 2.0)):
-        given = assurance.inputs(time, on_plan(time), other(0.0, 0.0, 0.03 * (time - age)), age=np.full((1, 1), age))
+        given = assurance.inputs(
+            time, on_plan(time), other(0.0, 0.0, 0.03 * (time - age)), age=np.full((1, 1), age)
+        )
         memory, _own, traffic, _causes = updated(memory, given, THRESHOLDS)
     assert traffic.turn_rate[0, 0] == pytest.approx(0.03)
     assert traffic.turn_time[0, 0] == pytest.approx(THRESHOLDS.turn_time - 2.0)
     radius, turned = 75.0 / 0.03, 0.03 * 3.0
     assert traffic.state.heading[0, 0] == pytest.approx(turned)
-    assert traffic.state.x[0, 0] == pytest.approx(radius * (math.sin(turned) - math.sin(0.03)), abs=1e-6)
-    assert traffic.state.y[0, 0] == pytest.approx(radius * (math.cos(0.03) - math.cos(turned)), abs=1e-6)
+    assert traffic.state.x[0, 0] == pytest.approx(
+        radius * (math.sin(turned) - math.sin(0.03)), abs=1e-6
+    )
+    assert traffic.state.y[0, 0] == pytest.approx(
+        radius * (math.cos(0.03) - math.cos(turned)), abs=1e-6
+    )

@@ -95,14 +95,25 @@ def test_a_plan_that_is_no_plan_is_not_flown_whatever_it_is_called(damage: str) 
     ("left", "ahead", "cause"),
     [(1.0, 0.0, Cause.CROSS_TRACK), (0.0, -1.0, Cause.ALONG_TRACK), (-1.0, 0.0, Cause.CROSS_TRACK)],
 )
-def test_an_error_begins_at_its_threshold_and_ends_at_a_share_of_it(left: float, ahead: float, cause: Cause) -> None:
+def test_an_error_begins_at_its_threshold_and_ends_at_a_share_of_it(
+    left: float, ahead: float, cause: Cause
+) -> None:
     limit = THRESHOLDS.cross_track if left else THRESHOLDS.along_track
     monitor = flying()
-    expected = [(0.99, False), (1.01, True), (0.75, True), (0.71, True), (0.65, False), (0.99, False)]
+    expected = [
+        (0.99, False),
+        (1.01, True),
+        (0.75, True),
+        (0.71, True),
+        (0.65, False),
+        (0.99, False),
+    ]
     for time, (share, there) in enumerate(expected):
         # 1.0 s of 75 m/s is more than the limit along the track: the time error stays out of it.
         monitor, _ = tell(
-            monitor, float(time), on_plan(float(time), left=left * limit * share, ahead=ahead * limit * share)
+            monitor,
+            float(time),
+            on_plan(float(time), left=left * limit * share, ahead=ahead * limit * share),
         )
         assert bool(causes_of(monitor) & cause) is there
         assert state_of(monitor) is (State.REPLAN_REQUESTED if there else State.MONITORING)
@@ -118,7 +129,9 @@ def test_being_late_is_an_error_of_time() -> None:
 def test_small_errors_accumulate() -> None:
     monitor, began = flying(), None
     for time in range(120):
-        monitor, _ = tell(monitor, float(time), on_plan(float(time), left=0.6 * THRESHOLDS.cross_track))
+        monitor, _ = tell(
+            monitor, float(time), on_plan(float(time), left=0.6 * THRESHOLDS.cross_track)
+        )
         if causes_of(monitor):
             began = time
             break
@@ -127,7 +140,9 @@ def test_small_errors_accumulate() -> None:
     assert began == pytest.approx(30.0 * math.log(0.6 / 0.1), abs=2.0)
     monitor = flying()
     for time in range(0, 300, 3):
-        monitor, _ = tell(monitor, float(time), on_plan(float(time), left=0.45 * THRESHOLDS.cross_track))
+        monitor, _ = tell(
+            monitor, float(time), on_plan(float(time), left=0.45 * THRESHOLDS.cross_track)
+        )
         assert causes_of(monitor) == Cause(0)
 
 
@@ -139,7 +154,10 @@ def test_an_intruder_that_leaves_its_prediction_asks_for_a_plan_only_where_it_ma
     monitor, decision = tell(monitor, 2.0, seen=other(150.0, 1_500.0, 0.1))
     assert causes_of(monitor) & Cause.INTRUDER_DEVIATION and decision.replan[0]
     monitor, decision = tell(flying(), 1.0, seen=other(75.0, 50_000.0, 0.1))
-    assert causes_of(monitor) == Cause(0) and decision.intruder_velocity[0] > THRESHOLDS.intruder_velocity
+    assert (
+        causes_of(monitor) == Cause(0)
+        and decision.intruder_velocity[0] > THRESHOLDS.intruder_velocity
+    )
 
 
 def test_no_plan_and_an_unsafe_rest_lead_to_the_backup_and_only_a_safe_plan_leads_back() -> None:
@@ -147,7 +165,11 @@ def test_no_plan_and_an_unsafe_rest_lead_to_the_backup_and_only_a_safe_plan_lead
     assert state_of(monitor) is State.REPLAN_REQUESTED and causes_of(monitor) & Cause.SEPARATION
     assert 40.0 < decision.loss[0] < HEAD_ON / 150.0
     monitor, accepted = reply(monitor, decision, safe=False)
-    assert not accepted.any() and state_of(monitor) is State.BACKUP and causes_of(monitor) & Cause.REFUSED
+    assert (
+        not accepted.any()
+        and state_of(monitor) is State.BACKUP
+        and causes_of(monitor) & Cause.REFUSED
+    )
     for time in range(1, 12):
         # The intruder is gone, and all would be well: but the backup is left for a safe plan only.
         monitor, decision = tell(monitor, float(time), mask=np.array([[False]]))
@@ -165,7 +187,11 @@ def test_no_plan_and_a_safe_rest_are_denied_until_the_cause_ends() -> None:
     monitor, _ = reply(monitor, decision, safe=False)
     assert state_of(monitor) is State.DENIED
     monitor, decision = tell(monitor, 1.0, on_plan(1.0, left=28.0))
-    assert state_of(monitor) is State.DENIED and decision.fly[0] == Flown.PLAN and not decision.replan[0]
+    assert (
+        state_of(monitor) is State.DENIED
+        and decision.fly[0] == Flown.PLAN
+        and not decision.replan[0]
+    )
     monitor, decision = tell(monitor, 2.0, on_plan(2.0, left=26.0))
     assert state_of(monitor) is State.DENIED and decision.replan[0]
     monitor, _ = tell(monitor, 3.0, on_plan(3.0, left=5.0))
@@ -226,7 +252,11 @@ def test_only_the_answer_to_the_last_request_counts() -> None:
     row, safe = np.array([0]), np.array([True])
     for number in (numbers[0], numbers[1] + 1, np.array([0]), np.array([-1])):
         same, accepted = assurance.answer(monitor, row, number, straight(4.0), safe, THRESHOLDS)
-        assert not accepted.any() and same.state[0] == monitor.state[0] and same.answered[0] == monitor.answered[0]
+        assert (
+            not accepted.any()
+            and same.state[0] == monitor.state[0]
+            and same.answered[0] == monitor.answered[0]
+        )
     monitor, accepted = assurance.answer(monitor, row, numbers[1], straight(4.0), safe, THRESHOLDS)
     assert accepted.all() and monitor.answered[0] == numbers[1]
     _, accepted = assurance.answer(monitor, row, numbers[1], straight(4.0), safe, THRESHOLDS)
@@ -256,13 +286,17 @@ def test_references_lead_along_the_plan_or_the_backup() -> None:
     states = assurance.references(monitor, 8.0, 0.5, 10)
     assert states.x[0, 0] == pytest.approx(600.0)
     backup = monitor.backup.knots
-    np.testing.assert_allclose([states.x[10, 0], states.y[10, 0]], [backup.x[0, 1], backup.y[0, 1]], atol=1e-3)
+    np.testing.assert_allclose(
+        [states.x[10, 0], states.y[10, 0]], [backup.x[0, 1], backup.y[0, 1]], atol=1e-3
+    )
 
 
 @pytest.mark.parametrize("margin", [0.1, 5.0, 50.0])
 @pytest.mark.parametrize("geometry", ["diverging", "parallel"])
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_no_start_inside_the_margin_is_refused_or_flutters(margin: float, geometry: str, every: bool) -> None:
+def test_no_start_inside_the_margin_is_refused_or_flutters(
+    margin: float, geometry: str, every: bool
+) -> None:
     # Every centimetre in the slow run; else of the first and the last half metre.
     wanted = THRESHOLDS.requirement._replace(margin=margin)
     thresholds = assurance.Thresholds.for_plans(replace(THRESHOLDS.options, requirement=wanted))
@@ -277,16 +311,25 @@ def test_no_start_inside_the_margin_is_refused_or_flutters(margin: float, geomet
         seen = seen._replace(y=distance[:, None])
     rows, safe = np.arange(count), np.ones(count, bool)
     monitor = assurance.start(count, 1, THRESHOLDS)
-    # The first plan is refused by decree: a new one must then be taken up at any distance, and left in peace.
-    monitor = assurance.activate(monitor, rows, straight(count=count), ~safe, 0.0, Traffic.straight(seen), thresholds)
-    monitor, decision = assurance.step(monitor, assurance.inputs(0.0, on_plan(0.0, count), seen), thresholds)
+    # The first plan is refused by decree: a new one must then be taken up at any distance, and left
+    # in peace.
+    monitor = assurance.activate(
+        monitor, rows, straight(count=count), ~safe, 0.0, Traffic.straight(seen), thresholds
+    )
+    monitor, decision = assurance.step(
+        monitor, assurance.inputs(0.0, on_plan(0.0, count), seen), thresholds
+    )
     assert (monitor.state == State.BACKUP).all() and decision.replan.all()
     assert monitor.backup.safe.all(), "a backup that does not come closer is safe"
-    monitor, accepted = assurance.answer(monitor, rows, decision.number, straight(count=count), safe, thresholds)
+    monitor, accepted = assurance.answer(
+        monitor, rows, decision.number, straight(count=count), safe, thresholds
+    )
     assert accepted.all()
     for time in (1.0, 2.0, 200.0):
         moved = seen._replace(x=seen.x + 75.0 * time * np.cos(seen.heading))
-        monitor, decision = assurance.step(monitor, assurance.inputs(time, on_plan(time, count), moved), thresholds)
+        monitor, decision = assurance.step(
+            monitor, assurance.inputs(time, on_plan(time, count), moved), thresholds
+        )
         assert (monitor.state == State.MONITORING).all() and not decision.replan.any()
 
 
@@ -294,7 +337,11 @@ def test_the_monitor_never_changes_what_it_is_given() -> None:
     monitor, decision = tell(flying(), 0.0, seen=opposing(0.0))
 
     def flat(tree: object) -> list[np.ndarray]:
-        return [leaf for part in tree for leaf in flat(part)] if isinstance(tree, tuple) else [np.array(tree)]
+        return (
+            [leaf for part in tree for leaf in flat(part)]
+            if isinstance(tree, tuple)
+            else [np.array(tree)]
+        )
 
     before = flat(monitor)
     reply(monitor, decision, safe=True, knots=Knots(*straight(0.0)))

@@ -1,4 +1,6 @@
-"""Reports with noise and age: the tracker comes closer to the truth, and all advance a report along the same arc."""
+"""Reports with noise and age: the tracker comes closer to the truth, and all advance a report along
+the same arc.
+"""
 
 import math
 from dataclasses import replace
@@ -26,10 +28,16 @@ from tests.agents.scenes import THRESHOLDS
 POSITION, VELOCITY = 30.0, 3.0
 
 
-def flight(seconds: int, turn: float = 0.0, rows: int = 400, speed: float = 75.0) -> list[VehicleState]:
+def flight(
+    seconds: int, turn: float = 0.0, rows: int = 400, speed: float = 75.0
+) -> list[VehicleState]:
     """Fly straight for a third of the time, then turn at a rate, rad/s."""
     rng = np.random.default_rng(1)
-    states = [VehicleState(np.zeros(rows), np.zeros(rows), rng.uniform(-3.0, 3.0, rows), np.full(rows, speed))]
+    states = [
+        VehicleState(
+            np.zeros(rows), np.zeros(rows), rng.uniform(-3.0, 3.0, rows), np.full(rows, speed)
+        )
+    ]
     limits = SURROGATE._replace(yaw_rate_max=1.0)
     for second in range(seconds):
         rate = turn if second >= seconds // 3 else 0.0
@@ -55,18 +63,29 @@ def tracked(states: list[VehicleState]) -> tuple[list[VehicleState], list[Vehicl
     return reports, estimates
 
 
-def errors(estimates: list[VehicleState], states: list[VehicleState]) -> tuple[np.ndarray, np.ndarray]:
+def errors(
+    estimates: list[VehicleState], states: list[VehicleState]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the root mean squares of position and velocity by second."""
     found = []
     for one, true in zip(estimates, states, strict=True):
         (vx, vy), (wx, wy) = velocity(one, np), velocity(true, np)
         found.append((np.hypot(one.x - true.x, one.y - true.y), np.hypot(vx - wx, vy - wy)))
-    position, speed = (np.sqrt(np.mean(np.square(each), axis=-1)) for each in zip(*found, strict=True))
+    position, speed = (
+        np.sqrt(np.mean(np.square(each), axis=-1)) for each in zip(*found, strict=True)
+    )
     return position, speed
 
 
-@given(st.lists(st.tuples(*[st.floats(-1e5, 1e5)] * 2, st.floats(-3.1, 3.1), st.floats(30.0, 200.0)), min_size=2))
-def test_without_noise_the_track_is_the_report(reports: list[tuple[float, float, float, float]]) -> None:
+@given(
+    st.lists(
+        st.tuples(*[st.floats(-1e5, 1e5)] * 2, st.floats(-3.1, 3.1), st.floats(30.0, 200.0)),
+        min_size=2,
+    )
+)
+def test_without_noise_the_track_is_the_report(
+    reports: list[tuple[float, float, float, float]],
+) -> None:
     tracks = begin(VehicleState(*(np.array([value]) for value in reports[0])), 0.0, 0.0)
     for report in reports[1:]:
         seen = VehicleState(*(np.array([value]) for value in report))
@@ -85,13 +104,17 @@ def test_errors_of_straight_flights_are_as_large_as_said() -> None:
     for second, state in enumerate(states[1:], 1):
         if second % 3 == 1:
             continue
-        tracks = follow(tracks, noisy(state, rng), POSITION, VELOCITY, 2.0 if second % 3 == 2 else 1.0)
+        tracks = follow(
+            tracks, noisy(state, rng), POSITION, VELOCITY, 2.0 if second % 3 == 2 else 1.0
+        )
         if second in (2, 3, 6, 15, 30, 60):
             for axis, true in enumerate((state.x, state.y)):
                 off = np.std(tracks.state[axis] - true)
                 assert off == pytest.approx(math.sqrt(np.mean(tracks.position_variance)), rel=0.1)
             (vx, _), (wx, _) = velocity(tracks.state, np), velocity(state, np)
-            assert np.std(vx - wx) == pytest.approx(math.sqrt(np.mean(tracks.velocity_variance)), rel=0.1)
+            assert np.std(vx - wx) == pytest.approx(
+                math.sqrt(np.mean(tracks.velocity_variance)), rel=0.1
+            )
 
 
 def test_a_straight_flight_is_known_far_better_than_its_reports() -> None:
@@ -138,7 +161,9 @@ def test_rows_do_not_know_of_each_other() -> None:
         return tracks
 
     together, alone = run(slice(None)), run(slice(3, 4))
-    for one, other in zip((*together.state, *together[1:]), (*alone.state, *alone[1:]), strict=True):
+    for one, other in zip(
+        (*together.state, *together[1:]), (*alone.state, *alone[1:]), strict=True
+    ):
         np.testing.assert_array_equal(one[3:4], other)
 
 
@@ -174,7 +199,9 @@ def test_plan_keeps_the_separation_from_an_aged_turn_as_reported() -> None:
     answer = plan(OWN, [TURNING], ROUTE, Policy.load())
     assert answer.safe
     time = np.linspace(0.0, answer.waypoints[-1].time, 4_000)
-    path = mapped(lambda field: np.broadcast_to(field, (time.size, field.size)), knots(OWN, answer.waypoints))
+    path = mapped(
+        lambda field: np.broadcast_to(field, (time.size, field.size)), knots(OWN, answer.waypoints)
+    )
     own = at(legs(path), time)
     apart = np.abs(own.x + 1j * own.y - flown(TURNING, time))
     assert apart.min() >= 1_000.0
@@ -194,8 +221,12 @@ def test_reports_are_advanced_along_their_arc(report: Intruder) -> None:
 @given(reports)
 def test_monitor_expects_what_the_planner_plans_with(report: Intruder) -> None:
     planned = checked(OWN, [report], ROUTE, Options.for_aircraft(PAPER))[0].traffic
-    expected = single.activate(single.begin(THRESHOLDS), STRAIGHT, OWN, {"4b1a2c": report}, 0.0).monitor.expected
-    for mine, others in zip((*planned.state, *planned[1:]), (*expected.state, *expected[1:]), strict=True):
+    expected = single.activate(
+        single.begin(THRESHOLDS), STRAIGHT, OWN, {"4b1a2c": report}, 0.0
+    ).monitor.expected
+    for mine, others in zip(
+        (*planned.state, *planned[1:]), (*expected.state, *expected[1:]), strict=True
+    ):
         np.testing.assert_allclose(mine, others, atol=1e-9)
 
 
@@ -213,12 +244,16 @@ def test_validator_finds_wrongly_advanced_reports(field: str) -> None:
         "straight": right._replace(state=predicted(seen._replace(turn_time=0.0 * age), age)),
         "turn_time": right._replace(turn_time=seen.turn_time),
         "turn_rate": right._replace(turn_rate=0.999 * right.turn_rate),
-        "speed": right._replace(state=right.state._replace(speed=right.state.speed + np.array([[1.0, 0.0]]))),
+        "speed": right._replace(
+            state=right.state._replace(speed=right.state.speed + np.array([[1.0, 0.0]]))
+        ),
     }[field]
     assert same_flight(seen, age, wrong).tolist() == [[False, True]]
 
 
-def test_traffic_that_does_not_follow_from_its_reports_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_traffic_that_does_not_follow_from_its_reports_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("agents.planner.request.advanced", lambda seen, age: seen)
     with pytest.raises(RequestError) as refused:
         plan(OWN, [Intruder(OWN._replace(y=30_000.0)), TURNING], ROUTE, Policy.load())
@@ -232,12 +267,17 @@ def test_one_velocity_error_counts_from_the_report_on(report: Intruder, time: fl
     whole = math.hypot(40.0, 3.0 * (abs(report.age) + time))
     assert uncertainty(now, time).item() == pytest.approx(whole)
     asked = Requirement(1_000.0, 0.0, 2.0)
-    need = required(now, VehicleState(*np.full((4, 1), 1e7)), asked) + growth(now, np.array([[time]]), asked)[0]
+    need = (
+        required(now, VehicleState(*np.full((4, 1), 1e7)), asked)
+        + growth(now, np.array([[time]]), asked)[0]
+    )
     assert need.item() == pytest.approx(1_000.0 + 2.0 * whole)
 
 
 def test_the_monitor_hands_reports_on_with_their_age() -> None:
-    vague = Intruder(VehicleState(3_000.0, 0.0, math.pi, 60.0), 2.0, position_std=40.0, velocity_std=3.0)
+    vague = Intruder(
+        VehicleState(3_000.0, 0.0, math.pi, 60.0), 2.0, position_std=40.0, velocity_std=3.0
+    )
     watch = single.activate(single.begin(THRESHOLDS), STRAIGHT, OWN, {"4b1a2c": vague}, 0.0)
     _, verdict = single.step(watch, 0.0, OWN, {"4b1a2c": vague})
     assert verdict.ask is not None

@@ -1,4 +1,6 @@
-"""Baselines obey the action contract, treat left and right alike where they should, and go home when it is clear."""
+"""Baselines obey the action contract, treat left and right alike where they should, and go home
+when it is clear.
+"""
 
 import math
 import os
@@ -54,7 +56,10 @@ def test_a_sight_that_is_not_finite_is_refused_by_name(name: str, field: str, va
 def test_an_absent_intruder_may_be_anything(name: str) -> None:
     sight = seen((0, 0, 0, 75), [(9_000, 0, math.pi, 75)])._replace(mask=np.zeros((1, 1), bool))
     with np.errstate(invalid="ignore"):
-        nobody = decide(name, sight._replace(intruders=VehicleState(*(np.full((1, 1), math.nan) for _ in range(4)))))
+        nobody = decide(
+            name,
+            sight._replace(intruders=VehicleState(*(np.full((1, 1), math.nan) for _ in range(4)))),
+        )
     np.testing.assert_array_equal(nobody, decide(name, sight))
 
 
@@ -69,17 +74,26 @@ def turned(sight: Sight, angle: float) -> Sight:
     sine, cosine = math.sin(angle), math.cos(angle)
 
     def state(s: VehicleState) -> VehicleState:
-        return VehicleState(s.x * cosine - s.y * sine, s.x * sine + s.y * cosine, wrap(s.heading + angle, np), s.speed)
+        return VehicleState(
+            s.x * cosine - s.y * sine,
+            s.x * sine + s.y * cosine,
+            wrap(s.heading + angle, np),
+            s.speed,
+        )
 
     x, y = sight.goal_x * cosine - sight.goal_y * sine, sight.goal_x * sine + sight.goal_y * cosine
-    return sight._replace(own=state(sight.own), intruders=state(sight.intruders), goal_x=x, goal_y=y)
+    return sight._replace(
+        own=state(sight.own), intruders=state(sight.intruders), goal_x=x, goal_y=y
+    )
 
 
 def mirrored(sight: Sight) -> Sight:
     def state(s: VehicleState) -> VehicleState:
         return VehicleState(s.x, -s.y, wrap(-s.heading, np), s.speed)
 
-    return sight._replace(own=state(sight.own), intruders=state(sight.intruders), goal_y=-sight.goal_y)
+    return sight._replace(
+        own=state(sight.own), intruders=state(sight.intruders), goal_y=-sight.goal_y
+    )
 
 
 def random_sights(count: int, intruders: int) -> Sight:
@@ -130,11 +144,14 @@ def test_the_order_and_the_absence_of_intruders_do_not_matter(name: str) -> None
     sight = random_sights(1_000, 3)
     order = [2, 0, 1]
     other = sight._replace(
-        intruders=VehicleState(*(field[:, order] for field in sight.intruders)), mask=sight.mask[:, order]
+        intruders=VehicleState(*(field[:, order] for field in sight.intruders)),
+        mask=sight.mask[:, order],
     )
     np.testing.assert_allclose(decide(name, other), decide(name, sight), atol=1e-9)
     moved = VehicleState(*(np.where(sight.mask, field, field[:, :1]) for field in sight.intruders))
-    np.testing.assert_allclose(decide(name, sight._replace(intruders=moved)), decide(name, sight), atol=1e-9)
+    np.testing.assert_allclose(
+        decide(name, sight._replace(intruders=moved)), decide(name, sight), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -167,9 +184,17 @@ def test_without_conflict_everybody_goes_home(name: str) -> None:
     ("other", "rules", "mvp"),
     [
         ((9_000, 0, math.pi, 80), -1.0, -1.0),  # head-on: to the right
-        ((6_000, -6_000, math.pi / 2, 80), -1.0, -1.0),  # from the right, at the same time: behind it
+        (
+            (6_000, -6_000, math.pi / 2, 80),
+            -1.0,
+            -1.0,
+        ),  # from the right, at the same time: behind it
         ((4_000, 0, 0.0, 50), -1.0, -1.0),  # overtaking
-        ((6_000, 5_600, -math.pi / 2, 80), 0.0, 1.0),  # from the left it must yield; it crosses ahead: go behind it
+        (
+            (6_000, 5_600, -math.pi / 2, 80),
+            0.0,
+            1.0,
+        ),  # from the left it must yield; it crosses ahead: go behind it
         ((6_000, 6_400, -math.pi / 2, 80), 0.0, -1.0),  # it crosses behind: go on ahead of it
     ],
 )
@@ -193,7 +218,9 @@ def test_mvp_passes_on_the_side_that_is_nearer_already() -> None:
 
 
 def test_mvp_s_new_velocity_touches_the_protected_zone() -> None:
-    """The pushed velocity misses by the protected distance: the published construction, on a crossing from the left."""
+    """The pushed velocity misses by the protected distance: the published construction, on a
+    crossing from the left.
+    """
     own, other = (0.0, 0.0, 0.0, 80.0), (7_000.0, 7_400.0, -math.pi / 2, 80.0)
     sight = seen(own, [other])
     field = PotentialField(PAPER, speed=True)
@@ -207,7 +234,9 @@ def test_mvp_s_new_velocity_touches_the_protected_zone() -> None:
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi), st.floats(50, 100))
-def test_steering_turns_the_short_way_and_stops_at_the_course(heading: float, course: float, speed: float) -> None:
+def test_steering_turns_the_short_way_and_stops_at_the_course(
+    heading: float, course: float, speed: float
+) -> None:
     own = VehicleState(np.zeros(1), np.zeros(1), np.array([heading]), np.array([speed]))
     steering = steered(own, np.array([course]), PAPER)[0]
     error = wrap(np.array([course - heading]), np)[0]
@@ -274,7 +303,9 @@ def test_a_network_by_hand(tmp_path: Path) -> None:
     # (3, 0.5) becomes (0.5, 0): hidden (1, 0, 0), outputs (1.1, -0.8), times 3, plus 7.
     assert network(np.array([[3.0, 0.5]])) == pytest.approx(np.array([[10.3, 4.6]]))
     # Beyond the maxima the input is clipped.
-    np.testing.assert_array_equal(network(np.array([[99.0, 9.0]])), network(np.array([[10.0, 1.0]])))
+    np.testing.assert_array_equal(
+        network(np.array([[99.0, 9.0]])), network(np.array([[10.0, 1.0]]))
+    )
 
 
 def test_byte_order_mark_comments_and_blank_lines_change_nothing(tmp_path: Path) -> None:
@@ -290,13 +321,31 @@ def test_byte_order_mark_comments_and_blank_lines_change_nothing(tmp_path: Path)
     ("change", "sentence"),
     [
         (lambda lines: [], r"small.nnet: begins with \[\], expected 4 whole numbers"),
-        (lambda lines: [*lines[:9], "1.0,x,", *lines[10:]], r"small.nnet: not a text of numbers \(.*'x'\)"),
-        (lambda lines: [*lines[:9], "1.0,nan,", *lines[10:]], r"small.nnet: a number is not finite"),
-        (lambda lines: [*lines[:3], "3,3,2,", *lines[4:]], r"sizes \[3, 3, 2\] do not fit 2 inputs"),
-        (lambda lines: [*lines[:2], "2,2,2.5,3,", *lines[3:]], r"begins with .*2\.5.*, expected 4 whole numbers"),
-        (lambda lines: [*lines[:2], "1000000000,2,2,3,", *lines[3:]], r"expected 1000000001 whole numbers"),
+        (
+            lambda lines: [*lines[:9], "1.0,x,", *lines[10:]],
+            r"small.nnet: not a text of numbers \(.*'x'\)",
+        ),
+        (
+            lambda lines: [*lines[:9], "1.0,nan,", *lines[10:]],
+            r"small.nnet: a number is not finite",
+        ),
+        (
+            lambda lines: [*lines[:3], "3,3,2,", *lines[4:]],
+            r"sizes \[3, 3, 2\] do not fit 2 inputs",
+        ),
+        (
+            lambda lines: [*lines[:2], "2,2,2.5,3,", *lines[3:]],
+            r"begins with .*2\.5.*, expected 4 whole numbers",
+        ),
+        (
+            lambda lines: [*lines[:2], "1000000000,2,2,3,", *lines[3:]],
+            r"expected 1000000001 whole numbers",
+        ),
         (lambda lines: [*lines[:8], "4.0,0.0,3.0,", *lines[9:]], "ranges above 0"),
-        (lambda lines: [*lines[:6], "10.0,-1.0,", *lines[7:]], r"maxima of the inputs above their minima"),
+        (
+            lambda lines: [*lines[:6], "10.0,-1.0,", *lines[7:]],
+            r"maxima of the inputs above their minima",
+        ),
         (lambda lines: [*lines, "0.3,"], r"36 numbers, expected 35 for the sizes \[2, 3, 2\]"),
     ],
 )
@@ -334,22 +383,34 @@ def test_inputs_are_checked(tmp_path: Path) -> None:
 
 
 def logic_file(path: Path, inputs: int, best: int, *, sign: float = 1.0) -> None:
-    """Write a logic that always advises ``best``: the largest score, or with sign -1 the smallest."""
+    """Write a logic that always advises ``best``: the largest score, or with sign -1 the
+    smallest.
+    """
     ones = ",".join(["1.0"] * inputs) + ","
     scores = "".join(f"{sign * (output == best)},\n" for output in range(5))
     zeros = (",".join(["0.0"] * inputs) + ",\n") * 5
     ends = ",".join(["-1e9"] * inputs) + ",\n" + ",".join(["1e9"] * inputs) + ",\n"
-    path.write_text(f"1,{inputs},5,5,\n{inputs},5,\n0,\n{ends}{'0.0,' * (inputs + 1)}\n{ones}1.0,\n{zeros}{scores}")
+    path.write_text(
+        f"1,{inputs},5,5,\n{inputs},5,\n0,\n{ends}{'0.0,' * (inputs + 1)}\n{ones}1.0,\n{zeros}{scores}"
+    )
 
 
 @pytest.mark.parametrize(
-    ("inputs", "stem", "sign"), [(3, "pra{}_", 1.0), (5, "run2a_{}_1_", -1.0), (5, "v2a_{}_1_", -1.0)]
+    ("inputs", "stem", "sign"),
+    [(3, "pra{}_", 1.0), (5, "run2a_{}_1_", -1.0), (5, "v2a_{}_1_", -1.0)],
 )
-def test_the_network_of_the_previous_advisory_is_asked(tmp_path: Path, inputs: int, stem: str, sign: float) -> None:
+def test_the_network_of_the_previous_advisory_is_asked(
+    tmp_path: Path, inputs: int, stem: str, sign: float
+) -> None:
     first = 0 if inputs == 3 else 1
     for previous in range(5):
         # After advisory p comes p + 1, so that every network differs from the others.
-        logic_file(tmp_path / f"{stem.format(first + previous)}x.nnet", inputs, (previous + 1) % 5, sign=sign)
+        logic_file(
+            tmp_path / f"{stem.format(first + previous)}x.nnet",
+            inputs,
+            (previous + 1) % 5,
+            sign=sign,
+        )
     logic = load_logic(tmp_path / f"{stem.format(first + 2)}x.nnet", PAPER)
     count = np.arange(5)
     own = VehicleState(*(np.zeros(5) for _ in range(3)), np.full(5, 60.0))
@@ -357,7 +418,8 @@ def test_the_network_of_the_previous_advisory_is_asked(tmp_path: Path, inputs: i
     sight = Sight(own, other, np.ones((5, 1), bool), np.full(5, 9_000.0), np.zeros(5), 300.0)
     action, memory = logic.decide(sight, count.astype(np.int8))
     assert memory.tolist() == [1, 2, 3, 4, 0]
-    # Weak left, weak right, strong left, strong right at 1.5 and 3 deg/s, then clear: straight on, not home.
+    # Weak left, weak right, strong left, strong right at 1.5 and 3 deg/s, then clear: straight on,
+    # not home.
     assert action[:, 1] == pytest.approx([0.5, -0.5, 1.0, -1.0, 0.0])
     assert not action[:, 0].any()
 

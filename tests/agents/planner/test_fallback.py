@@ -1,4 +1,6 @@
-"""The fallback's manoeuvres fly as the core says, whatever flies with them and however many steps are taken at once."""
+"""The fallback's manoeuvres fly as the core says, whatever flies with them and however many steps
+are taken at once.
+"""
 
 import math
 from typing import Any
@@ -33,7 +35,15 @@ turns = st.floats(-math.pi, math.pi)
 throttles = st.floats(-1.0, 1.0)
 delays = st.floats(0.0, 60.0)
 manoeuvres = st.builds(
-    Manoeuvre, turns, throttles, delays, turns, throttles, st.just(math.inf), st.just(0.0), throttles
+    Manoeuvre,
+    turns,
+    throttles,
+    delays,
+    turns,
+    throttles,
+    st.just(math.inf),
+    st.just(0.0),
+    throttles,
 )
 
 
@@ -53,7 +63,14 @@ def flown(
     count, each = request.points.size, family.turn.size
     which = np.repeat(np.arange(count), each)
     every = Manoeuvre(*(np.tile(field, count) for field in family))
-    return fly_out(request, np.ones(count, int), which, every, options or OPTIONS, Effort(least, enough, longest))
+    return fly_out(
+        request,
+        np.ones(count, int),
+        which,
+        every,
+        options or OPTIONS,
+        Effort(least, enough, longest),
+    )
 
 
 def assert_same(first: Any, second: Any) -> None:
@@ -67,7 +84,9 @@ def assert_same(first: Any, second: Any) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(chosen=manoeuvres, heading=st.floats(-math.pi, 3.14), speed=st.floats(49.0, 101.0))
-def test_steps_at_once_are_those_of_the_true_flight(chosen: Manoeuvre, heading: float, speed: float) -> None:
+def test_steps_at_once_are_those_of_the_true_flight(
+    chosen: Manoeuvre, heading: float, speed: float
+) -> None:
     manoeuvre = Manoeuvre(*(np.array([float(field)]) for field in chosen))
     own = VehicleState(*(np.array([value]) for value in (100.0, -50.0, heading, speed)))
     nobody = VehicleState(*np.zeros((4, 1, 0)))
@@ -124,8 +143,13 @@ def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
         other, mask = one.traffic.state, one.traffic.mask
         east = other.x[mask] + other.speed[mask] * np.cos(other.heading[mask]) * times[:, None]
         north = other.y[mask] + other.speed[mask] * np.sin(other.heading[mask]) * times[:, None]
-        apart = np.hypot(states.x[:-1, :, None] - east[:, None], states.y[:-1, :, None] - north[:, None])
-        spare = np.min(apart - 1_000.0 - OPTIONS.requirement.margin - 2.0 * sigma * times[:, None, None], axis=-1)
+        apart = np.hypot(
+            states.x[:-1, :, None] - east[:, None], states.y[:-1, :, None] - north[:, None]
+        )
+        spare = np.min(
+            apart - 1_000.0 - OPTIONS.requirement.margin - 2.0 * sigma * times[:, None, None],
+            axis=-1,
+        )
         under_way = times[:, None] <= np.where(np.isnan(end), 150.0, end)
         least = np.min(np.where(under_way, spare, np.inf), axis=0)
         # A stride counts as if the uncertainty at its end held from its beginning.
@@ -146,7 +170,9 @@ def test_manoeuvres_under_way_when_enough_have_returned_are_given_up() -> None:
         well = np.sort(time[np.isfinite(time) & (clearance >= 25.0)])
         assert well.size >= 5
         last = well[4]
-        np.testing.assert_array_equal(time, np.where(everybody.time[rows] <= last, everybody.time[rows], np.nan))
+        np.testing.assert_array_equal(
+            time, np.where(everybody.time[rows] <= last, everybody.time[rows], np.nan)
+        )
 
 
 def test_knots_and_sums_are_those_of_the_flight() -> None:
@@ -164,7 +190,9 @@ def test_knots_and_sums_are_those_of_the_flight() -> None:
             assert np.isnan(knots[row][last // 4 + 1 :]).all()
             assert end[row] == field[last, row]
         speed = states.speed[: last + 1, row]
-        np.testing.assert_allclose(found.path[row], STRIDE * (speed.sum() - 0.5 * (speed[0] + speed[-1])))
+        np.testing.assert_allclose(
+            found.path[row], STRIDE * (speed.sum() - 0.5 * (speed[0] + speed[-1]))
+        )
         turn = every.turn_after[row]
         assert found.turn_sign[row] == np.sign(turn)
         assert found.reversals[row] == 0

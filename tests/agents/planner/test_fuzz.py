@@ -1,4 +1,6 @@
-"""Whatever ``plan`` is given, it refuses by name, says why there is no plan, or returns one that holds."""
+"""Whatever ``plan`` is given, it refuses by name, says why there is no plan, or returns one that
+holds.
+"""
 
 import dataclasses
 import math
@@ -30,7 +32,15 @@ POLICY = Policy.load()
 GOOD: dict[str, Any] = {
     "own": VehicleState(0.0, 0.0, 0.0, 80.0),
     "intruders": [
-        Intruder(VehicleState(9_000.0, 100.0, math.pi, 80.0), 1.0, 0.01, 30.0, 20.0, 1.0, Altitude(2_100.0, "msl")),
+        Intruder(
+            VehicleState(9_000.0, 100.0, math.pi, 80.0),
+            1.0,
+            0.01,
+            30.0,
+            20.0,
+            1.0,
+            Altitude(2_100.0, "msl"),
+        ),
         VehicleState(0.0, 30_000.0, 1.5, 60.0),
     ],
     "route": [RoutePoint(100 + i, 9_000.0 + 9_000.0 * i, 0.0) for i in range(6)],
@@ -39,10 +49,50 @@ GOOD: dict[str, Any] = {
 }
 
 ODD = (
-    *(math.nan, math.inf, -math.inf, -0.0, 5e-324, 1e300, -1e300, 1e7, -1.0, 0.0, 1.0, 60.0, 101.0, 1e-3, 0.5),
+    *(
+        math.nan,
+        math.inf,
+        -math.inf,
+        -0.0,
+        5e-324,
+        1e300,
+        -1e300,
+        1e7,
+        -1.0,
+        0.0,
+        1.0,
+        60.0,
+        101.0,
+        1e-3,
+        0.5,
+    ),
     *(0, 1, -1, 2, 99, 2**31, 2**63, -(10**30), 10**5_000),
-    *(True, False, None, "", "12", "nan", b"1", 1j, Fraction(1, 3), object, (), [], {}, [1.0], (1.0, 2.0, 3.0, 4.0)),
-    *(np.float32(2.0), np.float64("nan"), np.int64(3), np.bool_(True), np.array(1.0), np.ones(3), np.array([])),
+    *(
+        True,
+        False,
+        None,
+        "",
+        "12",
+        "nan",
+        b"1",
+        1j,
+        Fraction(1, 3),
+        object,
+        (),
+        [],
+        {},
+        [1.0],
+        (1.0, 2.0, 3.0, 4.0),
+    ),
+    *(
+        np.float32(2.0),
+        np.float64("nan"),
+        np.int64(3),
+        np.bool_(True),
+        np.array(1.0),
+        np.ones(3),
+        np.array([]),
+    ),
     *(np.datetime64("2024-01-01"), np.str_("x"), np.longdouble("1e400")),
     *(
         GOOD["own"],
@@ -86,7 +136,11 @@ def put(node: Any, path: tuple[Any, ...], value: Any) -> Any:
         return node | {step: inner}
     if isinstance(node, list):
         return [*node[:step], inner, *node[step + 1 :]]
-    return node._replace(**{step: inner}) if hasattr(node, "_fields") else dataclasses.replace(node, **{step: inner})
+    return (
+        node._replace(**{step: inner})
+        if hasattr(node, "_fields")
+        else dataclasses.replace(node, **{step: inner})
+    )
 
 
 PLACES = tuple(places(GOOD))
@@ -125,7 +179,10 @@ def assert_confirmed(question: dict[str, Any], answer: Plan) -> None:
     rows = [_at_request(one) for one in reports]
     columns = np.array(rows, dtype=float).reshape(len(rows), 9).T
     traffic = Traffic(VehicleState(*columns[:4]), np.ones(len(rows), dtype=bool), *columns[4:])
-    x, y = (np.array([getattr(point, name) for point in question["route"]], dtype=float) for name in ("x", "y"))
+    x, y = (
+        np.array([getattr(point, name) for point in question["route"]], dtype=float)
+        for name in ("x", "y")
+    )
     own = VehicleState(*(float(value) for value in question["own"]))
     truth = Request(VehicleState(*map(np.array, own)), traffic, x, y, np.array(len(x)))
     asked = published.Question(own, reports, question["route"], question["own_altitude"], truth)
@@ -133,7 +190,8 @@ def assert_confirmed(question: dict[str, Any], answer: Plan) -> None:
     knots, last, arrays = take(published.as_arrays(asked, answer), None)
     limits = options.limits
     limits = limits._replace(
-        speed_max=max(limits.speed_max, own.speed) + 1e-6, speed_min=min(limits.speed_min, own.speed) - 1e-6
+        speed_max=max(limits.speed_max, own.speed) + 1e-6,
+        speed_min=min(limits.speed_min, own.speed) - 1e-6,
     )
     route = Route(arrays.route_x, arrays.route_y, arrays.points, last)
     verdict = resimulate(knots, arrays.own, arrays.traffic, route, options, limits)
@@ -148,7 +206,17 @@ def _at_request(report: Intruder) -> tuple[float, ...]:
     moved = complex(travelled(heading, speed, rate, lasts, age))
     turned = heading + rate * min(age, lasts)
     left = max(lasts - age, 0.0)
-    return x + moved.real, y + moved.imag, turned, speed, rate, left, report.position_std, report.velocity_std, abs(age)
+    return (
+        x + moved.real,
+        y + moved.imag,
+        turned,
+        speed,
+        rate,
+        left,
+        report.position_std,
+        report.velocity_std,
+        abs(age),
+    )
 
 
 def test_the_request_that_is_spoiled_is_a_good_one() -> None:
@@ -160,13 +228,26 @@ def test_the_request_that_is_spoiled_is_a_good_one() -> None:
 
 @pytest.mark.parametrize("path", PLACES, ids=lambda path: ".".join(map(str, path)))
 def test_nothing_odd_in_one_place_gets_through(path: tuple[Any, ...]) -> None:
-    for value in (math.nan, math.inf, -math.inf, 10**5_000, True, None, "12", (), np.ones(3), object()):
+    for value in (
+        math.nan,
+        math.inf,
+        -math.inf,
+        10**5_000,
+        True,
+        None,
+        "12",
+        (),
+        np.ones(3),
+        object(),
+    ):
         answered(put(GOOD, path, value))
 
 
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.sampled_from(PLACES), st.sampled_from(ODD)), min_size=1, max_size=3))
-def test_nothing_odd_in_some_places_gets_through(changes: list[tuple[tuple[Any, ...], Any]]) -> None:
+def test_nothing_odd_in_some_places_gets_through(
+    changes: list[tuple[tuple[Any, ...], Any]],
+) -> None:
     request = GOOD
     # Longer paths first: what is inside of something odd cannot be reached.
     for path, value in sorted(changes, key=lambda change: -len(change[0])):
@@ -178,7 +259,13 @@ angles = st.floats(-2.0 * math.pi, 2.0 * math.pi)
 near = st.floats(-3_000.0, 3_000.0)
 far = st.one_of(near, st.floats(-60_000.0, 60_000.0))
 abeam = st.one_of(st.floats(1_500.0, 60_000.0), st.floats(-60_000.0, 60_000.0))
-vehicles = st.builds(VehicleState, far, abeam, angles, st.one_of(st.sampled_from([0.0, 400.0]), st.floats(0.0, 400.0)))
+vehicles = st.builds(
+    VehicleState,
+    far,
+    abeam,
+    angles,
+    st.one_of(st.sampled_from([0.0, 400.0]), st.floats(0.0, 400.0)),
+)
 reports = st.builds(
     Intruder,
     vehicles,
@@ -187,7 +274,10 @@ reports = st.builds(
     st.sampled_from([0.0, 1e-9, 20.0, 60.0, 1_000.0]),
     st.sampled_from([0.0, 0.0, 50.0, 10_000.0]),
     st.sampled_from([0.0, 0.0, 2.0, 100.0]),
-    st.one_of(st.none(), st.builds(Altitude, st.floats(0.0, 4_000.0), st.sampled_from(["msl", "pressure"]))),
+    st.one_of(
+        st.none(),
+        st.builds(Altitude, st.floats(0.0, 4_000.0), st.sampled_from(["msl", "pressure"])),
+    ),
 )
 own_speeds = st.one_of(st.floats(49.0, 101.0), st.sampled_from([50.0, 100.0, 101.0]))
 owns = st.builds(VehicleState, near, near, st.one_of(st.floats(-1.0, 1.0), angles), own_speeds)
@@ -196,12 +286,17 @@ points = st.builds(RoutePoint, st.integers(0, 40), far, far)
 
 @st.composite
 def ways(draw: st.DrawFn) -> list[RoutePoint]:
-    """Return a route that leads somewhere: points at some distance, each leg with a course of its own."""
+    """Return a route that leads somewhere: points at some distance, each leg with a course of its
+    own.
+    """
     x, y, route = draw(st.floats(0.0, 15_000.0)), draw(near), []
     bend = draw(st.sampled_from([0.0, 0.3, 3.0]))
     for index in draw(st.permutations(range(draw(st.integers(2, 14))))):
         route.append(RoutePoint(index, x, y))
-        length, course = draw(st.sampled_from([500.0, 3_000.0, 9_000.0, 20_000.0])), draw(st.floats(-bend, bend))
+        length, course = (
+            draw(st.sampled_from([500.0, 3_000.0, 9_000.0, 20_000.0])),
+            draw(st.floats(-bend, bend)),
+        )
         x, y = x + length * math.cos(course), y + length * math.sin(course)
     return route
 
@@ -218,7 +313,9 @@ routes = st.one_of(
     ),
 )
 asked = st.builds(
-    lambda goal_radius, **more: Options.for_aircraft(PAPER._replace(goal_radius=goal_radius), **more),
+    lambda goal_radius, **more: Options.for_aircraft(
+        PAPER._replace(goal_radius=goal_radius), **more
+    ),
     requirement=st.builds(
         Requirement,
         st.sampled_from([1_000.0] * 8 + [1.0, 2_000.0, 50_000.0]),
@@ -242,7 +339,15 @@ def test_any_geometry_is_refused_unresolved_or_solved(
     own: VehicleState, intruders: list[Any], route: list[RoutePoint], options: Options, level: bool
 ) -> None:
     altitude = Altitude(2_000.0, "msl", -2.0) if level else None
-    answered({"own": own, "intruders": intruders, "route": route, "options": options, "own_altitude": altitude})
+    answered(
+        {
+            "own": own,
+            "intruders": intruders,
+            "route": route,
+            "options": options,
+            "own_altitude": altitude,
+        }
+    )
 
 
 def vehicles_limits(usual: Limits) -> st.SearchStrategy[Limits]:
@@ -260,7 +365,9 @@ def vehicles_limits(usual: Limits) -> st.SearchStrategy[Limits]:
 @settings(max_examples=30)
 @example(Limits(0.0, 49.0, -20.0, 1e-3, 1e-4), Limits(0.0, 49.0, -20.0, 0.375, 1e-4), True)
 @given(vehicles_limits(C208_PUBLISHED), vehicles_limits(QUICK.manoeuvre), st.booleans())
-def test_any_limits_are_refused_unresolved_or_kept(vehicle: Limits, manoeuvre: Limits, conflict: bool) -> None:
+def test_any_limits_are_refused_unresolved_or_kept(
+    vehicle: Limits, manoeuvre: Limits, conflict: bool
+) -> None:
     request = put(put(GOOD, ("options", "limits"), vehicle), ("options", "manoeuvre"), manoeuvre)
     answered(request if conflict else request | {"intruders": GOOD["intruders"][1:]})
 

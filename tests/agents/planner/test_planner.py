@@ -1,4 +1,6 @@
-"""Plans keep their contract, say why they are not safe, and do not depend on how they were asked for."""
+"""Plans keep their contract, say why they are not safe, and do not depend on how they were asked
+for.
+"""
 
 import math
 import time
@@ -50,7 +52,10 @@ def ask(request: Request, number: int) -> tuple[VehicleState, list[VehicleState]
     """Return one request of many as :func:`plan` takes it."""
     row = take(request, number)
     own = VehicleState(*(float(field) for field in row.own))
-    others = [VehicleState(*(float(field[k]) for field in row.traffic.state)) for k in np.flatnonzero(row.traffic.mask)]
+    others = [
+        VehicleState(*(float(field[k]) for field in row.traffic.state))
+        for k in np.flatnonzero(row.traffic.mask)
+    ]
     points = zip(row.route_x.tolist(), row.route_y.tolist(), strict=True)
     return own, others, [RoutePoint(10 + i, x, y) for i, (x, y) in enumerate(points)]
 
@@ -90,7 +95,9 @@ def test_without_intruders_the_route_is_flown(policy: Policy) -> None:
     assert plan(OWN, [], ROUTE, policy).min_separation == math.inf
 
 
-def test_every_safe_plan_keeps_its_contract_and_the_separation_as_flown(policy: Policy, encounters: Encounter) -> None:
+def test_every_safe_plan_keeps_its_contract_and_the_separation_as_flown(
+    policy: Policy, encounters: Encounter
+) -> None:
     request = request_of(encounters, PAPER)
     made = plan_many(request, policy, OPTIONS)
     plans = made.proposals
@@ -115,16 +122,22 @@ def test_one_request_and_many_get_the_same_answer(policy: Policy, encounters: En
         answer, row = plan(*ask(request, number), policy), take(many, number)
         assert answer.safe == row.proposals.safe
         assert answer.source.value == ("none", "policy", "fallback")[int(row.source)]
-        # A network evaluated row by row and in tiles rounds differently; in closed loop that grows to some metres.
+        # A network evaluated row by row and in tiles rounds differently; in closed loop that grows
+        # to some metres.
         assert answer.min_separation == pytest.approx(float(row.proposals.min_separation), abs=5.0)
         assert answer.rejoin_time == pytest.approx(float(row.proposals.rejoin_time), abs=1.0)
 
 
 def test_plans_do_not_depend_on_the_batch(policy: Policy, encounters: Encounter) -> None:
     request = request_of(encounters, PAPER)
-    many, few = plan_many(request, policy, OPTIONS), plan_many(take(request, slice(50, 70)), policy, OPTIONS)
+    many, few = (
+        plan_many(request, policy, OPTIONS),
+        plan_many(take(request, slice(50, 70)), policy, OPTIONS),
+    )
     np.testing.assert_array_equal(few.proposals.safe, many.proposals.safe[50:70])
-    np.testing.assert_array_equal(few.proposals.min_separation, many.proposals.min_separation[50:70])
+    np.testing.assert_array_equal(
+        few.proposals.min_separation, many.proposals.min_separation[50:70]
+    )
     np.testing.assert_array_equal(few.proposals.knots.x, many.proposals.knots.x[50:70])
 
 
@@ -138,7 +151,8 @@ def test_the_two_rollouts_agree(policy: Policy) -> None:
         for number in range(5):
             row = take(request, slice(number, number + 1))
             one = roll(row, goal[:1], exact, options, floats=True)
-            # The arrays' arctangent is a polynomial, 4e-8 rad off; in closed loop that grows to some metres.
+            # The arrays' arctangent is a polynomial, 4e-8 rad off; in closed loop that grows to
+            # some metres.
             np.testing.assert_allclose(one.time[0], many.time[number], atol=1.0)
             np.testing.assert_allclose(one.knots.x[0], many.knots.x[number], atol=20.0)
             np.testing.assert_allclose(one.path[0], many.path[number], atol=120.0)
@@ -154,7 +168,9 @@ def test_a_pure_rollout_flies_to_the_goal(policy: Policy) -> None:
 class Straight(Policy):
     """Flies straight on, whatever is ahead."""
 
-    def command(self, own: VehicleState, intruders: Any, present: Any, goal_x: Any, goal_y: Any) -> np.ndarray:
+    def command(
+        self, own: VehicleState, intruders: Any, present: Any, goal_x: Any, goal_y: Any
+    ) -> np.ndarray:
         return np.zeros((*np.shape(own.x), 2))
 
 
@@ -167,11 +183,17 @@ def test_the_fallback_finds_a_plan_where_the_policy_has_none(encounters: Encount
     assert np.all(plans.source[saved] == 2)
 
 
-def test_uncertain_traffic_is_avoided_without_a_refinement(policy: Policy, encounters: Encounter) -> None:
+def test_uncertain_traffic_is_avoided_without_a_refinement(
+    policy: Policy, encounters: Encounter
+) -> None:
     request = request_of(take(encounters, slice(0, 24)), PAPER)
     shape = request.traffic.mask.shape
-    traffic = request.traffic._replace(position_std=np.full(shape, 30.0), velocity_std=np.full(shape, 3.0))
-    plans = plan_many(request._replace(traffic=traffic), policy, replace(OPTIONS, exhaustive=False, goals=1))
+    traffic = request.traffic._replace(
+        position_std=np.full(shape, 30.0), velocity_std=np.full(shape, 3.0)
+    )
+    plans = plan_many(
+        request._replace(traffic=traffic), policy, replace(OPTIONS, exhaustive=False, goals=1)
+    )
     assert plans.proposals.safe.mean() > 0.8
 
 
@@ -190,7 +212,9 @@ def test_what_cannot_be_avoided_is_unresolved_with_reasons(policy: Policy) -> No
     answer = plan(OWN, [VehicleState(1_400.0, 0.0, math.pi, 80.0)], ROUTE, policy)
     assert answer.status is Status.UNRESOLVED
     assert answer.min_separation < 1_000.0
-    assert [reason.kind for reason in answer.reasons if reason.kind is not Kind.DEADLINE] == [Kind.SEPARATION]
+    assert [reason.kind for reason in answer.reasons if reason.kind is not Kind.DEADLINE] == [
+        Kind.SEPARATION
+    ]
     reason = answer.reasons[0]
     assert reason.field == "intruders[0]"
     assert reason.time is not None
@@ -215,7 +239,9 @@ def test_a_start_in_violation_is_never_safe(policy: Policy) -> None:
         (OWN, [RoutePoint(0, 10_000.0, 0.0), RoutePoint(1, 15_000.0, 0.0)], Kind.ROUTE_TOO_SHORT),
     ],
 )
-def test_routes_that_lead_nowhere_are_named(policy: Policy, own: Any, route: list[RoutePoint], kind: Kind) -> None:
+def test_routes_that_lead_nowhere_are_named(
+    policy: Policy, own: Any, route: list[RoutePoint], kind: Kind
+) -> None:
     answer = plan(own, [HEAD_ON], route, policy)
     assert answer.status is Status.UNRESOLVED
     assert answer.reasons[-1].kind is kind
@@ -240,7 +266,9 @@ def test_the_next_point_is_the_first_that_lies_ahead() -> None:
         column = np.zeros((1, 0))
         nobody = Traffic.straight(VehicleState(column, column, column, column))
         points = np.array([[0.0, 5_000.0, 10_000.0, 15_000.0]])
-        return eligible(Request(own, nobody, points, points * 0.0, np.array([4])), OPTIONS)[0].tolist()
+        return eligible(Request(own, nobody, points, points * 0.0, np.array([4])), OPTIONS)[
+            0
+        ].tolist()
 
     assert goals(-3_000.0, 0.0) == [0, 1, 2]
     assert goals(-300.0, 0.0) == [1, 2, 3]  # within the radius: it counts as reached
@@ -262,7 +290,10 @@ def test_the_next_point_is_the_first_that_lies_ahead() -> None:
         ({"others": [Intruder(FAR, age=60.0)]}, "intruders[0].age"),
         ({"others": [Intruder(FAR, age=math.nan)]}, "intruders[0].age"),
         ({"others": [Intruder(FAR, position_std=-1.0)]}, "intruders[0].position_std"),
-        ({"others": [FAR, Intruder(FAR, turn_rate=-0.5, turn_time=65.0)]}, "intruders[1].turn_time"),
+        (
+            {"others": [FAR, Intruder(FAR, turn_rate=-0.5, turn_time=65.0)]},
+            "intruders[1].turn_time",
+        ),
         ({"others": HEAD_ON}, "intruders"),
         ({"route": []}, "route"),
         ({"route": ROUTE[:1]}, "route"),
@@ -274,7 +305,12 @@ def test_the_next_point_is_the_first_that_lies_ahead() -> None:
 )
 def test_bad_input_is_refused_by_name(policy: Policy, changes: dict[str, Any], field: str) -> None:
     with pytest.raises(RequestError) as refused:
-        plan(changes.get("own", OWN), changes.get("others", [HEAD_ON]), changes.get("route", ROUTE), policy)
+        plan(
+            changes.get("own", OWN),
+            changes.get("others", [HEAD_ON]),
+            changes.get("route", ROUTE),
+            policy,
+        )
     assert refused.value.field == field
     assert str(refused.value).startswith(field + " ")
     assert "expected" in str(refused.value)
@@ -284,8 +320,14 @@ def test_bad_input_is_refused_by_name(policy: Policy, changes: dict[str, Any], f
     ("options", "field"),
     [
         (replace(OPTIONS, requirement=Requirement(math.nan)), "options.requirement.separation"),
-        (replace(OPTIONS, requirement=Requirement(1_000.0, margin=-1e9)), "options.requirement.margin"),
-        (replace(OPTIONS, requirement=Requirement(1_000.0, sigmas=-2.0)), "options.requirement.sigmas"),
+        (
+            replace(OPTIONS, requirement=Requirement(1_000.0, margin=-1e9)),
+            "options.requirement.margin",
+        ),
+        (
+            replace(OPTIONS, requirement=Requirement(1_000.0, sigmas=-2.0)),
+            "options.requirement.sigmas",
+        ),
         (
             replace(OPTIONS, limits=C208_PUBLISHED._replace(yaw_rate_max=math.nan)),
             "options.limits.yaw_rate_max",
@@ -298,17 +340,26 @@ def test_bad_input_is_refused_by_name(policy: Policy, changes: dict[str, Any], f
         (replace(OPTIONS, direct=None), "options.direct"),  # pyright: ignore[reportArgumentType]
     ],
 )
-def test_options_that_could_hide_a_danger_are_refused(policy: Policy, options: Options, field: str) -> None:
+def test_options_that_could_hide_a_danger_are_refused(
+    policy: Policy, options: Options, field: str
+) -> None:
     with pytest.raises(RequestError) as refused:
         plan(OWN, [HEAD_ON], ROUTE, policy, options)
     assert refused.value.field == field
 
 
-def test_requests_in_plain_floats_are_planned_as_if_alone(policy: Policy, encounters: Encounter) -> None:
-    request, options = request_of(take(encounters, slice(0, 3)), PAPER), replace(OPTIONS, exhaustive=False)
+def test_requests_in_plain_floats_are_planned_as_if_alone(
+    policy: Policy, encounters: Encounter
+) -> None:
+    request, options = (
+        request_of(take(encounters, slice(0, 3)), PAPER),
+        replace(OPTIONS, exhaustive=False),
+    )
     together = plan_many(request, policy, options, floats=True).proposals
     for row in range(3):
-        alone = plan_many(take(request, slice(row, row + 1)), policy, options, floats=True).proposals
+        alone = plan_many(
+            take(request, slice(row, row + 1)), policy, options, floats=True
+        ).proposals
         np.testing.assert_array_equal(np.stack(take(together.knots, [row])), np.stack(alone.knots))
 
 
@@ -322,7 +373,15 @@ def test_more_intruders_than_the_policy_was_trained_with_are_refused(policy: Pol
     assert plan(OWN, many, ROUTE, policy.for_aircraft(PAPER, outside="allow")).safe
 
 
-ODD = {"bool": True, "text": "12", "bytes": b"1", "none": None, "huge": 10**5000, "complex": 1j, "array": np.ones(2)}
+ODD = {
+    "bool": True,
+    "text": "12",
+    "bytes": b"1",
+    "none": None,
+    "huge": 10**5000,
+    "complex": 1j,
+    "array": np.ones(2),
+}
 
 
 @pytest.mark.parametrize("value", ODD.values(), ids=ODD)
@@ -339,11 +398,15 @@ def test_a_speed_just_outside_the_envelope_is_planned_with(policy: Policy, speed
     assert plan(OWN._replace(speed=speed), [], ROUTE, policy).safe
 
 
-def test_a_plan_says_what_traffic_is_outside_the_domain(policy: Policy, encounters: Encounter) -> None:
+def test_a_plan_says_what_traffic_is_outside_the_domain(
+    policy: Policy, encounters: Encounter
+) -> None:
     own, others, route = ask(request_of(encounters, PAPER), 0)
     assert "outside_domain" not in (plan(own, others, route, policy).advisory or "")
     others[0] = others[0]._replace(speed=5.0)
-    assert "outside_domain: intruder_speed is 5 m/s" in (plan(own, others, route, policy).advisory or "")
+    assert "outside_domain: intruder_speed is 5 m/s" in (
+        plan(own, others, route, policy).advisory or ""
+    )
 
 
 def test_the_vertical_filter_looks_to_the_end_of_the_plan(policy: Policy) -> None:
@@ -378,7 +441,9 @@ def test_an_intruder_far_above_is_left_out_and_said_so(policy: Policy) -> None:
         assert max(abs(point.y) for point in kept.waypoints) > 100.0
 
 
-def test_no_plan_outlasts_what_an_intruder_was_left_out_for(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_plan_outlasts_what_an_intruder_was_left_out_for(
+    policy: Policy, monkeypatch: pytest.MonkeyPatch
+) -> None:
     here, above = Altitude(2_500.0, "msl"), [Intruder(FAR, altitude=Altitude(3_500.0, "msl"))]
     good = plan(OWN, above, ROUTE, policy, own_altitude=here)
     assert good.safe
@@ -386,7 +451,9 @@ def test_no_plan_outlasts_what_an_intruder_was_left_out_for(policy: Policy, monk
     answer = plan(OWN, above, ROUTE, policy, own_altitude=here)
     assert not answer.safe and answer.certificate is None
     assert [(one.kind, one.field) for one in answer.reasons] == [(Kind.SEPARATION, "intruders[0]")]
-    late = rechecked(good, 20.0, OWN._replace(x=OWN.x + 20.0 * OWN.speed), above, ROUTE, OPTIONS, here)
+    late = rechecked(
+        good, 20.0, OWN._replace(x=OWN.x + 20.0 * OWN.speed), above, ROUTE, OPTIONS, here
+    )
     assert not late.safe and "left out" in late.reasons[0].message
 
 
@@ -397,7 +464,13 @@ def test_a_late_report_is_dead_reckoned(policy: Policy) -> None:
 
 
 def test_margin_and_uncertainty_are_kept(policy: Policy) -> None:
-    wide = plan(OWN, [HEAD_ON], ROUTE, policy, replace(OPTIONS, requirement=Requirement(1_000.0, margin=300.0)))
+    wide = plan(
+        OWN,
+        [HEAD_ON],
+        ROUTE,
+        policy,
+        replace(OPTIONS, requirement=Requirement(1_000.0, margin=300.0)),
+    )
     assert wide.safe
     assert wide.min_separation >= 1_300.0
     vague = plan(OWN, [Intruder(HEAD_ON, position_std=50.0, velocity_std=2.0)], ROUTE, policy)
@@ -409,7 +482,9 @@ def test_margin_and_uncertainty_are_kept(policy: Policy) -> None:
 def test_an_expected_turn_is_planned_for(policy: Policy) -> None:
     abeam = VehicleState(0.0, 4_000.0, 0.0, 80.0)
     straight = plan(OWN, [abeam], ROUTE, policy)
-    turning = plan(OWN, [Intruder(abeam, turn_rate=-math.radians(1.5), turn_time=60.0)], ROUTE, policy)
+    turning = plan(
+        OWN, [Intruder(abeam, turn_rate=-math.radians(1.5), turn_time=60.0)], ROUTE, policy
+    )
     assert straight.safe
     assert turning.safe
     assert straight.min_separation == pytest.approx(4_000.0, abs=1.0)
@@ -419,7 +494,13 @@ def test_an_expected_turn_is_planned_for(policy: Policy) -> None:
 def test_starts_inside_the_margin_are_not_refused_by_it(policy: Policy) -> None:
     for distance in np.arange(1_000.0, 1_051.0, 5.0):
         behind = VehicleState(-distance, 0.0, math.pi, 80.0)
-        answer = plan(OWN, [behind], ROUTE, policy, replace(OPTIONS, requirement=Requirement(1_000.0, margin=50.0)))
+        answer = plan(
+            OWN,
+            [behind],
+            ROUTE,
+            policy,
+            replace(OPTIONS, requirement=Requirement(1_000.0, margin=50.0)),
+        )
         assert answer.safe, distance
 
 
@@ -432,11 +513,16 @@ def strict(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("strict")
 def test_the_deadline_ends_the_search_and_says_what_it_left_out(policy: Policy) -> None:
     near = [
-        VehicleState(3_000.0 * math.cos(a), 3_000.0 * math.sin(a), a - math.copysign(math.pi, a), 100.0)
+        VehicleState(
+            3_000.0 * math.cos(a), 3_000.0 * math.sin(a), a - math.copysign(math.pi, a), 100.0
+        )
         for a in np.arange(-3.1, 3.1, 0.7).tolist()
     ]
     policy = policy.for_aircraft(PAPER, outside="allow")
-    whole, cut = (plan(OWN, near, ROUTE, policy, replace(OPTIONS, deadline_s=limit)) for limit in (math.inf, 0.02))
+    whole, cut = (
+        plan(OWN, near, ROUTE, policy, replace(OPTIONS, deadline_s=limit))
+        for limit in (math.inf, 0.02)
+    )
     assert whole.unsearched == ()
     assert not cut.safe and cut.unsearched
     assert cut.reasons[-1].kind is Kind.DEADLINE and cut.unsearched[0] in cut.reasons[-1].message
@@ -459,7 +545,9 @@ def test_answers_come_within_the_deadline(policy: Policy, encounters: Encounter)
 
 @pytest.mark.usefixtures("strict")
 @pytest.mark.parametrize("block", [0.001, 0.004, 0.012])
-def test_no_block_begins_that_would_end_too_late(monkeypatch: pytest.MonkeyPatch, block: float) -> None:
+def test_no_block_begins_that_would_end_too_late(
+    monkeypatch: pytest.MonkeyPatch, block: float
+) -> None:
     clock = [5.0]
     monkeypatch.setattr(budget.time, "thread_time", lambda: clock[0])
     search = budget.Budget(0.050)
@@ -468,7 +556,9 @@ def test_no_block_begins_that_would_end_too_late(monkeypatch: pytest.MonkeyPatch
     assert 0.050 - FINISH - block - 1e-9 <= clock[0] - 5.0 <= 0.050 - FINISH
 
 
-def test_a_deadline_cuts_the_refinement_into_blocks(monkeypatch: pytest.MonkeyPatch, encounters: Encounter) -> None:
+def test_a_deadline_cuts_the_refinement_into_blocks(
+    monkeypatch: pytest.MonkeyPatch, encounters: Encounter
+) -> None:
     request, validated = take(request_of(encounters, PAPER), slice(0, 1)), []
 
     def counted(part: Request, flown: Any, goal: Any, options: Options) -> Any:
@@ -477,7 +567,10 @@ def test_a_deadline_cuts_the_refinement_into_blocks(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(fallback, "_ROUNDS", 1)
     monkeypatch.setattr(fallback, "evaluate", counted)
-    cut, whole = (fallback.refine(request, np.ones(1, int), OPTIONS, budget.Budget(s)) for s in (60.0, math.inf))
+    cut, whole = (
+        fallback.refine(request, np.ones(1, int), OPTIONS, budget.Budget(s))
+        for s in (60.0, math.inf)
+    )
     assert validated == [16, 16, 16, 16, 64]
     np.testing.assert_array_equal(cut.knots, whole.knots)
 
@@ -488,7 +581,11 @@ def scaled_to(request: Request, number: int, length: float, pace: float) -> tupl
     def state(one: VehicleState) -> VehicleState:
         return VehicleState(length * one.x, length * one.y, one.heading, pace * one.speed)
 
-    return state(own), [state(one) for one in intruders], [replace(p, x=length * p.x, y=length * p.y) for p in route]
+    return (
+        state(own),
+        [state(one) for one in intruders],
+        [replace(p, x=length * p.x, y=length * p.y) for p in route],
+    )
 
 
 class InOtherUnits:
@@ -497,9 +594,16 @@ class InOtherUnits:
     def __init__(self, policy: Policy, length: float, pace: float) -> None:
         self._policy, self._units, self.domain = policy, (length, length, 1.0, pace), policy.domain
 
-    def command_one(self, own: VehicleState, intruders: Any, goal_x: float, goal_y: float) -> tuple[float, float]:
-        own, *others = (VehicleState(*(v / u for v, u in zip(s, self._units, strict=True))) for s in (own, *intruders))
-        return self._policy.command_one(own, others, goal_x / self._units[0], goal_y / self._units[0])
+    def command_one(
+        self, own: VehicleState, intruders: Any, goal_x: float, goal_y: float
+    ) -> tuple[float, float]:
+        own, *others = (
+            VehicleState(*(v / u for v, u in zip(s, self._units, strict=True)))
+            for s in (own, *intruders)
+        )
+        return self._policy.command_one(
+            own, others, goal_x / self._units[0], goal_y / self._units[0]
+        )
 
     def check_intruders(self, count: int) -> None:
         self._policy.check_intruders(count)
@@ -509,8 +613,11 @@ class InOtherUnits:
 
 
 @pytest.mark.parametrize(("length", "pace"), [(2.0, 1.0), (0.5, 1.0)])
-def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(policy: Policy, length: float, pace: float) -> None:
-    # At other speeds legs differ a little: a receiver knows their curve from the waypoints alone (envs.waypoints).
+def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(
+    policy: Policy, length: float, pace: float
+) -> None:
+    # At other speeds legs differ a little: a receiver knows their curve from the waypoints alone
+    # (envs.waypoints).
     limits, unit = PAPER.limits, pace / length
     other = new_aircraft(
         Limits(
@@ -521,8 +628,13 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(policy: Policy, l
         length * PAPER.separation,
         dt=PAPER.dt / unit,
     )
-    assert ratios(other.limits, other.separation) == pytest.approx(ratios(PAPER.limits, PAPER.separation))
-    mine, theirs = (replace(Options.for_aircraft(one, exhaustive=False), deadline_s=math.inf) for one in (PAPER, other))
+    assert ratios(other.limits, other.separation) == pytest.approx(
+        ratios(PAPER.limits, PAPER.separation)
+    )
+    mine, theirs = (
+        replace(Options.for_aircraft(one, exhaustive=False), deadline_s=math.inf)
+        for one in (PAPER, other)
+    )
     alike: Any = InOtherUnits(policy, length, pace)
     sources = set()
     for drawn in (scenario("circle", PAPER), scenario("multi", PAPER, intruders=(2, 4))):
@@ -530,9 +642,21 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(policy: Policy, l
         for number in range(10):
             answer = plan(*ask(request, number), policy, mine)
             same = plan(*scaled_to(request, number, length, pace), alike, theirs)
-            assert (same.status, same.source, same.goal_index) == (answer.status, answer.source, answer.goal_index)
+            assert (same.status, same.source, same.goal_index) == (
+                answer.status,
+                answer.source,
+                answer.goal_index,
+            )
             for one, two in zip(answer.waypoints, same.waypoints, strict=True):
-                expected = length * one.x, length * one.y, one.heading, pace * one.speed, one.time / unit
-                assert (two.x, two.y, two.heading, two.speed, two.time) == pytest.approx(expected, rel=1e-6, abs=1e-3)
+                expected = (
+                    length * one.x,
+                    length * one.y,
+                    one.heading,
+                    pace * one.speed,
+                    one.time / unit,
+                )
+                assert (two.x, two.y, two.heading, two.speed, two.time) == pytest.approx(
+                    expected, rel=1e-6, abs=1e-3
+                )
             sources.add(answer.source)
     assert sources >= {Source.POLICY, Source.FALLBACK}

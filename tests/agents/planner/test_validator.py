@@ -1,4 +1,6 @@
-"""The validator finds every fault of the legs, the audit every fault of what is published; the bound is a tight one."""
+"""The validator finds every fault of the legs, the audit every fault of what is published; the
+bound is a tight one.
+"""
 
 import math
 from dataclasses import replace
@@ -31,7 +33,10 @@ def plans(count: int, seed: int) -> Knots:
     states = [state]
     for second in range(200):
         if second % 10 == 0:
-            acceleration, yaw_rate = rng.uniform(-0.3, 0.3, count), rng.uniform(-1.0, 1.0, count) * math.radians(2.0)
+            acceleration, yaw_rate = (
+                rng.uniform(-0.3, 0.3, count),
+                rng.uniform(-1.0, 1.0, count) * math.radians(2.0),
+            )
         state = advance(state, acceleration, yaw_rate, 1.0, limits, np)
         if second % 20 == 19:
             states.append(state)
@@ -80,10 +85,15 @@ def test_a_circle_keeps_its_radius_from_its_centre(duration: float, sign: float)
     rate, speed = math.radians(2.0), 60.0
     radius, turn = speed / rate, sign * rate * duration
     x, y = radius * math.sin(rate * duration), sign * radius * (1.0 - math.cos(rate * duration))
-    plan = Knots(*np.array([[[0.0, x]], [[0.0, y]], [[0.0, turn]], [[speed, speed]], [[0.0, duration]]]))
-    centre = Traffic.straight(VehicleState(*np.array([[[0.0]], [[sign * radius]], [[0.0]], [[0.0]]])))
+    plan = Knots(
+        *np.array([[[0.0, x]], [[0.0, y]], [[0.0, turn]], [[speed, speed]], [[0.0, duration]]])
+    )
+    centre = Traffic.straight(
+        VehicleState(*np.array([[[0.0]], [[sign * radius]], [[0.0]], [[0.0]]]))
+    )
     found = validate(plan, centre, Requirement(1_000.0), C208_PUBLISHED)
-    # Each of an arc's 32 parts is judged on its chord, v w h^2 / 8 inside the circle, less as much for its bend.
+    # Each of an arc's 32 parts is judged on its chord, v w h^2 / 8 inside the circle, less as much
+    # for its bend.
     bow = speed * rate * (duration / 320.0) ** 2 / 8.0
     assert radius - 2.0 * bow - 1e-6 <= found.min_separation[0] <= radius + 1e-6
     assert found.safe[0]
@@ -93,7 +103,9 @@ def test_the_first_violation_has_time_and_place() -> None:
     # Head-on at 80 + 80 m/s from 8 km: 1000 m are left after 43.75 s.
     times = 20.0 * np.arange(6.0)[None]
     knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
-    one = Traffic.straight(VehicleState(*(np.array([[value]]) for value in (8_000.0, 0.0, math.pi, 80.0))))
+    one = Traffic.straight(
+        VehicleState(*(np.array([[value]]) for value in (8_000.0, 0.0, math.pi, 80.0)))
+    )
     found = validate(knots, one, Requirement(1_000.0), C208_PUBLISHED)
     row = CHECKS.index("separation")
     assert found.time[0, row] == pytest.approx(43.75, abs=0.1)
@@ -116,7 +128,9 @@ def test_plan_longer_than_its_rounding_is_bounded_for_is_not_safe(end: float, sa
 def test_standing_still_is_not_safe() -> None:
     times = 20.0 * np.arange(3.0)[None]
     knots = Knots(*np.zeros((4, 1, 3)), times)
-    found = validate(knots, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED._replace(speed_min=0.0))
+    found = validate(
+        knots, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED._replace(speed_min=0.0)
+    )
     assert [CHECKS[check] for check in np.flatnonzero(found.wrong[0])] == ["speed"]
 
 
@@ -161,7 +175,9 @@ def test_rounding_does_not_add_up_beyond_a_limit(speed: float, sign: float) -> N
     creeping = np.full_like(curves.acceleration, sign * 0.4e-6 / 2.0)  # 0.4 um/s an arc of 2 s
     gained = np.arange(curves.speed.size).reshape(curves.speed.shape) * sign * 0.4e-6
     intruders, check = traffic(1, 0, 0), CHECKS.index("speed")
-    assert not validate(knots, intruders, Requirement(1_000.0), C208_PUBLISHED, curves).wrong[0, check]
+    assert not validate(knots, intruders, Requirement(1_000.0), C208_PUBLISHED, curves).wrong[
+        0, check
+    ]
     found = validate(
         knots,
         intruders,
@@ -173,7 +189,9 @@ def test_rounding_does_not_add_up_beyond_a_limit(speed: float, sign: float) -> N
 
 
 def test_no_plans_are_no_trouble() -> None:
-    found = validate(Knots(*np.zeros((5, 0, 21))), traffic(0, 0, 0), Requirement(1_000.0), C208_PUBLISHED)
+    found = validate(
+        Knots(*np.zeros((5, 0, 21))), traffic(0, 0, 0), Requirement(1_000.0), C208_PUBLISHED
+    )
     assert found.safe.shape == (0,)
 
 
@@ -182,7 +200,9 @@ def test_plans_are_judged_one_by_one() -> None:
     whole = validate(knots, intruders, Requirement(1_000.0, 5.0), C208_PUBLISHED)
     part = validate(
         Knots(*(field[20:30] for field in knots)),
-        Traffic(VehicleState(*(f[20:30] for f in intruders.state)), *(f[20:30] for f in intruders[1:])),
+        Traffic(
+            VehicleState(*(f[20:30] for f in intruders.state)), *(f[20:30] for f in intruders[1:])
+        ),
         Requirement(1_000.0, 5.0),
         C208_PUBLISHED,
     )
@@ -200,7 +220,11 @@ def test_no_start_is_refused_by_its_own_margin(margin: float) -> None:
     rate = -math.radians(1.0)
     radius = 80.0 / rate
     turning = Knots(
-        radius * np.sin(rate * times), radius * (1.0 - np.cos(rate * times)), rate * times, zero + 80.0, times
+        radius * np.sin(rate * times),
+        radius * (1.0 - np.cos(rate * times)),
+        rate * times,
+        zero + 80.0,
+        times,
     )
     column = away[:, None]
     for knots, x, y, heading in (
@@ -225,7 +249,9 @@ def test_absent_intruders_do_not_count() -> None:
 def test_uncertainty_enlarges_what_is_required() -> None:
     times = 20.0 * np.arange(6.0)[None]
     knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
-    abeam = Traffic.straight(VehicleState(*(np.array([[value]]) for value in (0.0, 1_300.0, 0.0, 80.0))))
+    abeam = Traffic.straight(
+        VehicleState(*(np.array([[value]]) for value in (0.0, 1_300.0, 0.0, 80.0)))
+    )
     sure = validate(knots, abeam, Requirement(1_000.0, 0.0), C208_PUBLISHED)
     assert sure.safe[0]
     assert sure.clearance[0] == pytest.approx(300.0, abs=0.1)
@@ -238,7 +264,9 @@ def test_uncertainty_enlarges_what_is_required() -> None:
 
 @pytest.mark.parametrize("distance", [1_000.0, 1_000.01, 1_020.0, 1_049.99, 1_050.0, 1_500.0])
 def test_a_start_inside_the_margin_must_only_not_come_closer(distance: float) -> None:
-    one = Traffic.straight(VehicleState(*(np.array([[value]]) for value in (0.0, distance, 0.0, 80.0))))
+    one = Traffic.straight(
+        VehicleState(*(np.array([[value]]) for value in (0.0, distance, 0.0, 80.0)))
+    )
     need = required(one, VehicleState(*np.zeros((4, 1))), Requirement(1_000.0, 50.0))
     assert need[0, 0] == min(distance, 1_050.0)
     times = 20.0 * np.arange(6.0)[None]
@@ -253,7 +281,9 @@ def test_the_slowest_turn_is_not_taken_for_a_straight_flight() -> None:
     # In 1000 s at 400 m/s and 1e-9 rad/s it comes 0.2 m to its right, and then it is abeam.
     state = VehicleState(-320_000.0 * one, 1_000.05 * one, 0.0 * one, 400.0 * one)
     turning = Traffic.straight(state)._replace(turn_rate=-1e-9 * one, turn_time=1_000.0 * one)
-    assert validate(straight, Traffic.straight(state), Requirement(1_000.0), C208_PUBLISHED).safe.all()
+    assert validate(
+        straight, Traffic.straight(state), Requirement(1_000.0), C208_PUBLISHED
+    ).safe.all()
     found = validate(straight, turning, Requirement(1_000.0), C208_PUBLISHED)
     assert found.wrong[0, CHECKS.index("separation")]
     assert found.min_separation == pytest.approx([999.85], abs=0.006)
@@ -267,7 +297,9 @@ OWN = VehicleState(0.0, 0.0, 0.0, 80.0)
 
 def published() -> list[Waypoint]:
     """Return waypoints with nothing wrong."""
-    fresh = [Waypoint(i, 1_600.0 * (i + 1), 0.0, 0.0, 80.0, 20.0 * (i + 1)) for i in range(WAYPOINTS - 1)]
+    fresh = [
+        Waypoint(i, 1_600.0 * (i + 1), 0.0, 0.0, 80.0, 20.0 * (i + 1)) for i in range(WAYPOINTS - 1)
+    ]
     return [*fresh, Waypoint(105, ROUTE[5].x, ROUTE[5].y, 0.0, 80.0, 470.0)]
 
 
@@ -314,11 +346,15 @@ def test_a_last_waypoint_of_no_point_is_found() -> None:
     # It stands at the route's end: there the extension begins.
     assert audit(wrong, ROUTE, count=WAYPOINTS, extended=True) == []
     wrong[-1] = replace(wrong[-1], x=ROUTE[5].x - 5_000.0, y=ROUTE[5].y - 300.0)
-    assert [one.kind for one in audit(wrong, ROUTE, count=WAYPOINTS, extended=True)] == [Kind.OFF_ROUTE]
+    assert [one.kind for one in audit(wrong, ROUTE, count=WAYPOINTS, extended=True)] == [
+        Kind.OFF_ROUTE
+    ]
 
 
 @given(
-    st.sampled_from(["x", "y", "heading", "speed", "time"]), st.integers(0, 19), st.sampled_from([math.nan, math.inf])
+    st.sampled_from(["x", "y", "heading", "speed", "time"]),
+    st.integers(0, 19),
+    st.sampled_from([math.nan, math.inf]),
 )
 def test_what_is_not_finite_is_found(field: str, number: int, value: float) -> None:
     wrong = published()

@@ -1,4 +1,6 @@
-"""Bounds on what any flight can do: reachable sets contain every flight, and a causal oracle beats no proof."""
+"""Bounds on what any flight can do: reachable sets contain every flight, and a causal oracle beats
+no proof.
+"""
 
 import math
 from typing import Any
@@ -37,9 +39,13 @@ DELTA = delta(RULES, SURROGATE)
 def random_flights(
     count: int, seconds: float, tick: float = 1.0, start_speed: float | None = None
 ) -> tuple[np.ndarray, ...]:
-    """Fly extremal commands, held for some seconds each; return x, y, turn and speed ``[T + 1, N]``, at every tick."""
+    """Fly extremal commands, held for some seconds each; return x, y, turn and speed ``[T + 1,
+    N]``, at every tick.
+    """
     random = np.random.default_rng(1)
-    speed = random.uniform(50.0, 100.0, count) if start_speed is None else np.full(count, start_speed)
+    speed = (
+        random.uniform(50.0, 100.0, count) if start_speed is None else np.full(count, start_speed)
+    )
     state = VehicleState(np.zeros(count), np.zeros(count), np.zeros(count), speed)
     turned = np.zeros(count)
     record = [(state.x, state.y, turned, state.speed)]
@@ -62,14 +68,21 @@ def test_no_flight_leaves_the_outer_set_and_some_touch_it():
     everything = root(speed[0], times, relaxed(SURROGATE))
 
     def check(funnel: Funnel, flights: Any, *, growing: bool = False) -> np.ndarray:
-        """Assert that the flights obey the supports of their funnels; return how far inside they are."""
+        """Assert that the flights obey the supports of their funnels; return how far inside they
+        are.
+        """
         bounds = support(funnel, DIRECTIONS, step, relaxed(SURROGATE), stride=20, growing=growing)
-        along = np.cos(DIRECTIONS)[:, None, None] * x[1:, flights] + np.sin(DIRECTIONS)[:, None, None] * y[1:, flights]
+        along = (
+            np.cos(DIRECTIONS)[:, None, None] * x[1:, flights]
+            + np.sin(DIRECTIONS)[:, None, None] * y[1:, flights]
+        )
         inside = bounds - along.transpose(2, 0, 1)
         assert inside.min() >= 0.0
         return inside
 
-    loose, tight = (check(everything, np.arange(count), growing=growing) for growing in (False, True))
+    loose, tight = (
+        check(everything, np.arange(count), growing=growing) for growing in (False, True)
+    )
     assert (loose >= tight - 1e-9).all()
     # Without a bound there would be nothing to contain: straight flights and full turns come near.
     assert tight.min() < 0.5
@@ -86,12 +99,18 @@ def test_no_flight_leaves_the_outer_set_and_some_touch_it():
 def test_farthest_bounds_every_point_of_the_polygon():
     random = np.random.default_rng(2)
     for _ in range(50):
-        points = random.normal(size=(5, 2)) * random.uniform(10.0, 500.0, 2) + random.normal(size=2) * 400.0
+        points = (
+            random.normal(size=(5, 2)) * random.uniform(10.0, 500.0, 2)
+            + random.normal(size=2) * 400.0
+        )
         supports = np.max(
-            np.cos(DIRECTIONS)[:, None] * points[:, 0] + np.sin(DIRECTIONS)[:, None] * points[:, 1], axis=1
+            np.cos(DIRECTIONS)[:, None] * points[:, 0] + np.sin(DIRECTIONS)[:, None] * points[:, 1],
+            axis=1,
         )
         place = random.normal(size=(3, 2)) * 600.0
-        bound = farthest(supports[None, :, None], place[None, :, 0, None], place[None, :, 1, None])[0, :, 0]
+        bound = farthest(supports[None, :, None], place[None, :, 0, None], place[None, :, 1, None])[
+            0, :, 0
+        ]
         exact = np.hypot(*(points[:, None] - place[None]).transpose(2, 0, 1)).max(axis=0)
         assert (bound >= exact - 1e-9).all()
         # Not looser than the circumscribed circle of the fan.
@@ -99,21 +118,28 @@ def test_farthest_bounds_every_point_of_the_polygon():
 
 
 def flown_clear(ahead: Ahead, count: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """Fly random commands in one encounter; return the flights ``[T, N]`` at the test times, and which are clear then.
+    """Fly random commands in one encounter; return the flights ``[T, N]`` at the test times, and
+    which are clear then.
 
     Clear is a flight that has been in no disc of the separation less delta at any test time so far.
     """
     tests = ahead.x.shape[2]
     flights = random_flights(count, INTERVAL * tests, INTERVAL, float(ahead.speed[0]))
     x, y, turned, speed = (field[1:] for field in flights)
-    apart = np.hypot(x[:, None] - ahead.x[0].T[:, :, None], y[:, None] - ahead.y[0].T[:, :, None]).min(axis=1)
-    return (x, y, turned, speed), np.logical_and.accumulate(apart > RULES.separation - DELTA, axis=0)
+    apart = np.hypot(
+        x[:, None] - ahead.x[0].T[:, :, None], y[:, None] - ahead.y[0].T[:, :, None]
+    ).min(axis=1)
+    return (x, y, turned, speed), np.logical_and.accumulate(
+        apart > RULES.separation - DELTA, axis=0
+    )
 
 
 def test_gaps_between_intruders_that_close_are_proven_closed():
     # Searches through piecewise controls keep no more than 685 and 958 m.
     for number in (126, 204):
-        ahead = look_ahead(numbered(scenario("multi", PAPER, intruders=(2, 4)), 0, number, 1), RULES, SURROGATE)
+        ahead = look_ahead(
+            numbered(scenario("multi", PAPER, intruders=(2, 4)), 0, number, 1), RULES, SURROGATE
+        )
         assert np.isnan(contained(ahead, RULES, SURROGATE)[0])
         proven = split(ahead, RULES, SURROGATE, nodes=0)[0]
         assert 10.0 < proven < 46.5
@@ -123,9 +149,15 @@ def test_gaps_between_intruders_that_close_are_proven_closed():
 
 
 @pytest.mark.parametrize(
-    "cells", [Cells(math.radians(30.0), 12.0, 1_000.0, 80, 900), Cells(math.radians(9.0), 5.0, 300.0, 17, 900)]
+    "cells",
+    [
+        Cells(math.radians(30.0), 12.0, 1_000.0, 80, 900),
+        Cells(math.radians(9.0), 5.0, 300.0, 17, 900),
+    ],
 )
-def test_flights_clear_of_all_intruders_are_among_the_survivors(cells: Cells, monkeypatch: pytest.MonkeyPatch):
+def test_flights_clear_of_all_intruders_are_among_the_survivors(
+    cells: Cells, monkeypatch: pytest.MonkeyPatch
+):
     kept: list[States] = []
 
     def spy(states: States, cells: Cells, merged: Any = survivors.merged) -> States:
@@ -138,14 +170,19 @@ def test_flights_clear_of_all_intruders_are_among_the_survivors(cells: Cells, mo
         ahead = look_ahead(numbered(CROWDED, 7, number, 1), RULES, SURROGATE)
         kept.clear()
         discs = (ahead.x[0], ahead.y[0], RULES.separation - DELTA)
-        last_time(float(ahead.speed[0]), discs, (1e6, 0.0, 500.0), INTERVAL, cells, relaxed(SURROGATE))
+        last_time(
+            float(ahead.speed[0]), discs, (1e6, 0.0, 500.0), INTERVAL, cells, relaxed(SURROGATE)
+        )
         flights, clear = flown_clear(ahead, 500)
         for index, states in enumerate(kept):
             test = min((index + 1) * cells.tests, ahead.x.shape[2]) - 1
             x, y, turned, speed = (field[test, clear[test]] for field in flights)
             along = np.cos(DIRECTIONS)[:, None] * x + np.sin(DIRECTIONS)[:, None] * y
             within = np.all(states.supports[:, :, None] >= along, axis=1)
-            bounds = ((turned, states.turn_low, states.turn_high), (speed, states.speed_low, states.speed_high))
+            bounds = (
+                (turned, states.turn_low, states.turn_high),
+                (speed, states.speed_low, states.speed_high),
+            )
             for value, low, high in bounds:
                 within &= (value >= low[:, None] - 1e-9) & (value <= high[:, None] + 1e-9)
             assert within.any(axis=0).all()
@@ -159,7 +196,9 @@ def test_survivors_that_reach_the_goal_before_the_disc_prove_nothing():
     discs = (ahead.x[0], ahead.y[0], RULES.separation - DELTA)
     # The discs meet at 1 s before the ownship is at 700 m or so.
     for goal, ends in ((15_000.0, True), (2_000.0, True), (1_000.0, False)):
-        time = last_time(75.0, discs, (goal, 0.0, RULES.goal_radius + DELTA), INTERVAL, cells, relaxed(SURROGATE))
+        time = last_time(
+            75.0, discs, (goal, 0.0, RULES.goal_radius + DELTA), INTERVAL, cells, relaxed(SURROGATE)
+        )
         assert np.isfinite(time) == ends
 
 
@@ -193,7 +232,8 @@ def test_polygons_lose_what_a_disc_or_a_line_takes_and_no_more():
         assert outside(rest, -250.0, 0.0, radius)[1][0] != covered
 
 
-# The oracle without foresight must fly what it claims, never beat a proof, and see nothing of the intents.
+# The oracle without foresight must fly what it claims, never beat a proof, and see nothing of the
+# intents.
 
 SHORT = (3_000.0, 3_200.0)
 QUICK = RULES._replace(t_max=150.0)
@@ -202,7 +242,9 @@ QUICK = RULES._replace(t_max=150.0)
 
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
-    straight = numbered(scenario("circle", PAPER, radius=SHORT, conflicts_closer_than=1_000.0), 2, 0, 3)
+    straight = numbered(
+        scenario("circle", PAPER, radius=SHORT, conflicts_closer_than=1_000.0), 2, 0, 3
+    )
     return joined(straight, numbered(scenario("maneuvering", PAPER, radius=SHORT), 2, 0, 3))
 
 
@@ -219,7 +261,9 @@ def recorded(encounter: Encounter, result: Causal, number: int) -> Replay:
     return Replay(np.arange(count) * QUICK.dt, own, traffic, np.zeros(count - 1))
 
 
-def test_what_it_solves_is_solved_in_an_independent_simulation(encounters: Encounter, flown: Causal):
+def test_what_it_solves_is_solved_in_an_independent_simulation(
+    encounters: Encounter, flown: Causal
+):
     assert flown.solved[:3].all()
     assert flown.solved.sum() >= 5
     for number in np.flatnonzero(flown.solved):
@@ -227,7 +271,9 @@ def test_what_it_solves_is_solved_in_an_independent_simulation(encounters: Encou
         alone = recorded(encounter, flown, int(number))
         check_witness(encounter, alone)
         assert alone.time[-1] == flown.arrival[number]
-        apart = np.hypot(alone.intruders.x[:, 0] - alone.own.x, alone.intruders.y[:, 0] - alone.own.y)
+        apart = np.hypot(
+            alone.intruders.x[:, 0] - alone.own.x, alone.intruders.y[:, 0] - alone.own.y
+        )
         assert apart.min() >= flown.separation[number] - 0.1 >= QUICK.separation - 0.1
         length = 0.5 * np.sum(alone.own.speed[1:] + alone.own.speed[:-1])
         assert flown.path[number] == pytest.approx(length)
@@ -247,7 +293,8 @@ def test_it_does_not_see_an_intent_before_it_shows():
     encounter = duel([7_000.0], course=math.pi + 0.3)._replace(goal_x=np.array([7_000.0]))
     intent = encounter.intent._replace(onset=np.array([[20.0]]), heading_change=np.array([[-0.5]]))
     one, other = (
-        causal(each, QUICK._replace(t_max=100.0), SURROGATE) for each in (encounter._replace(intent=intent), encounter)
+        causal(each, QUICK._replace(t_max=100.0), SURROGATE)
+        for each in (encounter._replace(intent=intent), encounter)
     )
     # The turn begins at 20 s, shows at 21 s, and changes what is flown from then on.
     np.testing.assert_array_equal(one.own.heading[:22], other.own.heading[:22])

@@ -86,19 +86,27 @@ def test_a_goal_out_of_reach_is_unresolvable():
     assert judged.proof_time[0] == 120.0
     # Behind, it costs a turn about: out of reach although not too far for a straight flight.
     behind = near._replace(goal_x=np.array([-9_800.0, -5_000.0]))
-    assert classify(behind, rules, SURROGATE).verdict.tolist() == [Verdict.UNRESOLVABLE, Verdict.RESOLVABLE]
+    assert classify(behind, rules, SURROGATE).verdict.tolist() == [
+        Verdict.UNRESOLVABLE,
+        Verdict.RESOLVABLE,
+    ]
 
 
 def test_a_violation_beyond_the_goal_proves_nothing():
     # The collision course is deadly, but the goal comes first.
     encounter = duel([2_400.0])
     assert classify(encounter, RULES, SURROGATE).verdict[0] == Verdict.UNRESOLVABLE
-    assert classify(encounter._replace(goal_x=np.array([1_000.0])), RULES, SURROGATE).verdict[0] == Verdict.RESOLVABLE
+    assert (
+        classify(encounter._replace(goal_x=np.array([1_000.0])), RULES, SURROGATE).verdict[0]
+        == Verdict.RESOLVABLE
+    )
 
 
 def test_a_goal_beside_the_ownship_lies_inside_its_turning_circle():
     encounters = duel([9_000.0] * 3, course=0.0)
-    encounters = encounters._replace(goal_x=np.array([0.0, 500.0, -500.0]), goal_y=np.array([1_000.0, 900.0, -1_200.0]))
+    encounters = encounters._replace(
+        goal_x=np.array([0.0, 500.0, -500.0]), goal_y=np.array([1_000.0, 900.0, -1_200.0])
+    )
     judged = classify(encounters, RULES, SURROGATE)
     assert (judged.verdict == Verdict.RESOLVABLE).all()
 
@@ -148,13 +156,16 @@ def test_a_proof_survives_what_makes_the_task_harder():
         assert not np.any((here == Verdict.RESOLVABLE) & (there == Verdict.UNRESOLVABLE))
 
 
-@pytest.mark.parametrize("family", [scenario("circle", PAPER), scenario("maneuvering", PAPER), CLOSE])
+@pytest.mark.parametrize(
+    "family", [scenario("circle", PAPER), scenario("maneuvering", PAPER), CLOSE]
+)
 def test_verdicts_do_not_know_left_from_right(family: Scenario):
     encounters = numbered(family, 9, 0, 80)
     here = classify(encounters, RULES, SURROGATE)
     there = classify(reflected(encounters), RULES, SURROGATE)
     differ = here.verdict != there.verdict
-    # The refinement draws at random: what it finds only on one side is undecided on the other, never disproven.
+    # The refinement draws at random: what it finds only on one side is undecided on the other,
+    # never disproven.
     assert np.all((np.minimum(here.verdict, there.verdict) == Verdict.UNDECIDED)[differ])
     assert differ.sum() <= 1
 
@@ -211,7 +222,8 @@ def test_the_margins_of_a_proof_are_honoured():
     assert len(Manoeuvre._fields) == 8
 
 
-# Least-cost witnesses must fly, cost no more than any escape known before, and depend on no other encounter.
+# Least-cost witnesses must fly, cost no more than any escape known before, and depend on no other
+# encounter.
 
 QUICK = RULES._replace(t_max=150.0)
 """Time enough for short encounters."""
@@ -222,7 +234,9 @@ FEW = 4
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
     """Conflicts, manoeuvring intruders, and close starts, some of them beyond help: 11."""
-    conflicts = numbered(scenario("circle", PAPER, radius=(3_000.0, 3_200.0), conflicts_closer_than=1_000.0), 1, 0, 4)
+    conflicts = numbered(
+        scenario("circle", PAPER, radius=(3_000.0, 3_200.0), conflicts_closer_than=1_000.0), 1, 0, 4
+    )
     turning = numbered(scenario("maneuvering", PAPER, radius=(3_000.0, 3_200.0)), 1, 0, 4)
     return joined(joined(conflicts, turning), numbered(CLOSE, 1, 0, 3))
 
@@ -232,7 +246,9 @@ def witnesses(encounters: Encounter):
     return least_cost(encounters, QUICK, SURROGATE, rounds=FEW)
 
 
-def test_least_cost_witnesses_succeed_in_an_independent_simulation(encounters: Encounter, witnesses):
+def test_least_cost_witnesses_succeed_in_an_independent_simulation(
+    encounters: Encounter, witnesses
+):
     known = np.flatnonzero(~np.isnan(witnesses.path))
     assert known.size >= 8
     for number in known[::2]:
@@ -246,7 +262,9 @@ def test_least_cost_witnesses_succeed_in_an_independent_simulation(encounters: E
         assert length[-2] - 1e-6 <= witnesses.path[number] <= length[-1] + 1e-6
 
 
-def test_no_witness_is_cheaper_than_the_straight_line_or_dearer_than_the_first_found(encounters: Encounter, witnesses):
+def test_no_witness_is_cheaper_than_the_straight_line_or_dearer_than_the_first_found(
+    encounters: Encounter, witnesses
+):
     own = encounters.own
     straight = np.hypot(encounters.goal_x - own.x, encounters.goal_y - own.y) - QUICK.goal_radius
     found = search(encounters, QUICK, SURROGATE)
@@ -281,7 +299,9 @@ def test_a_clear_way_is_flown_straight():
 
 def test_a_start_that_is_known_already_is_never_made_worse(encounters: Encounter, witnesses):
     some = take(encounters, slice(0, 4))
-    again = least_cost(some, QUICK, SURROGATE, start=take(witnesses.manoeuvre, slice(0, 4)), rounds=1)
+    again = least_cost(
+        some, QUICK, SURROGATE, start=take(witnesses.manoeuvre, slice(0, 4)), rounds=1
+    )
     cost, before = (w.path + SECOND * w.arrival for w in (again, take(witnesses, slice(0, 4))))
     assert (cost <= before).all()
     judged = classify(some, QUICK, SURROGATE)
@@ -292,7 +312,9 @@ def test_witnesses_depend_on_neither_batch_nor_order(encounters: Encounter, witn
     order = np.array([7, 3, 9])
     again = least_cost(take(encounters, order), QUICK, SURROGATE, rounds=FEW)
     np.testing.assert_array_equal(again.path, witnesses.path[order])
-    np.testing.assert_array_equal(np.stack(again.manoeuvre), np.stack(witnesses.manoeuvre)[:, order])
+    np.testing.assert_array_equal(
+        np.stack(again.manoeuvre), np.stack(witnesses.manoeuvre)[:, order]
+    )
 
 
 def test_the_cost_hardly_knows_left_from_right(encounters: Encounter, witnesses):

@@ -1,4 +1,6 @@
-"""The aircraft is made of sourced facts alone; JSBSim flies as they say, as is published, and along plans."""
+"""The aircraft is made of sourced facts alone; JSBSim flies as they say, as is published, and along
+plans.
+"""
 
 import math
 import subprocess
@@ -84,7 +86,9 @@ def test_lift_is_continuous_with_one_maximum() -> None:
 
 
 @given(st.floats(1e4, 7e5), st.floats(0.0, 120.0), st.floats(0.5, 1.3))
-def test_thrust_never_gives_more_power_than_the_shaft(power: float, speed: float, density: float) -> None:
+def test_thrust_never_gives_more_power_than_the_shaft(
+    power: float, speed: float, density: float
+) -> None:
     force = float(thrust(power, speed, density))
     assert math.isfinite(force)
     assert force * speed < 0.80 * power
@@ -128,7 +132,9 @@ def test_no_equilibrium_below_the_stall_or_beyond_the_power() -> None:
     assert solve(fdm, 70.0).speed == 70.0
 
 
-def test_unknown_names_and_missing_files_are_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_names_and_missing_files_are_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     fdm = Fdm()
     with pytest.raises(FdmError, match="velocities/typo"):
         fdm.get("velocities/typo")
@@ -146,15 +152,20 @@ def test_unknown_names_and_missing_files_are_errors(tmp_path: Path, monkeypatch:
 
 def test_jsbsim_says_nothing() -> None:
     program = "from envs.c208.fdm import Fdm; from envs.c208.trim import solve; solve(Fdm(), 70.0)"
-    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     assert result.stdout == "" and result.stderr == ""
 
 
-# The model keeps the tolerances to what is published, on points it was not fitted to, and says so when it does not.
+# The model keeps the tolerances to what is published, on points it was not fitted to, and says so
+# when it does not.
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def test_no_tolerance_is_missed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_tolerance_is_missed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("sys.argv", ["validate"])
     assert validate.main() == 0
     printed = capsys.readouterr().out
@@ -163,7 +174,9 @@ def test_no_tolerance_is_missed(capsys: pytest.CaptureFixture[str], monkeypatch:
         assert point.name in printed
 
 
-def test_a_missed_tolerance_is_reported(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missed_tolerance_is_reported(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     wrong = POINTS[0]._replace(value=POINTS[0].value * 1.05)
     monkeypatch.setattr(validate, "POINTS", (wrong,))
     monkeypatch.setattr("sys.argv", ["validate"])
@@ -176,7 +189,9 @@ def test_more_drag_is_slower_and_more_weight_stalls_faster() -> None:
     stall = next(point for point in POINTS if point.quantity == "stall")
     assert validate.measured(cruise._replace(pod=True)) < validate.measured(cruise) - 5.0
     light = validate.measured(stall._replace(weight=7000.0))
-    assert light == pytest.approx(validate.measured(stall) * math.sqrt(7000.0 / stall.weight), rel=0.01)
+    assert light == pytest.approx(
+        validate.measured(stall) * math.sqrt(7000.0 / stall.weight), rel=0.01
+    )
 
 
 def test_the_envelope_shrinks_with_speed() -> None:
@@ -194,9 +209,13 @@ def test_the_published_limits_can_be_had_all_at_once() -> None:
         low, _ = vehicle.reach()
         vehicle.bank = math.atan(speed * limits.yaw_rate_max / 9.80665)
         _, high = vehicle.reach()
-        assert low <= limits.acceleration_min and limits.acceleration_max <= high, f"{speed} m/s: {low:.3f}, {high:.3f}"
+        assert low <= limits.acceleration_min and limits.acceleration_max <= high, (
+            f"{speed} m/s: {low:.3f}, {high:.3f}"
+        )
     stall = next(point for point in POINTS if point.quantity == "stall" and point.variant == "675")
-    slowest = validate.measured(stall._replace(variant="ex", weight=8807.0, altitude=2500.0 / 0.3048))
+    slowest = validate.measured(
+        stall._replace(variant="ex", weight=8807.0, altitude=2500.0 / 0.3048)
+    )
     assert limits.speed_min > 1.1 * slowest * validate.KNOT / math.sqrt(0.957 / 1.225)
 
 
@@ -215,7 +234,9 @@ def test_errors_across_along_and_in_time_are_kept_apart() -> None:
     assert found.cross_track.max() < 0.05
     np.testing.assert_allclose(found.late, 20.0, atol=0.02)
     aside = [
-        state._replace(x=state.x - 5.0 * math.sin(state.heading), y=state.y + 5.0 * math.cos(state.heading))
+        state._replace(
+            x=state.x - 5.0 * math.sin(state.heading), y=state.y + 5.0 * math.cos(state.heading)
+        )
         for state in exact
     ]
     found = judged(plan, aside, [0.0] * len(aside), np.full(len(aside), 2500.0))
@@ -227,7 +248,10 @@ def test_a_plan_within_power_in_calm_air_may_not_be_in_wind() -> None:
     plans = [plan for plan in plans_of(6, "circle", 0) if within_power(plan, CALM)]
     assert plans
     # A gale from ahead or behind always takes one of them out of the range.
-    gales = [Conditions(wind_east=30.0 * math.cos(a), wind_north=30.0 * math.sin(a)) for a in np.arange(0.0, 6.3, 0.5)]
+    gales = [
+        Conditions(wind_east=30.0 * math.cos(a), wind_north=30.0 * math.sin(a))
+        for a in np.arange(0.0, 6.3, 0.5)
+    ]
     assert all(any(not within_power(plan, gale) for gale in gales) for plan in plans)
 
 
@@ -248,14 +272,19 @@ def test_the_pictures_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def history(seed: int, count: int = 5) -> tuple[VehicleState, Legs]:
-    """Return a start and legs of 20 s through a random flight of the surrogate, held 10 s a command."""
+    """Return a start and legs of 20 s through a random flight of the surrogate, held 10 s a
+    command.
+    """
     rng = np.random.default_rng(seed)
     state = VehicleState(0.0, 0.0, rng.uniform(-3.0, 3.0), rng.uniform(62.0, 85.0))
     limits = SURROGATE._replace(speed_min=58.0, speed_max=92.0)
     states = [state]
     for second in range(20 * count):
         if second % 10 == 0:
-            acceleration, yaw_rate = rng.uniform(-0.4, 0.4), rng.uniform(-1.0, 1.0) * math.radians(2.5)
+            acceleration, yaw_rate = (
+                rng.uniform(-0.4, 0.4),
+                rng.uniform(-1.0, 1.0) * math.radians(2.5),
+            )
         state = advance(state, acceleration, yaw_rate, 1.0, limits, np)
         if second % 20 == 19:
             states.append(state)
@@ -278,7 +307,9 @@ def test_a_path_is_the_legs(time: float, number: int) -> None:
 def errors(plan: Legs, states: list[VehicleState]) -> tuple[np.ndarray, np.ndarray]:
     clock = PERIOD * np.arange(1, len(states) + 1)
     flight = VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
-    found = deviation(Legs(*(np.broadcast_to(field, (clock.size, *field.shape)) for field in plan)), flight, clock)
+    found = deviation(
+        Legs(*(np.broadcast_to(field, (clock.size, *field.shape)) for field in plan)), flight, clock
+    )
     return np.abs(found.cross_track), np.abs(found.time)
 
 

@@ -1,4 +1,6 @@
-"""The true aircraft flies its commands within its limits, the same every time, and says when it cannot."""
+"""The true aircraft flies its commands within its limits, the same every time, and says when it
+cannot.
+"""
 
 import hashlib
 import math
@@ -93,7 +95,10 @@ def test_speed_follows_a_ramp(first: float, last: float) -> None:
 
 
 def test_the_frame_is_the_ground_that_is_covered() -> None:
-    vehicle = C208Vehicle(EAST._replace(heading=0.8, speed=90.0), conditions=Conditions(wind_east=5.0, wind_north=-4.0))
+    vehicle = C208Vehicle(
+        EAST._replace(heading=0.8, speed=90.0),
+        conditions=Conditions(wind_east=5.0, wind_north=-4.0),
+    )
     flown(vehicle, 0.0, 0.004, 200.0)
     log = vehicle.log()
     heading = np.unwrap(log[:, COLUMN["heading"]])
@@ -131,7 +136,9 @@ def test_a_flight_is_the_same_to_the_last_bit() -> None:
 def test_turbulence_is_as_strong_as_it_is_named() -> None:
     size = {}
     for name in ("none", "light", "moderate"):
-        vehicle = C208Vehicle(EAST._replace(speed=80.0), conditions=Conditions(turbulence=name, seed=1))
+        vehicle = C208Vehicle(
+            EAST._replace(speed=80.0), conditions=Conditions(turbulence=name, seed=1)
+        )
         flown(vehicle, 0.0, 0.0, 60.0)
         size[name] = float(np.std(vehicle.log()[:, COLUMN["alpha"]]))
     assert size["none"] < 1e-4
@@ -139,7 +146,9 @@ def test_turbulence_is_as_strong_as_it_is_named() -> None:
 
 
 def test_it_cannot_be_made_to_stall() -> None:
-    vehicle = C208Vehicle(EAST._replace(speed=60.0), conditions=Conditions(turbulence="moderate", seed=3))
+    vehicle = C208Vehicle(
+        EAST._replace(speed=60.0), conditions=Conditions(turbulence="moderate", seed=3)
+    )
     flown(vehicle, -3.0, 0.2, 60.0)
     log = vehicle.log()
     assert log[:, COLUMN["airspeed"]].min() > 45.0
@@ -168,7 +177,9 @@ def test_what_cannot_begin_or_go_on_is_reported(monkeypatch: pytest.MonkeyPatch)
         (EAST, Conditions(seed=-1), "seed"),
     ],
 )
-def test_a_beginning_that_is_none_is_refused(state: VehicleState, conditions: Conditions, named: str) -> None:
+def test_a_beginning_that_is_none_is_refused(
+    state: VehicleState, conditions: Conditions, named: str
+) -> None:
     with pytest.raises(ValueError, match=f"{named} .*expected"):
         C208Vehicle(state, conditions=conditions)
 
@@ -204,7 +215,11 @@ def test_the_point_mass_climbs_to_its_altitude_and_keeps_its_limits() -> None:
 
 
 STATES = st.builds(
-    VehicleState, st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-3.1, 3.1), st.floats(40.0, 110.0)
+    VehicleState,
+    st.floats(-1e4, 1e4),
+    st.floats(-1e4, 1e4),
+    st.floats(-3.1, 3.1),
+    st.floats(40.0, 110.0),
 )
 WINDS = st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0))
 COMMANDS = st.tuples(st.floats(-0.8, 0.5), st.floats(-0.08, 0.08))
@@ -226,11 +241,15 @@ def test_distances_do_not_see_the_wind(
     a: VehicleState, b: VehicleState, wind: tuple[float, float], time: float
 ) -> None:
     there, other = (through_air(state, wind, time) for state in (a, b))
-    assert math.hypot(there.x - other.x, there.y - other.y) == pytest.approx(math.hypot(a.x - b.x, a.y - b.y))
+    assert math.hypot(there.x - other.x, there.y - other.y) == pytest.approx(
+        math.hypot(a.x - b.x, a.y - b.y)
+    )
 
 
 @given(STATES, WINDS, st.floats(0.0, 500.0))
-def test_arrays_are_plain_numbers_in_a_row(state: VehicleState, wind: tuple[float, float], time: float) -> None:
+def test_arrays_are_plain_numbers_in_a_row(
+    state: VehicleState, wind: tuple[float, float], time: float
+) -> None:
     rows = through_air(VehicleState(*(np.array([field]) for field in state)), wind, time)
     close(VehicleState(*(float(field[0]) for field in rows)), through_air(state, wind, time))
 
@@ -240,7 +259,9 @@ def test_commands_are_the_same_acceleration(
     state: VehicleState, wind: tuple[float, float], command: tuple[float, float]
 ) -> None:
     air = through_air(state, wind, 0.0)
-    assert ground_commands(air, *air_commands(state, *command, wind), wind) == pytest.approx(command, abs=1e-9)
+    assert ground_commands(air, *air_commands(state, *command, wind), wind) == pytest.approx(
+        command, abs=1e-9
+    )
     # A moment later both views are still of one motion.
     free = SURROGATE._replace(speed_min=0.0, speed_max=1e3)
     later = advance(state, *command, 0.01, free, np)
@@ -250,7 +271,8 @@ def test_commands_are_the_same_acceleration(
     assert there.speed == pytest.approx(float(later.speed), abs=2e-3)
 
 
-# The true aircraft's environment keeps Gymnasium's contract and the surrogate's observation, action and reward.
+# The true aircraft's environment keeps Gymnasium's contract and the surrogate's observation, action
+# and reward.
 
 
 STRAIGHT = np.zeros(2, np.float32)
@@ -281,7 +303,9 @@ def test_it_is_the_surrogates_task_flown_with_the_aircrafts_lags() -> None:
 def test_episodes_repeat_and_end() -> None:
     def play() -> list[float]:
         env = gymnasium.make(
-            ENV_ID, rules=RULES._replace(t_max=20.0), conditions=Conditions(wind_east=3.0, turbulence="light")
+            ENV_ID,
+            rules=RULES._replace(t_max=20.0),
+            conditions=Conditions(wind_east=3.0, turbulence="light"),
         )
         env.reset(seed=1)
         rows, over = [], False

@@ -1,4 +1,6 @@
-"""ADS-B reports and pairs of aircraft in them: units, gaps and repairs, never a pair made by a fault."""
+"""ADS-B reports and pairs of aircraft in them: units, gaps and repairs, never a pair made by a
+fault.
+"""
 
 import gzip
 import json
@@ -19,8 +21,20 @@ from tests.support import WGS84, case, flight, recorded, reports_file
 
 
 def report(name: str, seconds: float, latitude: float, **changes):
-    usual = {"longitude": 2.0, "altitude": 1_000.0, "groundspeed": 120.0, "track": 0.0, "vertical_rate": 600.0}
-    return {"icao24": name, "timestamp": int(1_000 * seconds), "latitude": latitude, **usual, **changes}
+    usual = {
+        "longitude": 2.0,
+        "altitude": 1_000.0,
+        "groundspeed": 120.0,
+        "track": 0.0,
+        "vertical_rate": 600.0,
+    }
+    return {
+        "icao24": name,
+        "timestamp": int(1_000 * seconds),
+        "latitude": latitude,
+        **usual,
+        **changes,
+    }
 
 
 REPORTS = [
@@ -45,7 +59,9 @@ def tracks(path: Path, **options) -> tuple[list[Track], Repairs]:
     read = list(ordered_flights(path, math.inf, **options))
     rows = {name: max(flights, key=len) for name, flights, _ in read}
     reference = place_of(next(iter(rows.values()))[0])
-    return [track_of(name, each, reference) for name, each in rows.items()], summed([done for *_, done in read])
+    return [track_of(name, each, reference) for name, each in rows.items()], summed(
+        [done for *_, done in read]
+    )
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -63,11 +79,15 @@ def test_reports_by_hand(tmp_path: Path, packed: bool) -> None:
 
 def test_holes_are_refused_or_repaired(tmp_path: Path) -> None:
     path = written(tmp_path, REPORTS)
-    with pytest.raises(TrackError, match="report 6, field timestamp: a gap of 799 s in the track of 'aaa'"):
+    with pytest.raises(
+        TrackError, match="report 6, field timestamp: a gap of 799 s in the track of 'aaa'"
+    ):
         tracks(path)
     with pytest.raises(TrackError, match="report 1, field altitude: nan, expected a finite number"):
         tracks(written(tmp_path, REPORTS[2:3]))
-    (own, _), repairs = tracks(written(tmp_path, [*REPORTS[:2], *REPORTS[3:]]), repair=True, max_gap=100.0)
+    (own, _), repairs = tracks(
+        written(tmp_path, [*REPORTS[:2], *REPORTS[3:]]), repair=True, max_gap=100.0
+    )
     assert repairs == Repairs(filled=7)
     assert np.diff(own.time)[1:] == pytest.approx(799.0 / 8)
 
@@ -80,7 +100,10 @@ def test_holes_are_refused_or_repaired(tmp_path: Path) -> None:
         ([{"icao24": "aaa"}], "report 1, field timestamp: missing"),
         ([report("aaa", 100, 48.0, altitude=10**400)], "report 1, field altitude: 1000"),
         ([report("aaa", 100, 148.0)], "report 1, field latitude: 148, expected -90 to 90"),
-        ([report("aaa", 100, 48.0, track="north")], "report 1, field track: 'north', expected a number or null"),
+        (
+            [report("aaa", 100, 48.0, track="north")],
+            "report 1, field track: 'north', expected a number or null",
+        ),
     ],
 )
 def test_bad_reports_are_refused(tmp_path: Path, content, sentence: str) -> None:
@@ -101,7 +124,8 @@ def test_cut_and_absent_files(tmp_path: Path) -> None:
 
 
 def test_a_recorded_pair_comes_as_close_as_published(tmp_path: Path) -> None:
-    # Published: 2375 m. The pair's list was made of the same second-by-second reports, repeated ones included.
+    # Published: 2375 m. The pair's list was made of the same second-by-second reports, repeated
+    # ones included.
     reports = json.loads(gzip.decompress(recorded("adsb/quickstart.json.gz").read_bytes()))
     pairs = recorded("adsb/real_pairs.csv").read_text().splitlines()
     line = next(each for each in pairs if ",4d02be,a560f3," in each).split(",")
@@ -111,16 +135,21 @@ def test_a_recorded_pair_comes_as_close_as_published(tmp_path: Path) -> None:
     own, other = met[line[2]], met[line[1]]
     times = np.arange(max(own.time[0], other.time[0]), min(own.time[-1], other.time[-1]))
     first, second = at_times(own, times), at_times(other, times)
-    assert np.hypot(first.x - second.x, first.y - second.y).min() == pytest.approx(float(line[4]), abs=5.0)
+    assert np.hypot(first.x - second.x, first.y - second.y).min() == pytest.approx(
+        float(line[4]), abs=5.0
+    )
     made = replay([("pair", own, [other])], PAPER, 220.0)
     assert np.isfinite(made.starts.intent.x).all()
 
 
-# Pairs of aircraft in ADS-B reports: found wherever on the Earth, and never made by faults of the reports.
+# Pairs of aircraft in ADS-B reports: found wherever on the Earth, and never made by faults of the
+# reports.
 
 
 def meeting(latitude: float, longitude: float, track: float = 90.0, after: float = 60.0):
-    """Return reports of two aircraft that fly towards each other at 80 m/s, and meet after some seconds."""
+    """Return reports of two aircraft that fly towards each other at 80 m/s, and meet after some
+    seconds.
+    """
     x, y, back = WGS84.fwd(longitude, latitude, track, 160.0 * after)
     return flight("aaa001", latitude, longitude, track), flight("bbb002", y, x, back)
 
@@ -135,7 +164,13 @@ def found(path: Path, **options) -> list[tuple[str, Track, Track]]:
 
 @pytest.mark.parametrize(
     ("latitude", "longitude", "track"),
-    [(0.0, 0.0, 90.0), (47.0, 8.0, 30.0), (-17.0, 179.99, 90.0), (-17.0, -179.99, 270.0), (89.97, 40.0, 0.0)],
+    [
+        (0.0, 0.0, 90.0),
+        (47.0, 8.0, 30.0),
+        (-17.0, 179.99, 90.0),
+        (-17.0, -179.99, 270.0),
+        (89.97, 40.0, 0.0),
+    ],
 )
 def test_a_head_on_pair_is_the_same_anywhere_on_earth(
     tmp_path: Path, latitude: float, longitude: float, track: float
@@ -146,8 +181,12 @@ def test_a_head_on_pair_is_the_same_anywhere_on_earth(
     assert np.hypot(other.x[0], other.y[0]) == pytest.approx(9_600.0, abs=0.1)
     # Head-on: both fly along the line between them.
     ahead = np.radians(track)
-    assert (own.vx[0], own.vy[0]) == pytest.approx((80 * np.sin(ahead), 80 * np.cos(ahead)), abs=1e-3)
-    assert (other.vx[0], other.vy[0]) == pytest.approx((-80 * np.sin(ahead), -80 * np.cos(ahead)), abs=0.05)
+    assert (own.vx[0], own.vy[0]) == pytest.approx(
+        (80 * np.sin(ahead), 80 * np.cos(ahead)), abs=1e-3
+    )
+    assert (other.vx[0], other.vy[0]) == pytest.approx(
+        (-80 * np.sin(ahead), -80 * np.cos(ahead)), abs=0.05
+    )
     assert np.hypot(own.x[60] - other.x[60], own.y[60] - other.y[60]) < 0.5
 
 
@@ -170,7 +209,9 @@ def test_aircraft_far_apart_are_no_pair_in_either_order(tmp_path: Path) -> None:
 
 
 def test_the_closest_approach_at_one_level_counts(tmp_path: Path) -> None:
-    """An intruder 12 000 ft above at 100 m descends while it drifts away, and is level at some 450 m."""
+    """An intruder 12 000 ft above at 100 m descends while it drifts away, and is level at some 450
+    m.
+    """
 
     def altitude(second: float) -> float:
         return 3_000.0 + 12_000.0 * float(np.clip((180.0 - second) / 100.0, 0.0, 1.0))
@@ -178,7 +219,9 @@ def test_the_closest_approach_at_one_level_counts(tmp_path: Path) -> None:
     own = flight("aaa001", 47.0, 8.0, 90.0)
     above, descending = [], []
     for second, report in enumerate(own):
-        x, y, _ = WGS84.fwd(report["longitude"], report["latitude"], report["track"] + 90.0, 100.0 + 2.0 * second)
+        x, y, _ = WGS84.fwd(
+            report["longitude"], report["latitude"], report["track"] + 90.0, 100.0 + 2.0 * second
+        )
         there = {**report, "icao24": "bbb002", "latitude": y, "longitude": x}
         rate = 60.0 * (altitude(second + 0.5) - altitude(second - 0.5))
         above.append({**there, "altitude": altitude(0.0)})
@@ -187,7 +230,9 @@ def test_the_closest_approach_at_one_level_counts(tmp_path: Path) -> None:
     ((_, mine, other),) = found(reports_file(tmp_path, own, descending))
     apart, higher = np.hypot(mine.x - other.x, mine.y - other.y), other.altitude - mine.altitude
     level = np.flatnonzero(abs(higher) <= 300.0)
-    assert apart[level].min() == pytest.approx(100.0 + 2.0 * (180.0 - 300.0 / (120.0 * FOOT)), abs=3.0)
+    assert apart[level].min() == pytest.approx(
+        100.0 + 2.0 * (180.0 - 300.0 / (120.0 * FOOT)), abs=3.0
+    )
 
 
 def test_an_early_approach_does_not_hide_a_later_one(tmp_path: Path) -> None:
@@ -199,7 +244,9 @@ def test_an_early_approach_does_not_hide_a_later_one(tmp_path: Path) -> None:
         x, y, _ = WGS84.fwd(report["longitude"], report["latitude"], report["track"] + 90.0, off)
         two.append({**report, "icao24": "bbb002", "latitude": y, "longitude": x})
     for report, (before, after) in zip(two[1:-1], zip(two[:-2], two[2:], strict=True), strict=True):
-        out, _, length = WGS84.inv(*(each[key] for each in (before, after) for key in ("longitude", "latitude")))
+        out, _, length = WGS84.inv(
+            *(each[key] for each in (before, after) for key in ("longitude", "latitude"))
+        )
         report |= {"track": out % 360.0, "groundspeed": 0.5 * length / (1_852.0 / 3_600.0)}
     ((name, *_),) = found(reports_file(tmp_path, one, two[1:-1]))
     assert 1_600_000_340 <= int(name.split("-")[-1]) <= 1_600_000_400
@@ -232,7 +279,10 @@ def test_two_aircraft_under_one_address_are_kept_apart(tmp_path: Path) -> None:
     one, two = meeting(47.0, 8.0)
     twin = [{**report, "icao24": "BBB002", "latitude": report["latitude"] + 0.5} for report in two]
     mixed = [report for pair in zip(two, twin, strict=True) for report in pair]
-    for reports in (mixed, [pair[second % 2] for second, pair in enumerate(zip(two, twin, strict=True))]):
+    for reports in (
+        mixed,
+        [pair[second % 2] for second, pair in enumerate(zip(two, twin, strict=True))],
+    ):
         path = reports_file(tmp_path, one, reports)
         with pytest.raises(TrackError, match="report 243"):
             pairs_of(path)
@@ -255,14 +305,20 @@ def test_a_clock_that_goes_back_is_refused_or_counted(tmp_path: Path, back: floa
 def test_a_frozen_position_with_jitter_is_refused(tmp_path: Path) -> None:
     one, two = meeting(47.0, 8.0)
     for second in range(100, 126):
-        two[second] |= {"latitude": two[100]["latitude"] + 1e-6 * second, "longitude": two[100]["longitude"]}
+        two[second] |= {
+            "latitude": two[100]["latitude"] + 1e-6 * second,
+            "longitude": two[100]["longitude"],
+        }
     with pytest.raises(TrackError, match=r"report 3\d\d, field latitude"):
         pairs_of(reports_file(tmp_path, one, two))
     assert pairs_of(reports_file(tmp_path, one, two), repair=True)[1] != Repairs()
 
 
 def test_flights_in_any_order_of_a_file_are_no_fault(tmp_path: Path) -> None:
-    early, late = flight("aaa001", 47.0, 8.0, 90.0), flight("aaa001", 48.0, 9.0, 0.0, begin=1_600_010_000.0)
+    early, late = (
+        flight("aaa001", 47.0, 8.0, 90.0),
+        flight("aaa001", 48.0, 9.0, 0.0, begin=1_600_010_000.0),
+    )
     ((_, flights, repairs),) = ordered_flights(reports_file(tmp_path, late, early), 60.0)
     assert [len(rows) for rows in flights] == [241, 241]
     assert repairs == Repairs()
@@ -296,7 +352,10 @@ def test_other_spellings_of_onground_are_read(tmp_path: Path, name: str) -> None
 @pytest.mark.parametrize("value", [False, 0, 0.0, "false", None])
 def test_aircraft_not_on_the_ground_fly(tmp_path: Path, value: object) -> None:
     one, two = meeting(47.0, 8.0)
-    assert len(found(reports_file(tmp_path, one, [{**report, "onground": value} for report in two]))) == 1
+    assert (
+        len(found(reports_file(tmp_path, one, [{**report, "onground": value} for report in two])))
+        == 1
+    )
 
 
 @pytest.mark.parametrize("value", [2, -1, 0.5, "yes", "1", "", [], {}, float("nan")])
@@ -308,9 +367,13 @@ def test_what_is_neither_true_nor_false_is_refused(tmp_path: Path, value: object
 
 
 @pytest.mark.parametrize("latitude", [0.0, 47.0, -80.0])
-def test_velocities_away_from_the_reference_follow_the_positions(tmp_path: Path, latitude: float) -> None:
+def test_velocities_away_from_the_reference_follow_the_positions(
+    tmp_path: Path, latitude: float
+) -> None:
     x, y, _ = WGS84.fwd(8.0, latitude, 90.0, 40_000.0)
-    path = reports_file(tmp_path, flight("aaa001", latitude, 8.0, 90.0), flight("bbb002", y, x, 20.0))
+    path = reports_file(
+        tmp_path, flight("aaa001", latitude, 8.0, 90.0), flight("bbb002", y, x, 20.0)
+    )
     for track in tracks(path)[0]:
         course = np.arctan2(np.diff(track.y), np.diff(track.x))
         reported = np.arctan2(track.vy, track.vx)

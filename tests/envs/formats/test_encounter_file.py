@@ -1,4 +1,6 @@
-"""A user's encounters survive the way to a CSV file and back; files that cannot be read are refused by every reader."""
+"""A user's encounters survive the way to a CSV file and back; files that cannot be read are refused
+by every reader.
+"""
 
 import gzip
 import math
@@ -63,7 +65,9 @@ def built(values) -> Encounter:
     )
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(values=st.lists(encounter_values, min_size=1, max_size=5))
 def test_round_trip(values, tmp_path: Path) -> None:
     before = built(values)
@@ -107,12 +111,16 @@ def test_sampled_encounters_round_trip(name: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(after.own.x, before.own.x)
     np.testing.assert_array_equal(after.goal_y, before.goal_y)
     shape = before.sensor.latency.shape
-    np.testing.assert_array_equal(np.broadcast_to(after.sensor.latency, shape), before.sensor.latency)
+    np.testing.assert_array_equal(
+        np.broadcast_to(after.sensor.latency, shape), before.sensor.latency
+    )
 
 
 def test_rows_need_not_stand_together_and_comments_are_skipped(tmp_path: Path) -> None:
     path = tmp_path / "e.csv"
-    path.write_text(f"# mine\n{HEADER}\n{ROW}\n\nb,-6000,0,0,60,5000,0,0,5000,-90,75\n{ROW}\n", encoding="utf-8")
+    path.write_text(
+        f"# mine\n{HEADER}\n{ROW}\n\nb,-6000,0,0,60,5000,0,0,5000,-90,75\n{ROW}\n", encoding="utf-8"
+    )
     encounters, names = read(path)
     assert names == ["a", "b"]
     assert encounters.mask.tolist() == [[True, True], [True, False]]
@@ -124,7 +132,9 @@ def test_rows_need_not_stand_together_and_comments_are_skipped(tmp_path: Path) -
 def test_columns_in_any_order_and_a_byte_order_mark(tmp_path: Path) -> None:
     names, cells = HEADER.split(","), ROW.split(",")
     path = tmp_path / "e.csv"
-    path.write_text(",".join(names[::-1]) + "\r\n" + ",".join(cells[::-1]) + "\r\n", encoding="utf-8-sig")
+    path.write_text(
+        ",".join(names[::-1]) + "\r\n" + ",".join(cells[::-1]) + "\r\n", encoding="utf-8-sig"
+    )
     encounters, _ = read(path)
     assert encounters.own.x[0] == -5000.0
 
@@ -132,7 +142,9 @@ def test_columns_in_any_order_and_a_byte_order_mark(tmp_path: Path) -> None:
 def test_own_speed_range_follows_the_vehicle(tmp_path: Path) -> None:
     path = tmp_path / "e.csv"
     path.write_text(f"{HEADER}\n{ROW.replace(',75,5000', ',40,5000')}\n", encoding="utf-8")
-    with pytest.raises(EncounterError, match="own_speed_m_s: '40', expected a number from 50 to 100"):
+    with pytest.raises(
+        EncounterError, match="own_speed_m_s: '40', expected a number from 50 to 100"
+    ):
         read(path, PAPER)
     slower = PAPER._replace(limits=PAPER.limits._replace(speed_min=31.0))
     for encounters, _ in (read(path, slower), read(path)):
@@ -145,30 +157,49 @@ def replaced(column: str, text: str) -> str:
 
 
 MISTAKES = {
-    "nan": (replaced("own_x_m", "nan"), "line 2, column own_x_m: 'nan', expected a number from -1e"),
+    "nan": (
+        replaced("own_x_m", "nan"),
+        "line 2, column own_x_m: 'nan', expected a number from -1e",
+    ),
     "inf": (replaced("goal_y_m", "inf"), "line 2, column goal_y_m: 'inf', expected"),
     "text": (
         replaced("intruder_speed_m_s", "fast"),
         "column intruder_speed_m_s: 'fast', expected a number from 0 to 400",
     ),
     "underscore": (replaced("own_y_m", "1_0"), "column own_y_m: '1_0'"),
-    "range": (replaced("own_heading_deg", "361"), "column own_heading_deg: '361', expected a number from -360 to 360"),
+    "range": (
+        replaced("own_heading_deg", "361"),
+        "column own_heading_deg: '361', expected a number from -360 to 360",
+    ),
     "empty cell": (replaced("own_x_m", " "), "line 2, column own_x_m: empty, expected a number"),
     "empty name": (replaced("encounter", " "), "line 2, column encounter: empty"),
-    "unknown column": (f"{HEADER},latency\n{ROW},1\n", "line 1: column 'latency' is unknown; did you mean latency_s?"),
-    "odd column": (f"{HEADER},zzz\n{ROW},1\n", "column 'zzz' is unknown; expected some of encounter, own_x_m"),
+    "unknown column": (
+        f"{HEADER},latency\n{ROW},1\n",
+        "line 1: column 'latency' is unknown; did you mean latency_s?",
+    ),
+    "odd column": (
+        f"{HEADER},zzz\n{ROW},1\n",
+        "column 'zzz' is unknown; expected some of encounter, own_x_m",
+    ),
     "double column": (f"{HEADER},own_x_m\n{ROW},1\n", "line 1: column own_x_m stands twice"),
-    "missing column": (f"{HEADER.replace(',goal_x_m', '')}\n{ROW}\n", "line 1: column goal_x_m is missing"),
+    "missing column": (
+        f"{HEADER.replace(',goal_x_m', '')}\n{ROW}\n",
+        "line 1: column goal_x_m is missing",
+    ),
     "short row": (f"{HEADER}\n{ROW[:-3]}\n", "line 2: 10 cells, expected 11"),
     "long row": (f"{HEADER}\n{ROW},7\n", "line 2: 12 cells, expected 11"),
     "empty": ("", "the file is empty, expected a header line with encounter"),
     "no rows": (f"{HEADER}\n", "no encounter, expected at least one line"),
     "disagreement": (
         f"{HEADER}\n{ROW}\n{ROW.replace('-5000', '-5001')}\n",
-        "line 3, column own_x_m: -5001.0, expected -5000.0 as in line 2, the first of encounter 'a'",
+        "line 3, column own_x_m: -5001.0, expected -5000.0 as in line 2, the first of encounter "
+        "'a'",
     ),
     "quotes": (f'{HEADER}\n"a"b,{ROW[2:]}\n', "not a CSV file"),
-    "too many": (f"{HEADER}\n" + f"{ROW}\n" * (MOST_INTRUDERS + 1), "encounter 'a' has more than 64 intruders"),
+    "too many": (
+        f"{HEADER}\n" + f"{ROW}\n" * (MOST_INTRUDERS + 1),
+        "encounter 'a' has more than 64 intruders",
+    ),
 }
 
 
@@ -208,7 +239,9 @@ def test_writing_refuses_what_would_not_come_back(tmp_path: Path) -> None:
 
 
 def test_the_columns_are_documented() -> None:
-    text = (Path(__file__).resolve().parents[3] / "docs/howto/own-encounters.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[3] / "docs/howto/own-encounters.md").read_text(
+        encoding="utf-8"
+    )
     assert all(f"`{column.name}`" in text for column in COLUMNS)
 
 
@@ -241,7 +274,9 @@ def test_what_is_no_regular_file_is_refused_at_once(reader: str, tmp_path: Path)
     read, kind = READERS[reader]
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", tmp_path, Path("/dev/zero"), tmp_path / "none"):
-        with pytest.raises(kind, match=f"{path}: (cannot be read: not a regular file|there is no such file)"):
+        with pytest.raises(
+            kind, match=f"{path}: (cannot be read: not a regular file|there is no such file)"
+        ):
             read(path)
 
 
@@ -249,7 +284,9 @@ def test_what_is_no_regular_file_is_refused_at_once(reader: str, tmp_path: Path)
 def test_unpacking_ends_at_a_bound(reader: str, bomb: Path) -> None:
     read, kind = READERS[reader]
     assert bomb.stat().st_size < MIB
-    with pytest.raises(kind, match=r"bomb\.json\.gz: more than 128 MiB unpacked, expected at most so much"):
+    with pytest.raises(
+        kind, match=r"bomb\.json\.gz: more than 128 MiB unpacked, expected at most so much"
+    ):
         read(bomb)
 
 
@@ -278,7 +315,9 @@ def test_lines_lists_and_depth_are_bounded(tmp_path: Path) -> None:
     with pytest.raises(TrackError, match="more than 10000000 lists"):
         json_of(str(path))
     path.write_text('[{"latitude": 1, "latitude": 2}]')
-    with pytest.raises(TrackError, match="not usable as JSON: 'latitude' stands twice in one object"):
+    with pytest.raises(
+        TrackError, match="not usable as JSON: 'latitude' stands twice in one object"
+    ):
         json_of(str(path))
     path.write_bytes(b"[" * 100_000)
     with pytest.raises(TrackError, match="not usable as JSON"):

@@ -1,4 +1,6 @@
-"""Files with mutated rows are refused in one sentence, or give tracks that do not contradict themselves."""
+"""Files with mutated rows are refused in one sentence, or give tracks that do not contradict
+themselves.
+"""
 
 import copy
 import json
@@ -30,8 +32,33 @@ from tests.support import WGS84, flight
 
 Row = dict[str, Any]
 MANY = int(os.environ.get("FUZZ_ROWS", "3000"))  # mutated rows of each reader in the slow test
-FACTORS = (0.3048, 1 / 0.3048, KNOT, 1 / KNOT, 1e3, 1e-3, math.radians(1), math.degrees(1), 60.0, 1 / 60.0, -1.0)
-VALUES = (math.nan, math.inf, -math.inf, 0.0, 1e308, -1e308, 1e12, 1e-300, 1e5, 180.0, -90.0, 10**400)
+FACTORS = (
+    0.3048,
+    1 / 0.3048,
+    KNOT,
+    1 / KNOT,
+    1e3,
+    1e-3,
+    math.radians(1),
+    math.degrees(1),
+    60.0,
+    1 / 60.0,
+    -1.0,
+)
+VALUES = (
+    math.nan,
+    math.inf,
+    -math.inf,
+    0.0,
+    1e308,
+    -1e308,
+    1e12,
+    1e-300,
+    1e5,
+    180.0,
+    -90.0,
+    10**400,
+)
 ODD = (None, True, "", "north", [], "1_0")
 
 
@@ -42,8 +69,14 @@ def mutated(rows: list[Row], rng: np.random.Generator, time: str, name: str) -> 
         row = rows[at]
         keys = [key for key in row if key != name]
         key = keys[rng.integers(len(keys))]
-        number = row[key] if isinstance(row[key], (int, float)) and not isinstance(row[key], bool) else 1.0
-        kind = ("value", "nudge", "odd", "unit", "order", "duplicate", "gap", "clock", "id")[rng.integers(9)]
+        number = (
+            row[key]
+            if isinstance(row[key], (int, float)) and not isinstance(row[key], bool)
+            else 1.0
+        )
+        kind = ("value", "nudge", "odd", "unit", "order", "duplicate", "gap", "clock", "id")[
+            rng.integers(9)
+        ]
         if kind == "value":
             row[key] = VALUES[rng.integers(len(VALUES))]
         elif kind == "nudge" and abs(number) < 1e9:
@@ -60,7 +93,9 @@ def mutated(rows: list[Row], rng: np.random.Generator, time: str, name: str) -> 
         elif kind == "gap" and len(rows) > 8:
             del rows[at : at + int(rng.integers(1, 7))]
         elif kind == "clock" and time in row:
-            shift = float(rng.choice([-90.0, -5.0, -0.5, 0.5, 5.0, 90.0])) * (1e3 if time == "timestamp" else 1.0)
+            shift = float(rng.choice([-90.0, -5.0, -0.5, 0.5, 5.0, 90.0])) * (
+                1e3 if time == "timestamp" else 1.0
+            )
             for each in rows[at:]:
                 if isinstance(each[time], (int, float)) and abs(each[time]) < 1e15:
                     each[time] += shift
@@ -72,7 +107,9 @@ def mutated(rows: list[Row], rng: np.random.Generator, time: str, name: str) -> 
 
 
 def check_track(track: Track) -> None:
-    """Hold a track against the tolerance that envs.formats.track_rows states, with 1 % for the map's distortion."""
+    """Hold a track against the tolerance that envs.formats.track_rows states, with 1 % for the
+    map's distortion.
+    """
     fields = np.stack(track[1:8])
     assert np.isfinite(fields).all()
     step = np.diff(track.time)
@@ -84,7 +121,9 @@ def check_track(track: Track) -> None:
 
     def since_start(position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return how far positions are off the integral of the velocity."""
-        return position - np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * step)])
+        return position - np.concatenate(
+            [[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * step)]
+        )
 
     x, y, up = (since_start(*pair) for pair in ((track.x, track.vx), (track.y, track.vy),
                                                (track.altitude, track.vertical_rate)))  # fmt: skip
@@ -94,7 +133,13 @@ def check_track(track: Track) -> None:
     for before in (now - 1, earlier):
         seconds = track.time[now] - track.time[before]
         off = np.hypot(x[now] - x[before], y[now] - y[before])
-        most = POSITION + VELOCITY * seconds + bends[now] - bends[before] + 0.01 * speed.max() * seconds
+        most = (
+            POSITION
+            + VELOCITY * seconds
+            + bends[now]
+            - bends[before]
+            + 0.01 * speed.max() * seconds
+        )
         assert (off <= most + 1.0).all()
         assert (abs(up[now] - up[before]) <= HEIGHT + CLIMB * seconds + 1.0).all()
 
@@ -136,16 +181,41 @@ class Daidalus:
                 each["timestamp"] / 1e3 - 1.6e9,
             )
             vx, vy = speed * math.sin(track), speed * math.cos(track)
-            row = {"NAME": each["icao24"], "alt": each["altitude"], "vs": each["vertical_rate"], "time": time}
-            where = {"lat": each["latitude"], "lon": each["longitude"], "trk": each["track"], "gs": each["groundspeed"]}
-            there = {"sx": vx * time + (0.0 if vx > 0 else 6e3), "sy": vy * time, "vx": vx, "vy": vy}
+            row = {
+                "NAME": each["icao24"],
+                "alt": each["altitude"],
+                "vs": each["vertical_rate"],
+                "time": time,
+            }
+            where = {
+                "lat": each["latitude"],
+                "lon": each["longitude"],
+                "trk": each["track"],
+                "gs": each["groundspeed"],
+            }
+            there = {
+                "sx": vx * time + (0.0 if vx > 0 else 6e3),
+                "sy": vy * time,
+                "vx": vx,
+                "vy": vy,
+            }
             self.rows.append({**row, **(there if local else where)})
-        units = {"lat": "deg", "lon": "deg", "trk": "deg", "gs": "kt", "alt": "ft", "vs": "fpm", "time": "s"}
+        units = {
+            "lat": "deg",
+            "lon": "deg",
+            "trk": "deg",
+            "gs": "kt",
+            "alt": "ft",
+            "vs": "fpm",
+            "time": "s",
+        }
         units |= {"sx": "m", "sy": "m", "vx": "m/s", "vy": "m/s", "NAME": "none"}
         self.head = [", ".join(self.rows[0]), ", ".join(f"[{units[key]}]" for key in self.rows[0])]
 
     def text(self, rows: list[Row]) -> str:
-        return "\n".join([*self.head, *(", ".join(str(value)[:60] for value in row.values()) for row in rows)])
+        return "\n".join(
+            [*self.head, *(", ".join(str(value)[:60] for value in row.values()) for row in rows)]
+        )
 
     def read(self, path: Path, repair: bool) -> list[Track]:
         return list(read_daidalus(path, repair=repair).tracks)
@@ -158,8 +228,14 @@ class Lincoln:
     fields = ("time", "rate", "turn", "acceleration")
 
     def __init__(self) -> None:
-        start = [{key: ONE[key][i] for key in ("n_ft", "e_ft", "h_ft", "v_ftps", "heading_rad")} for i in range(2)]
-        events = [dict(zip(self.fields, (t, 5.0, 0.02 * (-1) ** t, 0.5), strict=True)) for t in range(0, 60, 4)]
+        start = [
+            {key: ONE[key][i] for key in ("n_ft", "e_ft", "h_ft", "v_ftps", "heading_rad")}
+            for i in range(2)
+        ]
+        events = [
+            dict(zip(self.fields, (t, 5.0, 0.02 * (-1) ** t, 0.5), strict=True))
+            for t in range(0, 60, 4)
+        ]
         self.rows = [*start, *copy.deepcopy(events), *copy.deepcopy(events)]
         self.rows = [{**row, "time": row.get("time", 0.0)} for row in self.rows]
 
@@ -167,7 +243,10 @@ class Lincoln:
         starts = [row for row in rows if "n_ft" in row][:2]
         events = [[row.get(key) for key in self.fields] for row in rows if "rate" in row]
         half = len(events) // 2
-        made = {key: [row[key] for row in starts] for key in ("n_ft", "e_ft", "h_ft", "v_ftps", "heading_rad")}
+        made = {
+            key: [row[key] for row in starts]
+            for key in ("n_ft", "e_ft", "h_ft", "v_ftps", "heading_rad")
+        }
         return json.dumps([ONE | made | {EVENTS: [events[:half], events[half:]]}])
 
     def read(self, path: Path, repair: bool) -> list[Track]:
@@ -190,13 +269,21 @@ class Own:
 
     def text(self, rows: list[Row]) -> str:
         return "\n".join(
-            [",".join(self.rows[0]), *(",".join(str(value)[:60] for value in row.values()) for row in rows)]
+            [
+                ",".join(self.rows[0]),
+                *(",".join(str(value)[:60] for value in row.values()) for row in rows),
+            ]
         )
 
     def read(self, path: Path, repair: bool) -> list[Track]:
         del repair
         encounters, names = encounter_file.read(path)
-        for field in (*encounters.own, *encounters.intruders, *encounters.intent, *encounters.sensor):
+        for field in (
+            *encounters.own,
+            *encounters.intruders,
+            *encounters.intent,
+            *encounters.sensor,
+        ):
             assert np.isfinite(field).all()
         return [track for scene in scenes_of(encounters, names, 6) for track in scene.tracks]
 
@@ -208,7 +295,8 @@ class Model:
 
     def __init__(self) -> None:
         self.rows = [
-            {f"{i:03}": self.number(word) for i, word in enumerate(line.split())} for line in SMALL.splitlines()
+            {f"{i:03}": self.number(word) for i, word in enumerate(line.split())}
+            for line in SMALL.splitlines()
         ]
 
     @staticmethod
@@ -219,7 +307,10 @@ class Model:
             return word
 
     def text(self, rows: list[Row]) -> str:
-        lines = ([f"{v:.17g}" if isinstance(v, float) else str(v)[:60] for v in row.values()] for row in rows)
+        lines = (
+            [f"{v:.17g}" if isinstance(v, float) else str(v)[:60] for v in row.values()]
+            for row in rows
+        )
         return "\n".join(" ".join(words) for words in lines)
 
     def read(self, path: Path, repair: bool) -> list[Track]:
@@ -227,7 +318,9 @@ class Model:
         model = read_model(path)
         if dimensions(model, 20) > 2_000:
             return []
-        state = flown(model, sample_model(model, draws.uniforms(1, 0, 3, (dimensions(model, 20),)), 20), 150.0)
+        state = flown(
+            model, sample_model(model, draws.uniforms(1, 0, 3, (dimensions(model, 20),)), 20), 150.0
+        )
         times, zero = np.arange(21.0), np.zeros(21)
         rows = range(len(state.x))
         return [
@@ -247,7 +340,9 @@ READERS: dict[str, Callable[[], Any]] = {
 
 
 def run(reader: Any, path: Path, count: int) -> dict[str, int]:
-    """Read files with mutated rows, until there were as many rows, and return what became of the files."""
+    """Read files with mutated rows, until there were as many rows, and return what became of the
+    files.
+    """
     rng, found = np.random.default_rng(count), {"rows": 0, "accepted": 0, "refused": 0, "tracks": 0}
     while found["rows"] < count:
         rows = copy.deepcopy(reader.rows)
@@ -296,6 +391,10 @@ def test_the_check_finds_a_contradiction(tmp_path: Path) -> None:
     path.write_text(reader.text(reader.rows))
     track = reader.read(path, False)[0]
     late = track.time > 10.0
-    for change in ({"vx": -track.vx}, {"x": track.x + 400.0 * late}, {"altitude": track.altitude + 200.0 * late}):
+    for change in (
+        {"vx": -track.vx},
+        {"x": track.x + 400.0 * late},
+        {"altitude": track.altitude + 200.0 * late},
+    ):
         with pytest.raises(AssertionError):
             check_track(track._replace(**change))

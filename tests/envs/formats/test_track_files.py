@@ -1,4 +1,6 @@
-"""Recorded tracks: units are honoured, nothing is repaired in silence, and a bad file is refused by line and field."""
+"""Recorded tracks: units are honoured, nothing is repaired in silence, and a bad file is refused by
+line and field.
+"""
 
 import copy
 import json
@@ -62,7 +64,8 @@ def test_local_tracks_by_hand(tmp_path: Path) -> None:
 def test_geographic_tracks_are_local_to_the_ownship(tmp_path: Path) -> None:
     own, other = read_daidalus(written(tmp_path, GEOGRAPHIC)).tracks
     assert (own.x[0], own.y[0]) == (0.0, 0.0)
-    # A degree of latitude is 111 035 m here, one of longitude 85 394 m (Clarke's series for WGS 84).
+    # A degree of latitude is 111 035 m here, one of longitude 85 394 m (Clarke's series for WGS
+    # 84).
     assert other.y[0] == pytest.approx(1_110.35, abs=0.05)
     assert own.x[1] == pytest.approx(50.0, abs=0.02)
 
@@ -81,11 +84,23 @@ def test_units_scale_and_nothing_else(tmp_path: Path) -> None:
     ("old", "new", "sentence"),
     [
         ("[nmi], ", "", r"line 3: 7 units, expected 8, one in brackets a name"),
-        ("[nmi]", "[furlong]", r"line 3, field sx: unit '\[furlong\]', expected one in brackets of m, km, ft"),
-        ("[nmi]", "[knot]", r"line 3, field sx: unit '\[knot\]', expected one in brackets of m, km"),
+        (
+            "[nmi]",
+            "[furlong]",
+            r"line 3, field sx: unit '\[furlong\]', expected one in brackets of m, km, ft",
+        ),
+        (
+            "[nmi]",
+            "[knot]",
+            r"line 3, field sx: unit '\[knot\]', expected one in brackets of m, km",
+        ),
         ("[nmi]", "nmi", r"line 3, field sx: unit 'nmi', expected one in brackets"),
         ("[nmi]", "[none]", r"line 3, field sx: unit '\[none\]'"),
-        ("[none], [nmi], [km], [ft], [deg], [knot], [fpm], [ms]\n", "", r"line 3, field name: unit 'own'"),
+        (
+            "[none], [nmi], [km], [ft], [deg], [knot], [fpm], [ms]\n",
+            "",
+            r"line 3, field name: unit 'own'",
+        ),
         ("trk", "course", r"line 2: column 'course' is unknown"),
         ("NAME, sx", "sx, sx", r"line 3, field sx: unit '\[none\]'"),
         ("sx, sy", "sx, vx", r"line 3, field vx: unit '\[km\]'"),
@@ -94,12 +109,26 @@ def test_units_scale_and_nothing_else(tmp_path: Path) -> None:
         ("other, 1, 2,", ", 1, 2,", r"line 5, field name: empty"),
         ("other, 1, 2,", "other, nan, 2,", r"line 5, field sx: nan, expected a finite number"),
         ("other, 1, 2,", "other, inf, 2,", r"line 5, field sx: inf, expected a finite number"),
-        ("600, 2000\n", "600, 1000\n", r"line 6, field time: 1 s of 'own', expected more than 1 s as in line 4"),
-        ("600, 2000\n", "600, 500\n", r"line 6, field time: 0.5 s of 'own', expected more than 1 s"),
-        ("600, 2000\n", "600, 9000\n", r"line 6, field time: a gap of 8 s in the track of 'own', expected at most 5 s"),
+        (
+            "600, 2000\n",
+            "600, 1000\n",
+            r"line 6, field time: 1 s of 'own', expected more than 1 s as in line 4",
+        ),
+        (
+            "600, 2000\n",
+            "600, 500\n",
+            r"line 6, field time: 0.5 s of 'own', expected more than 1 s",
+        ),
+        (
+            "600, 2000\n",
+            "600, 9000\n",
+            r"line 6, field time: a gap of 8 s in the track of 'own', expected at most 5 s",
+        ),
     ],
 )
-def test_a_bad_file_is_refused_by_line_and_field(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+def test_a_bad_file_is_refused_by_line_and_field(
+    tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
     assert old in LOCAL
     with pytest.raises(TrackError, match="tracks.daa " + sentence):
         read_daidalus(written(tmp_path, LOCAL.replace(old, new, 1)))
@@ -133,12 +162,16 @@ def test_every_row_of_every_aircraft_keeps_to_the_ranges(
 def test_negative_speeds_and_degrees_for_radians_are_refused(tmp_path: Path) -> None:
     with pytest.raises(TrackError, match="line 5, field gs: -200, expected 0 to 2000"):
         read_daidalus(written(tmp_path, LOCAL.replace("180, 200", "180, -200", 1)))
-    with pytest.raises(TrackError, match=r"line 4, field trk: 90, expected .* \(are these degrees\?\)"):
+    with pytest.raises(
+        TrackError, match=r"line 4, field trk: 90, expected .* \(are these degrees\?\)"
+    ):
         read_daidalus(written(tmp_path, LOCAL.replace("[deg]", "[rad]")))
 
 
 def test_names_that_differ_in_case_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(TrackError, match=r"field name: .* expected no two that differ only in case"):
+    with pytest.raises(
+        TrackError, match=r"field name: .* expected no two that differ only in case"
+    ):
         read_daidalus(written(tmp_path, LOCAL.replace("other, 1, 2", "OWN, 1, 2")))
 
 
@@ -146,7 +179,10 @@ def test_names_that_differ_in_case_are_refused(tmp_path: Path) -> None:
 def test_velocities_are_turned_into_the_local_frame(tmp_path: Path, latitude: float) -> None:
     """Of an intruder 40 km east of the ownship, in both forms of a velocity."""
     x, y, _ = WGS84.fwd(8.0, latitude, 90.0, 40_000.0)
-    reports = [*flight("own", latitude, 8.0, 90.0, seconds=60), *flight("other", y, x, 20.0, seconds=60)]
+    reports = [
+        *flight("own", latitude, 8.0, 90.0, seconds=60),
+        *flight("other", y, x, 20.0, seconds=60),
+    ]
     polar = ["NAME lat lon alt trk gs vs time", "unitless [deg] [deg] [ft] [deg] [kt] [fpm] [s]"]
     parts = ["NAME lat lon alt vx vy vs time", "unitless [deg] [deg] [ft] [kt] [kt] [fpm] [s]"]
     for one in reports:
@@ -204,8 +240,14 @@ def test_repairs_are_made_on_request_and_counted(tmp_path: Path) -> None:
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
-@given(st.integers(0, len(LOCAL)), st.sampled_from(["", "x", ",", "\n", "-", "9", "[", "\x00", "é"]), st.booleans())
-def test_a_damaged_file_is_read_or_refused_with_a_sentence(tmp_path: Path, at: int, put: str, cut: bool) -> None:
+@given(
+    st.integers(0, len(LOCAL)),
+    st.sampled_from(["", "x", ",", "\n", "-", "9", "[", "\x00", "é"]),
+    st.booleans(),
+)
+def test_a_damaged_file_is_read_or_refused_with_a_sentence(
+    tmp_path: Path, at: int, put: str, cut: bool
+) -> None:
     text = LOCAL[:at] + put + ("" if cut else LOCAL[at + 1 :])
     try:
         tracks, _ = read_daidalus(written(tmp_path, text))
@@ -243,7 +285,9 @@ def test_tracks_at_other_times(tmp_path: Path) -> None:
 @given(st.floats(-80, 80), st.floats(-180, 180), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
 def test_the_local_frame_is_a_sphere_s_but_for_the_flattening(lat, lon, north, east) -> None:
     reference = math.radians(lat), math.radians(lon)
-    x, y, _ = local(reference[0] + math.radians(north), reference[1] + math.radians(east), reference)
+    x, y, _ = local(
+        reference[0] + math.radians(north), reference[1] + math.radians(east), reference
+    )
     radius = 6_371_000.0
     down = math.radians(north) * radius
     # Chords instead of arcs, convergence of the meridians, and 0.7 % for the ellipsoid.
@@ -254,7 +298,9 @@ def test_the_local_frame_is_a_sphere_s_but_for_the_flattening(lat, lon, north, e
     assert abs(float(x) - across) < 0.008 * size
 
 
-@pytest.mark.parametrize("name", ["C1_0_120.daa", "H0_0_120.daa", "H0_0_120.xyz", "H1.daa", "scenario_5.daa"])
+@pytest.mark.parametrize(
+    "name", ["C1_0_120.daa", "H0_0_120.daa", "H0_0_120.xyz", "H1.daa", "scenario_5.daa"]
+)
 def test_recorded_velocities_are_the_change_of_positions(name: str) -> None:
     for track in read_daidalus(recorded(f"daidalus_scenarios/{name}")).tracks:
         dt = np.diff(track.time)
@@ -280,7 +326,8 @@ def test_every_recorded_scenario_is_read() -> None:
         assert off.max() < 60.0
 
 
-# Lincoln Laboratory's encounters: read in SI units, flown as published, replayed, and refused where malformed.
+# Lincoln Laboratory's encounters: read in SI units, flown as published, replayed, and refused where
+# malformed.
 
 
 FOOT = 0.3048
@@ -314,7 +361,9 @@ def test_an_encounter_by_hand(tmp_path: Path) -> None:
     turned, radius = 0.05 * 20.0, 200.0 / 0.05 * FOOT
     assert own.x[300] == pytest.approx(radius * (1 - math.cos(turned)), rel=1e-5)
     assert own.y[300] == pytest.approx(2_000.0 * FOOT + radius * math.sin(turned), rel=1e-5)
-    assert (own.vx[300], own.vy[300]) == pytest.approx((200 * FOOT * math.sin(turned), 200 * FOOT * math.cos(turned)))
+    assert (own.vx[300], own.vy[300]) == pytest.approx(
+        (200 * FOOT * math.sin(turned), 200 * FOOT * math.cos(turned))
+    )
     # South, climbing at 20 ft/s, 1 ft/s faster each second along the path.
     assert other.altitude[600] == pytest.approx((3_000.0 + 20.0 * 60.0) * FOOT)
     assert other.vy[600] == pytest.approx(-math.sqrt(310.0**2 - 20.0**2) * FOOT)
@@ -322,7 +371,9 @@ def test_an_encounter_by_hand(tmp_path: Path) -> None:
 
 
 def miss(one: LincolnEncounter) -> float:
-    """Return the horizontal distance of the flown tracks at the published time of closest approach, m."""
+    """Return the horizontal distance of the flown tracks at the published time of closest approach,
+    m.
+    """
     own, other = tracks_of(one)
     row = min(round(10.0 * one.time), len(own.time) - 1)
     return math.hypot(other.x[row] - own.x[row], other.y[row] - own.y[row])
@@ -341,19 +392,31 @@ def test_flights_meet_the_published_miss_distances() -> None:
     [
         (lambda one: one.pop("v_ftps"), "encounter 1, field v_ftps: expected a pair of numbers"),
         (lambda one: one["n_ft"].append(1.0), "encounter 1, field n_ft: expected a pair"),
-        (lambda one: one["n_ft"].__setitem__(0, "far"), "encounter 1, field n_ft: 'far', expected a finite number"),
+        (
+            lambda one: one["n_ft"].__setitem__(0, "far"),
+            "encounter 1, field n_ft: 'far', expected a finite number",
+        ),
         (lambda one: one["v_ftps"].__setitem__(0, -1.0), "field v_ftps: -1, expected 0 to "),
         (
             lambda one: one.update(heading_rad=[90, 270]),
             "field heading_rad: 90, expected -6.28319 to 6.28319 (are these",
         ),
-        (lambda one: one["h_ft"].__setitem__(1, 1e11), "field h_ft: 1e+11, expected -5000 to 100000"),
-        (lambda one: one["e_ft"].__setitem__(1, 1e308), "field e_ft: 1e+308, expected a finite number"),
+        (
+            lambda one: one["h_ft"].__setitem__(1, 1e11),
+            "field h_ft: 1e+11, expected -5000 to 100000",
+        ),
+        (
+            lambda one: one["e_ft"].__setitem__(1, 1e308),
+            "field e_ft: 1e+308, expected a finite number",
+        ),
         (
             lambda one: one[EVENTS][0][1].__setitem__(2, 3.0),
             "row 2, turn rate: 3, expected -1 to 1 (are these",
         ),
-        (lambda one: one[EVENTS][0][1].__setitem__(3, 100.0), "row 2: leads to the speed 5200, expected 0 to"),
+        (
+            lambda one: one[EVENTS][0][1].__setitem__(3, 100.0),
+            "row 2: leads to the speed 5200, expected 0 to",
+        ),
         (
             lambda one: one[EVENTS][1][0].__setitem__(1, -900.0),
             "row 1: leads to the altitude -51000, expected -5000",
@@ -362,13 +425,19 @@ def test_flights_meet_the_published_miss_distances() -> None:
         (lambda one: one.update(id=1.5), "field id: 1.5, expected a whole number"),
         (lambda one: one["v_ftps"].__setitem__(0, 10**400), "expected a finite number"),
         (lambda one: one.update(id=None), "field id: None, expected a finite number"),
-        (lambda one: one.update({EVENTS: [[]]}), "expected a list of events for each of two aircraft"),
+        (
+            lambda one: one.update({EVENTS: [[]]}),
+            "expected a list of events for each of two aircraft",
+        ),
         (lambda one: one[EVENTS][0][1].pop(), "ownship's events, row 2: expected 4 numbers"),
         (
             lambda one: one[EVENTS][0][1].__setitem__(0, -1.0),
             "ownship's events, row 2, time: -1 s, expected more than 0 s",
         ),
-        (lambda one: one[EVENTS][1][0].__setitem__(3, True), "intruder's events, row 1, acceleration: True"),
+        (
+            lambda one: one[EVENTS][1][0].__setitem__(3, True),
+            "intruder's events, row 1, acceleration: True",
+        ),
         (lambda one: one["meta"].update(hmd="near"), "field hmd: 'near'"),
         (lambda one: one["meta"].update(w=-1.0), "field w: -1, expected a positive weight"),
     ],
@@ -425,11 +494,15 @@ def test_what_cannot_be_flown_is_left_out_with_the_reason(tmp_path: Path) -> Non
     slow["id"], fast["id"] = 8, 9
     found = read_lincoln(lincoln_written(tmp_path, [ONE, slow, fast]))
     encounters = [
-        (name, *((own, [other]) for own, other in [tracks_of(one)])) for name, one in zip("abc", found, strict=True)
+        (name, *((own, [other]) for own, other in [tracks_of(one)]))
+        for name, one in zip("abc", found, strict=True)
     ]
     made = replay([(name, *pair) for name, pair in encounters], PAPER, 220.0)
     assert made.names == ("a",)
-    assert "b: the ownship begins with 30.5 m/s over the ground, expected 50 to 100 m/s" in made.left_out[0]
+    assert (
+        "b: the ownship begins with 30.5 m/s over the ground, expected 50 to 100 m/s"
+        in made.left_out[0]
+    )
     assert "c: 'intruder' flies at" in made.left_out[1]
     with pytest.raises(TrackError, match="no encounter can be flown; the first: b"):
         replay([(name, *pair) for name, pair in encounters[1:]], PAPER, 220.0)

@@ -35,7 +35,9 @@ STRAIGHT = np.zeros(2, np.float32)
 SHORT = RULES._replace(t_max=3.0)
 
 
-def encounter(own=(-5000.0, 0.0, 0.0, 75.0), intruder=(0.0, 8000.0, 0.0, 75.0), goal=(5000.0, 0.0)) -> Encounter:
+def encounter(
+    own=(-5000.0, 0.0, 0.0, 75.0), intruder=(0.0, 8000.0, 0.0, 75.0), goal=(5000.0, 0.0)
+) -> Encounter:
     return Encounter(
         VehicleState(*own),
         *goal,
@@ -53,12 +55,18 @@ def batch(row: Encounter, count: int) -> Encounter:
 
 def actions(steps: int, *batch_shape: int) -> np.ndarray:
     """Slowly changing commands, beyond the limits at times."""
-    phase = np.arange(steps).reshape(-1, *(1,) * len(batch_shape)) + 7.0 * np.arange(math.prod(batch_shape))
-    return np.stack([1.3 * np.sin(phase / 9.0), 1.1 * np.cos(phase / 17.0)], axis=-1).astype(np.float32)
+    phase = np.arange(steps).reshape(-1, *(1,) * len(batch_shape)) + 7.0 * np.arange(
+        math.prod(batch_shape)
+    )
+    return np.stack([1.3 * np.sin(phase / 9.0), 1.1 * np.cos(phase / 17.0)], axis=-1).astype(
+        np.float32
+    )
 
 
 def vector(count: int, **options) -> DeconflictionVectorEnv:
-    made = gymnasium.make_vec(ENV_ID, num_envs=count, vectorization_mode="vector_entry_point", **options)
+    made = gymnasium.make_vec(
+        ENV_ID, num_envs=count, vectorization_mode="vector_entry_point", **options
+    )
     assert isinstance(made, DeconflictionVectorEnv)
     return made
 
@@ -66,8 +74,11 @@ def vector(count: int, **options) -> DeconflictionVectorEnv:
 @pytest.mark.parametrize("render_mode", [None, "rgb_array"])
 @pytest.mark.parametrize("scenario", ["circle", "noisy", "multi"])
 def test_the_environment_passes_gymnasiums_own_check(render_mode, scenario):
-    env = gymnasium.make(f"envs.gym.gymnasium_env:{ENV_ID}", scenario=scenario, render_mode=render_mode)
-    # Every mode is checked once in the test below, and "human", where there is a display, in test_rendering.py.
+    env = gymnasium.make(
+        f"envs.gym.gymnasium_env:{ENV_ID}", scenario=scenario, render_mode=render_mode
+    )
+    # Every mode is checked once in the test below, and "human", where there is a display, in
+    # test_rendering.py.
     check_env(env.unwrapped, skip_render_check=True)
     if render_mode:
         env.reset(seed=0)
@@ -82,7 +93,9 @@ def test_check_env_passes_without_a_display(monkeypatch):
     assert env.unwrapped.metadata["render_modes"] == ["rgb_array"]
     check_env(env.unwrapped)
     monkeypatch.setenv("DISPLAY", ":0")
-    assert gymnasium.make(f"envs.gym.gymnasium_env:{ENV_ID}").unwrapped.metadata["render_modes"] == [
+    assert gymnasium.make(f"envs.gym.gymnasium_env:{ENV_ID}").unwrapped.metadata[
+        "render_modes"
+    ] == [
         "rgb_array",
         "human",
     ]
@@ -90,7 +103,8 @@ def test_check_env_passes_without_a_display(monkeypatch):
 
 def test_the_single_environment_needs_neither_jax_nor_matplotlib():
     code = (
-        f"import sys, gymnasium; env = gymnasium.make('envs.gym.gymnasium_env:{ENV_ID}'); env.reset(seed=0); "
+        f"import sys, gymnasium; env = gymnasium.make('envs.gym.gymnasium_env:{ENV_ID}'); "
+        "env.reset(seed=0); "
         "env.step(env.action_space.sample()); assert not {'jax', 'matplotlib'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -103,10 +117,14 @@ def surrogate_flight(drawn, commands, noise, late):
     def step(state, now):
         action, draws = now
         seen = surrogate.observe(state, PAPER, draws if late else None)
-        state, result = surrogate.step(state, (action[:, 0], action[:, 1]), surrogate.World(RULES, PAPER))
+        state, result = surrogate.step(
+            state, (action[:, 0], action[:, 1]), surrogate.World(RULES, PAPER)
+        )
         return state, (seen, state.own, state.intruders.vehicle, result)
 
-    return jax.lax.scan(step, surrogate.reset(drawn, history_dt=1.0 if late else None), (commands, noise))[1]
+    return jax.lax.scan(
+        step, surrogate.reset(drawn, history_dt=1.0 if late else None), (commands, noise)
+    )[1]
 
 
 @pytest.mark.parametrize("scenario", list(SCENARIOS))
@@ -123,15 +141,22 @@ def test_flight_in_floats_is_the_surrogate_within_a_micrometre(scenario):
     for i in range(count):
         flown = flight.begin(take(drawn, i), 1.0)
         for step in range(steps):
-            seen, own, traffic, result = jax.tree.map(lambda field, at=(step, i): field[at], history)
+            seen, own, traffic, result = jax.tree.map(
+                lambda field, at=(step, i): field[at], history
+            )
             mine = flight.observe(flown, PAPER, noise[step, :, i] if late else None)
             np.testing.assert_allclose(mine, seen, atol=1e-7)
-            flown, one = flight.step(flown, tuple(commands[step, i].tolist()), surrogate.World(RULES, PAPER))
+            flown, one = flight.step(
+                flown, tuple(commands[step, i].tolist()), surrogate.World(RULES, PAPER)
+            )
             assert abs(one.separation - result.separation) < 1e-6
             assert one.reward == result.reward
             assert math.hypot(flown.own.x - own.x, flown.own.y - own.y) < 1e-6
             for k, state in enumerate(flown.intruders):
-                assert math.hypot(state.vehicle.x - traffic.x[k], state.vehicle.y - traffic.y[k]) < 1e-6
+                assert (
+                    math.hypot(state.vehicle.x - traffic.x[k], state.vehicle.y - traffic.y[k])
+                    < 1e-6
+                )
 
 
 @pytest.mark.parametrize("scenario", ["circle", "noisy", "multi"])
@@ -140,10 +165,15 @@ def test_the_environment_flies_what_the_evaluator_flies(scenario):
 
     def decide(observation: np.ndarray) -> np.ndarray:
         # Reacts to the intruder as seen, so that the noise has its part in it.
-        return np.stack([observation[:, 5], np.clip(3.0 * observation[:, 6] - 0.3 * observation[:, 4], -1, 1)], -1)
+        return np.stack(
+            [observation[:, 5], np.clip(3.0 * observation[:, 6] - 0.3 * observation[:, 4], -1, 1)],
+            -1,
+        )
 
     family = encounters.scenario(scenario, PAPER)
-    noise = simulate.sensor_noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
+    noise = (
+        simulate.sensor_noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
+    )
     drawn = starts.numbered(family, seed, 0, count)
     flown = simulate.fly(drawn, OnObservations(decide), PAPER, noise=noise)
     env = DeconflictionEnv(scenario)
@@ -192,16 +222,24 @@ def test_vector_and_single_environment_agree_step_by_step(scenario):
 def test_infos_have_the_form_of_gymnasiums_own_vector_environment():
     ours = vector(3, rules=SHORT)
     theirs = SyncVectorEnv(
-        [lambda: DeconflictionEnv(rules=SHORT) for _ in range(3)], autoreset_mode=AutoresetMode.SAME_STEP
+        [lambda: DeconflictionEnv(rules=SHORT) for _ in range(3)],
+        autoreset_mode=AutoresetMode.SAME_STEP,
     )
     assert ours.metadata["autoreset_mode"] == theirs.metadata["autoreset_mode"]
-    for name in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
+    for name in (
+        "observation_space",
+        "action_space",
+        "single_observation_space",
+        "single_action_space",
+    ):
         assert getattr(ours, name) == getattr(theirs, name)
 
     def form(value):
         if isinstance(value, dict):
             return {key: form(part) for key, part in value.items()}
-        return [type(part) for part in value] if value.dtype == object else (value.dtype, value.shape)
+        return (
+            [type(part) for part in value] if value.dtype == object else (value.dtype, value.shape)
+        )
 
     assert form(ours.reset(seed=0)[1]) == form(theirs.reset(seed=0)[1])
     for _ in range(4):
@@ -227,7 +265,9 @@ def test_an_encounter_that_ends_begins_anew_in_the_same_step():
         # The starts are the seed's, each used once, through several refills of the reserve.
         begun = count * (step // 3)
         np.testing.assert_array_equal(infos["encounter"], begun + np.arange(count))
-        np.testing.assert_array_equal(infos["final_info"]["encounter"], begun - count + np.arange(count))
+        np.testing.assert_array_equal(
+            infos["final_info"]["encounter"], begun - count + np.arange(count)
+        )
         np.testing.assert_array_equal(infos["time"], 0.0)
         np.testing.assert_array_equal(infos["final_info"]["time"], 3.0)
         for index in (0, 350, count - 1):
@@ -241,7 +281,9 @@ def test_an_encounter_that_ends_begins_anew_in_the_same_step():
 
 def test_only_what_has_ended_begins_anew():
     close = encounter(intruder=(-3000.0, 0.0, -math.pi, 75.0))
-    rows = jax.tree.map(lambda a, b: np.stack([a, b]), *(starts.checked(e, PAPER) for e in (close, encounter())))
+    rows = jax.tree.map(
+        lambda a, b: np.stack([a, b]), *(starts.checked(e, PAPER) for e in (close, encounter()))
+    )
     many = vector(2)
     many.reset(seed=0, options={"encounter": rows})
     for _ in range(7):
@@ -276,7 +318,9 @@ def test_seeds_repeat_and_differ():
 
 
 def test_noise_differs_from_step_to_step_and_goes_on_after_a_reset():
-    still = batch(encounter(), 4)._replace(sensor=Sensor(*(np.full((4, 1), value) for value in (30.0, 3.0, 1.0))))
+    still = batch(encounter(), 4)._replace(
+        sensor=Sensor(*(np.full((4, 1), value) for value in (30.0, 3.0, 1.0)))
+    )
     many = vector(4, scenario="noisy")
     first, _ = many.reset(seed=0, options={"encounter": still})
     again, _ = many.reset(options={"encounter": still})
@@ -292,7 +336,13 @@ def test_noise_differs_from_step_to_step_and_goes_on_after_a_reset():
         ("reached", encounter(goal=(-3900.0, 0.0)), RULES, 100.0, True),
         ("timeout", encounter(), SHORT, -10.0, False),
         # A violation outweighs the goal, and the goal the time limit, in the same step.
-        ("violation", encounter(intruder=(-4100.0, 0.0, 0.0, 75.0), goal=(-4450.0, 0.0)), RULES, -100.0, True),
+        (
+            "violation",
+            encounter(intruder=(-4100.0, 0.0, 0.0, 75.0), goal=(-4450.0, 0.0)),
+            RULES,
+            -100.0,
+            True,
+        ),
         ("reached", encounter(goal=(-4300.0, 0.0)), SHORT, 100.0, True),
     ],
 )
@@ -347,7 +397,8 @@ def test_one_row_of_drawn_encounters_can_be_given():
     np.testing.assert_array_equal(again, own)
 
 
-# Observations of several intruders in Gymnasium, of any aircraft: a Dict space that a peer's learner trains on.
+# Observations of several intruders in Gymnasium, of any aircraft: a Dict space that a peer's
+# learner trains on.
 
 
 UAS = new_aircraft(Limits(18.0, 36.0, -0.5, 0.5, np.radians(10.0)), 610.0)
@@ -357,8 +408,12 @@ BOTH = pytest.mark.parametrize(
 
 
 @pytest.mark.parametrize(("aircraft", "intruders"), [(UAS, 1), (UAS, 4), (PAPER, 12)])
-def test_the_set_environment_passes_gymnasiums_own_check(aircraft: Aircraft, intruders: int) -> None:
-    env = gymnasium.make(f"envs.gym.gymnasium_env:{ENV_ID}", scenario="multi", aircraft=aircraft, intruders=intruders)
+def test_the_set_environment_passes_gymnasiums_own_check(
+    aircraft: Aircraft, intruders: int
+) -> None:
+    env = gymnasium.make(
+        f"envs.gym.gymnasium_env:{ENV_ID}", scenario="multi", aircraft=aircraft, intruders=intruders
+    )
     check_env(env.unwrapped, skip_render_check=True)
 
 
@@ -367,7 +422,9 @@ def test_the_most_critical_come_first_and_absent_ones_last() -> None:
     for number in range(6):
         seen, _ = env.reset(seed=3, options={"encounter": number})
         start = starts.numbered(scenario("multi", PAPER), 3, number, 1)
-        rank = criticality(type(start.own)(*(field[:, None] for field in start.own)), start.intruders, PAPER, np)[0]
+        rank = criticality(
+            type(start.own)(*(field[:, None] for field in start.own)), start.intruders, PAPER, np
+        )[0]
         order = np.argsort(rank[start.mask[0]])
         present = len(order)
         assert seen["mask"].tolist() == [1] * present + [0] * (10 - present)
@@ -410,7 +467,9 @@ def test_the_last_observation_of_an_encounter_is_a_dict() -> None:
 @BOTH
 @pytest.mark.parametrize("intruders", [0, -1, 65, 1.5, True, "many"])
 def test_a_number_of_intruders_that_cannot_be_seen_is_refused(make: Any, intruders: Any) -> None:
-    with pytest.raises(EncounterError, match=r"^intruders is .*expected a whole number from 1 to 64"):
+    with pytest.raises(
+        EncounterError, match=r"^intruders is .*expected a whole number from 1 to 64"
+    ):
         make(intruders=intruders)
 
 
@@ -423,10 +482,16 @@ def test_the_scenario_of_another_aircraft_is_refused(make: Any) -> None:
 @pytest.mark.slow
 def test_stable_baselines_trains_its_policy_for_dicts_unchanged() -> None:
     peer = pytest.importorskip("stable_baselines3")
-    env = gymnasium.make(f"envs.gym.gymnasium_env:{ENV_ID}", scenario="multi", aircraft=UAS, intruders=4)
-    model = peer.PPO("MultiInputPolicy", env, n_steps=128, batch_size=64, n_epochs=2, seed=0, device="cpu")
+    env = gymnasium.make(
+        f"envs.gym.gymnasium_env:{ENV_ID}", scenario="multi", aircraft=UAS, intruders=4
+    )
+    model = peer.PPO(
+        "MultiInputPolicy", env, n_steps=128, batch_size=64, n_epochs=2, seed=0, device="cpu"
+    )
     before = [parameter.detach().clone() for parameter in model.policy.parameters()]
     model.learn(256)
-    assert any((old != new).any() for old, new in zip(before, model.policy.parameters(), strict=True))
+    assert any(
+        (old != new).any() for old, new in zip(before, model.policy.parameters(), strict=True)
+    )
     action, _ = model.predict(env.reset(seed=1)[0], deterministic=True)
     assert env.action_space.contains(action)

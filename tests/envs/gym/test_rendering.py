@@ -28,13 +28,23 @@ def scene(steps=40, intruders=1, miss=2500.0, **changes) -> Scene:
     own = np.stack([-4000.0 + 75.0 * time, 0 * time, 0 * time, 75.0 + 0 * time], axis=-1)
     traffic = np.stack(
         [
-            np.stack([0 * time + 1500.0 * k, 4000.0 + miss - 75.0 * time, 0 * time - np.pi / 2, 75.0 + 0 * time], -1)
+            np.stack(
+                [
+                    0 * time + 1500.0 * k,
+                    4000.0 + miss - 75.0 * time,
+                    0 * time - np.pi / 2,
+                    75.0 + 0 * time,
+                ],
+                -1,
+            )
             for k in range(intruders)
         ],
         axis=1,
     )
     separations = np.hypot(*np.moveaxis(traffic[..., :2] - own[:, None, :2], -1, 0))
-    made = Scene(own, traffic, separations, (4000.0, 0.0), 500.0, 1000.0, float(steps), "flying", "made up")
+    made = Scene(
+        own, traffic, separations, (4000.0, 0.0), 500.0, 1000.0, float(steps), "flying", "made up"
+    )
     return made._replace(**changes)
 
 
@@ -71,7 +81,9 @@ def test_trails_turn_red_where_separation_is_lost():
 @pytest.mark.parametrize(("outcome", "colour"), [("reached", GOAL), ("violation", VIOLATION)])
 def test_the_verdict_is_written_in_its_colour(outcome, colour):
     header = SIZE // 14
-    flying, ended = (Drawing(SIZE).frame(scene(outcome=name))[:header] for name in ("flying", outcome))
+    flying, ended = (
+        Drawing(SIZE).frame(scene(outcome=name))[:header] for name in ("flying", outcome)
+    )
     assert pixels(flying, colour) == 0
     assert pixels(ended, colour) > 20
 
@@ -83,7 +95,12 @@ def test_the_goal_has_its_radius():
 
 def test_a_drawing_used_again_draws_what_a_new_one_draws():
     drawing = Drawing(SIZE)
-    scenes = [scene(intruders=4), scene(steps=0), scene(steps=90, outcome="reached"), scene(intruders=2, miss=0.0)]
+    scenes = [
+        scene(intruders=4),
+        scene(steps=0),
+        scene(steps=90, outcome="reached"),
+        scene(intruders=2, miss=0.0),
+    ]
     pictures = [drawing.frame(one) for one in scenes]
     for one, picture in zip(scenes, pictures, strict=True):
         np.testing.assert_array_equal(picture, Drawing(SIZE).frame(one))
@@ -94,10 +111,16 @@ def test_the_view_holds_what_matters_and_only_grows():
     whole = scene(steps=300)
     sides = []
     for steps in range(0, 301, 20):
-        part = Scene(*(field[: steps + 1] if isinstance(field, np.ndarray) else field for field in whole))
+        part = Scene(
+            *(field[: steps + 1] if isinstance(field, np.ndarray) else field for field in whole)
+        )
         west, south, side = view(part)
         sides.append(side)
-        for x, y in [part.own[-1, :2] / 1000.0, np.array(part.goal) / 1000.0, part.intruders[0, 0, :2] / 1000.0]:
+        for x, y in [
+            part.own[-1, :2] / 1000.0,
+            np.array(part.goal) / 1000.0,
+            part.intruders[0, 0, :2] / 1000.0,
+        ]:
             assert west + 1.0 < x < west + side - 1.0
             assert south + 1.0 < y < south + side - 1.0
     assert sides == sorted(sides)
@@ -126,12 +149,20 @@ def test_no_picture_without_a_render_mode():
 
 
 def in_a_new_interpreter(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    clean = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "MPLBACKEND")}
+    clean = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in ("DISPLAY", "WAYLAND_DISPLAY", "MPLBACKEND")
+    }
     command = [sys.executable, "-W", "error", "-c", code]
-    return subprocess.run(command, env=clean | variables, capture_output=True, text=True, timeout=1_200, check=False)
+    return subprocess.run(
+        command, env=clean | variables, capture_output=True, text=True, timeout=1_200, check=False
+    )
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have a display without being asked")
+@pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="other systems have a display without being asked"
+)
 @pytest.mark.parametrize("backend", ["", "TkAgg"])
 def test_human_mode_without_a_display_says_what_to_do(backend):
     code = f"""
@@ -194,7 +225,9 @@ def test_human_mode_shows_a_window():
     assert result.stdout.strip() == "shown"
 
 
-@pytest.mark.parametrize("make", [DeconflictionEnv, lambda **options: vector(2, **options)], ids=["single", "vector"])
+@pytest.mark.parametrize(
+    "make", [DeconflictionEnv, lambda **options: vector(2, **options)], ids=["single", "vector"]
+)
 class TestBadInput:
     @pytest.mark.parametrize(
         ("action", "sentence"),
@@ -224,13 +257,28 @@ class TestBadInput:
         [
             ({"scenario": "circel"}, r"scenario 'circel' is unknown; .*circle"),
             ({"scenario": 3}, r"scenario is 3; expected a name"),
-            ({"encounters": 3}, r"reset option 'encounters' is unknown; did you mean 'encounter'\?"),
+            (
+                {"encounters": 3},
+                r"reset option 'encounters' is unknown; did you mean 'encounter'\?",
+            ),
             ({"encounter": -1}, r"encounter number is -1; expected 0 or more"),
             ({"encounter": 1.5}, r"'encounter' is 1.5; expected a number or an Encounter"),
-            ({"encounter": encounter(own=(0.0, 0.0, 0.0, 30.0))}, r"own.speed is 30; expected within 50..100"),
-            ({"encounter": encounter(goal=(math.nan, 0.0))}, r"goal_x is nan; expected a finite number"),
-            ({"encounter": encounter()._replace(mask=[False])}, r"mask leaves an encounter without intruders"),
-            ({"encounter": encounter()._replace(goal_x=[1.0, 2.0, 3.0])}, r"goal_x has shape \(3,\); expected"),
+            (
+                {"encounter": encounter(own=(0.0, 0.0, 0.0, 30.0))},
+                r"own.speed is 30; expected within 50..100",
+            ),
+            (
+                {"encounter": encounter(goal=(math.nan, 0.0))},
+                r"goal_x is nan; expected a finite number",
+            ),
+            (
+                {"encounter": encounter()._replace(mask=[False])},
+                r"mask leaves an encounter without intruders",
+            ),
+            (
+                {"encounter": encounter()._replace(goal_x=[1.0, 2.0, 3.0])},
+                r"goal_x has shape \(3,\); expected",
+            ),
             ({"encounter": encounter()._replace(goal_x="far")}, r"goal_x is not numeric"),
         ],
     )
@@ -241,7 +289,9 @@ class TestBadInput:
     def test_constructor(self, make):
         with pytest.raises(EncounterError, match="scenario 'spiral' is unknown"):
             make(scenario="spiral")
-        with pytest.raises(EncounterError, match=r"rules.dt is 0.5 s; expected 1 s, the aircraft's time step"):
+        with pytest.raises(
+            EncounterError, match=r"rules.dt is 0.5 s; expected 1 s, the aircraft's time step"
+        ):
             make(scenario="noisy", rules=RULES._replace(dt=0.5))
         with pytest.raises(error.UnsupportedMode, match="render_mode is 'ansi'"):
             make(render_mode="ansi")
@@ -257,7 +307,9 @@ def test_bad_input_of_the_vector_environment_alone():
     many = vector(2)
     with pytest.raises(EncounterError, match=r"seed is \[1, 2\]; expected one integer"):
         many.reset(seed=[1, 2])
-    with pytest.raises(EncounterError, match="have 1 intruder columns; expected 8, as scenario 'multi'"):
+    with pytest.raises(
+        EncounterError, match="have 1 intruder columns; expected 8, as scenario 'multi'"
+    ):
         many.reset(seed=0, options={"encounter": batch(encounter(), 2), "scenario": "multi"})
     many.close()
     with pytest.raises(error.ClosedEnvironmentError, match="closed; make a new one"):

@@ -1,4 +1,6 @@
-"""Encounter models: read as the form says, refused where malformed, sampled as their tables say, met as documented."""
+"""Encounter models: read as the form says, refused where malformed, sampled as their tables say,
+met as documented.
+"""
 
 import math
 from dataclasses import replace
@@ -23,42 +25,14 @@ from envs.traffic.track_units import KNOT
 from tests.support import recorded
 
 SMALL = """\
-# labels_initial
-"G", "v", "\\dot v", "\\dot h", "\\dot \\psi"
-# G_initial
-0 1 0 0 0
-0 0 1 0 0
-0 0 0 1 1
-0 0 0 0 0
-0 0 0 0 0
-# r_initial
-2 2 3 2 3
-# N_initial
-30 70 10 90 60 40 1 8 1 2 6 2 5 5 6 4 5 5 1 2 7 3 3 4 2 8 0
-# labels_transition
-"G", "v", "\\dot v(t)", "\\dot h(t)", "\\dot \\psi(t)", "\\dot v(t+1)", "\\dot h(t+1)", "\\dot \\psi(t+1)"
-# G_transition
-0 0 0 0 0 0 0 0
-0 0 0 0 0 0 0 0
-0 0 0 0 0 1 0 0
-0 0 0 0 0 0 1 0
-0 0 0 0 0 0 0 1
-0 0 0 0 0 0 1 0
-0 0 0 0 0 0 0 0
-0 0 0 0 0 0 0 0
-# r_transition
-2 2 3 2 3 3 2 3
-# N_transition
-9 1 0 1 98 1 0 1 9 9 1 2 8 5 5 1 9 3 7 0 0 8 2 0 1 98 1 0 0 0
-# boundaries
-*
-100 150 200
--2 -0.5 0.5 2
--500 0 500
--6 -1 1 6
-# resample_rates
-0 0 0.2 0.1 0.3
-"""
+# labels_initial "G", "v", "\\dot v", "\\dot h", "\\dot \\psi" # G_initial 0 1 0 0 0 0 0 1 0 0 0 0
+0 1 1 0 0 0 0 0 0 0 0 0 0 # r_initial 2 2 3 2 3 # N_initial 30 70 10 90 60 40 1 8 1 2 6 2 5 5 6 4
+5 5 1 2 7 3 3 4 2 8 0 # labels_transition "G", "v", "\\dot v(t)", "\\dot h(t)", "\\dot \\psi(t)",
+"\\dot v(t+1)", "\\dot h(t+1)", "\\dot \\psi(t+1)" # G_transition 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0
+0 0 0 0 0 1 0 0 0 0 0 0 0 0 1 0 0 0 0 0 0 0 0 1 0 0 0 0 0 0 1 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 #
+r_transition 2 2 3 2 3 3 2 3 # N_transition 9 1 0 1 98 1 0 1 9 9 1 2 8 5 5 1 9 3 7 0 0 8 2 0 1 98
+1 0 0 0 # boundaries * 100 150 200 -2 -0.5 0.5 2 -500 0 500 -6 -1 1 6 # resample_rates 0 0 0.2 0.1
+0.3"""
 
 
 def written(tmp_path: Path, text: str = SMALL) -> Path:
@@ -69,7 +43,13 @@ def written(tmp_path: Path, text: str = SMALL) -> Path:
 
 def test_a_model_by_hand(tmp_path: Path) -> None:
     model = read_model(written(tmp_path))
-    assert [variable.name for variable in model.initial] == ["G", "v", r"\dot v", r"\dot h", r"\dot \psi"]
+    assert [variable.name for variable in model.initial] == [
+        "G",
+        "v",
+        r"\dot v",
+        r"\dot h",
+        r"\dot \psi",
+    ]
     assert [variable.parents for variable in model.initial] == [(), (0,), (1,), (2,), (2,)]
     assert model.initial[1].counts.tolist() == [[10, 90], [60, 40]]
     assert model.moving == (2, 3, 4)
@@ -85,7 +65,8 @@ def test_the_public_models_are_consistent() -> None:
     for path in sorted(recorded("encounter_models").glob("uncor_*.txt")):
         model = read_model(path)
         first, second = model.initial[:2]
-        # A child's counts, summed over its bins, are the counts of its parents' bins: the columns are in order.
+        # A child's counts, summed over its bins, are the counts of its parents' bins: the columns
+        # are in order.
         np.testing.assert_array_equal(second.counts.sum(axis=1), first.counts[0])
         third = model.initial[2].counts.sum(axis=1).reshape(second.bins, first.bins)
         np.testing.assert_array_equal(third, second.counts.T)
@@ -97,16 +78,36 @@ def test_the_public_models_are_consistent() -> None:
     ("old", "new", "sentence"),
     [
         ("# r_initial\n2 2 3 2 3\n", "", "no block r_initial, expected one"),
-        ("# resample_rates\n0 0 0.2 0.1 0.3\n", "# resample_rates\n", "line 34: block resample_rates is empty"),
+        (
+            "# resample_rates\n0 0 0.2 0.1 0.3\n",
+            "# resample_rates\n",
+            "line 34: block resample_rates is empty",
+        ),
         ("# G_initial", "# graph", "line 3: block 'graph', expected one of labels_initial"),
         ("# G_transition", "# G_initial", "block G_initial stands twice"),
-        ('"v", "\\dot v",', '"speed", "\\dot v",', "line 2, block labels_initial: no variable 'v', expected one"),
+        (
+            '"v", "\\dot v",',
+            '"speed", "\\dot v",',
+            "line 2, block labels_initial: no variable 'v', expected one",
+        ),
         ('"G", "v"', 'G, "v"', "line 2, block labels_initial: expected different names in quotes"),
-        ("\\dot v(t+1)", "\\dot w(t+1)", "line 14, block labels_transition: '\\\\dot w(t+1)', expected a variable"),
+        (
+            "\\dot v(t+1)",
+            "\\dot w(t+1)",
+            "line 14, block labels_transition: '\\\\dot w(t+1)', expected a variable",
+        ),
         ("2 2 3 2 3\n# N", "2 2 3 2\n# N", "line 10, block r_initial: 4 numbers, expected 5"),
         ("2 2 3 2 3\n# N", "2 2 0 2 3\n# N", "block r_initial: 0, expected whole numbers from 1"),
-        ("2 2 3 2 3 3 2 3", "2 2 3 2 3 3 3 3", "block r_transition, variable '\\\\dot h(t+1)': 3 bins, expected 2"),
-        ("30 70 10", "30 10", "line 12, block N_initial: 26 numbers, expected 27 (a file that is cut off?)"),
+        (
+            "2 2 3 2 3 3 2 3",
+            "2 2 3 2 3 3 3 3",
+            "block r_transition, variable '\\\\dot h(t+1)': 3 bins, expected 2",
+        ),
+        (
+            "30 70 10",
+            "30 10",
+            "line 12, block N_initial: 26 numbers, expected 27 (a file that is cut off?)",
+        ),
         ("30 70 10", "30 -70 10", "line 12, block N_initial: -70, expected numbers from 0"),
         ("30 70 10", "30 many 10", "line 12, block N_initial: 'many', expected numbers"),
         ("30 70 10", "30 nan 10", "line 12, block N_initial: nan, expected numbers from 0"),
@@ -121,13 +122,27 @@ def test_the_public_models_are_consistent() -> None:
         ),
         ("-2 -0.5 0.5 2", "*", "variable '\\\\dot v': '*', expected edges"),
         ("100 150 200", "-100 150 200", "variable 'v': -100, expected numbers from 0 to 2000"),
-        ("100 150 200", "100 150 1e300", "line 30, block boundaries, variable 'v': 1e+300, expected numbers from"),
-        ("-6 -1 1 6", "-600 -1 1 6", "variable '\\\\dot \\\\psi': -600, expected numbers from -180 to 180"),
+        (
+            "100 150 200",
+            "100 150 1e300",
+            "line 30, block boundaries, variable 'v': 1e+300, expected numbers from",
+        ),
+        (
+            "-6 -1 1 6",
+            "-600 -1 1 6",
+            "variable '\\\\dot \\\\psi': -600, expected numbers from -180 to 180",
+        ),
         ("30 70 10", "30 7_0 10", "line 12, block N_initial: '7_0', expected numbers"),
-        ("0 0 0.2 0.1 0.3", "0 0 1.2 0.1 0.3", "line 35, block resample_rates: 1.2, expected numbers from 0 to 1"),
+        (
+            "0 0 0.2 0.1 0.3",
+            "0 0 1.2 0.1 0.3",
+            "line 35, block resample_rates: 1.2, expected numbers from 0 to 1",
+        ),
     ],
 )
-def test_a_malformed_file_is_refused_by_line_and_block(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+def test_a_malformed_file_is_refused_by_line_and_block(
+    tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
     assert old in SMALL
     with pytest.raises(EncounterError, match=r"model\.txt") as refused:
         read_model(written(tmp_path, SMALL.replace(old, new, 1)))
@@ -135,7 +150,9 @@ def test_a_malformed_file_is_refused_by_line_and_block(tmp_path: Path, old: str,
 
 
 @given(st.integers(0, len(SMALL) - 5))
-def test_a_file_that_is_cut_off_is_refused(tmp_path_factory: pytest.TempPathFactory, length: int) -> None:
+def test_a_file_that_is_cut_off_is_refused(
+    tmp_path_factory: pytest.TempPathFactory, length: int
+) -> None:
     path = tmp_path_factory.getbasetemp() / "cut.txt"
     path.write_text(SMALL[:length])
     with pytest.raises(EncounterError, match=r"cut\.txt"):
@@ -249,7 +266,9 @@ def test_encounters_follow_from_seed_and_number_alone(traffic: ModelTraffic) -> 
     whole, weights = encounters_with(traffic, 7, 0, 40)
     part, some = encounters_with(traffic, 7, 25, 6)
     np.testing.assert_array_equal(weights[25:31], some)
-    for a, b in zip((*whole.own, *recording_of(whole)), (*part.own, *recording_of(part)), strict=True):
+    for a, b in zip(
+        (*whole.own, *recording_of(whole)), (*part.own, *recording_of(part)), strict=True
+    ):
         np.testing.assert_array_equal(a[25:31], b)
     other, _ = encounters_with(traffic, 8, 25, 6)
     assert not np.array_equal(other.own.speed, part.own.speed)
@@ -262,7 +281,8 @@ def test_every_encounter_meets_its_conditions(traffic: ModelTraffic) -> None:
     assert off_arcs(recording, found.mask, 1.0).max() < 0.75
     start = np.hypot(recording.x[:, 0, 0] - found.own.x, recording.y[:, 0, 0] - found.own.y)
     assert start.min() >= 1_000.0
-    # Without a resolver, on a fine grid: the closest approach is below the miss distance and inside the window.
+    # Without a resolver, on a fine grid: the closest approach is below the miss distance and inside
+    # the window.
     times = np.arange(0, 221)
     gap = np.hypot(
         recording.x[:, 0, :221] - (found.own.speed * np.cos(found.own.heading))[:, None] * times,
@@ -292,7 +312,9 @@ def straight(speed_kt: float) -> EncounterModel:
 
 
 def test_weights_make_the_traffic_even() -> None:
-    """Against the definition: intruders thrown evenly over the plane, and kept where they meet the conditions."""
+    """Against the definition: intruders thrown evenly over the plane, and kept where they meet the
+    conditions.
+    """
     knots, seed, size = 120.0, 11, 1_500
     traffic = family(straight(knots), own_speed=(60.0, 60.0), cpa_time=(60.0, 120.0))
     found, weights = encounters_with(traffic, seed, 0, size)
@@ -320,7 +342,9 @@ def _relative_course(own: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def test_the_weight_is_the_area_that_the_closest_approach_sweeps(traffic: ModelTraffic) -> None:
-    """By differences: shifting an intruder by a small vector moves time and miss of its closest approach."""
+    """By differences: shifting an intruder by a small vector moves time and miss of its closest
+    approach.
+    """
     found, weights = encounters_with(traffic, 3, 0, 14)
     recording = VehicleState(*(field[:, 0] for field in recording_of(found)))
 
@@ -330,7 +354,9 @@ def test_the_weight_is_the_area_that_the_closest_approach_sweeps(traffic: ModelT
         for i in range(14):
             row, speed = np.minimum(times.astype(int), DURATION - 1), found.own.speed[i]
             part, heading = times - row, found.own.heading[i]
-            turn = np.angle(np.exp(1j * (recording.heading[i][row + 1] - recording.heading[i][row])))
+            turn = np.angle(
+                np.exp(1j * (recording.heading[i][row + 1] - recording.heading[i][row]))
+            )
             mean = recording.heading[i][row] + 0.5 * turn * part
             gain = recording.speed[i][row + 1] - recording.speed[i][row]
             way = recording.speed[i][row] * part + 0.5 * gain * part**2
@@ -347,7 +373,9 @@ def test_the_weight_is_the_area_that_the_closest_approach_sweeps(traffic: ModelT
         return np.array(moments), np.array(misses)
 
     h = 2.0
-    east, north = [np.subtract(approach(*d), approach(-d[0], -d[1])) / (2 * h) for d in ((h, 0.0), (0.0, h))]
+    east, north = [
+        np.subtract(approach(*d), approach(-d[0], -d[1])) / (2 * h) for d in ((h, 0.0), (0.0, h))
+    ]
     density = np.abs(east[0] * north[1] - north[0] * east[1])
     # Where a turn begins within the shift the rate jumps: most, not all.
     close = np.abs(1.0 / density / weights - 1.0) < 0.03
@@ -362,13 +390,16 @@ def test_a_recording_is_flown_row_by_row_and_straight_on_after_it(traffic: Model
         if second + 1 <= DURATION:
             np.testing.assert_array_equal(flying.vehicle.x, recording_of(found).x[..., second + 1])
     travelled = np.hypot(
-        flying.vehicle.x - recording_of(found).x[..., -1], flying.vehicle.y - recording_of(found).y[..., -1]
+        flying.vehicle.x - recording_of(found).x[..., -1],
+        flying.vehicle.y - recording_of(found).y[..., -1],
     )
     np.testing.assert_allclose(travelled, 10.0 * recording_of(found).speed[..., -1])
 
 
 def test_conditions_that_are_never_met_are_refused(traffic: ModelTraffic) -> None:
-    with pytest.raises(EncounterError, match="encounter 4 of seed 0 does not meet the conditions in 3 attempts"):
+    with pytest.raises(
+        EncounterError, match="encounter 4 of seed 0 does not meet the conditions in 3 attempts"
+    ):
         encounters_with(replace(traffic, min_initial_separation=45_000.0, attempts=3), 0, 4, 1)
     with pytest.raises(EncounterError, match="seed is -1"):
         encounters_with(traffic, -1, 0, 1)

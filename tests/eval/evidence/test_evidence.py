@@ -40,7 +40,9 @@ def test_published_tables_are_those_of_the_results() -> None:
     results = read_results(STORE)
     for page in pages(ROOT):
         text = page.read_text(encoding="utf-8")
-        assert text == generated(ROOT, page, text, LISTED, results), f"{page}: python -m eval.evidence --tables"
+        assert text == generated(ROOT, page, text, LISTED, results), (
+            f"{page}: python -m eval.evidence --tables"
+        )
 
 
 def test_published_results_are_of_the_policy_that_ships(tmp_path: Path) -> None:
@@ -58,7 +60,11 @@ def test_no_table_of_rates_stands_outside_markers() -> None:
 
 def test_figures_that_name_a_policy_are_of_the_one_that_ships() -> None:
     """BlueSky flies in an environment of its own, so its figures are not generated."""
-    named = {digest for page in pages(ROOT) for digest in re.findall(r"olicy `([0-9a-f]{8})`", page.read_text("utf-8"))}
+    named = {
+        digest
+        for page in pages(ROOT)
+        for digest in re.findall(r"olicy `([0-9a-f]{8})`", page.read_text("utf-8"))
+    }
     assert named == {Policy.load().sha256[:8]}
 
 
@@ -90,7 +96,9 @@ def test_results_of_another_policy_or_command_are_dropped(tmp_path: Path) -> Non
     (tmp_path / "one.json").write_text(json.dumps({"one": larger}), encoding="utf-8")
     assert published(some, "a" * 64, {"one": good}, tmp_path) == {"one": larger}
     assert (
-        published(some, "a" * 64, {"one": larger | {"n": 96, "command": command.format(n=96)}}, tmp_path)["one"]["n"]
+        published(
+            some, "a" * 64, {"one": larger | {"n": 96, "command": command.format(n=96)}}, tmp_path
+        )["one"]["n"]
         == 96
     )
 
@@ -99,9 +107,17 @@ def test_a_table_says_rate_interval_and_what_is_missing(tmp_path: Path) -> None:
     some = listed(tmp_path)
     rate = {"value": 0.995, "low": 0.9876, "high": 1.0, "count": 199, "total": 200}
     text = "a\n<!-- evidence: first -->\nold\n<!-- /evidence -->\nb\n"
-    made = generated(tmp_path, tmp_path / "README.md", text, some, {"one": result("", success_given_resolvable=rate)})
+    made = generated(
+        tmp_path,
+        tmp_path / "README.md",
+        text,
+        some,
+        {"one": result("", success_given_resolvable=rate)},
+    )
     assert "| one | 99.50 % [98.76, 100] |" in made and "`aaaaaaaa`" in made and "old" not in made
-    assert generated(tmp_path, tmp_path / "README.md", made, some, {}).count("Not measured: one.") == 1
+    assert (
+        generated(tmp_path, tmp_path / "README.md", made, some, {}).count("Not measured: one.") == 1
+    )
     with pytest.raises(ConfigError, match="'second'"):
         generated(tmp_path, tmp_path / "README.md", text.replace("first", "second"), some, {})
 
@@ -112,7 +128,11 @@ def test_figures_are_found_by_path_and_name() -> None:
         "b": [{"name": "x", "c": {"d": 2}}, {"name": "y", "c": {"d": 3}}],
         "e": [4],
     }
-    assert found_in(said, ("a", "b/*/d")) == {"a": {"value": 1.0, "low": 0.0}, "b/x/c/d": 2, "b/y/c/d": 3}
+    assert found_in(said, ("a", "b/*/d")) == {
+        "a": {"value": 1.0, "low": 0.0},
+        "b/x/c/d": 2,
+        "b/y/c/d": 3,
+    }
 
 
 def test_cells_count_trials_and_failures(tmp_path: Path) -> None:
@@ -137,9 +157,18 @@ def test_cells_count_trials_and_failures(tmp_path: Path) -> None:
     assert shown[4][4].startswith("5/105; 9") and shown[1][2] == "0/0; too few"
 
 
-def test_a_finished_result_is_not_made_again(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_finished_result_is_not_made_again(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     listed(tmp_path)
-    asked = ["--list", str(tmp_path / "list.yaml"), "--out", str(tmp_path / "out"), "--only", "first"]
+    asked = [
+        "--list",
+        str(tmp_path / "list.yaml"),
+        "--out",
+        str(tmp_path / "out"),
+        "--only",
+        "first",
+    ]
     assert main(asked) == 0
     made = read_results(tmp_path / "out/one.json")["one"]
     folder = next((tmp_path / "out").glob("one-*"))
@@ -152,10 +181,17 @@ def test_a_finished_result_is_not_made_again(tmp_path: Path, capfd: pytest.Captu
 
 
 def test_an_attack_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
-    some, command = (tmp_path / "list.yaml"), "benchmarks.safety --workers 1 --single 0 --block 100 --requests {n}"
+    some, command = (
+        (tmp_path / "list.yaml"),
+        "benchmarks.safety --workers 1 --single 0 --block 100 --requests {n}",
+    )
     entry = {"title": "attack", "command": command, "n": 200}
     reading = {"chunks": True, "keys": ["requests", "violations"]}
-    listed = {"readings": {"benchmarks.safety": reading}, "results": {"attack": entry}, "tables": {}}
+    listed = {
+        "readings": {"benchmarks.safety": reading},
+        "results": {"attack": entry},
+        "tables": {},
+    }
     some.write_text(json.dumps(listed), encoding="utf-8")
     asked = ["--list", str(some), "--out", str(tmp_path), "--only", "attack"]
     assert main(asked) == 0
@@ -166,7 +202,11 @@ def test_an_attack_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
     (tmp_path / "attack.json").unlink()
     assert main(asked) == 0
     assert done.read_text(encoding="utf-8").startswith("".join(lines[:-1]))
-    assert read_results(tmp_path / "attack.json")["attack"]["figures"] == whole == {"requests": 200, "violations": 0}
+    assert (
+        read_results(tmp_path / "attack.json")["attack"]["figures"]
+        == whole
+        == {"requests": 200, "violations": 0}
+    )
 
 
 CASE = """\
@@ -184,18 +224,23 @@ repeat: {make: all}
 def small_checkout(folder: Path, case: str = CASE) -> Evidence:
     (folder / "tests").mkdir(exist_ok=True)
     (folder / "configs").mkdir(exist_ok=True)
-    (folder / "tests/test_a.py").write_text("def test_one(): ...\nclass TestB:\n    def test_two(self): ...\n")
+    (folder / "tests/test_a.py").write_text(
+        "def test_one(): ...\nclass TestB:\n    def test_two(self): ...\n"
+    )
     (folder / "tests/test_b.py").write_text("def test_three(): ...\n")
     (folder / "configs/dossier.yaml").write_text(case, encoding="utf-8")
     claim = {"claim": ("success_given_resolvable", ">=", 0.9)}
     some = listed(folder)
-    return some.model_copy(update={"results": {"one": some.results["one"].model_copy(update=claim)}})
+    return some.model_copy(
+        update={"results": {"one": some.results["one"].model_copy(update=claim)}}
+    )
 
 
 def test_a_goal_of_the_dossier_is_as_good_as_its_worst_evidence(tmp_path: Path) -> None:
     some, about = small_checkout(tmp_path), {"policy": "a" * 64, "commit": "c"}
     assert names_of_tests(tmp_path) == [
-        f"tests/test_{one}" for one in ("a.py::test_one", "a.py::TestB::test_two", "b.py::test_three")
+        f"tests/test_{one}"
+        for one in ("a.py::test_one", "a.py::TestB::test_two", "b.py::test_three")
     ]
 
     def state(results: dict[str, Any]) -> str:
@@ -217,13 +262,28 @@ def test_a_goal_of_the_dossier_is_as_good_as_its_worst_evidence(tmp_path: Path) 
 
 
 def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) -> None:
-    some, about = small_checkout(tmp_path, CASE.replace(", results: [one]", "")), {"policy": "a", "commit": "c"}
-    good = "import pytest\n@pytest.mark.parametrize('n', (0, 1))\ndef test_one(n): assert n in (0, 1)\n"
+    some, about = (
+        small_checkout(tmp_path, CASE.replace(", results: [one]", "")),
+        {"policy": "a", "commit": "c"},
+    )
+    good = (
+        "import pytest\n@pytest.mark.parametrize('n', (0, 1))\ndef test_one(n): assert n in "
+        "(0, 1)\n"
+    )
     good += "class TestB:\n    def test_two(self): ...\n"
 
     def report(name: str, code: str, chosen: str) -> Path:
         (tmp_path / "tests/test_a.py").write_text(code)
-        ask = [sys.executable, "-m", "pytest", "-q", "--import-mode=importlib", "-k", chosen, f"--junitxml={name}"]
+        ask = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "--import-mode=importlib",
+            "-k",
+            chosen,
+            f"--junitxml={name}",
+        ]
         subprocess.run(ask, cwd=tmp_path, capture_output=True, timeout=100, check=False)
         return tmp_path / name
 
@@ -232,10 +292,16 @@ def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) ->
         return state.partition("claim is ")[2].partition(";")[0]
 
     one, two = report("1.xml", good, "one"), report("2.xml", good, "two")
-    bad = report("bad.xml", good.replace("in (0, 1)\n", "\n").replace("class", "@pytest.mark.skip\nclass"), "test")
+    bad = report(
+        "bad.xml",
+        good.replace("in (0, 1)\n", "\n").replace("class", "@pytest.mark.skip\nclass"),
+        "test",
+    )
     assert said(one, two) == "shown"
     assert said(one) == "open"
-    assert "tests/<wbr>test_<wbr>a.py: 1 not run" in (tmp_path / "d.html").read_text(encoding="utf-8")
+    assert "tests/<wbr>test_<wbr>a.py: 1 not run" in (tmp_path / "d.html").read_text(
+        encoding="utf-8"
+    )
     assert said(bad) == said(two, bad, one) == "not met"
     page = (tmp_path / "d.html").read_text(encoding="utf-8")
     assert "test_<wbr>one (failed)" in page and "test_<wbr>two (passed)" in page
@@ -256,7 +322,9 @@ def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) ->
         ("tests: [tests/test_a.py], results: [one]", "tests: []", "R-1"),
     ],
 )
-def test_a_dossier_that_names_what_is_not_there_is_refused(tmp_path: Path, old: str, new: str, wrong: str) -> None:
+def test_a_dossier_that_names_what_is_not_there_is_refused(
+    tmp_path: Path, old: str, new: str, wrong: str
+) -> None:
     assert old in CASE
     some = small_checkout(tmp_path, CASE.replace(old, new))
     with pytest.raises(ConfigError, match=wrong):
@@ -280,7 +348,16 @@ def test_every_name_of_the_dossier_that_ships_resolves(tmp_path: Path) -> None:
 def test_an_unknown_name_is_refused(tmp_path: Path) -> None:
     listed(tmp_path)
     with pytest.raises(ConfigError, match="'three'"):
-        main(["--list", str(tmp_path / "list.yaml"), "--out", str(tmp_path / "out"), "--only", "three"])
+        main(
+            [
+                "--list",
+                str(tmp_path / "list.yaml"),
+                "--out",
+                str(tmp_path / "out"),
+                "--only",
+                "three",
+            ]
+        )
     assert not (tmp_path / "out").exists()
 
 
@@ -288,8 +365,18 @@ def test_an_unknown_name_is_refused(tmp_path: Path) -> None:
 def test_an_interrupt_keeps_what_is_finished_and_goes_on(tmp_path: Path) -> None:
     listed(tmp_path)
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "eval.evidence", "--list", str(tmp_path / "list.yaml"), "--out", str(out)]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as child:
+    command = [
+        sys.executable,
+        "-m",
+        "eval.evidence",
+        "--list",
+        str(tmp_path / "list.yaml"),
+        "--out",
+        str(out),
+    ]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as child:
         end = time.monotonic() + 300.0
         while not list(out.glob("two-*/parts/*.parquet")) and time.monotonic() < end:
             time.sleep(0.2)

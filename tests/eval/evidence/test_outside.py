@@ -1,4 +1,6 @@
-"""The monitor of the input: quiet in nominal flights, alarmed by every shift, alike for mirrored and scaled scenes."""
+"""The monitor of the input: quiet in nominal flights, alarmed by every shift, alike for mirrored
+and scaled scenes.
+"""
 
 import json
 import math
@@ -24,7 +26,17 @@ from envs.starts import numbered
 from envs.trees import mapped
 from envs.waypoints import RoutePoint
 from eval.evidence.outside import SHIFTS, Flights, flagged, flown, inside, main
-from tests.agents.scenes import NAN, SPEED, THRESHOLDS, causes_of, far, flying, other, state_of, tell
+from tests.agents.scenes import (
+    NAN,
+    SPEED,
+    THRESHOLDS,
+    causes_of,
+    far,
+    flying,
+    other,
+    state_of,
+    tell,
+)
 from tests.support import mirrored
 
 COUNT, STEPS = 20, 90
@@ -71,7 +83,9 @@ def test_a_delay_that_nothing_contradicts_is_not_seen() -> None:
     assert judged(shifted(HIDDEN))[:3].mean() < 0.1
 
 
-@pytest.mark.parametrize("name", ["heading with the wrong sign", "turns at 2 to 4 times the greatest rate"])
+@pytest.mark.parametrize(
+    "name", ["heading with the wrong sign", "turns at 2 to 4 times the greatest rate"]
+)
 def test_a_scene_and_its_image_in_other_units_get_the_same_verdict(name: str) -> None:
     flights, length = shifted(name), 2.0
     limits = PAPER.limits
@@ -98,10 +112,14 @@ def test_nothing_that_is_no_number_passes() -> None:
     off, allowed = difference((NAN, 0.0), (0.0, 0.0), 0.0, Tolerance(1.0, 0.1, 3.0))
     assert not off <= allowed
     box = novelty.shipped(policy().sha256)
-    assert box is not None, "the box is of the policy that ships: python -m eval.evidence.outside --box"
+    assert box is not None, (
+        "the box is of the policy that ships: python -m eval.evidence.outside --box"
+    )
     own = VehicleState(*(np.array([value]) for value in (0.0, 0.0, 0.0, NAN)))
     seen = other(5_000.0, 0.0, math.pi)
-    inputs = novelty.inputs_of(own, seen, np.ones((1, 1), bool), (np.array([9e3]), np.zeros(1)), PAPER)
+    inputs = novelty.inputs_of(
+        own, seen, np.ones((1, 1), bool), (np.array([9e3]), np.zeros(1)), PAPER
+    )
     assert np.isinf(novelty.excess(box, inputs)[0]).any()
     monitor, _ = tell(flying(), 0.0)
     monitor, _ = tell(monitor, 1.0, seen=mapped(lambda field: field + NAN, far(1.0)))
@@ -133,9 +151,13 @@ def test_plans_are_still_asked_for_against_contradictory_reports() -> None:
 
 def test_traffic_out_of_range_is_said_and_changes_nothing_else() -> None:
     fast = 1.5 * PAPER.limits.speed_max
-    monitor, decision = tell(flying(other(0.0, 50_000.0, speed=fast)), 0.0, seen=other(0.0, 50_000.0, speed=fast))
+    monitor, decision = tell(
+        flying(other(0.0, 50_000.0, speed=fast)), 0.0, seen=other(0.0, 50_000.0, speed=fast)
+    )
     for time in range(1, 3):
-        monitor, decision = tell(monitor, float(time), seen=other(fast * time, 50_000.0, speed=fast))
+        monitor, decision = tell(
+            monitor, float(time), seen=other(fast * time, 50_000.0, speed=fast)
+        )
     assert causes_of(monitor) == Cause.OUTSIDE_RANGE and state_of(monitor) is State.MONITORING
     assert "outside_domain" in reasons(decision, THRESHOLDS)[0].message
 
@@ -153,7 +175,9 @@ def test_a_plan_says_what_training_has_not_seen() -> None:
 
 
 @pytest.mark.slow
-def test_the_command_prints_a_rate_for_every_kind_of_traffic(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_a_rate_for_every_kind_of_traffic(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["--encounters", "2", "--seed", "1"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert set(found["shifts"]) == set(SHIFTS)

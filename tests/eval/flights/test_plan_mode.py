@@ -1,4 +1,6 @@
-"""Plans are flown from their waypoints alone; the assured loop saves what the plan flown once loses."""
+"""Plans are flown from their waypoints alone; the assured loop saves what the plan flown once
+loses.
+"""
 
 import json
 import math
@@ -85,31 +87,55 @@ def test_the_route_of_an_evaluation(encounters: Encounter) -> None:
     assert request.route_x.shape == (16, 11)
     np.testing.assert_allclose(request.route_x[:, 0], encounters.own.x)
     np.testing.assert_allclose(request.route_y[:, 1], encounters.goal_y)
-    spacing = np.hypot(np.diff(request.route_x[:, 1:], axis=1), np.diff(request.route_y[:, 1:], axis=1))
+    spacing = np.hypot(
+        np.diff(request.route_x[:, 1:], axis=1), np.diff(request.route_y[:, 1:], axis=1)
+    )
     np.testing.assert_allclose(spacing, 5_000.0)
 
 
 @pytest.mark.slow
 def test_a_run_tells_of_plans(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    arguments = ["--mode", "plan", "--encounters", "12", "--seed", "5", *SMALL, "--workers", "1", "--out", str(out)]
+    arguments = [
+        "--mode",
+        "plan",
+        "--encounters",
+        "12",
+        "--seed",
+        "5",
+        *SMALL,
+        "--workers",
+        "1",
+        "--out",
+        str(out),
+    ]
     assert monte_carlo.main(arguments) == 0
     table, summary = table_of(out), json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["mode"] == "plan"
     assert summary["safe_plans_violated"] == 0
     assert summary["plan_safe_rate"]["count"] == np.count_nonzero(table["plan_status"] == "safe")
-    assert summary["policy_success_rate"]["count"] == np.count_nonzero(table["policy_outcome"] == "reached")
+    assert summary["policy_success_rate"]["count"] == np.count_nonzero(
+        table["policy_outcome"] == "reached"
+    )
     assert sum(summary["safe_plans_by_source"].values()) == summary["plan_safe_rate"]["count"]
     assert summary["follower_error_m_quantiles"]["1"] < 0.1
 
     again = tmp_path / "again"
-    config = [f"--config={out / 'config.yaml'}", "--set", "chunk=5", "--workers", "2", f"--out={again}"]
+    config = [
+        f"--config={out / 'config.yaml'}",
+        "--set",
+        "chunk=5",
+        "--workers",
+        "2",
+        f"--out={again}",
+    ]
     assert monte_carlo.main(config) == 0
     assert (again / "encounters.parquet").read_bytes() == (out / "encounters.parquet").read_bytes()
 
 
 @pytest.mark.parametrize(
-    "name", ["noisy", *(pytest.param(name, marks=pytest.mark.slow) for name in ("multi", "maneuvering"))]
+    "name",
+    ["noisy", *(pytest.param(name, marks=pytest.mark.slow) for name in ("multi", "maneuvering"))],
 )
 def test_every_scenario_can_be_planned_for(tmp_path: Path, name: str) -> None:
     out = tmp_path / name
@@ -162,7 +188,9 @@ def assured(turning: Encounter, begun: Plans, policy: Policy) -> Assured:
     return fly_assured(turning, begun, policy, PAPER, OPTIONS)
 
 
-def test_more_is_saved_than_by_the_plan_flown_once(turning: Encounter, begun: Plans, assured: Assured) -> None:
+def test_more_is_saved_than_by_the_plan_flown_once(
+    turning: Encounter, begun: Plans, assured: Assured
+) -> None:
     once = fly_once(turning, begun, PAPER, OPTIONS)
     outcome = assured.flown.flights.outcome
     assert (outcome == REACHED).mean() >= 0.95
@@ -177,7 +205,9 @@ def test_a_goal_that_the_plan_passes_over_is_asked_for_again(policy: Policy) -> 
     alone = alone._replace(mask=alone.mask & False)
     asked = request_of(alone, PAPER)
     onward = (asked.route_x[:, 2:] + 4_000.0, asked.route_y[:, 2:] + 4_000.0, asked.points - 2)
-    plans = plan_many(asked._replace(route_x=onward[0], route_y=onward[1], points=onward[2]), policy, OPTIONS)
+    plans = plan_many(
+        asked._replace(route_x=onward[0], route_y=onward[1], points=onward[2]), policy, OPTIONS
+    )
     assert plans.proposals.safe.all()
     beyond = plans._replace(proposals=plans.proposals._replace(goal=plans.proposals.goal + 2))
     flown = fly_assured(alone, beyond, policy, PAPER, OPTIONS)
@@ -193,7 +223,9 @@ def test_plans_that_keep_more_than_required_are_tried_first() -> None:
 
 
 def test_a_plan_leaves_room_for_turns_before_they_begin(policy: Policy) -> None:
-    """With what the plan at the start had to spare, neither plan nor backup was left when two of four turned."""
+    """With what the plan at the start had to spare, neither plan nor backup was left when two of
+    four turned.
+    """
     four = numbered(scenario("maneuvering", PAPER, intruders=(2, 4)), 23, 118, 1)
     flown = fly_assured(four, plan_at_start(four, policy, PAPER, OPTIONS), policy, PAPER, OPTIONS)
     assert flown.flown.flights.outcome[0] == REACHED
@@ -208,7 +240,9 @@ def test_noise_of_straight_traffic_asks_for_few_plans(policy: Policy) -> None:
 
 
 @pytest.mark.slow
-def test_assured_flights_do_not_depend_on_their_company(turning: Encounter, policy: Policy, assured: Assured) -> None:
+def test_assured_flights_do_not_depend_on_their_company(
+    turning: Encounter, policy: Policy, assured: Assured
+) -> None:
     few = take(turning, slice(12, 16))
     part = fly_assured(few, plan_at_start(few, policy, PAPER, OPTIONS), policy, PAPER, OPTIONS)
     for a, b in zip(part.flown.flights, assured.flown.flights, strict=True):
@@ -219,11 +253,29 @@ def test_assured_flights_do_not_depend_on_their_company(turning: Encounter, poli
 @pytest.mark.slow
 def test_a_run_tells_of_all_modes_side_by_side(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    arguments = ["--mode", "assured", "--scenario", "maneuvering", "--encounters", "3", "--set", "resamples=200"]
+    arguments = [
+        "--mode",
+        "assured",
+        "--scenario",
+        "maneuvering",
+        "--encounters",
+        "3",
+        "--set",
+        "resamples=200",
+    ]
     assert monte_carlo.main([*arguments, "--workers", "1", "--out", str(out)]) == 0
-    table, summary = pq.read_table(out / "encounters.parquet"), json.loads((out / "summary.json").read_text("utf-8"))
+    table, summary = (
+        pq.read_table(out / "encounters.parquet"),
+        json.loads((out / "summary.json").read_text("utf-8")),
+    )
     for name in ("baseline", "policy", "plan"):
         assert f"{name}_outcome" in table.column_names
-    for key in ("policy_success_rate", "plan_success_rate", "success_rate", "replans_mean", "backup_used_rate"):
+    for key in (
+        "policy_success_rate",
+        "plan_success_rate",
+        "success_rate",
+        "replans_mean",
+        "backup_used_rate",
+    ):
         assert key in summary
     assert (out / "trajectories.png").stat().st_size > 20_000

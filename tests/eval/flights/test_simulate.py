@@ -1,4 +1,6 @@
-"""Flights end as the rules say, do not depend on their company, and are those of the jax surrogate."""
+"""Flights end as the rules say, do not depend on their company, and are those of the jax
+surrogate.
+"""
 
 import math
 import subprocess
@@ -49,7 +51,9 @@ def placed(own, goal, intruder, *, present: bool = True) -> Encounter:
 
 
 def steady(throttle: float, steering: float):
-    return OnObservations(lambda observation: np.full((len(observation), 2), [throttle, steering], np.float32))
+    return OnObservations(
+        lambda observation: np.full((len(observation), 2), [throttle, steering], np.float32)
+    )
 
 
 FAR = (90_000, 90_000, 0, 50)
@@ -89,14 +93,20 @@ def test_separation_is_watched_between_the_steps() -> None:
     # Crossing at right angles with the closest point half a second into a step, 995 m apart.
     start = placed((0, 0, 0, 100), (20_000, 0), (10_050, -10_050 + 1_407, math.pi / 2, 100))
     flight, paths = fly_recorded(start, simulate.Direct(PAPER), PAPER, endless=True)
-    apart = np.hypot(paths.own.x - paths.intruders.x[..., 0], paths.own.y - paths.intruders.y[..., 0])
+    apart = np.hypot(
+        paths.own.x - paths.intruders.x[..., 0], paths.own.y - paths.intruders.y[..., 0]
+    )
     assert flight.min_separation[0] == pytest.approx(1_407.0 / math.sqrt(2.0), abs=0.1)
     assert flight.min_separation[0] <= np.nanmin(apart)
 
 
 def test_a_start_inside_the_separation_is_a_violation_at_once() -> None:
     flight = simulate.fly(placed((0, 0, 0, 80), (9_000, 0), (500, 0, 0, 100)), steady(0, 0), PAPER)
-    assert (flight.outcome[0], flight.duration[0], flight.min_separation[0]) == (VIOLATION, 1.0, 500.0)
+    assert (flight.outcome[0], flight.duration[0], flight.min_separation[0]) == (
+        VIOLATION,
+        1.0,
+        500.0,
+    )
     assert flight.time_of_min_separation[0] == 0.0
 
 
@@ -128,8 +138,12 @@ def test_initial_conditions_by_hand() -> None:
     closing = np.array([-75.0, -50.0])
     time = -np.dot([3_000.0, 4_000.0], closing) / np.dot(closing, closing)
     assert seen["t_cpa_s"][0] == pytest.approx(time, rel=1e-6)
-    assert seen["d_cpa_m"][0] == pytest.approx(np.linalg.norm([3_000.0, 4_000.0] + closing * time), rel=1e-6)
-    assert tuple(seen[name][0] for name in ("intruders", "own_speed_m_s", "intruder_speed_m_s")) == (1, 50.0, 75.0)
+    assert seen["d_cpa_m"][0] == pytest.approx(
+        np.linalg.norm([3_000.0, 4_000.0] + closing * time), rel=1e-6
+    )
+    assert tuple(
+        seen[name][0] for name in ("intruders", "own_speed_m_s", "intruder_speed_m_s")
+    ) == (1, 50.0, 75.0)
 
 
 def flown(name: str, decider: Baseline, first: int, count: int):
@@ -139,8 +153,12 @@ def flown(name: str, decider: Baseline, first: int, count: int):
 
 
 @pytest.mark.parametrize("name", ["circle", "maneuvering", "noisy", "multi", "compiled"])
-def test_a_flight_does_not_depend_on_its_company(name: str, policy: Policy, shipped: Policy) -> None:
-    name, decider = ("circle", Compiled(shipped)) if name == "compiled" else (name, ByPolicy(policy))
+def test_a_flight_does_not_depend_on_its_company(
+    name: str, policy: Policy, shipped: Policy
+) -> None:
+    name, decider = (
+        ("circle", Compiled(shipped)) if name == "compiled" else (name, ByPolicy(policy))
+    )
     together, paths = flown(name, decider, 0, 300)
     assert len(set(together.outcome)) > 1
     for first, count in ((0, 1), (7, 1), (0, 13), (250, 50), (299, 1)):
@@ -201,7 +219,9 @@ def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
     starts = numbered(scenario("noisy", PAPER), 3, 0, 40)
     sees_clear, sees_noisy = OnObservations(policy), OnObservations(policy)
     clear, clear_paths = fly_recorded(starts, sees_clear, PAPER)
-    noisy, noisy_paths = fly_recorded(starts, sees_noisy, PAPER, noise=sensor_noise(3, 0, *starts.mask.shape))
+    noisy, noisy_paths = fly_recorded(
+        starts, sees_noisy, PAPER, noise=sensor_noise(3, 0, *starts.mask.shape)
+    )
     difference = sees_noisy.seen[0] - sees_clear.seen[0]
     # The own state and the goal are known; the intruder is not.
     np.testing.assert_array_equal(difference[:, [0, 1, 6, 7]], 0.0)
@@ -210,7 +230,9 @@ def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
     assert not np.array_equal(clear.duration, noisy.duration)
     short = min(len(clear_paths.separation), len(noisy_paths.separation))
     both = np.isfinite(clear_paths.own.x[:short]) & np.isfinite(noisy_paths.own.x[:short])
-    np.testing.assert_array_equal(clear_paths.intruders.x[:short][both], noisy_paths.intruders.x[:short][both])
+    np.testing.assert_array_equal(
+        clear_paths.intruders.x[:short][both], noisy_paths.intruders.x[:short][both]
+    )
 
 
 def test_seeds_differ_and_repeat() -> None:
@@ -221,8 +243,11 @@ def test_seeds_differ_and_repeat() -> None:
 
 @pytest.mark.parametrize("name", ["circle", "maneuvering", "multi"])
 @pytest.mark.parametrize("double", [True, False])
-def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, policy: Policy) -> None:
-    """The same actions give the same flight: within 0.1 mm in double precision, in single within 0.5 m.
+def test_parity_with_the_jax_surrogate_step_by_step(
+    name: str, double: bool, policy: Policy
+) -> None:
+    """The same actions give the same flight: within 0.1 mm in double precision, in single within
+    0.5 m.
 
     Single precision rounds positions of 10 km to 1 mm and headings to 2e-7 rad, 300 times.
     """
@@ -232,10 +257,14 @@ def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, pol
     flights, paths = fly_recorded(starts, decider, PAPER)
     with jax.enable_x64(double):
         kind = jnp.float64 if double else jnp.float32
-        cast = jax.tree.map(lambda a: jnp.asarray(a) if a.dtype == bool else jnp.asarray(a, kind), starts)
+        cast = jax.tree.map(
+            lambda a: jnp.asarray(a) if a.dtype == bool else jnp.asarray(a, kind), starts
+        )
         state = surrogate.reset(cast)
         world = surrogate.World(PAPER.rules(), PAPER)
-        step = jax.jit(lambda state, action: surrogate.step(state, (action[:, 0], action[:, 1]), world))
+        step = jax.jit(
+            lambda state, action: surrogate.step(state, (action[:, 0], action[:, 1]), world)
+        )
         see = jax.jit(lambda state: surrogate.observe(state, PAPER))
         flying = np.ones(64, bool)
         for t, action in enumerate(paths.action):
@@ -244,7 +273,9 @@ def test_parity_with_the_jax_surrogate_step_by_step(name: str, double: bool, pol
             own, traffic = state.own, state.intruders.vehicle
 
             def near(ours, theirs, tolerance: float, now=flying) -> None:
-                np.testing.assert_allclose(np.asarray(theirs)[now], ours[now], rtol=0.0, atol=tolerance)
+                np.testing.assert_allclose(
+                    np.asarray(theirs)[now], ours[now], rtol=0.0, atol=tolerance
+                )
 
             near(paths.own.x[t + 1], own.x, tolerance_m)
             near(paths.own.y[t + 1], own.y, tolerance_m)

@@ -1,4 +1,6 @@
-"""Recorded tracks and an encounter model's traffic in the evaluation: repeatable, weighted, repaired only if asked."""
+"""Recorded tracks and an encounter model's traffic in the evaluation: repeatable, weighted,
+repaired only if asked.
+"""
 
 import json
 import subprocess
@@ -64,9 +66,13 @@ def test_a_model_s_traffic_is_weighted_and_repeatable(model: Path, tmp_path: Pat
     # Everyone conflicts: that is what was drawn.
     assert set(table["baseline_outcome"]) == {"violation"}
     fly(tmp_path / "two", *common, "--encounters", "10", "--set", "chunk=7")
-    assert (tmp_path / "two/encounters.parquet").read_bytes() == (tmp_path / "one/encounters.parquet").read_bytes()
+    assert (tmp_path / "two/encounters.parquet").read_bytes() == (
+        tmp_path / "one/encounters.parquet"
+    ).read_bytes()
     fly(tmp_path / "three", "--config", str(tmp_path / "one/config.yaml"))
-    assert (tmp_path / "three/encounters.parquet").read_bytes() == (tmp_path / "one/encounters.parquet").read_bytes()
+    assert (tmp_path / "three/encounters.parquet").read_bytes() == (
+        tmp_path / "one/encounters.parquet"
+    ).read_bytes()
     assert report.main([str(tmp_path / "one"), "--tracks", "3"]) == 0
     model.write_text(SMALL + "\n")
     with pytest.raises(ConfigError, match="has SHA-256"):
@@ -75,7 +81,14 @@ def test_a_model_s_traffic_is_weighted_and_repeatable(model: Path, tmp_path: Pat
 
 def test_changes_of_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
     common = ("--scenario", f"lincoln:{model}", "--encounters", "6")
-    fly(tmp_path / "far", *common, "--set", "changes.miss=8000", "--set", "changes.own_speed=[60, 61]")
+    fly(
+        tmp_path / "far",
+        *common,
+        "--set",
+        "changes.miss=8000",
+        "--set",
+        "changes.own_speed=[60, 61]",
+    )
     table = pq.read_table(tmp_path / "far/encounters.parquet").to_pydict()
     assert max(table["own_speed_m_s"]) <= 61.0
     assert "reached" in table["baseline_outcome"]
@@ -87,7 +100,8 @@ def test_changes_of_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "mode", ["policy", *(pytest.param(each, marks=pytest.mark.slow) for each in ("plan", "assured"))]
+    "mode",
+    ["policy", *(pytest.param(each, marks=pytest.mark.slow) for each in ("plan", "assured"))],
 )
 def test_recorded_tracks_in_every_mode(tmp_path: Path, mode: str) -> None:
     (tmp_path / "straight.daa").write_text(DAA)
@@ -103,9 +117,9 @@ def test_recorded_tracks_in_every_mode(tmp_path: Path, mode: str) -> None:
         assert table["weight"] == [1.0 if name.endswith("daa") else 2.5]
         assert report.main([str(where), "--tracks", "5"]) == 0
     # Head-on, 100 m to the side: without a resolver a loss, and there is room for an escape.
-    assert pq.read_table(tmp_path / "run_straight.daa/encounters.parquet").to_pydict()["baseline_outcome"] == [
-        "violation"
-    ]
+    assert pq.read_table(tmp_path / "run_straight.daa/encounters.parquet").to_pydict()[
+        "baseline_outcome"
+    ] == ["violation"]
 
 
 @pytest.mark.slow
@@ -117,18 +131,37 @@ def test_the_public_encounters_fly(tmp_path: Path) -> None:
     assert summary["undecided_rate"]["count"] == 0
 
 
-def test_repairs_are_made_only_if_asked_for_and_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_repairs_are_made_only_if_asked_for_and_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "bad.daa"
-    path.write_text(DAA.replace("own, 75,", "own, nan,") + DAA.splitlines()[-1].replace(", 2", ", 1") + "\n")
+    path.write_text(
+        DAA.replace("own, 75,", "own, nan,") + DAA.splitlines()[-1].replace(", 2", ", 1") + "\n"
+    )
     common = ("--scenario", f"tracks:{path}")
-    with pytest.raises(TrackError, match=r"bad.daa line 5, field sx: nan, expected a finite number"):
+    with pytest.raises(
+        TrackError, match=r"bad.daa line 5, field sx: nan, expected a finite number"
+    ):
         fly(tmp_path / "refused", *common)
     assert not (tmp_path / "refused").exists()
     summary = fly(tmp_path / "repaired", *common, "--repair")
     assert summary["repairs"] == Repairs(not_finite=1, out_of_order=1)._asdict()
-    assert "repaired: 1 rows without a valid value dropped, 1 rows out of order dropped" in capsys.readouterr().err
     assert (
-        compare.main(["--scenario", f"tracks:{path}", "--baseline", "none", "--repair", "--out", str(tmp_path / "c")])
+        "repaired: 1 rows without a valid value dropped, 1 rows out of order dropped"
+        in capsys.readouterr().err
+    )
+    assert (
+        compare.main(
+            [
+                "--scenario",
+                f"tracks:{path}",
+                "--baseline",
+                "none",
+                "--repair",
+                "--out",
+                str(tmp_path / "c"),
+            ]
+        )
         == 0
     )
     assert json.loads((tmp_path / "c/summary.json").read_text())["repairs"]["not_finite"] == 1
@@ -136,7 +169,16 @@ def test_repairs_are_made_only_if_asked_for_and_counted(tmp_path: Path, capsys: 
 
 def test_a_comparison_with_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    arguments = ["--scenario", f"lincoln:{model}", "--baseline", "mvp", "--encounters", "8", "--set", "resamples=100"]
+    arguments = [
+        "--scenario",
+        f"lincoln:{model}",
+        "--baseline",
+        "mvp",
+        "--encounters",
+        "8",
+        "--set",
+        "resamples=100",
+    ]
     assert compare.main([*arguments, "--out", str(out)]) == 0
     summary = json.loads((out / "summary.json").read_text())
     assert summary["weighted"] is True
@@ -147,7 +189,14 @@ def reports(positions: list[tuple[str, int, float, float]], **more: object) -> l
     """Return reports of aircraft that fly east at 142 kt: name, second, latitude, longitude."""
     usual = {"altitude": 5_000, "groundspeed": 142.24, "track": 90, "vertical_rate": 0}
     return [
-        {"icao24": name, "timestamp": 1_000_000_000 + 1_000 * second, "latitude": y, "longitude": x, **usual, **more}
+        {
+            "icao24": name,
+            "timestamp": 1_000_000_000 + 1_000 * second,
+            "latitude": y,
+            "longitude": x,
+            **usual,
+            **more,
+        }
         for name, second, y, x in positions
     ]
 
@@ -164,7 +213,8 @@ def test_pairs_of_adsb_reports_become_encounters(tmp_path: Path) -> None:
     table = pq.read_table(tmp_path / "run/encounters.parquet").to_pydict()
     assert summary["encounters"] == 1
     assert table["name"] == ["aaa-bbb-1000070"]
-    # 0.01 degrees of latitude: both leave their parallel, due east and due west, by the same until they meet.
+    # 0.01 degrees of latitude: both leave their parallel, due east and due west, by the same until
+    # they meet.
     assert table["d_cpa_m"][0] == pytest.approx(1_112.0, abs=2.0)
     assert table["t_cpa_s"][0] == pytest.approx(70.0, abs=1.0)
     assert table["own_speed_m_s"][0] == pytest.approx(73.17, abs=0.05)
@@ -173,7 +223,10 @@ def test_pairs_of_adsb_reports_become_encounters(tmp_path: Path) -> None:
     found[80]["longitude"], found[81]["latitude"] = found[79]["longitude"], found[79]["latitude"]
     found[100]["altitude"] = None
     path.write_text(json.dumps(found))
-    with pytest.raises(TrackError, match="report 81, field latitude: the position of 1000080 s is that of 1000079 s"):
+    with pytest.raises(
+        TrackError,
+        match="report 81, field latitude: the position of 1000080 s is that of 1000079 s",
+    ):
         fly(tmp_path / "refused", "--scenario", f"tracks:{path}")
     again = fly(tmp_path / "again", "--scenario", f"tracks:{path}", "--repair")
     assert again["repairs"] == Repairs(not_finite=1, stale=2)._asdict()
@@ -181,10 +234,14 @@ def test_pairs_of_adsb_reports_become_encounters(tmp_path: Path) -> None:
 
 
 def test_a_loose_recording_is_not_proven_unresolvable() -> None:
-    """An intruder that starts almost upon the ownship, whose rows are off arcs, and one that keeps to them."""
+    """An intruder that starts almost upon the ownship, whose rows are off arcs, and one that keeps
+    to them.
+    """
     times = np.arange(120.0)
     own = VehicleState(*np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [75.0, 75.0]]))
-    straight = np.stack([1_100.0 - 75.0 * times, 0.0 * times, np.pi + 0.0 * times, 75.0 + 0.0 * times])
+    straight = np.stack(
+        [1_100.0 - 75.0 * times, 0.0 * times, np.pi + 0.0 * times, 75.0 + 0.0 * times]
+    )
     loose = straight.copy()
     loose[1, 60] = 5.0
     recording = Recording(*np.stack([straight, loose], axis=1)[:, :, None])
@@ -239,12 +296,28 @@ def test_weighted_intervals_cover() -> None:
 @pytest.mark.parametrize(
     ("arguments", "kind", "sentence"),
     [
-        (["--scenario", "lincoln:"], ConfigError, "'lincoln:' names no file; expected lincoln:PATH"),
+        (
+            ["--scenario", "lincoln:"],
+            ConfigError,
+            "'lincoln:' names no file; expected lincoln:PATH",
+        ),
         (["--scenario", "lincoln:none.txt"], EncounterError, "none.txt: there is no such file"),
         (["--scenario", "tracks:none.daa"], TrackError, "none.daa: there is no such file"),
-        (["--scenario", "tracks:none.txt"], TrackError, "ends in '.txt'; expected .json, .json.gz, .daa or .xyz"),
-        (["--scenario", "lincoln:MODEL", "--set", "changes.mis=3"], ConfigError, "changes.mis is unknown"),
-        (["--scenario", "lincoln:MODEL", "--set", "changes.miss=-3"], ConfigError, "changes.miss is -3"),
+        (
+            ["--scenario", "tracks:none.txt"],
+            TrackError,
+            "ends in '.txt'; expected .json, .json.gz, .daa or .xyz",
+        ),
+        (
+            ["--scenario", "lincoln:MODEL", "--set", "changes.mis=3"],
+            ConfigError,
+            "changes.mis is unknown",
+        ),
+        (
+            ["--scenario", "lincoln:MODEL", "--set", "changes.miss=-3"],
+            ConfigError,
+            "changes.miss is -3",
+        ),
         (
             ["--scenario", "lincoln:MODEL", "--set", "changes.cpa_time=[9, 2]"],
             ConfigError,
@@ -260,16 +333,31 @@ def test_weighted_intervals_cover() -> None:
             EncounterError,
             "the ownship's limits",
         ),
-        (["--scenario", "tracks:DAA", "--set", "changes.miss=3"], ConfigError, "changes: miss cannot be changed"),
-        (["--scenario", "tracks:DAA", "--encounters", "2"], ConfigError, "encounters is 2; expected at most 1"),
-        (["--scenario", "tracks:DAA", "--set", "tracks.max_gap=0.5"], TrackError, "a gap of 1 s in the track of 'own'"),
+        (
+            ["--scenario", "tracks:DAA", "--set", "changes.miss=3"],
+            ConfigError,
+            "changes: miss cannot be changed",
+        ),
+        (
+            ["--scenario", "tracks:DAA", "--encounters", "2"],
+            ConfigError,
+            "encounters is 2; expected at most 1",
+        ),
+        (
+            ["--scenario", "tracks:DAA", "--set", "tracks.max_gap=0.5"],
+            TrackError,
+            "a gap of 1 s in the track of 'own'",
+        ),
     ],
 )
 def test_bad_input_is_one_sentence(
     model: Path, tmp_path: Path, arguments: list[str], kind: type, sentence: str
 ) -> None:
     (tmp_path / "one.daa").write_text(DAA)
-    given = [each.replace("MODEL", str(model)).replace("DAA", str(tmp_path / "one.daa")) for each in arguments]
+    given = [
+        each.replace("MODEL", str(model)).replace("DAA", str(tmp_path / "one.daa"))
+        for each in arguments
+    ]
     with pytest.raises(kind) as problem:
         fly(tmp_path / "run", *given)
     assert sentence in str(problem.value)
@@ -278,8 +366,16 @@ def test_bad_input_is_one_sentence(
 
 def test_exit_code_2_and_no_traceback(tmp_path: Path) -> None:
     (tmp_path / "cut.txt").write_text(SMALL[:300])
-    command = [sys.executable, "-m", "eval.monte_carlo", "--scenario", f"lincoln:{tmp_path / 'cut.txt'}"]
-    done = subprocess.run([*command, "--out", str(tmp_path / "run")], capture_output=True, text=True, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "eval.monte_carlo",
+        "--scenario",
+        f"lincoln:{tmp_path / 'cut.txt'}",
+    ]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path / "run")], capture_output=True, text=True, check=False
+    )
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1
@@ -288,5 +384,7 @@ def test_exit_code_2_and_no_traceback(tmp_path: Path) -> None:
 def test_the_true_aircraft_flies_no_recorded_tracks(tmp_path: Path) -> None:
     from eval.hifi import run as hifi
 
-    with pytest.raises(ConfigError, match="cannot be flown here; expected a sampled scenario or file:PATH"):
+    with pytest.raises(
+        ConfigError, match="cannot be flown here; expected a sampled scenario or file:PATH"
+    ):
         hifi.main(["--scenario", "tracks:one.daa", "--out", str(tmp_path / "run")])

@@ -1,4 +1,6 @@
-"""The program as its user meets it: files, repeatability, interruption, the margin, a sentence for every mistake."""
+"""The program as its user meets it: files, repeatability, interruption, the margin, a sentence for
+every mistake.
+"""
 
 import json
 import os
@@ -46,18 +48,33 @@ def test_files_of_a_run(finished: Path, tmp_path: Path, policy_path: Path) -> No
     assert {path.name for path in finished.iterdir()} == files
     out = tmp_path / "drawn"
     run(out, "--policy", str(policy_path), "--vehicle", "point_mass", "--flights", "1")
-    figures = {f"{name}.{kind}" for name in ("flights", "min_separation", "errors") for kind in ("png", "svg")}
+    figures = {
+        f"{name}.{kind}"
+        for name in ("flights", "min_separation", "errors")
+        for kind in ("png", "svg")
+    }
     assert {path.name for path in out.iterdir()} == files | figures
-    assert all(path.stat().st_size > 5_000 for path in out.iterdir() if path.suffix in (".png", ".svg"))
+    assert all(
+        path.stat().st_size > 5_000 for path in out.iterdir() if path.suffix in (".png", ".svg")
+    )
 
 
 def test_summary_follows_from_the_table(finished: Path) -> None:
     summary, table = json.loads((finished / "summary.json").read_text()), table_of(finished)
     assert summary["flights"] == len(table["flight"]) == 3
-    for key, name in [("success_rate", "reached"), *((f"{name}_rate", name) for name in HIFI_OUTCOMES[1:])]:
+    for key, name in [
+        ("success_rate", "reached"),
+        *((f"{name}_rate", name) for name in HIFI_OUTCOMES[1:]),
+    ]:
         count = int((table["outcome"] == name).sum())
         low, high = clopper_pearson(count, 3)
-        assert summary[key] == {"value": count / 3, "low": low, "high": high, "count": count, "total": 3}
+        assert summary[key] == {
+            "value": count / 3,
+            "low": low,
+            "high": high,
+            "count": count,
+            "total": 3,
+        }
     safe = table["plan_status"] == "safe"
     assert summary["success_of_safe"]["total"] == safe.sum()
     assert set(table["verdict"]) <= {"resolvable", "unresolvable", "undecided", "outside"}
@@ -65,7 +82,9 @@ def test_summary_follows_from_the_table(finished: Path) -> None:
     flown = safe & (table["outcome"] != "refused") & possible
     of_resolvable = summary["safe_of_resolvable"]
     assert (of_resolvable["count"], of_resolvable["total"]) == (flown.sum(), possible.sum())
-    assert summary["errors"]["position_error_max_m"]["1"] == np.nanmax(table["position_error_max_m"][safe])
+    assert summary["errors"]["position_error_max_m"]["1"] == np.nanmax(
+        table["position_error_max_m"][safe]
+    )
     assert sum(summary["reasons"].values()) == sum(text != "" for text in table["reason"])
 
 
@@ -76,11 +95,23 @@ def test_unresolvable_is_not_what_the_planner_gave_up(tmp_path: Path, policy_pat
         run(out, "--policy", str(policy_path), "--vehicle", "surrogate", "--flights", "1", *more)
         return table_of(out)["verdict"]
 
-    head_on = ("--scenario", "head_on", "--set", "changes.radius=[2500,2500]", "--set", "figures=false")
+    head_on = (
+        "--scenario",
+        "head_on",
+        "--set",
+        "changes.radius=[2500,2500]",
+        "--set",
+        "figures=false",
+    )
     assert (verdicts(*head_on) == "resolvable").all()
     # Nobody keeps 6 km away from an intruder that begins 5 km ahead.
     assert (verdicts(*head_on, "--set", "planner.margin=5000") == "unresolvable").all()
-    slow = ("--set", "changes.own_speed=[51,52]", "--set", "planner.vehicle=configs/vehicle_c208.yaml")
+    slow = (
+        "--set",
+        "changes.own_speed=[51,52]",
+        "--set",
+        "planner.vehicle=configs/vehicle_c208.yaml",
+    )
     assert (verdicts(*head_on, *slow, "--set", "planner.margin=5000") == "outside").all()
 
 
@@ -92,17 +123,38 @@ def test_every_column_and_key_is_documented(finished: Path) -> None:
 
 @pytest.mark.slow
 def test_neither_chunks_nor_workers_change_a_byte(finished: Path, tmp_path: Path) -> None:
-    arguments = ("--config", str(finished / "config.yaml"), "--set", "chunk=2", "--set", "figures=false")
+    arguments = (
+        "--config",
+        str(finished / "config.yaml"),
+        "--set",
+        "chunk=2",
+        "--set",
+        "figures=false",
+    )
     assert hifi.main([*arguments, "--workers", "2", "--out", str(tmp_path / "other")]) == 0
-    assert (tmp_path / "other" / "flights.parquet").read_bytes() == (finished / "flights.parquet").read_bytes()
+    assert (tmp_path / "other" / "flights.parquet").read_bytes() == (
+        finished / "flights.parquet"
+    ).read_bytes()
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on_to_the_same_table_and_leaves_no_process(finished: Path, tmp_path: Path) -> None:
+def test_a_killed_run_goes_on_to_the_same_table_and_leaves_no_process(
+    finished: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "killed"
-    command = [sys.executable, "-m", "eval.hifi", "--config", str(finished / "config.yaml"), "--out", str(out)]
+    command = [
+        sys.executable,
+        "-m",
+        "eval.hifi",
+        "--config",
+        str(finished / "config.yaml"),
+        "--out",
+        str(out),
+    ]
     command += ["--set", "chunk=1", "--set", "figures=false", "--workers", "2"]
-    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command, cwd=ROOT, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+    )
     deadline = time.monotonic() + 600.0
     while not list((out / "parts").glob("*.parquet")):
         assert process.poll() is None
@@ -133,8 +185,20 @@ def _alive(process: int) -> bool:
 @pytest.mark.slow
 def test_an_interrupted_run_finishes_what_is_in_the_air(tmp_path: Path) -> None:
     out = tmp_path / "interrupted"
-    command = [sys.executable, "-m", "eval.hifi", "--flights", "40", "--workers", "1", "--out", str(out)]
-    process = subprocess.Popen([*command, "--set", "chunk=1"], cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    command = [
+        sys.executable,
+        "-m",
+        "eval.hifi",
+        "--flights",
+        "40",
+        "--workers",
+        "1",
+        "--out",
+        str(out),
+    ]
+    process = subprocess.Popen(
+        [*command, "--set", "chunk=1"], cwd=ROOT, stderr=subprocess.PIPE, text=True
+    )
     while not list((out / "parts").glob("*.parquet")):
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
@@ -147,7 +211,10 @@ def test_an_interrupted_run_finishes_what_is_in_the_air(tmp_path: Path) -> None:
     ("arguments", "sentence"),
     [
         (["--scenario", "headon"], "did you mean head_on"),
-        (["--condition", "stormy"], "condition.name is 'stormy'; expected one of calm, loaded, wind"),
+        (
+            ["--condition", "stormy"],
+            "condition.name is 'stormy'; expected one of calm, loaded, wind",
+        ),
         (["--vehicle", "c280"], "vehicle is 'c280'; expected one of"),
         (["--vehicle", "point_mass", "--condition", "light"], "flies in no turbulence"),
         (["--mode", "policy"], "expected one of plan, closed, assured"),
@@ -158,7 +225,9 @@ def test_an_interrupted_run_finishes_what_is_in_the_air(tmp_path: Path) -> None:
         (["--resume"], "holds no run"),
     ],
 )
-def test_mistakes_get_one_sentence_and_leave_nothing(tmp_path: Path, arguments: list[str], sentence: str) -> None:
+def test_mistakes_get_one_sentence_and_leave_nothing(
+    tmp_path: Path, arguments: list[str], sentence: str
+) -> None:
     with pytest.raises(ConfigError, match=sentence):
         hifi.main([*arguments, "--out", str(tmp_path / "none")])
     assert not (tmp_path / "none").exists()
@@ -166,7 +235,9 @@ def test_mistakes_get_one_sentence_and_leave_nothing(tmp_path: Path, arguments: 
 
 @settings(max_examples=20)
 @given(st.integers(1, 400), st.floats(0.5, 0.999), st.floats(0.5, 0.99))
-def test_the_bound_is_the_least_order_statistic_that_suffices(count: int, share: float, confidence: float) -> None:
+def test_the_bound_is_the_least_order_statistic_that_suffices(
+    count: int, share: float, confidence: float
+) -> None:
     from scipy.stats import binom
 
     found = upper_bound(np.arange(1.0, count + 1.0), share, confidence)
@@ -180,7 +251,10 @@ def test_the_bound_is_the_least_order_statistic_that_suffices(count: int, share:
 
 
 def rows(errors: list[float]) -> dict[str, np.ndarray]:
-    text = {"plan_status": np.full(len(errors), "safe", object), "outcome": np.full(len(errors), "reached", object)}
+    text = {
+        "plan_status": np.full(len(errors), "safe", object),
+        "outcome": np.full(len(errors), "reached", object),
+    }
     return text | {"position_error_max_m": np.array(errors)}
 
 

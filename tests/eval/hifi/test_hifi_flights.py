@@ -1,4 +1,6 @@
-"""Flights of the true aircraft in calm air and wind: judged by their definition, marked where they fail."""
+"""Flights of the true aircraft in calm air and wind: judged by their definition, marked where they
+fail.
+"""
 
 import math
 import socket
@@ -81,15 +83,25 @@ def along(plan: Legs, time: np.ndarray) -> VehicleState:
 
 def flight(own: VehicleState, late: np.ndarray) -> Flight:
     nothing = VehicleState(*(np.zeros((1, 1)) for _ in range(4)))
-    return Flight(own, np.full(late.size, 2500.0), late, nothing, np.zeros(0), np.zeros(late.size), None)
+    return Flight(
+        own, np.full(late.size, 2500.0), late, nothing, np.zeros(0), np.zeros(late.size), None
+    )
 
 
 @settings(max_examples=15)
-@given(st.floats(-3.0, 3.0), st.floats(-30.0, 30.0), st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0)))
-def test_delay_and_offset_are_kept_apart(delay: float, left: float, wind: tuple[float, float]) -> None:
+@given(
+    st.floats(-3.0, 3.0),
+    st.floats(-30.0, 30.0),
+    st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0)),
+)
+def test_delay_and_offset_are_kept_apart(
+    delay: float, left: float, wind: tuple[float, float]
+) -> None:
     clock = PERIOD * np.arange(50, 550)
     place = over_ground(along(PLAN, clock - delay), wind, clock - delay)
-    moved = place._replace(x=place.x - left * np.sin(place.heading), y=place.y + left * np.cos(place.heading))
+    moved = place._replace(
+        x=place.x - left * np.sin(place.heading), y=place.y + left * np.cos(place.heading)
+    )
     # Errors are taken from time 0 on: the first five seconds are filled with the plan itself.
     first = over_ground(along(PLAN, PERIOD * np.arange(50)), wind, PERIOD * np.arange(50))
     own = VehicleState(*(np.concatenate(pair) for pair in zip(first, moved, strict=True)))
@@ -104,13 +116,17 @@ def test_delay_and_offset_are_kept_apart(delay: float, left: float, wind: tuple[
 
 def test_a_flight_along_the_plan_has_no_error() -> None:
     clock = PERIOD * np.arange(600)
-    found = against(flight(along(PLAN, clock), np.zeros(600)), PLAN, NO_WIND, along(PLAN, np.arange(60.0)))
+    found = against(
+        flight(along(PLAN, clock), np.zeros(600)), PLAN, NO_WIND, along(PLAN, np.arange(60.0))
+    )
     for field in found:
         np.testing.assert_allclose(field, 0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("condition", "number"), [("calm", 0), ("mixed", 1)])
-def test_no_more_separation_is_lost_than_the_aircraft_is_off_its_plan(condition: str, number: int) -> None:
+def test_no_more_separation_is_lost_than_the_aircraft_is_off_its_plan(
+    condition: str, number: int
+) -> None:
     one, row = fly(campaign(f"condition.name={condition}"), number)
     assert row["plan_status"] == "safe"
     assert one.flight is not None
@@ -118,12 +134,17 @@ def test_no_more_separation_is_lost_than_the_aircraft_is_off_its_plan(condition:
     assert row["separation_loss_m"] <= row["position_error_max_m"] + 0.05
     assert row["cross_track_max_m"] <= row["position_error_max_m"] + 0.01
     if row["plan_source"] == "policy":
-        assert row["total_error_max_m"] <= row["path_definition_max_m"] + row["position_error_max_m"] + 1e-6
+        assert (
+            row["total_error_max_m"]
+            <= row["path_definition_max_m"] + row["position_error_max_m"] + 1e-6
+        )
     assert row["altitude_error_max_m"] < 100.0
 
 
 @pytest.mark.parametrize(("gain", "top", "beyond"), [(0.375, 99.6, True), (0.21, 89.6, False)])
-def test_plans_beyond_the_aircrafts_power_are_flown_late(gain: float, top: float, beyond: bool) -> None:
+def test_plans_beyond_the_aircrafts_power_are_flown_late(
+    gain: float, top: float, beyond: bool
+) -> None:
     time = 20.0 * np.arange(8)
     speed = np.minimum(80.0 + gain * time, top)
     ramp = (top - 80.0) / gain
@@ -157,7 +178,12 @@ def test_a_flight_in_closed_loop_ends_where_it_is_decided() -> None:
 
 
 def test_the_assured_loop_plans_anew_for_an_intruder_that_turns() -> None:
-    turning = ("scenario=maneuvering", "condition.name=wind", "planner.margin=60", "aircraft.t_max_s=100")
+    turning = (
+        "scenario=maneuvering",
+        "condition.name=wind",
+        "planner.margin=60",
+        "aircraft.t_max_s=100",
+    )
     rows = [fly(campaign("mode=assured", *turning), number)[1] for number in (0, 2)]
     for row in rows:
         judged(row)
@@ -183,7 +209,9 @@ class _Lost:
 
 @pytest.mark.parametrize("mode", ["plan", "closed", "assured"])
 @pytest.mark.parametrize("nan", [False, True])
-def test_an_aircraft_that_is_lost_is_a_failed_flight(mode: str, nan: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_aircraft_that_is_lost_is_a_failed_flight(
+    mode: str, nan: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(hifi_flights, "begin", lambda _, own, *rest: _Lost(own, nan))
     _, row = fly(campaign(f"mode={mode}"), 1)
     assert row["outcome"] == "failed"
@@ -192,7 +220,9 @@ def test_an_aircraft_that_is_lost_is_a_failed_flight(mode: str, nan: bool, monke
 
 
 def test_a_start_that_the_aircraft_cannot_fly_is_refused() -> None:
-    flying = campaign("changes.own_speed=[50,50]", "condition.altitude_m=[6500,6500]", "mode=closed")
+    flying = campaign(
+        "changes.own_speed=[50,50]", "condition.altitude_m=[6500,6500]", "mode=closed"
+    )
     one, row = fly(flying, 0)
     assert one.flight is None
     assert row["outcome"] == "refused"
@@ -203,14 +233,17 @@ def test_a_start_that_the_aircraft_cannot_fly_is_refused() -> None:
 
 
 def test_a_plan_that_is_not_safe_is_no_success() -> None:
-    flying = campaign("scenario=circle", "changes.min_initial_separation=0", "changes.radius=[1100,1200]")
+    flying = campaign(
+        "scenario=circle", "changes.min_initial_separation=0", "changes.radius=[1100,1200]"
+    )
     rows = [fly(flying._replace(vehicle="point_mass"), number)[1] for number in range(2)]
     unresolved = [row for row in rows if row["plan_status"] == "unresolved"]
     assert unresolved
     assert all(row["outcome"] != "reached" for row in unresolved)
 
 
-# Plans for a wind keep in it what plans keep in calm air: limits in the air, separation, the goal on the ground.
+# Plans for a wind keep in it what plans keep in calm air: limits in the air, separation, the goal
+# on the ground.
 
 FORWARD = Route(np.array([0.0, 10_000.0, 50_000.0]), np.zeros(3))
 
@@ -238,7 +271,10 @@ def test_a_plan_for_a_wind_enters_the_goal_on_the_ground(number: int, wind: floa
         return  # refused, or rejoined elsewhere: said so
     curves, rejoin = legs(take(found.knots, 0)), float(found.rejoin_time[0])
     there = over_ground(VehicleState(*(float(f) for f in at(curves, rejoin))), scene.frame, rejoin)
-    assert math.hypot(scene.route.x[1] - there.x, scene.route.y[1] - there.y) <= flying.aircraft.goal_radius
+    assert (
+        math.hypot(scene.route.x[1] - there.x, scene.route.y[1] - there.y)
+        <= flying.aircraft.goal_radius
+    )
     # 0.4 m/s is the swing of the smoothing that plans are made for.
     assert unflyable(curves, (SURROGATE.speed_min - 1.0, SURROGATE.speed_max + 1e-9)) is None
 
@@ -264,8 +300,14 @@ def test_an_encounter_is_the_same_conflict_in_any_wind() -> None:
     assert drift == pytest.approx([windy.wind[0] * away, windy.wind[1] * away])
 
 
-@given(st.floats(45.0, 100.0), st.floats(-3.1, 3.1), st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0)))
-def test_the_wind_triangle_closes(airspeed: float, course: float, wind: tuple[float, float]) -> None:
+@given(
+    st.floats(45.0, 100.0),
+    st.floats(-3.1, 3.1),
+    st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0)),
+)
+def test_the_wind_triangle_closes(
+    airspeed: float, course: float, wind: tuple[float, float]
+) -> None:
     speed = made_good(airspeed, course, wind)
     east, north = speed * math.cos(course) - wind[0], speed * math.sin(course) - wind[1]
     assert math.hypot(east, north) == pytest.approx(airspeed)
@@ -273,9 +315,17 @@ def test_the_wind_triangle_closes(airspeed: float, course: float, wind: tuple[fl
 
 @pytest.mark.parametrize("wind", [(-72.0, 0.0), (0.0, 75.0), (-50.0, 60.0)])
 def test_a_wind_that_cannot_be_made_good_is_refused(wind: tuple[float, float]) -> None:
-    nobody = Known.straight(VehicleState(*(np.full((1, 1), value) for value in (9e4, 9e4, 0.0, 70.0))))
+    nobody = Known.straight(
+        VehicleState(*(np.full((1, 1), value) for value in (9e4, 9e4, 0.0, 70.0)))
+    )
     made = plan_for(
-        VehicleState(0.0, 0.0, 0.0, 70.0), nobody, FORWARD, 0.0, wind, policy(), Options.for_aircraft(PAPER)
+        VehicleState(0.0, 0.0, 0.0, 70.0),
+        nobody,
+        FORWARD,
+        0.0,
+        wind,
+        policy(),
+        Options.for_aircraft(PAPER),
     )
     assert made.problem is not None
     assert "cannot be made good" in made.problem
@@ -283,15 +333,25 @@ def test_a_wind_that_cannot_be_made_good_is_refused(wind: tuple[float, float]) -
 
 
 def test_an_air_speed_outside_the_envelope_is_refused() -> None:
-    nobody = Known.straight(VehicleState(*(np.full((1, 1), value) for value in (9e4, 9e4, 0.0, 70.0))))
+    nobody = Known.straight(
+        VehicleState(*(np.full((1, 1), value) for value in (9e4, 9e4, 0.0, 70.0)))
+    )
     made = plan_for(
-        VehicleState(0.0, 0.0, 0.0, 44.0), nobody, FORWARD, 0.0, NO_WIND, policy(), Options.for_aircraft(PAPER)
+        VehicleState(0.0, 0.0, 0.0, 44.0),
+        nobody,
+        FORWARD,
+        0.0,
+        NO_WIND,
+        policy(),
+        Options.for_aircraft(PAPER),
     )
     assert made.problem == "own air speed is 44.0 m/s, expected 49 to 101 m/s"
 
 
 def test_legs_beyond_the_air_speeds_of_the_vehicle_are_refused() -> None:
-    curves = legs(take(planned(scene_of(campaign(), 0), campaign().options).plans.proposals.knots, 0))
+    curves = legs(
+        take(planned(scene_of(campaign(), 0), campaign().options).plans.proposals.knots, 0)
+    )
     slow, fast = float(curves.speed.min()), float(curves.speed.max())
     assert unflyable(curves, (slow - 0.5, fast + 0.5)) is None
     assert "the plan asks for air speeds of" in str(unflyable(curves, (slow + 0.5, fast + 0.5)))
@@ -324,12 +384,16 @@ def test_the_error_of_the_navigation_is_as_large_as_stated_and_changes_slowly() 
 
 
 def test_gentle_manoeuvres_keep_the_limits_of_the_vehicle_too() -> None:
-    options = load(HifiConfig, None, ["planner.vehicle=configs/vehicle_c208.yaml"]).planner.options(PAPER)
+    options = load(HifiConfig, None, ["planner.vehicle=configs/vehicle_c208.yaml"]).planner.options(
+        PAPER
+    )
     assert options.manoeuvre.speed_min == 55.0
     assert options.manoeuvre.speed_max < 90.0
     assert options.manoeuvre.acceleration_max < 0.28
     assert replace(options, manoeuvre=Options.for_aircraft(PAPER).manoeuvre) != options
-    assert load(HifiConfig).planner.options(PAPER).manoeuvre == Options.for_aircraft(PAPER).manoeuvre
+    assert (
+        load(HifiConfig).planner.options(PAPER).manoeuvre == Options.for_aircraft(PAPER).manoeuvre
+    )
 
 
 # What FlightGear is sent, read back from UDP sockets by the layouts of FlightGear's own headers.
@@ -347,7 +411,10 @@ Ports = tuple[socket.socket, socket.socket]
 def ports() -> Iterator[Ports]:
     """Two sockets at ports that follow each other."""
     for port in range(42_000, 60_000, 2):
-        with socket.socket(type=socket.SOCK_DGRAM) as first, socket.socket(type=socket.SOCK_DGRAM) as second:
+        with (
+            socket.socket(type=socket.SOCK_DGRAM) as first,
+            socket.socket(type=socket.SOCK_DGRAM) as second,
+        ):
             try:
                 first.bind(("127.0.0.1", port))
                 second.bind(("127.0.0.1", port + 1))
@@ -392,16 +459,23 @@ def test_flightgear_is_sent_the_flight_in_real_time(policy_path: Path, ports: Po
     places = geocentric(latitude, longitude, 2500.0)
     moved = np.hypot(*(np.diff(field[1:]) for field in flight.own[:2]))
     np.testing.assert_allclose(np.linalg.norm(np.diff(places, axis=0), axis=1), moved, atol=1e-3)
-    turned = np.remainder(own[:, 7] + flight.own.heading[1:] - math.pi / 2.0 + math.pi, 2.0 * math.pi) - math.pi
+    turned = (
+        np.remainder(own[:, 7] + flight.own.heading[1:] - math.pi / 2.0 + math.pi, 2.0 * math.pi)
+        - math.pi
+    )
     np.testing.assert_allclose(turned, 0.0, atol=0.01)  # no wind: the nose is where the track leads
 
     others = received(ports[1], OTHER)
     assert len(others) == 20
-    assert {(one[0], one[1], one[2], one[3]) for one in others} == {(0x46474653, 0x10001, 7, OTHER.size)}
+    assert {(one[0], one[1], one[2], one[3]) for one in others} == {
+        (0x46474653, 0x10001, 7, OTHER.size)
+    }
     assert others[0][6].rstrip(b"\0") == b"INTR1"
     there = np.array([one[10:13] for one in others])
     for second, number in ((1, 9), (2, 19)):
-        apart = math.hypot(*(flight.own[axis][10 * second] - flight.intruders[axis][second, 0] for axis in (0, 1)))
+        apart = math.hypot(
+            *(flight.own[axis][10 * second] - flight.intruders[axis][second, 0] for axis in (0, 1))
+        )
         assert np.linalg.norm(places[number] - there[number]) == pytest.approx(apart, abs=0.5)
     # Ahead along its nose goes the intruder, and its belly looks at the Earth.
     attitude, speed = Rotation.from_rotvec([one[13:16] for one in others]), others[0][16]
@@ -425,11 +499,16 @@ def test_flightgear_is_sent_what_the_ros_simulator_flies(ports: Ports) -> None:
         (["localhost"], "flightgear is 'localhost'; expected HOST:PORT"),
         (["localhost:65535"], "flightgear is 'localhost:65535'; expected HOST:PORT"),
         (["no host:5550"], "host cannot be resolved"),
-        (["localhost:5550", "--vehicle", "point_mass"], "vehicle is point_mass; expected c208_ex or c208"),
+        (
+            ["localhost:5550", "--vehicle", "point_mass"],
+            "vehicle is point_mass; expected c208_ex or c208",
+        ),
         (["localhost:5550", "--workers", "2"], "expected no --scheduler, and no --workers but 1"),
     ],
 )
-def test_what_cannot_be_shown_is_refused_before_the_flight(given: list[str], says: str, tmp_path: Path) -> None:
+def test_what_cannot_be_shown_is_refused_before_the_flight(
+    given: list[str], says: str, tmp_path: Path
+) -> None:
     with pytest.raises(ConfigError, match=says):
         main(["--flights", "1", "--out", str(tmp_path / "run"), "--flightgear", *given])
     assert not (tmp_path / "run").exists()

@@ -1,4 +1,6 @@
-"""The program as its user meets it: files, repeatability, interruption, and sentences for every mistake."""
+"""The program as its user meets it: files, repeatability, interruption, and sentences for every
+mistake.
+"""
 
 import json
 import os
@@ -107,15 +109,28 @@ def test_summary_follows_from_the_table(finished: Path) -> None:
     for key, (mask, total) in expected.items():
         count = int(mask.sum())
         low, high = clopper_pearson(count, int(total))
-        assert summary[key] == {"value": count / total, "low": low, "high": high, "count": count, "total": total}
+        assert summary[key] == {
+            "value": count / total,
+            "low": low,
+            "high": high,
+            "count": count,
+            "total": total,
+        }
     scores = {"reached": 100.0, "violation": -100.0, "timeout": -10.0}
     assert table["score"].tolist() == [scores[o] for o in outcome]
     assert summary["score_mean"] == pytest.approx(table["score"].mean())
-    assert summary["outside_domain"] == dict.fromkeys(("own_speed", "intruder_speed", "distance", "intruders"), 0)
+    assert summary["outside_domain"] == dict.fromkeys(
+        ("own_speed", "intruder_speed", "distance", "intruders"), 0
+    )
     ends = summary["score_mean_interval"]
     assert ends["low"] < summary["score_mean"] < ends["high"]
-    assert summary["risk_ratio"] == (outcome == "violation").sum() / (table["baseline_outcome"] == "violation").sum()
-    assert summary["risk_ratio_unresolved"] + summary["risk_ratio_induced"] == pytest.approx(summary["risk_ratio"])
+    assert (
+        summary["risk_ratio"]
+        == (outcome == "violation").sum() / (table["baseline_outcome"] == "violation").sum()
+    )
+    assert summary["risk_ratio_unresolved"] + summary["risk_ratio_induced"] == pytest.approx(
+        summary["risk_ratio"]
+    )
     excess = table["path_excess"]
     assert np.array_equal(np.isfinite(excess), outcome == "reached")
     assert (excess[np.isfinite(excess)] >= 0.0).all()
@@ -123,7 +138,10 @@ def test_summary_follows_from_the_table(finished: Path) -> None:
     assert (table["min_separation_m"][outcome != "violation"] >= 1_000.0).all()
     assert (table["min_separation_m"][outcome == "violation"] < 1_000.0).all()
     # A success shows that the encounter is resolvable.
-    assert (table["verdict"][(outcome == "reached") | (table["baseline_outcome"] == "reached")] == "resolvable").all()
+    assert (
+        table["verdict"][(outcome == "reached") | (table["baseline_outcome"] == "reached")]
+        == "resolvable"
+    ).all()
 
 
 def _columns(out: Path):
@@ -133,7 +151,10 @@ def _columns(out: Path):
 
 def test_every_column_and_key_is_documented(finished: Path) -> None:
     text = (ROOT / "docs" / "reference" / "evaluation-files.md").read_text(encoding="utf-8")
-    names = [*_columns(finished)[0], *json.loads((finished / "summary.json").read_text(encoding="utf-8"))]
+    names = [
+        *_columns(finished)[0],
+        *json.loads((finished / "summary.json").read_text(encoding="utf-8")),
+    ]
     assert [name for name in names if f"`{name}`" not in text] == []
 
 
@@ -151,13 +172,24 @@ def test_chunks_and_workers_change_no_byte(finished: Path, tmp_path: Path, worke
 
 @pytest.mark.slow
 def test_chunks_and_workers_change_no_byte_of_compiled_flights(tmp_path: Path) -> None:
-    arguments = ("--encounters", "400", "--set", "backend=jax", "--set", "resamples=200", "--set", "figures=false")
+    arguments = (
+        "--encounters",
+        "400",
+        "--set",
+        "backend=jax",
+        "--set",
+        "resamples=200",
+        "--set",
+        "figures=false",
+    )
     one = fly(tmp_path / "one", *arguments, "--workers", "1")
     assert fly(tmp_path / "two", *arguments, "--workers", "2", "--set", "chunk=70") == one
     assert yaml.safe_load((tmp_path / "two" / "config.yaml").read_text())["backend"] == "jax"
 
 
-def test_a_backend_is_chosen_by_what_is_installed_and_flown(monkeypatch: pytest.MonkeyPatch, policy_path: Path) -> None:
+def test_a_backend_is_chosen_by_what_is_installed_and_flown(
+    monkeypatch: pytest.MonkeyPatch, policy_path: Path
+) -> None:
     shipped, auto = Policy.load(), MonteCarloConfig()
     assert auto.backend_for(shipped, 10_000) == "jax"
     assert auto.backend_for(shipped, 10) == "numpy"
@@ -168,7 +200,9 @@ def test_a_backend_is_chosen_by_what_is_installed_and_flown(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("name", [name for name in BASELINES if name != "none"])
-def test_every_baseline_flies_in_the_policy_s_place(name: str, tmp_path: Path, policy_path: Path) -> None:
+def test_every_baseline_flies_in_the_policy_s_place(
+    name: str, tmp_path: Path, policy_path: Path
+) -> None:
     arguments = ("--policy", str(policy_path), "--encounters", "24", *QUICK)
     fly(tmp_path / "run", *arguments, "--baseline", name)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
@@ -202,18 +236,24 @@ def test_the_aircraft_flown_is_named(
     assert bool(summary["aircraft_warning"]) is (aircraft != "null")
     printed = capsys.readouterr().out
     assert "aircraft: 50 to 1" in printed
-    assert ("warning: outside_domain: speed_min is 0.417 V; expected 0.5 to 0.5" in printed) is (aircraft != "null")
+    assert ("warning: outside_domain: speed_min is 0.417 V; expected 0.5 to 0.5" in printed) is (
+        aircraft != "null"
+    )
 
 
 def test_a_longer_run_begins_like_a_shorter_one(finished: Path, tmp_path: Path) -> None:
     fly(tmp_path / "short", "--config", str(finished / "config.yaml"), *QUICK, "--encounters", "30")
-    short, whole = (pq.read_table(out / "encounters.parquet") for out in (tmp_path / "short", finished))
+    short, whole = (
+        pq.read_table(out / "encounters.parquet") for out in (tmp_path / "short", finished)
+    )
     # numpy, unlike pyarrow, takes two not-a-numbers for equal
     np.testing.assert_equal(short.to_pydict(), whole.slice(0, 30).to_pydict())
 
 
 def test_another_seed_is_another_run(finished: Path, tmp_path: Path) -> None:
-    other = fly(tmp_path / "other", "--config", str(finished / "config.yaml"), *QUICK, "--seed", "5")
+    other = fly(
+        tmp_path / "other", "--config", str(finished / "config.yaml"), *QUICK, "--seed", "5"
+    )
     assert other != (finished / "encounters.parquet").read_bytes()
 
 
@@ -243,8 +283,15 @@ def test_killed_runs_go_on_and_leave_no_process(finished: Path, tmp_path: Path) 
     _, errors = resumed.communicate(timeout=1_200)
     assert resumed.returncode == 0, errors
     assert f"{15 * (len(stored) - 1)} of 120 encounters are stored already" in errors
-    assert (out / "encounters.parquet").read_bytes() == (finished / "encounters.parquet").read_bytes()
-    assert {path.name for path in out.iterdir()} == {".lock", "summary.json", "encounters.parquet", "config.yaml"}
+    assert (out / "encounters.parquet").read_bytes() == (
+        finished / "encounters.parquet"
+    ).read_bytes()
+    assert {path.name for path in out.iterdir()} == {
+        ".lock",
+        "summary.json",
+        "encounters.parquet",
+        "config.yaml",
+    }
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["encounters_flown_now"] == 120 - 15 * (len(stored) - 1)
 
@@ -257,7 +304,9 @@ def _alive(process: str) -> bool:
 
 
 @pytest.mark.parametrize("workers", [pytest.param("1", marks=pytest.mark.slow), "2"])
-def test_ctrl_c_keeps_finished_chunks_and_says_how_to_go_on(finished: Path, tmp_path: Path, workers: str) -> None:
+def test_ctrl_c_keeps_finished_chunks_and_says_how_to_go_on(
+    finished: Path, tmp_path: Path, workers: str
+) -> None:
     out = tmp_path / "stopped"
     with start(
         *("--config", str(finished / "config.yaml"), "--set", "chunk=15", "--set", "figures=false"),
@@ -275,7 +324,9 @@ def test_ctrl_c_keeps_finished_chunks_and_says_how_to_go_on(finished: Path, tmp_
     assert again == (finished / "encounters.parquet").read_bytes()
 
 
-def test_a_finished_run_is_resumed_without_flying(finished: Path, tmp_path: Path, policy_path: Path) -> None:
+def test_a_finished_run_is_resumed_without_flying(
+    finished: Path, tmp_path: Path, policy_path: Path
+) -> None:
     out = tmp_path / "run"
     before = fly(out, "--policy", str(policy_path), "--encounters", "20", *QUICK)
     (out / "summary.json").unlink()
@@ -285,19 +336,27 @@ def test_a_finished_run_is_resumed_without_flying(finished: Path, tmp_path: Path
     assert {path.name for path in out.iterdir()} == FILES
 
 
-def test_own_file_of_encounters(tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_file_of_encounters(
+    tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     mine = tmp_path / "mine.csv"
     starts = numbered(scenario("multi", PAPER), 9, 0, 30)
     encounter_file.write(mine, starts, [f"flight {i}" for i in range(30)])
     common = ("--policy", str(policy_path), "--allow-outside-domain", *QUICK)
     fly(tmp_path / "mine", *common, "--scenario", f"file:{mine}")
-    sampled = fly(tmp_path / "sampled", *common, "--scenario", "multi", "--seed", "9", "--encounters", "30")
+    sampled = fly(
+        tmp_path / "sampled", *common, "--scenario", "multi", "--seed", "9", "--encounters", "30"
+    )
     assert sampled
-    ours, theirs = (pq.read_table(tmp_path / name / "encounters.parquet") for name in ("mine", "sampled"))
+    ours, theirs = (
+        pq.read_table(tmp_path / name / "encounters.parquet") for name in ("mine", "sampled")
+    )
     assert ours.column("name").to_pylist() == [f"flight {i}" for i in range(30)]
     assert ours.column("outcome").equals(theirs.column("outcome"))
     np.testing.assert_allclose(
-        ours.column("min_separation_m").to_numpy(), theirs.column("min_separation_m").to_numpy(), atol=0.5
+        ours.column("min_separation_m").to_numpy(),
+        theirs.column("min_separation_m").to_numpy(),
+        atol=0.5,
     )
     config = yaml.safe_load((tmp_path / "mine" / "config.yaml").read_text(encoding="utf-8"))
     assert config["encounters"] == 30
@@ -305,7 +364,9 @@ def test_own_file_of_encounters(tmp_path: Path, policy_path: Path, capsys: pytes
 
     # The file's digest is kept: the run cannot be repeated from another content by accident.
     encounter_file.write(mine, take(starts, slice(0, 29)))
-    with pytest.raises(ConfigError, match=r"mine.csv has SHA-256 .* expected .* \(key scenario_sha256\)"):
+    with pytest.raises(
+        ConfigError, match=r"mine.csv has SHA-256 .* expected .* \(key scenario_sha256\)"
+    ):
         fly(tmp_path / "again", "--config", str(tmp_path / "mine" / "config.yaml"))
     with pytest.raises(ConfigError, match="encounters is 31; expected at most 29"):
         fly(tmp_path / "more", *common, "--scenario", f"file:{mine}", "--encounters", "31")
@@ -317,19 +378,40 @@ def test_one_encounter_and_no_failure_are_no_trouble(tmp_path: Path, policy_path
     text = "encounter,own_x_m,own_y_m,own_heading_deg,own_speed_m_s,goal_x_m,goal_y_m,"
     text += "intruder_x_m,intruder_y_m,intruder_heading_deg,intruder_speed_m_s\n"
     mine.write_text(text + "a,0,0,0,80,8000,0,0,30000,90,80\n", encoding="utf-8")
-    fly(tmp_path / "run", "--policy", str(policy_path), "--scenario", f"file:{mine}", "--workers", "1")
+    fly(
+        tmp_path / "run",
+        "--policy",
+        str(policy_path),
+        "--scenario",
+        f"file:{mine}",
+        "--workers",
+        "1",
+    )
     summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
     assert summary["risk_ratio"] is None
     assert summary["success_rate"]["value"] == 1.0
     assert {path.name for path in (tmp_path / "run").iterdir()} == FILES
 
 
-@pytest.mark.parametrize("name", ["crossing_left", "crossing_right", "head_on", "same_course", "maneuvering", "noisy"])
+@pytest.mark.parametrize(
+    "name", ["crossing_left", "crossing_right", "head_on", "same_course", "maneuvering", "noisy"]
+)
 def test_scenarios_fly(name: str, tmp_path: Path, policy_path: Path) -> None:
-    fly(tmp_path / "run", "--policy", str(policy_path), "--encounters", "12", "--scenario", name, *QUICK)
+    fly(
+        tmp_path / "run",
+        "--policy",
+        str(policy_path),
+        "--encounters",
+        "12",
+        "--scenario",
+        name,
+        *QUICK,
+    )
 
 
-def test_the_table_on_standard_output(finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_table_on_standard_output(
+    finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     fly(tmp_path / "run", "--config", str(finished / "config.yaml"), *QUICK, "--encounters", "20")
     output, errors = capsys.readouterr()
     for words in (
@@ -356,23 +438,44 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
     (folder / "wrong.yaml").write_text("seeds: 3\n", encoding="utf-8")
     (folder / "bad.csv").write_text("encounter\n", encoding="utf-8")
     return {
-        "not empty": (["--out", str(folder / "full")], "holds something already, expected a folder"),
+        "not empty": (
+            ["--out", str(folder / "full")],
+            "holds something already, expected a folder",
+        ),
         "a file": (["--out", str(folder / "file.txt")], "holds something already"),
         "unwritable": (["--out", "/proc/run"], "--out /proc/run cannot be written"),
-        "scenario": (["--scenario", "circel"], "--scenario: 'circel' is unknown; expected one of circle"),
+        "scenario": (
+            ["--scenario", "circel"],
+            "--scenario: 'circel' is unknown; expected one of circle",
+        ),
         "nearest": (["--scenario", "circel"], "did you mean circle?"),
-        "no file": (["--scenario", f"file:{folder / 'none.csv'}"], "none.csv: there is no such file"),
-        "bad file": (["--scenario", f"file:{folder / 'bad.csv'}"], "bad.csv line 1: column own_x_m is missing"),
+        "no file": (
+            ["--scenario", f"file:{folder / 'none.csv'}"],
+            "none.csv: there is no such file",
+        ),
+        "bad file": (
+            ["--scenario", f"file:{folder / 'bad.csv'}"],
+            "bad.csv line 1: column own_x_m is missing",
+        ),
         "policy": (["--policy", str(folder / "file.txt")], "file.txt: "),
         "no policy": (["--policy", str(folder / "none.safetensors")], "no such policy file"),
-        "encounters": (["--encounters", "0"], "argument --encounters: '0'; expected a whole number of at least 1"),
+        "encounters": (
+            ["--encounters", "0"],
+            "argument --encounters: '0'; expected a whole number of at least 1",
+        ),
         "many": (["--encounters", "1e4"], "argument --encounters: '1e4'; expected a whole number"),
         "seed": (["--seed", "-1"], "argument --seed"),
         "mode": (["--mode", "glide"], "mode is 'glide'; expected one of policy, plan"),
-        "backend": (["--mode", "plan", "--set", "backend=jax"], "backend is 'jax'; expected auto or numpy"),
+        "backend": (
+            ["--mode", "plan", "--set", "backend=jax"],
+            "backend is 'jax'; expected auto or numpy",
+        ),
         "baseline": (["--baseline", "mpv"], "baseline is 'mpv'; expected one of none, rules"),
         "baseline plans": (["--baseline", "mvp", "--mode", "plan"], "expected none with mode plan"),
-        "config": (["--config", str(folder / "wrong.yaml")], "seeds is unknown (its value is 3); did you mean seed?"),
+        "config": (
+            ["--config", str(folder / "wrong.yaml")],
+            "seeds is unknown (its value is 3); did you mean seed?",
+        ),
         "no config": (["--config", str(folder / "none.yaml")], "none.yaml: there is no such file"),
         "set": (["--set", "chunk=0"], "--set: chunk is 0; expected a whole number at least 1"),
         "changes": (
@@ -381,12 +484,19 @@ def mistakes(folder: Path) -> dict[str, tuple[list[str], str]]:
         ),
         "twice": (["--seed", "1", "--seed", "2"], "--seed stands twice"),
         "pipe": (["--scenario", f"file:{folder / 'pipe'}"], "not a regular file"),
-        "outside": (["--aircraft", "configs/aircraft/uas.yaml"], "outside_domain: acceleration_min is -0.235 V^2/D"),
-        "several": (["--scenario", "multi"], "outside_domain: there are 8 intruders; expected 1 at most"),
+        "outside": (
+            ["--aircraft", "configs/aircraft/uas.yaml"],
+            "outside_domain: acceleration_min is -0.235 V^2/D",
+        ),
+        "several": (
+            ["--scenario", "multi"],
+            "outside_domain: there are 8 intruders; expected 1 at most",
+        ),
         "no aircraft": (["--aircraft", "configs/aircraft/kite.yaml"], "kite.yaml"),
         "speeds": (
             ["--set", "changes.own_speed=[18, 36]"],
-            "changes.own_speed is [18, 36]; expected [low, high] within 50 to 100, the speeds of the aircraft",
+            "changes.own_speed is [18, 36]; expected [low, high] within 50 to 100, the speeds of "
+            "the aircraft",
         ),
         "pinned": (["--policy-sha256", "0" * 64], "expected 000"),
         "digest": (["--set", f"policy_sha256={'0' * 64}"], "expected 000"),
@@ -401,7 +511,11 @@ def test_mistakes_end_before_the_run_with_one_sentence(
 ) -> None:
     for name, (arguments, sentence) in mistakes(tmp_path).items():
         policy = [] if "--policy" in arguments else ["--policy", str(policy_path)]
-        out = [] if "--out" in arguments or "--resume" in arguments else ["--out", str(tmp_path / "run")]
+        out = (
+            []
+            if "--out" in arguments or "--resume" in arguments
+            else ["--out", str(tmp_path / "run")]
+        )
         sys.argv = ["eval.monte_carlo", *policy, *out, *arguments]
         with pytest.raises(SystemExit) as ended:
             run_cli(monte_carlo.main)
@@ -413,7 +527,9 @@ def test_mistakes_end_before_the_run_with_one_sentence(
         assert not (tmp_path / "run").exists(), name
 
 
-def test_a_folder_in_use_is_refused(finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_in_use_is_refused(
+    finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     shutil.copytree(finished, tmp_path / "run")
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").iterdir()}
     with locked(tmp_path / "run"), pytest.raises(ConfigError, match="is in use by process"):
@@ -426,17 +542,35 @@ def test_a_folder_in_use_is_refused(finished: Path, tmp_path: Path, capsys: pyte
 def test_resume_refuses_another_run(finished: Path, tmp_path: Path, policy_path: Path) -> None:
     out = tmp_path / "run"
     fly(out, "--policy", str(policy_path), "--encounters", "20", *QUICK)
-    with pytest.raises(ConfigError, match=r"--resume: seed is 7, expected 0 as in .*config.yaml; use another --out"):
+    with pytest.raises(
+        ConfigError, match=r"--resume: seed is 7, expected 0 as in .*config.yaml; use another --out"
+    ):
         fly(out, "--resume", "--seed", "7")
     with pytest.raises(ConfigError, match="--resume: changes is"):
         fly(out, "--resume", "--set", "changes.displacement=100")
 
 
 def test_help_is_complete_and_imports_nothing_heavy() -> None:
-    program = "import sys, eval.monte_carlo.run as m\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
-    program += "print(sorted({'scipy', 'matplotlib', 'pyarrow', 'rich', 'jax'} & set(sys.modules)), file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    for option in ("--config", "--set", "--policy", "--encounters", "--scenario", "--seed", "--workers", "--resume"):
+    program = (
+        "import sys, eval.monte_carlo.run as m\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
+    )
+    program += (
+        "print(sorted({'scipy', 'matplotlib', 'pyarrow', 'rich', 'jax'} & "
+        "set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    for option in (
+        "--config",
+        "--set",
+        "--policy",
+        "--encounters",
+        "--scenario",
+        "--seed",
+        "--workers",
+        "--resume",
+    ):
         assert option in done.stdout
     assert "default: 10000" in done.stdout
     assert "plan" in done.stdout
@@ -456,4 +590,6 @@ def test_the_shipped_configuration_is_the_defaults() -> None:
     from agents.config.load import dump, load
     from eval.config import MonteCarloConfig
 
-    assert dump(load(MonteCarloConfig, ROOT / "configs" / "monte_carlo.yaml")) == dump(load(MonteCarloConfig))
+    assert dump(load(MonteCarloConfig, ROOT / "configs" / "monte_carlo.yaml")) == dump(
+        load(MonteCarloConfig)
+    )

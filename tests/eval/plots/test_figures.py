@@ -31,7 +31,9 @@ def table_of(counts: dict[str, int]) -> dict[str, np.ndarray]:
     return {
         "encounter": np.arange(n),
         "outcome": outcome,
-        "verdict": np.where(kinds == "proven unresolvable", "unresolvable", "undecided").astype(object),
+        "verdict": np.where(kinds == "proven unresolvable", "unresolvable", "undecided").astype(
+            object
+        ),
         "distance_m": np.linspace(1_000.0, 20_000.0, n),
         "bearing_deg": np.linspace(-180.0, 179.0, n),
         "relative_heading_deg": np.linspace(-180.0, 179.0, n),
@@ -63,7 +65,9 @@ def test_sheet_shows_failures_first(counts: dict[str, int], expected: dict[str, 
     assert shown == [kind for kind, count in expected.items() for _ in range(count)]
 
 
-@pytest.mark.parametrize("kinds", [("success",), ("violation",), ("success", "violation", "time-out")])
+@pytest.mark.parametrize(
+    "kinds", [("success",), ("violation",), ("success", "violation", "time-out")]
+)
 def test_every_kind_is_in_the_legend_with_its_number(kinds: tuple[str, ...]) -> None:
     figure = initial_conditions(table_of({kind: 1_200 + i for i, kind in enumerate(kinds)}))
     texts = {text.get_text() for text in figure.legends[0].get_texts()}
@@ -106,7 +110,9 @@ def test_figures_repeat_byte_for_byte(tmp_path: Path, policy: Policy, policy_pat
 
 
 def test_kinds_put_the_proof_before_the_outcome() -> None:
-    table = SimpleNamespace(outcome=np.array(["violation", "timeout"]), verdict=np.array(["unresolvable", "undecided"]))
+    table = SimpleNamespace(
+        outcome=np.array(["violation", "timeout"]), verdict=np.array(["unresolvable", "undecided"])
+    )
     assert kinds_of(vars(table)).tolist() == ["proven unresolvable", "time-out"]
 
 
@@ -117,7 +123,9 @@ ROOT = Path(__file__).resolve().parents[3]
 
 def drawn() -> Figure:
     figure = Figure(figsize=(3.0, 2.0), layout="constrained")
-    figure.subplots().plot(range(2_000), [i % 7 for i in range(2_000)], "o")  # many marks: a large SVG
+    figure.subplots().plot(
+        range(2_000), [i % 7 for i in range(2_000)], "o"
+    )  # many marks: a large SVG
     return figure
 
 
@@ -145,6 +153,15 @@ run_cli(main)
 """
     whole = save_figure(drawn(), tmp_path / "whole")
     assert whole[1].stat().st_size > whole[0].stat().st_size + 100
-    result = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (result.returncode, result.stderr) == (1, f"error: {tmp_path / 'half.svg'}: File too large\n")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["half.png", "whole.png", "whole.svg"]
+    result = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (result.returncode, result.stderr) == (
+        1,
+        f"error: {tmp_path / 'half.svg'}: File too large\n",
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "half.png",
+        "whole.png",
+        "whole.svg",
+    ]

@@ -1,4 +1,6 @@
-"""The report shows what the run's files say, refuses what is no run, and lets nothing of the data become markup."""
+"""The report shows what the run's files say, refuses what is no run, and lets nothing of the data
+become markup.
+"""
 
 import base64
 import hashlib
@@ -23,7 +25,16 @@ from eval.flights.recorded import Track
 from eval.metrics.summary import headline
 from eval.plots.style import MARKERS, kinds_of
 from eval.report import run as report
-from eval.report.data import NEAREST, OTHERS, POINTS, choose, flight_data, json_text, page_data, points
+from eval.report.data import (
+    NEAREST,
+    OTHERS,
+    POINTS,
+    choose,
+    flight_data,
+    json_text,
+    page_data,
+    points,
+)
 from eval.report.flights import Replayed, Witness, evaluation_of, fly_again
 from eval.report.folder import read_run
 from eval.report.page import page
@@ -58,12 +69,20 @@ SPOILT = {
     "no encounters.parquet": lambda folder: (folder / "encounters.parquet").unlink(),
     "no summary.json": lambda folder: (folder / "summary.json").unlink(),
     "schema_version is 2": set_key("schema_version", 2),
-    "cannot be read as JSON": lambda folder: (folder / "summary.json").write_text('{"schema_version": 1'),
+    "cannot be read as JSON": lambda folder: (folder / "summary.json").write_text(
+        '{"schema_version": 1'
+    ),
     "policy_sha256 is '0000": set_key("policy_sha256", "0" * 64),
     "seed is 77": set_key("seed", 77),
-    "cannot be read as parquet": lambda folder: (folder / "encounters.parquet").write_bytes(b"PAR1"),
-    "has the schema 'none'": lambda folder: edit_table(folder, lambda table: table.replace_schema_metadata(None)),
-    "has no column bearing_deg": lambda folder: edit_table(folder, lambda table: table.drop_columns(["bearing_deg"])),
+    "cannot be read as parquet": lambda folder: (folder / "encounters.parquet").write_bytes(
+        b"PAR1"
+    ),
+    "has the schema 'none'": lambda folder: edit_table(
+        folder, lambda table: table.replace_schema_metadata(None)
+    ),
+    "has no column bearing_deg": lambda folder: edit_table(
+        folder, lambda table: table.drop_columns(["bearing_deg"])
+    ),
     "has 20 rows, expected 24": lambda folder: edit_table(folder, lambda table: table.slice(0, 20)),
     "seeed is unknown": lambda folder: (folder / "config.yaml").write_text("seeed: 1\n"),
     "initial_conditions.png: cannot be read": lambda folder: (folder / "config.yaml").write_text(
@@ -92,9 +111,15 @@ def test_what_is_no_whole_run_is_refused_with_a_sentence(sentence: str, copy: Pa
         (["nowhere", "--show", "1,two"], "expected numbers of encounters"),
     ],
 )
-def test_a_users_mistake_ends_with_status_2_and_one_line(arguments: list[str], sentence: str) -> None:
+def test_a_users_mistake_ends_with_status_2_and_one_line(
+    arguments: list[str], sentence: str
+) -> None:
     result = subprocess.run(
-        [sys.executable, "-m", "eval.report", *arguments], cwd=ROOT, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "eval.report", *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert result.returncode == 2
     assert result.stderr.startswith("error: ")
@@ -112,7 +137,9 @@ def test_another_policy_is_refused(copy: Path) -> None:
         report.main([str(copy), "--policy", str(ROOT / "agents" / "data" / "policy.safetensors")])
 
 
-def test_an_unwritable_target_fails_before_anything_is_flown(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unwritable_target_fails_before_anything_is_flown(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(**_: Any) -> Any:
         raise PermissionError(13, "Permission denied")
 
@@ -159,7 +186,14 @@ def unpacked(stored: dict[str, Any]) -> dict[str, np.ndarray]:
     whole = np.frombuffer(base64.b64decode(stored["packed"]), "<i2").astype(float)
     states, count = stored["steps"] + 1, stored["intruders"]
     witness = stored.get("witness", {}).get("points", 0)
-    sizes = (2 * states, 2 * states * count, stored["steps"], 2 * witness, stored["steps"], stored["steps"])
+    sizes = (
+        2 * states,
+        2 * states * count,
+        stored["steps"],
+        2 * witness,
+        stored["steps"],
+        stored["steps"],
+    )
     own, others, separation, also, turn, push = np.split(whole, np.cumsum(sizes)[:-1])
     scale = stored["scale"]
     return {
@@ -183,7 +217,10 @@ def test_a_packed_flight_is_the_flight_to_half_its_scale(
     steps: int, count: int, size: float, offset: float, seed: int
 ) -> None:
     draw = np.random.default_rng(seed).uniform
-    own, others = draw(-size, size, (2, steps + 1)) + offset, draw(-size, size, (count, 2, steps + 1)) + offset
+    own, others = (
+        draw(-size, size, (2, steps + 1)) + offset,
+        draw(-size, size, (count, 2, steps + 1)) + offset,
+    )
     way = draw(-size, size, (2, 5)) + offset
     witness = Witness(way, 60.0, 1_001.0)
     turn, push = draw(-0.09, 0.09, steps), draw(-1.0, 1.0, steps)
@@ -191,7 +228,8 @@ def test_a_packed_flight_is_the_flight_to_half_its_scale(
     flight = Replayed(7, track, push, turn, True, None, None, witness)
     stored = flight_data(flight)
     found, half = unpacked(stored), 0.5 * stored["scale"] + 1e-6
-    # The origin is not stored: what matters is where everybody is from each other and from the goal.
+    # The origin is not stored: what matters is where everybody is from each other and from the
+    # goal.
     shift = own[:, :1] - found["own"][:, :1]
     assert np.abs(shift - np.round(shift)).max() <= half + 0.5
     assert np.abs(found["own"] + shift - own).max() <= 2.0 * half
@@ -211,7 +249,10 @@ def run_of(kinds: list[str]) -> Any:
     return SimpleNamespace(kinds=np.array(kinds, dtype=object), table=table, rules=rules)
 
 
-@given(kinds=st.lists(st.sampled_from(list(MARKERS)), min_size=1, max_size=400), most=st.integers(0, 500))
+@given(
+    kinds=st.lists(st.sampled_from(list(MARKERS)), min_size=1, max_size=400),
+    most=st.integers(0, 500),
+)
 def test_failures_come_first_and_nobody_twice(kinds: list[str], most: int) -> None:
     run = run_of(kinds)
     chosen = choose(run, most, [0][:most])
@@ -240,7 +281,11 @@ def test_a_large_run_keeps_its_points_bounded_and_its_failures() -> None:
     assert set(range(0, 60_000, 100)) | set(range(500)) <= set(shown.tolist())
 
 
-@given(st.dictionaries(st.text(), st.text() | st.floats(allow_nan=False, allow_infinity=False) | st.none()))
+@given(
+    st.dictionaries(
+        st.text(), st.text() | st.floats(allow_nan=False, allow_infinity=False) | st.none()
+    )
+)
 def test_json_in_the_page_cannot_leave_its_element(data: dict[str, Any]) -> None:
     text = json_text({**data, "</script><!--<script>": "&lt;"})
     assert not set("<>&") & set(text)
@@ -249,10 +294,16 @@ def test_json_in_the_page_cannot_leave_its_element(data: dict[str, Any]) -> None
 
 
 def test_the_page_says_what_the_summary_says(report_run: Path, report_page: Path) -> None:
-    text, summary = report_page.read_text(encoding="utf-8"), json.loads((report_run / "summary.json").read_text())
+    text, summary = (
+        report_page.read_text(encoding="utf-8"),
+        json.loads((report_run / "summary.json").read_text()),
+    )
     rows = dict(re.findall(r'<tr><th scope="row">([^<]*)</th><td>([^<]*)</td>', text))
     assert rows["success of all encounters"] == f"{100 * summary['success_rate']['value']:.2f} %"
-    assert rows["risk ratio: violations with the resolver / without it"] == f"{summary['risk_ratio']:.4f}"
+    assert (
+        rows["risk ratio: violations with the resolver / without it"]
+        == f"{summary['risk_ratio']:.4f}"
+    )
     assert len(rows) == len(headline(summary, {}))
     violations = summary["violation_rate"]
     assert f"{violations['count']} of {violations['total']}" in text
@@ -261,7 +312,9 @@ def test_the_page_says_what_the_summary_says(report_run: Path, report_page: Path
     run = read_run(report_run)
     kinds = np.frombuffer(base64.b64decode(data["kind"]), np.uint8)
     assert [data["kinds"][code] for code in kinds] == run.kinds.tolist()
-    assert set(np.flatnonzero(run.kinds != "success")) <= {int(number) for number in data["flights"]}
+    assert set(np.flatnonzero(run.kinds != "success")) <= {
+        int(number) for number in data["flights"]
+    }
 
 
 def test_table_and_filter_count_the_unresolvable_alike(report_run: Path) -> None:
@@ -291,7 +344,9 @@ def test_the_page_holds_everything_and_asks_for_nothing(report_page: Path) -> No
     assert "default-src 'none'" in policy
     assert "unsafe-eval" not in policy
     scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
-    digests = [base64.b64encode(hashlib.sha256(code.encode()).digest()).decode() for code in scripts]
+    digests = [
+        base64.b64encode(hashlib.sha256(code.encode()).digest()).decode() for code in scripts
+    ]
     assert re.findall(r"'sha256-([^']*)'", policy) == digests
     data = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1]
     for code in (data, *scripts, re.search(r"<style>(.*?)</style>", text, re.DOTALL)[1]):
@@ -302,7 +357,9 @@ def test_the_page_holds_everything_and_asks_for_nothing(report_page: Path) -> No
 
 
 @pytest.mark.slow
-def test_the_same_run_gives_the_same_page(report_run: Path, report_page: Path, tmp_path: Path) -> None:
+def test_the_same_run_gives_the_same_page(
+    report_run: Path, report_page: Path, tmp_path: Path
+) -> None:
     again = Path(shutil.copytree(report_run, tmp_path / "again"))
     report.main([str(again), "--tracks", str(TRACKS)])
     assert (again / "report.html").read_bytes() == report_page.read_bytes()

@@ -1,4 +1,6 @@
-"""The report in a real browser: it replays what is clicked, obeys the keyboard, and needs no network."""
+"""The report in a real browser: it replays what is clicked, obeys the keyboard, and needs no
+network.
+"""
 
 import json
 import re
@@ -21,7 +23,9 @@ playwright = pytest.importorskip("playwright.sync_api", reason="playwright is no
 class Opened:
     """A page with what it asked for and what went wrong in it."""
 
-    def __init__(self, new_page: Any, path: Path, fragment: str = "", scheme: str = "light") -> None:
+    def __init__(
+        self, new_page: Any, path: Path, fragment: str = "", scheme: str = "light"
+    ) -> None:
         self.page = new_page(viewport={"width": 1280, "height": 900}, color_scheme=scheme)
         self.asked: list[str] = []
         self.wrong: list[str] = []
@@ -38,7 +42,9 @@ class Opened:
         return int(re.match(r"Encounter (\d+)", self.text("#chosen"))[1])
 
     def listed(self) -> list[str]:
-        return self.page.eval_on_selector_all("#list option", "options => options.map((o) => o.textContent)")
+        return self.page.eval_on_selector_all(
+            "#list option", "options => options.map((o) => o.textContent)"
+        )
 
     def paper(self) -> str:
         return self.page.evaluate("getComputedStyle(document.body).backgroundColor")
@@ -53,10 +59,14 @@ def opened(new_page: Any, report_page: Path) -> Iterator[Opened]:
 
 
 def stored(path: Path) -> dict[str, Any]:
-    return json.loads(re.search(r'id="data">(.*?)</script>', path.read_text(encoding="utf-8"), re.DOTALL)[1])
+    return json.loads(
+        re.search(r'id="data">(.*?)</script>', path.read_text(encoding="utf-8"), re.DOTALL)[1]
+    )
 
 
-def test_it_opens_on_a_flight_and_asks_for_nothing_but_itself(opened: Opened, report_page: Path) -> None:
+def test_it_opens_on_a_flight_and_asks_for_nothing_but_itself(
+    opened: Opened, report_page: Path
+) -> None:
     assert len(opened.listed()) == len(stored(report_page)["flights"]) == TRACKS
     assert opened.asked == [report_page.as_uri()]
     assert opened.page.eval_on_selector("#tracks canvas", "canvas => canvas.width > 100")
@@ -76,7 +86,9 @@ def test_a_click_on_a_point_of_either_plot_replays_that_encounter(opened: Opened
         opened.page.select_option("#order", "2")
         x, y, row = opened.page.evaluate(place, name)
         opened.page.click(f"#{name}", position={"x": x, "y": y})
-        assert opened.chosen() == row  # every encounter is a point here, so that the row is the number
+        assert (
+            opened.chosen() == row
+        )  # every encounter is a point here, so that the row is the number
 
 
 def test_the_filter_leaves_only_what_is_ticked(opened: Opened) -> None:
@@ -110,17 +122,33 @@ def test_the_keyboard_is_enough(opened: Opened) -> None:
     for _ in range(40):
         opened.page.keyboard.press("Tab")
         reached.add(opened.page.evaluate("document.activeElement.id"))
-    assert {"theme", "near", "tracked", "order", "list", "previous", "next", "goto", "play", "time", "speed"} <= reached
+    assert {
+        "theme",
+        "near",
+        "tracked",
+        "order",
+        "list",
+        "previous",
+        "next",
+        "goto",
+        "play",
+        "time",
+        "speed",
+    } <= reached
 
 
 def test_the_distance_shown_is_that_of_the_tracks(opened: Opened) -> None:
-    separation = float(re.search(r"· (\d+) m ·", opened.text("#chosen").removeprefix("Encounter"))[1])
+    separation = float(
+        re.search(r"· (\d+) m ·", opened.text("#chosen").removeprefix("Encounter"))[1]
+    )
     distance = float(re.search(r"distance (\d+) m", opened.text("#moment"))[1])
     # The replay begins at the second in which the closest approach was.
     assert abs(distance - separation) < 150.0
 
 
-def test_an_encounter_without_tracks_says_how_to_get_them(opened: Opened, report_page: Path) -> None:
+def test_an_encounter_without_tracks_says_how_to_get_them(
+    opened: Opened, report_page: Path
+) -> None:
     data = stored(report_page)
     number = next(number for number in range(data["count"]) if str(number) not in data["flights"])
     opened.page.fill("#goto", str(number))
@@ -180,16 +208,22 @@ def test_ten_thousand_encounters_are_one_page_of_15_mb_that_lists_its_flights(
 ) -> None:
     small, count = read_run(report_run), 10_000
     rows = np.arange(count) % len(small.kinds)
-    table = {name: values[rows] for name, values in small.table.items()} | {"encounter": np.arange(count)}
+    table = {name: values[rows] for name, values in small.table.items()} | {
+        "encounter": np.arange(count)
+    }
     # As dense as a real run, so that the points must all be drawn.
     table["bearing_deg"] = np.random.default_rng(0).uniform(-180.0, 180.0, count)
     config = small.config.model_copy(update={"encounters": count})
     run = small._replace(table=table, kinds=small.kinds[rows], config=config)
     known = stored(report_page)["flights"]
-    flights = {number: known[str(rows[number])] for number in range(count) if str(rows[number]) in known}
+    flights = {
+        number: known[str(rows[number])] for number in range(count) if str(rows[number]) in known
+    }
     flights = dict(list(flights.items())[:1_000])
     large = tmp_path / "report.html"
-    large.write_text(page(run, choose(run, 1_000), page_data(run, np.arange(count), flights), "a test"), "utf-8")
+    large.write_text(
+        page(run, choose(run, 1_000), page_data(run, np.arange(count), flights), "a test"), "utf-8"
+    )
     assert large.stat().st_size < 15_000_000
     opened = Opened(new_page, large)
     assert len(opened.listed()) == 1_000

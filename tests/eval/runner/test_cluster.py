@@ -1,4 +1,6 @@
-"""A real scheduler and real workers on the loopback: the same bits, whatever dies, one sentence for every mistake."""
+"""A real scheduler and real workers on the loopback: the same bits, whatever dies, one sentence for
+every mistake.
+"""
 
 import contextlib
 import importlib
@@ -36,12 +38,16 @@ class Processes:
     def __init__(self, folder: Path) -> None:
         self._folder, self._all = folder, list[subprocess.Popen[bytes]]()
         self._file = folder / "scheduler.json"
-        self.scheduler = self._start("scheduler", "--port", "0", "--scheduler-file", str(self._file), "--no-dashboard")
+        self.scheduler = self._start(
+            "scheduler", "--port", "0", "--scheduler-file", str(self._file), "--no-dashboard"
+        )
         wait_until(self._file.exists)
         self.address = json.loads(self._file.read_text(encoding="utf-8"))["address"]
 
     def worker(self, *options: str, **environment: str) -> subprocess.Popen[bytes]:
-        return self._start("worker", self.address, "--nthreads", "1", "--no-dashboard", *options, **environment)
+        return self._start(
+            "worker", self.address, "--nthreads", "1", "--no-dashboard", *options, **environment
+        )
 
     def _start(self, *arguments: str, **environment: str) -> subprocess.Popen[bytes]:
         with (self._folder / f"log_{len(self._all)}.txt").open("wb") as log:
@@ -73,7 +79,9 @@ def wait_until(true: Callable[[], bool], seconds: float = 1_200.0) -> None:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Processes]:
-    """A scheduler with two workers, none of which has the toolkit's folder as its working directory."""
+    """A scheduler with two workers, none of which has the toolkit's folder as its working
+    directory.
+    """
     processes = Processes(tmp_path_factory.mktemp("cluster"))
     try:
         for _ in range(2):
@@ -87,7 +95,10 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Processes]:
 def alone(tmp_path_factory: pytest.TempPathFactory, policy_path: Path) -> Path:
     """The folder of the same run in one process."""
     out = tmp_path_factory.mktemp("runs") / "alone"
-    assert monte_carlo.main(["--policy", str(policy_path), *RUN, "--workers", "1", "--out", str(out)]) == 0
+    assert (
+        monte_carlo.main(["--policy", str(policy_path), *RUN, "--workers", "1", "--out", str(out)])
+        == 0
+    )
     return out
 
 
@@ -108,9 +119,19 @@ def parts(out: Path) -> list[Path]:
     return list((out / "parts").glob("*.parquet"))
 
 
-def test_a_cluster_gives_the_bits_of_one_process(cluster: Processes, alone: Path, tmp_path: Path) -> None:
+def test_a_cluster_gives_the_bits_of_one_process(
+    cluster: Processes, alone: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "run"
-    process = start(out, "--config", str(alone / "config.yaml"), "--set", "chunk=13", "--scheduler", cluster.address)
+    process = start(
+        out,
+        "--config",
+        str(alone / "config.yaml"),
+        "--set",
+        "chunk=13",
+        "--scheduler",
+        cluster.address,
+    )
     _, errors = process.communicate(timeout=1_200)
     assert process.returncode == 0, errors
     assert "48 of 48 encounters" in errors
@@ -124,7 +145,15 @@ def test_a_driver_that_is_killed_leaves_its_chunks_and_a_free_cluster(
     cluster: Processes, alone: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "killed"
-    process = start(out, "--config", str(alone / "config.yaml"), "--set", "chunk=4", "--scheduler", cluster.address)
+    process = start(
+        out,
+        "--config",
+        str(alone / "config.yaml"),
+        "--set",
+        "chunk=4",
+        "--scheduler",
+        cluster.address,
+    )
     wait_until(lambda: len(parts(out)) >= 2 or process.poll() is not None)
     process.kill()
     process.communicate()
@@ -139,7 +168,9 @@ def test_a_driver_that_is_killed_leaves_its_chunks_and_a_free_cluster(
     from distributed import Client
 
     with Client(cluster.address, set_as_default=False) as client:
-        wait_until(lambda: not client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
+        wait_until(
+            lambda: not client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
+        )
 
 
 @pytest.mark.slow
@@ -147,7 +178,15 @@ def test_ctrl_c_keeps_what_is_flown_and_another_cluster_goes_on(
     cluster: Processes, alone: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "stopped"
-    process = start(out, "--config", str(alone / "config.yaml"), "--set", "chunk=4", "--scheduler", cluster.address)
+    process = start(
+        out,
+        "--config",
+        str(alone / "config.yaml"),
+        "--set",
+        "chunk=4",
+        "--scheduler",
+        cluster.address,
+    )
     wait_until(lambda: bool(parts(out)) or process.poll() is not None)
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=1_200)
@@ -161,16 +200,34 @@ def test_ctrl_c_keeps_what_is_flown_and_another_cluster_goes_on(
 
 
 @pytest.mark.slow
-def test_flights_of_the_true_aircraft_are_the_same_there(cluster: Processes, policy_path: Path, tmp_path: Path) -> None:
-    run = ("--vehicle", "point_mass", "--flights", "3", "--policy", str(policy_path), "--set", "figures=false")
+def test_flights_of_the_true_aircraft_are_the_same_there(
+    cluster: Processes, policy_path: Path, tmp_path: Path
+) -> None:
+    run = (
+        "--vehicle",
+        "point_mass",
+        "--flights",
+        "3",
+        "--policy",
+        str(policy_path),
+        "--set",
+        "figures=false",
+    )
     assert hifi.main([*run, "--workers", "1", "--out", str(tmp_path / "here")]) == 0
     there = tmp_path / "there"
-    assert hifi.main([*run, "--set", "chunk=1", "--scheduler", cluster.address, "--out", str(there)]) == 0
-    assert (there / "flights.parquet").read_bytes() == (tmp_path / "here" / "flights.parquet").read_bytes()
+    assert (
+        hifi.main([*run, "--set", "chunk=1", "--scheduler", cluster.address, "--out", str(there)])
+        == 0
+    )
+    assert (there / "flights.parquet").read_bytes() == (
+        tmp_path / "here" / "flights.parquet"
+    ).read_bytes()
 
 
 @pytest.mark.slow
-def test_an_encounter_that_cannot_be_drawn_is_the_user_s_affair(cluster: Processes, tmp_path: Path) -> None:
+def test_an_encounter_that_cannot_be_drawn_is_the_user_s_affair(
+    cluster: Processes, tmp_path: Path
+) -> None:
     impossible = ("--set", "changes.conflicts_closer_than=1e-9", "--set", "changes.attempts=1")
     out = tmp_path / "run"
     process = start(out, *RUN, *impossible, "--scheduler", cluster.address)
@@ -181,9 +238,19 @@ def test_an_encounter_that_cannot_be_drawn_is_the_user_s_affair(cluster: Process
 
 
 @pytest.mark.slow
-def test_a_disk_that_fills_ends_the_run_with_one_sentence(cluster: Processes, alone: Path, tmp_path: Path) -> None:
+def test_a_disk_that_fills_ends_the_run_with_one_sentence(
+    cluster: Processes, alone: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "full"
-    command = [sys.executable, "-m", "eval.monte_carlo", "--config", str(alone / "config.yaml"), "--out", str(out)]
+    command = [
+        sys.executable,
+        "-m",
+        "eval.monte_carlo",
+        "--config",
+        str(alone / "config.yaml"),
+        "--out",
+        str(out),
+    ]
     done = subprocess.run(
         # No file may grow beyond what the configuration takes, KiB, as on a disk that is full.
         ["bash", "-c", 'ulimit -f 6; exec "$@"', "-", *command, "--scheduler", cluster.address],
@@ -203,7 +270,10 @@ def test_a_disk_that_fills_ends_the_run_with_one_sentence(cluster: Processes, al
 @pytest.mark.slow
 def test_strangers_are_no_schedulers(cluster: Processes, tmp_path: Path) -> None:
     """One listens and keeps silent, one speaks another language, one is a worker."""
-    with socket.create_server(("127.0.0.1", 0)) as silent, socket.create_server(("127.0.0.1", 0)) as other:
+    with (
+        socket.create_server(("127.0.0.1", 0)) as silent,
+        socket.create_server(("127.0.0.1", 0)) as other,
+    ):
 
         def answer() -> None:
             connection, _ = other.accept()
@@ -221,7 +291,9 @@ def test_strangers_are_no_schedulers(cluster: Processes, tmp_path: Path) -> None
 
     with Client(cluster.address, set_as_default=False) as client:
         worker = next(iter(client.scheduler_info()["workers"]))
-    with pytest.raises(ConfigError, match="is the address of a Worker, expected that of a Dask scheduler"):
+    with pytest.raises(
+        ConfigError, match="is the address of a Worker, expected that of a Dask scheduler"
+    ):
         monte_carlo.main(["--scheduler", worker, "--out", str(tmp_path / "run")])
     assert not (tmp_path / "run").exists()
 
@@ -238,27 +310,44 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(policy_path: Path) -> 
     assert payload.work.policy is None
     assert payload.versions == {name: versions(name)[name] for name in ("rlcas-toolkit", "numpy")}
     other = replace(payload, name="other", versions={"numpy": "1.0"})
-    with pytest.raises(WorkerError, match=r"^a worker has numpy .* instead of 1.0; expected the same versions every"):
+    with pytest.raises(
+        WorkerError,
+        match=r"^a worker has numpy .* instead of 1.0; expected the same versions every",
+    ):
         fly(other, 0, 1)
     with pytest.raises(WorkerError, match=f"SHA-256 {policy.sha256}, expected 00"):
         fly(replace(payload, name="another", sha256="0" * 64), 0, 1)
-    with pytest.raises(PolicyFileError, match=f"has changed since it was loaded: its SHA-256 is {policy.sha256}"):
+    with pytest.raises(
+        PolicyFileError, match=f"has changed since it was loaded: its SHA-256 is {policy.sha256}"
+    ):
         packed("run", Task(Pilot, columns), evaluation, "0" * 64)
     with pytest.raises(PolicyFileError, match="cannot be read again: No such file"):
-        packed("run", Task(Pilot, columns), evaluation._replace(policy=policy_path.with_name("none")), policy.sha256)
+        packed(
+            "run",
+            Task(Pilot, columns),
+            evaluation._replace(policy=policy_path.with_name("none")),
+            policy.sha256,
+        )
 
 
 @pytest.mark.slow
 def test_other_versions_on_a_worker_are_refused(tmp_path: Path) -> None:
-    """The worker finds another version of numpy's metadata first, as if that were installed there."""
+    """The worker finds another version of numpy's metadata first, as if that were installed
+    there.
+    """
     metadata = tmp_path / "other" / "numpy-1.0.dist-info"
     metadata.mkdir(parents=True)
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 1.0\n", encoding="utf-8")
+    (metadata / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: numpy\nVersion: 1.0\n", encoding="utf-8"
+    )
     processes = Processes(tmp_path)
     try:
         processes.worker("--no-nanny", PYTHONPATH=str(tmp_path / "other"))
         here = versions("numpy")["numpy"]
-        with pytest.raises(ConfigError, match=f"has numpy 1.0 instead of {here}, expected the same versions everywher"):
+        with pytest.raises(
+            ConfigError,
+            match=f"has numpy 1.0 instead of {here}, expected the same versions everywher",
+        ):
             monte_carlo.main(["--scheduler", processes.address, "--out", str(tmp_path / "run")])
         assert not (tmp_path / "run").exists()
     finally:
@@ -272,25 +361,41 @@ def test_a_worker_that_is_killed_costs_its_chunks_time_alone(alone: Path, tmp_pa
     try:
         first, _ = (processes.worker("--no-nanny") for _ in range(2))
         process = start(
-            out, "--config", str(alone / "config.yaml"), "--set", "chunk=4", "--scheduler", processes.address
+            out,
+            "--config",
+            str(alone / "config.yaml"),
+            "--set",
+            "chunk=4",
+            "--scheduler",
+            processes.address,
         )
         wait_until(lambda: len(parts(out)) >= 2 or process.poll() is not None)
         first.kill()
         _, errors = process.communicate(timeout=1_200)
         assert process.returncode == 0, errors
-        assert (out / "encounters.parquet").read_bytes() == (alone / "encounters.parquet").read_bytes()
+        assert (out / "encounters.parquet").read_bytes() == (
+            alone / "encounters.parquet"
+        ).read_bytes()
     finally:
         processes.end()
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_is_killed_ends_the_run_with_one_sentence(alone: Path, tmp_path: Path) -> None:
+def test_a_scheduler_that_is_killed_ends_the_run_with_one_sentence(
+    alone: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "run"
     processes = Processes(tmp_path)
     try:
         processes.worker("--no-nanny")
         process = start(
-            out, "--config", str(alone / "config.yaml"), "--set", "chunk=4", "--scheduler", processes.address
+            out,
+            "--config",
+            str(alone / "config.yaml"),
+            "--set",
+            "chunk=4",
+            "--scheduler",
+            processes.address,
         )
         wait_until(lambda: bool(parts(out)) or process.poll() is not None)
         processes.scheduler.kill()
@@ -325,7 +430,9 @@ def columns(crew, first, count):
 
 
 @pytest.mark.slow
-def test_a_chunk_that_workers_die_of_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_chunk_that_workers_die_of_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from agents.policy.inference import Policy
     from eval.runner.cluster import connected
     from eval.runner.payload import DECISIVE, Chunk, Task, WorkerError
@@ -336,11 +443,17 @@ def test_a_chunk_that_workers_die_of_is_named(tmp_path: Path, monkeypatch: pytes
     processes = Processes(tmp_path)
     try:
         for _ in range(2):
-            processes.worker(PYTHONPATH=str(tmp_path))  # with a nanny, which starts another one each time
+            processes.worker(
+                PYTHONPATH=str(tmp_path)
+            )  # with a nanny, which starts another one each time
         chunks = [Chunk(first, 4) for first in range(0, 40, 4)]
         with connected(processes.address, DECISIVE) as cluster:
             run = cluster.fly(
-                Task(poison.prepare, poison.columns), poison.Work(None), Policy.load().sha256, chunks, lambda: False
+                Task(poison.prepare, poison.columns),
+                poison.Work(None),
+                Policy.load().sha256,
+                chunks,
+                lambda: False,
             )
             with pytest.raises(WorkerError, match=r"several workers have died that had encounters"):
                 list(run)

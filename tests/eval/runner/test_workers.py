@@ -1,4 +1,6 @@
-"""Workers fail loudly, stop when asked, and leave no process behind; a cluster that cannot serve is refused."""
+"""Workers fail loudly, stop when asked, and leave no process behind; a cluster that cannot serve is
+refused.
+"""
 
 import multiprocessing
 import os
@@ -33,7 +35,9 @@ def evaluation(policy_path: Path, scenario: str = "circle", **changes: float) ->
 def test_stopping_begins_no_further_chunk(workers: int, policy_path: Path) -> None:
     stopped: list[bool] = []
     finished = []
-    for chunk, table in fly_chunks(TASK, evaluation(policy_path), workers, CHUNKS, lambda: bool(stopped)):
+    for chunk, table in fly_chunks(
+        TASK, evaluation(policy_path), workers, CHUNKS, lambda: bool(stopped)
+    ):
         finished.append(chunk)
         assert table["encounter"].tolist() == list(range(chunk.first, chunk.first + chunk.size))
         stopped.append(True)
@@ -43,9 +47,13 @@ def test_stopping_begins_no_further_chunk(workers: int, policy_path: Path) -> No
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_an_encounter_that_cannot_be_drawn_is_the_user_s_affair(workers: int, policy_path: Path) -> None:
+def test_an_encounter_that_cannot_be_drawn_is_the_user_s_affair(
+    workers: int, policy_path: Path
+) -> None:
     impossible = evaluation(policy_path, conflicts_closer_than=1e-9, attempts=1)
-    with pytest.raises(EncounterError, match="does not meet the conditions of scenario 'circle' in 1 attempts"):
+    with pytest.raises(
+        EncounterError, match="does not meet the conditions of scenario 'circle' in 1 attempts"
+    ):
         list(fly_chunks(TASK, impossible, workers, CHUNKS, lambda: False))
     assert multiprocessing.active_children() == []
 
@@ -63,7 +71,9 @@ def test_a_worker_that_is_killed_ends_the_run(policy_path: Path) -> None:
 
 def test_a_failure_inside_a_worker_comes_with_its_traceback(policy_path: Path) -> None:
     broken = Task(Pilot, divmod)
-    with pytest.raises(WorkerError, match=r"Traceback[\s\S]*TypeError: divmod expected 2 arguments, got 3"):
+    with pytest.raises(
+        WorkerError, match=r"Traceback[\s\S]*TypeError: divmod expected 2 arguments, got 3"
+    ):
         list(fly_chunks(broken, evaluation(policy_path), 2, CHUNKS, lambda: False))
 
 
@@ -74,7 +84,9 @@ def test_a_failure_inside_a_worker_comes_with_its_traceback(policy_path: Path) -
         ("tcp://node7", "'tcp://node7' is no address"),
         ("http://node7:80", "is no address"),
         ("tcp://node7:99999", "is no address"),
-        pytest.param("tcp://127.0.0.1:1", "no Dask scheduler answers within 5 s", marks=pytest.mark.slow),
+        pytest.param(
+            "tcp://127.0.0.1:1", "no Dask scheduler answers within 5 s", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_wrong_addresses_are_refused(address: str, sentence: str, tmp_path: Path) -> None:
@@ -89,7 +101,9 @@ def test_workers_and_scheduler_exclude_each_other() -> None:
         monte_carlo.main(["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"])
 
 
-def test_a_disk_without_room_is_refused_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_without_room_is_refused_before_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = tmp_path / "deep" / "run"
     asked = []
 
@@ -98,15 +112,25 @@ def test_a_disk_without_room_is_refused_before_the_run(tmp_path: Path, monkeypat
         return SimpleNamespace(free=3_000_000, total=9_000_000)
 
     monkeypatch.setattr(shutil, "disk_usage", usage)
-    with pytest.raises(ConfigError, match=rf"--out {out}: 3.0 MB are free there, expected about 5.5 MB for 10000 rows"):
+    with pytest.raises(
+        ConfigError,
+        match=rf"--out {out}: 3.0 MB are free there, expected about 5.5 MB for 10000 rows",
+    ):
         monte_carlo.main(["--workers", "1", "--set", "backend=numpy", "--out", str(out)])
     assert asked == [tmp_path]
     assert not out.parent.exists()
 
 
 def test_nothing_of_dask_is_loaded_without_a_scheduler() -> None:
-    program = "import sys, eval.monte_carlo.run as m, eval.hifi.run\ntry: m.main(['--help'])\nexcept SystemExit: pass\n"
-    program += "print(sorted({'distributed', 'dask', 'tornado'} & set(sys.modules)), file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    program = (
+        "import sys, eval.monte_carlo.run as m, eval.hifi.run\ntry: "
+        "m.main(['--help'])\nexcept SystemExit: pass\n"
+    )
+    program += (
+        "print(sorted({'distributed', 'dask', 'tornado'} & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert done.stderr.strip() == "[]"
     assert "--scheduler ADDRESS" in done.stdout

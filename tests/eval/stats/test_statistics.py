@@ -51,9 +51,13 @@ def test_the_paper_s_98_percent_of_ten_thousand() -> None:
 
 
 @given(st.integers(1, 60), st.floats(0.01, 0.99), st.sampled_from([0.8, 0.95, 0.99]))
-def test_coverage_is_never_below_what_is_stated(total: int, share: float, confidence: float) -> None:
+def test_coverage_is_never_below_what_is_stated(
+    total: int, share: float, confidence: float
+) -> None:
     ends = [clopper_pearson(count, total, confidence) for count in range(total + 1)]
-    covered = sum(binom.pmf(k, total, share) for k, (low, high) in enumerate(ends) if low <= share <= high)
+    covered = sum(
+        binom.pmf(k, total, share) for k, (low, high) in enumerate(ends) if low <= share <= high
+    )
     assert covered >= confidence - 1e-9
 
 
@@ -74,7 +78,8 @@ def test_interval_holds_the_share_is_symmetric_and_shrinks(counted: tuple[int, i
 
 
 @pytest.mark.parametrize(
-    ("count", "total", "confidence"), [(-1, 5, 0.95), (6, 5, 0.95), (1, 5, 0.0), (1, 5, 1.0), (0, -1, 0.95)]
+    ("count", "total", "confidence"),
+    [(-1, 5, 0.95), (6, 5, 0.95), (1, 5, 0.0), (1, 5, 1.0), (0, -1, 0.95)],
 )
 def test_arguments_out_of_range_are_refused(count: int, total: int, confidence: float) -> None:
     with pytest.raises(ValueError, match="is outside"):
@@ -115,17 +120,19 @@ def test_counts_are_resampled_like_values() -> None:
     rng = np.random.default_rng(0)
     brute = np.array([rng.choice(values, len(values)).mean() for _ in range(4_000)])
     found = mean_interval(values, 0.9, 4_000)
-    assert (found.low, found.high) == pytest.approx(tuple(np.quantile(brute, [0.05, 0.95])), abs=0.05)
+    assert (found.low, found.high) == pytest.approx(
+        tuple(np.quantile(brute, [0.05, 0.95])), abs=0.05
+    )
 
 
 # Statistics of pairs against published examples, their own symmetry, and exact coverage.
 
 # Each cell counts (both, first only, second only, neither).
-# M. W. Fagerland, S. Lydersen, P. Laake, Statistics in Medicine 33 (2014) 2850, airway hyper-responsiveness of 21
-# children before and after a transplantation (Bentur et al. 2009).
+# M. W. Fagerland, S. Lydersen, P. Laake, Statistics in Medicine 33 (2014) 2850, airway
+# hyper-responsiveness of 21 children before and after a transplantation (Bentur et al. 2009).
 AIRWAY = Pairs(1, 1, 7, 12)
-# The same authors, "Statistical Analysis of Contingency Tables" (2017), chapter 8, complete response before and after
-# consolidation therapy (Cavo et al. 2012).
+# The same authors, "Statistical Analysis of Contingency Tables" (2017), chapter 8, complete
+# response before and after consolidation therapy (Cavo et al. 2012).
 RESPONSE = Pairs(59, 6, 16, 80)
 
 
@@ -138,7 +145,9 @@ RESPONSE = Pairs(59, 6, 16, 80)
         (Pairs(0, 25, 28, 565), 0.90, -0.0148, 0.0247, 4),
     ],
 )
-def test_published_paired_intervals(counts: Pairs, confidence: float, low: float, high: float, digits: int) -> None:
+def test_published_paired_intervals(
+    counts: Pairs, confidence: float, low: float, high: float, digits: int
+) -> None:
     found = tango(counts, confidence)
     assert (round(found.low, digits), round(found.high, digits)) == (low, high)
     assert found.value == (counts.second_only - counts.first_only) / sum(counts)
@@ -149,7 +158,8 @@ def test_published_paired_intervals(counts: Pairs, confidence: float, low: float
     [
         (AIRWAY, 0.0703),
         (RESPONSE, 0.0525),
-        # P. Armitage, G. Berry, "Statistical Methods in Medical Research" (1994), p. 127: two culture media
+        # P. Armitage, G. Berry, "Statistical Methods in Medical Research" (1994), p. 127: two
+        # culture media
         (Pairs(20, 12, 2, 16), 0.0129),
         (Pairs(5, 0, 0, 5), 1.0),
         (Pairs(5, 3, 3, 5), 1.0),
@@ -163,7 +173,9 @@ cells = st.integers(0, 60)
 
 
 @given(cells, cells, cells, cells, st.floats(0.5, 0.999))
-def test_exchange_of_the_two_mirrors_everything(both: int, one: int, two: int, none: int, confidence: float) -> None:
+def test_exchange_of_the_two_mirrors_everything(
+    both: int, one: int, two: int, none: int, confidence: float
+) -> None:
     counts = Pairs(both, one, two, none)
     if not sum(counts):
         return
@@ -177,7 +189,9 @@ def test_exchange_of_the_two_mirrors_everything(both: int, one: int, two: int, n
 
 
 @given(cells, cells, st.integers(1, 60))
-def test_the_interval_is_one_with_the_score_test_of_no_difference(one: int, two: int, same: int) -> None:
+def test_the_interval_is_one_with_the_score_test_of_no_difference(
+    one: int, two: int, same: int
+) -> None:
     # At a difference of 0 the score statistic is McNemar's, (c - b) / sqrt(b + c).
     found = tango(Pairs(same, one, two, 0))
     statistic = abs(two - one) / math.sqrt(max(one + two, 1))
@@ -226,9 +240,25 @@ def seen(x, y, vx, vy) -> Relative:
 
 def test_the_standards_volumes() -> None:
     en_route = VOLUMES["do365_en_route"]
-    assert (en_route.horizontal, en_route.vertical, en_route.tau) == (0.66 * NAUTICAL_MILE, 450 * FOOT, 35.0)
-    assert [round(volume.horizontal / FOOT) for volume in VOLUMES.values()] == [500, 4010, 1500, 2200, 2000]
-    assert [round(volume.vertical / FOOT) for volume in VOLUMES.values()] == [100, 450, 450, 450, 250]
+    assert (en_route.horizontal, en_route.vertical, en_route.tau) == (
+        0.66 * NAUTICAL_MILE,
+        450 * FOOT,
+        35.0,
+    )
+    assert [round(volume.horizontal / FOOT) for volume in VOLUMES.values()] == [
+        500,
+        4010,
+        1500,
+        2200,
+        2000,
+    ]
+    assert [round(volume.vertical / FOOT) for volume in VOLUMES.values()] == [
+        100,
+        450,
+        450,
+        450,
+        250,
+    ]
 
 
 def test_modified_tau_by_hand() -> None:
@@ -254,7 +284,10 @@ def test_a_loss_is_what_the_standard_defines(x, y, vx, vy, name) -> None:
     miss = math.hypot(x + vx * cpa, y + vy * cpa)
     tau = (apart**2 - volume.horizontal**2) / -closing if closing < 0.0 else math.inf
     assume(
-        all(abs(a - b) > 1e-6 for a, b in ((apart, volume.horizontal), (miss, volume.horizontal), (tau, volume.tau)))
+        all(
+            abs(a - b) > 1e-6
+            for a, b in ((apart, volume.horizontal), (miss, volume.horizontal), (tau, volume.tau))
+        )
     )
     expected = apart <= volume.horizontal or (tau <= volume.tau and miss <= volume.horizontal)
     assert lost(volume, seen(x, y, vx, vy))[0] == expected
@@ -293,7 +326,9 @@ def test_published_risk_ratios() -> None:
         assert found.effective < found.total
 
 
-flags = st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(0, 5)), min_size=1, max_size=40)
+flags = st.lists(
+    st.tuples(st.booleans(), st.booleans(), st.integers(0, 5)), min_size=1, max_size=40
+)
 
 
 @given(flags, st.floats(0.01, 100.0))
@@ -361,7 +396,9 @@ def test_costs_and_losses_of_flights() -> None:
     for name, volume in VOLUMES.items():
         there = losses(volume, paths, starts.mask)
         if volume.tau == 0.0:
-            np.testing.assert_array_equal(there, flights.min_separation < volume.horizontal, err_msg=name)
+            np.testing.assert_array_equal(
+                there, flights.min_separation < volume.horizontal, err_msg=name
+            )
         else:
             assert (there | (flights.min_separation >= volume.horizontal)).all()
         absent = losses(volume, paths, np.zeros_like(starts.mask))
@@ -377,5 +414,9 @@ def test_a_ratio_by_hand() -> None:
     same = ratio(without, without)
     assert (same.value, same.low, same.high) == (1.0, 1.0, 1.0)
     none = ratio(np.zeros(100, bool), without)
-    assert (none.value, none.low, none.high) == (0.0, 0.0, pytest.approx(clopper_pearson(0, 100)[1] / 0.4))
+    assert (none.value, none.low, none.high) == (
+        0.0,
+        0.0,
+        pytest.approx(clopper_pearson(0, 100)[1] / 0.4),
+    )
     assert np.isnan(ratio(without, np.zeros(100, bool)).value)
