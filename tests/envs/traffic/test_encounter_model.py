@@ -1,6 +1,4 @@
-"""Encounter models: read as the form says, refused where malformed, sampled as their tables say,
-met as documented.
-"""
+"""Encounter models: read as the form says, refused where malformed, sampled as their tables say, met as documented."""
 
 import math
 from dataclasses import replace
@@ -25,14 +23,42 @@ from envs.traffic.track_units import KNOT
 from tests.support import recorded
 
 SMALL = """\
-# labels_initial "G", "v", "\\dot v", "\\dot h", "\\dot \\psi" # G_initial 0 1 0 0 0 0 0 1 0 0 0 0
-0 1 1 0 0 0 0 0 0 0 0 0 0 # r_initial 2 2 3 2 3 # N_initial 30 70 10 90 60 40 1 8 1 2 6 2 5 5 6 4
-5 5 1 2 7 3 3 4 2 8 0 # labels_transition "G", "v", "\\dot v(t)", "\\dot h(t)", "\\dot \\psi(t)",
-"\\dot v(t+1)", "\\dot h(t+1)", "\\dot \\psi(t+1)" # G_transition 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0
-0 0 0 0 0 1 0 0 0 0 0 0 0 0 1 0 0 0 0 0 0 0 0 1 0 0 0 0 0 0 1 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 #
-r_transition 2 2 3 2 3 3 2 3 # N_transition 9 1 0 1 98 1 0 1 9 9 1 2 8 5 5 1 9 3 7 0 0 8 2 0 1 98
-1 0 0 0 # boundaries * 100 150 200 -2 -0.5 0.5 2 -500 0 500 -6 -1 1 6 # resample_rates 0 0 0.2 0.1
-0.3"""
+# labels_initial
+"G", "v", "\\dot v", "\\dot h", "\\dot \\psi"
+# G_initial
+0 1 0 0 0
+0 0 1 0 0
+0 0 0 1 1
+0 0 0 0 0
+0 0 0 0 0
+# r_initial
+2 2 3 2 3
+# N_initial
+30 70 10 90 60 40 1 8 1 2 6 2 5 5 6 4 5 5 1 2 7 3 3 4 2 8 0
+# labels_transition
+"G", "v", "\\dot v(t)", "\\dot h(t)", "\\dot \\psi(t)", "\\dot v(t+1)", "\\dot h(t+1)", "\\dot \\psi(t+1)"
+# G_transition
+0 0 0 0 0 0 0 0
+0 0 0 0 0 0 0 0
+0 0 0 0 0 1 0 0
+0 0 0 0 0 0 1 0
+0 0 0 0 0 0 0 1
+0 0 0 0 0 0 1 0
+0 0 0 0 0 0 0 0
+0 0 0 0 0 0 0 0
+# r_transition
+2 2 3 2 3 3 2 3
+# N_transition
+9 1 0 1 98 1 0 1 9 9 1 2 8 5 5 1 9 3 7 0 0 8 2 0 1 98 1 0 0 0
+# boundaries
+*
+100 150 200
+-2 -0.5 0.5 2
+-500 0 500
+-6 -1 1 6
+# resample_rates
+0 0 0.2 0.1 0.3
+"""
 
 
 def written(tmp_path: Path, text: str = SMALL) -> Path:
@@ -65,8 +91,7 @@ def test_the_public_models_are_consistent() -> None:
     for path in sorted(recorded("encounter_models").glob("uncor_*.txt")):
         model = read_model(path)
         first, second = model.initial[:2]
-        # A child's counts, summed over its bins, are the counts of its parents' bins: the columns
-        # are in order.
+        # A child's counts, summed over its bins, are the counts of its parents' bins: the columns are in order.
         np.testing.assert_array_equal(second.counts.sum(axis=1), first.counts[0])
         third = model.initial[2].counts.sum(axis=1).reshape(second.bins, first.bins)
         np.testing.assert_array_equal(third, second.counts.T)
@@ -281,8 +306,7 @@ def test_every_encounter_meets_its_conditions(traffic: ModelTraffic) -> None:
     assert off_arcs(recording, found.mask, 1.0).max() < 0.75
     start = np.hypot(recording.x[:, 0, 0] - found.own.x, recording.y[:, 0, 0] - found.own.y)
     assert start.min() >= 1_000.0
-    # Without a resolver, on a fine grid: the closest approach is below the miss distance and inside
-    # the window.
+    # Without a resolver, on a fine grid: the closest approach is below the miss distance and inside the window.
     times = np.arange(0, 221)
     gap = np.hypot(
         recording.x[:, 0, :221] - (found.own.speed * np.cos(found.own.heading))[:, None] * times,
@@ -312,9 +336,7 @@ def straight(speed_kt: float) -> EncounterModel:
 
 
 def test_weights_make_the_traffic_even() -> None:
-    """Against the definition: intruders thrown evenly over the plane, and kept where they meet the
-    conditions.
-    """
+    """Against the definition: intruders thrown evenly over the plane, and kept where they meet the conditions."""
     knots, seed, size = 120.0, 11, 1_500
     traffic = family(straight(knots), own_speed=(60.0, 60.0), cpa_time=(60.0, 120.0))
     found, weights = encounters_with(traffic, seed, 0, size)
@@ -342,9 +364,7 @@ def _relative_course(own: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def test_the_weight_is_the_area_that_the_closest_approach_sweeps(traffic: ModelTraffic) -> None:
-    """By differences: shifting an intruder by a small vector moves time and miss of its closest
-    approach.
-    """
+    """By differences: shifting an intruder by a small vector moves time and miss of its closest approach."""
     found, weights = encounters_with(traffic, 3, 0, 14)
     recording = VehicleState(*(field[:, 0] for field in recording_of(found)))
 
