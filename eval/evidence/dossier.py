@@ -32,7 +32,7 @@ _WORTH = {"failed": "not met", "not run": "open", "skipped": "open"}
 _FEW = 4  # tests of a file that are named one by one
 _CELLS = {
     "claimed": "{claim}",
-    "kept": "{kept}",
+    "met": "{met}",
     "found": "{found}",
     "success": "{success_given_resolvable}",
 }
@@ -284,11 +284,11 @@ def _found(name: str, listed: Evidence, results: Mapping[str, Any]) -> list[str]
     entry = listed.results[name]
     if name not in results:
         return [escape(entry.title.replace("`", "")), f"0 of {entry.n}", "", "", "not measured", ""]
-    title, claimed, kept, found, success, origin = map(
+    title, claimed, met, found, success, origin = map(
         escape, row_of(entry, results[name], _CELLS | {"of": "{commit}, {machine}"})
     )
     size, found = f"{results[name]['n']} of {entry.n}", success if found == "-" else found
-    return [title.replace("`", ""), size, claimed, kept, found, origin]
+    return [title.replace("`", ""), size, claimed, met, found, origin]
 
 
 def _reasons(
@@ -304,12 +304,12 @@ def _reasons(
         f"{_WORTH[outcome]}: {one}: {n} {outcome}" for (outcome, one), n in Counter(bad).items()
     ]
     for name in item.results:
-        _, size, _, kept, found, _ = _found(name, listed, results)
+        _, size, _, met, found, _ = _found(name, listed, results)
         few = name not in results or results[name]["n"] < listed.results[name].n
-        said += [f"not met: {name}: {found}"] if kept == "no" else []
+        said += [f"not met: {name}: {found}"] if met == "no" else []
         said += (
-            [f"open: {name}: {size}{', undecided' * (kept == 'open')}"]
-            if kept == "open" or few
+            [f"open: {name}: {size}{', undecided' * (met == 'undecided')}"]
+            if met == "undecided" or few
             else []
         )
     return sorted(map(_broken, said)) or ["shown"]

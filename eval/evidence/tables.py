@@ -103,9 +103,11 @@ def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) 
         rate: dict[str, Any] = (
             value if isinstance(value, dict) else dict.fromkeys(("value", "low", "high"), value)
         )
-        likely, best = rate["value"], rate["high" if sign == ">=" else "low"]
-        kept = [one >= bound if sign == ">=" else one <= bound for one in (likely, best)]
-        figures["kept"] = "yes" if kept[0] else "open" if kept[1] else "no"
+        best = rate["high" if sign == ">=" else "low"]
+        if _meets(rate["value"], sign, bound):
+            figures["met"] = "yes"
+        else:
+            figures["met"] = "undecided" if _meets(best, sign, bound) else "no"
         figures["claim"] = (
             f"{sign} {_percent(bound, 0)} %"
             if rate is value
@@ -113,6 +115,10 @@ def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) 
         )
         figures["found"] = value
     return [entry.title, *(_cell(cell, figures) for cell in columns.values())]
+
+
+def _meets(value: float, sign: str, bound: float) -> bool:
+    return value >= bound if sign == ">=" else value <= bound
 
 
 def _cell(cell: str, figures: Mapping[str, Any]) -> str:
