@@ -37,6 +37,8 @@ class Aircraft(NamedTuple):
     traffic_speed_max: Any  # greatest speed of the traffic, m/s
     dt: Any  # time step of decisions, s
     t_max: Any  # duration after which the route counts as missed, s; a whole number of steps
+    # What the vehicle itself can do, where decisions are more conservative; None: the limits.
+    vehicle: Limits | None = None
 
     @property
     def time_unit(self) -> Any:
@@ -46,6 +48,11 @@ class Aircraft(NamedTuple):
     def rules(self) -> Rules:
         """Return the rules of an encounter, with the paper's rewards."""
         return Rules(self.dt, self.t_max, self.separation, self.goal_radius)
+
+    @property
+    def vehicle_limits(self) -> Limits:
+        """What the vehicle itself can do: legs of plans obey it."""
+        return self.limits if self.vehicle is None else self.vehicle
 
 
 class Ratios(NamedTuple):
@@ -78,6 +85,7 @@ def new_aircraft(
     traffic_speed_max: float | None = None,
     dt: float | None = None,
     t_max: float | None = None,
+    vehicle: Limits | None = None,
 ) -> Aircraft:
     """Return an aircraft; what is not given follows from its limits and its separation.
 
@@ -88,24 +96,21 @@ def new_aircraft(
         traffic_speed_max: m/s; 1.5 ``speed_max``.
         dt: s; a tenth of the time unit, of two digits.
         t_max: s; 300 time steps.
+        vehicle: what the vehicle itself can do, where decisions are more conservative; the limits.
 
     Raises:
         AircraftError: a number is not finite or out of range, or two contradict each other.
     """
-    limits = Limits(*map(float, limits))
-    slow, fast, most = limits.speed_min, limits.speed_max, FASTEST.speed_max
-    if not 0.0 <= slow < fast <= most:
-        raise AircraftError(
-            f"speed_min, speed_max are {slow:g}, {fast:g} m/s; expected 0 <= min < max <= {most:g}"
-        )
-    for name, low, value, high in (
-        ("acceleration_min", FASTEST.acceleration_min, limits.acceleration_min, -1e-4),
-        ("acceleration_max", 1e-4, limits.acceleration_max, FASTEST.acceleration_max),
-        ("yaw_rate_max", 1e-4, limits.yaw_rate_max, FASTEST.yaw_rate_max),
-        ("separation", 1.0, separation, 1e6),
-    ):
-        if not low <= value <= high:
-            raise AircraftError(f"{name} is {value:g}; expected {low:g} to {high:g}")
+    limits = _checked_limits("", limits)
+    if vehicle is not None:
+        vehicle = _checked_limits("vehicle: ", vehicle)
+        if max(limits.speed_min, vehicle.speed_min) >= min(limits.speed_max, vehicle.speed_max):
+            raise AircraftError(
+                f"vehicle: flies {vehicle.speed_min:g} to {vehicle.speed_max:g} m/s; expected "
+                f"speeds in common with {limits.speed_min:g} to {limits.speed_max:g} m/s"
+            )
+    if not 1.0 <= separation <= 1e6:
+        raise AircraftError(f"separation is {separation:g}; expected 1 to 1e+06")
     given = Aircraft(
         limits,
         float(separation),
@@ -113,10 +118,11 @@ def new_aircraft(
         _TRAFFIC * limits.speed_max if traffic_speed_max is None else float(traffic_speed_max),
         float(f"{0.1 * separation / limits.speed_max:.1e}") if dt is None else float(dt),
         0.0,
+        vehicle,
     )
     given = given._replace(t_max=_STEPS * given.dt if t_max is None else float(t_max))
     for name, value in given._asdict().items():
-        if name != "limits" and not (math.isfinite(value) and value > 0.0):
+        if name not in ("limits", "vehicle") and not (math.isfinite(value) and value > 0.0):
             raise AircraftError(f"{name} is {value:g}; expected a finite number above 0")
     if given.goal_radius > given.separation:
         expected = f"at most the separation, {given.separation:g} m"
@@ -134,5 +140,30 @@ def new_aircraft(
     return given
 
 
-PAPER = new_aircraft(Limits(50.0, 100.0, -0.5, 0.5, math.radians(3.0)), 1_000.0)
-"""The paper's aircraft and task (its tables of limits, simulation parameters and reward)."""
+def _checked_limits(where: str, limits: Limits) -> Limits:
+    """Return limits as floats, or raise :class:`AircraftError` with the place before the name."""
+    limits = Limits(*map(float, limits))
+    slow, fast, most = limits.speed_min, limits.speed_max, FASTEST.speed_max
+    if not 0.0 <= slow < fast <= most:
+        raise AircraftError(
+            f"{where}speed_min, speed_max are {slow:g}, {fast:g} m/s; expected "
+            f"0 <= min < max <= {most:g}"
+        )
+    for name, low, value, high in (
+        ("acceleration_min", FASTEST.acceleration_min, limits.acceleration_min, -1e-4),
+        ("acceleration_max", 1e-4, limits.acceleration_max, FASTEST.acceleration_max),
+        ("yaw_rate_max", 1e-4, limits.yaw_rate_max, FASTEST.yaw_rate_max),
+    ):
+        if not low <= value <= high:
+            raise AircraftError(f"{where}{name} is {value:g}; expected {low:g} to {high:g}")
+    return limits
+
+
+PAPER = new_aircraft(
+    Limits(50.0, 100.0, -0.5, 0.5, math.radians(3.0)),
+    1_000.0,
+    vehicle=Limits(31.0, 100.0, -0.8, 0.5, math.radians(5.0)),
+)
+"""The paper's aircraft and task (its tables of limits, simulation parameters and reward), with the
+true vehicle that its conservative limits leave a reserve to.
+"""

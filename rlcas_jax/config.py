@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from agents.config.load import ConfigError, Strict, validated
-from agents.config.world import AircraftConfig, ScenarioConfig
+from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig
 from envs.aircraft import PAPER
 from envs.encounters import Scenario
 from envs.outcome import Rules
@@ -226,7 +226,7 @@ class TrainConfig(Strict):
     the optimiser's state (a path as seen from the working directory). Or a policy file: training
     begins with its actor and a fresh critic. null: with fresh networks."""
     aircraft: AircraftConfig = Field(
-        default=AircraftConfig(),
+        default=PAPER_AIRCRAFT,
         json_schema_extra={
             "expected": "the path of a YAML file, a name that ships, or a group of keys"
         },

@@ -100,6 +100,14 @@ class AircraftConfig(VehicleConfig):
     """Time after which the goal counts as missed, s, a whole number of time steps; null: 300 of
     them.
     """
+    vehicle: VehicleConfig | None = Field(
+        default=None,
+        json_schema_extra={
+            "expected": "null, the path of a YAML file, a name that ships, or a group of keys"
+        },
+    )
+    """What the vehicle itself can do, where decisions keep to more conservative limits: legs of
+    plans obey it. null: the limits above, which no plan called SAFE exceeds."""
 
     @model_validator(mode="after")
     def _check(self) -> "AircraftConfig":
@@ -115,7 +123,30 @@ class AircraftConfig(VehicleConfig):
             traffic_speed_max=self.traffic_speed_max_mps,
             dt=self.dt_s,
             t_max=self.t_max_s,
+            vehicle=None if self.vehicle is None else self.vehicle.limits(),
         )
+
+
+def _paper_aircraft() -> AircraftConfig:
+    """Return the paper's aircraft, which has a vehicle of its own."""
+    vehicle = PAPER.vehicle_limits
+    return AircraftConfig(
+        goal_radius_m=PAPER.goal_radius,
+        traffic_speed_max_mps=PAPER.traffic_speed_max,
+        dt_s=PAPER.dt,
+        t_max_s=PAPER.t_max,
+        vehicle=VehicleConfig(
+            speed_min_mps=vehicle.speed_min,
+            speed_max_mps=vehicle.speed_max,
+            acceleration_min_mps2=vehicle.acceleration_min,
+            acceleration_max_mps2=vehicle.acceleration_max,
+            yaw_rate_max_deg_s=_degrees(vehicle.yaw_rate_max),
+        ),
+    )
+
+
+PAPER_AIRCRAFT = _paper_aircraft()
+"""The paper's aircraft, where a configuration names none."""
 
 
 _Range = tuple[float, float]

@@ -48,19 +48,6 @@ def default_margin(aircraft: Aircraft) -> float:
     return _MARGIN * aircraft.separation * agility(aircraft)
 
 
-def vehicle_limits(limits: Limits) -> Limits:
-    """Return what the vehicle itself can do where only the limits of decisions are known: the
-    paper's reserve.
-    """
-    return Limits(
-        0.62 * limits.speed_min,
-        limits.speed_max,
-        1.6 * limits.acceleration_min,
-        limits.acceleration_max,
-        5.0 * (limits.yaw_rate_max / 3.0),
-    )
-
-
 def comfort_limits(decisions: Limits, vehicle: Limits) -> Limits:
     """Return limits of manoeuvres that leave the legs a reserve: smoothing between waypoints takes
     more than was flown.
@@ -134,10 +121,10 @@ class Options:
     ) -> "Options":
         """Return the usual options for an aircraft, but for some changes.
 
-        The legs obey the vehicle; None: the aircraft's limits with the paper's reserve. Raises a
+        The legs obey the vehicle; None: what the aircraft states of its vehicle. Raises a
         ValueError if the two have no speeds in common.
         """
-        limits = vehicle_limits(aircraft.limits) if vehicle is None else vehicle
+        limits = aircraft.vehicle_limits if vehicle is None else vehicle
         usual: dict[str, Any] = {
             "requirement": Requirement(aircraft.separation, default_margin(aircraft)),
             "limits": limits,
@@ -221,7 +208,7 @@ def check(options: Options) -> None:
             raise RequestError(f"options.{name}", f"is {shown(value)}, expected {expected}")
     numbers = options.aircraft.limits._asdict() | options.aircraft._asdict()
     for name, value in numbers.items():
-        if name != "limits":
+        if name not in ("limits", "vehicle"):
             real(f"options.aircraft.{name}", value, -math.inf, math.inf, "")
     try:
         new_aircraft(**options.aircraft._asdict())

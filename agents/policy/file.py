@@ -107,9 +107,13 @@ class PolicyFile:
         """The aircraft that the policy was trained for; of schema 1 with the paper's separation and
         traffic.
         """
-        if not self.of_set:
-            return PAPER._replace(limits=self.limits)
-        return Aircraft(self.limits, **self.metadata["task"])
+        # A file states no vehicle, but that of the paper's aircraft is known.
+        paper = PAPER._replace(vehicle=None)
+        if self.of_set:
+            stated = Aircraft(self.limits, **self.metadata["task"])
+        else:
+            stated = paper._replace(limits=self.limits)
+        return PAPER if stated == paper else stated
 
     @property
     def limits(self) -> Limits:

@@ -244,9 +244,7 @@ class RLCAS(_Resolution):
                 RoutePoint(100 + i, point.real, point.imag)
                 for i, point in enumerate((goal, 2.0 * goal))
             ]
-            options = Options.for_aircraft(
-                policy.aircraft, policy.limits, extend_route=True, **_SEARCH
-            )
+            options = Options.for_aircraft(policy.aircraft, extend_route=True, **_SEARCH)
             try:
                 answer = plan(own, traffic, route, policy, options)
             except RequestError as problem:

@@ -11,6 +11,8 @@ from envs.aircraft import Aircraft, new_aircraft
 from envs.edge.command import ConfigError
 from envs.kinematics import Limits
 
+_TASK = ("separation", "goal_radius", "traffic_speed_max", "dt", "t_max")
+
 
 def described(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
     """Return what a summary says of the aircraft as flown, and of the policy's (None: policies of
@@ -33,13 +35,18 @@ def described(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
 def aircraft_of(summary: Mapping[str, Any]) -> Aircraft:
     """Return the aircraft that a summary describes; ``ConfigError``: it describes none."""
     found = summary.get("aircraft")
-    names = {*Limits._fields, *Aircraft._fields} - {"limits"}
+    names = {*Limits._fields, *_TASK, "vehicle"}
     if not isinstance(found, dict) or found.keys() != names:
         raise ConfigError(
             f"aircraft is {found!r}; expected an object with {', '.join(sorted(names))}"
         )
-    rest = {name: value for name, value in found.items() if name in Aircraft._fields}
-    return new_aircraft(Limits(*(found[name] for name in Limits._fields)), **rest)
+    limits, vehicle = _limits(found), _limits(found["vehicle"])
+    task = {name: found[name] for name in _TASK}
+    return new_aircraft(limits, **task, vehicle=None if vehicle == limits else vehicle)
+
+
+def _limits(found: Mapping[str, float]) -> Limits:
+    return Limits(*(found[name] for name in Limits._fields))
 
 
 def lines_about(summary: Mapping[str, Any]) -> list[str]:
@@ -49,9 +56,8 @@ def lines_about(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _plain(aircraft: Aircraft) -> dict[str, Any]:
-    return aircraft.limits._asdict() | {
-        name: value for name, value in aircraft._asdict().items() if name != "limits"
-    }
+    others = {name: getattr(aircraft, name) for name in _TASK}
+    return aircraft.limits._asdict() | others | {"vehicle": aircraft.vehicle_limits._asdict()}
 
 
 def _line(aircraft: Aircraft) -> str:

@@ -9,7 +9,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import RequestError
-from agents.planner.options import Options, check, vehicle_limits
+from agents.planner.options import Options, check
 from agents.planner.traffic import Requirement
 from envs.aircraft import Aircraft
 from envs.kinematics import Limits
@@ -51,7 +51,7 @@ def resolved(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
     """Yield the parameters of a kind of nodes for an aircraft, in SI units and degrees."""
     known: dict[str, float] = {}
     if aircraft is not None:
-        legs = vehicle_limits(aircraft.limits)
+        legs = aircraft.vehicle_limits
         known = legs._asdict() | {"yaw_rate_max": round(math.degrees(legs.yaw_rate_max), 9)}
         known |= {name: getattr(aircraft, name) for name in ("separation", "goal_radius")}
     return (one.resolved(aircraft, known) for one in of(kind))

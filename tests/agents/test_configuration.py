@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from agents.config.keys import RENAMED, help_text, keys, markdown
 from agents.config.load import ConfigError, Parser, Strict, dump, load
-from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig
+from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig, VehicleConfig
 from agents.config.yaml import read, write
 from envs.aircraft import PAPER, new_aircraft
 from envs.edge.command import run_cli
@@ -566,7 +566,7 @@ def test_a_bad_scenario_is_refused(override: str, sentence: str):
 
 
 def test_the_default_aircraft_and_its_file_are_the_papers():
-    assert AircraftConfig().aircraft() == PAPER
+    assert PAPER_AIRCRAFT.aircraft() == PAPER
     assert load(AircraftConfig, CONFIGS / "aircraft" / "paper.yaml").aircraft() == PAPER
 
 
