@@ -20,9 +20,6 @@ from envs.kinematics import VehicleState
 from envs.trees import scatter, take
 from envs.waypoints import Knots
 
-_SPARE = 0.1  # least duration of the last leg, time steps
-_EXTENSION = 5.0  # distance between points beyond the end of a route, separations
-
 
 class Completed(NamedTuple):
     """Whole plans, as in :class:`agents.planner.candidates.Proposals`; fields ``[N]``."""
@@ -35,19 +32,27 @@ class Completed(NamedTuple):
     reversals: Any  # changes of the turn's side until the rejoining
 
 
+class _Legs(NamedTuple):
+    """The next leg of some tails, fields ``[M]``: a turn at the task's rate, then straight on."""
+
+    tail: Any  # numbers of the tails
+    point: Any  # numbers of the route's points at their ends
+    x: Any  # of those points, m
+    y: Any
+    begin: VehicleState
+    began: Any  # s
+    arc: Any  # of the turn, rad, positive to the left
+    length: Any  # of the straight part, m
+    course: Any  # of the straight part, rad
+    reached: Any  # whether the point can be reached so; else it is passed by, bool
+    turned: Any  # time at which the straight part begins, s
+    speed: Any  # at the end, m/s; it differs from that at the beginning on the way to the goal only
+
+
 def complete(request: Request, rollout: Rollout, goal: Any, options: Options) -> Completed:
     """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``."""
-    task, extend, extension = (
-        task_of(options),
-        options.extend_route,
-        _EXTENSION * options.aircraft.separation,
-    )
-    finished_by = options.last_free + _SPARE * options.aircraft.dt
-    count, most = request.route_x.shape
-    rows = np.flatnonzero(np.isfinite(rollout.time))
-    now = take(rollout.end, rows)
-    time, ahead = rollout.time[rows], rollout.direct[rows]
-    target = goal[rows] + np.where(ahead, 0, 1)
+    task, (count, most) = task_of(options), request.route_x.shape
+    latest = options.latest_end(request.own.speed, request.route_x, request.route_y, request.points)
     whole = Completed(
         Knots(*(np.full((count, options.waypoints + 1), np.nan) for _ in range(5))),
         np.full(count, -1),
@@ -56,76 +61,33 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
         rollout.path.copy(),
         rollout.reversals.copy(),
     )
-    left = np.arange(rows.size)
-    pieces = []
-    steps = (
-        most
-        + 1
-        + (
-            math.ceil(options.last_free * 1.5 * options.limits.speed_max / extension)
-            if extend
-            else 0
-        )
-    )
-    for step in range(steps):
-        number, have = target[left], request.points[rows[left]]
-        if not extend:
-            ended = number >= have
+    # A tail for each manoeuvre that ends: where it is now, when, and the next point of the route.
+    rows = np.flatnonzero(np.isfinite(rollout.time))
+    now, time = take(rollout.end, rows), rollout.time[rows]
+    target = goal[rows] + np.where(rollout.direct[rows], 0, 1)
+    left, pieces = np.arange(rows.size), []
+    for step in range(most + 1 + _points_beyond(options)):
+        if not options.extend_route:
+            ended = target[left] >= request.points[rows[left]]
             whole.too_short[rows[left[ended]]] = True
-            left, number, have = left[~ended], number[~ended], have[~ended]
+            left = left[~ended]
         if left.size == 0:
             break
-        x, y = _point(request, rows[left], number, have, extension)
-        state, at = take(now, left), time[left]
-        arc, length, course, reached = _onto(state, x, y, task.turn_rate)
-        turned, speed = at + np.abs(arc) / task.turn_rate, state.speed
+        legs = _next_legs(request, rows, left, target[left], take(now, left), time[left], options)
         if step == 0:
-            # The goal itself must not be passed by, nor reached too late: there may be a need to
-            # accelerate.
-            direct = ahead[left]
-            straight = np.maximum(length - task.radius, 0.0)
-            wanted, in_time = end_speed(straight, speed, task.until - turned, task.limits, np)
-            on = ~direct | (reached & in_time)
-            left, number, x, y, state, at, turned, speed = take(
-                (left, number, x, y, state, at, turned, speed), on
-            )
-            wanted, direct, straight, arc, length, course, reached = take(
-                (wanted, direct, straight, arc, length, course, reached), on
-            )
-            speed = np.where(direct, wanted, speed)
-            there, which = rows[left[direct]], np.flatnonzero(direct)
-            entered = turned + _duration(straight, state.speed, speed, task)
-            whole.rejoin_time[there] = entered[which]
-            whole.path[there] += (np.abs(arc) * state.speed / task.turn_rate + straight)[which]
-            whole.reversals[there] += np.sign(arc[which]) * rollout.turn_sign[there] < 0.0
-        target[left] += 1
-        on = left[reached]
-        if not reached.all():
-            number, x, y, state, at, turned, speed, arc, length, course = take(
-                (number, x, y, state, at, turned, speed, arc, length, course), reached
-            )
-        none, gain = (
-            np.zeros(on.size),
-            np.where(speed > state.speed, task.limits.acceleration_max, 0.0),
-        )
-        middle = _turned(state, arc, task.turn_rate)
-        pieces += [_piece(rows.size, on, at, *state, np.sign(arc) * task.turn_rate, none)]
-        pieces += [_piece(rows.size, on, turned, *middle, none, gain)]
-        arrived = turned + _duration(length, state.speed, speed, task)
+            legs = _to_goal(whole, rollout, rows, legs, task)
+        target[legs.tail] += 1
+        passed_by, legs = legs.tail[~legs.reached], take(legs, legs.reached)
+        pieces += _pieces(rows.size, legs, task)
         if step == 0:
-            rise = (speed - state.speed) / task.limits.acceleration_max
-            far = 0.5 * (speed + state.speed) * rise
-            level = (
-                middle.x + far * np.cos(middle.heading),
-                middle.y + far * np.sin(middle.heading),
-                middle.heading,
-            )
-            begin = np.where(rise > 0.0, turned + rise, np.inf)
-            pieces += [_piece(rows.size, on, begin, *level, speed, none, none)]
-        scatter((now, time), on, (VehicleState(x, y, wrap(course, np), speed), arrived))
-        done = arrived >= finished_by
-        whole.last[rows[on[done]]] = number[done]
-        left = np.sort(np.concatenate([left[~reached], on[~done]]))
+            pieces.append(_level_piece(rows.size, legs, task))
+        arrived = legs.turned + _duration(legs.length, legs.begin.speed, legs.speed, task)
+        there = VehicleState(legs.x, legs.y, wrap(legs.course, np), legs.speed)
+        scatter((now, time), legs.tail, (there, arrived))
+        done = arrived >= options.finished_by
+        in_time = done & (arrived <= latest[rows[legs.tail]])
+        whole.last[rows[legs.tail[in_time]]] = legs.point[in_time]
+        left = np.sort(np.concatenate([passed_by, legs.tail[~done]]))
     whole.too_short[rows[left]] = True
     finished = np.flatnonzero(whole.last[rows] >= 0)
     if finished.size:
@@ -136,10 +98,78 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     return whole
 
 
-def _point(
-    request: Request, rows: Any, number: Any, have: Any, extension: float
-) -> tuple[Any, Any]:
+def _points_beyond(options: Options) -> int:
+    """Return how many points beyond the end of its route a plan may fly over."""
+    if not options.extend_route:
+        return 0
+    return math.ceil(options.last_free * 1.5 * options.limits.speed_max / options.extension)
+
+
+def _next_legs(
+    request: Request,
+    rows: Any,
+    tails: Any,
+    point: Any,
+    state: VehicleState,
+    time: Any,
+    options: Options,
+) -> _Legs:
+    """Return the legs of some tails, of requests ``rows[tails]``, to points of the route."""
+    turn_rate = task_of(options).turn_rate
+    x, y = _point(request, rows[tails], point, options.extension)
+    arc, length, course, reached = _onto(state, x, y, turn_rate)
+    turned = time + np.abs(arc) / turn_rate
+    return _Legs(tails, point, x, y, state, time, arc, length, course, reached, turned, state.speed)
+
+
+def _to_goal(whole: Completed, rollout: Rollout, rows: Any, legs: _Legs, task: Task) -> _Legs:
+    """Return the first legs, without those that miss the goal, and note when the goal is reached.
+
+    The goal itself must not be passed by, nor reached too late: there may be a need to accelerate.
+    """
+    direct = rollout.direct[rows[legs.tail]]
+    straight = np.maximum(legs.length - task.radius, 0.0)
+    left = task.until - legs.turned
+    wanted, in_time = end_speed(straight, legs.begin.speed, left, task.limits, np)
+    on = ~direct | (legs.reached & in_time)
+    legs, direct, straight, wanted = take((legs, direct, straight, wanted), on)
+    legs = legs._replace(speed=np.where(direct, wanted, legs.speed))
+    entered = legs.turned + _duration(straight, legs.begin.speed, legs.speed, task)
+    there = rows[legs.tail[direct]]
+    whole.rejoin_time[there] = entered[direct]
+    flown = np.abs(legs.arc) * legs.begin.speed / task.turn_rate + straight
+    whole.path[there] += flown[direct]
+    whole.reversals[there] += np.sign(legs.arc[direct]) * rollout.turn_sign[there] < 0.0
+    return legs
+
+
+def _pieces(count: int, legs: _Legs, task: Task) -> list[Any]:
+    """Return the turns and the straight parts of legs as pieces of ``count`` tails."""
+    none = np.zeros(legs.tail.size)
+    faster = legs.speed > legs.begin.speed
+    gain = np.where(faster, task.limits.acceleration_max, 0.0)
+    turn_rate = np.sign(legs.arc) * task.turn_rate
+    middle = _turned(legs.begin, legs.arc, task.turn_rate)
+    return [
+        _piece(count, legs.tail, legs.began, *legs.begin, turn_rate, none),
+        _piece(count, legs.tail, legs.turned, *middle, none, gain),
+    ]
+
+
+def _level_piece(count: int, legs: _Legs, task: Task) -> Any:
+    """Return what follows where the speed at the leg's end is reached, as a piece of the tails."""
+    none = np.zeros(legs.tail.size)
+    rise = (legs.speed - legs.begin.speed) / task.limits.acceleration_max
+    far = 0.5 * (legs.speed + legs.begin.speed) * rise
+    middle = _turned(legs.begin, legs.arc, task.turn_rate)
+    x, y = middle.x + far * np.cos(middle.heading), middle.y + far * np.sin(middle.heading)
+    begin = np.where(rise > 0.0, legs.turned + rise, np.inf)
+    return _piece(count, legs.tail, begin, x, y, middle.heading, legs.speed, none, none)
+
+
+def _point(request: Request, rows: Any, number: Any, extension: float) -> tuple[Any, Any]:
     """Return a point of the route, or one beyond its end in its last direction, m, ``[M]`` each."""
+    have = request.points[rows]
     inside = np.minimum(number, have - 1)
     x, y = request.route_x[rows, inside], request.route_y[rows, inside]
     over = number - inside

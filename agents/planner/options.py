@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
+import numpy as np
+
 from agents.manoeuvres.direct_to_goal import EVERY, Task
 from agents.planner.answer import WAYPOINTS, RequestError
 from agents.planner.fields import real, shown
@@ -19,12 +21,14 @@ from envs.kinematics import FASTEST, Limits, within
 _MARGIN = 2e-5
 _ORDINARY = 0.0524  # rad of turn in a time step, to which margins and resolutions were measured
 _RESERVE = 0.75  # of turn rate and acceleration, for curves that take 4/3 of what was flown
+_EXTENSION = 5.0  # between points beyond the end of a route, separations
+_LEAST_LEG = 0.1  # least duration of the last leg, time steps
 _TURN_SHARE = 2.0 / 3.0  # of the turn rate, for turns along the route
 
 _KINDS: dict[str, type] = {
     "aircraft": Aircraft,
     "requirement": Requirement,
-    **dict.fromkeys(("limits", "manoeuvre", "aircraft.limits"), Limits),
+    **dict.fromkeys(("limits", "manoeuvre", "aircraft.limits", "aircraft.vehicle_limits"), Limits),
     **dict.fromkeys(("direct", "extend_route", "exhaustive"), bool),
 }
 _LIMITS: dict[str, tuple[float, float, str]] = {
@@ -155,6 +159,36 @@ class Options:
         return self.last_free - 2.0 * self.interval
 
     @property
+    def finished_by(self) -> float:
+        """The last leg ends at the first point of the route that is reached at or after this, s."""
+        return self.last_free + _LEAST_LEG * self.aircraft.dt
+
+    @property
+    def extension(self) -> float:
+        """Distance between the points beyond the end of a route that may be extended, m."""
+        return _EXTENSION * self.aircraft.separation
+
+    def latest_end(self, own_speed: Any, x: Any, y: Any, points: Any = None) -> Any:
+        """Return a time that no plan outlasts, s after the request, ``[...]``.
+
+        The last leg begins before :attr:`finished_by`. It turns by half a circle at most and then
+        goes straight for the route's longest leg, or what extends the route, at the lowest speed.
+        A manoeuvre that would last longer is no plan (:mod:`agents.planner.completion`).
+
+        Args:
+            own_speed: of the ownship at the request, m/s, ``[...]``; it may be below the limits.
+            x: of the route's points, m, ``[..., R]``; with ``y``.
+            points: how many of them there are, ``[...]``; None: all.
+        """
+        legs = np.hypot(np.diff(x), np.diff(y))
+        if points is not None:
+            legs = np.where(np.arange(1, x.shape[-1]) < np.asarray(points)[..., None], legs, 0.0)
+        longest = np.maximum(legs.max(axis=-1), self.extension) + self.aircraft.goal_radius
+        slowest = np.minimum(own_speed, self.manoeuvre.speed_min)
+        half_circle = (math.pi + 1.0) / task_of(self).turn_rate  # and a radius of straight flight
+        return self.finished_by + half_circle + longest / slowest
+
+    @property
     def rejoin_reserve(self) -> float:
         """By how much deeper than the goal radius manoeuvres enter the goal's disc, m, so that
         smoothed plans do.
@@ -206,10 +240,14 @@ def check(options: Options) -> None:
         if not isinstance(value, kind):
             expected = "True or False" if kind is bool else kind.__name__
             raise RequestError(f"options.{name}", f"is {shown(value)}, expected {expected}")
-    numbers = options.aircraft.limits._asdict() | options.aircraft._asdict()
+    aircraft = options.aircraft
+    numbers = {name: getattr(aircraft, name) for name in aircraft._fields}
+    for group in ("limits", "vehicle"):
+        limits = numbers.pop(group)
+        if limits is not None:
+            numbers |= {f"{group}.{name}": value for name, value in limits._asdict().items()}
     for name, value in numbers.items():
-        if name not in ("limits", "vehicle"):
-            real(f"options.aircraft.{name}", value, -math.inf, math.inf, "")
+        real(f"options.aircraft.{name}", value, -math.inf, math.inf, "")
     try:
         new_aircraft(**options.aircraft._asdict())
     except AircraftError as problem:

@@ -19,7 +19,6 @@ _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whateve
 _MOST_TURN = (
     32.0  # rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
 )
-_LONGEST_EXTENSION = 5.0  # of a route's last leg, separations
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +96,7 @@ def checked(
         for number, given in enumerate(sequence("intruders", intruders))
     ]
     x, y = _route(route)
-    end = _latest_end(x, y, options)
+    end = float(options.latest_end(state.speed, x, y))
     excluded = [
         Excluded(number, why, end)
         for number, report in enumerate(reports)
@@ -223,15 +222,6 @@ def _report(name: str, report: Intruder, options: Options) -> Intruder:
         real(f"{name}.velocity_std", report.velocity_std, 0.0, 100.0, "m/s"),
         report.altitude,
     )
-
-
-def _latest_end(x: Any, y: Any, options: Options) -> float:
-    """Return a time that no plan along a route outlasts, s: its last leg is the route's longest at
-    most.
-    """
-    extension = _LONGEST_EXTENSION * options.aircraft.separation
-    longest = max(float(np.max(np.hypot(np.diff(x), np.diff(y)))), extension)
-    return options.waypoints * options.interval + longest / speed_range(options.aircraft.limits)[0]
 
 
 def _apart(own: Altitude | None, report: Intruder, end: float, options: Options) -> str | None:

@@ -31,8 +31,6 @@ class Reach:
     speed: float  # highest of the ownship, m/s
     traffic: float  # an aircraft may fly as fast as this whatever it last reported, m/s
     undulation: float | None = None  # height of the geoid above the ellipsoid, m; None: unknown
-    limit: float = math.inf
-    """Distance from the ownship, m, beyond which aircraft with good reports are left out, too."""
 
 
 def level(altitude: Altitude | None, age: int, undulation: float | None) -> Altitude | None:
@@ -70,6 +68,28 @@ def out_of_reach(track: Track, reach: Reach) -> str | None:
     return reasons[0] if reasons and all(reasons) else None
 
 
+def too_far(report: Report, growth: float, reach: Reach) -> str | None:
+    """Return why an aircraft with a good report cannot come near until the horizon, or None.
+
+    It may fly as fast as its traffic does, whatever it reports; ``growth`` is what its uncertainty
+    adds to the separation, m.
+    """
+    speed = max(math.hypot(report.east, report.north), reach.traffic)
+    away = distance(*reach.own.place, *report.place)
+    if away - _flown_by_both(speed, report.time, reach) <= reach.separation + growth:
+        return None
+    return f"is {away / 1e3:.0f} km away, out of reach within {reach.horizon:.0f} s"
+
+
+def _flown_by_both(speed: float, time: int, reach: Reach) -> float:
+    """Return how far an aircraft, m/s, since a time (ns), and the ownship can come until the
+    horizon, m.
+    """
+    age = max((reach.now - time) / SECOND, 0.0)
+    own_age = abs(reach.now - reach.own.time) / SECOND
+    return speed * (age + reach.horizon) + reach.speed * (own_age + reach.horizon)
+
+
 def _places(track: Track, least: float) -> Iterator[tuple[Sighting, float]]:
     """Yield where and how fast the aircraft may have been: unusable messages, its last good report,
     a rival's.
@@ -96,10 +116,7 @@ def _beyond(seen: Sighting, speed: float, reach: Reach) -> str | None:
     own, age = reach.own, max((reach.now - seen.time) / SECOND, 0.0)
     away = distance(*own.place, *seen.place)
     since = f"{age:.1f} s ago, and cannot come near within {reach.horizon:.0f} s"
-    both = speed * (age + reach.horizon) + reach.speed * (
-        reach.horizon + abs(reach.now - own.time) / SECOND
-    )
-    if away - both > reach.separation or away - speed * age > reach.limit:
+    if away - _flown_by_both(speed, seen.time, reach) > reach.separation:
         return f"was {away / 1e3:.0f} km away {since}"
     mine = level(own.altitude, reach.now - own.time, reach.undulation)
     gap = apart(mine, level(seen.altitude, reach.now - seen.time, reach.undulation), reach.horizon)

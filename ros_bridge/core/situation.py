@@ -5,7 +5,6 @@ All of it is values and pure functions; the node only feeds it. Every refusal ca
 codes of GenerateTrajectory, the field that is meant and a sentence.
 """
 
-import itertools
 import math
 import re
 from collections.abc import Mapping
@@ -18,13 +17,13 @@ import numpy as np
 from agents.planner.answer import RequestError
 from agents.planner.request import Altitude, Intruder, Options
 from envs.angles import wrap
-from envs.formats.local_frame import LocalFrame, distance
+from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND, Code, Refusal
-from ros_bridge.core.reach import Reach, level, out_of_reach
-from ros_bridge.core.reports import FASTEST, Report
+from ros_bridge.core.reach import Reach, level, out_of_reach, too_far
+from ros_bridge.core.reports import Report
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
 __all__ = [
@@ -46,7 +45,6 @@ ACCURATE = 100_000.0
 map's errors.
 """
 
-_EXTENSION = 5.0  # of a route's last leg, separations
 _COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = (
     250.0,
     10.0,
@@ -138,12 +136,16 @@ def task(
     alerted = _alerted(situation, now, settings)
     route, points = _route(situation, frame, asked_route)
     separation = options.requirement.separation + options.requirement.margin
-    speed = options.limits.speed_max
-    horizon, fast = _latest_end(points, options), options.aircraft.traffic_speed_max
-    # From further away no aircraft comes near before the plan's last leg, however long that is.
-    beyond = (FASTEST + speed) * options.waypoints * options.interval
+    x, y = (np.array([getattr(point, axis) for point in points]) for axis in "xy")
     reach = Reach(
-        report, now, horizon, separation, options.vertical_filter, speed, fast, undulation, beyond
+        own=report,
+        now=now,
+        horizon=float(options.latest_end(own.speed, x, y)),
+        separation=separation,
+        vertical=options.vertical_filter,
+        speed=options.limits.speed_max,
+        traffic=options.aircraft.traffic_speed_max,
+        undulation=undulation,
     )
     identifiers, intruders, excluded = _intruders(situation, frame, now, settings, alerted, reach)
     copies = [
@@ -255,15 +257,6 @@ def _alerted(situation: Situation, now: int, settings: Settings) -> frozenset[st
     return frozenset(alert.identifiers)
 
 
-def _latest_end(points: tuple[RoutePoint, ...], options: Options) -> float:
-    """Return a time that no plan along a route outlasts, s: its last leg is the route's longest at
-    most.
-    """
-    legs = [math.hypot(b.x - a.x, b.y - a.y) for a, b in itertools.pairwise(points)]
-    longest = max(*legs, _EXTENSION * options.aircraft.separation)
-    return options.waypoints * options.interval + longest / options.manoeuvre.speed_min
-
-
 def _like(own: VehicleState, other: VehicleState) -> bool:
     """Return whether an aircraft is reported where the ownship is, and as it flies."""
     turn = math.remainder(own.heading - other.heading, 2.0 * math.pi)
@@ -293,9 +286,12 @@ def _intruders(
             continue
         report = track.estimate
         assert report is not None, "there is one beside every usable report"
-        away = distance(*reach.own.place, *report.place)
-        if away > reach.limit and name not in alerted:
-            excluded.append((name, f"is {away / 1e3:.0f} km away, out of reach"))
+        growth = settings.options.requirement.sigmas * (
+            report.position_std + report.velocity_std * reach.horizon
+        )
+        why = None if name in alerted else too_far(report, growth, reach)
+        if why is not None:
+            excluded.append((name, why))
             continue
         state = placed(frame, report)
         # The planner advances the report over its age; only the altitude's reference is settled

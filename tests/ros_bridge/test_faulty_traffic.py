@@ -165,12 +165,26 @@ def test_unusable_report_at_the_same_place_is_no_second_aircraft():
     assert answered(updates.traffic(situation, good, late, RULES), late)
 
 
-def test_far_aircraft_without_velocity_is_excluded_on_long_legs_too():
-    far = aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x01)
-    situation, late = silent(far, seconds=1.0)
+def test_an_aircraft_that_may_come_near_on_a_long_last_leg_is_never_left_out():
+    """Without a velocity it may fly 400 m/s; the plan may last 23 minutes."""
     long = published(route_points(spacing=45_000.0, count=2))
-    wanted = task(updates.route(situation, long, late, RULES), late, SETTINGS)
+    near, late = silent(aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x01), seconds=1.0)
+    with pytest.raises(Refusal) as refused:
+        task(updates.route(near, long, late, RULES), late, SETTINGS)
+    assert refused.value.code is Code.INVALID_INTRUDER
+    far, late = silent(aircraft(720_000.0, 0.0, math.pi, 75.0, valid=0x01), seconds=1.0)
+    wanted = task(updates.route(far, long, late, RULES), late, SETTINGS)
     assert [name for name, _ in wanted.excluded] == ["4b1a2c"]
+
+
+def test_the_bound_of_a_plans_end_is_the_planners():
+    """An ownship of 49 m/s may be on its last leg of 45 km until 23 minutes after the request."""
+    long = published(route_points(spacing=45_000.0, count=2))
+    slow = aircraft(0.0, 0.0, 0.0, 49.0, id="own")
+    head_on = aircraft(320_000.0, 0.0, math.pi, 149.0)
+    situation = updates.route(heard(head_on, own=slow, now=NOW), long, NOW, RULES)
+    wanted = task(situation, NOW, SETTINGS)
+    assert wanted.excluded == () and len(wanted.intruders) == 1
 
 
 # A hundred thousand aircraft states, a third of them damaged: what is planned with is where the

@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 
 from agents.planner import budget, fallback
-from agents.planner import request as requests
 from agents.planner.answer import WAYPOINTS, Kind, Plan, RequestError, Source, Status
 from agents.planner.candidates import evaluate
 from agents.planner.planner import eligible, plan, plan_many
 from agents.planner.publish import rechecked
-from agents.planner.request import Altitude, Intruder, Options, Request
+from agents.planner.request import Altitude, Intruder, Options, Request, reported
 from agents.planner.rollout import roll
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy
+from benchmarks.safety.adversary import random_aircraft
 from envs.aircraft import PAPER, new_aircraft, ratios
 from envs.encounters import Encounter, scenario
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
 from envs.starts import numbered
-from envs.trees import take
-from envs.waypoints import RoutePoint
+from envs.trees import mapped, take
+from envs.waypoints import ARCS, RoutePoint, legs
 from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import fly_once
 from tests.conftest import FINISH
@@ -447,7 +447,12 @@ def test_no_plan_outlasts_what_an_intruder_was_left_out_for(
     here, above = Altitude(2_500.0, "msl"), [Intruder(FAR, altitude=Altitude(3_500.0, "msl"))]
     good = plan(OWN, above, ROUTE, policy, own_altitude=here)
     assert good.safe
-    monkeypatch.setattr(requests, "_latest_end", lambda *_: 300.0)
+    ends = Options.latest_end
+
+    def too_early(options: Options, own_speed: Any, x: Any, y: Any, points: Any = None) -> Any:
+        return 300.0 if points is None else ends(options, own_speed, x, y, points)
+
+    monkeypatch.setattr(Options, "latest_end", too_early)
     answer = plan(OWN, above, ROUTE, policy, own_altitude=here)
     assert not answer.safe and answer.certificate is None
     assert [(one.kind, one.field) for one in answer.reasons] == [(Kind.SEPARATION, "intruders[0]")]
@@ -618,15 +623,22 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(
 ) -> None:
     # At other speeds legs differ a little: a receiver knows their curve from the waypoints alone
     # (envs.waypoints).
-    limits, unit = PAPER.limits, pace / length
-    other = new_aircraft(
-        Limits(
-            *(pace * limits.speed_min, pace * limits.speed_max),
-            *(pace * unit * limits.acceleration_min, pace * unit * limits.acceleration_max),
+    unit = pace / length
+
+    def in_units(limits: Limits) -> Limits:
+        return Limits(
+            pace * limits.speed_min,
+            pace * limits.speed_max,
+            pace * unit * limits.acceleration_min,
+            pace * unit * limits.acceleration_max,
             unit * limits.yaw_rate_max,
-        ),
+        )
+
+    other = new_aircraft(
+        in_units(PAPER.limits),
         length * PAPER.separation,
         dt=PAPER.dt / unit,
+        vehicle=in_units(PAPER.vehicle_limits),
     )
     assert ratios(other.limits, other.separation) == pytest.approx(
         ratios(PAPER.limits, PAPER.separation)
@@ -660,3 +672,62 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(
                 )
             sources.add(answer.source)
     assert sources >= {Source.POLICY, Source.FALLBACK}
+
+
+def test_no_safe_plan_exceeds_the_limits_that_are_given(policy: Policy) -> None:
+    rng = np.random.default_rng(51)
+    safe = 0
+    for number in range(12):
+        aircraft = random_aircraft(rng)
+        flown_by = policy.for_aircraft(aircraft, outside="allow")
+        request = request_of(numbered(scenario("circle", aircraft), number, 0, 12), aircraft)
+        options = Options.for_aircraft(aircraft, exhaustive=False)
+        plans = plan_many(request, flown_by, options).proposals
+        curves = legs(take(plans.knots, plans.safe))
+        after = curves.speed + curves.acceleration * (curves.duration[..., None] / ARCS)
+        limits, swing = aircraft.limits, 1e-5
+        assert np.all(curves.speed >= limits.speed_min - swing)
+        assert np.all(after >= limits.speed_min - swing)
+        assert np.all(after <= limits.speed_max + swing)
+        assert np.all(curves.acceleration >= limits.acceleration_min - swing)
+        assert np.all(curves.acceleration <= limits.acceleration_max + swing)
+        assert np.all(np.abs(curves.yaw_rate) <= limits.yaw_rate_max + 1e-6)
+        safe += int(plans.safe.sum())
+    assert safe > 100
+
+
+def test_no_plan_outlasts_its_bound(policy: Policy) -> None:
+    rng = np.random.default_rng(7)
+    count, points = 60, 8
+    spacing = 10.0 ** rng.uniform(2.5, 5.0, (count, points))
+    course = np.cumsum(rng.uniform(-1.5, 1.5, (count, points)), axis=1)
+    speed = rng.uniform(49.0, 100.0, count)
+    zeros = np.zeros(count)
+    own = VehicleState(zeros, zeros, course[:, 0], speed)
+    route_x = np.cumsum(spacing * np.cos(course), axis=1)
+    route_y = np.cumsum(spacing * np.sin(course), axis=1)
+    reports, _ = reported([Intruder(VehicleState(30_000.0, 0.0, 3.0, 80.0))])
+    traffic = mapped(lambda field: np.repeat(field, count, axis=0), reports)
+    request = Request(own, traffic, route_x, route_y, np.full(count, points))
+    for extend in (False, True):
+        options = Options.for_aircraft(PAPER, exhaustive=False, extend_route=extend)
+        ends = plan_many(request, policy, options).proposals.knots.time[:, -1]
+        made = np.isfinite(ends)
+        assert made.sum() > 20
+        bound = options.latest_end(speed, route_x, route_y, request.points)
+        assert np.all(ends[made] <= bound[made])
+
+
+def test_a_slow_ownship_s_last_leg_is_inside_the_bound(policy: Policy) -> None:
+    """The last leg of 150 km takes 3061 s at 49 m/s, below the lowest speed of manoeuvres."""
+    own = VehicleState(0.0, 0.0, 0.0, 49.0)
+    route = [
+        RoutePoint(0, 12_000.0, 0.0),
+        RoutePoint(1, 17_000.0, 0.0),
+        RoutePoint(2, 167_000.0, 0.0),
+    ]
+    answer = plan(
+        own, [], route, policy, Options.for_aircraft(PAPER, fallback_cost_threshold=math.inf)
+    )
+    x, y = np.array([(point.x, point.y) for point in route]).T
+    assert answer.waypoints[-1].time <= OPTIONS.latest_end(49.0, x, y)
