@@ -29,13 +29,15 @@ __all__ = ["RLCAS", "init_plugin"]
 _HERE = find_spec("bluesky") is not None
 bs: Any = import_module("bluesky") if _HERE else None
 _Resolution: Any = import_module("bluesky.traffic.asas").ConflictResolution if _HERE else object
-_command: Any = bs.stack.command if _HERE else lambda name: lambda function: function
+_command: Any = bs.stack.command if _HERE else lambda **_: lambda function: function
+_ROTOR = import_module("bluesky.traffic.performance.openap.coeff").LIFT_ROTOR if _HERE else None
 _EARTH, _GRAVITY = 6_371_000.0, 9.80665  # m, m/s^2, as BlueSky
 
 _AHEAD = 20.0  # required separations; where the goal of an aircraft without a waypoint lies
 # required separations, beyond which an aircraft that has waited long leaves the way to the other
 _APART = 1.5
 _ACCELERATION = 0.5  # m/s^2; the least that BlueSky grants every aircraft in flight
+_SHARPEST = 0.11  # required separations; a tighter turn takes more than 1 rad in a time step
 _PLANNED = 10.0  # s, after which an aircraft plans again: the others decide, too
 _SEARCH = {"exhaustive": False, "deadline_s": math.inf}  # no clock decides: a run can be repeated
 
@@ -43,6 +45,20 @@ _SEARCH = {"exhaustive": False, "deadline_s": math.inf}  # no clock decides: a r
 def init_plugin() -> dict[str, str]:
     """Return the plugin's name and type."""
     return {"plugin_name": "RLCAS", "plugin_type": "sim"}
+
+
+def _speeds(index: int) -> tuple[float, float]:
+    """Return the least and the greatest true airspeed of an aircraft as BlueSky flies it, m/s.
+
+    Of a rotorcraft BlueSky holds the true airspeed itself to the model's limits, of which the
+    lower is that of flight backwards; its limits of a fixed wing are calibrated speeds and Mach.
+    """
+    performance = bs.traf.perf
+    lift = getattr(performance, "lifttype", None)  # of OpenAP, BlueSky's usual model, alone
+    if lift is not None and lift[index] == _ROTOR:
+        return max(float(performance.vmin[index]), 0.0), float(performance.vmax[index])
+    slowest, fastest = (float(limit[index]) for limit in performance.currentlimits()[:2])
+    return slowest, fastest
 
 
 class RLCAS(_Resolution):
@@ -76,25 +92,31 @@ class RLCAS(_Resolution):
 
     vsactive = altactive
 
-    @_command(name="RLCASOUTSIDE")
-    def setoutside(self, allow: bool) -> tuple[bool, str]:
-        """Set whether aircraft that the policy was not trained for fly it, too."""
-        self.outside = "allow" if allow else "refuse"
-        self._known.clear()
-        return True, f"RLCAS: aircraft that the policy was not trained for: {self.outside}"
-
-    @_command(name="RLCASPLAN")
-    def setplanning(self, plans: bool) -> tuple[bool, str]:
-        """Set whether aircraft fly plans, where they are SAFE, and the policy's decisions
-        elsewhere.
+    @_command(name="RLCASOUTSIDE", annotations="onoff")
+    def setoutside(self, allow: bool | None = None) -> tuple[bool, str]:
+        """Set whether aircraft that the policy was not trained for fly it, too; without an argument
+        say it.
         """
-        self.planning = plans
-        self.plans.clear()
-        return (
-            True,
-            "RLCAS: aircraft in conflict fly "
-            f"{'plans, where they are SAFE' if plans else 'the policy'}",
+        if allow is not None:
+            self.outside = "allow" if allow else "refuse"
+            self._known.clear()
+        state = "ON" if self.outside == "allow" else "OFF"
+        flown = "fly it too" if self.outside == "allow" else "fly on without resolution"
+        return True, (
+            f"RLCASOUTSIDE is {state}: aircraft that the policy was not trained for {flown}"
         )
+
+    @_command(name="RLCASPLAN", annotations="onoff")
+    def setplanning(self, plans: bool | None = None) -> tuple[bool, str]:
+        """Set whether aircraft fly plans, where they are SAFE, and the policy's decisions
+        elsewhere; without an argument say it.
+        """
+        if plans is not None:
+            self.planning = plans
+            self.plans.clear()
+        flown = "plans, where they are SAFE" if self.planning else "the policy"
+        state = "ON" if self.planning else "OFF"
+        return True, f"RLCASPLAN is {state}: aircraft in conflict fly {flown}"
 
     def update(self, conf: Any, ownship: Any, intruder: Any) -> None:
         """Decide which aircraft resolve a conflict, as every method of BlueSky does, and what each
@@ -129,7 +151,7 @@ class RLCAS(_Resolution):
                 f"BlueSky does not know the aircraft type {name}; it flies with the limits of "
                 f"{flown}",
             )
-        slowest, fastest = (limit[index] for limit in performance.currentlimits()[:2])
+        slowest, fastest = _speeds(index)
         # Beside the wind the limits hold through the air: they move with the air, as far as it goes
         # along the course.
         along = float(traffic.gs[index] - traffic.tas[index])
@@ -143,6 +165,7 @@ class RLCAS(_Resolution):
         if key not in self._known:
             try:
                 yaw_rate = _GRAVITY * np.tan(bank) / max(high, 1.0)
+                yaw_rate = min(yaw_rate, high / (_SHARPEST * separation))
                 limits = Limits(max(low, 0.0), high, -_ACCELERATION, _ACCELERATION, yaw_rate)
                 self._known[key] = self.policy.for_aircraft(
                     new_aircraft(limits, separation), outside=self.outside
@@ -159,6 +182,7 @@ class RLCAS(_Resolution):
         return found
 
     def _say(self, about: str, sentence: str) -> None:
+        """Say something once."""
         if about not in self._said:
             self._said.add(about)
             bs.stack.echo(f"RLCAS: {sentence}")

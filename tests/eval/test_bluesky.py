@@ -67,6 +67,58 @@ found["off_for_all"] = fly("RLCAS", "A320", 500, "RESOOFF A0 A1 A2")
 print(json.dumps(found))
 """
 
+ROTORCRAFT = """
+import json
+from pathlib import Path
+
+import bluesky as bs
+import numpy as np
+from bluesky.stack import simstack
+
+Path("plugins").mkdir()
+Path("plugins/rlcas.py").symlink_to(SOURCE)
+bs.init(mode="sim", detached=True, workdir=".")
+said = []
+bs.stack.echo = simstack.echo = lambda text="", flags=0: said.append(text)
+
+
+def switch(line):
+    said.clear()
+    bs.stack.stack(line)
+    bs.sim.step()
+    return [text for text in said if "RLCAS" in text], bs.traf.cr.planning, bs.traf.cr.outside
+
+
+def meet(kind, speed, apart, seconds, *commands):
+    bs.sim.reset()
+    said.clear()
+    for command in ("DT 1", "PLUGIN LOAD RLCAS", "ASAS ON", "RESO RLCAS", "ZONER 1", *commands):
+        bs.stack.stack(command)
+    bs.traf.cre("H0", kind, 0.0, 0.0, 90.0, 600.0, speed)
+    bs.traf.cre("H1", kind, 0.002, apart, 270.0, 600.0, speed)
+    least, fastest, slowest = 1e9, 0.0, 1e9
+    for _ in range(seconds):
+        bs.sim.step()
+        x, y = (np.radians(each) * 6_371_000 for each in (bs.traf.lon, bs.traf.lat))
+        least = min(least, float(np.hypot(x[1] - x[0], y[1] - y[0])))
+        fastest, slowest = max(fastest, float(bs.traf.tas.max())), min(slowest, float(bs.traf.tas.min()))
+    return {"least": least, "fastest": fastest, "slowest": slowest, "said": list(said)}
+
+
+found = {
+    kind: [meet(kind, speed, apart, 900), meet(kind, speed, apart, 900, "RLCASOUTSIDE ON")]
+    for kind, speed, apart in (("EC35", 60.0, 0.4), ("M600", 15.0, 0.12))
+}
+bs.sim.reset()
+for command in ("PLUGIN LOAD RLCAS", "ASAS ON", "RESO RLCAS"):
+    bs.stack.stack(command)
+bs.sim.step()
+lines = ("RLCASPLAN", "RLCASPLAN ON", "RLCASPLAN", "RLCASPLAN OFF", "RLCASPLAN maybe",
+         "RLCASOUTSIDE ON", "RLCASOUTSIDE OFF", "RLCASOUTSIDE", "RLCASPLAN 1", "RLCASPLAN 0")
+found["switches"] = [(line, *switch(line)) for line in lines]
+print(json.dumps(found))
+"""
+
 GYM = """
 import json, random
 
@@ -158,3 +210,35 @@ def test_the_pilot_flies_the_environment_of_bluesky_gym(tmp_path: Path):
     assert found["wrong"] < 0.02, "what is read from an observation is the state of the simulator"
     assert sum(found["free"]) >= 3
     assert found["drift"] < 0.36, "less than in the environment's authors' log of their DDPG, rad"
+
+
+def test_rotorcraft_and_switches_in_bluesky(tmp_path: Path):
+    found = run(ROTORCRAFT, tmp_path)
+    separation = 1.05 * 1852.0
+    for kind, fastest in (("EC35", 71.95), ("M600", 18.0)):
+        refused, allowed = found[kind]
+        reasons = [text for text in refused["said"] if "flies on without" in text]
+        assert reasons and f"({kind})" in reasons[0]
+        assert "outside_domain: " in reasons[0], "the reason is the family, not limits of 0 m/s"
+        assert refused["least"] < 0.5 * separation
+        assert allowed["least"] >= 0.97 * separation, kind
+        assert allowed["fastest"] <= fastest + 0.01 and allowed["slowest"] >= 0.0
+
+    by_line = [
+        (line, texts[0] if texts else "", *state) for line, texts, *state in found["switches"]
+    ]
+    assert by_line == [
+        ("RLCASPLAN", by_line[0][1], False, "refuse"),
+        ("RLCASPLAN ON", by_line[1][1], True, "refuse"),
+        ("RLCASPLAN", by_line[2][1], True, "refuse"),
+        ("RLCASPLAN OFF", by_line[3][1], False, "refuse"),
+        ("RLCASPLAN maybe", by_line[4][1], False, "refuse"),
+        ("RLCASOUTSIDE ON", by_line[5][1], False, "allow"),
+        ("RLCASOUTSIDE OFF", by_line[6][1], False, "refuse"),
+        ("RLCASOUTSIDE", by_line[7][1], False, "refuse"),
+        ("RLCASPLAN 1", by_line[8][1], True, "refuse"),
+        ("RLCASPLAN 0", by_line[9][1], False, "refuse"),
+    ]
+    assert "RLCASPLAN is OFF" in by_line[0][1] and "RLCASPLAN is ON" in by_line[2][1]
+    assert "RLCASOUTSIDE is OFF" in by_line[7][1]
+    assert "RLCASPLAN is" not in by_line[4][1], "a wrong word is refused"
