@@ -242,3 +242,33 @@ def test_rotorcraft_and_switches_in_bluesky(tmp_path: Path):
     assert "RLCASPLAN is OFF" in by_line[0][1] and "RLCASPLAN is ON" in by_line[2][1]
     assert "RLCASOUTSIDE is OFF" in by_line[7][1]
     assert "RLCASPLAN is" not in by_line[4][1], "a wrong word is refused"
+
+
+def test_the_page_s_scenario_flies_in_a_new_home(tmp_path: Path):
+    """The commands of docs/howto/bluesky.md, on a machine on which BlueSky was never started."""
+    page = (ROOT / "docs" / "howto" / "bluesky.md").read_text(encoding="utf-8")
+    block = page.split("```sh\n")[1].split("```")[0]
+    commands = "\n".join(line for line in block.splitlines() if "make bluesky" not in line)
+    done = subprocess.run(
+        ["bash", "-ec", commands],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+        env=os.environ | {"HOME": str(tmp_path), "PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stderr
+    (log,) = (tmp_path / "bluesky" / "output").glob("PLACES_*.log")
+    rows = [line.split(",") for line in log.read_text().splitlines() if not line.startswith("#")]
+    names = {row[1].strip() for row in rows}
+    assert names == {"WEST", "EAST", "SOUTH"}
+    places: dict[str, dict[str, complex]] = {}
+    for time, name, latitude, longitude, *_ in rows:
+        places.setdefault(time, {})[name.strip()] = (
+            complex(float(longitude), float(latitude)) * 60.0
+        )
+    pairs = [("WEST", "EAST"), ("WEST", "SOUTH"), ("EAST", "SOUTH")]
+    together = [at for at in places.values() if len(at) == 3]
+    assert len(together) > 60
+    assert min(abs(at[a] - at[b]) for at in together for a, b in pairs) >= 5.0  # NM
