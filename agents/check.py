@@ -14,25 +14,25 @@ import cmath
 import json
 import math
 import sys
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-BITS, ARCS, FORMAT = 256, 10, "RLCAS plan certificate 1"
-FIELDS = {
-    "format",
-    "own",
-    "waypoints",
-    "controls",
-    "intruders",
-    "excluded",
-    "requirement",
-    "limits",
-    "parts",
-    "bounds",
-}
-REQUIREMENT = ("separation", "margin", "sigmas", "vertical")
-LIMITS = ("speed_min", "speed_max", "acceleration_min", "acceleration_max", "yaw_rate_max")
+FORMAT = "RLCAS plan certificate 2"
+BITS = 256  # of the fractions of a ball
+ARCS = 10  # of a leg
+
+# Tolerances, in m, m/s, m/s^2 and rad/s; the theorem allows for them.
+_JOINT = 1e-3 + 1e-6  # by which the end of a leg may miss its waypoint, m
+_MARGIN = 1e-3 + 2e-6  # by which a distance may fall short of the margin, m
+_ROUNDING = 3e-6  # by which a distance may fall short of the separation itself, m
+_FINE = 2e-6  # of speeds (m/s), accelerations (m/s^2) and headings (rad)
+_TURN = 2e-9  # of turn rates, rad/s
+_CONTROLS = 1e-8  # by which stated controls may differ from those of the curve
+_TINY = 1e-12  # least sagitta, m
+_SHORTEST = 1e-3  # least duration of a leg, s
+_LARGEST = 1e8  # numbers of a certificate are below this
 
 
 class RefusedError(ValueError):
@@ -40,14 +40,25 @@ class RefusedError(ValueError):
 
 
 class Ball:
-    """All complex numbers at most ``r`` from x + iy; of real numbers ``lo`` and ``hi`` are bounds;
-    units of 2^-256.
+    """All complex numbers at most ``r`` from x + iy, in units of 2^-256.
+
+    Of a ball of real numbers, whose y is 0, ``lo`` and ``hi`` are bounds.
     """
 
-    lo, hi = property(lambda self: self.x - self.r), property(lambda self: self.x + self.r)
-
     def __init__(self, x: int, y: int, r: int) -> None:
-        self.x, self.y, self.r = x, y, r
+        self.x = x
+        self.y = y
+        self.r = r
+
+    @property
+    def lo(self) -> int:
+        """The least real part."""
+        return self.x - self.r
+
+    @property
+    def hi(self) -> int:
+        """The greatest real part."""
+        return self.x + self.r
 
     def __add__(self, other: "Ball") -> "Ball":
         return Ball(self.x + other.x, self.y + other.y, self.r + other.r)
@@ -57,14 +68,21 @@ class Ball:
 
     def __mul__(self, other: "Ball") -> "Ball":
         a, b, c, d = self.x, self.y, other.x, other.y
-        blur = (abs(a) + abs(b) + self.r) * other.r + (abs(c) + abs(d)) * self.r
-        return Ball((a * c - b * d) >> BITS, (a * d + b * c) >> BITS, (blur >> BITS) + 3)
+        error = (abs(a) + abs(b) + self.r) * other.r + (abs(c) + abs(d)) * self.r
+        # Each of the three shifts rounds by less than a unit.
+        return Ball((a * c - b * d) >> BITS, (a * d + b * c) >> BITS, (error >> BITS) + 3)
 
     def __truediv__(self, other: "Ball") -> "Ball":
-        demand(other.lo > 0 or other.hi < 0, "it needs a division by zero")
-        x, y = (self.x << BITS) // other.x, (self.y << BITS) // other.x
-        blur = (self.r << BITS) + (abs(x) + abs(y) + 2) * other.r
-        return Ball(x, y, blur // (abs(other.x) - other.r) + 3)
+        """Divide by a real number."""
+        demand(other.lo > 0 or other.hi < 0, "the proof needs a division by zero")
+        x = (self.x << BITS) // other.x
+        y = (self.y << BITS) // other.x
+        error = (self.r << BITS) + (abs(x) + abs(y) + 2) * other.r
+        return Ball(x, y, error // (abs(other.x) - other.r) + 3)
+
+    def conjugate(self) -> "Ball":
+        """Return x - iy."""
+        return Ball(self.x, -self.y, self.r)
 
     def size(self) -> "Ball":
         """Return the magnitude."""
@@ -79,23 +97,34 @@ def demand(holds: bool, sentence: str) -> None:
 
 def ball(x: float, y: float = 0.0) -> Ball:
     """Return a number, or a place, as it is."""
-    (a, b), (c, d) = float(x).as_integer_ratio(), float(y).as_integer_ratio()
-    return Ball((a << BITS) // b, (c << BITS) // d, 0 if max(b, d) <= 1 << BITS else 2)
+    a, b = float(x).as_integer_ratio()
+    c, d = float(y).as_integer_ratio()
+    exact = max(b, d) <= 1 << BITS
+    return Ball((a << BITS) // b, (c << BITS) // d, 0 if exact else 2)
 
 
-ZERO, ONE, J = ball(0.0), ball(1.0), ball(0.0, 1.0)
-CLOSED, CLOSE, ROUNDING, FINE, TURN, TINY = map(
-    ball, (1e-3 + 1e-6, 1e-3 + 2e-6, 3e-6, 2e-6, 2e-9, 1e-12)
-)
+def real(units: int) -> Ball:
+    """Return a real number of so many units of 2^-256, without an error."""
+    return Ball(units, 0, 0)
+
+
+ZERO = ball(0.0)
+ONE = ball(1.0)
+TWO = ball(2.0)
+J = ball(0.0, 1.0)
 
 
 def spin(angle: Ball) -> Ball:
-    """Return cosine + i sine of a real angle."""
+    """Return cosine + i sine of a real angle: the series of a small part of it, squared again."""
     halvings = (abs(angle.x) >> (BITS - 4)).bit_length()
-    small, term, n, sums = angle.x >> halvings, 1 << BITS, 0, [0, 0, 0, 0]
+    small = angle.x >> halvings
+    sums = [0, 0, 0, 0]  # of the terms without i, with i, with -1, with -i
+    term = 1 << BITS
+    n = 0
     while term not in (0, -1):  # a term is 2^-4 of the one before at most, and off by 3 at most
         sums[n % 4] += term
-        n, term = n + 1, (term * small >> BITS) // (n + 1)
+        n += 1
+        term = (term * small >> BITS) // n
     total = Ball(sums[0] - sums[2], sums[1] - sums[3], 4 * n + 8)
     for _ in range(halvings):
         total *= total
@@ -103,46 +132,299 @@ def spin(angle: Ball) -> Ball:
 
 
 def travel(course: Ball, turn: Ball, v: Ball, a: Ball, w: Ball, t: Ball) -> Ball:
-    """Return how far one gets in a time t with speed v + a t, on a course that turns by w t; both
-    as cos + i sin.
+    """Return how far one gets in a time t with speed v + a t, on a course that turns by w t.
+
+    Course and turn are given as cos + i sin. This is the integral of
+    (v + a s) exp(i (course + w s)) over s from 0 to t.
     """
     if w.x == w.r == 0:
-        return course * t * (v + a * t / ball(2.0))
-    return course * (((v + a * t) * turn - v) * (ZERO - J) + a * (turn - ONE) / w) / w
+        return course * t * (v + a * t / TWO)
+    through_speed = ((v + a * t) * turn - v) * (ZERO - J)
+    through_acceleration = a * (turn - ONE) / w
+    return course * (through_speed + through_acceleration) / w
 
 
-def controls(a: list[float], b: list[float]) -> list[float]:
+# What a certificate states.
+
+
+class Limits(NamedTuple):
+    """Of every arc, m/s, m/s^2, rad/s."""
+
+    speed_min: float
+    speed_max: float
+    acceleration_min: float
+    acceleration_max: float
+    yaw_rate_max: float
+
+
+class Requirement(NamedTuple):
+    """What is to be kept from every intruder."""
+
+    separation: float  # m
+    margin: float  # m
+    sigmas: float  # of the uncertainty that adds to it
+    vertical: float  # from excluded intruders, m
+
+
+class Knot(NamedTuple):
+    """The ownship at the request, or a waypoint."""
+
+    x: float  # m
+    y: float
+    heading: float  # rad
+    speed: float  # m/s
+    time: float  # s after the request
+
+
+class Report(NamedTuple):
+    """An intruder as it was reported."""
+
+    x: float  # m
+    y: float
+    heading: float  # rad
+    speed: float  # m/s
+    age: float  # of the report at the request, s
+    turn_rate: float  # rad/s
+    turn_time: float  # for which it turns after the report, s
+    position_std: float  # m
+    velocity_std: float  # m/s
+
+
+class Heights(NamedTuple):
+    """Of the ownship and of an excluded intruder."""
+
+    own: float  # m
+    own_climb: float  # m/s
+    other: float  # m
+    other_climb: float  # m/s
+    age: float  # of the other's report at the request, s
+
+
+class Origin(NamedTuple):
+    """Which flight the certificate belongs to, as far as its request said so."""
+
+    policy: str | None  # SHA-256
+    time_ns: int | None  # of the request, ns since 1970
+    latitude: float | None  # of the frame's origin, degrees
+    longitude: float | None
+
+
+class Certificate(NamedTuple):
+    """Everything that a certificate states, in its order."""
+
+    request: Origin
+    knots: list[Knot]
+    controls: list[list[float]]  # of each leg: ten turn rates, then ten accelerations
+    reports: list[Report]
+    excluded: list[Heights]
+    requirement: Requirement
+    limits: Limits
+    parts: int  # into which an arc is cut at most
+    bounds: list[float]  # of the distance from each intruder, m
+
+
+_FIELDS = {
+    "format",
+    "request",
+    "own",
+    "waypoints",
+    "controls",
+    "intruders",
+    "excluded",
+    "requirement",
+    "limits",
+    "parts",
+    "bounds",
+}
+
+
+def read(data: Any) -> Certificate:
+    """Return what a certificate states; raise RefusedError where it is none."""
+    right = isinstance(data, dict) and set(data) == _FIELDS and data["format"] == FORMAT
+    demand(right, f"it is not a {FORMAT}")
+    own = table("own", [data["own"]], 4)[0]
+    waypoints = table("waypoints", data["waypoints"], len(Knot._fields))
+    controls = table("controls", data["controls"], 2 * ARCS)
+    intruders = table("intruders", data["intruders"], len(Report._fields))
+    excluded = table("excluded", data["excluded"], len(Heights._fields))
+    found = Certificate(
+        request=origin(data["request"]),
+        knots=[Knot(*own, time=0.0), *(Knot(*row) for row in waypoints)],
+        controls=controls,
+        reports=[Report(*row) for row in intruders],
+        excluded=[Heights(*row) for row in excluded],
+        requirement=Requirement(*numbers("requirement", data["requirement"], Requirement._fields)),
+        limits=Limits(*numbers("limits", data["limits"], Limits._fields)),
+        parts=data["parts"],
+        bounds=table("bounds", [data["bounds"]], len(intruders))[0],
+    )
+    power = type(found.parts) is int and found.parts in [1 << n for n in range(11)]
+    demand(power, "parts is no power of 2 to 1024")
+    paired = len(controls) == len(waypoints) > 0
+    demand(paired, "there are not as many controls as waypoints, one or more")
+    sizes = [*found.requirement, *found.bounds]
+    for one in found.reports:
+        sizes += [one.speed, one.turn_time, one.position_std, one.velocity_std]
+    demand(min(sizes) >= 0.0 and found.requirement.separation > 0.0, "a size is negative")
+    return found
+
+
+def origin(given: Any) -> Origin:
+    """Return which flight a certificate says that it belongs to."""
+    right = isinstance(given, dict) and set(given) == set(Origin._fields)
+    demand(right, "request has other fields than expected")
+    kinds = {"policy": str, "time_ns": int, "latitude": float, "longitude": float}
+    for name, kind in kinds.items():
+        value = given[name]
+        demand(value is None or type(value) is kind, f"request.{name} is no {kind.__name__}")
+    return Origin(**given)
+
+
+def numbers(name: str, group: Any, fields: tuple[str, ...]) -> list[float]:
+    """Return the numbers of a group by the order of its fields."""
+    right = isinstance(group, dict) and set(group) == set(fields)
+    demand(right, f"{name} has other fields than expected")
+    return table(name, [[group[field] for field in fields]], len(fields))[0]
+
+
+def table(name: str, rows: Any, width: int) -> list[list[float]]:
+    """Return rows of numbers of moderate size."""
+    sentence = f"{name} are not rows of {width} numbers below 1e8"
+    demand(isinstance(rows, list), sentence)
+    for row in rows:
+        demand(isinstance(row, list) and len(row) == width, sentence)
+        for value in row:
+            # Not-a-number and infinity are not below it either.
+            demand(type(value) in (int, float) and abs(value) < _LARGEST, sentence)
+    return [[float(value) for value in row] for row in rows]
+
+
+# The flight: legs are arcs of constant turn rate and acceleration.
+
+
+class Arc(NamedTuple):
+    """A part of a leg, flown exactly."""
+
+    begin: Ball  # s after the request
+    length: Ball  # s
+    place: Ball  # at its beginning, x + iy, m
+    end: Ball  # the place at its end
+    course: Ball  # at its beginning, cos + i sin
+    speed: Ball  # at its beginning, m/s
+    acceleration: Ball  # m/s^2
+    turn_rate: Ball  # rad/s
+    quickest: Ball  # the greatest speed, m/s
+    own_acceleration: Ball  # a bound of the magnitude of the whole acceleration, m/s^2
+
+    def place_after(self, t: Ball) -> Ball:
+        """Return the place a time after the arc's beginning."""
+        turn = spin(self.turn_rate * t)
+        way = travel(self.course, turn, self.speed, self.acceleration, self.turn_rate, t)
+        return self.place + way
+
+
+def flight(certificate: Certificate) -> list[Arc]:
+    """Return the plan's arcs, which keep the limits and join the waypoints."""
+    speed_min, speed_max, acceleration_min, acceleration_max, yaw_rate_max = map(
+        ball, certificate.limits
+    )
+    fine, turn_tolerance = ball(_FINE), ball(_TURN)
+    arcs: list[Arc] = []
+    # A plan that begins beyond a speed limit may stay there, but not go further, nor come back.
+    slowest, fastest = 0, 1 << (BITS + 30)
+    legs = zip(pairwise(certificate.knots), certificate.controls, strict=True)
+    for number, ((start, goal), controls) in enumerate(legs):
+        leg = f"the leg to waypoint {number}"
+        demand(goal.time - start.time > _SHORTEST, f"{leg} takes no time")
+        for stated, defined in zip(controls, curve_controls(start, goal), strict=True):
+            demand(abs(stated - defined) <= _CONTROLS, f"{leg} is not flown along its curve")
+        length = (ball(goal.time) - ball(start.time)) / ball(ARCS)
+        place = ball(start.x, start.y)
+        course = spin(ball(start.heading))
+        speed = ball(start.speed)
+        for k in range(ARCS):
+            turn_rate = ball(controls[k])
+            acceleration = ball(controls[ARCS + k])
+            after = speed + acceleration * length
+            slowest = max(slowest, speed.hi)
+            fastest = min(fastest, speed.lo)
+            forwards = min(speed.lo, after.lo) > 0
+            enough = after.lo >= min(speed_min.hi, slowest) - fine.lo
+            not_more = after.hi <= max(speed_max.lo, fastest) + fine.lo
+            demand(forwards and enough and not_more, f"{leg} leaves the speed limits")
+            above = acceleration.lo >= acceleration_min.hi - fine.lo
+            below = acceleration.hi <= acceleration_max.lo + fine.lo
+            demand(above and below, f"{leg} leaves the acceleration limits")
+            gentle = turn_rate.size().hi <= yaw_rate_max.lo + turn_tolerance.lo
+            demand(gentle, f"{leg} turns too fast")
+            quickest = real(max(speed.hi, after.hi))
+            turn = spin(turn_rate * length)
+            end = place + travel(course, turn, speed, acceleration, turn_rate, length)
+            arcs.append(
+                Arc(
+                    begin=ball(start.time) + length * ball(k),
+                    length=length,
+                    place=place,
+                    end=end,
+                    course=course,
+                    speed=speed,
+                    acceleration=acceleration,
+                    turn_rate=turn_rate,
+                    quickest=quickest,
+                    own_acceleration=(acceleration + J * quickest * turn_rate).size(),
+                )
+            )
+            place, course, speed = end, course * turn, after
+        there = (place - ball(goal.x, goal.y)).size().hi <= ball(_JOINT).lo
+        as_fast = (speed - ball(goal.speed)).size().hi <= fine.lo
+        on_course = (course - spin(ball(goal.heading))).size().hi <= fine.lo
+        demand(there and as_fast and on_course, f"{leg} misses its waypoint")
+    return arcs
+
+
+def curve_controls(a: Knot, b: Knot) -> list[float]:
     """Return a leg's ten turn rates and ten accelerations, in floats: the curve that
     envs/waypoints.py defines.
+
+    It is the curve of ten arcs with the least change of its controls from their means that ends
+    where b stands, found by Newton steps.
     """
     roots = [
         (s, q, math.sqrt((3.0 + q * math.sqrt(4.8)) / 7.0)) for q in (-1, 1) for s in (-0.5, 0.5)
     ]
+    # Nodes and weights of Gauss-Legendre's rule of four points over [0, 1].
     nodes = [(0.5 + s * root, (18.0 - q * math.sqrt(30.0)) / 72.0) for s, q, root in roots]
-    h, turn, gain = (b[4] - a[4]) / ARCS, b[2] - a[2], b[3] - a[3]
+    h = (b.time - a.time) / ARCS
+    turn = b.heading - a.heading
     turn -= math.tau * math.floor((turn + math.pi) * (1.0 / math.tau))
-    turn -= math.tau if turn >= math.pi else 0.0  # half a circle is one to the right
-    found = mean = [turn / (ARCS * h)] * ARCS + [gain / (ARCS * h)] * ARCS
+    if turn >= math.pi:
+        turn -= math.tau  # half a circle is one to the right
+    mean = [turn / (ARCS * h)] * ARCS + [(b.speed - a.speed) / (ARCS * h)] * ARCS
+    found = mean
     for step in range(13):
-        psi, v, parts = a[2], a[3], []
+        # The way of each arc, x + iy, by the rule.
+        heading, speed, parts = a.heading, a.speed, []
         for w, p in zip(found[:ARCS], found[ARCS:], strict=True):
-            parts.append(
-                sum(g * h * (v + p * u * h) * cmath.rect(1.0, psi + w * u * h) for u, g in nodes)
+            way = sum(
+                g * h * (speed + p * u * h) * cmath.rect(1.0, heading + w * u * h) for u, g in nodes
             )
-            psi, v = psi + w * h, v + p * h
-        off = complex(b[0] - a[0], b[1] - a[1]) - sum(parts)
-        if abs(off) <= 5e-4 or step == 12:
+            parts.append(way)
+            heading, speed = heading + w * h, speed + p * h
+        miss = complex(b.x - a.x, b.y - a.y) - sum(parts)
+        if abs(miss) <= 5e-4 or step == 12:
             break
+        # The effect of each control on the end, with its weight; the sums of turns and of
+        # accelerations stay as they are.
         units = [h * h * part / max(abs(part), 1e-9) for part in parts]
-        turns, pushes = (
-            [sum(each[k:]) - 0.5 * each[k] for k in range(ARCS)] for each in (parts, units)
-        )
+        turns = [sum(parts[k:]) - 0.5 * parts[k] for k in range(ARCS)]
+        pushes = [sum(units[k:]) - 0.5 * units[k] for k in range(ARCS)]
         effects = [(4e-4, 1j * h * (one - sum(turns) / ARCS)) for one in turns]
         effects += [(4e-2, one - sum(pushes) / ARCS) for one in pushes]
-        off += sum(e * u for (_, e), u in zip(effects, found, strict=True))
-        # The normal equations: S m + D conj(m) = 2 off, S and D being the sums of |e|^2 and e^2.
-        s, d = sum(g * abs(e) ** 2 for g, e in effects), sum(g * e * e for g, e in effects)
-        m = 2.0 * (s * off - d * off.conjugate()) / max(s * s - abs(d) ** 2, 4e-12)
+        miss += sum(e * u for (_, e), u in zip(effects, found, strict=True))
+        # The normal equations: S m + D conj(m) = 2 miss, S and D the sums of |e|^2 and e^2.
+        s = sum(g * abs(e) ** 2 for g, e in effects)
+        d = sum(g * e * e for g, e in effects)
+        m = 2.0 * (s * miss - d * miss.conjugate()) / max(s * s - abs(d) ** 2, 4e-12)
         found = [
             middle + g * (e * m.conjugate()).real
             for middle, (g, e) in zip(mean, effects, strict=True)
@@ -150,220 +432,305 @@ def controls(a: list[float], b: list[float]) -> list[float]:
     return found
 
 
-def table(name: str, rows: Any, width: int) -> list[list[float]]:
-    """Return rows of numbers of moderate size."""
-    good = isinstance(rows, list) and all(
-        isinstance(row, list) and len(row) == width for row in rows
+# The separation from an intruder.
+
+
+class Track(NamedTuple):
+    """An intruder that turns for a while after its report, then flies straight on."""
+
+    place: Ball  # at the report, x + iy, m
+    course: Ball  # at the report, cos + i sin
+    speed: Ball  # m/s
+    age: Ball  # of the report at the request, s
+    turn_rate: Ball  # rad/s
+    turn_time: Ball  # s
+    position_std: Ball  # m
+    velocity_std: Ball  # m/s
+
+    def place_at(self, t: Ball) -> Ball:
+        """Return the place a time after the request."""
+        time = t + self.age
+        if self.turn_rate.x == self.turn_rate.r == 0:
+            return self.place + self.course * self.speed * time
+        turning = Ball(min(time.x, self.turn_time.x), 0, time.r + self.turn_time.r)
+        turn = spin(self.turn_rate * turning)
+        curve = travel(self.course, turn, self.speed, ZERO, self.turn_rate, turning)
+        straight = self.course * turn * self.speed * (time - turning)
+        return self.place + curve + straight
+
+    def acceleration(self) -> Ball:
+        """Return a bound of its acceleration after the request."""
+        if self.turn_time.hi > self.age.lo:
+            return (self.speed * self.turn_rate).size()
+        return ZERO
+
+    def uncertainty(self, t: Ball) -> Ball:
+        """Return a standard deviation of its place per axis, a time after the report, m: one error
+        of the velocity lasts.
+        """
+        return (self.position_std + J * self.velocity_std * t).size()
+
+
+def track(report: Report) -> Track:
+    """Return an intruder's report in balls."""
+    turns = report.turn_time > 0.0  # a turn that lasts for no time is none
+    return Track(
+        ball(report.x, report.y),
+        spin(ball(report.heading)),
+        ball(report.speed),
+        ball(report.age),
+        ball(report.turn_rate) if turns else ZERO,
+        ball(report.turn_time),
+        ball(report.position_std),
+        ball(report.velocity_std),
     )
-    good = good and all(
-        type(value) in (int, float) and abs(value) < 1e8 for row in rows for value in row
-    )
-    demand(good, f"{name} are not rows of {width} numbers below 1e8")
-    return [[float(value) for value in row] for row in rows]
 
 
-def flight(
-    knots: list[list[float]], given: list[list[float]], limits: list[Ball]
-) -> list[tuple[Ball, ...]]:
-    """Return the plan's arcs, which keep the limits and join the waypoints.
+def chord_bound(first: Ball, last: Ball, sagitta: int) -> int:
+    """Return a lower bound of the distance in a part of an arc, in units.
 
-    Of each: begin, length, first and last place, course, v, a, w, greatest speed and own
-    acceleration.
-    """
-    arcs, low, high = [], 0, 1 << (BITS + 30)
-    for number, (a, b) in enumerate(pairwise(knots)):
-        leg = f"the leg to waypoint {number}"
-        demand(b[4] - a[4] > 1e-3, f"{leg} takes no time")
-        same = all(
-            abs(one - two) <= 1e-8 for one, two in zip(given[number], controls(a, b), strict=True)
-        )
-        demand(same, f"{leg} is not flown along its curve")
-        h, place, course, v = (
-            (ball(b[4]) - ball(a[4])) / ball(ARCS),
-            ball(a[0], a[1]),
-            spin(ball(a[2])),
-            ball(a[3]),
-        )
-        for k in range(ARCS):
-            w, p, begin = (
-                ball(given[number][k]),
-                ball(given[number][ARCS + k]),
-                ball(a[4]) + h * ball(k),
-            )
-            low, high, after = max(low, v.hi), min(high, v.lo), v + p * h
-            slow = min(v.lo, after.lo) > 0 and after.lo >= min(limits[0].hi, low) - FINE.lo
-            demand(
-                slow and after.hi <= max(limits[1].lo, high) + FINE.lo,
-                f"{leg} leaves the speed limits",
-            )
-            gentle = limits[2].hi - FINE.lo <= p.lo and p.hi <= limits[3].lo + FINE.lo
-            demand(gentle, f"{leg} leaves the acceleration limits")
-            demand(w.size().hi <= limits[4].lo + TURN.lo, f"{leg} turns too fast")
-            quick, turn = Ball(max(v.hi, after.hi), 0, 0), spin(w * h)
-            last = place + travel(course, turn, v, p, w, h)
-            arcs.append((begin, h, place, last, course, v, p, w, quick, (p + J * quick * w).size()))
-            place, course, v = last, course * turn, after
-        end = (place - ball(b[0], b[1])).size().hi <= CLOSED.lo and (
-            v - ball(b[3])
-        ).size().hi <= FINE.lo
-        demand(
-            end and (course - spin(ball(b[2]))).size().hi <= FINE.lo, f"{leg} misses its waypoint"
-        )
-    return arcs
-
-
-def other(row: list[Ball], t: Ball) -> Ball:
-    """Return where an intruder is a time after the request: it turns for a while after its report,
-    then flies on.
-    """
-    place, course, v, age, w, lasts = row[:6]
-    time = t + age
-    if w.x == w.r == 0:
-        return place + course * v * time
-    turning = Ball(min(time.x, lasts.x), 0, time.r + lasts.r)
-    turn = spin(w * turning)
-    return place + travel(course, turn, v, ZERO, w, turning) + course * turn * v * (time - turning)
-
-
-def bound(first: Ball, last: Ball, bow: int) -> int:
-    """Return a lower bound of the distance in a part of an arc from the relative positions at its
-    ends, in units.
+    Args:
+        first: relative position at the part's beginning; with ``last`` at its end.
+        sagitta: by which the relative motion leaves its chord at most, units (theorem
+            ``chord_error``).
     """
     chord = last - first
-    length, cross = chord.size(), Ball(first.x, -first.y, first.r) * chord
+    length = chord.size()
     best = 0
     if length.lo > 0:  # from the line through both ends
-        best = max(best, (Ball(max(abs(cross.y) - cross.r, 0), 0, 0) / length).lo - bow)
+        cross = first.conjugate() * chord
+        from_line = real(max(abs(cross.y) - cross.r, 0)) / length
+        best = max(best, from_line.lo - sagitta)
     for end, way in ((first, chord), (last, ZERO - chord)):
-        far, grow = end.size(), Ball(end.x, -end.y, end.r) * way
-        best = max(best, far.lo - length.hi - bow)
-        if far.lo > 0 and grow.lo >= 0:  # from an end at which the range opens
-            rest = Ball(max(4 * bow - (Ball(grow.lo, 0, 0) / far).lo, 0), 0, 0)
-            best = max(best, far.lo - (rest * rest / Ball(16 * bow, 0, 0)).hi)
+        far = end.size()
+        best = max(best, far.lo - length.hi - sagitta)
+        grows = end.conjugate() * way
+        if far.lo > 0 and grows.lo >= 0:  # from an end at which the range opens
+            opening = (real(grows.lo) / far).lo
+            rest = real(max(4 * sagitta - opening, 0))
+            best = max(best, far.lo - (rest * rest / real(16 * sagitta)).hi)
     return best
 
 
-def separated(
-    number: int, row: list[Ball], start: Ball, arcs: Any, sizes: list[Ball], claim: Ball, parts: int
+def check_separation(
+    number: int, other: Track, arcs: list[Arc], requirement: Requirement, claim: float, parts: int
 ) -> None:
-    """Check that an intruder (place, heading, speed, age, turn rate and time, sigmas) stays as far
-    as it has to.
+    """Check that intruder ``number`` stays as far as it has to, and as the certificate claims.
+
+    Arcs that are not clear are cut in two, ``parts`` times at most.
     """
-    least, margin, sigmas = sizes
-    old = Ball(
-        max(row[3].x, -row[3].x), 0, row[3].r
-    )  # one error of the velocity lasts from the report on
-    std, away = (row[6] + J * row[7] * old).size(), (other(row, ZERO) - start).size()
-    keep = max(least.hi, min((least + margin + sigmas * std).hi, away.hi))
-    swerve = (row[2] * row[4]).size() if row[5].hi > row[3].lo else ZERO
+    separation, margin, sigmas, _ = map(ball, requirement)
+    age = Ball(max(other.age.x, -other.age.x), 0, other.age.r)
+    at_request = other.uncertainty(age)
+    away = (other.place_at(ZERO) - arcs[0].place).size()
+    # A plan that begins inside the margin keeps its own distance, but never less than separation.
+    wanted = (separation + margin + sigmas * at_request).hi
+    keep = max(separation.hi, min(wanted, away.hi))
     near = away.lo  # the distance at the beginning of an arc is this at least
-    for begin, h, place, end, course, v, p, w, quick, own_swerve in arcs:
-        pull, todo, near = own_swerve + swerve, [(0, 1)], near - (h * (quick + row[2])).hi
+    for arc in arcs:
+        relative = arc.own_acceleration + other.acceleration()
+        near -= (arc.length * (arc.quickest + other.speed)).hi  # theorem left_out_soundly
+        todo = [(0, 1)]  # the i-th of n equal parts
         while todo:
             i, n = todo.pop()
-            later, known = begin + h * ball(i + 1) / ball(n), {0: place, n: end}
-            need = keep + (sigmas * ((row[6] + J * row[7] * (old + later)).size() - std)).hi
-            owed = max(need - CLOSE.lo, least.hi - ROUNDING.lo, claim.hi)
-            bow = max((pull * h * h / ball(8 * n * n)).hi, TINY.hi)
-            if n == 1 and near - bow >= owed:
-                continue
-            times = [(k, h * ball(k) / ball(n)) for k in (i, i + 1)]
-            own = [
-                known[k] if k in known else place + travel(course, spin(w * t), v, p, w, t)
-                for k, t in times
-            ]
-            first, last = (
-                other(row, begin + t) - at for (_, t), at in zip(times, own, strict=True)
+            later = arc.begin + arc.length * ball(i + 1) / ball(n)
+            growth = (sigmas * (other.uncertainty(age + later) - at_request)).hi
+            required = max(
+                keep + growth - ball(_MARGIN).lo,
+                separation.hi - ball(_ROUNDING).lo,
+                ball(claim).hi,
             )
-            near = last.size().lo if n == 1 else near
-            if bound(first, last, bow) < owed:
-                demand(
-                    n < parts,
-                    f"intruder {number} may come too close before {later.hi / (1 << BITS):.2f} s",
-                )
+            # a h^2 / 8 of a part of the length h / n
+            sagitta = max((relative * arc.length * arc.length / ball(8 * n * n)).hi, ball(_TINY).hi)
+            if n == 1 and near - sagitta >= required:
+                continue
+            first = relative_place(other, arc, i, n)
+            last = relative_place(other, arc, i + 1, n)
+            if n == 1:
+                near = last.size().lo
+            if chord_bound(first, last, sagitta) < required:
+                when = later.hi / (1 << BITS)
+                sentence = f"intruder {number} may come too close before {when:.2f} s"
+                demand(n < parts, sentence)
                 todo += [(2 * i, 2 * n), (2 * i + 1, 2 * n)]
-        near -= CLOSED.hi
+        near -= ball(_JOINT).hi
 
 
-def accept(data: Any) -> float:
-    """Return the smallest distance that is proven, m; raise RefusedError where the certificate
-    proves nothing.
-    """
-    demand(
-        isinstance(data, dict) and set(data) == FIELDS and data["format"] == FORMAT,
-        f"it is not a {FORMAT}",
-    )
-    fields = (("requirement", REQUIREMENT), ("limits", LIMITS))
-    right = all(
-        isinstance(data[name], dict) and set(data[name]) == set(keys) for name, keys in fields
-    )
-    demand(right, "requirement or limits have other fields than expected")
-    wanted, allowed = (
-        table(name, [[data[name][key] for key in keys]], len(keys))[0] for name, keys in fields
-    )
-    waypoints, intruders = (
-        table("waypoints", data["waypoints"], 5),
-        table("intruders", data["intruders"], 9),
-    )
-    given, claims = (
-        table("controls", data["controls"], 2 * ARCS),
-        table("bounds", [data["bounds"]], len(intruders))[0],
-    )
-    demand(
-        type(data["parts"]) is int and data["parts"] in [1 << n for n in range(11)],
-        "parts is no power of 2 to 1024",
-    )
-    demand(
-        len(given) == len(waypoints) > 0, "there are not as many controls as waypoints, one or more"
-    )
-    positive = (
-        min([*wanted, *claims, *(value for row in intruders for value in (row[3], *row[6:]))])
-        >= 0.0
-    )
-    demand(positive and wanted[0] > 0.0, "a size is negative")
-    knots = [*([*row, 0.0] for row in table("own", [data["own"]], 4)), *waypoints]
-    arcs = flight(knots, given, [ball(value) for value in allowed])
-    for row in table("excluded", data["excluded"], 5):
-        own, climb, height, rise, age = map(ball, row)
-        now = height + rise * age - own
-        then, apart = now + (rise - climb) * ball(knots[-1][4]), ball(wanted[3]).hi
-        keeps = min(now.lo, then.lo) >= apart or max(now.hi, then.hi) <= -apart
-        demand(keeps, "an excluded intruder does not stay above or below")
-    for number, (x, y, *rest) in enumerate(intruders):
-        row = [ball(x, y), spin(ball(rest[0])), *map(ball, rest[1:])]
-        row[4] = row[4] if rest[4] > 0.0 else ZERO  # a turn that lasts for no time
-        start = ball(knots[0][0], knots[0][1])
-        separated(
-            number,
-            row,
-            start,
-            arcs,
-            list(map(ball, wanted[:3])),
-            ball(claims[number]),
-            data["parts"],
+def relative_place(other: Track, arc: Arc, k: int, n: int) -> Ball:
+    """Return the intruder's place less the ownship's after k of n equal parts of an arc."""
+    t = arc.length * ball(k) / ball(n)
+    if k == 0:
+        own = arc.place
+    elif k == n:
+        own = arc.end
+    else:
+        own = arc.place_after(t)
+    return other.place_at(arc.begin + t) - own
+
+
+def check_excluded(heights: Heights, end: float, vertical: float) -> None:
+    """Check that an excluded intruder stays above or below until the plan's end, s."""
+    own, climb, other, rise, age = map(ball, heights)
+    now = other + rise * age - own
+    then = now + (rise - climb) * ball(end)
+    apart = ball(vertical).hi
+    above = min(now.lo, then.lo) >= apart
+    below = max(now.hi, then.hi) <= -apart
+    demand(above or below, "an excluded intruder does not stay above or below")
+
+
+def accept(data: Any) -> Certificate:
+    """Return what a certificate proves; raise RefusedError where it proves nothing."""
+    certificate = read(data)
+    arcs = flight(certificate)
+    for heights in certificate.excluded:
+        check_excluded(heights, certificate.knots[-1].time, certificate.requirement.vertical)
+    claims = zip(certificate.reports, certificate.bounds, strict=True)
+    for number, (report, claim) in enumerate(claims):
+        check_separation(
+            number, track(report), arcs, certificate.requirement, claim, certificate.parts
         )
-    return min(claims, default=math.inf)
+    return certificate
+
+
+# The command.
+
+
+def summary(certificate: Certificate) -> list[str]:
+    """Return what is proven, in sentences."""
+    end = certificate.knots[-1].time
+    limits, wanted, about = certificate.limits, certificate.requirement, certificate.request
+    if certificate.reports:
+        separation = (
+            f"intruders: {len(certificate.reports)}; none comes closer than "
+            f"{min(certificate.bounds):.3f} m until {end:.1f} s after the request"
+        )
+    else:
+        separation = f"intruders: none; the flight is proven until {end:.1f} s after the request"
+    lines = [
+        separation,
+        f"left out: {len(certificate.excluded)}, {wanted.vertical:g} m or more above or below",
+        f"required: {wanted.separation:g} m and a margin of {wanted.margin:g} m, "
+        f"{wanted.sigmas:g} sigmas of uncertainty",
+        f"limits: {limits.speed_min:g} to {limits.speed_max:g} m/s, "
+        f"{limits.acceleration_min:g} to {limits.acceleration_max:g} m/s^2, "
+        f"{math.degrees(limits.yaw_rate_max):g} deg/s",
+    ]
+    place = "unknown"
+    if about.latitude is not None and about.longitude is not None:
+        place = f"{about.latitude:.6f}, {about.longitude:.6f}"
+    time = "unknown" if about.time_ns is None else f"{about.time_ns} ns"
+    lines.append(f"policy: {about.policy or 'unknown'}; time: {time}; origin: {place}")
+    return lines
+
+
+def check_aircraft(certificate: Certificate, aircraft: Mapping[str, float]) -> None:
+    """Refuse limits beyond those of an aircraft file, and a separation below its own."""
+    vehicle = {name: aircraft.get(f"vehicle.{name}", value) for name, value in aircraft.items()}
+    limits, wanted = certificate.limits, certificate.requirement
+    turn = math.radians(vehicle["yaw_rate_max_deg_s"])
+    inside = (
+        ("speed_min", limits.speed_min >= vehicle["speed_min_mps"]),
+        ("speed_max", limits.speed_max <= vehicle["speed_max_mps"]),
+        ("acceleration_min", limits.acceleration_min >= vehicle["acceleration_min_mps2"]),
+        ("acceleration_max", limits.acceleration_max <= vehicle["acceleration_max_mps2"]),
+        ("yaw_rate_max", limits.yaw_rate_max <= turn * (1.0 + 1e-9)),
+    )
+    for name, holds in inside:
+        demand(holds, f"its {name} is {getattr(limits, name):g}, beyond the aircraft's")
+    enough = wanted.separation >= aircraft["separation_m"]
+    demand(enough, f"its separation is {wanted.separation:g} m, below the aircraft's")
+
+
+def read_aircraft(text: str) -> dict[str, float]:
+    """Return the numbers of an aircraft file: lines ``key: number``, those of a group ``vehicle:``
+    indented.
+
+    Raises ValueError for anything else that YAML could hold, and for a key that stands twice.
+    """
+    found: dict[str, float] = {}
+    group = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        content = line.partition("#")[0].rstrip()
+        if not content:
+            continue
+        key, colon, value = content.strip().partition(":")
+        if not content[0].isspace():
+            group = ""
+        if content == "vehicle:":
+            group = "vehicle."
+            continue
+        name = group + key
+        if not colon or name in found:
+            raise ValueError(f"line {number}: {content.strip()!r}; expected key: number, once each")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise ValueError(f"line {number}: {value.strip()!r} is no number") from None
+    needed = ("speed_min_mps", "speed_max_mps", "acceleration_min_mps2", "acceleration_max_mps2")
+    for name in (*needed, "yaw_rate_max_deg_s", "separation_m"):
+        if name not in found:
+            raise ValueError(f"{name} is missing")
+    return found
+
+
+def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object of JSON; one with a key that stands twice means two things, and is none."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {key!r} stands twice")
+        found[key] = value
+    return found
+
+
+def load(path: Path, what: str) -> bytes:
+    """Return the content of a regular file, or raise ValueError."""
+    if not path.exists():
+        raise ValueError(f"there is no such file; expected {what}")
+    if not path.is_file():
+        raise ValueError(f"it is not a regular file; expected {what}")
+    return path.read_bytes()
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Check a file; return the exit status."""
+    called = Path(sys.argv[0]).name
     parser = argparse.ArgumentParser(
-        prog="python -m agents.check", description="Check the certificate of a plan."
+        prog=called if called.startswith("rlcas-") else "python -m agents.check",
+        description="Check the certificate of a plan: exit status 0 accepted, 1 refused, "
+        "2 unreadable or bad usage.",
     )
     parser.add_argument("--version", action="version", version=FORMAT)
     parser.add_argument("file", type=Path, help="the certificate")
-    path = parser.parse_args(arguments).file
+    parser.add_argument(
+        "--aircraft",
+        type=Path,
+        metavar="FILE",
+        help="aircraft file (configs/aircraft/*.yaml) whose limits the plan must keep, and whose "
+        "separation (default: those that the certificate states)",
+    )
+    options = parser.parse_args(arguments)
+    path = reading = options.file
+    aircraft = None
     try:
-        demand(path.is_file() or not path.exists(), "not a regular file")
-        data = json.loads(path.read_bytes())
+        data = json.loads(load(path, "a certificate"), object_pairs_hook=once)
+        if options.aircraft is not None:
+            reading = options.aircraft
+            aircraft = read_aircraft(load(reading, "an aircraft file").decode())
     except (OSError, ValueError, RecursionError) as problem:
-        print(f"{path}: cannot be read as JSON: {problem}", file=sys.stderr)
+        print(f"{reading}: cannot be read: {problem}", file=sys.stderr)
         return 2
     try:
-        print(f"{path}: accepted: no intruder comes closer than {accept(data):.3f} m")
+        certificate = accept(data)
+        if aircraft is not None:
+            check_aircraft(certificate, aircraft)
     except (ValueError, ArithmeticError) as problem:
         print(f"{path}: refused: {problem}", file=sys.stderr)
         return 1
+    print(f"{path}: accepted")
+    for sentence in summary(certificate):
+        print(f"  {sentence}")
     return 0
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import NamedTuple
 
 from envs.waypoints import Waypoint
 
@@ -92,6 +93,18 @@ class Excluded:
     until: float  # until when it stays out of the way, s after the request
 
 
+class Flight(NamedTuple):
+    """Which flight a certificate belongs to, as far as that is known."""
+
+    policy: str | None  # SHA-256 of the policy
+    time_ns: int | None  # of the request, ns since 1970
+    latitude: float | None  # of the local frame's origin, degrees
+    longitude: float | None
+
+
+UNKNOWN_FLIGHT = Flight(None, None, None, None)
+
+
 @dataclass(frozen=True, slots=True)
 class Plan:
     """The answer to a request."""
@@ -124,7 +137,9 @@ class Plan:
     """What the deadline left out or cut short: ``policy``, ``fallback``, ``refinement``, ``goal
     2``, ...
     """
-    certify: Callable[[], bytes] | None = field(default=None, repr=False, compare=False)
+    policy_sha256: str | None = None
+    """Of the policy that was asked."""
+    certify: Callable[[Flight], bytes] | None = field(default=None, repr=False, compare=False)
     """Makes the certificate of a SAFE plan as it was made from its request; None otherwise."""
 
     @property
@@ -137,4 +152,14 @@ class Plan:
         """What ``python -m agents.check`` proves the plan from, made when it is asked for; None
         unless it is SAFE.
         """
-        return self.certify() if self.safe and self.certify is not None else None
+        return self.certified()
+
+    def certified(
+        self, time_ns: int | None = None, origin: tuple[float, float] | None = None
+    ) -> bytes | None:
+        """Return the certificate with the time of the request, ns since 1970, and the place of the
+        local frame's origin, degrees north and east; None unless the plan is SAFE.
+        """
+        if not self.safe or self.certify is None:
+            return None
+        return self.certify(Flight(self.policy_sha256, time_ns, *(origin or (None, None))))

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planner.answer import Excluded
+from agents.planner.answer import UNKNOWN_FLIGHT, Excluded, Flight
 from agents.planner.options import Options
 from agents.planner.request import Altitude, Intruder, reported
 from agents.planner.separation import FINE
@@ -24,7 +24,7 @@ from envs.kinematics import VehicleState
 from envs.trees import mapped
 from envs.waypoints import Waypoint
 
-FORMAT = "RLCAS plan certificate 1"
+FORMAT = "RLCAS plan certificate 2"
 
 _STEP = 1e-5  # to whose multiples the bounds of distances are rounded down, m
 
@@ -36,6 +36,7 @@ def certificate(
     excluded: Sequence[Excluded],
     own_altitude: Altitude | None,
     options: Options,
+    flight: Flight = UNKNOWN_FLIGHT,
 ) -> bytes:
     """Return the certificate of a plan for a state of floats and reports; ``excluded`` intruders do
     not count.
@@ -47,6 +48,7 @@ def certificate(
     curves = waypoints.legs(knots)
     data = {
         "format": FORMAT,
+        "request": flight._asdict(),
         "own": list(own),
         "waypoints": [
             [point.x, point.y, point.heading, point.speed, point.time] for point in published

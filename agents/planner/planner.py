@@ -78,11 +78,18 @@ def plan(
         others = list(map(VehicleState, *(field.tolist() for field in one.traffic.state)))
         said += policy.departures(start, others, float(one.route_x[goal]), float(one.route_y[goal]))
     certify = partial(
-        certificate, start, tuple(intruders), answer.waypoints, excluded, own_altitude, options
+        certificate,
+        start,
+        tuple(intruders),
+        answer.waypoints,
+        excluded,
+        own_altitude,
+        options,
     )
     return replace(
         answer,
         advisory="; ".join(filter(None, said)) or None,
+        policy_sha256=policy.sha256,
         certify=certify if answer.safe else None,
     )
 

@@ -73,6 +73,9 @@ def plan_message(
     certificate of a SAFE one.
     """
     out = {one.number for one in plan.excluded}
+    proof = None
+    if certified:
+        proof = plan.certified(task.time, (task.frame.latitude, task.frame.longitude))
     message = trajectory_message(
         Trajectory.STATUS_SAFE if plan.safe else Trajectory.STATUS_UNRESOLVED,
         task.time,
@@ -83,7 +86,7 @@ def plan_message(
         start=point_message(start_point(task.frame, task.own, task.time, task.own_altitude)),
         waypoints=[point_message(point) for point in plan_points(plan, task)],
         # An array of bytes is taken as it is; other sequences are looked at byte by byte.
-        certificate=array("B", (plan.certificate if certified else None) or b""),
+        certificate=array("B", proof or b""),
     )
     closest = float(plan.min_separation), float(plan.time_of_min_separation)
     if all(map(np.isfinite, closest)):

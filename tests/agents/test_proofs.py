@@ -178,7 +178,7 @@ def test_checkers_bound_is_the_best_proven_one() -> None:
         known += [
             far - math.hypot(dx, dy) - bow for far in (math.hypot(x0, y0), math.hypot(x1, y1))
         ]
-        found = check.bound(check.ball(x0, y0), check.ball(x1, y1), check.ball(bow).hi) / unit
+        found = check.chord_bound(check.ball(x0, y0), check.ball(x1, y1), check.ball(bow).hi) / unit
         assert found == pytest.approx(max(*known, 0.0), rel=1e-9, abs=1e-6)
 
 
@@ -221,12 +221,8 @@ def test_intruders_fly_the_proven_closed_form() -> None:
         now = advanced(traffic, np.full((1, 1), age))
         place = separation._flown(now, np.array([[time]]))
         assert (place[0].item(), place[1].item()) == pytest.approx((x, y), abs=1e-6)
-        report = [
-            check.ball(0.0, 0.0),
-            check.spin(check.ball(psi)),
-            *map(check.ball, (v, age, w, lasts)),
-        ]
-        ball = check.other(report, check.ball(time))
+        report = check.Report(0.0, 0.0, psi, v, age, w, lasts, 0.0, 0.0)
+        ball = check.track(report).place_at(check.ball(time))
         assert (ball.x / (1 << check.BITS), ball.y / (1 << check.BITS)) == pytest.approx(
             (x, y), abs=1e-6
         )

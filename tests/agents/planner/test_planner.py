@@ -598,6 +598,7 @@ class InOtherUnits:
 
     def __init__(self, policy: Policy, length: float, pace: float) -> None:
         self._policy, self._units, self.domain = policy, (length, length, 1.0, pace), policy.domain
+        self.sha256 = policy.sha256
 
     def command_one(
         self, own: VehicleState, intruders: Any, goal_x: float, goal_y: float
