@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.plausible import SIGMAS, Drift, followed, unknown
+from agents.assurance.plausible import SIGMAS, Drift, followed, greatest_change, unknown
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.planner.traffic import Traffic, advanced
 from agents.policy.domain import excess
@@ -28,7 +28,11 @@ _SIGNIFICANT = 3.0  # sigmas that an estimated turn must differ from straight fl
 
 
 class Inputs(NamedTuple):
-    """What a step is given; fields ``[N]``, of intruders ``[N, K]``; what is missing is nan."""
+    """What a step is given; fields ``[N]``, of intruders ``[N, K]``; what is missing is nan.
+
+    Standard deviations are believed: 0 is exact. Where the accuracy is unknown, the caller gives
+    the worst that is plausible.
+    """
 
     time: Any  # now, on the monitor's clock, s
     own: VehicleState  # as last reported
@@ -59,8 +63,8 @@ class Memory(NamedTuple):
 def inputs(
     time: Any, own: VehicleState, intruders: VehicleState, mask: Any = None, **more: Any
 ) -> Inputs:
-    """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, and every
-    intruder exists.
+    """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, that is exact
+    and fresh, and every intruder exists.
     """
     each, pairs = np.shape(own.x), np.shape(intruders.x)
     given = {
@@ -183,18 +187,22 @@ def _turn_rate(
         / seconds
     )
     speed = np.maximum(np.where(comparable, given.intruders.speed, 1.0), 1.0)
-    std = np.hypot(np.where(comparable, given.velocity_std, 0.0), memory.velocity_std) / (
-        speed * seconds
-    )
+    noise = np.hypot(np.where(comparable, given.velocity_std, 0.0), memory.velocity_std)
+    std = noise / (speed * seconds)
     size = np.abs(rate)
-    # What seems to turn faster than an aircraft can has jumped; nothing follows from that.
-    turning = (size >= np.maximum(thresholds.turn_rate_min, _SIGNIFICANT * std)) & (
-        size <= thresholds.turn_rate_max
-    )
+    turning = size >= np.maximum(thresholds.turn_rate_min, _SIGNIFICANT * std)
     fastest = thresholds.traffic["intruder_turn_rate"]
     # A track that begins anew, because its aircraft turns, adds what it lagged behind.
     outside = comparable & (excess(fastest, size) > thresholds.turn_rate_min + 2.0 * SIGMAS * std)
-    rate = np.where(turning, rate, 0.0)
+    # What seems to turn a little faster than an aircraft can turns as fast as one can. Beyond that
+    # it has jumped: nothing follows but Cause.IMPOSSIBLE_RATE.
+    seen = mapped(lambda field: np.where(comparable, field, 0.0), given.intruders)
+    before, after = velocity(memory.intruders, np), velocity(seen, np)
+    change = np.hypot(after[0] - before[0], after[1] - before[1])
+    most, limits = thresholds.turn_rate_max, thresholds.options.aircraft.limits
+    greatest = np.maximum(memory.intruders.speed, seen.speed)
+    possible = change <= greatest_change(greatest, seconds, noise, most, limits)
+    rate = np.where(turning & possible, np.clip(rate, -most, most), 0.0)
     # A repeated report says nothing new; one after a gap begins anew.
     again = ~good | (elapsed < shortest)
     rate = np.where(comparable, rate, np.where(again, memory.turn_rate, 0.0))

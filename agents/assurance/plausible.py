@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.assurance.thresholds import Thresholds
-from envs.kinematics import VehicleState, velocity
+from envs.kinematics import Limits, VehicleState, velocity
 from envs.trees import mapped
 
 SIGMAS = 5.5
@@ -69,6 +69,22 @@ def difference(
     return off, allows.least + allows.share * way + allows.sigmas * noise
 
 
+def greatest_change(
+    speed: Any, seconds: Any, noise: Any, turn_rate_max: float, limits: Limits
+) -> Any:
+    """Return by how much an aircraft's velocity may change, m/s; what changes more is impossible.
+
+    Args:
+        speed: the greater one, before or after, m/s.
+        noise: one sigma per axis of the change, m/s.
+        turn_rate_max: largest turn rate that is accepted, rad/s.
+        limits: of the ownship: others accelerate alike.
+    """
+    fastest = turn_rate_max * speed
+    fastest = fastest + max(limits.acceleration_max, -limits.acceleration_min)
+    return _SPEED * limits.speed_max + fastest * seconds + SIGMAS * noise
+
+
 def followed(
     drift: Drift,
     before: tuple[VehicleState, Any, Any],
@@ -93,9 +109,9 @@ def followed(
     new, position_std, velocity_std = mapped(lambda field: np.where(good, field, 0.0), report)
     (vx, vy), (to_vx, to_vy) = velocity(old, np), velocity(new, np)
 
-    fastest = thresholds.turn_rate_max * np.maximum(old.speed, new.speed)
-    fastest = fastest + max(limits.acceleration_max, -limits.acceleration_min)
-    most = _SPEED * limits.speed_max + fastest * elapsed + SIGMAS * np.hypot(old_std, velocity_std)
+    noise = np.hypot(old_std, velocity_std)
+    speed = np.maximum(old.speed, new.speed)
+    most = greatest_change(speed, elapsed, noise, thresholds.turn_rate_max, limits)
     sudden = known & ~(np.hypot(to_vx - vx, to_vy - vy) <= most)
 
     flown_x = drift.flown_x + 0.5 * (vx + to_vx) * elapsed

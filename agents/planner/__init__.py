@@ -1,11 +1,13 @@
 """From states and route to a validated plan, or the reasons why there is none."""
 
-from agents.planner.answer import Plan, Reason, RequestError, Source, Status
+from agents.planner.answer import Advisory, AdvisoryCode, Plan, Reason, RequestError, Source, Status
 from agents.planner.planner import Plans, plan, plan_many
 from agents.planner.request import Intruder, Options, Request
 from agents.planner.traffic import Requirement, Traffic
 
 __all__ = [
+    "Advisory",
+    "AdvisoryCode",
     "Intruder",
     "Options",
     "Plan",

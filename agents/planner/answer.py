@@ -1,8 +1,8 @@
 """A plan: what the planner answers, safe or not, and why."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from enum import Enum
+from dataclasses import dataclass, field, replace
+from enum import Enum, IntEnum
 from typing import NamedTuple
 
 from envs.waypoints import Waypoint
@@ -51,14 +51,76 @@ class Kind(Enum):
     )
 
 
+class Subject(Enum):
+    """A part of a request; the value is what messages call it."""
+
+    OWN = "own"
+    OWN_ALTITUDE = "own_altitude"
+    INTRUDERS = "intruders"
+    ROUTE = "route"
+    OPTIONS = "options"
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """What a refusal or an advisory is about, such as ``intruders[2].altitude.value``."""
+
+    subject: Subject
+    name: str = ""
+    """Of the part of the subject, such as ``altitude.value``; empty: the whole of it."""
+    number: int | None = None
+    """Of the intruder or of the route's point; None: the subject is not one of several."""
+
+    def part(self, name: str) -> "Field":
+        """Return a part of this field."""
+        return replace(self, name=f"{self.name}.{name}" if self.name else name)
+
+    def within(self, subject: str) -> str:
+        """Return the name of the field where its subject goes by another name."""
+        return f"{subject}.{self.name}" if self.name else subject
+
+    def __str__(self) -> str:
+        """Return the name of the field in the request."""
+        number = "" if self.number is None else f"[{self.number}]"
+        return self.within(f"{self.subject.value}{number}")
+
+
 class RequestError(ValueError):
     """A request that cannot be planned for; the message says what was expected of ``field``, such
     as ``own.speed``.
     """
 
-    def __init__(self, field: str, problem: str) -> None:
+    def __init__(self, field: Field | str, problem: str) -> None:
         super().__init__(f"{field} {problem}")
-        self.field = field
+        self.field = str(field)
+        self.problem = problem  # the sentence without its subject, the field
+        self.about = field if isinstance(field, Field) else None  # None: no part of the request
+
+
+class AdvisoryCode(IntEnum):
+    """What an advisory is about."""
+
+    POLICY_UNSAFE = 1  # the policy's own plan was not safe, and another is given
+    OUTSIDE_DOMAIN = 2  # the policy was not trained for this
+    ASSUMED = 3  # something is unknown, and the worst that is plausible was taken
+    TIME_UNCERTAIN = 4  # when a report held is known to within some time only
+    WIND_UNKNOWN = 5  # the wind is unknown and taken as calm
+    POSSIBLE_COPY = 6  # an intruder may be a copy of the ownship
+
+
+class Advisory(NamedTuple):
+    """A remark for the operator; it does not make a plan less safe."""
+
+    code: AdvisoryCode
+    field: Field | str
+    """What it is about: a field of the request, or a name."""
+    text: str
+    """A sentence without its subject, the field."""
+
+    @property
+    def message(self) -> str:
+        """The whole sentence."""
+        return f"{self.code.name.lower()}: {self.field} {self.text}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +193,8 @@ class Plan:
     """
     cost: float = float("nan")
     """Extra path, time and reversals as metres (:mod:`agents.planner.fallback`)."""
-    advisory: str | None = None
-    """A remark for the operator, such as that the policy's own plan was not safe."""
+    advisory: tuple[Advisory, ...] = ()
+    """Remarks for the operator, such as that the policy's own plan was not safe."""
     unsearched: tuple[str, ...] = ()
     """What the deadline left out or cut short: ``policy``, ``fallback``, ``refinement``, ``goal
     2``, ...

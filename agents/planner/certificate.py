@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.planner.answer import UNKNOWN_FLIGHT, Excluded, Flight
 from agents.planner.options import Options
-from agents.planner.request import Altitude, Intruder, reported
+from agents.planner.request import Altitude, Intruder, approaching, reported
 from agents.planner.separation import FINE
 from agents.planner.traffic import advanced
 from agents.planner.validator import validate
@@ -70,7 +70,9 @@ def certificate(
             )
             for one in kept
         ],
-        "excluded": [_heights(own_altitude, reports[number]) for number in sorted(out)],
+        "excluded": [
+            _heights(own_altitude, reports[number], options.unknown_climb) for number in sorted(out)
+        ],
         "requirement": {**options.requirement._asdict(), "vertical": options.vertical_filter},
         "limits": {name: float(limit) for name, limit in options.limits._asdict().items()},
         "parts": FINE,
@@ -79,13 +81,16 @@ def certificate(
     return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
 
 
-def _heights(own: Altitude | None, report: Intruder) -> list[float]:
+def _heights(own: Altitude | None, report: Intruder, unknown_climb: float) -> list[float]:
+    """Return both altitudes with their vertical speeds, m and m/s, what is unknown as bad as it may
+    be, and the report's age, s.
+    """
     other = report.altitude
     assert own is not None and other is not None  # nobody is excluded otherwise
-    return [
-        float(value)
-        for value in (own.value, own.vertical_speed, other.value, other.vertical_speed, report.age)
-    ]
+    mine, theirs = approaching(own, other, report.age, unknown_climb)
+    assert mine.vertical_speed is not None and theirs.vertical_speed is not None
+    values = mine.value, mine.vertical_speed, theirs.value, theirs.vertical_speed, report.age
+    return [float(value) for value in values]
 
 
 def _bounds(knots: waypoints.Knots, reports: Sequence[Intruder], options: Options) -> list[float]:

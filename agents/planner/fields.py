@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.planner.answer import RequestError
+from agents.planner.answer import Field, RequestError
 from envs.kinematics import VehicleState
 
 _LONGEST_TEXT = 60  # of a value in a message
 
 
-def sequence(name: str, given: Any) -> Sequence[Any]:
+def sequence(name: Field | str, given: Any) -> Sequence[Any]:
     """Return a sequence that is neither a text nor a single state; raise RequestError if it is
     none.
     """
@@ -30,7 +30,7 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONGEST_TEXT else text[:_LONGEST_TEXT] + "..."
 
 
-def real(name: str, value: Any, low: float, high: float, unit: str) -> float:
+def real(name: Field | str, value: Any, low: float, high: float, unit: str) -> float:
     """Return a number in [low, high] as a plain float; raise RequestError, which names it, if it is
     none.
     """

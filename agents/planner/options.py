@@ -112,6 +112,9 @@ class Options:
     """Predicted vertical separation beyond which an intruder is left out, m; no number of the
     aircraft gives it.
     """
+    unknown_climb: float = 10.0
+    """Rate at which aircraft climb or descend at most whose vertical speed is unknown, m/s: 2000
+    ft/min, of which airliners exceed little but after take-off."""
     exhaustive: bool = True
     """Whether the last, slow stages of the fallback are tried before giving up."""
     deadline_s: float = 0.050
@@ -277,6 +280,7 @@ def check(options: Options) -> None:
         ("requirement.sigmas", 0.0, 10.0, "sigmas"),
         ("rejoin_by", options.interval, options.latest_rejoin, "s"),
         ("vertical_filter", 0.0, 50_000.0, "m"),
+        ("unknown_climb", 0.0, 100.0, "m/s"),
         ("max_age", 0.0, 60.0 * options.aircraft.dt, "s"),
         ("fallback_cost_threshold", 0.0, math.inf, "m"),
         ("deadline_s", 0.0, math.inf, "s"),

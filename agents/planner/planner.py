@@ -15,13 +15,21 @@ from typing import Any
 import numpy as np
 
 from agents.planner import fallback
-from agents.planner.answer import Plan, RequestError
+from agents.planner.answer import Advisory, AdvisoryCode, Field, Plan, RequestError, Subject
 from agents.planner.budget import Budget
 from agents.planner.candidates import empty, evaluate, keep_best
 from agents.planner.certificate import certificate
 from agents.planner.options import Options, check
 from agents.planner.publish import Plans, published
-from agents.planner.request import Altitude, Intruder, Request, checked, eligible, finite
+from agents.planner.request import (
+    Altitude,
+    Intruder,
+    Request,
+    assumptions,
+    checked,
+    eligible,
+    finite,
+)
 from agents.planner.rollout import roll
 from agents.policy.domain import departures
 from agents.policy.inference import OutsideDomainError, Policy
@@ -48,7 +56,8 @@ def plan(
         intruders: any number of them.
         route: what is left of it, two points at least; the next one first.
         options: how the plan is made; None: the policy's aircraft's.
-        own_altitude: for the vertical filter; None: unknown, all intruders count.
+        own_altitude: for the vertical filter; None: unknown, all intruders count. Vertical speeds
+            that are unknown are taken as ``options.unknown_climb`` towards the other aircraft.
 
     Returns:
         A plan, SAFE or UNRESOLVED with the reasons and the trajectory of greatest separation that
@@ -66,17 +75,19 @@ def plan(
     try:
         policy.check_intruders(len(kept))
     except OutsideDomainError as problem:
-        raise RequestError("intruders", f"are too many: {problem}") from None
+        raise RequestError(Field(Subject.INTRUDERS), f"are too many: {problem}") from None
     budget, goals = Budget(options.deadline_s), eligible(request, options)
     plans = _planned(request, goals, policy, options, budget, floats=True)
     goal = int(goals[0, 0])
     answer = published(request, plans, goal, route, excluded, kept, options, tuple(budget.skipped))
     one = take(request, 0)
     start = VehicleState(*map(float, one.own))
-    said = [answer.advisory, *departures(policy.domain, _of_domain(intruders))]
+    outside = departures(policy.domain, _of_domain(intruders))
     if goal >= 0:  # without a point ahead the policy decides nothing
         others = list(map(VehicleState, *(field.tolist() for field in one.traffic.state)))
-        said += policy.departures(start, others, float(one.route_x[goal]), float(one.route_y[goal]))
+        outside += policy.departures(
+            start, others, float(one.route_x[goal]), float(one.route_y[goal])
+        )
     certify = partial(
         certificate,
         start,
@@ -88,7 +99,11 @@ def plan(
     )
     return replace(
         answer,
-        advisory="; ".join(filter(None, said)) or None,
+        advisory=(
+            *answer.advisory,
+            *(Advisory(AdvisoryCode.OUTSIDE_DOMAIN, *departure) for departure in outside),
+            *assumptions(own_altitude, intruders, options),
+        ),
         policy_sha256=policy.sha256,
         certify=certify if answer.safe else None,
     )

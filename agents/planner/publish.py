@@ -11,7 +11,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.answer import Excluded, Kind, Plan, Reason, RequestError, Source, Status
+from agents.planner.answer import (
+    Advisory,
+    AdvisoryCode,
+    Excluded,
+    Kind,
+    Plan,
+    Reason,
+    RequestError,
+    Source,
+    Status,
+)
 from agents.planner.audit import audit
 from agents.planner.candidates import Proposals
 from agents.planner.options import Options, check
@@ -78,9 +88,10 @@ def published(
             f"{', '.join(skipped)}"
         )
         reasons = (*reasons, Reason(Kind.DEADLINE, "options.deadline_s", what))
-    advisory = None
+    advisory: tuple[Advisory, ...] = ()
     if safe and not plans.policy_safe[0]:
-        advisory = "the policy's own plan to the next point of the route was not safe"
+        what = "to the next point of the route was not safe"
+        advisory = (Advisory(AdvisoryCode.POLICY_UNSAFE, "the policy's own plan", what),)
     return Plan(
         Status.SAFE if safe else Status.UNRESOLVED,
         _SOURCES[int(plans.source[0])] if waypoints else Source.NONE,

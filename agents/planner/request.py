@@ -7,7 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.answer import Excluded, RequestError
+from agents.planner.answer import (
+    Advisory,
+    AdvisoryCode,
+    Excluded,
+    Field,
+    RequestError,
+    Subject,
+)
 from agents.planner.fields import real, sequence, shown
 from agents.planner.options import Options, speed_range
 from agents.planner.separation import same_flight
@@ -29,13 +36,20 @@ class Altitude:
     """m."""
     reference: str
     """Such as ``"wgs84"``, ``"msl"``, ``"pressure"``."""
-    vertical_speed: float = 0.0
-    """m/s, positive upwards."""
+    vertical_speed: float | None = None
+    """m/s, positive upwards; None: unknown, which counts as ``Options.unknown_climb`` either way.
+    """
+    error: float = 0.0
+    """By how much the value may be off either way, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Intruder:
-    """An intruder as it was reported."""
+    """An intruder as it was reported.
+
+    What stands here is believed: a standard deviation of 0 is an exact state. Where the accuracy is
+    unknown, give the worst that is plausible.
+    """
 
     state: VehicleState
     """At the time of the report."""
@@ -82,18 +96,19 @@ def checked(
     Raises:
         RequestError: something is missing, not finite, out of range or inconsistent.
     """
-    state = _state("own", own)
+    state = _state(Field(Subject.OWN), own)
     low, high = speed_range(options.aircraft.limits)
     if not low <= state.speed <= high:
-        raise RequestError("own.speed", f"is {state.speed:g} m/s, expected {low:g} to {high:g}")
-    _altitude("own_altitude", own_altitude)
+        what = Field(Subject.OWN, "speed")
+        raise RequestError(what, f"is {state.speed:g} m/s, expected {low:g} to {high:g}")
+    _altitude(Field(Subject.OWN_ALTITUDE), own_altitude)
     reports = [
         _report(
-            f"intruders[{number}]",
+            Field(Subject.INTRUDERS, number=number),
             given if isinstance(given, Intruder) else Intruder(given),
             options,
         )
-        for number, given in enumerate(sequence("intruders", intruders))
+        for number, given in enumerate(sequence(Field(Subject.INTRUDERS), intruders))
     ]
     x, y = _route(route)
     end = float(options.latest_end(state.speed, x, y))
@@ -110,7 +125,8 @@ def checked(
     # the validator's own arithmetic.
     for number in np.flatnonzero(~same_flight(seen, age, traffic)[0]) if age.any() else ():
         raise RequestError(
-            f"intruders[{kept[number]}]", "cannot be advanced from its report to the request"
+            Field(Subject.INTRUDERS, number=kept[number]),
+            "cannot be advanced from its report to the request",
         )
     one = VehicleState(*(np.array([value]) for value in state))
     return Request(one, traffic, x[None], y[None], np.array([x.size])), tuple(excluded), kept
@@ -174,77 +190,157 @@ def eligible(request: Request, options: Options) -> Any:
     return np.where(inside & (near & exists)[rows, chosen], chosen, -1)
 
 
-def _state(name: str, state: Any) -> VehicleState:
+def approaching(
+    own: Altitude, other: Altitude, age: float, unknown_climb: float
+) -> tuple[Altitude, Altitude]:
+    """Return two altitudes with what is unknown of them as bad as it may be: each is off by its
+    error towards the other, and where its vertical speed is unknown it goes that way.
+
+    Where they may be level already, both are returned at the value of the first.
+
+    Args:
+        own: as of now.
+        other: as of ``age`` seconds ago.
+        unknown_climb: vertical speed either way of an aircraft whose own is unknown, m/s.
+    """
+    gap, error = other.value - own.value, own.error + other.error
+    if other.vertical_speed is None:
+        error += unknown_climb * abs(age)
+    else:
+        gap += other.vertical_speed * age
+    up = 1.0 if gap > 0.0 else -1.0
+    if abs(gap) <= error:
+        level = Altitude(own.value, own.reference, 0.0)
+        return level, level
+    climb = up * unknown_climb
+    return (
+        Altitude(
+            own.value + up * own.error,
+            own.reference,
+            climb if own.vertical_speed is None else own.vertical_speed,
+        ),
+        Altitude(
+            other.value - up * other.error,
+            other.reference,
+            -climb if other.vertical_speed is None else other.vertical_speed,
+        ),
+    )
+
+
+def assumptions(
+    own: Altitude | None, intruders: Sequence[VehicleState | Intruder], options: Options
+) -> list[Advisory]:
+    """Return which vertical speeds are unknown and assumed, of those that the vertical filter
+    uses.
+    """
+    if own is None:
+        return []
+    compared = [
+        (number, one.altitude)
+        for number, one in enumerate(intruders)
+        if isinstance(one, Intruder)
+        and one.altitude is not None
+        and one.altitude.reference == own.reference
+    ]
+    fields = [
+        Field(Subject.INTRUDERS, "altitude.vertical_speed", number)
+        for number, altitude in compared
+        if altitude.vertical_speed is None
+    ]
+    if compared and own.vertical_speed is None:
+        fields.insert(0, Field(Subject.OWN_ALTITUDE, "vertical_speed"))
+    what = f"is unknown and taken as up to {options.unknown_climb:g} m/s either way"
+    return [Advisory(AdvisoryCode.ASSUMED, field, what) for field in fields]
+
+
+def _state(name: Field, state: Any) -> VehicleState:
     """Return a state of plain floats, heading wrapped."""
     if not isinstance(state, VehicleState):
         raise RequestError(name, f"is {type(state).__name__}, expected a VehicleState")
-    x = real(f"{name}.x", state.x, -_FARTHEST, _FARTHEST, "m")
-    y = real(f"{name}.y", state.y, -_FARTHEST, _FARTHEST, "m")
-    heading = real(f"{name}.heading", state.heading, -2.0 * math.pi, 2.0 * math.pi, "rad")
-    speed = real(f"{name}.speed", state.speed, 0.0, FASTEST.speed_max, "m/s")
+    x = real(name.part("x"), state.x, -_FARTHEST, _FARTHEST, "m")
+    y = real(name.part("y"), state.y, -_FARTHEST, _FARTHEST, "m")
+    heading = real(name.part("heading"), state.heading, -2.0 * math.pi, 2.0 * math.pi, "rad")
+    speed = real(name.part("speed"), state.speed, 0.0, FASTEST.speed_max, "m/s")
     return VehicleState(x, y, math.remainder(heading, 2.0 * math.pi), speed)
 
 
-def _altitude(name: str, altitude: Any) -> None:
+def _altitude(name: Field, altitude: Any) -> None:
     if altitude is None:
         return
     if not isinstance(altitude, Altitude):
         raise RequestError(name, f"is {type(altitude).__name__}, expected an Altitude or None")
-    real(f"{name}.value", altitude.value, -1_000.0, 30_000.0, "m")
-    real(f"{name}.vertical_speed", altitude.vertical_speed, -100.0, 100.0, "m/s")
+    real(name.part("value"), altitude.value, -1_000.0, 30_000.0, "m")
+    if altitude.vertical_speed is not None:
+        real(name.part("vertical_speed"), altitude.vertical_speed, -100.0, 100.0, "m/s")
+    real(name.part("error"), altitude.error, 0.0, 30_000.0, "m")
     if not isinstance(altitude.reference, str) or not altitude.reference:
-        raise RequestError(f"{name}.reference", f"is {shown(altitude.reference)}, expected a name")
+        what = f"is {shown(altitude.reference)}, expected a name"
+        raise RequestError(name.part("reference"), what)
 
 
-def _report(name: str, report: Intruder, options: Options) -> Intruder:
+def _report(name: Field, report: Intruder, options: Options) -> Intruder:
     state = _state(name, report.state)
-    _altitude(f"{name}.altitude", report.altitude)
-    age = real(f"{name}.age", report.age, -0.5, math.inf, "s")
+    _altitude(name.part("altitude"), report.altitude)
+    age = real(name.part("age"), report.age, -0.5, math.inf, "s")
     if age > options.max_age:
         raise RequestError(
-            f"{name}.age",
+            name.part("age"),
             f"is {age:g} s: the report is stale, expected {options.max_age:g} s at most",
         )
-    rate = real(f"{name}.turn_rate", report.turn_rate, -0.5, 0.5, "rad/s")
-    lasts = real(f"{name}.turn_time", report.turn_time, 0.0, 1_000.0, "s")
+    rate = real(name.part("turn_rate"), report.turn_rate, -0.5, 0.5, "rad/s")
+    lasts = real(name.part("turn_time"), report.turn_time, 0.0, 1_000.0, "s")
     if abs(rate) * lasts > _MOST_TURN:
         what = (
             f"is {lasts:g} s: a turn of {abs(rate) * lasts:.0f} rad, expected {_MOST_TURN:g} "
             "rad at most"
         )
-        raise RequestError(f"{name}.turn_time", what)
+        raise RequestError(name.part("turn_time"), what)
     return Intruder(
         state,
         age,
         rate,
         lasts,
-        real(f"{name}.position_std", report.position_std, 0.0, 10_000.0, "m"),
-        real(f"{name}.velocity_std", report.velocity_std, 0.0, 100.0, "m/s"),
+        real(name.part("position_std"), report.position_std, 0.0, 10_000.0, "m"),
+        real(name.part("velocity_std"), report.velocity_std, 0.0, 100.0, "m/s"),
         report.altitude,
     )
 
 
 def _apart(own: Altitude | None, report: Intruder, end: float, options: Options) -> str | None:
     """Return why an intruder is vertically out of the way until the plan's end, or None."""
-    other = report.altitude
-    if own is None or other is None or own.reference != other.reference:
+    if own is None or report.altitude is None:
         return None
-    now = other.value + other.vertical_speed * report.age - own.value
-    later = now + (other.vertical_speed - own.vertical_speed) * end
-    least = 0.0 if now * later <= 0.0 else min(abs(now), abs(later))
+    least = abs(vertical_gap(own, report.altitude, report.age, end, options.unknown_climb))
     if least <= options.vertical_filter:
         return None
     return f"stays {least:.0f} m above or below ({own.reference}) for {end:.0f} s"
 
 
+def vertical_gap(
+    own: Altitude, other: Altitude, age: float, horizon: float, unknown_climb: float
+) -> float:
+    """Return by how much another aircraft stays above the ownship for a time, s, or below it where
+    negative, m; 0 where they may pass each other or cannot be compared.
+
+    Arguments are as of :func:`approaching`, ``horizon`` is in s.
+    """
+    if own.reference != other.reference:
+        return 0.0
+    mine, theirs = approaching(own, other, age, unknown_climb)
+    assert mine.vertical_speed is not None and theirs.vertical_speed is not None
+    now = theirs.value + theirs.vertical_speed * age - mine.value
+    later = now + (theirs.vertical_speed - mine.vertical_speed) * horizon
+    return min(now, later, key=abs) if now * later > 0.0 else 0.0
+
+
 def _route(route: Any) -> tuple[Any, Any]:
-    points = sequence("route", route)
+    points = sequence(Field(Subject.ROUTE), route)
     if len(points) < 2:
-        raise RequestError("route", f"has {len(points)} points, expected 2 or more")
+        raise RequestError(Field(Subject.ROUTE), f"has {len(points)} points, expected 2 or more")
     indices: set[int] = set()
     x, y = [], []
     for number, point in enumerate(points):
-        name = f"route[{number}]"
+        name = Field(Subject.ROUTE, number=number)
         if not isinstance(point, RoutePoint):
             raise RequestError(name, f"is {type(point).__name__}, expected a RoutePoint")
         if (
@@ -253,16 +349,16 @@ def _route(route: Any) -> tuple[Any, Any]:
             or not 0 <= point.index < 2**31
         ):
             raise RequestError(
-                f"{name}.index",
+                name.part("index"),
                 f"is {shown(point.index)}, expected an integer from 0 to 2147483647",
             )
         if point.index in indices:
             raise RequestError(
-                f"{name}.index", f"is {shown(point.index)} again, expected one of its own"
+                name.part("index"), f"is {shown(point.index)} again, expected one of its own"
             )
         indices.add(point.index)
-        x.append(real(f"{name}.x", point.x, -_FARTHEST, _FARTHEST, "m"))
-        y.append(real(f"{name}.y", point.y, -_FARTHEST, _FARTHEST, "m"))
+        x.append(real(name.part("x"), point.x, -_FARTHEST, _FARTHEST, "m"))
+        y.append(real(name.part("y"), point.y, -_FARTHEST, _FARTHEST, "m"))
         if number and math.hypot(x[-1] - x[-2], y[-1] - y[-2]) < 1.0:
             raise RequestError(
                 name, "is closer than 1 m to the point before it, expected another place"

@@ -7,7 +7,7 @@ latency those of the scenario ``noisy``.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,15 +33,26 @@ _UNITS = {
 _TOLERANCE = 0.01  # of a ratio; an aircraft is never known better
 
 
+class Departure(NamedTuple):
+    """One quantity that is outside what the policy was trained for."""
+
+    quantity: str
+    text: str  # a sentence without its subject, the quantity
+
+    def __str__(self) -> str:
+        """Return the whole sentence."""
+        return f"outside_domain: {self.quantity} {self.text}"
+
+
 class OutsideDomainError(InputError):
     """An aircraft that the policy was not trained for; the message names the number and its
     range.
     """
 
 
-def check_domain(content: PolicyFile, aircraft: Aircraft) -> None:
-    """Raise an OutsideDomainError where one of an aircraft's ratios is out of the range of a policy
-    file's family.
+def unlike(content: PolicyFile, aircraft: Aircraft) -> Departure | None:
+    """Return the first of an aircraft's ratios that is out of the range of a policy file's family,
+    or None.
 
     A file of schema 1 knows the ratios of its own aircraft alone.
     """
@@ -51,12 +62,22 @@ def check_domain(content: PolicyFile, aircraft: Aircraft) -> None:
         low, high = content.metadata["family"][name] if content.of_set else (alone, alone)
         if not low - _TOLERANCE * abs(low) <= value <= high + _TOLERANCE * abs(high):
             units = dict(zip(Ratios._fields, ("V", "V^2/D", "V^2/D", "D"), strict=True))[name]
-            raise OutsideDomainError(
-                f"outside_domain: {name} is {value:.3g} {units}; expected {low:.3g} to "
-                f"{high:.3g}, what the policy was "
+            what = (
+                f"is {value:.3g} {units}; expected {low:.3g} to {high:.3g}, what the policy was "
                 f"trained for (D: separation {aircraft.separation:g} m; V: "
                 f"{aircraft.limits.speed_max:g} m/s)"
             )
+            return Departure(name, what)
+    return None
+
+
+def check_domain(content: PolicyFile, aircraft: Aircraft) -> None:
+    """Raise an OutsideDomainError where an aircraft is out of the range of a policy file's
+    family.
+    """
+    departure = unlike(content, aircraft)
+    if departure is not None:
+        raise OutsideDomainError(str(departure))
 
 
 def domain(content: PolicyFile, aircraft: Aircraft) -> dict[str, tuple[float, float]]:
@@ -94,18 +115,16 @@ def excess(allowed: tuple[float, float], values: Any) -> np.ndarray:
 
 def departures(
     allowed: Mapping[str, tuple[float, float]], values: Mapping[str, Sequence[float]]
-) -> list[str]:
-    """Return a sentence for each quantity of :func:`domain` that has values outside its range, with
-    the furthest.
+) -> list[Departure]:
+    """Return each quantity of :func:`domain` that has values outside its range, with the
+    furthest.
     """
-    said = []
+    found_outside = []
     for name, given in values.items():
         (low, high), found = allowed[name], np.asarray(given, float)
         beyond = excess((low, high), found)
         if beyond.any():
             worst, unit = found[np.argmax(beyond)], _UNITS.get(name, " m/s")
-            said.append(
-                f"outside_domain: {name} is {worst:.4g}{unit}; expected {low:.4g} to "
-                f"{high:.4g}{unit}"
-            )
-    return said
+            what = f"is {worst:.4g}{unit}; expected {low:.4g} to {high:.4g}{unit}"
+            found_outside.append(Departure(name, what))
+    return found_outside

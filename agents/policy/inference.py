@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from agents.policy import novelty
-from agents.policy.domain import OutsideDomainError, check_domain, domain
+from agents.policy.domain import Departure, OutsideDomainError, domain, unlike
 from agents.policy.eight_network import EightNetwork
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
 from agents.policy.set_network import SetNetwork
@@ -70,12 +70,8 @@ class Policy:
             raise ValueError(f"dtype is {self.dtype}, expected float32 or float64")
         self.sha256, self.metadata = content.sha256, content.metadata
         self.limits, self.aircraft, self.tensors = content.limits, content.aircraft, content.actor
-        self.layers, self._content, self._outside, self._unlike = (
-            content.layers,
-            content,
-            "refuse",
-            list[str](),
-        )
+        self.layers, self._content, self._outside = content.layers, content, "refuse"
+        self._unlike: list[Departure] = []
         self.most = int(self.domain["intruders"][1])
         kind = SetNetwork if content.of_set else EightNetwork
         # In float64 so that a difference is one of meaning, never of rounding.
@@ -98,13 +94,10 @@ class Policy:
         if outside not in ("refuse", "allow"):
             raise ValueError(f"outside is {outside!r}, expected 'refuse' or 'allow'")
         other = copy(self)
-        other._outside, other._unlike = outside, []
-        try:
-            check_domain(self._content, aircraft)
-        except OutsideDomainError as problem:
-            if outside == "refuse":
-                raise
-            other._unlike = [str(problem)]
+        departure = unlike(self._content, aircraft)
+        if departure is not None and outside == "refuse":
+            raise OutsideDomainError(str(departure))
+        other._outside, other._unlike = outside, [] if departure is None else [departure]
         other.aircraft, other.limits = aircraft, aircraft.limits
         other._decider = self._decider.for_aircraft(aircraft)
         return other
@@ -129,15 +122,13 @@ class Policy:
 
     def departures(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
-    ) -> list[str]:
-        """Return how aircraft and scene are unlike all that the policy was trained with, a sentence
-        each.
-        """
+    ) -> list[Departure]:
+        """Return how aircraft and scene are unlike all that the policy was trained with."""
         box = novelty.shipped(self.sha256)
         if box is None or not isinstance(self._decider, SetNetwork):
             return [*self._unlike]
         mine, each, _ = self._decider.inputs_of_one(own, intruders, goal_x, goal_y)
-        return [*self._unlike, *novelty.said(box, mine, each)]
+        return [*self._unlike, *novelty.departures(box, mine, each)]
 
     @classmethod
     def load(

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.policy.domain import Departure
 from agents.policy.scene import scene
 from agents.policy.set_features import SetInputs, set_inputs
 from envs.aircraft import Aircraft
@@ -99,9 +100,9 @@ def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
     return found[0], np.where(inputs.present[..., None], found[1], 0.0)
 
 
-def said(box: Box, own: Sequence[float], each: Sequence[Sequence[float]]) -> list[str]:
-    """Return a sentence about the newest of one scene's inputs, ``[37]`` and ``[K, 16]``; none if
-    training saw such.
+def departures(box: Box, own: Sequence[float], each: Sequence[Sequence[float]]) -> list[Departure]:
+    """Return the newest of one scene's inputs, ``[37]`` and ``[K, 16]``; none if training saw
+    such.
     """
     if not each:
         return []
@@ -117,7 +118,5 @@ def said(box: Box, own: Sequence[float], each: Sequence[Sequence[float]]) -> lis
     number, name = divmod(worst - len(OWN), len(EACH))
     what = OWN[worst] if worst < len(OWN) else f"{EACH[name]} (intruder {number})"
     low, high = ranges[:, worst]
-    return [
-        f"outside_domain: novelty: {what} is {values[worst]:.3g}; training saw {low:.3g} to "
-        f"{high:.3g}"
-    ]
+    text = f"is {values[worst]:.3g}; training saw {low:.3g} to {high:.3g}"
+    return [Departure(f"novelty: {what}", text)]

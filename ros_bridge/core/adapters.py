@@ -20,6 +20,7 @@ from ros_bridge.core.reports import FASTEST, Report
 _COORDINATES, _ALTITUDE, _HEADING, _VELOCITY = 1, 2, 4, 8
 _VERTICAL_VELOCITY = 128
 _ON_THE_GROUND = (17, 18, 19)  # emergency vehicle, service vehicle, point obstacle
+_CUT_OFF = 1.0 / math.sqrt(3.0)  # s; root mean square of what whole seconds cut off
 _SILENCE = 255  # s; the largest value that time since last communication can have
 _INS_GOOD = 3  # INS_SOLUTION_GOOD (NovAtel OEM7, inertial solution status)
 
@@ -28,7 +29,7 @@ def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, referenc
     """Return a report from a NavSatFix and the velocity beside it.
 
     By the definition an altitude of NaN means that there is none; a covariance that is not finite
-    is as good as one of unknown type.
+    is as good as one of unknown type: the position's standard deviation is unknown.
 
     Args:
         message: sensor_msgs/NavSatFix.
@@ -58,10 +59,10 @@ def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, referenc
         climb = number("fix.twist.linear.z", beside().linear.z, -100.0, 100.0, "m/s")
         return altitude("fix.altitude", message.altitude, reference, climb)
 
-    def spread() -> float:
+    def spread() -> float | None:
         variances = {n: float(message.position_covariance[n]) for n in (0, 4)}
         if message.position_covariance_type == 0 or not all(map(math.isfinite, variances.values())):
-            return 0.0
+            return None
         each = (
             number(f"fix.position_covariance[{n}]", one, 0.0, 1e8, "m^2")
             for n, one in variances.items()
@@ -144,9 +145,9 @@ def adsb_vehicle(
 
     The message is stamped when it was received; the state held ``tslc`` (time since last
     communication, whole seconds) before that. What is cut off lies between 0 and 1 s: its root mean
-    square at the reported speed is the position's standard deviation. What ``altitude`` is measured
-    from depends on the receiver (field names mention QNH and geometry, the documentation mean sea
-    level), so it counts as unknown unless the caller knows it.
+    square is the time's standard deviation; those of position and velocity are unknown. What
+    ``altitude`` is measured from depends on the receiver (field names mention QNH and geometry, the
+    documentation mean sea level), so it counts as unknown unless the caller knows it.
 
     Args:
         message: mavros_msgs/ADSBVehicle: SI units, heading in degrees clockwise from north,
@@ -189,7 +190,7 @@ def adsb_vehicle(
         return speed() * math.sin(heading), speed() * math.cos(heading)
 
     def height() -> Altitude | None:
-        climb = 0.0
+        climb = None
         if has(_VERTICAL_VELOCITY):
             climb = number("adsb.ver_velocity", message.ver_velocity, -100.0, 100.0, "m/s")
         if not has(_ALTITUDE):
@@ -201,8 +202,8 @@ def adsb_vehicle(
             else altitude("adsb.altitude", message.altitude, reference, climb)
         )
 
-    spread = {"position_std": lambda: speed() / math.sqrt(3.0)}
-    return report(f"{message.icao_address:06x}", when, at, over_ground, height, **spread)
+    name = f"{message.icao_address:06x}"
+    return report(name, when, at, over_ground, height, time_std=lambda: _CUT_OFF)
 
 
 def _stamped(message: Any, name: str) -> Callable[[], int]:

@@ -9,7 +9,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
@@ -38,6 +38,7 @@ _COPY = (
 )  # m, m/s, m: within these of the ownship, a track of TIS-B is a copy of it
 _ADDRESS = re.compile(r"~?[0-9a-f]{6}")
 _TO_SIGMA = 2.448  # radius of 95 % of a circular normal distribution, in standard deviations
+_OLDEST = 60.0  # s; receivers forget positions that are older
 _EPU = (0, 18_520, 7_408, 3_704, 1_852, 926, 555.6, 185.2, 92.6, 30, 10, 3)  # m, by NACp
 _EPV = (0, 10, 3, 1, 0.3)  # m/s, by NACv
 
@@ -53,7 +54,9 @@ class Traffic:
         self._own_id = own_id.strip().lower()
         self._reported: dict[str, int] = {}
 
-    def report(self, address: str, time: int, row: Mapping[str, Any]) -> Report | None:
+    def report(
+        self, address: str, time: int, row: Mapping[str, Any], *, aged: bool = True
+    ) -> Report | None:
         """Return an aircraft's report, or raise :class:`FieldError`; None where it is no traffic,
         or repeated.
 
@@ -62,6 +65,8 @@ class Traffic:
             time: of its position, ns.
             row: its fields as readsb names them, values as they came, and ``velocity_age``, s
                 before the position.
+            aged: whether the age of its position is known; if not it cannot be planned with, and
+                ``time`` is when it arrived.
         """
         reasons = {
             "on the ground": "ground" in (row.get("alt_baro"), row.get("altitude")),
@@ -73,15 +78,20 @@ class Traffic:
             self.counts[next(reason for reason, holds in reasons.items() if holds)] += 1
             return None
         name = f"adsb {address}"
-        found = report(
-            address,
-            lambda: time,
-            lambda: place(name, row["lat"], row["lon"]),
-            lambda: _velocity(name, row),
-            lambda: self._altitude(f"{name}.altitude", row),
-            position_std=lambda: _sigma(_EPU, row.get("nac_p")),
-            velocity_std=lambda: _sigma(_EPV, row.get("nac_v")),
-        )
+
+        def when() -> int:
+            if not aged:
+                what = "is unknown, expected the age of the position"
+                raise FieldError(f"{name}.age", what)
+            return time
+
+        try:
+            found = self._read(address, name, when, row)
+        except FieldError as error:
+            if not aged and error.sighting is not None:
+                oldest = time - int(_OLDEST * SECOND)
+                error.sighting = error.sighting._replace(time=oldest)
+            raise
         by_radar = str(row.get("type")).startswith("tisb") or "lat" in str(row.get("tisb"))
         if by_radar and self._copied(found):
             self.counts["copy of the ownship"] += 1
@@ -91,33 +101,46 @@ class Traffic:
         self._reported[address] = time
         return found
 
+    def _read(
+        self, address: str, name: str, when: Callable[[], int], row: Mapping[str, Any]
+    ) -> Report:
+        return report(
+            address,
+            when,
+            lambda: place(name, row["lat"], row["lon"]),
+            lambda: _velocity(name, row),
+            lambda: self._altitude(f"{name}.altitude", row),
+            position_std=lambda: _sigma(_EPU, row.get("nac_p")),
+            velocity_std=lambda: _sigma(_EPV, row.get("nac_v")),
+        )
+
     def _altitude(self, name: str, row: Mapping[str, Any]) -> Altitude | None:
         """Return the altitude that can be compared with the ownship's, or else what there is."""
         known = {"wgs84": _known(row, "alt_geom"), "pressure": _known(row, "alt_baro", "altitude")}
         own = None if self.own is None or self.own.altitude is None else self.own.altitude.reference
-        climb = number(
-            name,
-            _known(row, "geom_rate", "baro_rate", "vert_rate") or 0.0,
-            -20_000,
-            20_000,
-            "ft/min",
-        )
+        climb = _known(row, "geom_rate", "baro_rate", "vert_rate")
+        if climb is not None:
+            climb = number(name, climb, -20_000, 20_000, "ft/min") * FOOT / 60
         for reference in sorted(known, key=lambda one: (one != own, one != "wgs84")):
             if known[reference] is not None:
                 value = number(name, known[reference], -3_000, 98_000, "ft")
-                return Altitude(value * FOOT, reference, climb * FOOT / 60)
+                return Altitude(value * FOOT, reference, climb)
         return None
 
     def _copied(self, found: Report) -> bool:
-        """Return whether a report is about where the ownship is, as fast and as high."""
+        """Return whether a report is about where the ownship is, as fast and known to be as
+        high.
+        """
         own = self.own
         if own is None or abs(found.time - own.time) > 2 * _APART * SECOND:
             return False
         a, b = own.altitude, found.altitude
+        if a is None or b is None or a.reference != b.reference:
+            return False
         apart = (
             own.off(found.place, found.time),
             math.hypot(found.east - own.east, found.north - own.north),
-            abs(a.value - b.value) if a and b and a.reference == b.reference else 0.0,
+            abs(a.value - b.value),
         )
         return all(off <= most for off, most in zip(apart, _COPY, strict=True))
 
@@ -148,9 +171,9 @@ class _Stream:
         return arrived - int(late)
 
     def _reports(
-        self, address: str, time: int, row: Mapping[str, Any]
+        self, address: str, time: int, row: Mapping[str, Any], *, aged: bool
     ) -> Iterator[Report | FieldError]:
-        found = tried(lambda: self._traffic.report(address, time, row))
+        found = tried(lambda: self._traffic.report(address, time, row, aged=aged))
         if found is not None:
             yield found
 
@@ -175,13 +198,14 @@ class BaseStation(_Stream):
                 "line", f"is {text!r:.60}, expected 22 fields such as MSG,3,... with an address"
             )
             return
+        aged = True
         try:  # the zone is the receiver's and not known
             sent = datetime.strptime(f"{parts[6]} {parts[7]}", "%Y/%m/%d %H:%M:%S.%f").replace(
                 tzinfo=UTC
             )
             now = self._time(sent.timestamp(), arrived)
         except ValueError:
-            now = arrived
+            now, aged = arrived, False
         if len(self._heard) > _MOST:
             self._heard.clear()
         row = self._heard.setdefault(
@@ -195,7 +219,7 @@ class BaseStation(_Stream):
         if parts[14] and parts[15]:
             age = (now - row.get("velocity", now)) / SECOND
             row |= {"lat": parts[14], "lon": parts[15], "velocity_age": age}
-            yield from self._reports(address, now, row)
+            yield from self._reports(address, now, row, aged=aged)
 
 
 class AircraftJson(_Stream):
@@ -229,8 +253,11 @@ class AircraftJson(_Stream):
             try:
                 if not _ADDRESS.fullmatch(address):
                     raise FieldError("hex", f"is {address!r:.60}, expected six hexadecimal digits")
-                age = number(f"adsb {address}.seen_pos", row.get("seen_pos", 0.0), 0.0, 1e6, "s")
-                yield from self._reports(address, written - int(age * SECOND), row)
+                age = _known(row, "seen_pos")
+                if age is not None:
+                    age = number(f"adsb {address}.seen_pos", age, 0.0, 1e6, "s")
+                time = written - int((age or 0.0) * SECOND)
+                yield from self._reports(address, time, row, aged=age is not None)
             except FieldError as error:
                 yield error
 
@@ -255,6 +282,9 @@ def _velocity(name: str, row: Mapping[str, Any]) -> tuple[float, float]:
     return speed * math.sin(track), speed * math.cos(track)
 
 
-def _sigma(radii: tuple[float, ...], code: Any) -> float:
-    """Return the standard deviation per axis that a category of accuracy means; 0: unknown."""
-    return radii[code] / _TO_SIGMA if isinstance(code, int) and 0 <= code < len(radii) else 0.0
+def _sigma(radii: tuple[float, ...], code: Any) -> float | None:
+    """Return the standard deviation per axis that a category of accuracy means; None: unknown,
+    which category 0 says too.
+    """
+    known = isinstance(code, int) and 0 < code < len(radii)
+    return radii[code] / _TO_SIGMA if known else None

@@ -25,9 +25,9 @@ from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
 from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.reach import Reach, apart, level, out_of_reach
+from ros_bridge.core.reach import Reach, out_of_reach, vertically_apart
 from ros_bridge.core.replies import flown, geodetic_points
-from ros_bridge.core.reports import Report
+from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Situation, placed
 from ros_bridge.core.tracks import Track
 
@@ -48,6 +48,7 @@ class Supervision:
     """The state of the monitor; never changed in place."""
 
     watch: Watch
+    unknown: Unknown = USUAL
     frame: LocalFrame | None = None
     zero: int = 0  # of the monitor's clock, ns
     held: Published | None = None  # the plan that is monitored; None: none, or it was withdrawn
@@ -69,9 +70,9 @@ def published(message: Any, count: int, name: str = "trajectory") -> Published:
     return trajectory(message, name)
 
 
-def initial(thresholds: Thresholds) -> Supervision:
-    """Return a monitor without a plan."""
-    return Supervision(watch.begin(thresholds))
+def initial(thresholds: Thresholds, unknown: Unknown = USUAL) -> Supervision:
+    """Return a monitor without a plan; ``unknown`` is taken for what reports lack."""
+    return Supervision(watch.begin(thresholds), unknown)
 
 
 def activated(supervision: Supervision, situation: Situation, published: Published) -> Supervision:
@@ -92,7 +93,7 @@ def activated(supervision: Supervision, situation: Situation, published: Publish
     own, waypoints = flown(frame, published)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
     intruders = {
-        name: _intruder(frame, track.estimate, zero, published.began)
+        name: _intruder(frame, track.estimate, zero, published.began, supervision.unknown)
         for name, track in tracks
         if track is not None and track.estimate is not None
     }
@@ -138,7 +139,7 @@ def stepped(
         report = _due(supervision.reported.get(name), other, limits)
         if report is not None:
             reported[name] = report
-            intruders[name] = _intruder(frame, report, supervision.zero, now)
+            intruders[name] = _intruder(frame, report, supervision.zero, now, supervision.unknown)
         elif name not in supervision.watch.names:
             # An aircraft without any good report must be missed all the same.
             intruders[name] = Intruder(_UNKNOWN)
@@ -218,16 +219,17 @@ def _reach(own: Report, now: int, limits: Thresholds, situation: Situation) -> R
         limits.limits.speed_max,
         fast,
         undulation,
+        options.unknown_climb,
     )
 
 
 def _vertically_apart(other: Track, reach: Reach) -> bool:
     """Return whether an aircraft stays above or below the ownship by its last good report."""
-    theirs = None if other.last is None else level(other.last.altitude, 0, reach.undulation)
-    return (
-        abs(apart(level(reach.own.altitude, 0, reach.undulation), theirs, reach.horizon))
-        > reach.vertical
-    )
+    last = other.last
+    if last is None:
+        return False
+    altitude = last.height(reach.unknown_climb)
+    return abs(vertically_apart(reach.own, altitude, last.time, reach)) > reach.vertical
 
 
 def _left_out(situation: Situation, reach: Reach, limits: Thresholds) -> frozenset[str]:
@@ -254,13 +256,11 @@ def _age(zero: int, time: int, now: int) -> float:
     return _clock(zero, now) - _clock(zero, time)
 
 
-def _intruder(frame: LocalFrame, report: Report, zero: int, now: int) -> Intruder:
+def _intruder(frame: LocalFrame, report: Report, zero: int, now: int, unknown: Unknown) -> Intruder:
     age = _age(zero, report.time, now)
+    position_std, velocity_std = report.spread(unknown)
     return Intruder(
-        placed(frame, report),
-        age,
-        position_std=report.position_std,
-        velocity_std=report.velocity_std,
+        placed(frame, report), age, position_std=position_std, velocity_std=velocity_std
     )
 
 

@@ -24,9 +24,8 @@ from ros_bridge.core.fields import (
 )
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
-POSITION, ALTITUDE, VELOCITY, VERTICAL_SPEED, TRUE_AIRSPEED, WIND, POSITION_STD, VELOCITY_STD = (
-    1 << n for n in range(8)
-)
+POSITION, ALTITUDE, VELOCITY, VERTICAL_SPEED = (1 << n for n in range(4))
+TRUE_AIRSPEED, WIND, POSITION_STD, VELOCITY_STD, TIME_STD = (1 << n for n in range(4, 9))
 """Bits of AircraftState.valid."""
 
 POINT_ALTITUDE, POINT_TRACK, POINT_SPEED, POINT_TIME = (1 << n for n in range(4))
@@ -38,6 +37,7 @@ ALTITUDE_CODES = {1: "wgs84", 2: "msl", 3: "pressure"}
 STATUS_SAFE, STATUS_ROUTE, STATUS_BACKUP = 1, 4, 5
 ROUTE_POINT, PLAN_POINT = 0, 1
 _LAST_INDEX = 2**31 - 1
+_BITS = (1 << 9) - 1  # of AircraftState.valid, all that are known
 _CLIMB = (-100.0, 100.0, "m/s")
 _WIND = 100.0  # m/s
 _AIRSPEED_AGREES = 10.0  # m/s
@@ -136,12 +136,14 @@ def velocity(name: str, east: Any, north: Any) -> tuple[float, float]:
     return east, north
 
 
-def altitude(name: str, value: Any, reference: str, climb: float = 0.0) -> Altitude:
-    """Return an altitude of a known reference, or raise :class:`FieldError`."""
+def altitude(name: str, value: Any, reference: str, climb: float | None) -> Altitude:
+    """Return an altitude of a known reference, or raise :class:`FieldError`; the climb, m/s, is
+    None where it is unknown.
+    """
     return Altitude(number(name, value, -1_000.0, 30_000.0, "m"), reference, climb)
 
 
-def _altitude(name: str, message: Any, climb: float = 0.0) -> Altitude:
+def _altitude(name: str, message: Any, climb: float | None = None) -> Altitude:
     reference = ALTITUDE_CODES.get(
         integer(f"{name}.altitude_reference", message.altitude_reference, 0, 255)
     )
@@ -160,7 +162,7 @@ def aircraft(message: Any, name: str) -> Report:
     """
 
     def has(bit: int) -> bool:
-        return bool(flags(f"{name}.valid", message.valid, 0xFF) & bit)
+        return bool(flags(f"{name}.valid", message.valid, _BITS) & bit)
 
     def needed(bit: int, what: str) -> None:
         if not has(bit):
@@ -180,7 +182,7 @@ def aircraft(message: Any, name: str) -> Report:
         climb = (
             number(f"{name}.velocity.z", message.velocity.z, *_CLIMB)
             if has(VERTICAL_SPEED)
-            else 0.0
+            else None
         )
         return _altitude(name, message, climb) if has(ALTITUDE) else None
 
@@ -207,10 +209,10 @@ def aircraft(message: Any, name: str) -> Report:
             raise FieldError(f"{name}.true_airspeed", f"{what}, {through_air:g} m/s")
         return speed
 
-    def std(bit: int, field: str, most: float, unit: str) -> float:
-        return (
-            number(f"{name}.{field}", getattr(message, field), 0.0, most, unit) if has(bit) else 0.0
-        )
+    def std(bit: int, field: str, most: float, unit: str) -> float | None:
+        if not has(bit):
+            return None
+        return number(f"{name}.{field}", getattr(message, field), 0.0, most, unit)
 
     return report(
         identifier(f"{name}.id", message.id),
@@ -220,6 +222,7 @@ def aircraft(message: Any, name: str) -> Report:
         height,
         position_std=lambda: std(POSITION_STD, "position_std", 1e4, "m"),
         velocity_std=lambda: std(VELOCITY_STD, "velocity_std", 100.0, "m/s"),
+        time_std=lambda: std(TIME_STD, "time_std", 60.0, "s") or 0.0,
         wind=wind,
         true_airspeed=airspeed,
     )

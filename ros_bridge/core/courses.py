@@ -8,7 +8,7 @@ the reported velocities.
 
 The estimate after each report is :mod:`agents.assurance.tracker` on the ellipsoid: a report itself,
 with standard deviations of its own. Where reports declare no noise, or begin anew, it is the
-report, to the bit.
+report, to the bit. So it is where the noise is unknown: nothing can be averaged then.
 """
 
 import math
@@ -22,7 +22,7 @@ from agents.assurance.tracker import Tracks, begin, follow
 from envs.formats.local_frame import carried, displacement
 from envs.kinematics import VehicleState
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.reports import Report
+from ros_bridge.core.reports import EXACT, Report
 
 _WINDOWS = (
     3.0,
@@ -47,6 +47,19 @@ class _Window(NamedTuple):
     north: float = 0.0
 
 
+class Turn(NamedTuple):
+    """How the velocity changed between the newest and an earlier estimate."""
+
+    rate: float = 0.0  # rad/s, positive to the left; 0 where noise could be all of it
+    change: float = 0.0  # size of the change of the velocity, m/s
+    seconds: float = 0.0  # between the two
+    noise: float = 0.0  # one sigma per axis of the change that the reports declare, m/s
+
+
+STRAIGHT = Turn()
+"""Of too few reports, too."""
+
+
 @dataclass(frozen=True, slots=True)
 class Course:
     """Reports of one aircraft up to the newest."""
@@ -58,10 +71,7 @@ class Course:
     tracks: Tracks
     reference: Report  # an earlier estimate, far enough back to read a turn from
     contradiction: str = ""  # how the places contradict the velocities; empty: they do not
-    turn_rate: float = 0.0
-    """That the newest and an earlier estimate show, rad/s, positive to the left; 0 where noise
-    could be all of it.
-    """
+    turn: Turn = STRAIGHT
 
 
 def begun(report: Report) -> Course:
@@ -94,8 +104,8 @@ def extended(course: Course, report: Report) -> Course:
         if length >= longest:
             windows[number] = _Window(report)
     estimate, tracks = _improved(course, report)
-    reference, rate = _turning(course, estimate)
-    return Course(report, tuple(windows), estimate, tracks, reference, contradiction, rate)
+    reference, turn = _turning(course, estimate)
+    return Course(report, tuple(windows), estimate, tracks, reference, contradiction, turn)
 
 
 def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, bool]:
@@ -105,7 +115,8 @@ def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, boo
     start = window.start
     east, north = displacement(*start.place, *report.place)
     moved, flown = math.hypot(east, north), math.hypot(window.east, window.north)
-    noise = math.hypot(start.position_std, report.position_std) + report.velocity_std * seconds
+    (before, _), (after, drift) = start.spread(EXACT), report.spread(EXACT)
+    noise = math.hypot(before, after) + drift * seconds
     off, allowed = difference((east, north), (window.east, window.north), noise, _ALLOWED)
     if off <= allowed:
         # What the noise alone excuses is no agreement: a frozen position under a large declared
@@ -117,37 +128,37 @@ def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, boo
     return f"outside_domain: {what}; the two differ by {off:.0f} m, allowed {allowed:.0f} m", False
 
 
-def _turning(course: Course, report: Report) -> tuple[Report, float]:
-    """Return the estimate to read the next turn from, and the turn rate now."""
+def _turning(course: Course, report: Report) -> tuple[Report, Turn]:
+    """Return the estimate to read the next turn from, and the turn now."""
     before = course.reference
     seconds = (report.time - before.time) / SECOND
     if seconds < _TURN_BASELINE[0]:
-        return before, course.turn_rate
+        return before, course.turn
     if seconds > _TURN_BASELINE[1]:
-        return report, 0.0
-    turn = math.atan2(report.north, report.east) - math.atan2(before.north, before.east)
-    rate = math.remainder(turn, 2.0 * math.pi) / seconds
-    speed = max(math.hypot(report.east, report.north), 1.0)
-    noise = math.hypot(report.velocity_std, before.velocity_std) / (speed * seconds)
-    return report, rate if abs(rate) >= _SIGMAS * noise else 0.0
+        return report, STRAIGHT
+    angle = math.atan2(report.north, report.east) - math.atan2(before.north, before.east)
+    rate = math.remainder(angle, 2.0 * math.pi) / seconds
+    change = math.hypot(report.east - before.east, report.north - before.north)
+    noise = math.hypot(report.spread(EXACT)[1], before.spread(EXACT)[1])
+    significant = abs(rate) >= _SIGMAS * noise / (max(report.speed, 1.0) * seconds)
+    return report, Turn(rate if significant else 0.0, change, seconds, noise)
 
 
 def _first(report: Report) -> Tracks:
-    return begin(_moving(0.0, 0.0, report), report.position_std, report.velocity_std)
+    return begin(_moving(0.0, 0.0, report), *report.spread(EXACT))
 
 
 def _improved(course: Course, report: Report) -> tuple[Report, Tracks]:
     """Return the estimate after one more report, later than those before, and what the tracker
     remembers then.
     """
-    if report.position_std == 0.0 and report.velocity_std == 0.0:
+    spread = report.spread(EXACT)
+    if report.position_std is None or report.velocity_std is None or not any(spread):
         return report, _first(report)
     before = course.estimate
     x, y = displacement(*before.place, *report.place)
     seconds = (report.time - before.time) / SECOND
-    tracks = follow(
-        course.tracks, _moving(x, y, report), report.position_std, report.velocity_std, seconds
-    )
+    tracks = follow(course.tracks, _moving(x, y, report), *spread, seconds)
     if tracks.count == 1.0:
         return report, _first(report)
     x, y, heading, speed = map(float, tracks.state)
@@ -160,10 +171,10 @@ def _improved(course: Course, report: Report) -> tuple[Report, Tracks]:
         north=speed * math.sin(heading),
         position_std=float(np.sqrt(tracks.position_variance)),
         velocity_std=float(np.sqrt(tracks.velocity_variance)),
+        time_std=0.0,  # it is part of the position's
     )
     return estimate, tracks._replace(state=tracks.state._replace(x=0.0, y=0.0))
 
 
 def _moving(x: float, y: float, report: Report) -> VehicleState:
-    heading = math.atan2(report.north, report.east)
-    return VehicleState(x, y, heading, math.hypot(report.east, report.north))
+    return VehicleState(x, y, math.atan2(report.north, report.east), report.speed)

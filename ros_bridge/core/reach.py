@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from agents.planner.request import Altitude
+from agents.planner.request import Altitude, vertical_gap
 from envs.formats.local_frame import distance
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import FASTEST, Report, Sighting
@@ -31,33 +31,43 @@ class Reach:
     speed: float  # highest of the ownship, m/s
     traffic: float  # an aircraft may fly as fast as this whatever it last reported, m/s
     undulation: float | None = None  # height of the geoid above the ellipsoid, m; None: unknown
+    unknown_climb: float = 10.0  # either way of aircraft whose vertical speed is unknown, m/s
 
 
-def level(altitude: Altitude | None, age: int, undulation: float | None) -> Altitude | None:
+def level(
+    altitude: Altitude | None, age: int, undulation: float | None, unknown_climb: float
+) -> Altitude | None:
     """Return an altitude carried over an age (ns), above the ellipsoid where the undulation is
     known.
+
+    Where the vertical speed is unknown the value stays, and its error grows by ``unknown_climb``,
+    m/s.
     """
     if altitude is None:
         return None
-    value = altitude.value + altitude.vertical_speed * age / SECOND
+    seconds, climb = age / SECOND, altitude.vertical_speed
+    value, error = altitude.value, altitude.error
+    if climb is None:
+        error += unknown_climb * abs(seconds)
+    else:
+        value += climb * seconds
     reference = altitude.reference
     if reference == "msl" and undulation is not None:
         value, reference = value + undulation, "wgs84"
-    return Altitude(value, reference, altitude.vertical_speed)
+    return Altitude(value, reference, climb, error)
 
 
-def apart(own: Altitude | None, other: Altitude | None, horizon: float) -> float:
-    """Return by how much two aircraft stay vertically apart for a time (s), m, negative where the
-    other is below.
+def vertically_apart(own: Report, other: Altitude | None, time: int, reach: Reach) -> float:
+    """Return by how much an aircraft with an altitude at a time (ns) stays above the ownship until
+    the horizon, m, negative where it stays below.
 
-    It is 0 where their altitudes are unknown or of different references, or they may pass each
-    other.
+    It is 0 where altitudes are unknown or of different references, or they may pass each other.
     """
-    if own is None or other is None or own.reference != other.reference:
+    mine = level(own.altitude, reach.now - own.time, reach.undulation, reach.unknown_climb)
+    theirs = level(other, reach.now - time, reach.undulation, reach.unknown_climb)
+    if mine is None or theirs is None:
         return 0.0
-    now = other.value - own.value
-    later = now + (other.vertical_speed - own.vertical_speed) * horizon
-    return min(now, later, key=abs) if now * later > 0.0 else 0.0
+    return vertical_gap(mine, theirs, 0.0, reach.horizon, reach.unknown_climb)
 
 
 def out_of_reach(track: Track, reach: Reach) -> str | None:
@@ -118,8 +128,7 @@ def _beyond(seen: Sighting, speed: float, reach: Reach) -> str | None:
     since = f"{age:.1f} s ago, and cannot come near within {reach.horizon:.0f} s"
     if away - _flown_by_both(speed, seen.time, reach) > reach.separation:
         return f"was {away / 1e3:.0f} km away {since}"
-    mine = level(own.altitude, reach.now - own.time, reach.undulation)
-    gap = apart(mine, level(seen.altitude, reach.now - seen.time, reach.undulation), reach.horizon)
+    gap = vertically_apart(own, seen.altitude, seen.time, reach)
     if abs(gap) - _CLIMB * age > reach.vertical:
         return f"was {abs(gap):.0f} m {'above' if gap > 0.0 else 'below'} {since}"
     return None

@@ -2,7 +2,8 @@
 still holds.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from agents.planner.request import Altitude
@@ -11,6 +12,20 @@ from ros_bridge.core.fields import SECOND
 
 FASTEST = 400.0
 """Ground speed that no aircraft exceeds, m/s."""
+
+
+class Unknown(NamedTuple):
+    """What is taken for the standard deviations that a report lacks, per axis."""
+
+    position_std: float = 378.0  # m: NACp 5, 95 % within 926 m
+    velocity_std: float = 1.23  # m/s: NACv 2, 95 % within 3 m/s
+
+
+USUAL = Unknown()
+"""The defaults of the nodes' parameters."""
+
+EXACT = Unknown(0.0, 0.0)
+"""For judgements in which noise that nobody declared must excuse nothing."""
 
 
 class Sighting(NamedTuple):
@@ -35,8 +50,9 @@ class Report:
     east: float  # velocity over the ground, true east, m/s
     north: float
     altitude: Altitude | None = None  # None: unknown
-    position_std: float = 0.0  # one sigma per axis, m
-    velocity_std: float = 0.0  # m/s
+    position_std: float | None = None  # one sigma per axis, m; None: unknown
+    velocity_std: float | None = None  # m/s; None: unknown
+    time_std: float = 0.0  # one sigma of the time, s
     true_airspeed: float | None = None  # m/s; None: unknown
     wind: tuple[float, float] | None = (
         None  # velocity of the air, true east and north, m/s; None: unknown
@@ -51,6 +67,30 @@ class Report:
     def sighting(self) -> Sighting:
         """What is left of it where it cannot be used."""
         return Sighting(self.identifier, self.time, self.place, self.altitude)
+
+    @property
+    def speed(self) -> float:
+        """Over the ground, m/s."""
+        return math.hypot(self.east, self.north)
+
+    def height(self, unknown_climb: float) -> Altitude | None:
+        """Return the altitude with what the time's error adds to its own: a rounded time is off by
+        the square root of 3 standard deviations at most.
+        """
+        if self.altitude is None or self.time_std == 0.0:
+            return self.altitude
+        climb = self.altitude.vertical_speed
+        rate = unknown_climb if climb is None else abs(climb)
+        error = self.altitude.error + rate * math.sqrt(3.0) * self.time_std
+        return replace(self.altitude, error=error)
+
+    def spread(self, unknown: Unknown) -> tuple[float, float]:
+        """Return one sigma of position, m, and velocity, m/s, per axis; the time's error moves the
+        position.
+        """
+        position = unknown.position_std if self.position_std is None else self.position_std
+        velocity = unknown.velocity_std if self.velocity_std is None else self.velocity_std
+        return math.hypot(position, self.speed * self.time_std), velocity
 
     def off(self, place: tuple[float, float], time: int) -> float:
         """Return how far a place is from where the aircraft is to be expected at a time (ns),

@@ -6,15 +6,15 @@ codes of GenerateTrajectory, the field that is meant and a sentence.
 """
 
 import math
-import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from agents.planner.answer import RequestError
+from agents.assurance.plausible import greatest_change
+from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
 from agents.planner.request import Altitude, Intruder, Options
 from envs.angles import wrap
 from envs.formats.local_frame import LocalFrame
@@ -23,7 +23,7 @@ from envs.waypoints import RoutePoint
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND, Code, Refusal
 from ros_bridge.core.reach import Reach, level, out_of_reach, too_far
-from ros_bridge.core.reports import Report
+from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "Settings",
     "Situation",
     "Task",
+    "named",
     "placed",
     "refusal_of",
     "task",
@@ -44,6 +45,14 @@ ACCURATE = 100_000.0
 """Distance from the origin, m, up to which ownship and route are accepted; it follows from the
 map's errors.
 """
+
+_INVALID = {
+    Subject.OWN: Code.INVALID_OWNSHIP,
+    Subject.OWN_ALTITUDE: Code.INVALID_OWNSHIP,
+    Subject.INTRUDERS: Code.INVALID_INTRUDER,
+    Subject.ROUTE: Code.INVALID_ROUTE,
+}
+"""Status codes by what the planner refuses; others are INVALID_TASK."""
 
 _COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = (
     250.0,
@@ -66,6 +75,7 @@ class Settings:
     request_max_age: float = 1.0  # oldest request, s
     future_tolerance: float = 0.5  # by how much a stamp may lie ahead of the clock, s
     wind_max: float = 20.0  # strongest wind that is planned in, m/s
+    unknown: Unknown = USUAL  # what is taken for standard deviations that reports lack
 
 
 class Held(NamedTuple, Generic[_T]):
@@ -105,7 +115,7 @@ class Task:
     route: Route
     points: tuple[RoutePoint, ...]
     options: Options
-    notes: tuple[str, ...]  # what was assumed
+    notes: tuple[Advisory, ...]  # what was assumed
 
 
 def task(
@@ -126,6 +136,7 @@ def task(
     report = _usable(
         situation.own, "ownship", now, settings.ownship_max_age, settings.future_tolerance
     )
+    _check_turn(situation.own, "ownship", settings)
     own = _now(
         placed(frame, report), turn_of(situation.own, settings), (now - report.time) / SECOND
     )
@@ -137,6 +148,7 @@ def task(
     route, points = _route(situation, frame, asked_route)
     separation = options.requirement.separation + options.requirement.margin
     x, y = (np.array([getattr(point, axis) for point in points]) for axis in "xy")
+    climb = options.unknown_climb
     reach = Reach(
         own=report,
         now=now,
@@ -146,17 +158,16 @@ def task(
         speed=options.limits.speed_max,
         traffic=options.aircraft.traffic_speed_max,
         undulation=undulation,
+        unknown_climb=climb,
     )
     identifiers, intruders, excluded = _intruders(situation, frame, now, settings, alerted, reach)
-    copies = [
-        name for name, one in zip(identifiers, intruders, strict=True) if _like(own, one.state)
-    ]
-    if copies:
-        notes += (
-            f"{', '.join(copies)}: at the ownship's place and velocity; a copy of it (TIS-B) is "
-            "not recognised",
-        )
-    height = level(report.altitude, now - report.time, undulation)
+    for number, (name, one) in enumerate(zip(identifiers, intruders, strict=True)):
+        notes += tuple(_assumed(number, situation.traffic[name], settings.unknown))
+        if _like(own, one.state):
+            what = "is at the ownship's place and velocity; a copy of it (TIS-B) is not recognised"
+            copy = Field(Subject.INTRUDERS, number=number)
+            notes += (Advisory(AdvisoryCode.POSSIBLE_COPY, copy, what),)
+    height = level(report.altitude, now - report.time, undulation, climb)
     return Task(
         frame, now, own, height, identifiers, intruders, excluded, route, points, options, notes
     )
@@ -164,17 +175,36 @@ def task(
 
 def refusal_of(error: RequestError, task: Task) -> Refusal:
     """Return the planner's refusal of a task in terms of the messages that it came from."""
-    field_, problem = error.field, str(error).removeprefix(f"{error.field} ")
-    match = re.match(r"intruders\[(\d+)\]", field_)
-    if match:
-        name = f"intruder {task.identifiers[int(match[1])]}"
-        return Refusal(
-            Code.INVALID_INTRUDER, field_.replace(match[0], name), problem.replace(match[0], name)
-        )
-    for start, code in (("own", Code.INVALID_OWNSHIP), ("route", Code.INVALID_ROUTE)):
-        if field_.startswith(start):
-            return Refusal(code, field_, problem)
-    return Refusal(Code.INVALID_TASK, field_, problem)
+    about = error.about
+    if about is None or (about.subject is Subject.INTRUDERS and about.number is None):
+        code = Code.INVALID_TASK
+    else:
+        code = _INVALID.get(about.subject, Code.INVALID_TASK)
+    return Refusal(code, named(about or error.field, task.identifiers), error.problem)
+
+
+def named(field_: Field | str, identifiers: Sequence[str]) -> str:
+    """Return a field of the planner's request in terms of messages: intruders by their names."""
+    if not isinstance(field_, Field) or field_.number is None:
+        return str(field_)
+    if field_.subject is not Subject.INTRUDERS:
+        return str(field_)
+    return field_.within(f"intruder {identifiers[field_.number]}")
+
+
+def _assumed(number: int, track: Track, unknown: Unknown) -> Iterator[Advisory]:
+    """Yield what an intruder's report lacks, and what is taken for it."""
+    report = track.estimate
+    assert report is not None, "there is one beside every usable report"
+    for name, value, unit in zip(Unknown._fields, unknown, ("m", "m/s"), strict=True):
+        if getattr(report, name) is None:
+            field_ = Field(Subject.INTRUDERS, name, number)
+            what = f"is unknown and taken as {value:g} {unit}"
+            yield Advisory(AdvisoryCode.ASSUMED, field_, what)
+    if report.time_std > 0.0:
+        field_ = Field(Subject.INTRUDERS, "header.stamp", number)
+        what = f"is known within {report.time_std:.2g} s (one sigma)"
+        yield Advisory(AdvisoryCode.TIME_UNCERTAIN, field_, what)
 
 
 def check_age(kind: str, name: str, age: float, oldest: float, future: float) -> None:
@@ -190,6 +220,11 @@ def check_age(kind: str, name: str, age: float, oldest: float, future: float) ->
         raise Refusal(Code[f"FUTURE_{kind}"], name, what)
 
 
+def _kind(name: str) -> str:
+    """Return the part of status codes that means an aircraft called ``ownship``, or another."""
+    return "OWNSHIP" if name == "ownship" else "INTRUDER"
+
+
 def _wanted(held: Held[_T], name: str, missing: str) -> _T:
     """Return an input that there must be, whose newest message can be used."""
     if held.fault is not None:
@@ -201,7 +236,7 @@ def _wanted(held: Held[_T], name: str, missing: str) -> _T:
 
 def _usable(track: Track, name: str, now: int, oldest: float, future: float) -> Report:
     """Return the last good report of an aircraft if nothing newer spoils it and it is fresh."""
-    kind = "OWNSHIP" if name == "ownship" else "INTRUDER"
+    kind = _kind(name)
     if track.fault is not None:
         what = "FUTURE" if track.fault.verdict is Verdict.FUTURE else "INVALID"
         raise Refusal(Code[f"{what}_{kind}"], track.fault.field, track.fault.problem)
@@ -221,11 +256,29 @@ def placed(frame: LocalFrame, report: Report) -> VehicleState:
 
 
 def turn_of(track: Track, settings: Settings) -> float:
-    """Return the turn rate of an aircraft, rad/s; 0 where it is too small to count, or too large to
-    be believed.
+    """Return the turn rate of an aircraft, rad/s; 0 where it is too small to count. What seems to
+    turn a little faster than an aircraft can turns as fast as one can (:func:`_check_turn`).
     """
-    least, most = settings.turn_rates
-    return track.turn_rate if least <= abs(track.turn_rate) <= most else 0.0
+    (least, most), rate = settings.turn_rates, track.turn_rate
+    return max(-most, min(rate, most)) if abs(rate) >= least else 0.0
+
+
+def _check_turn(track: Track, name: str, settings: Settings) -> None:
+    """Refuse an aircraft whose velocity changed faster than one can turn and noise excuses."""
+    if track.course is None or track.estimate is None:
+        return
+    most, turn, report = settings.turn_rates[1], track.course.turn, track.estimate
+    noise = turn.noise
+    if report.velocity_std is None:
+        noise = math.sqrt(2.0) * settings.unknown.velocity_std
+    limits = settings.options.aircraft.limits
+    allowed = greatest_change(report.speed + turn.change, turn.seconds, noise, most, limits)
+    if abs(turn.rate) > most and turn.change > allowed:
+        what = (
+            f"turned at {math.degrees(abs(turn.rate)):.0f} deg/s and changed by {turn.change:.0f} "
+            f"m/s in {turn.seconds:.1f} s, expected {allowed:.0f} m/s at most"
+        )
+        raise Refusal(Code[f"INVALID_{_kind(name)}"], f"{name}.velocity", what)
 
 
 def _now(state: VehicleState, rate: float, seconds: float) -> VehicleState:
@@ -275,9 +328,9 @@ def _intruders(
     names, intruders, excluded = [], [], []
     for name, track in sorted(situation.traffic.items()):
         try:
-            _usable(
-                track, f"intruder {name}", now, settings.intruder_max_age, settings.future_tolerance
-            )
+            called = f"intruder {name}"
+            _usable(track, called, now, settings.intruder_max_age, settings.future_tolerance)
+            _check_turn(track, called, settings)
         except Refusal:
             why = None if name in alerted else out_of_reach(track, reach)
             if why is None:
@@ -286,9 +339,8 @@ def _intruders(
             continue
         report = track.estimate
         assert report is not None, "there is one beside every usable report"
-        growth = settings.options.requirement.sigmas * (
-            report.position_std + report.velocity_std * reach.horizon
-        )
+        position_std, velocity_std = report.spread(settings.unknown)
+        growth = settings.options.requirement.sigmas * (position_std + velocity_std * reach.horizon)
         why = None if name in alerted else too_far(report, growth, reach)
         if why is not None:
             excluded.append((name, why))
@@ -296,13 +348,13 @@ def _intruders(
         state = placed(frame, report)
         # The planner advances the report over its age; only the altitude's reference is settled
         # here.
-        height = level(report.altitude, 0, reach.undulation)
+        climb = reach.unknown_climb
+        height = level(report.height(climb), 0, reach.undulation, climb)
         age = (now - report.time) / SECOND
         turn = turn_of(track, settings)
         lasts = settings.turn_time if turn else 0.0
-        intruders.append(
-            Intruder(state, age, turn, lasts, report.position_std, report.velocity_std, height)
-        )
+        spread = report.spread(settings.unknown)
+        intruders.append(Intruder(state, age, turn, lasts, *spread, height))
         names.append(name)
     return tuple(names), tuple(intruders), tuple(excluded)
 
@@ -325,7 +377,7 @@ def _too_far(far: float) -> str:
     return f"is {far / 1e3:.0f} km from the geo-reference, expected {ACCURATE / 1e3:.0f} km at most"
 
 
-def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[str, ...]]:
+def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[Advisory, ...]]:
     """Return the planner's options in the ownship's wind: ground speeds that keep the airspeed in
     its envelope.
 
@@ -334,7 +386,8 @@ def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[str, ..
     """
     options = settings.options
     if report.wind is None:
-        return options, ("the wind is unknown and taken as calm",)
+        calm = "is unknown and taken as calm"
+        return options, (Advisory(AdvisoryCode.WIND_UNKNOWN, "ownship.wind", calm),)
     wind = math.hypot(*report.wind)
     legs, flown = options.limits, options.manoeuvre
     legs = legs._replace(speed_min=legs.speed_min + wind, speed_max=legs.speed_max - wind)

@@ -115,7 +115,7 @@ class Track:
         """Turn rate that the reports show, rad/s, positive to the left; 0 where noise could be all
         of it.
         """
-        return 0.0 if self.course is None else self.course.turn_rate
+        return 0.0 if self.course is None else self.course.turn.rate
 
     def age(self, now: int) -> float:
         """Return the age of the last good report, s; infinite without one."""

@@ -51,7 +51,7 @@ from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.transport import process, topics
 from ros_bridge.transport.messages import header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
-from ros_bridge.transport.settings import aircraft_text, monitor_thresholds
+from ros_bridge.transport.settings import aircraft_text, monitor_thresholds, unknown_spread
 
 _ERRORS = ("cross_track", "along_track", "time_error")
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
@@ -66,7 +66,9 @@ class Monitor(ListeningNode):
 
     def _start(self) -> None:
         super()._start()
-        self._supervision = initial(monitor_thresholds(self._value, self._aircraft))
+        self._supervision = initial(
+            monitor_thresholds(self._value, self._aircraft), unknown_spread(self._value)
+        )
         self._verdict: Verdict | None = None
         self._heard_runner = 0
         self._pending: tuple[int, Any, int] | None = None

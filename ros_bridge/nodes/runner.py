@@ -37,17 +37,17 @@ from rclpy.task import Future
 from rlcas_msgs.msg import Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
-from agents.planner.answer import Plan, RequestError
+from agents.planner.answer import AdvisoryCode, Plan, RequestError
 from agents.planner.publish import rechecked
 from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import loaded
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.situation import Code, Refusal, Situation, Task, refusal_of, task
+from ros_bridge.core.situation import Code, Refusal, Situation, Task, named, refusal_of, task
 from ros_bridge.core.tracks import Verdict
 from ros_bridge.nodes.requests import NO_PLAN, check, planned, rehearsed
 from ros_bridge.transport import process, qos, topics, views
-from ros_bridge.transport.messages import plan_message, trajectory_message
+from ros_bridge.transport.messages import advisory_message, plan_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import aircraft_text, planning_settings
 
@@ -67,7 +67,8 @@ class Runner(ListeningNode):
         self._unique = NO_PLAN
         self._views: tuple[Plan, Task] | None = None
         self._answers: Counter[str] = Counter()
-        self._last_answer, self._advisory = "none yet", ""
+        self._last_answer = "none yet"
+        self._outside: tuple[str, ...] = ()  # what of the last plan is outside the policy's domain
         self._thread = ThreadPoolExecutor(1, "search")
         self._searching = False
         self._era = 0
@@ -269,10 +270,15 @@ class Runner(ListeningNode):
         response.status = int(Code.SAFE if result.safe else Code.UNRESOLVED)
         response.message = "; ".join(reason.message for reason in result.reasons)
         response.field = result.reasons[0].field if result.reasons else ""
-        response.advisory = "; ".join(
-            [*([result.advisory] if result.advisory else []), *wanted.notes]
+        advisories = [
+            one._replace(field=named(one.field, wanted.identifiers))
+            for one in (*result.advisory, *wanted.notes)
+        ]
+        response.advisories = [advisory_message(one) for one in advisories]
+        response.advisory = "; ".join(one.message for one in advisories)
+        self._outside = tuple(
+            one.message for one in advisories if one.code is AdvisoryCode.OUTSIDE_DOMAIN
         )
-        self._advisory = response.advisory
         left_out = [
             *((wanted.identifiers[one.number], one.reason) for one in result.excluded),
             *wanted.excluded,
@@ -313,11 +319,16 @@ class Runner(ListeningNode):
         except Refusal as refusal:
             problem = str(refusal)
         # Of the last plan, and of reports that contradict themselves, with which there is none.
-        outside = [part for part in self._advisory.split("; ") if part.startswith("outside_domain")]
         traffic = sorted(situation.traffic.items())
-        named = [("ownship", situation.own), *traffic]
-        faults = (track.fault.message for _, track in named if track.fault)
-        outside += [text for text in faults if "outside_domain" in text]
+        aircraft = [("ownship", situation.own), *traffic]
+        outside = [
+            *self._outside,
+            *(
+                track.fault.message
+                for _, track in aircraft
+                if track.fault and track.fault.verdict is Verdict.CONTRADICTION
+            ),
+        ]
         values = {"policy sha256": "" if self._policy is None else self._policy.sha256}
         values |= {
             "own age, s": f"{situation.own.age(now):.3f}",
@@ -326,7 +337,7 @@ class Runner(ListeningNode):
         values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in traffic}
         values |= {f"answers {name}": str(count) for name, count in sorted(self._answers.items())}
         values |= {"last answer": self._last_answer, "revision": str(self._revision)}
-        for name, track in named:
+        for name, track in aircraft:
             values |= {
                 f"reports of {name}: {kind.value}": str(count)
                 for kind, count in track.counts.items()

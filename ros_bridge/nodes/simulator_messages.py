@@ -49,7 +49,7 @@ def state_message(
         float(at.longitude),
         state.speed * math.cos(true),
         state.speed * math.sin(true),
-        altitude=Altitude(ALTITUDE, "wgs84"),
+        altitude=Altitude(ALTITUDE, "wgs84", 0.0),
         position_std=quality.position_std,
         velocity_std=quality.velocity_std,
         true_airspeed=state.speed if received.identifier == OWN else None,

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from rlcas_msgs.msg import Advisory as AdvisoryMessage
 from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
 from std_msgs.msg import Header
 from unique_identifier_msgs.msg import UUID
 
-from agents.planner.answer import Plan
+from agents.planner.answer import Advisory, Plan
 from agents.planner.request import Altitude
 from ros_bridge.core.conversions import ALTITUDE_CODES, PlanPoint
 from ros_bridge.core.fields import SECOND
@@ -96,6 +97,11 @@ def plan_message(
     return message
 
 
+def advisory_message(advisory: Advisory) -> AdvisoryMessage:
+    """Return an advisory whose field has a name."""
+    return AdvisoryMessage(code=int(advisory.code), field=str(advisory.field), text=advisory.text)
+
+
 def aircraft_message(report: Report, frame: str = "") -> AircraftState:
     """Return a report as an AircraftState; the inverse of
     :func:`ros_bridge.core.conversions.aircraft`.
@@ -103,12 +109,15 @@ def aircraft_message(report: Report, frame: str = "") -> AircraftState:
     message = sighting_message(report.sighting, frame)
     message.valid |= AircraftState.VALID_VELOCITY
     message.velocity.x, message.velocity.y = report.east, report.north
-    if report.position_std > 0.0:
+    if report.position_std is not None:
         message.valid |= AircraftState.VALID_POSITION_STD
         message.position_std = report.position_std
-    if report.velocity_std > 0.0:
+    if report.velocity_std is not None:
         message.valid |= AircraftState.VALID_VELOCITY_STD
         message.velocity_std = report.velocity_std
+    if report.time_std > 0.0:
+        message.valid |= AircraftState.VALID_TIME_STD
+        message.time_std = report.time_std
     if report.true_airspeed is not None:
         message.valid |= AircraftState.VALID_TRUE_AIRSPEED
         message.true_airspeed = report.true_airspeed
@@ -129,7 +138,7 @@ def sighting_message(sighting: Sighting, frame: str = "") -> AircraftState:
         message.valid |= AircraftState.VALID_POSITION
         message.latitude, message.longitude = sighting.place
     _set_altitude(message, sighting.altitude)
-    if sighting.altitude is not None:
+    if sighting.altitude is not None and sighting.altitude.vertical_speed is not None:
         message.valid |= AircraftState.VALID_VERTICAL_SPEED
         message.velocity.z = sighting.altitude.vertical_speed
     return message

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
+from ros_bridge.core.reports import USUAL
 
 NODES = ("runner", "monitor", "simulator", "translator", "pilot")
 """Names of the nodes; the node of each is called ``rlcas_`` and the name."""
@@ -30,13 +31,12 @@ class Parameter(NamedTuple):
     low: float | None = None  # None: it is no number
     high: float | None = None
     unit: str = ""
+    fixed: bool = False  # whether it is read once, when the node starts
 
     @property
-    def fixed(self) -> bool:
-        """Whether it is read once, when the node starts."""
-        return (
-            isinstance(self.default, str) and self.low is None
-        ) or "read at the start" in self.meaning
+    def help(self) -> str:
+        """The meaning, and whether it can be changed while the node runs."""
+        return f"{self.meaning}; read at the start" if self.fixed else self.meaning
 
     def resolved(self, aircraft: Aircraft | None, known: dict[str, float]) -> "Parameter":
         """Return the parameter in SI units; ``known`` is what the aircraft has, by name."""
@@ -55,10 +55,6 @@ class Parameter(NamedTuple):
 
 
 _ALL, _BOTH = "runner monitor simulator pilot", "runner monitor"
-_MAP, _START = (
-    "frame that headers name, x east, y north of the geo-reference; read at the start",
-    "; read at the start",
-)
 
 PARAMETERS = (
     Parameter(
@@ -66,16 +62,22 @@ PARAMETERS = (
         "aircraft",
         "",
         "file of the aircraft, or a name that ships (uas); empty: the policy's",
+        fixed=True,
     ),
-    Parameter(_ALL, "policy_file", "", "policy file; empty: the one that ships"),
+    Parameter(_ALL, "policy_file", "", "policy file; empty: the one that ships", fixed=True),
     Parameter(
-        "runner", "policy_sha256", "", "digest that the policy must have, 64 digits; empty: any"
+        "runner",
+        "policy_sha256",
+        "",
+        "digest that the policy must have, 64 digits; empty: any",
+        fixed=True,
     ),
     Parameter(
         "runner",
         "outside_domain",
         "refuse",
         "what is outside the policy's training: refuse or allow",
+        fixed=True,
     ),
     Parameter(
         _ALL,
@@ -139,12 +141,20 @@ PARAMETERS = (
         _BOTH,
         "waypoints",
         20,
-        "of a plan, the last of them a point of the route; read at the start",
+        "of a plan, the last of them a point of the route",
         4,
         400,
+        fixed=True,
     ),
     Parameter(
-        _BOTH, "spacing", 20, f"from waypoint to waypoint, a multiple of 5{_START}", 5, 400, "steps"
+        _BOTH,
+        "spacing",
+        20,
+        "from waypoint to waypoint, a multiple of 5",
+        5,
+        400,
+        "steps",
+        fixed=True,
     ),
     Parameter(
         "runner",
@@ -172,6 +182,33 @@ PARAMETERS = (
         300.0,
         5e4,
         "m",
+    ),
+    Parameter(
+        _BOTH,
+        "unknown_climb",
+        10.0,
+        "climb or descent at most that is taken for an aircraft that reports none",
+        0.0,
+        100.0,
+        "m/s",
+    ),
+    Parameter(
+        _BOTH,
+        "unknown_position_std",
+        USUAL.position_std,
+        "standard deviation that is taken for positions without one (NACp 5)",
+        0.0,
+        1e4,
+        "m",
+    ),
+    Parameter(
+        _BOTH,
+        "unknown_velocity_std",
+        USUAL.velocity_std,
+        "standard deviation that is taken for velocities without one (NACv 2)",
+        0.0,
+        100.0,
+        "m/s",
     ),
     Parameter("runner", "wind_max", 0.2, "strongest wind that is planned in", 0.0, 1.0, "V"),
     Parameter(
@@ -244,8 +281,9 @@ PARAMETERS = (
         "route_durability",
         "transient_local",
         "of the route input: transient_local or volatile",
+        fixed=True,
     ),
-    Parameter("monitor", "period", 0.05, f"between two checks{_START}", 0.02, 0.09, "s"),
+    Parameter("monitor", "period", 0.05, "between two checks", 0.02, 0.09, "s", fixed=True),
     Parameter("monitor", "answer_time", 3.0, "in which the runner must answer", 0.1, 10.0, "s"),
     Parameter("monitor", "replan_interval", 2.0, "least time between two requests", 0.5, 60.0, "T"),
     Parameter("monitor", "cross_track", 0.025, "largest distance from the path", 1e-3, 1.0, "D"),
@@ -290,30 +328,45 @@ PARAMETERS = (
         f"{_BOTH} translator",
         "diagnostics_period",
         1.0,
-        f"of the state of health{_START}",
+        "of the state of health",
         0.1,
         60.0,
         "s",
+        fixed=True,
     ),
-    Parameter(f"{_BOTH} simulator", "map_frame", "map", _MAP),
     Parameter(
-        "simulator", "scenario", "crossing_left", "family of encounters: a name in envs.encounters"
+        f"{_BOTH} simulator",
+        "map_frame",
+        "map",
+        "frame that headers name, x east, y north of the geo-reference",
+        fixed=True,
     ),
-    Parameter("simulator", "seed", 0, f"of the encounters{_START}"),
-    Parameter("simulator", "encounter", 0, f"number of the first{_START}"),
-    Parameter("simulator", "encounters", 1, f"how many are flown, one after the other{_START}"),
-    Parameter("simulator", "vehicle", "kinematic", "kinematic, point_mass or c208 (JSBSim)"),
+    Parameter(
+        "simulator",
+        "scenario",
+        "crossing_left",
+        "family of encounters: a name in envs.encounters",
+        fixed=True,
+    ),
+    Parameter("simulator", "seed", 0, "of the encounters", fixed=True),
+    Parameter("simulator", "encounter", 0, "number of the first", fixed=True),
+    Parameter("simulator", "encounters", 1, "how many are flown, one after the other", fixed=True),
+    Parameter(
+        "simulator", "vehicle", "kinematic", "kinematic, point_mass or c208 (JSBSim)", fixed=True
+    ),
     Parameter(
         "simulator",
         "flightgear",
         "",
         "HOST:PORT of a FlightGear that shows the c208 in real time; empty: none",
+        fixed=True,
     ),
     Parameter(
         "simulator pilot",
         "monitor",
         True,
-        f"fly what the monitor selects, else the newest plan{_START}",
+        "fly what the monitor selects, else the newest plan",
+        fixed=True,
     ),
     Parameter(
         "simulator", "rate", 20.0, "times real time, at most, while no plan is sought", 0.1, 1_000.0
@@ -375,30 +428,41 @@ PARAMETERS = (
         2.0,
         "s",
     ),
-    Parameter("translator", "own_source", "none", "none, nav_sat_fix, inspva or inspvax"),
     Parameter(
-        "translator", "own_id", "", "the ownship's name, such as its 24-bit address in hexadecimal"
+        "translator", "own_source", "none", "none, nav_sat_fix, inspva or inspvax", fixed=True
+    ),
+    Parameter(
+        "translator",
+        "own_id",
+        "",
+        "the ownship's name, such as its 24-bit address in hexadecimal",
+        fixed=True,
     ),
     Parameter(
         "translator",
         "own_altitude_reference",
         "wgs84",
         "what fixes' altitudes are above: wgs84, msl, pressure",
+        fixed=True,
     ),
-    Parameter("translator", "traffic_source", "none", "none, adsb or nav_sat_fix"),
+    Parameter("translator", "traffic_source", "none", "none, adsb or nav_sat_fix", fixed=True),
     Parameter(
         "translator",
         "adsb",
         "",
         "live receiver: tcp://HOST:30003 or the URL of an aircraft.json; empty: none",
+        fixed=True,
     ),
-    Parameter("translator", "traffic_id", "", "the intruder's name, where its source is a fix"),
+    Parameter(
+        "translator", "traffic_id", "", "the intruder's name, where its source is a fix", fixed=True
+    ),
     *(
         Parameter(
             "translator",
             f"adsb_{kind}_reference",
             "",
             f"what {kind} ADS-B altitudes are above; empty: unknown",
+            fixed=True,
         )
         for kind in ("barometric", "geometric")
     ),
@@ -413,7 +477,7 @@ def of(node: str) -> Iterator[Parameter]:
 def help_text(node: str) -> str:
     """Return a node's parameters for ``--help``; D, V and T are explained where they are used."""
     lines = [
-        f"  {one.name:20} {_shown(one)} {one.unit}{_range(one)}: {one.meaning}" for one in of(node)
+        f"  {one.name:20} {_shown(one)} {one.unit}{_range(one)}: {one.help}" for one in of(node)
     ]
     if any(one.unit in _UNITS for one in of(node)):
         lines.append("D, V, T: separation, greatest speed and time step of the aircraft")
@@ -431,7 +495,7 @@ def reference() -> str:
         parts += [f"**{node}**", *([f"As above: {', '.join(again)}."] if again else [])]
         rows = ["| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]
         rows += [
-            f"| `{one.name}` | {_shown(one)} | {_range(one)[2:-1]} | {one.unit} | {one.meaning} |"
+            f"| `{one.name}` | {_shown(one)} | {_range(one)[2:-1]} | {one.unit} | {one.help} |"
             for one in of(node)
             if one not in known
         ]

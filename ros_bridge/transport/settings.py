@@ -14,12 +14,21 @@ from agents.planner.traffic import Requirement
 from envs.aircraft import Aircraft
 from envs.kinematics import Limits
 from ros_bridge.core.aircraft import aircraft_of
+from ros_bridge.core.reports import Unknown
 from ros_bridge.core.situation import Settings
 from ros_bridge.core.tracks import Rules
 from ros_bridge.transport.overrides import refuse_unknown_parameters
 from ros_bridge.transport.parameters import Parameter, of
 
-_SAME = ("rejoin_by", "waypoints", "spacing", "extend_route", "vertical_filter", "exhaustive")
+_SAME = (
+    "rejoin_by",
+    "waypoints",
+    "spacing",
+    "extend_route",
+    "vertical_filter",
+    "unknown_climb",
+    "exhaustive",
+)
 _OPTIONS = {"max_age": "intruder_max_age", "deadline_s": "deadline"} | {
     name: name for name in _SAME
 }
@@ -59,7 +68,7 @@ def resolved(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
 
 def _descriptor(one: Parameter) -> ParameterDescriptor:
     made = ParameterDescriptor(
-        description=f"{one.meaning}{', ' * bool(one.unit)}{one.unit}", read_only=one.fixed
+        description=f"{one.help}{', ' * bool(one.unit)}{one.unit}", read_only=one.fixed
     )
     if one.low is not None and one.high is not None and isinstance(one.default, int):
         made.integer_range = [IntegerRange(from_value=int(one.low), to_value=int(one.high), step=1)]
@@ -116,11 +125,10 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
         )
         check(options)
     except RequestError as problem:
-        text = str(problem).removeprefix("options.")
+        field = problem.field.removeprefix("options.")
         for prefix in ("requirement.", "limits.", "manoeuvre."):
-            text = text.removeprefix(prefix)
-        field = text.partition(" ")[0]
-        raise ValueError(text.replace(field, _RENAMED.get(field, field), 1)) from None
+            field = field.removeprefix(prefix)
+        raise ValueError(f"{_RENAMED.get(field, field)} {problem.problem}") from None
     except ValueError as problem:
         raise ValueError(f"speed_min, speed_max: {problem}") from None
     return options
@@ -141,7 +149,13 @@ def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settin
         "wind_max",
     )
     turns = usual.turn_time, (usual.turn_rate_min, usual.turn_rate_max)
-    return Settings(options, *turns, **{name: value(name) for name in names})
+    given = {name: value(name) for name in names}
+    return Settings(options, *turns, **given, unknown=unknown_spread(value))
+
+
+def unknown_spread(value: Callable[[str], Any]) -> Unknown:
+    """Return what is taken for standard deviations that reports lack, from a node's parameters."""
+    return Unknown(value("unknown_position_std"), value("unknown_velocity_std"))
 
 
 def report_rules(value: Callable[[str], Any]) -> Rules:

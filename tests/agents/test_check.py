@@ -34,11 +34,11 @@ from envs.waypoints import RoutePoint
 
 ROOT = Path(__file__).parents[2]
 OWN = VehicleState(0.0, 0.0, 0.0, 80.0)
-HEIGHT = Altitude(2_500.0, "msl")
+HEIGHT = Altitude(2_500.0, "msl", 0.0)
 INTRUDERS = [
     Intruder(VehicleState(9_000.0, 100.0, 3.14, 80.0), age=0.4, altitude=HEIGHT),
     Intruder(VehicleState(5_000.0, 6_000.0, -2.0, 70.0), 1.0, 0.01, 60.0, 10.0, 1.0),
-    Intruder(VehicleState(5_000.0, 600.0, -2.0, 70.0), 1.0, altitude=Altitude(5_500.0, "msl")),
+    Intruder(VehicleState(5_000.0, 600.0, -2.0, 70.0), 1.0, altitude=Altitude(5_500.0, "msl", 0.0)),
 ]
 ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
 

@@ -219,7 +219,7 @@ def test_what_plan_publishes_is_judged_too(policy: Policy) -> None:
         "count"
     ]
     left_out = replace(answer, excluded=(Excluded(0, "is far above", 1e3),))
-    level = asked._replace(altitude=Altitude(2_000.0, "msl"))
+    level = asked._replace(altitude=Altitude(2_000.0, "msl", 0.0))
 
     def above(height: float, climb: float) -> list[Intruder]:
         return [
@@ -427,12 +427,12 @@ def data() -> dict[str, Any]:
             20.0,
             5.0,
             0.5,
-            Altitude(2_500.0, "msl"),
+            Altitude(2_500.0, "msl", 0.0),
         ),
-        Intruder(VehicleState(5_000.0, 600.0, -2.0, 70.0), altitude=Altitude(5_500.0, "msl")),
+        Intruder(VehicleState(5_000.0, 600.0, -2.0, 70.0), altitude=Altitude(5_500.0, "msl", 0.0)),
     ]
     own = VehicleState(0.0, 0.0, 0.0, 80.0)
-    answer = plan(own, intruders, ROUTE, Policy.load(), own_altitude=Altitude(2_500.0, "msl"))
+    answer = plan(own, intruders, ROUTE, Policy.load(), own_altitude=Altitude(2_500.0, "msl", 0.0))
     assert answer.certificate is not None
     return json.loads(answer.certificate)
 

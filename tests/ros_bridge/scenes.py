@@ -20,6 +20,7 @@ from ros_bridge.core.situation import Code, Refusal, Settings, Situation, task
 from ros_bridge.core.tracks import Rules
 
 __all__ = [
+    "EXACT",
     "FRAME",
     "NOW",
     "OPTIONS",
@@ -51,6 +52,7 @@ THRESHOLDS = Thresholds.for_plans(OPTIONS)
 SETTINGS = Settings(
     OPTIONS, THRESHOLDS.turn_time, (THRESHOLDS.turn_rate_min, THRESHOLDS.turn_rate_max)
 )
+EXACT = 0xC5  # bits of an AircraftState: position and velocity with their standard deviations
 _NUMBERS = {
     **{f"{sign}int{bits}": int for sign in ("", "u") for bits in (8, 16, 32, 64)},
     "float32": lambda value: float(np.float32(value)),
@@ -67,13 +69,13 @@ def stamp(time: int) -> SimpleNamespace:
 def aircraft(
     x: float, y: float, heading: float, speed: float, *, frame: LocalFrame = FRAME, **more: Any
 ) -> Any:
-    """Return an AircraftState of a place and a velocity in the local frame."""
+    """Return an AircraftState of a place and a velocity in the local frame, both exact."""
     at = frame.geodetic(x, y)
     true = heading - float(at.convergence)
     fields = {
         "header": SimpleNamespace(stamp=stamp(more.pop("time", NOW))),
         "id": "4b1a2c",
-        "valid": 0x05,
+        "valid": EXACT,
         "latitude": float(at.latitude),
         "longitude": float(at.longitude),
         "altitude": 0.0,

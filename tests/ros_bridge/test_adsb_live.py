@@ -156,6 +156,7 @@ def test_a_track_of_radar_at_the_ownship_is_its_copy(changes: dict[str, Any], co
         "lon": 8.001,
         "gs": 120.0,
         "track": 88.0,
+        "seen_pos": 0.0,
     }
     found, left_out = reports(document(1.0, row | {"alt_baro": 4900} | changes))
     assert (found == [], left_out == {"copy of the ownship": 1}) == (copied, copied)

@@ -32,8 +32,9 @@ from ros_bridge.core.assurance import (
     withdrawn,
 )
 from ros_bridge.core.conversions import Published
-from ros_bridge.core.reach import apart
+from ros_bridge.core.reach import Reach, vertically_apart
 from ros_bridge.core.replies import flown, plan_points, start_point
+from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
@@ -224,16 +225,22 @@ def test_a_refusal_denies_the_plan():
 @pytest.mark.parametrize(
     ("a", "b", "expected"),
     [
-        (Altitude(1_000.0, "msl"), Altitude(2_000.0, "msl"), True),
-        (Altitude(1_000.0, "msl"), Altitude(1_500.0, "msl"), False),
-        (Altitude(1_000.0, "msl"), Altitude(2_000.0, "wgs84"), False),
-        (Altitude(1_000.0, "msl"), None, False),
-        (Altitude(1_000.0, "msl"), Altitude(2_000.0, "msl", -3.0), False),
-        (Altitude(1_000.0, "msl"), Altitude(2_000.0, "msl", 3.0), True),
+        (Altitude(1_000.0, "msl", 0.0), Altitude(2_000.0, "msl", 0.0), True),
+        (Altitude(1_000.0, "msl", 0.0), Altitude(1_500.0, "msl", 0.0), False),
+        (Altitude(1_000.0, "msl", 0.0), Altitude(2_000.0, "wgs84", 0.0), False),
+        (Altitude(1_000.0, "msl", 0.0), None, False),
+        (Altitude(1_000.0, "msl", 0.0), Altitude(2_000.0, "msl", -3.0), False),
+        (Altitude(1_000.0, "msl", 0.0), Altitude(2_000.0, "msl", 3.0), True),
+        (Altitude(1_000.0, "msl", 0.0), Altitude(2_000.0, "msl"), False),
+        (Altitude(1_000.0, "msl"), Altitude(2_000.0, "msl", 0.0), False),
+        (Altitude(1_000.0, "msl", 0.0), Altitude(7_000.0, "msl"), True),
+        (Altitude(1_000.0, "msl"), Altitude(7_000.0, "msl"), False),
     ],
 )
 def test_only_comparable_altitudes_set_aircraft_apart(a, b, expected: bool):
-    assert (abs(apart(a, b, 500.0)) > 600.0) is expected
+    own = Report("own", NOW, 47.0, 8.0, 60.0, 0.0, a)
+    reach = Reach(own, NOW, 500.0, 1_000.0, 600.0, 100.0, 150.0)
+    assert (abs(vertically_apart(own, b, NOW, reach)) > 600.0) is expected
 
 
 def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():

@@ -20,6 +20,7 @@ from envs.formats.local_frame import LocalFrame, carried, distance
 from ros_bridge.core import conversions
 from ros_bridge.core.adapters import adsb_vehicle, inspva, nav_sat_fix
 from ros_bridge.core.fields import FieldError
+from ros_bridge.core.reports import EXACT
 from tests.ros_bridge.scenes import (
     NOW,
     SECOND,
@@ -102,7 +103,7 @@ def test_value_not_finite_or_out_of_range_is_refused_by_name(path: str, value: f
     [
         ("valid", 0x04, "it.valid"),
         ("valid", 0x01, "it.valid"),
-        ("valid", 0x105, "it.valid"),
+        ("valid", 0x205, "it.valid"),
         ("id", "", "it.id"),
         ("id", "x" * 65, "it.id"),
         ("id", "a\nb", "it.id"),
@@ -140,7 +141,7 @@ def test_a_field_without_its_bit_is_not_read(value: float):
         changed(message, path, value)
     report = conversions.aircraft(message, "it")
     assert report.altitude is None and report.wind is None and report.true_airspeed is None
-    assert report.position_std == 0.0
+    assert report.position_std is None and report.velocity_std is None and report.time_std == 0.0
 
 
 @given(rubbish)
@@ -365,9 +366,9 @@ def test_fix_without_altitude_or_covariance_is_taken_with_both_unknown():
     report = nav_sat_fix(
         fix(altitude=math.nan, position_covariance=[math.nan] * 9), twist, "own", "wgs84"
     )
-    assert (report.altitude, report.position_std) == (None, 0.0)
+    assert (report.altitude, report.position_std, report.velocity_std) == (None, None, None)
     assert (report.latitude, report.east) == (47.0, 30.0)
-    assert nav_sat_fix(fix(position_covariance_type=0), twist, "own", "wgs84").position_std == 0.0
+    assert nav_sat_fix(fix(position_covariance_type=0), twist, "own", "wgs84").position_std is None
 
 
 @pytest.mark.parametrize(
@@ -466,7 +467,9 @@ def test_adsb_report_held_before_it_was_received():
     report = read(adsb())
     assert report.identifier == "4b1a2c"
     assert report.time == NOW - 2 * SECOND
-    assert report.position_std == pytest.approx(75.0 / math.sqrt(3.0))
+    # Of whole seconds up to one is cut off; of its own errors the message says nothing.
+    assert report.spread(EXACT) == (pytest.approx(75.0 / math.sqrt(3.0)), 0.0)
+    assert report.position_std is None and report.velocity_std is None
 
 
 def test_adsb_altitude_is_unknown_unless_its_reference_is_given():

@@ -27,7 +27,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rlcas_msgs.msg import Trajectory
+from rlcas_msgs.msg import Advisory, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
@@ -112,7 +112,8 @@ def test_missing_inputs_are_refused_one_by_one_until_a_plan(client: Client, worl
     world.route()
     response = answer(client, Code.SAFE, world.ownship)
     assert response.message == "" and response.field == ""
-    assert response.advisory == "the wind is unknown and taken as calm"
+    assert Advisory.WIND_UNKNOWN in [one.code for one in response.advisories]
+    assert "ownship.wind is unknown and taken as calm" in response.advisory
     assert len(response.trajectory.waypoints) == 20
     assert response.trajectory.intruder_ids == []
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.planner.answer import Plan
+from agents.planner.answer import AdvisoryCode, Plan
 from agents.planner.planner import plan
 from agents.planner.publish import rechecked
 from agents.policy.inference import Policy
@@ -21,7 +21,8 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.replies import flown, plan_points, start_point
-from ros_bridge.core.situation import NOTHING, Code, Situation, Task, task
+from ros_bridge.core.reports import Unknown
+from ros_bridge.core.situation import NOTHING, Code, Situation, Task, named, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
     NOW,
@@ -49,7 +50,42 @@ def test_complete_situation_is_a_task():
     )
     assert [place.index for place in wanted.points] == list(range(7, 17))
     assert wanted.points[0].x == pytest.approx(5_000.0, abs=1e-6)
-    assert wanted.notes == ("the wind is unknown and taken as calm",)
+    assert [(one.code, one.field) for one in wanted.notes] == [
+        (AdvisoryCode.WIND_UNKNOWN, "ownship.wind")
+    ]
+
+
+def test_what_an_intruder_does_not_report_is_assumed_and_said_by_its_name():
+    unknown = Unknown(200.0, 2.0)
+    wanted = task(heard(crossing(valid=0x05)), NOW, replace(SETTINGS, unknown=unknown))
+    assert (wanted.intruders[0].position_std, wanted.intruders[0].velocity_std) == unknown
+    assert [
+        named(note.field, wanted.identifiers)
+        for note in wanted.notes
+        if note.code is AdvisoryCode.ASSUMED
+    ] == ["intruder 4b1a2c.position_std", "intruder 4b1a2c.velocity_std"]
+
+
+def test_a_velocity_that_jumps_is_refused_unless_noise_excuses_it():
+    late = NOW + SECOND
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late)
+    turned = aircraft(8_000.0, -7_930.0, -math.pi / 2.0, 75.0, time=late)
+    situation = heard(crossing(), turned, own=own, now=late)
+    assert refusal(situation, late) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.velocity")
+    noisy = replace(SETTINGS, unknown=Unknown(velocity_std=30.0))
+    unsaid = [
+        aircraft(8_000.0, y, heading, 75.0, time=time, valid=0x05)
+        for y, heading, time in (
+            (-8_000.0, math.pi / 2.0, NOW),
+            (-7_930.0, -math.pi / 2.0, late),
+        )
+    ]
+    assert refusal(heard(*unsaid, own=own, now=late), late) == (
+        Code.INVALID_INTRUDER,
+        "intruder 4b1a2c.velocity",
+    )
+    [intruder] = task(heard(*unsaid, own=own, now=late), late, noisy).intruders
+    assert abs(intruder.turn_rate) == SETTINGS.turn_rates[1]
 
 
 @given(
@@ -206,7 +242,8 @@ def test_alert_names_an_aircraft_in_any_case():
 def test_copy_of_the_ownship_under_another_id_is_noted():
     wanted = task(heard(aircraft(30.0, -20.0, 0.02, 76.0, id="tisb01"), crossing()), NOW, SETTINGS)
     assert wanted.identifiers == ("4b1a2c", "tisb01")
-    assert [note for note in wanted.notes if note.startswith("tisb01")]
+    copies = [note for note in wanted.notes if note.code is AdvisoryCode.POSSIBLE_COPY]
+    assert [named(note.field, wanted.identifiers) for note in copies] == ["intruder tisb01"]
 
 
 def test_msl_heights_are_comparable_with_the_undulation_only():

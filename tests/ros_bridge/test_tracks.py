@@ -373,10 +373,15 @@ def test_a_turn_shows_in_the_reports_whatever_their_rate(degrees: float, side: f
     )  # meridians converge
 
 
-def test_noise_and_gaps_and_what_no_aircraft_can_do_show_no_turn():
+def test_noise_and_gaps_show_no_turn():
     rate = math.radians(3.0)
     assert turn_of(turning(rate, 1.0), SETTINGS) == turning(rate, 1.0).turn_rate != 0.0
     assert turn_of(turning(0.0, 1.0), SETTINGS) == 0.0
     assert turning(rate, 1.0, std=3.0).turn_rate == 0.0
     assert turning(rate, 6.0, count=3).turn_rate == 0.0
-    assert turn_of(turning(math.radians(7.0), 1.0), SETTINGS) == 0.0
+
+
+def test_a_turn_too_fast_to_be_believed_counts_as_the_fastest() -> None:
+    most = SETTINGS.turn_rates[1]
+    for sign in (1.0, -1.0):
+        assert turn_of(turning(sign * math.radians(7.0), 1.0), SETTINGS) == sign * most

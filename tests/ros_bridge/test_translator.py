@@ -25,10 +25,11 @@ pytest.importorskip("rclpy", reason=MISSING)
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from rclpy.exceptions import ParameterException
-from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
+from rlcas_msgs.msg import Advisory, AircraftState, Trajectory, Waypoint
 from rlcas_msgs.srv import GenerateTrajectory
 from sensor_msgs.msg import NavSatFix
 
+from agents.planner.answer import AdvisoryCode
 from envs.edge.command import InputError
 from ros_bridge.core import adapters
 from ros_bridge.core.fields import FieldError
@@ -443,7 +444,7 @@ def test_messages_hold_what_the_conversions_expect():
     from ros_bridge.core import conversions as read
 
     bits = [name for name in dir(AircraftState) if name.startswith("VALID_")]
-    assert sorted(getattr(AircraftState, name) for name in bits) == [1 << n for n in range(8)]
+    assert sorted(getattr(AircraftState, name) for name in bits) == [1 << n for n in range(9)]
     assert all(
         getattr(AircraftState, name) == getattr(read, name.removeprefix("VALID_")) for name in bits
     )
@@ -461,6 +462,11 @@ def test_messages_hold_what_the_conversions_expect():
         if name.startswith("STATUS_")
     }
     assert codes == {code.name: code.value for code in Code}
+    assert {code.name: code.value for code in AdvisoryCode} == {
+        name: getattr(Advisory, name)
+        for name in dir(Advisory)
+        if isinstance(getattr(Advisory, name), int)
+    }
 
 
 # The node on the page about ROS graphs of one's own runs, and the runner answers it as the page

@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 
 from agents.planner import budget, fallback
-from agents.planner.answer import WAYPOINTS, Kind, Plan, RequestError, Source, Status
+from agents.planner.answer import (
+    WAYPOINTS,
+    AdvisoryCode,
+    Kind,
+    Plan,
+    RequestError,
+    Source,
+    Status,
+)
 from agents.planner.candidates import evaluate
 from agents.planner.planner import eligible, plan, plan_many
 from agents.planner.publish import rechecked
@@ -402,11 +410,11 @@ def test_a_plan_says_what_traffic_is_outside_the_domain(
     policy: Policy, encounters: Encounter
 ) -> None:
     own, others, route = ask(request_of(encounters, PAPER), 0)
-    assert "outside_domain" not in (plan(own, others, route, policy).advisory or "")
+    outside = AdvisoryCode.OUTSIDE_DOMAIN
+    assert outside not in [one.code for one in plan(own, others, route, policy).advisory]
     others[0] = others[0]._replace(speed=5.0)
-    assert "outside_domain: intruder_speed is 5 m/s" in (
-        plan(own, others, route, policy).advisory or ""
-    )
+    said = [one for one in plan(own, others, route, policy).advisory if one.code is outside]
+    assert (said[0].field, said[0].text.split(";")[0]) == ("intruder_speed", "is 5 m/s")
 
 
 def test_the_vertical_filter_looks_to_the_end_of_the_plan(policy: Policy) -> None:
@@ -415,7 +423,7 @@ def test_the_vertical_filter_looks_to_the_end_of_the_plan(policy: Policy) -> Non
     own, late = VehicleState(0.0, 0.0, 0.0, 75.0), 1_100.0
     state = VehicleState(own.speed * late, -50.0 * late, math.pi / 2.0, 50.0)
     other = Intruder(state, altitude=Altitude(2_110.0, "msl", -1.0))
-    answer = plan(own, [other], route, policy, own_altitude=Altitude(1_000.0, "msl"))
+    answer = plan(own, [other], route, policy, own_altitude=Altitude(1_000.0, "msl", 0.0))
     assert answer.excluded == ()
     assert not answer.safe or answer.min_separation >= 1_000.0
 
@@ -424,16 +432,19 @@ def test_an_intruder_far_above_is_left_out_and_said_so(policy: Policy) -> None:
     def answer(level: Altitude | None, own: Altitude | None) -> Plan:
         return plan(OWN, [FAR, Intruder(HEAD_ON, altitude=level)], ROUTE, policy, own_altitude=own)
 
-    here = Altitude(2_500.0, "msl")
-    above = answer(Altitude(3_500.0, "msl"), here)
+    here = Altitude(2_500.0, "msl", 0.0)
+    above = answer(Altitude(3_500.0, "msl", 0.0), here)
     assert [one.number for one in above.excluded] == [1]
     assert "msl" in above.excluded[0].reason
     assert max(abs(point.y) for point in above.waypoints) < 1e-6
     for level, own in (
         (None, here),
-        (Altitude(3_500.0, "msl"), None),
-        (Altitude(3_500.0, "wgs84"), here),
-        (Altitude(3_000.0, "msl"), here),
+        (Altitude(3_500.0, "msl", 0.0), None),
+        (Altitude(3_500.0, "wgs84", 0.0), here),
+        (Altitude(3_000.0, "msl", 0.0), here),
+        (Altitude(3_500.0, "msl"), here),
+        (Altitude(3_500.0, "msl", 0.0), Altitude(2_500.0, "msl")),
+        (Altitude(3_500.0, "msl", 0.0, error=500.0), here),
         (Altitude(3_500.0, "msl", vertical_speed=-5.0), here),
     ):
         kept = answer(level, own)
@@ -444,7 +455,8 @@ def test_an_intruder_far_above_is_left_out_and_said_so(policy: Policy) -> None:
 def test_no_plan_outlasts_what_an_intruder_was_left_out_for(
     policy: Policy, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here, above = Altitude(2_500.0, "msl"), [Intruder(FAR, altitude=Altitude(3_500.0, "msl"))]
+    here = Altitude(2_500.0, "msl", 0.0)
+    above = [Intruder(FAR, altitude=Altitude(3_500.0, "msl", 0.0))]
     good = plan(OWN, above, ROUTE, policy, own_altitude=here)
     assert good.safe
     ends = Options.latest_end
