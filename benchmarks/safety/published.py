@@ -132,6 +132,8 @@ def _apart(question: Question, number: int, end: float, options: Options) -> boo
     other = report.altitude
     if own is None or other is None or own.reference != other.reference:
         return False
+    # Every question is drawn with known vertical speeds.
+    assert own.vertical_speed is not None and other.vertical_speed is not None
     now = other.value + other.vertical_speed * report.age - own.value
     later = now + (other.vertical_speed - own.vertical_speed) * end
     return now * later > 0.0 and min(abs(now), abs(later)) > options.vertical_filter
