@@ -14,18 +14,25 @@ class Reporter(Progress):
     def __init__(
         self,
         *,
+        name: str = "",
         quiet: bool = False,
         stream: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Prepare; arguments as of :class:`agents.config.progress.Progress`."""
+        """Prepare; arguments as of :class:`agents.config.progress.Progress`.
+
+        Args:
+            name: of the training among others, such as ``trial 3``; leads the figures.
+        """
         super().__init__("steps", quiet=quiet, silence_s=10.0, stream=stream, clock=clock)
+        self._name = name
         self._evaluated: float | None = None
 
     def update(self, row: Mapping[str, float]) -> None:
         """Take the figures of an update (names as in :data:`rlcas_jax.metrics.METRICS`)."""
         self._evaluated = row.get("eval_success", self._evaluated)
-        shown = [f"{spaced(round(row['steps_per_s']))} steps/s"]
+        shown = [self._name] if self._name else []
+        shown.append(f"{spaced(round(row['steps_per_s']))} steps/s")
         # Before the first episode ends there is no score.
         if not math.isnan(row["score"]):
             shown += [f"score {row['score']:+.1f}", f"success {100.0 * row['success']:.1f} %"]

@@ -9,6 +9,7 @@ import errno
 import gc
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,9 +18,8 @@ from typing import Any
 import optuna
 from optuna.exceptions import StorageInternalError
 from optuna.study import Study
-from optuna.trial import Trial, TrialState
+from optuna.trial import FrozenTrial, Trial, TrialState
 
-from agents.config.figures import save_figure
 from agents.config.folder_lock import locked
 from agents.config.load import ConfigError, dump, load
 from envs.edge.compiled import keep_compiled
@@ -28,10 +28,13 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.interrupt import INTERRUPTED, Interrupt
 from rlcas_jax.progress import Reporter
 from rlcas_jax.sweep.cli import CONFIG, SETTINGS, Options, parse
+from rlcas_jax.sweep.figures import draw
 from rlcas_jax.sweep.space import overrides
 from rlcas_jax.train import FAILED, unwritten
 
 STUDY = "study.db"
+REASON = "reason"
+"""Attribute of a pruned trial: why it was."""
 
 STARTUP = 10
 """Trials that are drawn evenly from the space and never stopped early, before the sampler's model
@@ -102,15 +105,26 @@ def _try(study: Study, options: Options, interrupt: Interrupt) -> None:
     trial = study.ask(dict(options.space))
     try:
         value = _objective(trial, options, interrupt)
-    except optuna.TrialPruned:
-        study.tell(trial, state=TrialState.PRUNED)
-        return
-    if not interrupt.requested:
-        study.tell(trial, value)
-        if not options.quiet:
-            print(
-                f"trial {trial.number}: success {value:.6g}: {', '.join(overrides(trial.params))}"
-            )
+    except optuna.TrialPruned as pruned:
+        trial.set_user_attr(REASON, str(pruned))
+        ended = study.tell(trial, state=TrialState.PRUNED)
+    else:
+        if interrupt.requested:
+            return
+        ended = study.tell(trial, value)
+    if not options.quiet:
+        print(_line(ended), flush=True)
+
+
+def _line(trial: FrozenTrial) -> str:
+    """Return a trial in words: its number, how it ended, and its values."""
+    if trial.state == TrialState.COMPLETE:
+        end = f"success {trial.value:.6g}"
+    elif trial.state == TrialState.PRUNED:
+        end = f"pruned, {trial.user_attrs.get(REASON, 'the reason was not stored')}"
+    else:
+        end = "interrupted"
+    return f"trial {trial.number}: {end}: {', '.join(overrides(trial.params))}"
 
 
 def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
@@ -129,7 +143,7 @@ def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
         config = load(TrainConfig, options.directory / CONFIG, overrides(values))
         for index in range(seeds):
             own = directory if seeds == 1 else directory / f"seed-{index}"
-            watch = _Watch(options, trial if index == 0 else None, config)
+            watch = _Watch(options, trial, index, config)
             summary = _trained(
                 config.model_copy(update={"seed": config.seed + index}), own, watch, interrupt
             )
@@ -138,9 +152,8 @@ def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
             found.append(float(summary["evaluation"]["success_given_resolvable"]))
     except (ConfigError, TrainingError, jax.errors.JaxRuntimeError) as problem:
         # Of a pruned trial Optuna learns that its region is bad, of a failed one nothing.
-        reason = " ".join(str(problem).split())[:200]
-        trial.set_user_attr("reason", reason)
-        raise optuna.TrialPruned(reason) from None
+        reason = re.sub("^--set:? ", "", " ".join(str(problem).split()))
+        raise optuna.TrialPruned(reason[:200]) from None
     finally:
         jax.clear_caches()  # every trial compiles its own programs; they would pile up
         gc.collect()
@@ -148,22 +161,33 @@ def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
 
 
 class _Watch(Reporter):
-    """Shows a training's progress and reports its evaluations to Optuna's pruner."""
+    """Shows a training's progress and reports the evaluations of the first seed to Optuna's
+    pruner.
+    """
 
-    def __init__(self, options: Options, trial: Trial | None, config: TrainConfig) -> None:
-        super().__init__(quiet=options.quiet)
-        self._trial = trial
+    def __init__(self, options: Options, trial: Trial, seed: int, config: TrainConfig) -> None:
+        settings = options.settings
+        name = f"trial {trial.number}"
+        if settings.seeds > 1:
+            name += f", seed {seed + 1} of {settings.seeds}"
+        super().__init__(name=name, quiet=options.quiet)
+        self._trial = trial if seed == 0 else None
         self._every = config.evaluation.every_steps
         self._last = max(1, config.steps // config.ppo.samples) * config.ppo.samples
 
     def update(self, row: Mapping[str, float]) -> None:
         """Take the figures of an update; raises ``optuna.TrialPruned``."""
         super().update(row)
-        if self._trial is not None and "eval_success" in row:
-            # Counted, because trials of different batch sizes are evaluated at different steps.
-            self._trial.report(row["eval_success"], int(row["step"]) // self._every)
-            if row["step"] < self._last and self._trial.should_prune():
-                raise optuna.TrialPruned
+        if self._trial is None or "eval_success" not in row:
+            return
+        # Counted, because trials of different batch sizes are evaluated at different steps.
+        number = int(row["step"]) // self._every
+        self._trial.report(row["eval_success"], number)
+        if row["step"] < self._last and self._trial.should_prune():
+            raise optuna.TrialPruned(
+                f"below the median of the trials before it at evaluation {number} "
+                f"({100.0 * row['eval_success']:.1f} %)"
+            )
 
 
 def _trained(
@@ -182,47 +206,39 @@ def _trained(
 
 
 def _written(options: Options, study: Study) -> bool:
-    """Write ``best.yaml``, ``sweep.json`` and the figures, print the best trial, and return whether
-    there is one.
+    """Write ``best.yaml``, ``sweep.json`` and the figures, print how the trials ended and the best
+    one, and return whether there is one.
     """
     trials = study.get_trials(deepcopy=False)
     complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
     best = study.best_trial if complete else None
+    states = Counter(trial.state.name.lower() for trial in trials)
     report = {
         "name": options.base.name,
         "finished": _counted(study) >= options.settings.trials,
-        "states": Counter(trial.state.name.lower() for trial in trials),
+        "states": states,
         "best": best and {"trial": best.number, "value": best.value, "parameters": best.params},
+        "trials": [_report_of(trial) for trial in trials],
     }
     write_file(options.directory / "sweep.json", json.dumps(report, indent=2) + "\n")
+    counted = ", ".join(f"{count} {state}" for state, count in states.items())
+    print(f"{len(trials)} of {options.settings.trials} trials: {counted}")
     if best is not None:
         chosen = overrides(best.params)
         config = load(TrainConfig, options.directory / CONFIG, chosen)
         head = f"# Trial {best.number} of {len(trials)}: success {best.value:.6g}"
         write_file(options.directory / "best.yaml", f"{head}, {', '.join(chosen)}\n{dump(config)}")
-        _draw(study, len(complete), options.directory / "figures")
-        print(f"best: trial {best.number}, success {best.value:.6g}: {', '.join(chosen)}")
+        draw(study, options.directory / "figures")
+        print(f"best: {_line(best)}")
     print(f"study, best configuration and figures: {options.directory}")
     return best is not None
 
 
-def _draw(study: Study, complete: int, out: Path) -> None:
-    import warnings
-
-    import matplotlib as mpl
-    from optuna.visualization import matplotlib as plots
-
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
-    out.mkdir(exist_ok=True)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # its plots are experimental
-        drawn = {"history": plots.plot_optimization_history, "slices": plots.plot_slice}
-        if complete >= 8:
-            evaluator = optuna.importance.PedAnovaImportanceEvaluator()
-            drawn["importance"] = lambda of: plots.plot_param_importances(of, evaluator=evaluator)
-        for name, plot in drawn.items():
-            plot(study)
-            save_figure(pyplot.gcf(), out / name)
-            pyplot.close("all")
+def _report_of(trial: FrozenTrial) -> dict[str, Any]:
+    return {
+        "trial": trial.number,
+        "state": trial.state.name.lower(),
+        "value": trial.value if trial.state == TrialState.COMPLETE else None,
+        "reason": trial.user_attrs.get(REASON),
+        "parameters": trial.params,
+    }

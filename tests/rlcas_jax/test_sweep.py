@@ -5,6 +5,8 @@ Most tests put a stand-in for the training, which is tested by itself; one train
 
 import json
 import math
+import random
+import re
 import shutil
 import signal
 import subprocess
@@ -16,12 +18,17 @@ from typing import Any
 
 import optuna
 import pytest
+from optuna.distributions import CategoricalDistribution
 
 from agents.config.load import ConfigError, dump, load
+from agents.config.yaml import read
 from rlcas_jax import finish, loop
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.sweep import run as sweep
 from rlcas_jax.sweep.cli import parse
+from rlcas_jax.sweep.figures import draw
+from rlcas_jax.sweep.space import overrides
+from rlcas_jax.sweep.space import parse as parse_space
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = """\
@@ -87,7 +94,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         sweep, "gc", SimpleNamespace(collect=int)
     )  # nothing to collect, and looking takes time
-    monkeypatch.setattr(sweep, "_draw", lambda *_: None)
+    monkeypatch.setattr(sweep, "draw", lambda *_: None)
 
 
 def arguments(
@@ -176,6 +183,55 @@ def test_the_example_is_a_space_of_the_quick_configuration() -> None:
         [str(ROOT / word) if word.startswith("configs/") else word for word in given.split()]
     )
     assert "ppo.learning_rate" in options.space
+
+
+def test_no_combination_of_the_example_is_refused() -> None:
+    space: dict[str, Any] = dict(
+        parse_space(read(ROOT / "configs/sweep_quick.yaml"), "sweep_quick.yaml")
+    )
+    rng = random.Random(3)
+    choices = {
+        key: one.choices if isinstance(one, CategoricalDistribution) else (one.low, one.high)
+        for key, one in space.items()
+    }
+    for _ in range(300):
+        values = {key: rng.choice(some) for key, some in choices.items()}
+        load(TrainConfig, ROOT / "configs/quick.yaml", overrides(values))
+
+
+@pytest.mark.usefixtures("quick")
+def test_every_trial_is_shown_with_its_state_and_why_it_was_pruned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    space = "ppo.minibatch: {choices: [64, 512]}\nppo.environments: {choices: [16, 32]}\n"
+    space += "ppo.learning_rate: {low: 1e-5, high: 1e-1, log: true}"
+    asked = [one for one in arguments(tmp_path, space=space, trials=16) if one != "--quiet"]
+    assert sweep.main(asked) == 0
+    printed = capsys.readouterr()
+    lines = re.findall(r"^trial (\d+): (success|pruned, \S+)", printed.out, re.MULTILINE)
+    assert [int(number) for number, _ in lines] == list(range(16))
+    # Both kinds of a reason: refused by the configuration, and stopped by Optuna's pruner.
+    assert {end for _, end in lines} == {"success", "pruned, ppo.minibatch", "pruned, below"}
+    told = json.loads((tmp_path / "out/sweep.json").read_text())["trials"]
+    assert [one["state"] for one in told] == [
+        one.state.name.lower() for one in trials(tmp_path / "out")
+    ]
+    assert all(bool(one["reason"]) == (one["state"] == "pruned") for one in told)
+    assert ", trial 2, 1 steps/s" in printed.err
+
+
+def test_a_sheet_of_many_keys_fits_a_page(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    study = optuna.create_study(direction="maximize")
+    space = parse_space(read(ROOT / "configs/sweep_quick.yaml"), "sweep_quick.yaml")
+    for number in range(9):
+        trial = study.ask(dict(space))
+        study.tell(trial, 0.1 * number)
+    draw(study, tmp_path)
+    for name in ("history", "slices", "importance"):
+        with image.open(tmp_path / f"{name}.png") as picture:
+            width, height = picture.size
+        assert width <= 1_500 and height <= 1_800, name
 
 
 @pytest.mark.usefixtures("quick")
