@@ -22,7 +22,7 @@ from agents.config.load import Parser, load
 from agents.policy.inference import Policy
 from envs.edge.files import write_file
 from eval.evidence.domain import cells
-from eval.evidence.dossier import write
+from eval.evidence.dossier_page import write
 from eval.evidence.listed import Entry, Evidence, Reading, found_in, read_results, written_results
 from eval.evidence.tables import publish
 from eval.runner.options import real

@@ -17,8 +17,9 @@ import pytest
 from agents.config.load import ConfigError, load
 from agents.policy.inference import Policy
 from eval.evidence.domain import cells, rows_of_cells
-from eval.evidence.dossier import Case, checked, write
+from eval.evidence.dossier import Case, resolve
 from eval.evidence.dossier import tests_of as names_of_tests
+from eval.evidence.dossier_page import write
 from eval.evidence.listed import Evidence, found_in, read_results
 from eval.evidence.run import ROOT, main, published
 from eval.evidence.tables import generated, pages
@@ -237,7 +238,9 @@ def small_checkout(folder: Path, case: str = CASE) -> Evidence:
 
 
 def test_a_goal_of_the_dossier_is_as_good_as_its_worst_evidence(tmp_path: Path) -> None:
-    some, about = small_checkout(tmp_path), {"policy": "a" * 64, "commit": "c"}
+    # Results alone: what a requirement's tests decide has a test of its own.
+    some = small_checkout(tmp_path, CASE.replace("tests: [tests/test_a.py], ", ""))
+    about = {"policy": "a" * 64, "commit": "c"}
     assert names_of_tests(tmp_path) == [
         f"tests/test_{one}"
         for one in ("a.py::test_one", "a.py::TestB::test_two", "b.py::test_three")
@@ -245,7 +248,7 @@ def test_a_goal_of_the_dossier_is_as_good_as_its_worst_evidence(tmp_path: Path) 
 
     def state(results: dict[str, Any]) -> str:
         said = write(tmp_path, tmp_path / "d.html", some, results, about, tmp_path)
-        assert said.endswith("names 1 tests and 0 results")
+        assert said.endswith("names 3 tests and 0 results")
         return said.partition("the claim is ")[2].partition(";")[0]
 
     def found(value: float, low: float, high: float, n: int = 24) -> dict[str, Any]:
@@ -297,6 +300,8 @@ def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) ->
         good.replace("in (0, 1)\n", "\n").replace("class", "@pytest.mark.skip\nclass"),
         "test",
     )
+    assert said() == "open"  # nothing was run
+    assert "2 not run" in (tmp_path / "d.html").read_text(encoding="utf-8")
     assert said(one, two) == "shown"
     assert said(one) == "open"
     assert "tests/<wbr>test_<wbr>a.py: 1 not run" in (tmp_path / "d.html").read_text(
@@ -334,7 +339,7 @@ def test_a_dossier_that_names_what_is_not_there_is_refused(
 
 def test_every_name_of_the_dossier_that_ships_resolves(tmp_path: Path) -> None:
     case = load(Case, ROOT / "configs/dossier.yaml")
-    items = checked(ROOT, case, LISTED, names_of_tests(ROOT))
+    items = resolve(ROOT, case, LISTED, names_of_tests(ROOT))
     assert {name for item in items.values() for name in item.results} == set(LISTED.results)
     assert all(item.where for item in case.assumptions.values())
     assert {one for goal in case.goals.values() for one in goal.assumes} == set(case.assumptions)

@@ -1,0 +1,260 @@
+"""The assurance case as one page: claim, argument and evidence in Goal Structuring Notation, and
+their traces.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from agents.config.load import load
+from envs.edge.files import write_file
+from envs.edge.installation import versions
+from eval.evidence.dossier import Assessment, Case, Goal, Item, Outcome, assess, file_of
+from eval.evidence.listed import Evidence
+from eval.report.page import Filled, asset, figure
+
+_FEW = 4  # tests of a file that are named one by one
+_LONGEST = 20  # characters of a version or digest at the head of the page
+
+
+def write(
+    root: Path,
+    to: Path,
+    listed: Evidence,
+    results: Mapping[str, Any],
+    about: dict[str, str],
+    out: Path,
+    reports: Sequence[Path] = (),
+) -> str:
+    """Write the page and return a sentence with the state of its claim.
+
+    Args:
+        root: the checkout, with ``configs/dossier.yaml`` and the tests.
+        to: the page.
+        about: policy and commit, for its head.
+        out: folder of the evaluations, with pictures of failures.
+        reports: files of ``pytest --junitxml``.
+    """
+    case = load(Case, root / "configs/dossier.yaml")
+    found = assess(root, case, listed, results, reports)
+    named_tests = {test for item in found.items.values() for test in item.tests}
+    named_results = {name for item in found.items.values() for name in item.results}
+    left = (
+        f"{len({*found.tests} - named_tests)} tests and "
+        f"{len({*listed.results} - named_results)} results"
+    )
+    made = about | versions("numpy", "safetensors", "scipy", "jax", "jsbsim")
+    requirements = [name for goal in case.goals.values() for name in goal.requirements]
+    page = Filled(asset("dossier.html")).substitute(
+        style=asset("report.css"),
+        about=escape(", ".join(f"{name} {text[:_LONGEST]}" for name, text in made.items())),
+        diagrams="".join(_diagram(name, found) for name in ("claim", *case.goals)),
+        requirements=_rows({name: _item_cells(name, found) for name in requirements}),
+        assumptions=_rows({name: _item_cells(name, found) for name in case.assumptions}),
+        results=_rows({name: _result_cells(name, found) for name in listed.results}),
+        tests=_rows(_tests_by_file(found, named_tests)),
+        left=left,
+        ran=escape(", ".join(path.name for path in reports) or "no report was given"),
+        failures=_failures(root, results, about["policy"], out),
+        limits="".join(f"<li>{escape(one, quote=False)}</li>" for one in case.not_claimed),
+        repeat=_rows(
+            {command: [escape(what, quote=False)] for command, what in case.repeat.items()}
+        ),
+    )
+    write_file(to, page)
+    return (
+        f"{to}: the claim is {found.states['claim'].label}; no requirement or assumption names "
+        f"{left}"
+    )
+
+
+# ---- tables ----
+
+
+def _rows(rows: Mapping[str, Iterable[str]]) -> str:
+    """Return rows of a table, each with its name as first cell and anchor."""
+    lines = []
+    for name, cells in rows.items():
+        anchor = escape(name).replace(" ", "-")
+        others = "".join(f"<td>{cell}</td>" for cell in cells)
+        lines.append(f'<tr id="{anchor}"><td><code>{_breakable(name)}</code></td>{others}</tr>')
+    return "\n".join(lines)
+
+
+def _breakable(name: str) -> str:
+    """Return a name as HTML within which a line may end."""
+    return escape(name, quote=False).replace("_", "_<wbr>").replace("/", "/<wbr>")
+
+
+def _item_cells(name: str, found: Assessment) -> list[str]:
+    """Return what an item says, its state or where it is guarded, and its evidence."""
+    item = found.items[name]
+    reasons = sorted(f"{reason.state.label}: {reason.why}" for reason in found.reasons[name])
+    state = "<br>".join(map(_breakable, reasons)) or found.states[name].label
+    return [
+        f"<b>{escape(item.title, quote=False)}</b>{escape(item.says, quote=False)}",
+        escape(item.where, quote=False) or state,
+        _evidence(item, found.outcomes),
+    ]
+
+
+def _evidence(item: Item, outcomes: Mapping[str, Outcome]) -> str:
+    """Return tests, results and documents of an item; a file's tests by name where they are few,
+    else folded.
+    """
+    lines = []
+    for file in dict.fromkeys(map(file_of, item.tests)):
+        tests = [test for test in item.tests if file_of(test) == file]
+        if len(tests) < _FEW:
+            names = ", ".join(_test_name(test, outcomes) for test in tests)
+        else:
+            names = _folded(tests, outcomes, f" tests: {_counts(tests, outcomes)}")
+        lines.append(f"{_breakable(file)}: {names}")
+    if item.results:
+        lines.append(_breakable(f"results: {', '.join(item.results)}"))
+    lines += map(_breakable, item.documents)
+    return "<br>".join(lines) or "none"
+
+
+def _test_name(test: str, outcomes: Mapping[str, Outcome]) -> str:
+    return f"{_breakable(test.partition('::')[2])} ({outcomes[test].label})"
+
+
+def _counts(tests: Iterable[str], outcomes: Mapping[str, Outcome]) -> str:
+    counts = Counter(outcomes[test] for test in tests)
+    return ", ".join(f"{count} {outcome.label}" for outcome, count in counts.items())
+
+
+def _folded(tests: Sequence[str], outcomes: Mapping[str, Outcome], more: str = "") -> str:
+    if not tests:
+        return "0"
+    names = "<br>".join(_test_name(test, outcomes) for test in tests)
+    return f"<details><summary>{len(tests)}{more}</summary>{names}</details>"
+
+
+def _result_cells(name: str, found: Assessment) -> list[str]:
+    cells = [escape(text) for text in found.results[name]]
+    return [*cells, _named_by(found.items, {name})]
+
+
+def _tests_by_file(found: Assessment, named: set[str]) -> dict[str, list[str]]:
+    """Return for each file of tests who names them, how many, those that nobody names, and
+    outcomes.
+    """
+    rows = {}
+    for file in dict.fromkeys(map(file_of, found.tests)):
+        tests = [test for test in found.tests if file_of(test) == file]
+        unnamed = [test for test in tests if test not in named]
+        rows[file] = [
+            _named_by(found.items, set(tests)),
+            str(len(tests) - len(unnamed)),
+            _folded(unnamed, found.outcomes),
+            _counts(tests, found.outcomes),
+        ]
+    return rows
+
+
+def _named_by(items: Mapping[str, Item], names: set[str]) -> str:
+    """Return links to the items that name some of these tests or results."""
+    ids = [by for by, item in items.items() if names & {*item.tests, *item.results}]
+    return ", ".join(f'<a href="#{by}">{by}</a>' for by in ids) or "none"
+
+
+# ---- failures ----
+
+
+def _failures(root: Path, results: Mapping[str, Any], policy: str, out: Path) -> str:
+    """Return losses by result, and pictures that eval.failures drew of this policy, or how to draw
+    them.
+    """
+    losses = []
+    for name, one in results.items():
+        rate = one["figures"].get("success_given_resolvable")
+        if rate and rate["count"] < rate["total"]:
+            losses.append(f"{name} {rate['total'] - rate['count']} of {rate['total']}")
+    pictures = [
+        picture for path in sorted(out.glob("*/failures.png")) for picture in _picture(path, policy)
+    ]
+    if not pictures:
+        place = escape(str(out.relative_to(root) if out.is_relative_to(root) else out))
+        how = f"<code>python -m eval.failures --run {place}/circle-* --out {place}/failed</code>"
+        pictures = [f"<p>No pictures of this policy lie there; {how} draws them.</p>"]
+    return "".join([f"<p>{'; '.join(losses) or 'none'}.</p>", *pictures])
+
+
+def _picture(path: Path, policy: str) -> list[str]:
+    """Return a picture of failures as HTML; none where it is of another policy."""
+    drawn = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    if drawn["policy_sha256"] != policy:
+        return []
+    run = Path(drawn["run"]).name
+    caption = f"{drawn['failures']} of {drawn['encounters']} encounters of {run}"
+    return [figure(caption, path.read_bytes())]
+
+
+# ---- the diagrams ----
+
+
+def _diagram(name: str, found: Assessment) -> str:
+    """Return a goal between its contexts and assumptions, its strategy, and the goals or
+    requirements below.
+    """
+    case = found.case
+    goal = case.goals.get(name, case.claim)
+    contexts = "".join(
+        f'<div><p class="c">{one}: {escape(case.contexts[one], quote=False)}</p>'
+        f"{_arrow('left')}</div>"
+        for one in goal.context
+    )
+    assumptions = "".join(
+        f'<div>{_arrow("right")}<a class="a" href="#{one}">{one}: '
+        f"{escape(case.assumptions[one].title, quote=False)}</a></div>"
+        for one in goal.assumes
+    )
+    below = ""
+    for child in goal.requirements or case.goals:
+        part = found.items.get(child) or case.goals[child]
+        below += (
+            f"<div>{_arrow('down')}{_box(child, part.says, found)}"
+            f'<div class="signs">{_solutions(part)}</div></div>'
+        )
+    return (
+        f'<div class="gsn" id="{name}"><div class="top"><div class="side">{contexts}</div>'
+        f'{_box(name, goal.says, found)}<div class="side">{assumptions}</div></div>'
+        f"{_arrow('down')}"
+        f'<p class="s">{escape(goal.strategy, quote=False)}</p>'
+        f'<div class="below">{below}</div></div>'
+    )
+
+
+def _solutions(part: Item | Goal) -> str:
+    """Return a circle with the number of tests, results and documents of a requirement; of a goal
+    none.
+    """
+    if isinstance(part, Goal):
+        return ""
+    counts = {
+        "test": len(part.tests),
+        "result": len(part.results),
+        "document": len(part.documents),
+    }
+    return "".join(
+        f"<div>{_arrow('down')}<p>{count}<br>{kind if count == 1 else f'{kind}s'}</p></div>"
+        for kind, count in counts.items()
+        if count
+    )
+
+
+def _box(name: str, says: str, found: Assessment) -> str:
+    state = found.states[name].label
+    return (
+        f'<p class="g {state.replace(" ", "-")}"><a href="#{name}">{name}</a> '
+        f"{escape(says, quote=False)} <small>{state}</small></p>"
+    )
+
+
+def _arrow(way: str) -> str:
+    return f'<svg class="{way}"><use href="#arrow-{way}"/></svg>'
