@@ -21,6 +21,7 @@ from typing import Any
 from agents.config.load import Parser, load
 from agents.policy.inference import Policy
 from envs.edge.files import write_file
+from eval.evidence.closing import show_closing
 from eval.evidence.domain import cells
 from eval.evidence.dossier_page import write
 from eval.evidence.listed import Entry, Evidence, Reading, found_in, read_results, written_results
@@ -64,6 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         said = _result(name, listed, policy, options)
         print(f"{name}: {said or 'FAILED'}", flush=True)
         failed |= not said
+    results = published(listed, policy, {}, options.out)
+    show_closing(listed, results, names, options.out)
     return int(failed)
 
 

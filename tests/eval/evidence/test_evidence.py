@@ -16,6 +16,7 @@ import pytest
 
 from agents.config.load import ConfigError, load
 from agents.policy.inference import Policy
+from eval.evidence.closing import show_closing
 from eval.evidence.domain import cells, rows_of_cells
 from eval.evidence.dossier import Case, resolve
 from eval.evidence.dossier import tests_of as names_of_tests
@@ -179,6 +180,36 @@ def test_a_finished_result_is_not_made_again(
     capfd.readouterr()
     assert main(asked) == 0
     assert "one: there already" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_run_ends_with_what_was_met_missed_and_left_open(
+    terminal: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: terminal)
+    names = list(LISTED.results)
+    claimed = [name for name in names if LISTED.results[name].claim is not None]
+    stored = read_results(STORE)
+    results = {name: stored[name] for name in stored if name != names[-1]}
+    show_closing(LISTED, results, names, tmp_path)
+    # Without the sequences that make a terminal's letters slanted or bold.
+    lines = re.sub(r"\x1b\[\d*m", "", capsys.readouterr().out).splitlines()
+    assert lines[0].startswith(f"{len(names)} results: ")
+    told = re.findall(r"(\d+) ([a-z ]+[a-z])", lines[0].partition(":")[2])
+    counts = {state: int(count) for count, state in told}
+    assert sum(counts.values()) == len(names)
+    missing = sum(name not in results for name in claimed)
+    judged = sum(counts.get(state, 0) for state in ("missed", "undecided", "met"))
+    assert judged == len(claimed) - missing
+    assert counts["not measured"] == len({*names} - {*results}) >= 1
+    assert terminal or len(lines) <= 12
+    assert sum(str(tmp_path) in line for line in lines) == 3
+    if not terminal:
+        named = next(line for line in lines if line.startswith("met: "))
+        assert counts["met"] > 0 and claimed[0] in "".join(lines) and "claimed" not in named
 
 
 def test_an_attack_goes_on_where_it_was_stopped(tmp_path: Path) -> None:

@@ -1,0 +1,74 @@
+"""What a run of the evaluations found, in a few lines or as a table: claims met, missed and
+undecided.
+"""
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from agents.config.progress import spaced
+from eval.evidence.listed import Evidence
+from eval.evidence.tables import row_of
+from eval.metrics.summary import print_table
+
+_STATES = ("missed", "undecided", "met", "without a claim", "not measured")
+_CLAIMS = {"yes": "met", "open": "undecided", "no": "missed"}
+_NAMED = 12  # results that a line names
+_CELLS = {
+    "claimed": "{claim}",
+    "kept": "{kept}",
+    "found": "{found}",
+    "success": "{success_given_resolvable}",
+}
+
+
+def show_closing(
+    listed: Evidence, results: Mapping[str, Any], names: Sequence[str], out: Path
+) -> None:
+    """Print what was found: a table on a terminal, elsewhere at most a line for each state.
+
+    Args:
+        results: those that are measured, by name.
+        names: of the results that were asked for.
+        out: the folder where they are.
+    """
+    rows = [_row(listed, results, name) for name in names]
+    counts = [(state, [row for row in rows if row[-1] == state]) for state in _STATES]
+    title = f"{len(rows)} results: " + ", ".join(
+        f"{len(those)} {state}" for state, those in counts if those
+    )
+    places = [
+        f"results, one NAME.json each: {out}",
+        f"publish: python -m eval.evidence --tables --out {out}",
+        f"assurance case: python -m eval.evidence --dossier FILE.html --out {out}",
+    ]
+    if sys.stdout.isatty():
+        print_table(title, ("", "encounters", "claimed", "found", "state"), rows, places)
+        return
+    lines = [f"{state}: {_names(state, those)}" for state, those in counts if those]
+    print("\n".join([title, *lines, *places]))
+
+
+def _row(listed: Evidence, results: Mapping[str, Any], name: str) -> list[str]:
+    """Return name, encounters, claim, figure and state of a result."""
+    entry = listed.results[name]
+    if name not in results:
+        return [name, f"0 of {spaced(entry.n)}", "", "", "not measured"]
+    size = spaced(results[name]["n"])
+    if results[name]["n"] < entry.n:
+        size += f" of {spaced(entry.n)}"
+    _, claimed, kept, found, success = row_of(entry, results[name], _CELLS)
+    if entry.claim is None:
+        return [name, size, "", "" if success == "-" else success, "without a claim"]
+    return [name, size, claimed, found, _CLAIMS[kept]]
+
+
+def _names(state: str, rows: Sequence[Sequence[str]]) -> str:
+    """Return the results of a state; of those that must be looked at the figures, too."""
+    texts = []
+    for name, _, claimed, found, _ in rows:
+        told = state in ("missed", "undecided")
+        texts.append(f"{name} ({found}, claimed {claimed})" if told else name)
+    more = f", and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
+    return ", ".join(texts[:_NAMED]) + more
