@@ -197,6 +197,113 @@ def test_what_is_dragged_makes_a_new_future(opened: Any) -> None:
     )
 
 
+def put_head_on(page: Any, separations: float) -> None:
+    """Put the intruder ahead of the ownship, on the opposite course."""
+    page.evaluate(
+        """(far) => edit(() => {
+        const own = start[0], { x, y, heading } = own;
+        const ahead = { x: x + far * Math.cos(heading), y: y + far * Math.sin(heading) };
+        Object.assign(start[1], ahead, { heading: heading + Math.PI, speed: 0.85 });
+        })""",
+        separations,
+    )
+    page.wait_for_function("line.done && !changed")
+
+
+@pytest.mark.parametrize(
+    ("far", "says"),
+    [(3.0, "simple manoeuvres keeps it; the best"), (0.5, "no manoeuvre can keep it")],
+)
+def test_a_lost_separation_says_whether_another_manoeuvre_was_found(
+    far: float, says: str, opened: Any
+) -> None:
+    put_head_on(opened, far)
+    opened.wait_for_function("search && search.done")
+    opened.wait_for_function("!document.getElementById('news').textContent.includes('tried')")
+    news = opened.text_content("#news")
+    assert "Separation will be lost" in news or "Separation was lost" in news
+    assert says in news and "goal is reached" not in news
+
+
+def test_the_manoeuvres_are_flown_as_the_surrogate_flies_them(opened: Any) -> None:
+    aircraft = aircraft_of(opened)["paper"]
+    limits, dt = aircraft.limits, aircraft.dt
+    rng = np.random.default_rng(11)
+    for turn, throttle in ((1.2, 1), (-2.0, -1), (0.0, 0)):
+        planes = [
+            [0.0, 0.0, rng.uniform(-3, 3), 70.0],
+            [4_000.0, *rng.uniform(-2_000, 2_000, 1), rng.uniform(-3, 3), 60.0],
+        ]
+        found = opened.evaluate(
+            f"""([planes, turn, throttle]) => {{ {STATE}
+            return separationOf({{ turn, throttle }}, planes.map(state), WEIGHTS.aircraft.paper.dt,
+                WEIGHTS.aircraft.paper, 100, -1); }}""",
+            [planes, turn, throttle],
+        )
+        own, other = (VehicleState(*map(np.float64, one)) for one in planes)
+        left, least = turn, np.inf
+        for _ in range(100):
+            steering = np.clip(left / (limits.yaw_rate_max * dt), -1.0, 1.0)
+            left -= steering * limits.yaw_rate_max * dt
+            given = commands((np.float64(throttle), np.float64(steering)), limits, np)
+            own_next = advance(own, *given, dt, limits, np)
+            still = commands((np.float64(0.0), np.float64(0.0)), limits, np)
+            other_next = advance(other, *still, dt, limits, np)
+            least = min(least, leg_separation(own, own_next, other, other_next, dt, np))
+            own, other = own_next, other_next
+        assert found == pytest.approx(float(least), rel=1e-7)
+
+
+def test_a_solution_that_the_policy_misses_is_named(opened: Any) -> None:
+    # A future as if the policy had lost the separation of a scene that a turn resolves.
+    opened.wait_for_function("line.done && !changed")
+    opened.evaluate("line.least.distance = 0.5; wake();")
+    opened.wait_for_function("search && search.done")
+    opened.wait_for_function("document.getElementById('news').textContent.includes('misses')")
+    assert opened.evaluate("search.distance") >= 1.0
+
+
+def test_the_label_of_the_closest_approach_covers_no_aircraft(opened: Any) -> None:
+    for far in (3.0, 5.0, 9.0):
+        put_head_on(opened, far)
+        for moment in ("0", "line.least.time", "line.frames.length - 1"):
+            clear = opened.evaluate(
+                f"""() => {{
+                play(false);
+                const texts = [], draws = CanvasRenderingContext2D.prototype, before = draws.strokeText;
+                draws.strokeText = (text, x, y) => texts.push([x, y]);
+                time = {moment};
+                tell(draw());
+                draws.strokeText = before;
+                const {{ width, height, scale }} = view(), state = now();
+                return texts.flatMap(([x, y]) => state.planes.map((one) => Math.hypot(
+                    width / 2 + one.x * scale - x, height / 2 - one.y * scale - y) - scale / 2));
+                }}"""
+            )
+            assert clear and min(clear) > 0.0
+
+
+def test_the_chart_has_axes_with_units(opened: Any) -> None:
+    opened.wait_for_function("line.done && !changed")
+    texts = opened.evaluate(
+        """() => {
+        const texts = [], draws = CanvasRenderingContext2D.prototype, before = draws.fillText;
+        draws.fillText = (text) => texts.push(text);
+        drawChart();
+        draws.fillText = before;
+        return texts;
+        }"""
+    )
+    assert {"0", "1 km", "4 km", "9 km", "0 s", "60 s"} <= set(texts)
+
+
+def test_the_map_of_turns_ends_fine(opened: Any) -> None:
+    opened.set_viewport_size({"width": 390, "height": 700})
+    opened.check("#map")
+    opened.wait_for_function("map && map.level === LEVELS.length", timeout=120_000)
+    assert opened.evaluate("map.image.size") <= 8
+
+
 def test_every_scene_and_aircraft_runs_on_a_phone_and_in_the_dark(
     new_page: Any, page_file: Path
 ) -> None:

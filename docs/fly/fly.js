@@ -4,7 +4,7 @@
 
 const get = (id) => document.getElementById(id);
 const MOST = 8, STEPS = 300, ACROSS = 16; // D across the shorter side of the map
-const BUDGET = { future: 6, map: 10 }; // ms of a frame until which each may work
+const BUDGET = { future: 6, search: 8, map: 10 }; // ms of a frame until which each may work
 const PLANE = new Path2D(["", "-"].map((side) => // seen from above, nose to the right, both sides of it
   `M10 0C9.4 ${side}1 6 ${side}1.2 3 ${side}1.3L-2.2 ${side}9.2-4.4 ${side}9.2-1.8 ${side}1.3-6.4 ${side}.9-8.4 ${side}3.6-9.8 ${side}3.6-8.9 0Z`).join(""));
 const ICONS = { play: "M5 2.5v13l10.5-6.5z", pause: "M4 3h3.6v12H4zM10.4 3H14v12h-3.6z" };
@@ -16,7 +16,7 @@ let type, aircraft, dt; // the chosen type in SI; without dimension; its time st
 let start; // aircraft at time 0, the ownship first: {x, y, heading, speed, goalX, goalY}
 let line, shown; // the future from there; the one that is drawn, while the new one is not ready
 let time = 0, playing = false, chosen = -1, changed = true, held = null, last = 0, colours = {};
-let map = null;
+let map = null, search = null; // of turns; of other manoeuvres where the policy loses the separation
 
 // ---- the future: what happens if nothing is moved ----
 
@@ -140,24 +140,46 @@ function choose(name) { // an aircraft type: its limits without dimension; scene
 // ---- numbers in words ----
 
 const metres = (value) => `${Math.round(value * type.separation).toLocaleString("en").replaceAll(",", "\u202f")} m`;
+const short = (value) => { // on an axis
+  const length = value * type.separation;
+  if (length === 0) return "0";
+  return length >= 1000 ? `${Number((length / 1000).toFixed(1))} km` : `${Math.round(length)} m`;
+};
 const seconds = (step) => `${(step * type.dt).toFixed(0)} s`;
 
 function news() {
-  const best = line.least, required = metres(1);
-  if (!line.done) return ["The policy is looking ahead …", ""];
-  const [first, second] = best.pair, between = first ? ` between intruders ${first} and ${second}` : ` from intruder ${second}`;
+  if (!line.done) return { first: "The policy is looking ahead …", second: "", kept: null };
+  const { least } = line, kept = least.distance >= 1, past = least.time <= time, required = `${metres(1)} are required.`;
+  const [one, other] = least.pair, between = one ? ` between intruders ${one} and ${other}` : ` from intruder ${other}`;
   const pair = start.length === 2 ? "" : between;
-  const past = best.time <= time, kept = best.distance >= 1;
-  const separation = kept
-    ? `${past ? "Kept" : "Will keep"} ${metres(best.distance)}${pair}; ${required} are required.`
-    : `Separation ${past ? "was" : "will be"} lost: ${metres(best.distance)}${pair} after ${seconds(best.time)}; ${required} are required.`;
+  if (!kept) {
+    const first = `Separation ${past ? "was" : "will be"} lost: ${metres(least.distance)}${pair} after ${seconds(least.time)}; ${required}`;
+    return { first, second: alternatives(), kept };
+  }
   const end = line.frames.length - 1, arrived = everyone() ? line.frames[end].gone.every(Boolean) : line.frames[end].gone[0];
   const goal = everyone() ? "All reach their goals" : "The goal is reached";
-  return [separation, arrived ? `${goal} after ${seconds(end)}.` : `No goal within ${seconds(STEPS)}.`, kept];
+  const second = arrived ? `${goal} after ${seconds(end)}.` : `No goal within ${seconds(STEPS)}.`;
+  return { first: `${past ? "Kept" : "Will keep"} ${metres(least.distance)}${pair}; ${required}`, second, kept };
+}
+
+// Whether another manoeuvre of the ownship would have kept the separation; nothing where the others react to it.
+function alternatives() {
+  if (!search) return "";
+  const [own, ...others] = search.planes;
+  if (others.some((one) => Math.hypot(one.x - own.x, one.y - own.y) < 1)) return "It is lost at the start already: no manoeuvre can keep it.";
+  if (search.distance >= 1 && search.done) return `The policy misses a solution: ${inWords(search.best)} from the start keeps ${metres(search.distance)}.`;
+  if (!search.done) return "Other manoeuvres are tried …";
+  return `None of ${CANDIDATES.length} simple manoeuvres keeps it; the best, ${inWords(search.best)}, keeps ${metres(search.distance)}.`;
+}
+
+function inWords({ turn, throttle }) {
+  const degrees = Math.round((Math.abs(turn) * 180) / Math.PI), side = turn > 0 ? "left" : "right";
+  const course = degrees ? `a turn of ${degrees}° to the ${side}` : "flying straight on";
+  return course + ["", " at the greatest speed", " at the lowest speed"].at(throttle);
 }
 
 function tell(state) {
-  const [first, second, kept] = news(), said = `${first} ${second}`;
+  const { first, second, kept } = news(), said = `${first} ${second}`;
   if (get("news").textContent !== said && !held) {
     const strong = document.createElement("b");
     strong.textContent = first;
@@ -230,7 +252,8 @@ function draw() {
   if (map?.image) {
     pen.imageSmoothingEnabled = true;
     pen.imageSmoothingQuality = "high";
-    pen.drawImage(map.image, 0, 0, map.image.width * map.cell, map.image.height * map.cell);
+    const { canvas, size } = map.image;
+    pen.drawImage(canvas, 0, 0, canvas.width * size, canvas.height * size);
   }
   pen.beginPath();
   pen.moveTo(14, height - 14);
@@ -273,13 +296,13 @@ function draw() {
     for (const one of [a, b]) circle(one.x, one.y, 0.5), stroke(tint(colour, 0.45), 1, [3, 4]);
     path([[a.x, a.y], [b.x, b.y]]);
     stroke(tint(colour, 0.8), 1.2);
-    const [x, y] = place((a.x + b.x) / 2, (a.y + b.y) / 2), flat = Math.abs(a.x - b.x) > Math.abs(a.y - b.y);
     pen.font = "600 13px system-ui, 'Liberation Sans', sans-serif";
-    pen.textAlign = flat ? "center" : "left";
+    pen.textAlign = "center";
     pen.lineWidth = 4;
     pen.setLineDash([]);
     pen.strokeStyle = colours.sky;
-    const [tx, ty] = flat ? [x, y - 0.5 * scale - 8] : [x + 0.5 * scale + 8, y + 4];
+    const around = [a, b, ...state.planes.filter((_, i) => !state.gone[i])].map((one) => place(one.x, one.y));
+    const [tx, ty] = clearPlace(place((a.x + b.x) / 2, (a.y + b.y) / 2), pen.measureText(metres(least.distance)).width, around);
     pen.strokeText(metres(least.distance), tx, ty);
     pen.fillStyle = colours[colour];
     pen.fillText(metres(least.distance), tx, ty);
@@ -331,93 +354,130 @@ function draw() {
   return state;
 }
 
+// Where a text of some width stands clear of the discs around some points: near a place, and on the map.
+function clearPlace([x, y], across, points) {
+  const { width, height, scale } = view(), disc = 0.5 * scale + 4, half = across / 2 + 4;
+  let best = { room: -Infinity };
+  for (const reach of [1.2, 1.8, 2.6]) {
+    for (const way of [90, -90, 0, 180, 45, 135, -45, -135]) {
+      const radians = (way * Math.PI) / 180;
+      const tx = clip(x + Math.cos(radians) * (reach * disc + half), half, width - half);
+      const ty = clip(y - Math.sin(radians) * (reach * disc + 10), 18, height - 34);
+      const room = Math.min(...points.map(([px, py]) => Math.hypot(Math.max(Math.abs(px - tx) - half, 0), Math.max(Math.abs(py - ty + 5) - 9, 0))));
+      if (room >= disc) return [tx, ty];
+      if (room > best.room) best = { room, at: [tx, ty] };
+    }
+  }
+  return best.at;
+}
+
 function tipOf(one, place) { // the end of an aircraft's arrow: farther where it is faster
   const [x, y] = place(one.x, one.y), reach = 34 + 34 * one.speed;
   return [x + reach * Math.cos(one.heading), y - reach * Math.sin(one.heading)];
 }
 
+// The distance to the nearest aircraft over time. The axis is that of the square root, so that what is near is seen.
 function drawChart() {
-  const { pen, width, height } = fitted(chart), { frames } = shown, count = Math.max(frames.length - 1, 1), top = 3;
-  const x = (step) => 2 + ((width - 4) * step) / count, y = (distance) => height - 2 - (height - 22) * Math.min(distance / top, 1);
+  const { pen, width, height } = fitted(chart), { frames } = shown, count = Math.max(frames.length - 1, 1);
+  const far = Math.max(4, ...frames.map((frame) => frame.distance).filter(Number.isFinite));
+  const left = 48, right = width - 8, top = 22, bottom = height - 18;
+  const x = (step) => left + ((right - left) * step) / count;
+  const y = (distance) => bottom - (bottom - top) * Math.sqrt(Math.min(distance / far, 1));
+  const rule = (x0, y0, x1, y1) => (pen.beginPath(), pen.moveTo(x0, y0), pen.lineTo(x1, y1), pen.stroke());
+  pen.font = "11px system-ui, 'Liberation Sans', sans-serif";
+  pen.lineWidth = 1;
+  pen.setLineDash([]);
   pen.fillStyle = tint("lost", 0.09);
-  pen.fillRect(0, y(1), width, height - y(1));
-  const curve = (from, to) => {
+  pen.fillRect(left, y(1), right - left, bottom - y(1));
+  pen.textAlign = "right";
+  for (const root of [0, 1, 2, 3, 4].filter((root) => root * root <= far)) { // evenly spaced on this axis
+    pen.strokeStyle = root === 0 ? colours.soft : colours.line;
+    rule(left, y(root * root), right, y(root * root));
+    pen.fillStyle = colours.soft;
+    pen.fillText(short(root * root), left - 6, y(root * root) + 4);
+  }
+  const whole = count * type.dt, apart = [5, 10, 20, 30, 60, 120, 300].find((one) => (whole / one) * 44 < right - left) ?? 600;
+  pen.textAlign = "center";
+  for (let moment = 0; moment <= whole; moment += apart) {
+    const place = x(moment / type.dt);
+    pen.strokeStyle = colours.soft;
+    rule(place, bottom, place, bottom + 4);
+    pen.fillText(`${moment} s`, clip(place, left, width - 12), height - 3);
+  }
+  const curve = (to) => {
     pen.beginPath();
-    for (let step = from; step <= to; step++) pen.lineTo(x(step), y(frames[step].distance ?? top));
+    let drawing = false; // no line where no aircraft is left
+    for (let step = 0; step <= to; step++) {
+      const { distance } = frames[step], known = Number.isFinite(distance);
+      if (known) pen[drawing ? "lineTo" : "moveTo"](x(step), y(distance));
+      drawing = known;
+    }
+    pen.stroke();
   };
   pen.lineJoin = "round";
   pen.lineWidth = 2;
-  curve(0, frames.length - 1);
   pen.strokeStyle = tint("own", 0.4);
-  pen.stroke();
+  curve(frames.length - 1);
   const step = Math.min(Math.floor(time), frames.length - 1);
-  curve(0, step);
   pen.strokeStyle = colours.own;
-  pen.stroke();
-  pen.setLineDash([4, 4]);
+  curve(step);
   pen.lineWidth = 1;
   pen.strokeStyle = tint("lost", 0.8);
-  pen.beginPath();
-  pen.moveTo(0, y(1));
-  pen.lineTo(width, y(1));
-  pen.stroke();
+  pen.setLineDash([4, 4]);
+  rule(left, y(1), right, y(1));
   pen.setLineDash([]);
   pen.strokeStyle = tint("ink", 0.5);
-  pen.beginPath();
-  pen.moveTo(x(time), 16);
-  pen.lineTo(x(time), height - 2);
-  pen.stroke();
-  pen.beginPath();
-  pen.arc(x(time), y(frames[step].distance ?? top), 4.5, 0, 2 * Math.PI);
-  pen.fillStyle = colours.own;
-  pen.fill();
-  pen.font = "11px system-ui, 'Liberation Sans', sans-serif";
+  rule(x(time), top - 4, x(time), bottom);
+  if (Number.isFinite(frames[step].distance)) {
+    pen.beginPath();
+    pen.arc(x(time), y(frames[step].distance), 4.5, 0, 2 * Math.PI);
+    pen.fillStyle = colours.own;
+    pen.fill();
+  }
   pen.fillStyle = colours.soft;
   pen.textAlign = "left";
-  pen.fillText(`distance to the nearest${width < 320 ? "" : ` aircraft, ${metres(1)} required`}`, 2, 10);
+  pen.fillText(`distance to the nearest${width < 320 ? "" : ` aircraft, ${metres(1)} required`}`, left, 10);
 }
 
-// ---- the map of turns: coarse first, then finer ----
+// ---- the map of turns: coarse first, then finer; smooth between the places that were asked ----
+
+const FINEST = 8, LEVELS = [4, 2, 1]; // px between two places; times that
 
 function colourMap(until) {
   if (!get("map").checked || start.length < 2) return (map = null);
   const state = now(), { width, height, scale } = view();
   const key = JSON.stringify([state.planes, width, height, chosen]);
-  if (!map || (map.key !== key && map.level < 4)) {
+  if (!map || (map.key !== key && map.level > 0)) {
     const [own, ...others] = state.planes;
     const away = (one) => Math.hypot(one.x - own.x, one.y - own.y);
     const rest = others.filter((_, i) => !state.gone[i + 1]);
     if (state.gone[0] || !rest.length) return null;
     const moved = others[chosen - 1] ?? rest.reduce((a, b) => (away(a) < away(b) ? a : b));
-    const cell = 12, columns = Math.ceil(width / cell), rows = Math.ceil(height / cell);
-    const work = Object.assign(document.createElement("canvas"), { width: columns, height: rows });
-    const places = [];
-    for (const level of [4, 2, 1]) {
-      for (let j = 0; j < rows; j += level) {
-        for (let i = 0; i < columns; i += level) if (level === 4 || i % (2 * level) || j % (2 * level)) places.push([i, j, level]);
-      }
-    }
-    map = { key, image: map?.image, work, cell, places, next: 0, level: 4, own, moved, rest: rest.filter((one) => one !== moved), scale, width, height };
+    map = { key, image: map?.image, level: 0, own, moved, rest: rest.filter((one) => one !== moved), scale, width, height };
+    beginLevel();
   }
-  const pen = map.work.getContext("2d");
-  while (map.next < map.places.length && performance.now() < until) {
-    const [i, j, level] = map.places[map.next++];
-    if (level !== map.level) (map.image = copied(map.work)), (map.level = level);
-    const x = ((i + level / 2) * map.cell - map.width / 2) / map.scale, y = (map.height / 2 - (j + level / 2) * map.cell) / map.scale;
+  while (map.level < LEVELS.length && performance.now() < until) {
+    const { size, work, next } = map, column = next % work.width, row = Math.floor(next / work.width);
+    const x = ((column + 0.5) * size - map.width / 2) / map.scale, y = (map.height / 2 - (row + 0.5) * size) / map.scale;
     const [, turn] = command(map.own, [{ ...map.moved, x, y }, ...map.rest], map.own.goalX, map.own.goalY, aircraft);
-    pen.clearRect(i, j, level, level);
-    pen.globalAlpha = 0.42 * Math.abs(turn);
-    pen.fillStyle = colours[turn > 0 ? "left" : "right"];
-    pen.fillRect(i, j, level, level);
-    if (map.next === map.places.length) map.image = map.work;
+    map.pen.globalAlpha = 0.42 * Math.abs(turn);
+    map.pen.fillStyle = colours[turn > 0 ? "left" : "right"];
+    map.pen.fillRect(column, row, 1, 1);
+    map.next += 1;
+    if (map.next === work.width * work.height) {
+      map.image = { canvas: work, size };
+      map.level += 1;
+      beginLevel();
+    }
   }
-  return map.next < map.places.length || map.key !== key;
+  return map.level < LEVELS.length || map.key !== key;
 }
 
-function copied(canvas) {
-  const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
-  copy.getContext("2d").drawImage(canvas, 0, 0);
-  return copy;
+function beginLevel() { // a pixel for each place that is asked
+  if (map.level === LEVELS.length) return;
+  const size = FINEST * LEVELS[map.level];
+  const work = Object.assign(document.createElement("canvas"), { width: Math.ceil(map.width / size), height: Math.ceil(map.height / size) });
+  Object.assign(map, { size, work, pen: work.getContext("2d"), next: 0 });
 }
 
 // ---- grips: what can be taken by finger, mouse or keyboard ----
@@ -548,9 +608,21 @@ function frame(moment) {
     time = line.frames.length - 1;
     play(false);
   }
+  const searching = lookElsewhere(begun + BUDGET.search);
   const unfinished = colourMap(begun + BUDGET.map);
   tell(draw());
-  return playing || changed || !line.done || unfinished;
+  return playing || changed || !line.done || searching || unfinished;
+}
+
+// Where the policy will lose the separation: tries other manoeuvres, and returns whether there are more to try.
+function lookElsewhere(until) {
+  if (changed || !line.done || everyone() || line.least.distance >= 1) {
+    search = null;
+    return false;
+  }
+  if (search?.planes !== line.frames[0].planes) search = beginSearch(line.frames[0].planes);
+  if (!search.done) searchOn(search, until, dt, aircraft, STEPS);
+  return !search.done;
 }
 
 let asked = 0;
@@ -572,7 +644,7 @@ function play(on) {
 
 function paint() { // colours of the style sheet, light or dark
   const style = getComputedStyle(document.documentElement);
-  for (const name of ["sky", "grid", "ink", "soft", "own", "other", "goal", "lost", "left", "right"]) colours[name] = style.getPropertyValue(`--${name}`).trim();
+  for (const name of ["sky", "grid", "ink", "soft", "own", "other", "goal", "lost", "left", "right", "line"]) colours[name] = style.getPropertyValue(`--${name}`).trim();
   map = null;
   wake();
 }
@@ -631,6 +703,7 @@ new ResizeObserver(wake).observe(sky.box);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);
 
 get("size").textContent = network.size.toLocaleString("en").replaceAll(",", "\u202f");
+get("tried").textContent = CANDIDATES.length;
 get("digest").textContent = WEIGHTS.sha256.slice(0, 8);
 get("trained").textContent = `trained with up to ${WEIGHTS.most} intruders`;
 choose("paper");

@@ -79,7 +79,7 @@ def write(folder: Path, path: Path = SHIPPED) -> Path:
     """Write the page with the policy of a file into a folder, and return its place."""
     script = weights(path)
     folder.mkdir(parents=True, exist_ok=True)
-    for name in ("index.html", "fly.js", "policy.js"):
+    for name in ("index.html", "fly.js", "policy.js", "search.js"):
         shutil.copyfile(HERE / name, folder / name)
     (folder / "weights.js").write_text(script, encoding="utf-8")
     return folder / "index.html"
