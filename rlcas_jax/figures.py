@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from envs.aircraft import PAPER
 from envs.edge.command import ConfigError, Parser, run_cli
 from rlcas_jax.metrics import read
 
@@ -45,7 +46,7 @@ _OF_EPISODES = ("score", "success")  # means over the episodes that ended in an 
 
 FIGURES = {
     "episode_reward": ("score", "Average episode reward", "sparse return"),
-    "loss": ("loss", "Training loss", "scaled reward"),
+    "loss": ("loss", "Training loss", "weighted sum of its parts, no unit"),
     "entropy": ("entropy", "Entropy of the policy", "nats"),
     "neg_log_probability": ("neg_log_prob", "Negative log-probability of the actions", "nats"),
 }
@@ -71,6 +72,7 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
     logs = [log for log in map(read, runs) if "step" in log]
     if not logs:
         raise ConfigError(f"no metrics to draw in {', '.join(map(str, runs))}")
+    reference = PAPER_SCORE if all(map(_flies_as_the_paper, runs)) else None
     out.mkdir(parents=True, exist_ok=True)
     sheets = {name: [[name, "success"]] for name in FIGURES}
     sheets["training"] = [[*FIGURES][:2], [*FIGURES][2:], ["success", "success"]]
@@ -78,11 +80,29 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
         return [
             file
             for name, layout in sheets.items()
-            for file in save_figure(_figure(logs, layout), out / name)
+            for file in save_figure(_figure(logs, layout, reference), out / name)
         ]
 
 
-def _figure(logs: Sequence[dict[str, np.ndarray]], layout: Any) -> "Figure":
+def _flies_as_the_paper(run: Path) -> bool:
+    """Return whether a run's score compares with the paper's: it flies the paper's aircraft alone,
+    for the paper's scores. Of a run without a configuration that is not known.
+    """
+    from agents.config.load import load
+    from rlcas_jax.config import TrainConfig
+
+    file = (run if run.is_dir() else run.parent) / "config.yaml"
+    if not file.is_file():
+        return False
+    phases = load(TrainConfig, file).in_phases()
+    return all(one.rules() == TrainConfig().rules() for one in phases) and all(
+        one.aircraft.aircraft() == PAPER and one.family.share == 0.0 for one in phases
+    )
+
+
+def _figure(
+    logs: Sequence[dict[str, np.ndarray]], layout: Any, reference: float | None
+) -> "Figure":
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 3.4 if len(layout) == 1 else 9.0), layout="constrained")
@@ -96,9 +116,9 @@ def _figure(logs: Sequence[dict[str, np.ndarray]], layout: Any) -> "Figure":
         else:
             metric, title, unit = FIGURES[name]
             _lines(axes, logs, metric, _BLUE, None)
-            if metric == "score":
+            if metric == "score" and reference is not None:
                 style: Any = {"color": _GREY, "linewidth": 1.0, "linestyle": (0, (4, 3))}
-                axes.axhline(PAPER_SCORE, label=f"paper: +{PAPER_SCORE:.0f}", **style)
+                axes.axhline(reference, label=f"paper: {reference:+.0f}", **style)
         if axes.get_legend_handles_labels()[
             0
         ]:  # before the first episode ends there is nothing to show
@@ -113,7 +133,11 @@ def _draw_evaluations(axes: "Axes", logs: Sequence[dict[str, np.ndarray]]) -> No
     style |= {"alpha": 1.0 if len(logs) == 1 else 0.6, "label": "deterministic policy, evaluations"}
     for log in logs:
         known = np.isfinite(log["eval_success"])
-        axes.plot(1e-6 * log["step"][known], 100.0 * log["eval_success"][known], **style)
+        percent = 100.0 * log["eval_success"][known]
+        if percent.size == 1 and len(logs) == 1:
+            # A dot alone is easily overlooked: say its value.
+            style["label"] = f"deterministic policy, one evaluation: {percent[0]:.1f} %"
+        axes.plot(1e-6 * log["step"][known], percent, **style)
         style["label"] = None
 
 

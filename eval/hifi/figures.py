@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from threadpoolctl import threadpool_limits
 
 from agents.config.figures import save_figure
@@ -23,9 +24,11 @@ from eval.hifi.errors import Errors
 from eval.hifi.flights import Campaign, Flown, flown, prepared
 from eval.plots.encounters import separation_histogram
 from eval.plots.flight_sheet import draw, explain
-from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, sample
+from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, sample, tidy
 
 _SHOWN = 4
+_FEWEST = 1e-6  # per cent of flights, less than any run has
+_NEAREST = 0.1  # m, where the axis of the errors begins
 _KM = 1_000.0
 _AFTER = 60.0  # the rejoining that the track is shown for, s
 _WAYPOINT: dict[str, Any] = {
@@ -69,32 +72,40 @@ def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
 
 
 def distributions(table: Mapping[str, np.ndarray]) -> Figure:
-    """Return how far the aircraft was from its SAFE plans, as shares of flights."""
+    """Return how far the aircraft was from its SAFE plans: for each distance the share of flights
+    that were farther away.
+    """
     figure = Figure(figsize=(7.0, 4.4), layout="constrained")
     axes = figure.add_subplot()
     safe = table["plan_status"] == "safe"
+    largest, fewest = _NEAREST, 50.0
     for name, label, color in (
         ("path_definition_max_m", "path definition", GREEN),
         ("position_error_max_m", "flight-technical", BLUE),
         ("total_error_max_m", "total, policy's part", ORANGE),
-        ("separation_loss_m", "separation lost", VERMILION),
+        ("separation_loss_m", "separation lost against the plan", VERMILION),
     ):
         values = table[name][safe]
         known = np.sort(values[np.isfinite(values)])
         if known.size:
-            axes.step(
-                known,
-                1.0 - np.arange(known.size) / known.size,
-                color=color,
-                label=label,
-                where="post",
-            )
-    axes.set_xscale("symlog", linthresh=1.0)
+            # A separation that was gained is no loss: on this axis it is at its left end.
+            places = np.concatenate([[_NEAREST], np.maximum(known, _NEAREST)])
+            beyond = 100.0 * np.arange(known.size, -1, -1) / known.size
+            beyond[-1] = _FEWEST  # below the axis, which has no zero
+            fewest = min(fewest, 50.0 / known.size)
+            axes.step(places, beyond, color=color, label=label, where="post")
+            largest = max(largest, float(places[-1]))
+    axes.set_xscale("log")
+    axes.set_xlim(_NEAREST, 1.2 * largest)
     axes.set_yscale("log")
+    axes.set_ylim(fewest, 120.0)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("largest distance in a flight, m")
-    axes.set_ylabel("share of flights beyond it")
-    axes.legend(frameon=False, fontsize=8)
-    axes.grid(color="#EBEBEB", linewidth=0.5)
+    axes.set_ylabel("flights beyond it, %")
+    axes.legend(frameon=False, fontsize=8, loc="best")
+    tidy(axes, "both")
     return figure
 
 

@@ -7,14 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from agents.config.load import ConfigError, Parser
+from agents.config.progress import spaced
 from envs.c208.flightgear import flightgear_at
 from eval.hifi.config import HifiConfig
 from eval.hifi.flights import Campaign, prepared
 from eval.hifi.rows import HifiFolder, columns
-from eval.hifi.summary import summarise
+from eval.hifi.summary import error_rows, rate_rows, summarise
+from eval.metrics.summary import print_table
 from eval.runner.command import Command, run
 from eval.runner.options import first_options, last_options, named_evaluation, whole
-from eval.stats.intervals import percent
 
 _DESCRIPTION = """\
 Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in
@@ -112,31 +113,29 @@ def _summary(table: Mapping[str, Any], config: HifiConfig, campaign: Campaign) -
 
 
 def _show(summary: Mapping[str, Any]) -> None:
-    print(
-        f"{summary['flights']} flights of {summary['vehicle']}, mode {summary['mode']}, scenario "
-        f"{summary['scenario']}, condition {summary['condition']['name']}, seed {summary['seed']}"
+    title = (
+        f"{spaced(summary['flights'])} flights of {summary['vehicle']}, mode {summary['mode']}, "
+        f"scenario {summary['scenario']}, condition {summary['condition']['name']}, "
+        f"seed {summary['seed']}"
     )
-    for key, found in summary.items():
-        if isinstance(found, dict) and "total" in found and found["value"] is not None:
-            text = percent(found, "{:>7} %  {:>6} .. {} %")
-            print(f"{key:22} {text:31} {found['count']} of {found['total']}")
-    print(f"smallest separation    {_number(summary['min_separation_m_quantiles']['0'])} m")
-    for name, found in summary["errors"].items():
-        if found["1"] is not None:
-            middle, high, most = (_number(found[key]) for key in ("0.5", "0.95", "1"))
-            print(f"{name:26} median {middle}, 95 % {high}, largest {most}")
+    interval = f"{100.0 * summary['confidence']:g} % interval"
+    notes = [f"{count} refused or failed: {why}" for why, count in summary["reasons"].items()]
+    print_table(title, ("", "value", interval, "count"), rate_rows(summary), notes)
+    errors = error_rows(summary)
+    if errors:
+        names = ("", "median", "95 % of flights", "largest")
+        title = "Largest error of a flight, SAFE plans"
+        print_table(title, names, errors, _about_margin(summary))
+
+
+def _about_margin(summary: Mapping[str, Any]) -> list[str]:
     margin = summary["margin"]
-    if margin["margin_m"] is not None:
-        print(
-            f"margin for 99 % of flights  {margin['bound_m']:.1f} m; --set "
-            f"planner.margin={margin['margin_m']:g}"
-        )
-    for reason, count in summary["reasons"].items():
-        print(f"{count:6}  {reason}")
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    if margin["margin_m"] is None:
+        return []
+    return [
+        f"Margin for 99 % of flights: {margin['bound_m']:.1f} m; plan with it: "
+        f"--set planner.margin={margin['margin_m']:g}"
+    ]
 
 
 _KEYS = {

@@ -10,12 +10,39 @@ from typing import Any
 
 import numpy as np
 
+from agents.config.progress import spaced
 from eval.hifi.rows import ERRORS, HIFI_OUTCOMES
 from eval.stats.intervals import quantiles, share
 
 _SHARES = (0.5, 0.95, 0.99, 1.0)
 _COVERED = 0.99  # share of the flights that a margin covers
 _ROUNDING = 5.0  # m, to which a margin is rounded up
+_RATES = {
+    "success_rate": "goal reached, separation kept",
+    "violation_rate": "violations of the required separation",
+    "timeout_rate": "time-outs",
+    "failed_rate": "aircraft lost",
+    "refused_rate": "plans that were not flown, with a reason",
+    "plan_safe_rate": "plans called SAFE",
+    "safe_of_resolvable": "plans called SAFE and flown, of those that can be resolved",
+    "success_of_safe": "success of SAFE plans",
+    "violation_of_safe": "violations of SAFE plans",
+    "backup_used_rate": "flights that used the backup",
+}
+"""What the rates are called in the table."""
+_LARGEST = {
+    "cross_track_rms_m": ("cross-track, root mean square", "m"),
+    "cross_track_max_m": ("cross-track", "m"),
+    "along_track_max_m": ("along-track", "m"),
+    "late_max_s": ("arrival", "s"),
+    "position_error_max_m": ("position, flight-technical", "m"),
+    "position_error_to_goal_m": ("position, until the goal", "m"),
+    "path_definition_max_m": ("path definition", "m"),
+    "total_error_max_m": ("total", "m"),
+    "altitude_error_max_m": ("altitude", "m"),
+    "separation_loss_m": ("separation lost against the plan", "m"),
+}
+"""What the errors are called in the table, and their units."""
 _ERRORS = (*(name for name in ERRORS if name != "accumulated_m_s"), "separation_loss_m")
 
 
@@ -59,6 +86,39 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
         summary["replans_mean"] = float(np.mean(table["replans"]))
         summary["backup_used_rate"] = rate(table["backup_s"] > 0)
     return summary
+
+
+def rate_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Return the rates of a summary in words: what, value, interval, count."""
+    rows = []
+    for key, label in _RATES.items():
+        rate = summary.get(key)
+        if rate is None or rate["value"] is None:
+            continue
+        low, high = (f"{100.0 * rate[end]:.2f} %" for end in ("low", "high"))
+        count = f"{spaced(rate['count'])} of {spaced(rate['total'])}"
+        rows.append((label, f"{100.0 * rate['value']:.2f} %", f"{low} to {high}", count))
+    closest = summary["min_separation_m_quantiles"]
+    for label, at in (("smallest separation of all flights", "0"), ("its median", "0.5")):
+        rows.append((label, _metres(closest[at]), "", ""))
+    return rows
+
+
+def error_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Return the largest errors of the flights of SAFE plans in words: what, median, 95 %, largest
+    of all flights; none where no such plan was flown.
+    """
+    rows = []
+    for key, (label, unit) in _LARGEST.items():
+        found = summary["errors"][key]
+        if found["1"] is not None:
+            median, high, most = (f"{found[share]:.4g} {unit}" for share in ("0.5", "0.95", "1"))
+            rows.append((label, median, high, most))
+    return rows
+
+
+def _metres(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f} m"
 
 
 def margin(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]:

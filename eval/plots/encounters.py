@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from threadpoolctl import threadpool_limits
 
 from agents.config.figures import save_figure
@@ -96,9 +97,9 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     last = max(1.5 * required_km, *(float(values.max(initial=-np.inf)) for values in known))
     width = 0.05 * math.ceil((last - first) / 7.5)
     # Edges at the requirement, so that no bar mixes flights on both sides of it.
-    steps = range(
-        math.floor((first - required_km) / width), math.ceil((last - required_km) / width) + 1
-    )
+    # One bar of room to the left of it, so that its line stands clear of the frame.
+    lowest = min(math.floor((first - required_km) / width), -1)
+    steps = range(lowest, math.ceil((last - required_km) / width) + 1)
     edges = [required_km + width * step for step in steps]
     axes.hist(known[0], edges, color=SKY, label="with the resolver")
     for bare in known[1:]:
@@ -112,6 +113,9 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     )
     axes.set_yscale("log")
     axes.set_ylim(0.7, None)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: spaced(round(value))))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xlim(edges[0], edges[-1])
     axes.set_xlabel("smallest separation of a flight, km")
     axes.set_ylabel(f"flights per {1000.0 * width:.0f} m")

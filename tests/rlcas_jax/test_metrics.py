@@ -180,6 +180,37 @@ def test_a_short_run_can_be_drawn(tmp_path: Path):
     training_figures([log(tmp_path / "run", updates=1)], tmp_path / "figures")
 
 
+@pytest.mark.parametrize(
+    ("text", "drawn"),
+    [
+        ("name: a", True),
+        ("world: {separation_spread: 0.08}", True),
+        ("aircraft: uas", False),
+        ("world: {reward_timeout: -100}", False),
+        ("family: {share: 0.5}", False),
+        (None, False),
+    ],
+)
+def test_the_papers_score_stands_beside_runs_of_the_papers_task_alone(
+    text: str | None, drawn: bool, tmp_path: Path
+):
+    run = log(tmp_path / "run")
+    if text is not None:
+        (run / "config.yaml").write_text(text, encoding="utf-8")
+    training_figures([run], tmp_path / "figures")
+    picture = (tmp_path / "figures/episode_reward.svg").read_text(encoding="utf-8")
+    assert ("paper: +75" in picture) is drawn
+
+
+def test_a_single_evaluation_says_its_value(tmp_path: Path):
+    with Writer(tmp_path) as writer:
+        for update in (1, 2, 3):
+            more = {"eval_success": 0.987} if update == 3 else {}
+            writer.write(row(update, success=0.5, episodes=4, **more))
+    training_figures([tmp_path], tmp_path / "figures")
+    assert "98.7 %" in (tmp_path / "figures/training.svg").read_text(encoding="utf-8")
+
+
 def test_the_command_draws_finished_runs_again(tmp_path: Path):
     main([str(log(tmp_path / "run")), "--out", str(tmp_path / "figures")])
     assert {file.name for file in (tmp_path / "figures").iterdir()} == NAMES

@@ -40,12 +40,14 @@ from envs.waypoints import Knots, Legs, at, legs
 from eval.hifi import flights as hifi_flights
 from eval.hifi.config import CONDITIONS, ConditionConfig, Drawn, HifiConfig, drawn
 from eval.hifi.errors import against
+from eval.hifi.figures import distributions
 from eval.hifi.flight import Flight, Traffic
 from eval.hifi.flight import fly as follow
 from eval.hifi.flights import Campaign, Flown, Scene, flown, prepared, scene_of
 from eval.hifi.pilots import Follower
-from eval.hifi.rows import row_of
+from eval.hifi.rows import ERRORS, row_of
 from eval.hifi.run import campaign_of, main
+from eval.hifi.summary import error_rows, rate_rows, summarise
 from eval.hifi.vehicle import Navigation, begin, lookahead_of
 from eval.hifi.wind import Made, Route, made_good, plan_for, unflyable
 from ros_bridge.sim.world import EncounterFlight
@@ -512,3 +514,38 @@ def test_what_cannot_be_shown_is_refused_before_the_flight(
     with pytest.raises(ConfigError, match=says):
         main(["--flights", "1", "--out", str(tmp_path / "run"), "--flightgear", *given])
     assert not (tmp_path / "run").exists()
+
+
+def test_the_table_names_every_rate_and_error_of_a_summary() -> None:
+    table = {
+        "outcome": np.array(["reached", "reached", "violation"], dtype=object),
+        "plan_status": np.array(["safe", "safe", "none"], dtype=object),
+        "verdict": np.array(["resolvable"] * 3, dtype=object),
+        "reason": np.array([""] * 3, dtype=object),
+        "min_separation_m": np.array([1_200.0, 1_100.0, 900.0]),
+        "whole_min_separation_m": np.array([1_200.0, 1_100.0, np.nan]),
+        "separation_loss_m": np.array([-3.0, 4.0, np.nan]),
+        **{name: np.array([1.0, 2.0, np.nan]) for name in ERRORS},
+    }
+    summary = summarise(table, 0.95)
+    rates = rate_rows(summary)
+    assert [row[1:] for row in rates if row[0] == "violations of the required separation"] == [
+        ("33.33 %", "0.84 % to 90.57 %", "1 of 3")
+    ]
+    shares = [name for name, one in summary.items() if isinstance(one, dict) and "total" in one]
+    assert len(rates) == len(shares) + 2 and ("its median", "1100.0 m", "", "") in rates
+    errors = error_rows(summary)
+    assert len(errors) == len(summary["errors"])
+    assert ("arrival", "1.5 s", "1.95 s", "2 s") in errors
+
+
+def test_the_figure_of_errors_begins_at_a_loss_and_ends_below_one_flight() -> None:
+    loss = np.array([-20.0, -1.0, 5.0, 50.0])
+    table = {"plan_status": np.full(4, "safe"), "separation_loss_m": loss}
+    errors = ("path_definition_max_m", "position_error_max_m", "total_error_max_m")
+    axes = distributions({**table, **dict.fromkeys(errors, np.full(4, np.nan))}).axes[0]
+    (line,) = axes.get_lines()
+    x, y = np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float)
+    assert axes.get_xlim()[0] > 0.0 and axes.get_ylim()[0] < 25.0
+    # Two of four flights lost separation, one of them more than 5 m.
+    assert y[x <= 1.0][-1] == 50.0 and y[(x >= 5.0) & (x < 50.0)][-1] == 25.0
