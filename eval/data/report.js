@@ -172,12 +172,17 @@
   function fillList() {
     const rows = state.visible.filter((row) => tracked[row]);
     const above = (value) => (Number.isNaN(value) ? Infinity : value);
-    const orders = [
-      (a, b) => above(columns.min_separation_m[a]) - above(columns.min_separation_m[b]) || a - b,
-      (a, b) => a - b,
-      (a, b) => columns.duration_s[b] - columns.duration_s[a] || a - b,
-    ];
-    rows.sort(orders[Number($("order").value)]);
+    const nearest = (a, b) => above(columns.min_separation_m[a]) - above(columns.min_separation_m[b]) || a - b;
+    // What nobody could have solved comes last.
+    const rank = ["violation", "time-out", "success", "proven unresolvable"];
+    const rankOf = (row) => rank.indexOf(data.kinds[kinds[row]]);
+    const orders = {
+      failures: (a, b) => rankOf(a) - rankOf(b) || nearest(a, b),
+      nearest,
+      number: (a, b) => a - b,
+      longest: (a, b) => columns.duration_s[b] - columns.duration_s[a] || a - b,
+    };
+    rows.sort(orders[$("order").value]);
     $("list").replaceChildren(...rows.map((row) => new Option(titleOf(row), numbers[row], false, row === state.row)));
     $("listed").textContent = `${rows.length} with tracks, of ${state.visible.length} shown`;
   }
@@ -334,7 +339,7 @@
     });
     const series = [
       { id: "flown", data: line(flight.own, time + 1) },
-      stroke("disc", `${data.required} m around the nearest`, circle(at(flight.others[close], time), limit), colour.other, { width: 1, z: 4 }),
+      stroke("disc", `${data.required} m around the nearest`, circle(at(flight.others[close], time), limit), colour.other, { width: 1, type: "dashed", z: 4 }),
       craft("own now", flight.own, colour.own),
     ];
     flight.others.forEach((other, k) => {
@@ -351,7 +356,8 @@
     const faint = { width: 1.2, opacity: 0.45 };
     const series = [
       stroke("route", "route", [at(flight.own, 0), goal], colour.route, { type: "dotted", width: 1.4 }),
-      { ...stroke("goal", "goal", circle(goal, data.goal_radius / 1000), colour.goal, { width: 1.5 }), areaStyle: undefined },
+      stroke("goal", "", circle(goal, data.goal_radius / 1000), colour.goal, { width: 1.5 }),
+      { id: "goal centre", name: "goal", type: "scatter", symbol: "circle", symbolSize: 9, silent: true, animation: false, itemStyle: { color: colour.goal }, data: [goal] },
     ];
     if (flight.plan)
       series.push({
@@ -368,7 +374,7 @@
     charts.tracks.setOption({
       animation: false,
       grid: { left: 54, right: 16, top: 54, bottom: 56 },
-      legend: { top: 0, left: 0, type: "plain", itemWidth: 26, itemHeight: 8, textStyle: { color: colour.soft, fontSize: 11 }, selectedMode: false, data: legendOf(series) },
+      legend: { top: 0, left: 0, type: "plain", itemWidth: 26, itemHeight: 11, textStyle: { color: colour.soft, fontSize: 11 }, selectedMode: false, data: legendOf(series) },
       xAxis: { ...style, type: "value", min: x[0], max: x[1], name: "east, km", nameLocation: "middle", nameGap: 26, axisLabel: km1 },
       yAxis: { ...style, type: "value", min: y[0], max: y[1], name: "north, km", nameLocation: "middle", nameGap: 34, axisLabel: km1 },
       series: [],
@@ -379,7 +385,16 @@
     charts.tracks.setOption({ series: [...merged.values()] });
   }
 
-  const legendOf = (series) => [...new Set([...series.map((one) => one.name), `${data.required} m around the nearest`])].filter(Boolean);
+  // Lines are tracks; the goal is a disc, and the required separation a dashed ring, as on the map.
+  function legendOf(series) {
+    const disc = `${data.required} m around the nearest`;
+    const icons = {
+      goal: { icon: "circle" },
+      [disc]: { icon: "circle", itemStyle: { color: "transparent", borderColor: colour.other, borderWidth: 1.5, borderType: "dashed" } },
+    };
+    const names = [...new Set([...series.map((one) => one.name), disc])].filter(Boolean);
+    return names.map((name) => ({ name, ...icons[name] }));
+  }
 
   function overTime(title, axis) {
     const style = axisStyle();

@@ -129,7 +129,7 @@ def _polar_axes(axes: Any, ends: tuple[float, float], rings: list[float]) -> Non
     axes.set_thetagrids(
         range(0, 360, 30), [_side(angle) for angle in range(0, 360, 30)], fontsize=8
     )
-    axes.tick_params(axis="x", pad=7.0)
+    axes.tick_params(axis="x", pad=13.0)  # clear of the circle on both sides
     axes.set_rscale("log")
     axes.set_ylim(*ends)
     axes.set_rlabel_position(165.0)  # behind the ownship, where few encounters begin

@@ -47,7 +47,7 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
     scenario = escape(visible(summary["scenario"]))
     head, tail = (
         f"{spaced(run.config.wanted)} encounters, scenario ",
-        escape(f", mode {summary['mode']}"),
+        escape(f", {_decides(summary)}"),
     )
     return Filled(asset("report.html")).substitute(
         allowed=allowed,
@@ -62,7 +62,7 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
             if line.key == key
         ),
         lines="\n".join(_row(line) for line in lines),
-        unresolvable=_unresolvable(run),
+        lost=_lost(run),
         kinds="\n".join(
             _kind(run, place, kind) for place, kind in reversed(list(enumerate(MARKERS)))
         ),
@@ -81,6 +81,12 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
         library=library,
         script=script,
     )
+
+
+def _decides(summary: Mapping[str, Any]) -> str:
+    """Return what decided, in words: a mode of the policy, or the baseline in its place."""
+    baseline = summary.get("baseline", "none")
+    return f"mode {summary['mode']}" if baseline == "none" else f"baseline {baseline}"
 
 
 def asset(name: str) -> str:
@@ -135,18 +141,32 @@ def _lost_causes(run: Run) -> dict[str, int]:
     }
 
 
-def _unresolvable(run: Run) -> str:
-    """Return which encounters are proven unresolvable, as HTML; nothing where none is."""
-    numbers = [int(number) for number in np.flatnonzero(run.kinds == "proven unresolvable")]
+def _lost(run: Run) -> str:
+    """Return which encounters were not resolved, as HTML, the policy's own failures first; nothing
+    where all were.
+    """
+    sentences = [
+        _numbers(run, "violation", "Violations"),
+        _numbers(run, "time-out", "Time-outs"),
+        _numbers(run, "proven unresolvable", "Proven unresolvable"),
+    ]
+    if sentences[-1]:
+        sentences.append(
+            "These are a kind of their own in filter and plots; the table counts their violations "
+            "and time-outs too."
+        )
+    text = " ".join(sentence for sentence in sentences if sentence)
+    return f"<p>{text}</p>" if text else ""
+
+
+def _numbers(run: Run, kind: str, name: str) -> str:
+    """Return how many encounters are of a kind, with links to the first ones; nothing of none."""
+    numbers = [int(number) for number in np.flatnonzero(run.kinds == kind)]
     if not numbers:
         return ""
-    listed = ", ".join(f'<a href="#{number}">{number}</a>' for number in numbers[:_LISTED])
+    links = ", ".join(f'<a href="#{number}">{number}</a>' for number in numbers[:_LISTED])
     more = f" and {spaced(len(numbers) - _LISTED)} more" if len(numbers) > _LISTED else ""
-    return (
-        "<p>Proven unresolvable, and therefore a kind of their own in filter and plots: "
-        f"{listed}{more} "
-        f"({spaced(len(numbers))} in all). The table counts their violations and time-outs too.</p>"
-    )
+    return f"{name} ({spaced(len(numbers))}): {links}{more}."
 
 
 def _kind(run: Run, place: int, kind: str) -> str:

@@ -330,6 +330,8 @@ def test_table_and_filter_count_the_unresolvable_alike(report_run: Path) -> None
     assert f"> violation ({len(lost) - 2})</label>" in text
     assert "> proven unresolvable (2)</label>" in text
     assert f'<a href="#{lost[0]}">{lost[0]}</a>, <a href="#{lost[1]}">{lost[1]}</a>' in text
+    own = f'Violations ({len(lost) - 2}): <a href="#{lost[2]}">'
+    assert text.index(own) < text.index('Proven unresolvable (2): <a href="')
 
 
 def test_no_name_reverses_the_text_after_it(report_page: Path) -> None:

@@ -83,7 +83,7 @@ def test_a_click_on_a_point_of_either_plot_replays_that_encounter(opened: Opened
         return [x, y, points.find(alone).value[2]];
     }"""
     for name in ("plane", "polar"):
-        opened.page.select_option("#order", "2")
+        opened.page.select_option("#order", "longest")
         x, y, row = opened.page.evaluate(place, name)
         opened.page.click(f"#{name}", position={"x": x, "y": y})
         assert (
@@ -100,6 +100,29 @@ def test_the_filter_leaves_only_what_is_ticked(opened: Opened) -> None:
     opened.page.check('input[name="kind"][value="0"]')
     opened.page.check("#near")
     assert all(int(re.search(r"(\d+) m ·", text)[1]) <= 1_050 for text in opened.listed())
+
+
+def test_it_opens_with_the_violations_and_ends_with_what_nobody_could_solve(
+    opened: Opened, report_page: Path
+) -> None:
+    rank = ["violation", "time-out", "success", "proven unresolvable"]
+    kinds = [next(kind for kind in rank if f"· {kind} ·" in text) for text in opened.listed()]
+    assert "violation" in kinds and "success" in kinds
+    assert kinds == sorted(kinds, key=rank.index)
+    assert "· violation ·" in opened.text("#chosen")
+
+
+def test_goal_tracks_and_separation_differ_in_the_legend(opened: Opened) -> None:
+    entries = opened.page.evaluate(
+        """() => {
+        const chart = echarts.getInstanceByDom(document.getElementById("tracks"));
+        return chart.getOption().legend[0].data.map((one) => [one.name, one.icon ?? "line", one.itemStyle?.borderType ?? "solid"]);
+        }"""
+    )
+    shapes = {name: (icon, border) for name, icon, border in entries}
+    disc = next(name for name in shapes if "around the nearest" in name)
+    assert shapes["intruder"] == shapes["ownship"] == ("line", "solid")
+    assert len({shapes["goal"], shapes["intruder"], shapes[disc]}) == 3
 
 
 def test_the_keyboard_is_enough(opened: Opened) -> None:
