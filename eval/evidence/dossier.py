@@ -102,7 +102,7 @@ class Evaluated(NamedTuple):
     title: str
     size: str  # encounters, of how many listed
     claimed: str
-    kept: str  # yes, open or no
+    met: str  # yes, undecided or no
     found: str
     origin: str  # commit and machine
 
@@ -267,9 +267,9 @@ def _result_reasons(
     reasons = []
     for name in item.results:
         one = evaluated[name]
-        if one.kept == "no":
+        if one.met == "no":
             reasons.append(Reason(State.NOT_MET, f"{name}: {one.found}"))
-        if one.kept == "open":
+        if one.met == "undecided":
             reasons.append(Reason(State.OPEN, f"{name}: {one.size}, undecided"))
         elif name in small:
             reasons.append(Reason(State.OPEN, f"{name}: {one.size}"))
@@ -287,17 +287,17 @@ def _evaluated(name: str, listed: Evidence, results: Mapping[str, Any]) -> Evalu
         return Evaluated(title, f"0 of {entry.n}", "", "", "not measured", "")
     cells = {
         "claimed": "{claim}",
-        "kept": "{kept}",
+        "met": "{met}",
         "found": "{found}",
         "success": "{success_given_resolvable}",
         "origin": "{commit}, {machine}",
     }
-    _, claimed, kept, found, success, origin = row_of(entry, results[name], cells)
+    _, claimed, met, found, success, origin = row_of(entry, results[name], cells)
     return Evaluated(
         title=title,
         size=f"{results[name]['n']} of {entry.n}",
         claimed=claimed,
-        kept=kept,
+        met=met,
         found=success if found == "-" else found,
         origin=origin,
     )
