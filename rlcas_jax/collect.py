@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from agents.learning.networks import Seen
+from agents.learning.networks import NetworkInput
 from agents.learning.ppo import (
     Batch,
     Learner,
@@ -32,7 +32,7 @@ class Environment(NamedTuple):
 
     # (state, key) -> what the networks take, [N, ...]: derived once, instead of anew in every
     # epoch.
-    observe: Callable[[Any, jax.Array], Seen]
+    observe: Callable[[Any, jax.Array], NetworkInput]
     # (state, action [N, 2]) -> (state, Step).
     step: Callable[[Any, jax.Array], tuple[Any, Step]]
     # (state, index of the step in the rollout) -> state with a fresh episode wherever the last step
@@ -58,7 +58,7 @@ def collect(
     """
     steps = noise.shape[0]
 
-    def seen(world: Any, index: jax.Array | int) -> Seen:
+    def seen(world: Any, index: jax.Array | int) -> NetworkInput:
         return environment.observe(world, jax.random.fold_in(key, index))
 
     def forward(world: Any, now: tuple[jax.Array, jax.Array]) -> tuple[Any, Any]:

@@ -9,7 +9,10 @@ from pydantic import Field, model_validator
 
 from agents.config.load import ConfigError, Strict, validated
 from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig
+from agents.policy.inputs import resolve
+from agents.policy.set_features import InputTable, table
 from envs.aircraft import PAPER
+from envs.edge.command import InputError
 from envs.encounters import Scenario
 from envs.outcome import Rules
 
@@ -39,6 +42,20 @@ class NetworkConfig(Strict):
     """Widths of the layers that every intruder of a set passes, before the greatest of each number
     is taken.
     """
+    inputs: tuple[str, ...] = Field(default=(), max_length=64)
+    """Inputs of your own beside those of a set: `module:name` of an
+    `agents.policy.inputs.Input`, or the name of one that your program has registered."""
+
+    def input_table(self) -> InputTable:
+        """Return the inputs of the network, with the user's own, whose code is loaded.
+
+        Raises:
+            ConfigError: one of them is not there, or cannot be used.
+        """
+        try:
+            return table(resolve(self.inputs))
+        except InputError as problem:
+            raise ConfigError(f"network.inputs: {problem}") from None
 
 
 class PpoConfig(Strict):
@@ -304,6 +321,11 @@ class TrainConfig(Strict):
                 f"network.feature_set is {self.network.feature_set}, for the paper's aircraft "
                 "alone; expected set "
                 "with another aircraft or a family"
+            )
+        if self.network.inputs and self.network.feature_set != "set":
+            raise ConfigError(
+                f"network.feature_set is {self.network.feature_set}; expected set with "
+                "network.inputs"
             )
         self.in_phases() if self.phases else None
         return self

@@ -116,7 +116,7 @@ def set_of(config: TrainConfig) -> SetOf:
         )
         for name, (low, high) in zip(Ratios._fields, bounds, strict=True):
             ends[name] = (min(low, ends[name][0]), max(high, ends[name][1]))
-    return SetOf(encoder, most, aircraft, ends)
+    return SetOf(encoder, most, aircraft, ends, config.network.input_table().extra)
 
 
 def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:

@@ -6,7 +6,6 @@ import jax
 
 from agents.config.load import ConfigError
 from agents.policy.features import size
-from agents.policy.set_features import EACH, OWN
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 
@@ -29,7 +28,11 @@ def _of_phase(config: TrainConfig) -> int:
     ppo = config.ppo
     intruders = max(family.intruders[1] for family in config.drawn())
     network, hidden = config.network, config.network.hidden
-    inputs = OWN + EACH * intruders if network.feature_set == "set" else size(network.feature_set)
+    if network.feature_set == "set":
+        inputs = network.input_table()
+        inputs = inputs.own_size + inputs.each_size * intruders
+    else:
+        inputs = size(network.feature_set)
     pool = 2 * ppo.environments * config.pool_rows * _START * (1 + intruders) // 2
     samples = 2 * ppo.samples * (inputs + SIZE)
     # The critic sees the whole rollout at once.

@@ -11,9 +11,9 @@ from jax.sharding import PartitionSpec
 
 from agents.config.load import ConfigError
 from agents.learning import ppo
-from agents.learning.networks import Actor, Critic, Seen, derived
+from agents.learning.networks import Actor, Critic, NetworkInput, derived
 from agents.policy.scene import scene
-from agents.policy.set_features import set_inputs
+from agents.policy.set_features import InputTable, set_inputs
 from envs import surrogate
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
@@ -65,11 +65,8 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     _check_split(config, devices.count)
     settings = ppo_settings(config)
     network = config.network
-    hidden, feature_set, encoder = (
-        tuple(network.hidden),
-        network.feature_set,
-        tuple(network.encoder),
-    )
+    hidden, encoder = tuple(network.hidden), tuple(network.encoder)
+    feature_set, inputs = network.feature_set, network.input_table()
     actor = Actor(hidden, feature_set, encoder=encoder)
     parts = ppo.learner(actor, Critic(hidden, feature_set, encoder), settings)._replace(
         axis=devices.axis
@@ -85,7 +82,9 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         learner_key, start_key, key = jax.random.split(seeded, 3)
         environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1))
         first = jax.tree.map(lambda a: a[:1], environment)
-        learner = ppo.initial_state(parts, learner_key, seen(first, world.aircraft, feature_set))
+        learner = ppo.initial_state(
+            parts, learner_key, seen(first, world.aircraft, feature_set, inputs)
+        )
         return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
 
     def iterate(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
@@ -158,7 +157,8 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
 
     def evaluate(actor_variables: Any, encounter: Encounter) -> Outcome:
         def policy(state: surrogate.State) -> jax.Array:
-            return actor.apply(actor_variables, seen(state, world.aircraft, feature_set))[0]
+            observation = seen(state, world.aircraft, feature_set, inputs)
+            return actor.apply(actor_variables, observation)[0]
 
         return fly(policy, encounter, world)
 
@@ -220,8 +220,12 @@ def _check_split(config: TrainConfig, devices: int) -> None:
 
 
 def seen(
-    state: surrogate.State, aircraft: Aircraft, feature_set: str, noise: jax.Array | None = None
-) -> Seen:
+    state: surrogate.State,
+    aircraft: Aircraft,
+    feature_set: str,
+    inputs: InputTable,
+    noise: jax.Array | None = None,
+) -> NetworkInput:
     """Return what networks with a feature set take of encounters ``[N]``.
 
     The aircraft's limits are floats or ``[N]``; noise is of the reports, standard normal ``[4, N,
@@ -231,7 +235,7 @@ def seen(
         return derived(surrogate.observe(state, aircraft, noise), feature_set)
     intruders = perceived(state, noise, aircraft.dt, jnp)
     where = (state.goal_x, state.goal_y, aircraft.limits, aircraft.separation)
-    return set_inputs(scene(state.own, intruders, state.mask, *where, jnp), jnp)
+    return set_inputs(scene(state.own, intruders, state.mask, *where, jnp), jnp, inputs)
 
 
 def fly(
@@ -265,10 +269,11 @@ def _training_environment(
     """Return the surrogate with scaled reward and shaping; an encounter that ends restarts from the
     pool's row.
     """
+    network, inputs = config.network, config.network.input_table()
 
-    def observe(state: surrogate.State, key: jax.Array) -> Seen:
+    def observe(state: surrogate.State, key: jax.Array) -> NetworkInput:
         noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
-        return seen(state, world.aircraft, config.network.feature_set, noise)
+        return seen(state, world.aircraft, network.feature_set, inputs, noise)
 
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
         following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)

@@ -45,6 +45,7 @@ def warm_learner(config: TrainConfig, shapes: Any) -> Any:
     for key, has, wanted in (
         ("hidden", policy.hidden, tuple(network.hidden)),
         ("feature_set", policy.feature_set, network.feature_set),
+        ("inputs", [one["code"] for one in policy.extensions], list(network.inputs)),
     ):
         if has != wanted:
             raise ConfigError(

@@ -1,6 +1,6 @@
 """From a trained flax actor to a policy file, with parity vectors that flax itself computes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -13,10 +13,10 @@ from flax.traverse_util import flatten_dict, unflatten_dict
 from agents.learning.networks import Actor
 from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile, PolicyFileError
-from agents.policy.inference import Policy
-from agents.policy.scene import unpacked_rows
-from agents.policy.set_features import set_inputs
-from envs.aircraft import Ratios
+from agents.policy.inference import Policy, input_table
+from agents.policy.inputs import Input
+from agents.policy.scene import random_scenes, unpacked_rows
+from agents.policy.set_features import InputTable, set_inputs
 from envs.edge.installation import versions
 from envs.observation import SIZE
 
@@ -24,7 +24,9 @@ _RANDOM_VECTORS = 64
 _SEED = 20
 
 
-def to_policy_file(actor_variables: Mapping[str, Any], metadata: Mapping[str, Any]) -> PolicyFile:
+def to_policy_file(
+    actor_variables: Mapping[str, Any], metadata: Mapping[str, Any], inputs: Sequence[Input] = ()
+) -> PolicyFile:
     """Return the policy file of an actor.
 
     Args:
@@ -32,6 +34,7 @@ def to_policy_file(actor_variables: Mapping[str, Any], metadata: Mapping[str, An
             "log_std": [2]}}``.
         metadata: of :func:`agents.policy.schema.new_metadata`; gets the versions of what computes
             the file.
+        inputs: of the user's own that the metadata names, beside the registered ones.
 
     Raises:
         PolicyFileError: parameters are not finite or not those of the architecture, or numpy
@@ -46,14 +49,15 @@ def to_policy_file(actor_variables: Mapping[str, Any], metadata: Mapping[str, An
             )
     observations = parity_observations()
     if "family" in metadata:
-        observations = parity_scenes(metadata["architecture"]["intruders"], metadata["family"])
+        observations = random_scenes(metadata["architecture"]["intruders"], metadata["family"])
     # Shapes are checked before flax sees them: its messages do not say which file or field.
     content = PolicyFile(
         actor, observations, np.zeros((len(observations), 2), np.float32), metadata
     )
     policy_file.serialise(content)
-    content = replace(content, parity_action=_flax_actions(content).astype(np.float32))
-    Policy(content, source="new policy")
+    table = input_table(content, inputs, "new policy")
+    content = replace(content, parity_action=_flax_actions(content, table).astype(np.float32))
+    Policy(content, source="new policy", inputs=inputs)
     return content
 
 
@@ -68,34 +72,6 @@ def parity_observations() -> np.ndarray:
     # at both ends.
     corners = np.array([np.repeat(signs, 2) for signs in product((-1.0, 1.0), repeat=SIZE // 2)])
     return np.concatenate([random, corners]).astype(np.float32)
-
-
-def parity_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.ndarray:
-    """Return the scenes of the parity vectors, float32 ``[P, 7 + 5 most]``
-    (:func:`agents.policy.scene.unpacked_rows`).
-
-    They are random over the family, with none to all of the intruders, whose velocities differ from
-    the ownship's.
-    """
-    random = np.random.default_rng(_SEED)
-    count = 2 * _RANDOM_VECTORS
-    of_family = [random.uniform(*family[name], count) for name in Ratios._fields]
-    speed = of_family[0] + (1.0 - of_family[0]) * random.random(count)
-    goal, course = random.uniform(0.3, 18.0, count), random.uniform(-np.pi, np.pi, count)
-    away = random.uniform(0.5, 12.0, (count, most))
-    bearing, heading = random.uniform(-np.pi, np.pi, (2, count, most))
-    pace = random.uniform(0.3, 1.4, (count, most))
-    present = random.random((count, most)) < random.random((count, 1))
-    each = [
-        away * np.cos(bearing),
-        away * np.sin(bearing),
-        pace * np.cos(heading),
-        pace * np.sin(heading),
-    ]
-    traffic = np.where(present, each, [[[1e3]], [[0.0]], [[0.0]], [[0.0]]])
-    rows = np.concatenate([traffic, present[None]]).transpose(1, 2, 0).reshape(count, -1)
-    own = np.stack([speed, goal * np.cos(course), goal * np.sin(course), *of_family], axis=-1)
-    return np.concatenate([own, rows], axis=-1).astype(np.float32)
 
 
 def variables(tensors: Mapping[str, Any]) -> dict[str, Any]:
@@ -120,7 +96,7 @@ def _tensors(actor_variables: Mapping[str, Any]) -> dict[str, np.ndarray]:
     return {name: np.asarray(tensor, np.float32) for name, tensor in tensors.items()}
 
 
-def _flax_actions(content: PolicyFile) -> np.ndarray:
+def _flax_actions(content: PolicyFile, table: InputTable) -> np.ndarray:
     """Return flax's clipped actions ``[P, 2]`` for the parity vectors, with the tensors as they
     will be read back.
 
@@ -129,9 +105,8 @@ def _flax_actions(content: PolicyFile) -> np.ndarray:
     actor = Actor(content.hidden, content.feature_set, encoder=content.encoder)
 
     def mean(weights: Any, rows: jax.Array) -> Any:
-        return actor.apply(
-            weights, set_inputs(unpacked_rows(rows), jnp) if content.of_set else rows
-        )[0]
+        seen = set_inputs(unpacked_rows(rows), jnp, table) if content.of_set else rows
+        return actor.apply(weights, seen)[0]
 
     with jax.enable_x64(True):
         exact = variables(

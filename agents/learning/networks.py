@@ -1,4 +1,6 @@
-"""Actor and critic in flax: separate multi-layer perceptrons over features of the observation."""
+"""Actor and critic in flax: separate multi-layer perceptrons over what is derived from a scene, or
+from the observation of one intruder.
+"""
 
 import math
 
@@ -9,14 +11,14 @@ from flax import linen as nn
 from agents.policy.features import features, mirror_sign
 from agents.policy.set_features import SetInputs
 
-Seen = jax.Array | SetInputs
-"""What a network takes: observations ``[..., 8]``, or the inputs derived from them or from scenes
-of several intruders; those of observations have no part for each intruder."""
+NetworkInput = jax.Array | SetInputs
+"""What a network takes: the inputs derived from scenes (``own [..., F]``, ``each [..., K, E]``), or
+observations of one intruder ``[..., 8]``, or the inputs derived from those (``each`` is None)."""
 
 
-def derived(observation: Seen, feature_set: str) -> SetInputs:
-    """Return what networks with a feature set take of observations ``[..., 8]``; what is derived
-    already as it is.
+def derived(observation: NetworkInput, feature_set: str) -> SetInputs:
+    """Return the inputs that a feature set derives of observations ``[..., 8]``; inputs that are
+    derived already are returned as they are.
     """
     if isinstance(observation, SetInputs):
         return observation
@@ -29,9 +31,9 @@ def derived(observation: Seen, feature_set: str) -> SetInputs:
 class Trunk(nn.Module):
     """Hidden layers with tanh, orthogonal initialisation of gain sqrt(2), and a linear head.
 
-    Of a set, each intruder passes the layers of the encoder first, and the greatest of each of
-    their numbers joins what describes the ownship: whatever the intruders' order, and blind to
-    absent ones.
+    Of a set, each intruder passes the layers of the encoder first. The greatest of each of their
+    outputs joins what describes the ownship, so that neither the order of the intruders nor absent
+    ones change anything.
     """
 
     hidden: tuple[int, ...]
@@ -66,8 +68,8 @@ class Trunk(nn.Module):
 
 
 class Actor(nn.Module):
-    """Gaussian policy: a mean, which deciders clip to [-1, 1], of the observation, and a standard
-    deviation apart.
+    """Gaussian policy: a mean that follows from the input and is clipped to [-1, 1] in flight, and
+    a standard deviation that does not.
     """
 
     hidden: tuple[int, ...] = (256, 256)
@@ -76,11 +78,11 @@ class Actor(nn.Module):
     encoder: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, observation: Seen) -> tuple[jax.Array, jax.Array]:
-        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations
-        ``[..., 8]``.
+    def __call__(self, network_input: NetworkInput) -> tuple[jax.Array, jax.Array]:
+        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action for an input
+        with leading axes ``[...]``.
         """
-        seen = derived(observation, self.feature_set)
+        seen = derived(network_input, self.feature_set)
         mean = Trunk(self.hidden, 2, 0.01, self.encoder, name="trunk")(seen)
         mean = mean * jnp.stack([jnp.ones_like(seen.mirror_sign), seen.mirror_sign], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))
@@ -95,8 +97,7 @@ class Critic(nn.Module):
     encoder: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, observation: Seen) -> jax.Array:
-        """Return the value of observations ``[..., 8]``, ``[...]``."""
-        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(
-            derived(observation, self.feature_set)
-        )[..., 0]
+    def __call__(self, network_input: NetworkInput) -> jax.Array:
+        """Return the value ``[...]`` of an input with leading axes ``[...]``."""
+        seen = derived(network_input, self.feature_set)
+        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(seen)[..., 0]

@@ -20,9 +20,10 @@ from agents.learning.export import variables
 from agents.learning.networks import Actor
 from agents.policy.digest import canonical
 from agents.policy.file import PolicyFile, read
-from agents.policy.inference import TOLERANCE, Policy
+from agents.policy.inference import TOLERANCE, Policy, input_table
+from agents.policy.inputs import Input, resolve
 from agents.policy.scene import OWN_NUMBERS, parts, unpacked
-from agents.policy.set_features import OWN, set_inputs
+from agents.policy.set_features import set_inputs
 from agents.policy.set_network import check_one_layer
 from envs.edge.command import InputError, Parser
 from envs.edge.files import write_file
@@ -55,13 +56,13 @@ class ExportError(InputError):
     """A model that cannot be made or written; the message says why."""
 
 
-def model(content: PolicyFile) -> Any:
+def model(content: PolicyFile, inputs: Sequence[Input] = ()) -> Any:
     """Return the ``onnx.ModelProto`` of a policy, checked by onnx; equal policies give
-    equal bytes.
+    equal bytes. ``inputs`` are of the user's own, beside the registered ones.
     """
     onnx: Any = importlib.import_module("onnx")
     converter: Any = importlib.import_module("jax2onnx")
-    function, shapes = _decision(content)
+    function, shapes = _decision(content, inputs)
     for each in (
         "onnx_ir",
         "jax2onnx",
@@ -102,12 +103,12 @@ def network_part(policy: Policy) -> Any:
     # Rows of zeros instead of slices: the encoder reads what describes the intruder, the trunk the
     # rest.
     encoder, trunk = tensors["each_0/kernel"], tensors["hidden_0/kernel"]
-    each = np.pad(encoder, ((OWN, 0), (0, 0)))
+    own_size = policy.inputs.own_size
+    each = np.pad(encoder, ((own_size, 0), (0, 0)))
     seen = tanh(gemm("each_0", "inputs", each, tensors["each_0/bias"]))
-    own = gemm(
-        "own", "inputs", np.pad(trunk[:OWN], ((0, len(encoder)), (0, 0))), tensors["hidden_0/bias"]
-    )
-    pooled = gemm("pooled", seen, trunk[OWN:], 0.0 * tensors["hidden_0/bias"])
+    of_own = np.pad(trunk[:own_size], ((0, len(encoder)), (0, 0)))
+    own = gemm("own", "inputs", of_own, tensors["hidden_0/bias"])
+    pooled = gemm("pooled", seen, trunk[own_size:], 0.0 * tensors["hidden_0/bias"])
     nodes.append(node("Add", [own, pooled], ["hidden_0"]))
     last = tanh("hidden_0")
     for number in range(1, len(policy.metadata["architecture"]["hidden"])):
@@ -143,9 +144,13 @@ def inputs_of(content: PolicyFile) -> dict[str, np.ndarray]:
     return {"own": own, "traffic": each[..., :4], "present": each[..., 4]}
 
 
-def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> float:
+def export(
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    inputs: Sequence[Input] = (),
+) -> float:
     """Write the ONNX model of a policy file, whole or not at all; return the largest difference on
-    its parity vectors.
+    its parity vectors. ``inputs`` are of the user's own, beside the registered ones.
 
     Raises:
         PolicyFileError: the policy file is refused.
@@ -157,7 +162,7 @@ def export(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> fl
         raise ExportError(
             f"{target}: is the policy file itself; expected another file for the model"
         )
-    made = model(content)
+    made = model(content, inputs)
     evaluator = importlib.import_module("onnx.reference").ReferenceEvaluator(made)
     (actions,) = evaluator.run(None, inputs_of(content))
     difference = float(np.abs(actions - content.parity_action).max())
@@ -182,8 +187,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "out", type=Path, metavar="OUT.onnx", help="model to write; replaced if one is there"
     )
+    parser.add_argument(
+        "--extension",
+        action="append",
+        default=[],
+        metavar="MODULE:NAME",
+        help="input of your own that the policy needs; may be repeated",
+    )
     options = parser.parse_args(arguments)
-    difference = export(options.policy, options.out)
+    difference = export(options.policy, options.out, resolve(options.extension))
     print(
         f"{options.out}: opset {OPSET}, largest difference from the policy {difference:.1e} on "
         "its parity vectors"
@@ -191,8 +203,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _decision(content: PolicyFile) -> tuple[Callable[..., jax.Array], list[tuple[int | str, ...]]]:
+def _decision(
+    content: PolicyFile, inputs: Sequence[Input]
+) -> tuple[Callable[..., jax.Array], list[tuple[int | str, ...]]]:
     """Return the decision of a policy as a function of jax, and the shapes of its inputs."""
+    table = input_table(content, inputs)
     actor = Actor(content.hidden, content.feature_set, encoder=content.encoder)
     weights = variables({name: jnp.asarray(tensor) for name, tensor in content.actor.items()})
 
@@ -205,7 +220,7 @@ def _decision(content: PolicyFile) -> tuple[Callable[..., jax.Array], list[tuple
         seen = unpacked(own, rows)
         # 0, but NaN where a number is not finite: comparisons inside would make a number of it.
         nothing = 0.0 * (jnp.sum(own, axis=-1) + jnp.sum(rows, axis=(-2, -1)))
-        return clipped(set_inputs(seen, jnp), nothing)
+        return clipped(set_inputs(seen, jnp, table), nothing)
 
     def of_observation(observation: jax.Array) -> jax.Array:
         inside = jnp.sqrt(1.0 + TOLERANCE - jnp.abs(observation))
@@ -220,7 +235,7 @@ def _properties(content: PolicyFile) -> dict[str, str]:
     """Return the model's metadata: what the policy's numbers mean and which policy it is, JSON but
     for the digests.
     """
-    kept = ("schema", "scene", "observation", "action", "limits", "task", "family")
+    kept = ("schema", "scene", "observation", "action", "limits", "task", "family", "inputs")
     parts = {name: canonical(content.metadata[name]) for name in kept if name in content.metadata}
     return {
         "policy_sha256": content.sha256,

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import optax
 from jax.flatten_util import ravel_pytree
 
-from agents.learning.networks import Actor, Critic, Seen
+from agents.learning.networks import Actor, Critic, NetworkInput
 
 _LOG_SQRT_TWO_PI = 0.9189385332046727
 
@@ -46,15 +46,15 @@ class Learner(NamedTuple):
     optimizer: optax.GradientTransformation
     axis: str | None = None  # name of the devices' axis inside shard_map; None on one device
 
-    def policy(self, variables: Any, observation: Seen) -> tuple[jax.Array, jax.Array]:
-        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action at observations
-        ``[..., 8]``.
+    def policy(self, variables: Any, observation: NetworkInput) -> tuple[jax.Array, jax.Array]:
+        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action for inputs with
+        leading axes ``[...]``.
         """
         applied: Any = self.actor.apply(variables, observation)
         return applied
 
-    def value(self, variables: Any, observation: Seen) -> jax.Array:
-        """Return the value of observations ``[..., 8]``, ``[...]``."""
+    def value(self, variables: Any, observation: NetworkInput) -> jax.Array:
+        """Return the value ``[...]`` of inputs with leading axes ``[...]``."""
         applied: Any = self.critic.apply(variables, observation)
         return applied
 
@@ -70,7 +70,7 @@ class LearnerState(NamedTuple):
 class Batch(NamedTuple):
     """Samples for the losses; leading axes are free."""
 
-    observation: Seen  # [..., 8], or what the networks derive from it
+    observation: NetworkInput  # of the networks
     action: jax.Array  # as drawn, before it is clipped to the limits, [..., 2]
     log_prob: jax.Array  # of that action under the policy that drew it, [...]
     advantage: jax.Array
@@ -102,7 +102,7 @@ def _clip_apart(norm: float) -> optax.GradientTransformation:
     return optax.GradientTransformation(clip.init, apart)
 
 
-def initial_state(parts: Learner, key: jax.Array, blank: Seen) -> LearnerState:
+def initial_state(parts: Learner, key: jax.Array, blank: NetworkInput) -> LearnerState:
     """Initialise parameters and optimiser from a key; ``blank`` has the shapes of what the networks
     take.
     """

@@ -22,7 +22,7 @@ from agents.policy.digest import canonical, digest
 from agents.policy.schema import (
     PARITY_ACTION,
     PARITY_OBSERVATION,
-    SET_SCHEMA,
+    SET_SCHEMAS,
     PolicyFileError,
     check_metadata,
     check_values,
@@ -92,8 +92,13 @@ class PolicyFile:
 
     @property
     def of_set(self) -> bool:
-        """Whether the network takes any number of intruders (schema 2)."""
-        return self.metadata["schema"] == SET_SCHEMA
+        """Whether the network takes any number of intruders (schemas 2 and 3)."""
+        return self.metadata["schema"] in SET_SCHEMAS
+
+    @property
+    def extensions(self) -> tuple[Mapping[str, Any], ...]:
+        """The contracts of the inputs of the user's own that the network needs."""
+        return tuple(self.metadata.get("inputs", ()))
 
     @property
     def feature_set(self) -> str:

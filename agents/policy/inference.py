@@ -14,9 +14,12 @@ from agents.policy import novelty
 from agents.policy.domain import Departure, OutsideDomainError, domain, unlike
 from agents.policy.eight_network import EightNetwork
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
+from agents.policy.inputs import Input, extension_for, registered
+from agents.policy.set_features import TABLE, InputTable, table
 from agents.policy.set_network import SetNetwork
 from envs.aircraft import Aircraft
 from envs.backend import FLOATS
+from envs.edge.command import InputError
 from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE
 
@@ -42,9 +45,9 @@ _NOT_FINITE = (
 class Policy:
     """A deterministic policy: observations ``[..., 8]`` to actions ``[..., 2]``, both in [-1, 1].
 
-    Calls share no state, so that one policy serves many threads. Every row has the same bits in any
-    company, on one machine, with one version of numpy and one number of BLAS threads; one is
-    fastest for these sizes.
+    Calls share no state, so that one policy serves many threads. The result of a row does not
+    depend on the batch, on one machine, with one version of numpy and one number of BLAS threads;
+    one is fastest for these sizes.
 
     Attributes:
         sha256: digest of the policy file.
@@ -54,15 +57,26 @@ class Policy:
         most: intruders that it was trained with at once, 1 of schema 1.
         tensors, layers: of the network, by their names in the file and by their kind.
         dtype: in which the network is evaluated.
+        inputs: table of what the network takes of a scene; of schema 1 of no use.
     """
 
     def __init__(
-        self, content: PolicyFile, dtype: DTypeLike = np.float32, *, source: str = "policy"
+        self,
+        content: PolicyFile,
+        dtype: DTypeLike = np.float32,
+        *,
+        source: str = "policy",
+        inputs: Sequence[Input] = (),
     ) -> None:
         """Build the network, in float32 or float64, and compare it with the file's parity vectors.
 
+        Args:
+            inputs: of the user's own, beside those that are registered
+                (:mod:`agents.policy.inputs`).
+
         Raises:
-            PolicyFileError: the network does not give the actions that the training framework gave.
+            PolicyFileError: the network needs an input of the user's own that is not there, or does
+                not give the actions that the training framework gave.
             ValueError: the dtype is another.
         """
         self.dtype = np.dtype(dtype)
@@ -73,10 +87,11 @@ class Policy:
         self.layers, self._content, self._outside = content.layers, content, "refuse"
         self._unlike: list[Departure] = []
         self.most = int(self.domain["intruders"][1])
-        kind = SetNetwork if content.of_set else EightNetwork
+        self.inputs = input_table(content, inputs, source)
         # In float64 so that a difference is one of meaning, never of rounding.
-        _check_parity(kind(content, np.float64), content, PARITY_TOLERANCE, "in float64", source)
-        self._decider: EightNetwork | SetNetwork = kind(content, self.dtype)
+        exact = _network(content, np.float64, self.inputs)
+        _check_parity(exact, content, PARITY_TOLERANCE, "in float64", source)
+        self._decider = _network(content, self.dtype, self.inputs)
         _check_parity(self._decider, content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
 
     def for_aircraft(self, aircraft: Aircraft, *, outside: str = "refuse") -> "Policy":
@@ -124,21 +139,28 @@ class Policy:
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
     ) -> list[Departure]:
         """Return how aircraft and scene are unlike all that the policy was trained with."""
-        box = novelty.shipped(self.sha256)
-        if box is None or not isinstance(self._decider, SetNetwork):
+        if not isinstance(self._decider, SetNetwork):
             return [*self._unlike]
+        box = novelty.box_of(self.sha256, self.inputs)
         mine, each, _ = self._decider.inputs_of_one(own, intruders, goal_x, goal_y)
-        return [*self._unlike, *novelty.departures(box, mine, each)]
+        return [*self._unlike, *novelty.departures(box, self.inputs, mine, each)]
 
     @classmethod
     def load(
-        cls, path: str | os.PathLike[str] | None = None, dtype: DTypeLike = np.float32
+        cls,
+        path: str | os.PathLike[str] | None = None,
+        dtype: DTypeLike = np.float32,
+        *,
+        inputs: Sequence[Input] = (),
     ) -> "Policy":
         """Load a policy file, by default the one that ships; raises a PolicyFileError where it
         cannot be used.
+
+        Loading imports nothing that the file names: ``inputs`` are those of the user's own that it
+        needs, beside the registered ones (:func:`agents.policy.inputs.register`).
         """
         if path is not None:
-            return cls(read(path), dtype, source=os.fspath(path))
+            return cls(read(path), dtype, source=os.fspath(path), inputs=inputs)
         source = f"agents/{_SHIPPED}"
         try:
             data = resources.files("agents").joinpath(_SHIPPED).read_bytes()
@@ -237,6 +259,28 @@ class Policy:
                 "[-1, 1]"
             )
         return array.clip(-1.0, 1.0).astype(self.dtype, copy=False)
+
+
+def input_table(
+    content: PolicyFile, inputs: Sequence[Input] = (), source: str = "policy"
+) -> InputTable:
+    """Return the table of the inputs that a policy file needs, of the toolkit's, those given and
+    the registered ones; raises a PolicyFileError where one is not there.
+    """
+    if not content.extensions:
+        return TABLE
+    # One that is given counts before a registered one of its name.
+    given = (*inputs, *registered())
+    try:
+        return table(extension_for(contract, given) for contract in content.extensions)
+    except InputError as problem:
+        raise PolicyFileError(f"{source}: {problem}") from None
+
+
+def _network(
+    content: PolicyFile, dtype: DTypeLike, inputs: InputTable
+) -> EightNetwork | SetNetwork:
+    return SetNetwork(content, dtype, inputs) if content.of_set else EightNetwork(content, dtype)
 
 
 def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -1,9 +1,8 @@
-"""Novelty: the network's own inputs against the box of what training saw, two numbers for each
-input.
+"""Novelty: the network's own inputs against a box, two numbers for each input.
 
 The inputs are mirrored and without dimension (:mod:`agents.policy.set_features`), so that a scene,
 its mirror image and the same scene of a larger aircraft are equally new. The box of the policy that
-ships lies beside it.
+ships is what its training saw; other policies have the bounds of the table of inputs.
 """
 
 import json
@@ -15,55 +14,24 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.policy.domain import Departure
+from agents.policy.inputs import Number
 from agents.policy.scene import scene
-from agents.policy.set_features import SetInputs, set_inputs
+from agents.policy.set_features import InputTable, SetInputs, set_inputs
 from envs.aircraft import Aircraft
 from envs.kinematics import VehicleState
 
-_PASSING = (
-    "time to closest approach",
-    "miss distance",
-    "miss distance from afar",
-    "depth of the conflict",
-)
-OWN = (
-    *(
-        "own speed in its range",
-        "own speed",
-        "goal ahead",
-        "goal to the side",
-        "goal distance",
-        "goal nearness",
-    ),
-    *("goal outside the left turning circle", "goal outside the right turning circle"),
-    *("least speed", "deceleration", "acceleration", "turn radius"),
-    *("separation that the best manoeuvre keeps", "its acceleration", "its turn"),
-    *(f"separation that manoeuvre {number} keeps" for number in range(22)),
-)
-"""Names of the inputs of the ownship."""
-EACH = (
-    *("intruder ahead", "intruder to the side", "intruder distance", "intruder nearness"),
-    *(
-        "intruder velocity ahead",
-        "intruder velocity to the side",
-        "relative velocity ahead",
-        "range rate",
-    ),
-    *_PASSING,
-    *(f"{name} on the course to the goal" for name in _PASSING),
-)
-"""Names of the inputs of an intruder."""
-
-_MARGIN = (
-    0.02  # of an input's range in training; flights that training did not draw leave it by less
-)
+_MARGIN = 0.02
+# of an input's range in training; flights that training did not draw leave it by less
 
 
 class Box(NamedTuple):
-    """Least and greatest value of each input in training, ``[2, 37]`` and ``[2, 16]``."""
+    """Least and greatest value of each input, ``[2, F]`` of the ownship and ``[2, E]`` of
+    intruders.
+    """
 
     own: np.ndarray
     each: np.ndarray
+    source: str = "training saw"
 
 
 @cache
@@ -73,6 +41,19 @@ def shipped(sha256: str) -> Box | None:
         resources.files("agents").joinpath("data/inputs.json").read_text(encoding="utf-8")
     )
     return Box(np.array(kept["own"]), np.array(kept["each"])) if kept["policy"] == sha256 else None
+
+
+def box_of(sha256: str, inputs: InputTable) -> Box:
+    """Return the box of a policy: of the one that ships what training saw, of others the bounds of
+    their inputs.
+    """
+    return shipped(sha256) or Box(
+        _bounds(inputs.own_numbers), _bounds(inputs.each_numbers), "its bounds are"
+    )
+
+
+def _bounds(numbers: Sequence[Number]) -> np.ndarray:
+    return np.array([(one.low, one.high) for one in numbers]).T
 
 
 def inputs_of(
@@ -89,7 +70,7 @@ def inputs_of(
 
 
 def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
-    """Return by how much each input is outside the box, ``[..., 37]`` and ``[..., K, 16]``; nan is
+    """Return by how much each input is outside the box, ``[..., F]`` and ``[..., K, E]``; nan is
     infinitely far.
     """
     found = []
@@ -100,23 +81,25 @@ def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
     return found[0], np.where(inputs.present[..., None], found[1], 0.0)
 
 
-def departures(box: Box, own: Sequence[float], each: Sequence[Sequence[float]]) -> list[Departure]:
-    """Return the newest of one scene's inputs, ``[37]`` and ``[K, 16]``; none if training saw
-    such.
+def departures(
+    box: Box, inputs: InputTable, own: Sequence[float], each: Sequence[Sequence[float]]
+) -> list[Departure]:
+    """Return the newest of one scene's inputs, ``[F]`` and ``[K, E]``; none if all are in the box.
     """
     if not each:
         return []
-    inputs = SetInputs(np.array(own), np.array(each), np.ones(len(each), bool), 1.0)
-    values = np.concatenate([inputs.own, inputs.each.ravel()])
+    seen = SetInputs(np.array(own), np.array(each), np.ones(len(each), bool), 1.0)
+    values = np.concatenate([seen.own, seen.each.ravel()])
     ranges = np.concatenate([box.own, np.tile(box.each, len(each))], axis=1)
-    beyond = np.concatenate([part.ravel() for part in excess(box, inputs)]) / (
-        ranges[1] - ranges[0]
-    )
+    beyond = np.concatenate([part.ravel() for part in excess(box, seen)]) / (ranges[1] - ranges[0])
     worst = int(np.argmax(beyond))
     if not beyond[worst] > 0.0:
         return []
-    number, name = divmod(worst - len(OWN), len(EACH))
-    what = OWN[worst] if worst < len(OWN) else f"{EACH[name]} (intruder {number})"
+    if worst < inputs.own_size:
+        what = inputs.own_numbers[worst].name
+    else:
+        number, index = divmod(worst - inputs.own_size, inputs.each_size)
+        what = f"{inputs.each_numbers[index].name} (intruder {number})"
     low, high = ranges[:, worst]
-    text = f"is {values[worst]:.3g}; training saw {low:.3g} to {high:.3g}"
+    text = f"is {values[worst]:.3g}; {box.source} {low:.3g} to {high:.3g}"
     return [Departure(f"novelty: {what}", text)]

@@ -7,8 +7,10 @@ counts.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from envs.aircraft import Ratios, ratios
 from envs.angles import sincos
@@ -19,7 +21,8 @@ from envs.relative import distance
 FARTHEST = 20.0
 """Greatest distance that is seen, D; what is farther is seen there, in its direction."""
 
-_NOWHERE = 1e3  # D; place of absent intruders, so that they are never the nearest
+NOWHERE = 1e3
+"""Place of absent intruders, D, so that they are never the nearest."""
 
 
 class Scene(NamedTuple):
@@ -72,7 +75,7 @@ def scene(
         own.speed * speed[..., 0],
         ahead * pulled,
         left * pulled,
-        xp.where(present, x * nearer, _NOWHERE),
+        xp.where(present, x * nearer, NOWHERE),
         xp.where(present, y * nearer, 0.0),
         xp.where(present, vx, 0.0),
         xp.where(present, vy, 0.0),
@@ -150,6 +153,34 @@ def parts(rows: Any) -> tuple[Any, Any]:
 def unpacked_rows(rows: Any) -> Scene:
     """Return the scenes of parity vectors ``[..., 7 + 5 K]``."""
     return unpacked(*parts(rows))
+
+
+def random_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.ndarray:
+    """Return random scenes as parity vectors, float32 ``[128, 7 + 5 most]``
+    (:func:`unpacked_rows`).
+
+    They are random over the family, with none to all of the intruders, whose velocities differ from
+    the ownship's.
+    """
+    random = np.random.default_rng(20)
+    count = 128
+    of_family = [random.uniform(*family[name], count) for name in Ratios._fields]
+    speed = of_family[0] + (1.0 - of_family[0]) * random.random(count)
+    goal, course = random.uniform(0.3, 18.0, count), random.uniform(-np.pi, np.pi, count)
+    away = random.uniform(0.5, 12.0, (count, most))
+    bearing, heading = random.uniform(-np.pi, np.pi, (2, count, most))
+    pace = random.uniform(0.3, 1.4, (count, most))
+    present = random.random((count, most)) < random.random((count, 1))
+    each = [
+        away * np.cos(bearing),
+        away * np.sin(bearing),
+        pace * np.cos(heading),
+        pace * np.sin(heading),
+    ]
+    traffic = np.where(present, each, [[[NOWHERE]], [[0.0]], [[0.0]], [[0.0]]])
+    rows = np.concatenate([traffic, present[None]]).transpose(1, 2, 0).reshape(count, -1)
+    own = np.stack([speed, goal * np.cos(course), goal * np.sin(course), *of_family], axis=-1)
+    return np.concatenate([own, rows], axis=-1).astype(np.float32)
 
 
 def mirrored(seen: Scene, xp: Any) -> tuple[Scene, Any]:

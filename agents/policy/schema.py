@@ -14,8 +14,9 @@ import numpy as np
 
 from agents.policy.digest import canonical, sha256
 from agents.policy.features import FEATURE_SETS, size
+from agents.policy.inputs import INTRUDER, OWNSHIP, Input
 from agents.policy.scene import width as parity_width
-from agents.policy.set_features import EACH, OWN
+from agents.policy.set_features import TABLE
 from envs.aircraft import Aircraft, AircraftError, Ratios, new_aircraft
 from envs.edge.command import InputError
 from envs.kinematics import FASTEST, Limits
@@ -33,6 +34,12 @@ SCHEMA = {"name": "rlcas-policy", "version": 1}
 
 SET_SCHEMA = {"name": "rlcas-policy", "version": 2}
 """Of policies that see any number of intruders, for a family of aircraft."""
+
+EXTENDED_SCHEMA = {"name": "rlcas-policy", "version": 3}
+"""Of those whose network has inputs of the user's own too (:mod:`agents.policy.inputs`)."""
+
+SET_SCHEMAS = (SET_SCHEMA, EXTENDED_SCHEMA)
+"""Of policies that see any number of intruders."""
 
 SCENE = {
     "units": (
@@ -69,6 +76,7 @@ _LEAST_YAW_RATE = 1e-4  # rad/s; less leaves the arithmetic of doubles
 _MAX_LAYERS, _MAX_WIDTH = 8, 4096
 _MAX_WEIGHT = 1e4  # sums of so large weights stay finite whatever the widths
 _MAX_INTRUDERS = 64
+_MAX_INPUTS, _MAX_NUMBERS = 64, 256  # of the user's own; and numbers of one of them
 _OF_AIRCRAFT = ("separation", "goal_radius", "traffic_speed_max", "dt", "t_max")
 # Every field of the metadata and its type; a nested dict is an object with exactly these fields.
 _COMMON: dict[str, Any] = {
@@ -97,6 +105,11 @@ _SET_FIELDS: dict[str, Any] = _COMMON | {
 }
 
 
+_EXTENDED_FIELDS: dict[str, Any] = _SET_FIELDS | {"inputs": list}
+_INPUT_FIELDS: dict[str, Any] = {"name": str, "of": str, "code": str, "numbers": list}
+_NUMBER_FIELDS: dict[str, Any] = {"name": str, "unit": str, "low": float, "high": float}
+
+
 class SetOf(NamedTuple):
     """The fields of a policy for any number of intruders."""
 
@@ -104,6 +117,7 @@ class SetOf(NamedTuple):
     intruders: int  # most of them in training
     aircraft: Aircraft
     family: Mapping[str, tuple[float, float]]  # bounds of each of envs.aircraft.Ratios in training
+    inputs: tuple[Input, ...] = ()  # of the user's own
 
 
 def new_metadata(  # noqa: PLR0913 - it describes a file
@@ -150,6 +164,9 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
             "encoder": [int(width) for width in of_set.encoder],
             "intruders": int(of_set.intruders),
         }
+        if of_set.inputs:
+            own["schema"] = dict(EXTENDED_SCHEMA)
+            own["inputs"] = [one.contract() for one in of_set.inputs]
     try:
         training = {
             "config": config,
@@ -183,9 +200,13 @@ def check_metadata(document: Any, source: str) -> None:
             )
 
     schema = document.get("schema") if isinstance(document, dict) else None
-    demand(schema in (SCHEMA, SET_SCHEMA), "schema", schema, f"{SCHEMA} or {SET_SCHEMA}")
-    of_set = schema == SET_SCHEMA
-    _check_fields(document, _SET_FIELDS if of_set else _FIELDS, "metadata", source)
+    fields = {1: _FIELDS, 2: _SET_FIELDS, 3: _EXTENDED_FIELDS}
+    schemas = (SCHEMA, *SET_SCHEMAS)
+    demand(schema in schemas, "schema", schema, " or ".join(map(str, schemas)))
+    of_set = schema in SET_SCHEMAS
+    _check_fields(document, fields[document["schema"]["version"]], "metadata", source)
+    if schema == EXTENDED_SCHEMA:
+        _check_inputs(document["inputs"], source)
     architecture, training = document["architecture"], document["training"]
     fixed = {"architecture.activation": (architecture["activation"], "tanh")}
     fixed |= {"architecture.output": (architecture["output"], "clip")}
@@ -255,17 +276,18 @@ def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ..
     architecture = document["architecture"]
     shapes: dict[str, tuple[int | None, ...]] = {}
     outputs = len(ACTION["names"])
-    of_set = document["schema"] == SET_SCHEMA
-    width, rows = OWN if of_set else size(architecture["feature_set"]), SIZE
+    of_set = document["schema"] in SET_SCHEMAS
+    width, rows = size(architecture["feature_set"]) if not of_set else 0, SIZE
     layers = [(f"hidden_{i}", units) for i, units in enumerate(architecture["hidden"])] + [
         ("head", outputs)
     ]
     if of_set:
-        encoder = EACH
+        encoder = TABLE.each_size + _numbers_of(document, INTRUDER)
         for i, units in enumerate(architecture["encoder"]):
             shapes |= {f"actor/each_{i}/kernel": (encoder, units), f"actor/each_{i}/bias": (units,)}
             encoder = units
-        width, rows = width + encoder, parity_width(architecture["intruders"])
+        width = TABLE.own_size + _numbers_of(document, OWNSHIP) + encoder
+        rows = parity_width(architecture["intruders"])
     for name, units in layers:
         shapes |= {f"actor/{name}/kernel": (width, units), f"actor/{name}/bias": (units,)}
         width = units
@@ -274,6 +296,13 @@ def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ..
         PARITY_OBSERVATION: (None, rows),
         PARITY_ACTION: (None, outputs),
     }
+
+
+def _numbers_of(document: Mapping[str, Any], of: str) -> int:
+    """Return how many numbers the inputs of the user's own have of the ownship, or of an
+    intruder.
+    """
+    return sum(len(one["numbers"]) for one in document.get("inputs", ()) if one["of"] == of)
 
 
 def check_values(tensors: Mapping[str, np.ndarray], source: str) -> None:
@@ -315,6 +344,31 @@ def _check_fields(
             )
         if isinstance(expected, dict):
             _check_fields(value[name], expected, f"{path}.{name}", source)
+
+
+def _check_inputs(inputs: list[Any], source: str) -> None:
+    """Raise unless the contract of the user's own inputs has its fields, types and values."""
+    if not inputs or len(inputs) > _MAX_INPUTS:
+        raise PolicyFileError(
+            f"{source}: metadata.inputs has {len(inputs)} inputs, expected 1 to {_MAX_INPUTS}"
+        )
+    for number, one in enumerate(inputs):
+        path = f"metadata.inputs.{number}"
+        if not isinstance(one, dict):
+            raise PolicyFileError(f"{source}: {path} is {_brief(one)}, expected an object")
+        _check_fields(one, _INPUT_FIELDS, path, source)
+        if one["of"] not in (OWNSHIP, INTRUDER):
+            raise PolicyFileError(
+                f"{source}: {path}.of is {_brief(one['of'])}, expected {OWNSHIP} or {INTRUDER}"
+            )
+        numbers = one["numbers"]
+        if not 1 <= len(numbers) <= _MAX_NUMBERS or not all(isinstance(n, dict) for n in numbers):
+            raise PolicyFileError(
+                f"{source}: {path}.numbers is {_brief(numbers)}, expected 1 to {_MAX_NUMBERS} "
+                "objects"
+            )
+        for index, entry in enumerate(numbers):
+            _check_fields(entry, _NUMBER_FIELDS, f"{path}.numbers.{index}", source)
 
 
 def _is(value: Any, kind: Any) -> bool:

@@ -2,57 +2,128 @@
 intruder.
 
 They are derived from the scene inside the network's own forward pass, for jax and numpy alike, and
-do not change with the order of the intruders, nor with absent ones.
+do not change with the order of the intruders, nor with absent ones. :data:`BUILT_IN` is the table
+of the toolkit's own; :func:`table` adds the user's (:mod:`agents.policy.inputs`).
 """
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.policy import escapes
-from agents.policy.scene import Scene, mirrored
+from agents.policy import candidate_manoeuvres
+from agents.policy.inputs import INTRUDER, OWNSHIP, Input, Number, check_input, computed
+from agents.policy.scene import NOWHERE, Scene, mirrored
 from envs.backend import FLOATS
+from envs.edge.command import InputError
 from envs.relative import distance
 
-OWN, EACH = 15 + escapes.COUNT, 16
-"""Numbers that describe the ownship, its goal and what simple manoeuvres keep; and an intruder."""
-
-KEPT_UNIT = 0.03
-"""Resolution of what manoeuvres keep beyond the separation, D."""
+SEPARATION_UNIT = 0.03
+"""Resolution of the separation of candidate manoeuvres beyond the required one, D."""
 
 ALIKE = 0.05
-"""Between what manoeuvres keep, squashed: 1.5 thousandths of D near the separation."""
+"""Between separations of candidate manoeuvres, squashed: 1.5 thousandths of D near the required
+one.
+"""
 
-_UNITS = (
-    0.0025,
-    30.0,
-    1.0 / 6.0,
-    1.0,
-    0.2,
-    0.0,
-)  # of :func:`passing`, for lengths in D and speeds in the greatest
+_UNITS = (0.0025, 30.0, 1.0 / 6.0, 1.0, 0.2, 0.0)
+# of :func:`passing`, for lengths in D and speeds in the greatest
 
 
 class SetInputs(NamedTuple):
     """Inputs of the network's first layers."""
 
-    own: Any  # [..., 37]
-    each: Any  # [..., K, 16]; of absent intruders anything finite
+    own: Any  # [..., F]
+    each: Any  # [..., K, E]; of absent intruders anything finite
     present: Any  # bool [..., K]
     mirror_sign: Any  # factor of the network's yaw rate, -1 where the scene is seen mirrored, [...]
 
 
-def set_inputs(seen: Scene, xp: Any) -> SetInputs:
-    """Return the inputs for scenes ``[...]``, not mirrored, with K >= 1 intruders' places; all
-    within about [-3, 3].
+class InputTable(NamedTuple):
+    """All inputs of a network, in the order of its first layers."""
+
+    ownship: tuple[Input, ...]
+    intruder: tuple[Input, ...]
+
+    @property
+    def own_size(self) -> int:
+        """How many numbers describe the ownship."""
+        return len(self.own_numbers)
+
+    @property
+    def each_size(self) -> int:
+        """How many numbers describe an intruder."""
+        return len(self.each_numbers)
+
+    @property
+    def own_numbers(self) -> tuple[Number, ...]:
+        """The numbers that describe the ownship."""
+        return tuple(number for one in self.ownship for number in one.numbers)
+
+    @property
+    def each_numbers(self) -> tuple[Number, ...]:
+        """The numbers that describe an intruder."""
+        return tuple(number for one in self.intruder for number in one.numbers)
+
+    @property
+    def extra(self) -> tuple[Input, ...]:
+        """The inputs that are the user's own."""
+        own = {one.name for one in BUILT_IN}
+        return tuple(one for one in (*self.ownship, *self.intruder) if one.name not in own)
+
+
+def table(extra: Iterable[Input] = ()) -> InputTable:
+    """Return the table of the toolkit's inputs and, after them, the user's own.
+
+    Raises:
+        InputError: two have one name, or one cannot be used.
     """
+    extra = tuple(extra)
+    for one in extra:
+        check_input(one)
+    rows = (*BUILT_IN, *extra)
+    names = [one.name for one in rows]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"input {name!r} stands twice; expected different names")
+    return InputTable(
+        tuple(one for one in rows if one.of == OWNSHIP),
+        tuple(one for one in rows if one.of == INTRUDER),
+    )
+
+
+def set_inputs(seen: Scene, xp: Any, inputs: InputTable | None = None) -> SetInputs:
+    """Return the inputs for scenes ``[...]``, not mirrored, with K >= 1 intruders' places; without
+    a table the toolkit's own, all within about [-3, 3].
+    """
+    inputs = TABLE if inputs is None else inputs
     seen, sign = mirrored(seen, xp)
+    return SetInputs(
+        _side_by_side(inputs.ownship, seen, xp),
+        _side_by_side(inputs.intruder, seen, xp),
+        seen.present,
+        sign,
+    )
+
+
+def _side_by_side(rows: tuple[Input, ...], seen: Scene, xp: Any) -> Any:
+    parts = [computed(one, seen, xp) for one in rows]
+    return parts[0] if len(parts) == 1 else xp.concatenate(parts, axis=-1)
+
+
+def _ownship(seen: Scene, xp: Any) -> Any:
+    """Return the toolkit's inputs of the ownship for mirrored scenes, ``[..., 37]``."""
     # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the
     # number of rows.
-    kept = xp.stack(list(escapes.kept(seen, xp)), axis=-1)
-    spare = soft((kept - 1.0) * (1.0 / KEPT_UNIT), xp)  # [..., 22]
+    separation = xp.stack(list(candidate_manoeuvres.min_separation(seen, xp)), axis=-1)
+    margin = _margin(separation, xp)  # [..., 22]
     own = own_part(seen, xp.zeros_like(seen.own_speed), xp)
-    advice = _advice(spare, escapes.steering(seen, xp), xp)
+    best = _best(margin, candidate_manoeuvres.steering(seen, xp), xp)
+    return xp.concatenate([xp.stack([*own, *best], axis=-1), margin], axis=-1)
+
+
+def _intruder(seen: Scene, xp: Any) -> Any:
+    """Return the toolkit's inputs of intruders for mirrored scenes, ``[..., K, 16]``."""
     to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
     cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
     each = each_part(
@@ -65,27 +136,97 @@ def set_inputs(seen: Scene, xp: Any) -> SetInputs:
         sine[..., None],
         xp,
     )
-    return SetInputs(
-        xp.concatenate([xp.stack([*own, *advice], axis=-1), spare], axis=-1),
-        xp.stack(each, axis=-1),
-        seen.present,
-        sign,
+    return xp.stack(each, axis=-1)
+
+
+def _passing_numbers(course: str) -> tuple[Number, ...]:
+    return (
+        Number(f"time to closest approach{course}", "1", -1.0, 1.0),
+        Number(f"miss distance{course}", "1", -1.0, 1.0),
+        Number(f"miss distance from afar{course}", "5 D", -1.0, 1.0),
+        Number(f"depth of the conflict{course}", "D", -1.0, 1.5),
     )
 
 
-def set_inputs_of_one(seen: Scene, kept: np.ndarray) -> tuple[list[float], list[list[float]]]:
+_FLIGHT_NUMBERS = (
+    Number("own speed in its range", "1", -1.0, 1.0),
+    Number("own speed", "V", 0.0, 1.0),
+    Number("goal ahead", "1", -1.0, 1.0),
+    Number("goal to the side", "1", -1.0, 1.0),
+    Number("goal distance", "10 D", -1.0, 1.0),
+    Number("goal nearness", "1", 0.0, 1.0),
+    Number("goal outside the left turning circle", "1", -1.0, 1.0),
+    Number("goal outside the right turning circle", "1", -1.0, 1.0),
+    Number("least speed", "V/4", -2.0, 2.0),
+    Number("deceleration", "1", -1.0, 0.0),
+    Number("acceleration", "1", 0.0, 1.0),
+    Number("turn radius", "1", 0.0, 1.0),
+)
+_MANOEUVRE_NUMBERS = (
+    Number("separation that the best manoeuvre keeps", "1", -1.0, 1.0),
+    Number("its acceleration", "1", -1.0, 1.0),
+    Number("its turn", "1", -1.0, 1.0),
+    *(
+        Number(f"separation that manoeuvre {number} keeps", "1", -1.0, 1.0)
+        for number in range(candidate_manoeuvres.COUNT)
+    ),
+)
+_INTRUDER_NUMBERS = (
+    Number("intruder ahead", "1", -1.0, 1.0),
+    Number("intruder to the side", "1", -1.0, 1.0),
+    Number("intruder distance", "10 D", -1.0, 1.0),
+    Number("intruder nearness", "1", -1.0, 1.0),
+    Number("intruder velocity ahead", "V", -2.0, 2.0),
+    Number("intruder velocity to the side", "V", -2.0, 2.0),
+    Number("relative velocity ahead", "V", -3.0, 3.0),
+    Number("range rate", "V", -3.0, 3.0),
+    *_passing_numbers(""),
+    *_passing_numbers(" on the course to the goal"),
+)
+
+BUILT_IN = (
+    # One row: the separations of the candidate manoeuvres are computed once for all that uses them.
+    Input("ownship", OWNSHIP, (*_FLIGHT_NUMBERS, *_MANOEUVRE_NUMBERS), _ownship),
+    Input("intruder", INTRUDER, _INTRUDER_NUMBERS, _intruder),
+)
+"""The toolkit's own inputs; unit "1" also marks what is squashed to (-1, 1) (:func:`soft`)."""
+
+
+def set_inputs_of_one(
+    seen: Scene, separation: np.ndarray, inputs: InputTable
+) -> tuple[list[float], list[list[float]]]:
     """Return the inputs for one mirrored scene of plain floats: for the ownship, and a list for
     each intruder present.
 
-    ``kept`` is what :func:`agents.policy.escapes.kept` gives of it, ``[22]``.
+    The scalar twin of :func:`set_inputs`, for the planner's flights step by step. ``separation`` is
+    what :func:`agents.policy.candidate_manoeuvres.min_separation` gives of the scene, ``[22]``. The
+    user's own inputs have no twin: they are computed on arrays of one scene.
     """
-    spare = soft((kept - 1.0) * (1.0 / KEPT_UNIT), np)
-    advice = _advice(spare, escapes.steering_of_one(seen), np)
-    own = [*own_part(seen, 0.0, FLOATS), *map(float, advice), *spare.tolist()]
+    margin = _margin(separation, np)
+    best = _best(margin, candidate_manoeuvres.steering_of_one(seen), np)
+    own = [*own_part(seen, 0.0, FLOATS), *map(float, best), *margin.tolist()]
     to_goal = distance(seen.goal_x, seen.goal_y, FLOATS) + 1e-6
     cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
     intruders = zip(seen.x, seen.y, seen.vx, seen.vy, strict=True)
-    return own, [each_part(*one, seen.own_speed, cosine, sine, FLOATS) for one in intruders]
+    each = [each_part(*one, seen.own_speed, cosine, sine, FLOATS) for one in intruders]
+    if inputs is not TABLE:
+        batch = batch_of_one(seen)
+        for row in inputs.extra:
+            values = computed(row, batch, np)[0]
+            if row.of == OWNSHIP:
+                own += values.tolist()
+            else:
+                each = [[*one, *more] for one, more in zip(each, values.tolist(), strict=False)]
+    return own, each
+
+
+def batch_of_one(seen: Scene) -> Scene:
+    """Return a scene of plain floats as one of arrays ``[1]`` and ``[1, K]``, with one absent
+    intruder where there is none.
+    """
+    if not seen.x:
+        seen = seen._replace(x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], present=[False])
+    return Scene(*(np.array([field]) for field in seen[:-1]), seen.ratios)
 
 
 def own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
@@ -137,18 +278,23 @@ def each_part(
     ]
 
 
-def _advice(spare: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
-    """Return what the best manoeuvre keeps, and how it accelerates and turns, 1 at the limit;
+def _margin(separation: Any, xp: Any) -> Any:
+    """Return how far manoeuvres stay beyond the required separation, squashed."""
+    return soft((separation - 1.0) * (1.0 / SEPARATION_UNIT), xp)
+
+
+def _best(margin: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
+    """Return the margin of the best manoeuvre, and how it accelerates and turns, 1 at the limit;
     ``[...]`` each.
 
     Of manoeuvres that keep nearly as much it is the mean of what they do, so that nothing hangs on
     rounding.
     """
-    most = spare.max(axis=-1)
-    behind = (most[..., None] - spare) * (1.0 / ALIKE)
+    most = margin.max(axis=-1)
+    behind = (most[..., None] - margin) * (1.0 / ALIKE)
     share = 1.0 / (1.0 + behind * behind)
     whole = share.sum(axis=-1)
-    throttles = xp.asarray(escapes.THROTTLES.astype(most.dtype, copy=False))
+    throttles = xp.asarray(candidate_manoeuvres.THROTTLES.astype(most.dtype, copy=False))
     return most, (share * throttles).sum(axis=-1) / whole, (share * steering).sum(axis=-1) / whole
 
 
@@ -184,3 +330,7 @@ def passing(
 def soft(value: Any, xp: Any) -> Any:
     """Return a value squashed to (-1, 1)."""
     return value / (1.0 + xp.abs(value))
+
+
+TABLE = table()
+"""The table without inputs of the user's own."""

@@ -2,7 +2,7 @@
 (:class:`agents.learning.networks.Trunk`).
 
 In numpy every row is a vector product of its own, because BLAS rounds the rows of a matrix product
-by the size of their batch: a scene gives the same bits in any company.
+by the size of their batch: the result of a row does not depend on the batch.
 """
 
 from collections.abc import Sequence
@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from agents.policy.escapes import KeptByOne
+from agents.policy.candidate_manoeuvres import MinSeparationOfOne
 from agents.policy.file import PolicyFile
 from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpacked_rows
-from agents.policy.set_features import OWN, SetInputs, set_inputs, set_inputs_of_one
+from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_inputs_of_one
 from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
 from envs.edge.command import InputError
@@ -31,24 +31,22 @@ _SCENES = 256  # at a time, whose numbers stay in cache; changes no bit
 
 
 class SetNetwork:
-    """The deterministic network of a policy file of schema 2."""
+    """The deterministic network of a policy file of schema 2 or 3."""
 
-    def __init__(self, content: PolicyFile, dtype: DTypeLike) -> None:
+    def __init__(self, content: PolicyFile, dtype: DTypeLike, inputs: InputTable) -> None:
         """Take the tensors of a file; float32 or float64 is the precision in which the scene is
         evaluated.
         """
-        self._dtype, self._aircraft = np.dtype(dtype), content.aircraft
+        self._dtype, self._aircraft, self._inputs = np.dtype(dtype), content.aircraft, inputs
+        self._own_size = inputs.own_size
         self._encoder = content.layers("each", dtype)
         self._trunk = content.layers("hidden", dtype) + content.layers("head", dtype)
-        self._kept = KeptByOne(ratios(self._aircraft.limits, self._aircraft.separation))
+        self._min_separation = _min_separation(self._aircraft)
 
     def for_aircraft(self, aircraft: Aircraft) -> "SetNetwork":
         """Return the network for states of another aircraft."""
         other = copy(self)
-        other._aircraft, other._kept = (
-            aircraft,
-            KeptByOne(ratios(aircraft.limits, aircraft.separation)),
-        )
+        other._aircraft, other._min_separation = aircraft, _min_separation(aircraft)
         return other
 
     def of_parity(self, rows: np.ndarray) -> np.ndarray:
@@ -90,14 +88,14 @@ class SetNetwork:
         """Return the action of one aircraft in plain floats."""
         mine, each, sign = self.inputs_of_one(own, intruders, goal_x, goal_y)
         x = np.empty(len(self._trunk[0][0]), self._dtype)
-        x[:OWN] = mine
+        x[: self._own_size] = mine
         if each:
             flat = np.array(each, self._dtype)
             for kernel, bias in self._encoder:
                 flat = np.tanh(flat @ kernel + bias)
-            x[OWN:] = flat.max(axis=0)
+            x[self._own_size :] = flat.max(axis=0)
         else:
-            x[OWN:] = -1.0
+            x[self._own_size :] = -1.0
         acceleration, yaw_rate = one_through(x, self._trunk)
         return acceleration, yaw_rate * sign
 
@@ -109,7 +107,7 @@ class SetNetwork:
         """
         limits, separation = self._aircraft.limits, self._aircraft.separation
         seen, sign = mirrored_one(scene_of_one(own, intruders, goal_x, goal_y, limits, separation))
-        return *set_inputs_of_one(seen, self._kept(seen)), sign
+        return *set_inputs_of_one(seen, self._min_separation(seen), self._inputs), sign
 
     def _of_scenes(self, seen: Scene) -> np.ndarray:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""
@@ -120,13 +118,17 @@ class SetNetwork:
             seen,
         )
         if len(seen.own_speed) <= _SCENES:
-            return actions(set_inputs(seen, np), self._encoder, self._trunk, np)
+            return actions(set_inputs(seen, np, self._inputs), self._encoder, self._trunk, np)
         blocks = [slice(first, first + _SCENES) for first in range(0, len(seen.own_speed), _SCENES)]
         parts = (
             mapped(lambda field, at=at: field[at] if np.ndim(field) else field, seen)
             for at in blocks
         )
         return np.concatenate([self._of_scenes(part) for part in parts])
+
+
+def _min_separation(aircraft: Aircraft) -> MinSeparationOfOne:
+    return MinSeparationOfOne(ratios(aircraft.limits, aircraft.separation))
 
 
 def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: Any) -> Any:
@@ -163,8 +165,11 @@ def one_through(x: np.ndarray, layers: Layers) -> list[float]:
 
 def check_one_layer(policy: Any) -> None:
     """Refuse a :class:`agents.policy.inference.Policy` but one of schema 2 with one layer for each
-    intruder.
+    intruder, and no inputs of the user's own.
     """
+    if policy.inputs.extra:
+        names = ", ".join(one.name for one in policy.inputs.extra)
+        raise InputError(f"the policy has inputs of your own ({names}); expected one without")
     if len(policy.metadata["architecture"].get("encoder", ())) != 1:
         raise InputError(
             "the policy has not one layer for each intruder; expected one of schema 2 that has"

@@ -79,7 +79,7 @@ function mirror(scene) {
   return sign;
 }
 
-// agents/policy/escapes.py: the least separation within 10 units of time of each of 22 simple manoeuvres.
+// agents/policy/candidate_manoeuvres.py: the least separation within 10 units of time of each of 22 simple manoeuvres.
 const HORIZON = 10, CURVED = 5, PIECES = 10;
 const MANOEUVRES = [];
 for (const angle of [25, 55, 90, 150]) {
@@ -88,7 +88,7 @@ for (const angle of [25, 55, 90, 150]) {
 for (const turn of [0, null]) for (const throttle of [-1, 0, 1]) MANOEUVRES.push([turn, throttle]); // null: to the goal
 const OF_REST = [0, 0, 0, 0, 0, 1 / 15, 3 / 15, 6 / 15, 10 / 15, 1];
 
-function escapes(scene, bearing) {
+function minSeparations(scene, bearing) {
   const { speed, intruders, speedMin, brake, push, radius } = scene;
   return MANOEUVRES.map(([fixed, throttle]) => {
     const turn = fixed ?? bearing, rate = throttle < 0 ? -brake * throttle : push * throttle;
@@ -128,7 +128,7 @@ function ownInputs(scene) {
   const { speed, speedMin, brake, push, radius } = scene;
   const [goalX, goalY] = scene.goal;
   const far = Math.hypot(goalX, goalY) + 1e-6, circle = speed * radius, bearing = Math.atan2(goalY, goalX);
-  const spare = escapes(scene, bearing).map((kept) => soft((kept - 1) / 0.03));
+  const spare = minSeparations(scene, bearing).map((separation) => soft((separation - 1) / 0.03));
   const most = Math.max(...spare), home = clip(bearing * radius * 10, -1, 1);
   let whole = 0, throttles = 0, turns = 0;
   spare.forEach((value, m) => {

@@ -58,10 +58,10 @@ def _row(listed: Evidence, results: Mapping[str, Any], name: str) -> list[str]:
     size = spaced(results[name]["n"])
     if results[name]["n"] < entry.n:
         size += f" of {spaced(entry.n)}"
-    _, claimed, kept, found, success = row_of(entry, results[name], _CELLS)
+    _, claimed, met, found, success = row_of(entry, results[name], _CELLS)
     if entry.claim is None:
         return [name, size, "", "" if success == "-" else success, "without a claim"]
-    return [name, size, claimed, found, _CLAIMS[kept]]
+    return [name, size, claimed, found, _CLAIMS[met]]
 
 
 def _names(state: str, rows: Sequence[Sequence[str]]) -> str:

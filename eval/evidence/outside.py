@@ -299,7 +299,8 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
 
     trained = policy.metadata["training"]["config"]
     wanted = [one for part in (trained, *trained["phases"]) for one in part.get("scenarios", ())]
-    low: list[np.ndarray] = [np.full(len(names), np.inf) for names in (novelty.OWN, novelty.EACH)]
+    sizes = policy.inputs.own_size, policy.inputs.each_size
+    low: list[np.ndarray] = [np.full(size, np.inf) for size in sizes]
     high = [-each for each in low]
     for number in range(count):
         aircraft = _of_family(policy, seed, number)

@@ -36,9 +36,8 @@ class Compiled:
             encoder, trunk, numbers = known
             # What hangs on the aircraft alone is computed once for all rows of a tile.
             seen = unpacked_rows(rows)._replace(ratios=Ratios(*numbers))
-            return jax.numpy.clip(
-                actions(set_inputs(seen, jax.numpy), encoder, trunk, jax.numpy), -1.0, 1.0
-            )
+            inputs = set_inputs(seen, jax.numpy, policy.inputs)
+            return jax.numpy.clip(actions(inputs, encoder, trunk, jax.numpy), -1.0, 1.0)
 
         each, hidden, head = (
             policy.layers(kind, np.float32) for kind in ("each", "hidden", "head")

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.policy import escapes
+from agents.policy import candidate_manoeuvres
 from agents.policy.scene import Scene
-from agents.policy.set_features import ALIKE, KEPT_UNIT, each_part, own_part
+from agents.policy.set_features import ALIKE, SEPARATION_UNIT, each_part, own_part
 from envs.aircraft import Ratios
 from envs.relative import distance
 
@@ -174,7 +174,7 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
     x, y, vx, vy = middle.T[..., None]
     seen = Scene(pace, goal[:, 0], goal[:, 1], x, y, vx, vy, np.ones((len(pace), 1)), ratios)
     spare = bent(
-        _kept(seen, middle, half).line(1.0 / KEPT_UNIT, -1.0 / KEPT_UNIT),
+        _min_separation(seen, middle, half).line(1.0 / SEPARATION_UNIT, -1.0 / SEPARATION_UNIT),
         lambda x: x / (1.0 + np.abs(x)),
         None,
         lambda k: [side * (1.0 / np.sqrt(np.clip(k, _FINE, 1.0)) - 1.0) for side in (1.0, -1.0)],
@@ -197,15 +197,15 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
     return Form.joined([Form.between(own, own), advice, spare, about])
 
 
-def _kept(seen: Scene, middle: Any, half: Any) -> Form:
-    """Return what each manoeuvre keeps, ``[N, 22]``.
+def _min_separation(seen: Scene, middle: Any, half: Any) -> Form:
+    """Return the least separation of each manoeuvre, ``[N, 22]``.
 
     The separation of a time is convex in the box, so that the direction to the intruder at the
     closest point gives a lower bound for all of a part of a chord, and the squares of the
     displacements an upper one.
     """
     times, spans, step_x, step_y, own_x, own_y = (
-        np.moveaxis(field, -1, 0) for field in escapes.paths(seen, np)
+        np.moveaxis(field, -1, 0) for field in candidate_manoeuvres.paths(seen, np)
     )
     share = (np.arange(_PARTS) + 1.0) / _PARTS - 1.0
 
@@ -267,7 +267,7 @@ def _advice(spare: Form, seen: Scene) -> list[Form]:
         + spare.rest[:, None]
     )
     lead += np.abs(spare.slopes[:, :, None] - spare.slopes[:, None]).sum(-1)
-    lead[:, np.arange(escapes.COUNT), np.arange(escapes.COUNT)] = 0.0
+    lead[:, np.arange(candidate_manoeuvres.COUNT), np.arange(candidate_manoeuvres.COUNT)] = 0.0
     above = np.take_along_axis(lead, best[:, None], 2)[..., 0].max(
         axis=1
     )  # of the greatest over the chosen one
@@ -276,11 +276,9 @@ def _advice(spare: Form, seen: Scene) -> list[Form]:
     greatest, least = (
         1.0 / (1.0 + (behind / ALIKE) ** 2) for behind in (-lead.min(axis=2), lead.max(axis=1))
     )
-    throttles = np.broadcast_to(escapes.THROTTLES, least.shape)
-    return [
-        most,
-        *(_mean(values, least, greatest) for values in (throttles, escapes.steering(seen, np))),
-    ]
+    throttles = np.broadcast_to(candidate_manoeuvres.THROTTLES, least.shape)
+    steering = candidate_manoeuvres.steering(seen, np)
+    return [most, _mean(throttles, least, greatest), _mean(steering, least, greatest)]
 
 
 def _mean(values: Any, least: Any, greatest: Any) -> Form:

@@ -11,12 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.policy.inference import Policy
-from agents.policy.set_features import OWN
+from agents.policy.set_features import TABLE
 from envs.aircraft import ratios
 from envs.kinematics import VehicleState
 from eval.policy_map.enclosure import Form, derived_inputs, line_along
 
 VERIFIED, COUNTEREXAMPLE, OPEN = 0, 1, 2
+
+_OWN = TABLE.own_size  # numbers that describe the ownship
 
 _ROUNDING = (
     1e-3  # of an action: the policy flies in single precision, the bounds are of exact numbers
@@ -147,7 +149,7 @@ def turns_of(network: list[tuple[np.ndarray, np.ndarray]], inputs: Form) -> tupl
             curves.append(line_along(*form.ends, np.tanh, None, _steepest))
             if number == 0:  # what describes the ownship passes the first layer as it is
                 for field, value in zip(curves[0], (1.0, 0.0, 0.0), strict=True):
-                    field[:, :OWN] = value
+                    field[:, :_OWN] = value
     return Form(form.middle[:, 0], form.slopes[:, 0], form.rest[:, 0]), (
         size @ np.abs(inputs.slopes)
     )[:, 0]
@@ -159,14 +161,14 @@ def layers(policy: Policy) -> list[tuple[np.ndarray, np.ndarray]]:
     """
     tensors = {name: tensor.astype(float) for name, tensor in policy.tensors.items()}
     encoder, bias = tensors["each_0/kernel"], tensors["each_0/bias"]
-    first = np.zeros((OWN + len(encoder), OWN + len(bias)))
-    first[:OWN, :OWN], first[OWN:, OWN:] = np.eye(OWN), encoder
+    first = np.zeros((_OWN + len(encoder), _OWN + len(bias)))
+    first[:_OWN, :_OWN], first[_OWN:, _OWN:] = np.eye(_OWN), encoder
     hidden = range(len(policy.metadata["architecture"]["hidden"]))
     within = [
         (tensors[f"hidden_{number}/kernel"], tensors[f"hidden_{number}/bias"]) for number in hidden
     ]
     last = tensors["head/kernel"][:, 1:], tensors["head/bias"][1:]
-    return [(first, np.append(np.zeros(OWN), bias)), *within, last]
+    return [(first, np.append(np.zeros(_OWN), bias)), *within, last]
 
 
 def _sampled(policy: Policy, scenes: Scenes, half: Any, side: Any, seed: int) -> Any:

@@ -13,7 +13,7 @@ import pytest
 
 from agents.learning.export import parity_observations, to_policy_file
 from agents.learning.networks import Actor, Critic
-from agents.policy import escapes, inference
+from agents.policy import candidate_manoeuvres, inference
 from agents.policy.domain import OutsideDomainError, departures, excess
 from agents.policy.file import PolicyFileError, parse, read, serialise, write
 from agents.policy.inference import Policy
@@ -388,12 +388,12 @@ def test_file_comes_back_whole_and_an_edit_is_refused():
 @pytest.mark.parametrize("aircraft", [PAPER, UAS])
 def test_kept_separation_is_that_of_the_manoeuvre_as_flown(number, aircraft):
     own, others, present, *goal = states(300, aircraft=aircraft)
-    kept = escapes.kept(
+    kept = candidate_manoeuvres.min_separation(
         scene(own, others, present, *goal, aircraft.limits, aircraft.separation, np), np
     )[number]
-    turn, throttle = escapes.TURNS[number], escapes.THROTTLES[number]
+    turn, throttle = candidate_manoeuvres.TURNS[number], candidate_manoeuvres.THROTTLES[number]
     limits, steps = aircraft.limits, 1000
-    dt = escapes.HORIZON * aircraft.time_unit / steps
+    dt = candidate_manoeuvres.HORIZON * aircraft.time_unit / steps
     rate = throttle * (limits.acceleration_max if throttle > 0 else -limits.acceleration_min)
     vx, vy = others.speed * np.cos(others.heading), others.speed * np.sin(others.heading)
     least = np.full(300, np.inf)

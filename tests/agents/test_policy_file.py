@@ -230,7 +230,7 @@ def at(path, value):
     ("path", "value", "message"),
     [
         ("schema.name", "other", "metadata.schema is .*'other'.*, expected .*'rlcas-policy'"),
-        ("schema.version", 3, "metadata.schema is"),
+        ("schema.version", 4, "metadata.schema is"),
         ("schema", KeyError, "metadata.schema is None"),
         (
             "observation.names",

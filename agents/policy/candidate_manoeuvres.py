@@ -1,0 +1,224 @@
+"""How far the ownship stays from all intruders if it flies one of 22 simple manoeuvres from now on.
+
+The ownship turns by one of ten angles at its greatest yaw rate and flies on straight, braking,
+accelerating or at a steady speed; intruders fly straight on. A manoeuvre is a chain of ten chords
+between points of its path, and the separation along a chord is that of its closest point: within
+some hundredths of a separation of that of the path.
+
+:class:`MinSeparationOfOne` is the scalar twin of :func:`min_separation`, for the planner's flights
+step by step; a test holds the two together.
+"""
+
+import math
+import sys
+from functools import reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.policy.scene import Scene
+from envs.aircraft import Ratios
+from envs.angles import atan2, sincos
+from envs.backend import EXACT_FLOATS
+
+HORIZON = 10.0
+"""How far ahead is looked, D / ``speed_max`` (paper: 100 s)."""
+
+_ANGLES = (25.0, 55.0, 90.0, 150.0)  # degrees, to either side
+_TO_GOAL = 3  # manoeuvres that turn to the goal: braking, steady, accelerating
+_FIXED = [
+    *(
+        (side * angle, throttle)
+        for angle in _ANGLES
+        for side in (1.0, -1.0)
+        for throttle in (-1.0, 1.0)
+    ),
+    *((0.0, throttle) for throttle in (-1.0, 0.0, 1.0)),
+]
+
+TURNS = np.radians([turn for turn, _ in _FIXED])
+"""Heading changes, rad, left positive, ``[19]``; after them come three turns to the goal."""
+
+THROTTLES = np.array([*(throttle for _, throttle in _FIXED), -1.0, 0.0, 1.0])
+"""Acceleration of each manoeuvre in limits, ``[22]``."""
+
+COUNT = len(THROTTLES)
+
+_SIGNS = np.sign(TURNS)
+
+# The chords: five of the turn, then five of the straight rest, each longer than the one before.
+_CURVED = 5
+_LATER = np.cumsum([1.0, 2.0, 3.0, 4.0, 5.0]) / 15.0
+_PIECES = _CURVED + len(_LATER)
+
+# Of each chord, [10]: the end, in shares of the turn and of the rest; the middle, in shares of the
+# turn; half the angle over which it is bent, in shares of the turn.
+_STRAIGHT = np.zeros(len(_LATER))
+_OF_TURN = np.concatenate([(np.arange(_CURVED) + 1.0) / _CURVED, np.ones(len(_LATER))])
+_OF_REST = np.concatenate([np.zeros(_CURVED), _LATER])
+_MIDDLE = np.concatenate([(np.arange(_CURVED) + 0.5) / _CURVED, np.ones(len(_LATER))])
+_HALF_ANGLE = np.concatenate([np.full(_CURVED, 0.5 / _CURVED), _STRAIGHT])
+_LONGEST = 0.9 * HORIZON
+
+
+class Paths(NamedTuple):
+    """Where the ownship flies in each manoeuvre; fields ``[22, 10, ...]``, a chord each."""
+
+    times: Any  # at the chord's end
+    spans: Any  # of time
+    step_x: Any
+    step_y: Any
+    x: Any  # at the chord's end
+    y: Any
+
+
+def paths(seen: Scene, xp: Any) -> Paths:
+    """Return the paths of all manoeuvres from a scene ``[...]``, in units of the scene."""
+    speed, ratios = seen.own_speed, seen.ratios
+    dtype, axes = speed.dtype, (1,) * speed.ndim
+
+    def table(values: Any) -> Any:
+        return xp.asarray(np.asarray(values, dtype).reshape(np.shape(values) + axes))
+
+    bearing = atan2(seen.goal_y, seen.goal_x, xp)
+    fixed_turns = xp.broadcast_to(table(TURNS), (len(TURNS), *speed.shape))
+    turns = xp.concatenate([fixed_turns, xp.stack([bearing] * _TO_GOAL)])
+
+    turning = xp.minimum(xp.abs(turns) * ratios.turn_radius, _LONGEST)  # [M, ...]
+    of_turn, of_rest = table(_OF_TURN)[None], table(_OF_REST)[None]
+    times = turning[:, None] * of_turn + (HORIZON - turning)[:, None] * of_rest
+    started = xp.concatenate([xp.zeros_like(times[:, :1]), times[:, :-1]], axis=1)
+    spans = times - started  # [M, P, ...]
+
+    throttle = table(THROTTLES)
+    limit = xp.where(throttle < 0.0, ratios.acceleration_min, ratios.acceleration_max)
+    acceleration = limit * xp.abs(throttle)
+    slowest, fastest = xp.minimum(ratios.speed_min, speed), xp.maximum(speed, 1.0)
+    speeds = xp.clip(speed + acceleration[:, None] * times, slowest, fastest)
+    before = xp.concatenate([xp.broadcast_to(speed, speeds[:, :1].shape), speeds[:, :-1]], axis=1)
+
+    # A chord is shorter than its arc by a sixth of the square of half the angle.
+    half_angle = turns[:, None] * table(_HALF_ANGLE)[None]
+    lengths = 0.5 * (speeds + before) * spans * (1.0 - half_angle * half_angle * (1.0 / 6.0))
+
+    # The sines of fixed angles are data; only the goal's bearing needs them computed.
+    sine, cosine = sincos(bearing[None] * table(_MIDDLE), xp)
+    fixed = TURNS[:, None] * _MIDDLE
+    wide = (len(TURNS), _PIECES, *speed.shape)
+    fixed_cosine = xp.broadcast_to(table(np.cos(fixed)), wide)
+    fixed_sine = xp.broadcast_to(table(np.sin(fixed)), wide)
+    step_x = lengths * xp.concatenate([fixed_cosine, xp.stack([cosine] * _TO_GOAL)])
+    step_y = lengths * xp.concatenate([fixed_sine, xp.stack([sine] * _TO_GOAL)])
+    return Paths(times, spans, step_x, step_y, xp.cumsum(step_x, axis=1), xp.cumsum(step_y, axis=1))
+
+
+def min_separation(seen: Scene, xp: Any) -> Any:
+    """Return the least separation from any of K >= 1 intruders within :data:`HORIZON`, D, ``[22,
+    ...]``.
+    """
+    path, intruders = paths(seen, xp), (seen.x, seen.y, seen.vx, seen.vy)
+    if xp is np:
+        # One intruder after the other stays in cache.
+        rows = np.ascontiguousarray(np.moveaxis(np.stack(intruders), -1, 0))  # [K, 4, ...]
+        nearest = (_squares(row, path, np).min(axis=1) for row in rows)
+        return np.sqrt(reduce(np.minimum, nearest))
+    # The path is computed once, before what follows is computed for every intruder. Arrays of jax
+    # come with jax, which is loaded then; where numpy flies it is not imported.
+    path = sys.modules["jax"].lax.optimization_barrier(path)
+    path = Paths(*(field[:, :, None] for field in path))
+    intruders = [xp.moveaxis(field, -1, 0) for field in intruders]
+    return xp.sqrt(xp.min(_squares(intruders, path, xp), axis=(1, 2)))
+
+
+def _squares(intruders: Any, path: Paths, xp: Any) -> Any:
+    """Return the square of the separation along each chord of a path from intruders (x, y, vx, vy),
+    D^2.
+    """
+    x0, y0, vx, vy = intruders
+    x, y = x0 + vx * path.times - path.x, y0 + vy * path.times - path.y
+    over_x, over_y = vx * path.spans - path.step_x, vy * path.spans - path.step_y
+    # How much of the chord lies behind its closest point.
+    back = (x * over_x + y * over_y) / (over_x * over_x + over_y * over_y + 1e-8)
+    back = xp.minimum(xp.maximum(back, 0.0), 1.0)
+    x, y = x - back * over_x, y - back * over_y
+    return x * x + y * y
+
+
+class _Chords(NamedTuple):
+    """The chords of one turn, fields ``[10]``."""
+
+    times: Any  # at the end
+    cosine: Any  # of the course
+    sine: Any
+    shortening: Any  # length over the sum of the speeds at both ends, times the span
+
+
+def _chords(turn: float, radius: float) -> _Chords:
+    """Return the chords of a turn (rad, left positive) on a circle of a radius (D)."""
+    turning = min(abs(turn) * radius, _LONGEST)
+    middle, half_angle = turn * _MIDDLE, turn * _HALF_ANGLE
+    times = turning * _OF_TURN + (HORIZON - turning) * _OF_REST
+    shortening = 0.5 * (1.0 - half_angle * half_angle * (1.0 / 6.0))
+    return _Chords(times, np.cos(middle), np.sin(middle), shortening)
+
+
+class MinSeparationOfOne:
+    """:func:`min_separation` for one scene of plain floats after the other: what follows from the
+    limits alone is computed once.
+    """
+
+    def __init__(self, ratios: Ratios) -> None:
+        """Prepare the manoeuvres of an aircraft; ratios are floats."""
+        self._ratios = ratios
+        # Of each manoeuvre, after a column for the start; the turns to the goal are not known yet.
+        self._fixed = np.zeros((4, COUNT, _PIECES + 1))
+        fixed = [_chords(turn, ratios.turn_radius) for turn in TURNS]
+        self._fixed[:, :-_TO_GOAL, 1:] = np.stack(fixed, axis=1)
+        limit = np.where(THROTTLES < 0.0, ratios.acceleration_min, ratios.acceleration_max)
+        self._acceleration = (limit * np.abs(THROTTLES))[:, None]
+
+    def __call__(self, seen: Scene) -> np.ndarray:
+        """Return the least separation of each manoeuvre, D, ``[22]``; without intruders far
+        away.
+        """
+        speed, ratios, known = seen.own_speed, self._ratios, self._fixed.copy()
+        to_goal = _chords(math.atan2(seen.goal_y, seen.goal_x), ratios.turn_radius)
+        for number, field in enumerate(to_goal):
+            known[number, -_TO_GOAL:, 1:] = field
+        ends, courses, shortening = known[0], known[1:3, :, 1:], known[3, :, 1:]
+        times, spans = ends[:, 1:], ends[:, 1:] - ends[:, :-1]
+        speeds = speed + self._acceleration * ends
+        np.maximum(speeds, min(ratios.speed_min, speed), out=speeds)
+        np.minimum(speeds, max(speed, 1.0), out=speeds)
+        # Both axes at once, [2, 22, 10] and for intruders [2, K, 22, 10]: half the calls, the same
+        # bits.
+        steps = (speeds[:, 1:] + speeds[:, :-1]) * spans * shortening * courses
+        own, steps = steps.cumsum(axis=2)[:, None], steps[:, None]
+        place, velocity = np.array(((seen.x, seen.y), (seen.vx, seen.vy)))[..., None, None]
+        there, over = place + velocity * times - own, velocity * spans - steps
+        (ahead, aside), (along, across) = there * over, over * over
+        back = np.minimum(np.maximum((ahead + aside) / (along + across + 1e-8), 0.0), 1.0)
+        there -= back * over
+        there *= there
+        return np.sqrt((there[0] + there[1]).min(axis=(0, 2), initial=1e6))
+
+
+def steering(seen: Scene, xp: Any) -> Any:
+    """Return the turn of each manoeuvre at its beginning, 1 to the left at the greatest yaw rate,
+    ``[..., 22]``.
+    """
+    to_goal = _turn_to_goal(seen, xp)
+    fixed = xp.broadcast_to(xp.asarray(_SIGNS.astype(to_goal.dtype)), (*to_goal.shape, len(_SIGNS)))
+    return xp.concatenate([fixed, xp.stack([to_goal] * _TO_GOAL, axis=-1)], axis=-1)
+
+
+def steering_of_one(seen: Scene) -> np.ndarray:
+    """Return :func:`steering` of one scene of plain floats."""
+    return np.append(_SIGNS, [_turn_to_goal(seen, EXACT_FLOATS)] * _TO_GOAL)
+
+
+def _turn_to_goal(seen: Scene, xp: Any) -> Any:
+    """Return the turn to the goal; one that takes less than a tenth of a unit of time (a time step)
+    is as gentle.
+    """
+    return xp.clip(atan2(seen.goal_y, seen.goal_x, xp) * seen.ratios.turn_radius * 10.0, -1.0, 1.0)

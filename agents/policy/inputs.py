@@ -1,0 +1,203 @@
+"""An input of the network: its numbers, their unit and bounds, and the function that computes them.
+
+The toolkit's own inputs are :data:`agents.policy.set_features.BUILT_IN`; a user's own have the same
+form. An input is one row of a table from which sizes of layers, tensors of the policy file, its
+contract, the bounds of novelty, the ONNX model and the parity vectors follow.
+
+Functions take the scene as it is mirrored (:func:`agents.policy.scene.mirrored`): most of the
+traffic is left of the line to the goal. So every policy is exactly symmetric, whatever its inputs
+compute.
+
+Code of the user's own comes in by a call (:func:`register`) or by a name of the form
+``module:name`` that the user writes in a configuration or an option (:func:`resolve`). A policy
+file names what it needs; reading it imports nothing.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.policy.scene import Scene, mirrored, random_scenes, unpacked_rows
+from envs.aircraft import Ratios
+from envs.edge.command import InputError
+from envs.edge.extension import is_extension, load_extension
+
+__all__ = ["INTRUDER", "OWNSHIP", "Input", "Number", "register", "registered", "resolve"]
+
+OWNSHIP, INTRUDER = "ownship", "intruder"
+"""What an input describes: the ownship with its goal, or each of the intruders."""
+
+
+class Number(NamedTuple):
+    """One number of an input."""
+
+    name: str
+    unit: str  # such as D, V, rad; "1" for a number without dimension
+    low: float  # its bounds; keep them within about -3 to 3
+    high: float
+
+
+class Input(NamedTuple):
+    """An input of the network."""
+
+    name: str
+    of: str  # OWNSHIP or INTRUDER
+    numbers: Sequence[Number]
+    compute: Callable[[Scene, Any], Any]
+    """(scenes ``[...]`` with K >= 1 places for intruders, numpy or jax.numpy) -> ``[..., n]`` of
+    the ownship, ``[..., K, n]`` of each intruder, n numbers. Of absent intruders
+    (``scene.present``) anything finite."""
+    code: str = ""  # module:name by which it was loaded
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has."""
+        return len(self.numbers)
+
+    def contract(self) -> dict[str, Any]:
+        """Return what a policy file says of the input, of JSON types."""
+        return {
+            "name": self.name,
+            "of": self.of,
+            "code": self.code or f"{self.compute.__module__}:{self.name}",
+            "numbers": [
+                {"name": one.name, "unit": one.unit, "low": float(one.low), "high": float(one.high)}
+                for one in self.numbers
+            ],
+        }
+
+
+_registered: dict[str, Input] = {}
+"""The inputs of this process that are the user's own, by name."""
+
+
+def register(one: Input) -> Input:
+    """Make an input of the user's own known in this process, and return it.
+
+    One of the same name is replaced, as when a notebook's cell is run again.
+
+    Raises:
+        InputError: it is no input, or fails when it is tried on random scenes.
+    """
+    check_input(one)
+    _registered[one.name] = one
+    return one
+
+
+def registered() -> tuple[Input, ...]:
+    """Return the inputs of the user's own that this process knows."""
+    return tuple(_registered.values())
+
+
+def resolve(names: Iterable[str]) -> tuple[Input, ...]:
+    """Return the inputs that the user names: registered ones, or ``module:name``, which is loaded
+    and registered.
+
+    Call this only with what the user has written by hand, never with what a policy file says.
+
+    Raises:
+        InputError: there is no such input, or it cannot be used.
+    """
+    return tuple(_named(name) for name in names)
+
+
+def _named(name: str) -> Input:
+    if name in _registered:
+        return _registered[name]
+    if not is_extension(name):
+        known = ", ".join(_registered) or "none"
+        raise InputError(
+            f"input {name!r} is unknown; expected module:name of your own, or a registered one "
+            f"({known})"
+        )
+    loaded = load_extension(name, "an input of the network (agents.policy.inputs.Input)")
+    if not isinstance(loaded, Input):
+        kind = type(loaded).__name__
+        raise InputError(f"{name} is of type {kind}; expected an agents.policy.inputs.Input")
+    return register(loaded._replace(code=name))
+
+
+def extension_for(contract: Mapping[str, Any], given: Iterable[Input]) -> Input:
+    """Return the input that a policy file needs, of those that are given.
+
+    Raises:
+        InputError: it is not among them, or has other numbers than in training.
+    """
+    name, code = contract["name"], contract["code"]
+    for one in given:
+        if one.name == name:
+            here = one.contract()
+            if any(here[key] != contract[key] for key in ("of", "numbers")):
+                raise InputError(
+                    f"input {name!r} describes {_described(here)} here; the policy was trained "
+                    f"with {_described(contract)}"
+                )
+            return one
+    raise InputError(
+        f"the policy needs the input {name!r} ({code}), which is not part of the toolkit; expected "
+        f"--extension {code}, the key extensions: [{code}], or Policy.load(path, inputs=[...])"
+    )
+
+
+def _described(contract: Mapping[str, Any]) -> str:
+    numbers = ", ".join(
+        f"{one['name']} ({one['unit']}, {one['low']:g} to {one['high']:g})"
+        for one in contract["numbers"]
+    )
+    return f"the {contract['of']} by {numbers}"
+
+
+_TRIAL_INTRUDERS = 3
+_TRIAL_FAMILY = Ratios((0.4, 0.75), (-0.4, -0.03), (0.03, 0.4), (0.3, 2.5))._asdict()
+
+
+def check_input(one: Any) -> None:
+    """Raise an InputError unless an input has names, unit and bounds, and its function keeps what
+    they say on random scenes.
+    """
+    if not isinstance(one, Input):
+        raise InputError(f"{one!r} is no input; expected an agents.policy.inputs.Input")
+    source = f"input {one.name!r}"
+    if one.of not in (OWNSHIP, INTRUDER):
+        raise InputError(f"{source}: of is {one.of!r}; expected {OWNSHIP!r} or {INTRUDER!r}")
+    if not one.numbers:
+        raise InputError(f"{source}: has no numbers; expected one at least")
+    for number in one.numbers:
+        if not number.low < number.high:
+            raise InputError(
+                f"{source}: {number.name} has bounds {number.low:g} to {number.high:g}; expected "
+                "the lower one first"
+            )
+    rows = random_scenes(_TRIAL_INTRUDERS, _TRIAL_FAMILY).astype(float)
+    seen, _ = mirrored(unpacked_rows(rows), np)
+    try:
+        values = computed(one, seen, np)
+    except InputError:
+        raise
+    except Exception as problem:
+        raise InputError(f"{source}: fails with {type(problem).__name__}: {problem}") from problem
+    wanted = values if one.of == OWNSHIP else values[seen.present]
+    for index, number in enumerate(one.numbers):
+        column = wanted[..., index]
+        outside = column[~((column >= number.low) & (column <= number.high))]  # and nan
+        if outside.size:
+            raise InputError(
+                f"{source}: {number.name} is {outside[0]:.4g} in a random scene; expected "
+                f"{number.low:g} to {number.high:g}, its bounds"
+            )
+
+
+def computed(one: Input, seen: Scene, xp: Any) -> Any:
+    """Return the values of an input for mirrored scenes, in the scenes' dtype; raises an InputError
+    where they have another shape.
+    """
+    values = one.compute(seen, xp)
+    place = seen.own_speed if one.of == OWNSHIP else seen.x
+    expected = (*place.shape, one.size)
+    if getattr(values, "shape", None) != expected:
+        raise InputError(
+            f"input {one.name!r}: computes {getattr(values, 'shape', type(values).__name__)} for "
+            f"scenes {seen.x.shape}; expected {expected}, one {one.of} with {one.size} numbers each"
+        )
+    return values if values.dtype == place.dtype else values.astype(place.dtype)
