@@ -152,6 +152,8 @@ class MonteCarloConfig(Strict):
     """
     policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
+    extensions: tuple[str, ...] = Field(default=(), max_length=64)
+    """Inputs of your own that the policy needs, `module:name` each; they are imported."""
     mode: Literal["policy", "plan", "assured"] = "policy"
     """What decides: policy, the network alone, once a second; plan, the planner once at the start,
     then the plan is followed; assured, the same under a monitor that asks for new plans and falls

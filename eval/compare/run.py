@@ -26,7 +26,7 @@ from eval.flights.simulate import ByPolicy
 from eval.flights.sources import most_intruders, said, say
 from eval.plots import save as picture_folder
 from eval.runner.command import Encounters
-from eval.runner.options import loaded, named_source, whole
+from eval.runner.options import extension_option, loaded, named_source, whole
 from eval.runner.outputs import arrow_table
 
 _KEYS = ("changes", "tracks", "scenario_sha256", "confidence", "resamples")
@@ -118,6 +118,7 @@ def _parser() -> argparse.ArgumentParser:
         help="SHA-256 of each --policy but .nnet files, in their order",
         **many,
     )
+    extension_option(parser)
     add(
         "--baseline",
         metavar="NAME",

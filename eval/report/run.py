@@ -12,13 +12,14 @@ import numpy as np
 
 from agents.config.load import ConfigError, Parser
 from agents.config.progress import Progress
+from agents.policy.inputs import resolve
 from envs.edge.files import written
 from envs.edge.installation import versions
 from eval.report.data import Choice, choose, flight_data, page_data, points
 from eval.report.flights import evaluation_of, fly_again
 from eval.report.folder import Run, read_run
 from eval.report.page import page
-from eval.runner.options import whole
+from eval.runner.options import extension_option, whole
 
 _DESCRIPTION = """\
 Write report.html into a folder that eval.monte_carlo wrote: the numbers with their intervals, the
@@ -40,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
+    resolve(options.extension)
     run = read_run(options.folder)
     for number in options.show:
         if number >= len(run.kinds):
@@ -75,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="policy file, if it has moved (default: as in config.yaml)",
     )
+    extension_option(parser)
     return parser
 
 

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from agents.config.load import AIRCRAFT, ConfigError, file_of, load
 from agents.policy.inference import Policy
+from agents.policy.inputs import resolve
 from envs.aircraft import Aircraft
 from eval.config import PREFIXES, MonteCarloConfig
 from eval.flights.chunks import Evaluation
@@ -86,6 +87,20 @@ def first_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIGEST",
         help="SHA-256 that the policy must have, 64 hex digits (default: any)",
     )
+    extension_option(parser)
+
+
+def extension_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option that names code of the user's own, which :func:`agents.policy.inputs.resolve`
+    loads.
+    """
+    parser.add_argument(
+        "--extension",
+        action="append",
+        default=[],
+        metavar="MODULE:NAME",
+        help="input of your own that the policy needs, may be repeated (default: none)",
+    )
 
 
 def last_options(parser: argparse.ArgumentParser, name: str) -> None:
@@ -120,7 +135,8 @@ def loaded(
 ) -> Config:
     """Return the configuration: a file's or a begun run's values under those of the command line.
 
-    The options have config, resume, out, policy, scenario, set and what ``keys`` names: key of the
+    Extensions that it names are loaded. The options have config, resume, out, policy, scenario, set
+    and what ``keys`` names: key of the
     configuration by the option's name. The prefix stands for ``--set: `` in messages about options
     that have names of their own.
     """
@@ -144,6 +160,8 @@ def loaded(
         overrides += [f"aircraft={json.dumps(str(file_of(options.aircraft, AIRCRAFT).absolute()))}"]
     if getattr(options, "allow_outside_domain", False):
         overrides += ["allow_outside_domain=true"]
+    if getattr(options, "extension", None):
+        overrides += [f"extensions={json.dumps(options.extension)}"]
     if options.policy_sha256 is not None:
         overrides += [f"policy_sha256={options.policy_sha256.lower()}"]
     if options.scenario is not None:
@@ -154,11 +172,13 @@ def loaded(
     named = {key: getattr(options, name) for name, key in keys.items()}
     overrides += [f"{key}={value}" for key, value in named.items() if value is not None]
     try:
-        return load(model, path, [*overrides, *options.set])
+        config = load(model, path, [*overrides, *options.set])
     except ConfigError as problem:
         raise ConfigError(
             str(problem) if options.set else str(problem).replace("--set: ", prefix, 1)
         ) from None
+    resolve(config.extensions)
+    return config
 
 
 def named_policy(config: MonteCarloConfig) -> Policy:

@@ -18,7 +18,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from agents.policy.file import PolicyFileError, parse
-from agents.policy.inference import Policy
+from agents.policy.inference import Policy, input_table
+from agents.policy.inputs import Input
 from envs.edge.command import InputError
 from envs.edge.installation import versions
 
@@ -65,6 +66,7 @@ class Payload:
     policy: bytes  # content of the policy file
     sha256: str  # digest that the policy must have
     versions: Mapping[str, str]  # of the packages on which rows depend, where the run was begun
+    inputs: tuple[Input, ...] = ()  # of the user's own that the policy needs
 
 
 def packed(name: str, task: Task, work: Any, sha256: str) -> bytes:
@@ -80,21 +82,35 @@ def packed(name: str, task: Task, work: Any, sha256: str) -> bytes:
         content = path.read_bytes()
     except OSError as problem:
         raise PolicyFileError(f"{path}: cannot be read again: {problem.strerror}") from None
-    now = parse(content, str(path)).sha256
-    if now != sha256:
+    parsed = parse(content, str(path))
+    if parsed.sha256 != sha256:
         raise PolicyFileError(
-            f"{path}: has changed since it was loaded: its SHA-256 is {now}, expected {sha256}"
+            f"{path}: has changed since it was loaded: its SHA-256 is {parsed.sha256}, expected "
+            f"{sha256}"
         )
+    inputs = input_table(parsed, source=str(path)).extra
     found = versions(*task.packages)
     decisive = {name: found[name] for name in task.packages}
-    return pickle.dumps(Payload(name, task, work._replace(policy=None), content, sha256, decisive))
+    work = work._replace(policy=None)
+    try:
+        return pickle.dumps(Payload(name, task, work, content, sha256, decisive, inputs))
+    except (pickle.PicklingError, AttributeError) as problem:
+        raise InputError(
+            f"an input of your own cannot be sent to another process: {problem}; expected a "
+            "function of a module, or one worker"
+        ) from None
 
 
 def unpacked(data: bytes) -> Payload:
     """Return the payload of :func:`packed`; a task of its own, so that each worker is sent one
     copy.
     """
-    return pickle.loads(data)
+    try:
+        return pickle.loads(data)
+    except (ModuleNotFoundError, AttributeError) as problem:
+        raise WorkerError(
+            f"a worker lacks code of your own ({problem}); expected its module there too"
+        ) from None
 
 
 def fly(payload: Payload, first: int, count: int) -> dict[str, np.ndarray]:
@@ -141,7 +157,9 @@ def _assembled(payload: Payload) -> Any:
     if unlike:
         raise WorkerError(f"a worker has {unlike}; expected the same versions everywhere")
     policy = Policy(
-        parse(payload.policy, "the policy that was sent"), source="the policy that was sent"
+        parse(payload.policy, "the policy that was sent"),
+        source="the policy that was sent",
+        inputs=payload.inputs,
     )
     if policy.sha256 != payload.sha256:
         raise WorkerError(
