@@ -84,8 +84,7 @@ def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
 def departures(
     box: Box, inputs: InputTable, own: Sequence[float], each: Sequence[Sequence[float]]
 ) -> list[Departure]:
-    """Return the newest of one scene's inputs, ``[F]`` and ``[K, E]``; none if all are in the box.
-    """
+    """Return the newest of one scene's inputs, ``[F]`` and ``[K, E]``; none if all are known."""
     if not each:
         return []
     seen = SetInputs(np.array(own), np.array(each), np.ones(len(each), bool), 1.0)

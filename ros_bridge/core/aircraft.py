@@ -7,7 +7,19 @@ from pathlib import Path
 
 from agents.policy.file import PolicyFileError
 from agents.policy.inference import Policy
+from agents.policy.inputs import resolve
 from envs.aircraft import Aircraft
+from envs.edge.command import InputError
+
+
+def load_extensions(names: str) -> None:
+    """Load the inputs of the user's own that the policy needs, ``module:name`` each with commas
+    between them, or raise ValueError.
+    """
+    try:
+        resolve(name.strip() for name in names.split(",") if name.strip())
+    except InputError as error:
+        raise ValueError(f"extensions: {error}") from error
 
 
 @cache

@@ -66,6 +66,13 @@ PARAMETERS = (
     ),
     Parameter(_ALL, "policy_file", "", "policy file; empty: the one that ships", fixed=True),
     Parameter(
+        _ALL,
+        "extensions",
+        "",
+        "inputs of your own that the policy needs, module:name with commas; empty: none",
+        fixed=True,
+    ),
+    Parameter(
         "runner",
         "policy_sha256",
         "",

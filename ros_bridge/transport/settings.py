@@ -13,7 +13,7 @@ from agents.planner.options import Options, check
 from agents.planner.traffic import Requirement
 from envs.aircraft import Aircraft
 from envs.kinematics import Limits
-from ros_bridge.core.aircraft import aircraft_of
+from ros_bridge.core.aircraft import aircraft_of, load_extensions
 from ros_bridge.core.reports import Unknown
 from ros_bridge.core.situation import Settings
 from ros_bridge.core.tracks import Rules
@@ -46,9 +46,12 @@ def declare(node: Any, kind: str) -> Aircraft | None:
     mine, aircraft = list(of(kind)), None
     if mine[0].name == "aircraft":
         # The numbers follow from it.
-        for one in mine[:2]:
+        first = mine[:3]
+        for one in first:
             node.declare_parameter(one.name, one.default, _descriptor(one))
-        aircraft = aircraft_of(*(node.get_parameter(one.name).value for one in mine[:2]))
+        file, policy_file, extensions = (node.get_parameter(one.name).value for one in first)
+        load_extensions(extensions)
+        aircraft = aircraft_of(file, policy_file)
     for one in resolved(kind, aircraft):
         if not node.has_parameter(one.name):
             node.declare_parameter(one.name, one.default, _descriptor(one))
