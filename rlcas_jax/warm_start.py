@@ -42,10 +42,11 @@ def warm_learner(config: TrainConfig, shapes: Any) -> Any:
     except policy_file.PolicyFileError as problem:
         raise ConfigError(f"warm_start: {problem}") from None
     network = config.network
+    own_inputs = [one.name for one in network.input_table().extra]
     for key, has, wanted in (
         ("hidden", policy.hidden, tuple(network.hidden)),
         ("feature_set", policy.feature_set, network.feature_set),
-        ("inputs", [one["code"] for one in policy.extensions], list(network.inputs)),
+        ("inputs", [one["name"] for one in policy.extensions], own_inputs),
     ):
         if has != wanted:
             raise ConfigError(

@@ -226,7 +226,17 @@ def batch_of_one(seen: Scene) -> Scene:
     """
     if not seen.x:
         seen = seen._replace(x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], present=[False])
-    return Scene(*(np.array([field]) for field in seen[:-1]), seen.ratios)
+    return Scene(
+        own_speed=np.array([seen.own_speed]),
+        goal_x=np.array([seen.goal_x]),
+        goal_y=np.array([seen.goal_y]),
+        x=np.array([seen.x]),
+        y=np.array([seen.y]),
+        vx=np.array([seen.vx]),
+        vy=np.array([seen.vy]),
+        present=np.array([seen.present]),
+        ratios=seen.ratios,
+    )
 
 
 def own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:

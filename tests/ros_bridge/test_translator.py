@@ -424,6 +424,7 @@ def test_core_and_sim_load_no_ros():
             ["--ros-args", "-p", "separation:=many"], "separation", marks=pytest.mark.slow
         ),
         (["--ros-args", "-p", "policy_file:=/nowhere/policy"], "no such policy file"),
+        (["--ros-args", "-p", "extensions:=no_such:thing"], "extensions: no_such:thing: no module"),
         pytest.param(
             ["--ros-args", "-p", "route_durability:=forever"],
             "expected transient_local or volatile",
