@@ -331,7 +331,8 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
                 low[place] = np.minimum(low[place], values.min(axis=0, initial=np.inf))
                 high[place] = np.maximum(high[place], values.max(axis=0, initial=-np.inf))
         print(f"aircraft {number + 1} of {count}", flush=True)
-    return novelty.Box(*(np.stack(pair) for pair in zip(low, high, strict=True)))
+    own, each = (np.stack(pair) for pair in zip(low, high, strict=True))
+    return novelty.Box(own, each)
 
 
 def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:

@@ -15,7 +15,7 @@ import pytest
 from agents.config.load import ConfigError, dump, load
 from agents.policy import features
 from agents.policy.inference import Policy
-from agents.policy.set_features import EACH, SetInputs
+from agents.policy.set_features import TABLE, SetInputs
 from benchmarks import deadline, gemm, measure, monte_carlo, training
 from benchmarks.learning import run as learning
 from benchmarks.learning import sb3 as sb3_task
@@ -95,7 +95,7 @@ def test_report_names_machine_and_versions(capsys: pytest.CaptureFixture[str]):
 
 def test_layers_are_those_of_the_shipped_network():
     shapes = measure.layers(Policy.load())
-    assert sum(inputs == EACH for inputs, _ in shapes) == 1
+    assert sum(inputs == TABLE.each_size for inputs, _ in shapes) == 1
     assert sum(outputs == 2 for _, outputs in shapes) == 1
     assert monte_carlo.flops([(3, 5), (5, 2)]) == 2 * (15 + 10)
 
