@@ -37,14 +37,14 @@ def silent(*messages, seconds: float = STALE) -> tuple[Situation, int]:
     m.
     """
     late = NOW + round(seconds * SECOND)
-    high = {"valid": 0x07, "altitude": 1_000.0, "altitude_reference": 1}
+    high = {"valid": 0x0F, "altitude": 1_000.0, "altitude_reference": 1}
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late, **high)
     return updates.ownship(heard(*messages, own=own, now=NOW), own, late, RULES), late
 
 
 def above(metres: float, **more):
     return crossing(
-        **({"valid": 0x07, "altitude": 1_000.0 + metres, "altitude_reference": 1} | more)
+        **({"valid": 0x0F, "altitude": 1_000.0 + metres, "altitude_reference": 1} | more)
     )
 
 
@@ -77,6 +77,9 @@ def test_silent_aircraft_out_of_reach_is_excluded_by_name(message):
         (aircraft(60_000.0, 0.0, math.pi, 75.0, valid=0x01), Code.INVALID_INTRUDER),
         (above(700.0), Code.STALE_INTRUDER),
         (above(10_000.0, altitude_reference=3), Code.STALE_INTRUDER),
+        # It may climb or descend by 10 m/s.
+        (above(-950.0, valid=0x07), Code.STALE_INTRUDER),
+        (above(6_000.0, valid=0x07), Code.STALE_INTRUDER),
         (
             above(10_000.0, valid=0x0F, velocity=SimpleNamespace(x=0.0, y=75.0, z=-40.0)),
             Code.STALE_INTRUDER,
