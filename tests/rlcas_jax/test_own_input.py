@@ -202,9 +202,8 @@ def test_novelty_names_an_input_outside_its_bounds():
     assert departures(box, inputs, own, each) == []
     each[0][-1] = 1.5
     (said,) = departures(box, inputs, own, each)
-    assert said == (
-        "outside_domain: novelty: in the wake (intruder 0) is 1.5; its bounds are -1 to 1"
-    )
+    assert said.quantity == "novelty: in the wake (intruder 0)"
+    assert said.text == "is 1.5; its bounds are -1 to 1"
 
 
 def test_the_shipped_inputs_keep_the_bounds_of_their_table():
