@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from envs.aircraft import PAPER
 from envs.edge.command import ConfigError, Parser, run_cli
 from rlcas_jax.metrics import read
 
@@ -94,9 +93,12 @@ def _flies_as_the_paper(run: Path) -> bool:
     file = (run if run.is_dir() else run.parent) / "config.yaml"
     if not file.is_file():
         return False
-    phases = load(TrainConfig, file).in_phases()
-    return all(one.rules() == TrainConfig().rules() for one in phases) and all(
-        one.aircraft.aircraft() == PAPER and one.family.share == 0.0 for one in phases
+    paper = TrainConfig()  # its defaults are the paper's task
+    return all(
+        one.rules() == paper.rules()
+        and one.aircraft.aircraft() == paper.aircraft.aircraft()
+        and one.family.share == 0.0
+        for one in load(TrainConfig, file).in_phases()
     )
 
 
