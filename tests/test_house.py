@@ -146,7 +146,7 @@ JUSTIFIED = {
     "agents/manoeuvres/escape_search.py": "degrees of a turn",
     "agents/planner/fallback.py": "degrees of a turn",
     "agents/policy/eight_network.py": "policy files of schema 1",
-    "agents/policy/escapes.py": "degrees of a turn",
+    "agents/policy/candidate_manoeuvres.py": "degrees of a turn",
     "agents/policy/features.py": "policy files of schema 1",
     "agents/policy/file.py": "policy files of schema 1",
     "agents/policy/schema.py": "policy files of schema 1",

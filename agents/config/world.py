@@ -131,10 +131,6 @@ def _paper_aircraft() -> AircraftConfig:
     """Return the paper's aircraft, which has a vehicle of its own."""
     vehicle = PAPER.vehicle_limits
     return AircraftConfig(
-        goal_radius_m=PAPER.goal_radius,
-        traffic_speed_max_mps=PAPER.traffic_speed_max,
-        dt_s=PAPER.dt,
-        t_max_s=PAPER.t_max,
         vehicle=VehicleConfig(
             speed_min_mps=vehicle.speed_min,
             speed_max_mps=vehicle.speed_max,
