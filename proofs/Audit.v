@@ -6,7 +6,7 @@ Print Assumptions safe.
 Print Assumptions left_out_soundly.
 Print Assumptions advanced_x.
 Print Assumptions advanced_y.
-Print Assumptions blur_sound.
+Print Assumptions position_error_bound_sound.
 Print Assumptions turning_x.
 Print Assumptions turning_y.
 Print Assumptions onward_x.

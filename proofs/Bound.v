@@ -1,6 +1,6 @@
 (* The lower bound of the distance in a part of the flight, as agents/planner/separation.py computes it (chords), and
    the four simpler ones of agents/check.py. (x0, y0) and (x1, y1): the relative position at the part's beginning and
-   end; bow: a h^2 / 8. A test translates the definitions of this file and compares them with the code. *)
+   end; sagitta: a h^2 / 8. A test translates the definitions of this file and compares them with the code. *)
 
 From Coq Require Import Reals Lra Psatz.
 Require Import Vectors.
@@ -22,56 +22,56 @@ Definition opening (x0 y0 x1 y1 : R) : R :=
   then (x0 * (x1 - x0) + y0 * (y1 - y0)) / Rmax (norm x0 y0) (1 / 1000000000)
   else 0.
 
-Definition loss (bow open : R) : R :=
-  Rmax (4 * bow - Rmax open 0) 0 * Rmax (4 * bow - Rmax open 0) 0 / (16 * bow).
+Definition loss (sagitta open : R) : R :=
+  Rmax (4 * sagitta - Rmax open 0) 0 * Rmax (4 * sagitta - Rmax open 0) 0 / (16 * sagitta).
 
-Definition bound (x0 y0 x1 y1 bow : R) : R :=
-  nearest x0 y0 x1 y1 - loss bow (opening x0 y0 x1 y1).
+Definition bound (x0 y0 x1 y1 sagitta : R) : R :=
+  nearest x0 y0 x1 y1 - loss sagitta (opening x0 y0 x1 y1).
 
 (* The chord's point a share s of the way. *)
 Definition on_x (x0 x1 s : R) : R := x0 + s * (x1 - x0).
 
-Lemma loss_pos bow open : 0 < bow -> 0 <= loss bow open.
+Lemma loss_pos sagitta open : 0 < sagitta -> 0 <= loss sagitta open.
 Proof.
   intros; unfold loss; set (m := Rmax _ 0).
   apply Rmult_le_pos; [apply Rmult_le_pos; apply Rmax_r|].
   left; apply Rinv_0_lt_compat; lra.
 Qed.
 
-(* Along a chord that opens by g at least, what the bow takes is at most the loss. *)
-Lemma loss_enough bow g s :
-  0 < bow -> 0 <= s <= 1 -> - loss bow g <= Rmax g 0 * s - 4 * bow * s * (1 - s).
+(* Along a chord that opens by g at least, what the sagitta takes is at most the loss. *)
+Lemma loss_enough sagitta g s :
+  0 < sagitta -> 0 <= s <= 1 -> - loss sagitta g <= Rmax g 0 * s - 4 * sagitta * s * (1 - s).
 Proof.
   intros pos inside; unfold loss.
   assert (0 <= Rmax g 0) by apply Rmax_r.
   set (o := Rmax g 0) in *.
-  destruct (Rle_dec 0 (4 * bow - o)).
-  - rewrite (Rmax_left (4 * bow - o) 0) by assumption.
-    apply Rmult_le_reg_l with (16 * bow); [lra|].
-    replace (16 * bow * - ((4 * bow - o) * (4 * bow - o) / (16 * bow)))
-      with (- ((4 * bow - o) * (4 * bow - o))) by (field; lra).
-    generalize (Rle_0_sqr (8 * bow * s - (4 * bow - o))); unfold Rsqr; nra.
-  - rewrite (Rmax_right (4 * bow - o) 0) by lra.
-    replace (- (0 * 0 / (16 * bow))) with 0 by (field; lra).
-    assert (0 <= s * (o - 4 * bow)) by (apply Rmult_le_pos; lra).
-    assert (0 <= bow * (s * s)) by (apply Rmult_le_pos; [lra|nra]).
+  destruct (Rle_dec 0 (4 * sagitta - o)).
+  - rewrite (Rmax_left (4 * sagitta - o) 0) by assumption.
+    apply Rmult_le_reg_l with (16 * sagitta); [lra|].
+    replace (16 * sagitta * - ((4 * sagitta - o) * (4 * sagitta - o) / (16 * sagitta)))
+      with (- ((4 * sagitta - o) * (4 * sagitta - o))) by (field; lra).
+    generalize (Rle_0_sqr (8 * sagitta * s - (4 * sagitta - o))); unfold Rsqr; nra.
+  - rewrite (Rmax_right (4 * sagitta - o) 0) by lra.
+    replace (- (0 * 0 / (16 * sagitta))) with 0 by (field; lra).
+    assert (0 <= s * (o - 4 * sagitta)) by (apply Rmult_le_pos; lra).
+    assert (0 <= sagitta * (s * s)) by (apply Rmult_le_pos; [lra|nra]).
     lra.
 Qed.
 
-Lemma loss_bow bow g s :
-  0 < bow -> 0 <= s <= 1 -> g <= 0 -> 4 * bow * s * (1 - s) <= loss bow g.
+Lemma loss_sagitta sagitta g s :
+  0 < sagitta -> 0 <= s <= 1 -> g <= 0 -> 4 * sagitta * s * (1 - s) <= loss sagitta g.
 Proof.
   intros pos inside small.
-  generalize (loss_enough bow g s pos inside).
+  generalize (loss_enough sagitta g s pos inside).
   rewrite Rmax_right by assumption; lra.
 Qed.
 
-Lemma loss_monotone bow g h : 0 < bow -> g <= h -> loss bow h <= loss bow g.
+Lemma loss_monotone sagitta g h : 0 < sagitta -> g <= h -> loss sagitta h <= loss sagitta g.
 Proof.
   intros pos order; unfold loss.
   assert (Rmax g 0 <= Rmax h 0) by (apply Rle_max_compat_r; assumption).
-  assert (Rmax (4 * bow - Rmax h 0) 0 <= Rmax (4 * bow - Rmax g 0) 0) by (apply Rle_max_compat_r; lra).
-  assert (0 <= Rmax (4 * bow - Rmax h 0) 0) by apply Rmax_r.
+  assert (Rmax (4 * sagitta - Rmax h 0) 0 <= Rmax (4 * sagitta - Rmax g 0) 0) by (apply Rle_max_compat_r; lra).
+  assert (0 <= Rmax (4 * sagitta - Rmax h 0) 0) by apply Rmax_r.
   apply Rmult_le_compat_r; [left; apply Rinv_0_lt_compat; lra|].
   apply Rmult_le_compat; assumption.
 Qed.
@@ -148,21 +148,21 @@ Proof.
     nra.
 Qed.
 
-(* What lies at most the bow of a share s from the chord is at least the bound away. *)
-Theorem bound_sound x0 y0 x1 y1 bow s px py :
-  0 < bow -> 0 <= s <= 1 ->
-  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * bow * s * (1 - s) ->
-  bound x0 y0 x1 y1 bow - DEGENERATE <= norm px py.
+(* What lies at most the sagitta of a share s from the chord is at least the bound away. *)
+Theorem bound_sound x0 y0 x1 y1 sagitta s px py :
+  0 < sagitta -> 0 <= s <= 1 ->
+  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * sagitta * s * (1 - s) ->
+  bound x0 y0 x1 y1 sagitta - DEGENERATE <= norm px py.
 Proof.
   intros pos inside close.
   assert (away := norm_near _ _ _ _ _ close).
-  enough (bound x0 y0 x1 y1 bow - DEGENERATE <= norm (on_x x0 x1 s) (on_x y0 y1 s) - 4 * bow * s * (1 - s)) by lra.
+  enough (bound x0 y0 x1 y1 sagitta - DEGENERATE <= norm (on_x x0 x1 s) (on_x y0 y1 s) - 4 * sagitta * s * (1 - s)) by lra.
   assert (near := nearest_is_nearest x0 y0 x1 y1 s inside).
   assert (small : 0 < DEGENERATE) by (unfold DEGENERATE; lra).
   unfold bound.
   set (g := opening x0 y0 x1 y1).
   destruct (Rle_dec g 0) as [closing | open].
-  { generalize (loss_bow bow g s pos inside closing); lra. }
+  { generalize (loss_sagitta sagitta g s pos inside closing); lra. }
   assert (0 < TINY) by (unfold TINY; lra).
   assert (within := share_inside x0 y0 x1 y1).
   assert (start : share x0 y0 x1 y1 <= 0 -> nearest x0 y0 x1 y1 = norm x0 y0).
@@ -189,7 +189,7 @@ Proof.
     replace (x1 + (1 - s) * (x0 - x1)) with (x0 + s * (x1 - x0)) in grow by ring.
     replace (y1 + (1 - s) * (y0 - y1)) with (y0 + s * (y1 - y0)) in grow by ring.
     assert (0 <= 1 - s <= 1) as other by lra.
-    generalize (loss_enough bow o (1 - s) pos other); rewrite (Rmax_left o 0) by lra.
+    generalize (loss_enough sagitta o (1 - s) pos other); rewrite (Rmax_left o 0) by lra.
     enough (o <= (x1 * (x0 - x1) + y1 * (y0 - y1)) / norm x1 y1) by lra.
     replace (x1 * (x0 - x1) + y1 * (y0 - y1)) with (- (x1 * (x1 - x0) + y1 * (y1 - y0))) by ring.
     apply guarded_opening; lra.
@@ -198,47 +198,47 @@ Proof.
     assert (positive : 0 < x0 * (x1 - x0) + y0 * (y1 - y0)) by (apply guard with (norm x0 y0); fold o; lra).
     assert (0 < norm x0 y0) by (apply zero with (x1 - x0) (y1 - y0); lra).
     assert (grow := opens x0 y0 (x1 - x0) (y1 - y0) s o).
-    generalize (loss_enough bow o s pos inside); rewrite (Rmax_left o 0) by lra.
+    generalize (loss_enough sagitta o s pos inside); rewrite (Rmax_left o 0) by lra.
     enough (o <= (x0 * (x1 - x0) + y0 * (y1 - y0)) / norm x0 y0) by lra.
     apply guarded_opening; lra.
 Qed.
 
 (* The checker's bounds: from an end at which the range opens, from the line through both, and from how far one gets. *)
-Definition cross_bound (x0 y0 x1 y1 bow : R) : R :=
-  Rabs (x0 * (y1 - y0) - y0 * (x1 - x0)) / norm (x1 - x0) (y1 - y0) - bow.
+Definition cross_bound (x0 y0 x1 y1 sagitta : R) : R :=
+  Rabs (x0 * (y1 - y0) - y0 * (x1 - x0)) / norm (x1 - x0) (y1 - y0) - sagitta.
 
-Theorem start_sound x0 y0 x1 y1 bow s px py :
-  0 < bow -> 0 <= s <= 1 -> 0 < norm x0 y0 ->
-  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * bow * s * (1 - s) ->
-  forall g, 0 <= g -> g <= (x0 * (x1 - x0) + y0 * (y1 - y0)) / norm x0 y0 -> norm x0 y0 - loss bow g <= norm px py.
+Theorem start_sound x0 y0 x1 y1 sagitta s px py :
+  0 < sagitta -> 0 <= s <= 1 -> 0 < norm x0 y0 ->
+  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * sagitta * s * (1 - s) ->
+  forall g, 0 <= g -> g <= (x0 * (x1 - x0) + y0 * (y1 - y0)) / norm x0 y0 -> norm x0 y0 - loss sagitta g <= norm px py.
 Proof.
   intros pos inside far close g open projection.
   assert (away := norm_near _ _ _ _ _ close).
   assert (grow := opens x0 y0 (x1 - x0) (y1 - y0) s g).
-  generalize (loss_enough bow g s pos inside); rewrite (Rmax_left g 0) by assumption.
+  generalize (loss_enough sagitta g s pos inside); rewrite (Rmax_left g 0) by assumption.
   unfold on_x in away; lra.
 Qed.
 
-Theorem end_sound x0 y0 x1 y1 bow s px py :
-  0 < bow -> 0 <= s <= 1 -> 0 < norm x1 y1 ->
-  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * bow * s * (1 - s) ->
-  forall g, 0 <= g -> g <= (x1 * (x0 - x1) + y1 * (y0 - y1)) / norm x1 y1 -> norm x1 y1 - loss bow g <= norm px py.
+Theorem end_sound x0 y0 x1 y1 sagitta s px py :
+  0 < sagitta -> 0 <= s <= 1 -> 0 < norm x1 y1 ->
+  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * sagitta * s * (1 - s) ->
+  forall g, 0 <= g -> g <= (x1 * (x0 - x1) + y1 * (y0 - y1)) / norm x1 y1 -> norm x1 y1 - loss sagitta g <= norm px py.
 Proof.
   intros pos inside far close g open projection.
-  apply (start_sound x1 y1 x0 y0 bow (1 - s) px py pos); try assumption; [lra|].
+  apply (start_sound x1 y1 x0 y0 sagitta (1 - s) px py pos); try assumption; [lra|].
   replace (on_x x1 x0 (1 - s)) with (on_x x0 x1 s) by (unfold on_x; ring).
   replace (on_x y1 y0 (1 - s)) with (on_x y0 y1 s) by (unfold on_x; ring).
   lra.
 Qed.
 
-Theorem cross_sound x0 y0 x1 y1 bow s px py :
-  0 < bow -> 0 <= s <= 1 -> 0 < norm (x1 - x0) (y1 - y0) ->
-  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * bow * s * (1 - s) ->
-  cross_bound x0 y0 x1 y1 bow <= norm px py.
+Theorem cross_sound x0 y0 x1 y1 sagitta s px py :
+  0 < sagitta -> 0 <= s <= 1 -> 0 < norm (x1 - x0) (y1 - y0) ->
+  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * sagitta * s * (1 - s) ->
+  cross_bound x0 y0 x1 y1 sagitta <= norm px py.
 Proof.
   intros pos inside far close.
   assert (away := norm_near _ _ _ _ _ close).
-  assert (4 * bow * s * (1 - s) <= bow).
+  assert (4 * sagitta * s * (1 - s) <= sagitta).
   { generalize (Rle_0_sqr (2 * s - 1)); unfold Rsqr; nra. }
   unfold cross_bound, on_x in *.
   set (dx := x1 - x0) in *; set (dy := y1 - y0) in *.
@@ -255,14 +255,14 @@ Proof.
   apply Rabs_le; nra.
 Qed.
 
-Theorem reach_sound x0 y0 x1 y1 bow s px py :
-  0 < bow -> 0 <= s <= 1 ->
-  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * bow * s * (1 - s) ->
-  norm x0 y0 - norm (x1 - x0) (y1 - y0) - bow <= norm px py.
+Theorem reach_sound x0 y0 x1 y1 sagitta s px py :
+  0 < sagitta -> 0 <= s <= 1 ->
+  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * sagitta * s * (1 - s) ->
+  norm x0 y0 - norm (x1 - x0) (y1 - y0) - sagitta <= norm px py.
 Proof.
   intros pos inside close.
   assert (away := norm_near _ _ _ _ _ close).
-  assert (4 * bow * s * (1 - s) <= bow).
+  assert (4 * sagitta * s * (1 - s) <= sagitta).
   { generalize (Rle_0_sqr (2 * s - 1)); unfold Rsqr; nra. }
   enough (norm x0 y0 - norm (x1 - x0) (y1 - y0) <= norm (on_x x0 x1 s) (on_x y0 y1 s)) by lra.
   apply norm_near; unfold on_x.
@@ -272,13 +272,13 @@ Proof.
   generalize (norm_pos (x1 - x0) (y1 - y0)); nra.
 Qed.
 
-Theorem reach_sound_end x0 y0 x1 y1 bow s px py :
-  0 < bow -> 0 <= s <= 1 ->
-  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * bow * s * (1 - s) ->
-  norm x1 y1 - norm (x1 - x0) (y1 - y0) - bow <= norm px py.
+Theorem reach_sound_end x0 y0 x1 y1 sagitta s px py :
+  0 < sagitta -> 0 <= s <= 1 ->
+  norm (px - on_x x0 x1 s) (py - on_x y0 y1 s) <= 4 * sagitta * s * (1 - s) ->
+  norm x1 y1 - norm (x1 - x0) (y1 - y0) - sagitta <= norm px py.
 Proof.
   intros pos inside close.
-  generalize (reach_sound x1 y1 x0 y0 bow (1 - s) px py pos).
+  generalize (reach_sound x1 y1 x0 y0 sagitta (1 - s) px py pos).
   replace (on_x x1 x0 (1 - s)) with (on_x x0 x1 s) by (unfold on_x; ring).
   replace (on_x y1 y0 (1 - s)) with (on_x y0 y1 s) by (unfold on_x; ring).
   replace (norm (x0 - x1) (y0 - y1)) with (norm (x1 - x0) (y1 - y0)) by (unfold norm; f_equal; ring).

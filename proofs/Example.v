@@ -50,20 +50,20 @@ Proof.
     destruct (own_straight 0) as [x0 y0]; destruct (own_straight 10) as [x1 y1].
     destruct (other_straight 0) as [u0 v0]; destruct (other_straight 10) as [u1 v1].
     exists (own_px A 0), (own_py A 0), (own_px A 10), (own_py A 10).
-    exists (bow (pull A i) (10 - 0)).
+    exists (sagitta (relative_acceleration A i) (10 - 0)).
     exists (norm (other_px i 0 - own_px A 0) (other_py i 0 - own_py A 0)
       - norm (other_px i 10 - own_px A 10 - (other_px i 0 - own_px A 0))
-          (other_py i 10 - own_py A 10 - (other_py i 0 - own_py A 0)) - bow (pull A i) (10 - 0)).
+          (other_py i 10 - own_py A 10 - (other_py i 0 - own_py A 0)) - sagitta (relative_acceleration A i) (10 - 0)).
     assert (self : forall x y, norm (x - x) (y - y) = 0).
     { intros x y; replace (x - x) with 0 by ring; replace (y - y) with 0 by ring; apply norm_zero. }
     rewrite !self; repeat split; try lra; [apply by_reach|].
     rewrite x0, y0, x1, y1, u0, v0, u1, v1.
     rewrite (axis (80 * 0 - 80 * 0)), (axis (80 * 10 - 80 * 10 - (80 * 0 - 80 * 0))) by lra.
-    assert (small : bow (pull A i) (10 - 0) <= 1).
-    { unfold bow, pull, other_swerve, swerve, quickest; simpl.
+    assert (small : sagitta (relative_acceleration A i) (10 - 0) <= 1).
+    { unfold sagitta, relative_acceleration, other_acceleration, own_acceleration, quickest; simpl.
       destruct (Rlt_dec 0 0); [lra|].
       rewrite Rmult_0_r, norm_zero; unfold TINY, Rmax; destruct (Rle_dec _ _); lra. }
-    unfold owes, owed, need, required, growth; simpl.
+    unfold required_at, required_with_tolerance, need, required, growth; simpl.
     rewrite !Rmult_0_l, !Rplus_0_r.
     assert (away : norm (0 - 0) (3000 - 0) = 3000).
     { replace (3000 - 0) with 3000 by ring; apply axis; lra. }

@@ -149,7 +149,7 @@ Proof. unfold own_vy, own_ay; auto_derive; [exact I|ring]. Qed.
 
 (* Largest acceleration on an arc whose speed is positive: quickest is its larger end. *)
 Definition quickest (v alpha h : R) : R := Rmax v (v + alpha * h).
-Definition swerve (v omega alpha h : R) : R := norm alpha (quickest v alpha h * omega).
+Definition own_acceleration (v omega alpha h : R) : R := norm alpha (quickest v alpha h * omega).
 
 Lemma quickest_bound v alpha h t :
   0 <= v -> 0 <= v + alpha * h -> 0 <= t <= h -> 0 <= v + alpha * t <= quickest v alpha h.
@@ -159,11 +159,11 @@ Proof.
   destruct (Rle_dec 0 alpha); split; nra.
 Qed.
 
-Lemma own_acceleration psi v omega alpha h t :
+Lemma own_acceleration_bound psi v omega alpha h t :
   0 <= v -> 0 <= v + alpha * h -> 0 <= t <= h ->
-  norm (own_ax psi v omega alpha t) (own_ay psi v omega alpha t) <= swerve v omega alpha h.
+  norm (own_ax psi v omega alpha t) (own_ay psi v omega alpha t) <= own_acceleration v omega alpha h.
 Proof.
-  intros first last inside; unfold swerve.
+  intros first last inside; unfold own_acceleration.
   assert (fast := quickest_bound v alpha h t first last inside).
   apply norm_le; [apply norm_pos|]; rewrite norm_square.
   unfold own_ax, own_ay.
@@ -192,13 +192,13 @@ Qed.
 
 Lemma own_steady psi v omega alpha h :
   0 <= v -> 0 <= v + alpha * h ->
-  steady (own_vx psi v omega alpha) (own_vy psi v omega alpha) (swerve v omega alpha h) 0 h.
+  steady (own_vx psi v omega alpha) (own_vy psi v omega alpha) (own_acceleration v omega alpha h) 0 h.
 Proof.
   intros; apply steady_by_derivative with (own_ax psi v omega alpha) (own_ay psi v omega alpha).
   - apply norm_pos.
   - apply own_vx_derive.
   - apply own_vy_derive.
-  - intros; apply own_acceleration; assumption.
+  - intros; apply own_acceleration_bound; assumption.
 Qed.
 
 (* ---- an intruder, t seconds after the request ---- *)
@@ -247,10 +247,10 @@ Proof.
 Qed.
 
 (* Its acceleration: speed times turn rate while the turn lasts, none for one that does not turn. *)
-Definition other_swerve (v omega lasts : R) : R := if Rlt_dec 0 lasts then Rabs (v * omega) else 0.
+Definition other_acceleration (v omega lasts : R) : R := if Rlt_dec 0 lasts then Rabs (v * omega) else 0.
 
 Lemma other_steady psi v omega lasts b e :
-  0 <= b -> steady (other_vx psi v omega lasts) (other_vy psi v omega lasts) (other_swerve v omega lasts) b e.
+  0 <= b -> steady (other_vx psi v omega lasts) (other_vy psi v omega lasts) (other_acceleration v omega lasts) b e.
 Proof.
   intros begun s t first order last.
   unfold other_vx, other_vy.
@@ -267,7 +267,7 @@ Proof.
   replace (course psi omega lasts t - course psi omega lasts s) with (omega * (Rmin t lasts - Rmin s lasts))
     by (unfold course; ring).
   rewrite Rabs_mult, <- Rmult_assoc, <- Rabs_mult.
-  unfold other_swerve; destruct (Rlt_dec 0 lasts).
+  unfold other_acceleration; destruct (Rlt_dec 0 lasts).
   - apply Rmult_le_compat_l; [apply Rabs_pos|].
     unfold Rmin; destruct (Rle_dec t lasts); destruct (Rle_dec s lasts); unfold Rabs; destruct (Rcase_abs _); lra.
   - replace (Rmin t lasts) with lasts by (unfold Rmin; destruct (Rle_dec t lasts); lra).

@@ -480,15 +480,15 @@ Proof.
 Qed.
 
 (* The same for every part of an arc, from the arc's whole length and larger speed: what the validator reckons with. *)
-Definition blur (omega alpha v h : R) : R :=
+Definition position_error_bound (omega alpha v h : R) : R :=
   2 / 9 * (h / 2) * (quickest v alpha h * Rabs (omega * (h / 2)) / 40320 + Rabs alpha * (h / 2) / 5040)
     * (Rabs (omega * (h / 2)) * Rabs (omega * (h / 2)) * Rabs (omega * (h / 2)) * Rabs (omega * (h / 2))
       * Rabs (omega * (h / 2)) * Rabs (omega * (h / 2)) * Rabs (omega * (h / 2))).
 
-Theorem blur_sound x y psi v omega alpha h t :
+Theorem position_error_bound_sound x y psi v omega alpha h t :
   0 <= v -> 0 <= v + alpha * h -> 0 <= t <= h ->
   norm (x + gauss (own_vx psi v omega alpha) t - own_x x psi v omega alpha t)
-    (y + gauss (own_vy psi v omega alpha) t - own_y y psi v omega alpha t) <= blur omega alpha v h.
+    (y + gauss (own_vy psi v omega alpha) t - own_y y psi v omega alpha t) <= position_error_bound omega alpha v h.
 Proof.
   intros first last inside.
   unfold own_x, own_y, travelled.
@@ -498,7 +498,7 @@ Proof.
     with (- (RInt (own_vy psi v omega alpha) 0 t - gauss (own_vy psi v omega alpha) t)) by ring.
   rewrite norm_opp.
   apply Rle_trans with (quadrature omega alpha v t); [apply quadrature_sound; lra|].
-  unfold quadrature, blur.
+  unfold quadrature, position_error_bound.
   assert (half : 0 <= t / 2 <= h / 2) by lra.
   set (j := t / 2) in *; set (k := h / 2) in *.
   assert (fast : Rabs (v + alpha * j) <= quickest v alpha h).

@@ -19,14 +19,14 @@ py = rnd(py_);
 far rnd= sqrt(px * px + py * py);
 Far = sqrt(px * px + py * py);
 
-# What the bow takes; r is 4 bow less the opening.
-bow = rnd(bow_);
+# What the sagitta takes; r is 4 sagitta less the opening.
+sagitta = rnd(sagitta_);
 r = rnd(r_);
-loss rnd= r * r / (16 * bow);
-Loss = r * r / (16 * bow);
+loss rnd= r * r / (16 * sagitta);
+Loss = r * r / (16 * sagitta);
 
 { |x| <= 1b20 /\ v in [0, 400] /\ t in [0, 1b14] /\ |C| <= 1 /\ |c - C| <= 1b-47
   /\ |x0| <= 1b24 /\ |dx| <= 1b24 /\ s in [0, 1]
   /\ |px| in [1b-100, 1b24] /\ |py| in [1b-100, 1b24]
-  /\ bow in [1e-12, 1b24] /\ |r| in [1b-100, 1b24]
+  /\ sagitta in [1e-12, 1b24] /\ |r| in [1b-100, 1b24]
   -> |place - Place| <= 1b-24 /\ |node - Node| <= 1b-28 /\ |far -/ Far| <= 1b-51 /\ |loss -/ Loss| <= 1b-51 }

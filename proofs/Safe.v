@@ -52,9 +52,9 @@ Definition need (r : requirement) (i : intruder) (away t : R) : R :=
   required (separation r) (margin r) (sigmas r) (norm (istd i) (ivstd i * Rabs (iage i))) away
     + growth (sigmas r) (istd i) (ivstd i) (Rabs (iage i)) t.
 
-Definition owed (need separation : R) : R := Rmax (need - CLOSE) (separation - ROUNDING).
+Definition required_with_tolerance (need separation : R) : R := Rmax (need - CLOSE) (separation - ROUNDING).
 
-Definition owes (r : requirement) (i : intruder) (away t : R) : R := owed (need r i away t) (separation r).
+Definition required_at (r : requirement) (i : intruder) (away t : R) : R := required_with_tolerance (need r i away t) (separation r).
 
 Lemma spread_monotone std vstd t u : 0 <= t <= u -> norm std (vstd * t) <= norm std (vstd * u).
 Proof.
@@ -74,9 +74,9 @@ Proof.
 Qed.
 
 Lemma owes_monotone r i away t u :
-  0 <= sigmas r -> 0 <= t <= u -> owes r i away t <= owes r i away u.
+  0 <= sigmas r -> 0 <= t <= u -> required_at r i away t <= required_at r i away u.
 Proof.
-  intros pos order; unfold owes, owed, need.
+  intros pos order; unfold required_at, required_with_tolerance, need.
   apply Rle_max_compat_r.
   generalize (growth_monotone (sigmas r) (istd i) (ivstd i) _ t u pos (Rabs_pos (iage i)) order); lra.
 Qed.
@@ -92,17 +92,17 @@ Proof.
 Qed.
 
 (* What is kept is never below the separation less ROUNDING, nor below what is needed less CLOSE. *)
-Lemma owes_separation r i away t : separation r - ROUNDING <= owes r i away t.
+Lemma owes_separation r i away t : separation r - ROUNDING <= required_at r i away t.
 Proof. apply Rmax_r. Qed.
 
-Lemma owes_need r i away t : need r i away t - CLOSE <= owes r i away t.
+Lemma owes_need r i away t : need r i away t - CLOSE <= required_at r i away t.
 Proof. apply Rmax_l. Qed.
 
-(* A part that is clear of the whole need, as the validator's first look finds, owes no more. *)
+(* A part that is clear of the whole need, as the validator's first look finds, required_at no more. *)
 Lemma owed_below_need r i away t :
-  0 <= sigmas r -> 0 <= t -> owes r i away t <= need r i away t.
+  0 <= sigmas r -> 0 <= t -> required_at r i away t <= need r i away t.
 Proof.
-  intros; unfold owes, owed; apply Rmax_lub; unfold CLOSE, ROUNDING; [lra|].
+  intros; unfold required_at, required_with_tolerance; apply Rmax_lub; unfold CLOSE, ROUNDING; [lra|].
   unfold need.
   generalize (growth_pos (sigmas r) (istd i) (ivstd i) _ t H (Rabs_pos (iage i)) H0).
   generalize (required_separation (separation r) (margin r) (sigmas r) (norm (istd i) (ivstd i * Rabs (iage i))) away).
@@ -111,10 +111,10 @@ Qed.
 
 (* ---- one part ---- *)
 
-Definition pull (A : arc) (i : intruder) : R :=
-  swerve (speed A) (omega A) (alpha A) (duration A) + other_swerve (ispeed i) (irate i) (ilasts i).
+Definition relative_acceleration (A : arc) (i : intruder) : R :=
+  own_acceleration (speed A) (omega A) (alpha A) (duration A) + other_acceleration (ispeed i) (irate i) (ilasts i).
 
-Definition bow (pull h : R) : R := Rmax (pull * (1 / 8 * (h * h))) TINY.
+Definition sagitta (relative_acceleration h : R) : R := Rmax (relative_acceleration * (1 / 8 * (h * h))) TINY.
 
 (* The ways to see that the distance in a part is at least m; the last is the validator's. *)
 Inductive clear (x0 y0 x1 y1 b : R) : R -> Prop :=
@@ -140,15 +140,15 @@ Proof.
   - apply (bound_sound x0 y0 x1 y1 b s); assumption.
 Qed.
 
-(* A part from b to e passes: own positions at its ends are known up to slip, and the bound from them, with a bow that
+(* A part from b to e passes: own positions at its ends are known up to position_error, and the bound from them, with a sagitta that
    is large enough, is enough but for eps. *)
-Definition passes (r : requirement) (A : arc) (i : intruder) (away slip eps b e : R) : Prop :=
+Definition passes (r : requirement) (A : arc) (i : intruder) (away position_error eps b e : R) : Prop :=
   exists xb yb xe ye B m,
-    bow (pull A i) (e - b) <= B /\
-    norm (xb - own_px A b) (yb - own_py A b) <= slip /\
-    norm (xe - own_px A e) (ye - own_py A e) <= slip /\
+    sagitta (relative_acceleration A i) (e - b) <= B /\
+    norm (xb - own_px A b) (yb - own_py A b) <= position_error /\
+    norm (xe - own_px A e) (ye - own_py A e) <= position_error /\
     clear (other_px i b - xb) (other_py i b - yb) (other_px i e - xe) (other_py i e - ye) B m /\
-    owes r i away e - eps <= m - slip.
+    required_at r i away e - eps <= m - position_error.
 
 Lemma relative_moves A i :
   moves (fun t => other_px i t - own_px A t) (fun t => other_py i t - own_py A t)
@@ -174,10 +174,10 @@ Lemma relative_steady A i b e :
   steady (fun t => other_vx (ipsi i) (ispeed i) (irate i) (ilasts i) t
       - own_vx (psi A) (speed A) (omega A) (alpha A) (t - begin A))
     (fun t => other_vy (ipsi i) (ispeed i) (irate i) (ilasts i) t
-      - own_vy (psi A) (speed A) (omega A) (alpha A) (t - begin A)) (pull A i) b e.
+      - own_vy (psi A) (speed A) (omega A) (alpha A) (t - begin A)) (relative_acceleration A i) b e.
 Proof.
   intros begun first last from until.
-  unfold pull; rewrite Rplus_comm.
+  unfold relative_acceleration; rewrite Rplus_comm.
   apply (steady_minus _ _ (fun t => own_vx (psi A) (speed A) (omega A) (alpha A) (t - begin A))
     (fun t => own_vy (psi A) (speed A) (omega A) (alpha A) (t - begin A))).
   - apply other_steady; lra.
@@ -186,10 +186,10 @@ Proof.
     apply (own_steady (psi A) (speed A) (omega A) (alpha A) (duration A)); try assumption; lra.
 Qed.
 
-Lemma pull_pos A i : 0 <= pull A i.
+Lemma relative_acceleration_pos A i : 0 <= relative_acceleration A i.
 Proof.
-  unfold pull, other_swerve; generalize (norm_pos (alpha A) (quickest (speed A) (alpha A) (duration A) * omega A)).
-  unfold swerve; destruct (Rlt_dec 0 (ilasts i)); [generalize (Rabs_pos (ispeed i * irate i))|]; lra.
+  unfold relative_acceleration, other_acceleration; generalize (norm_pos (alpha A) (quickest (speed A) (alpha A) (duration A) * omega A)).
+  unfold own_acceleration; destruct (Rlt_dec 0 (ilasts i)); [generalize (Rabs_pos (ispeed i * irate i))|]; lra.
 Qed.
 
 (* The checker leaves out an arc at whose beginning an intruder is farther than both can fly in it. *)
@@ -220,42 +220,42 @@ Proof.
   exists (norm (x b) (y b) - norm (x e - x b) (y e - y b) - B); split; [apply by_reach|lra].
 Qed.
 
-Theorem part_safe r A i away slip eps b e t :
+Theorem part_safe r A i away position_error eps b e t :
   0 <= sigmas r -> 0 <= begin A -> 0 <= speed A -> 0 <= speed A + alpha A * duration A ->
   begin A <= b -> b < e -> e <= begin A + duration A ->
-  passes r A i away slip eps b e -> b <= t <= e -> owes r i away t - eps <= distance A i t.
+  passes r A i away position_error eps b e -> b <= t <= e -> required_at r i away t - eps <= distance A i t.
 Proof.
   intros pos begun first last from order until [xb [yb [xe [ye [B [m [wide [atb [ate [how enough]]]]]]]]]] inside.
-  apply Rle_trans with (owes r i away e - eps).
+  apply Rle_trans with (required_at r i away e - eps).
   { generalize (owes_monotone r i away t e pos); lra. }
   apply Rle_trans with (1 := enough).
   assert (tiny : 0 < TINY) by (unfold TINY; lra).
-  unfold bow in wide.
-  assert (B_pos : 0 < B) by (generalize (Rmax_r (pull A i * (1 / 8 * ((e - b) * (e - b)))) TINY); lra).
+  unfold sagitta in wide.
+  assert (B_pos : 0 < B) by (generalize (Rmax_r (relative_acceleration A i * (1 / 8 * ((e - b) * (e - b)))) TINY); lra).
   set (s := (t - b) / (e - b)).
   assert (s_in : 0 <= s <= 1).
   { unfold s; split.
     - apply Rmult_le_pos; [lra|left; apply Rinv_0_lt_compat; lra].
     - apply Rmult_le_reg_r with (e - b); [lra|]; replace ((t - b) / (e - b) * (e - b)) with (t - b) by (field; lra); lra. }
-  assert (arch := chord _ _ _ _ (pull A i) b e t (pull_pos A i) order inside (relative_moves A i)
+  assert (arch := chord _ _ _ _ (relative_acceleration A i) b e t (relative_acceleration_pos A i) order inside (relative_moves A i)
     (relative_steady A i b e begun first last from until)).
   fold s in arch; simpl in arch.
-  assert (arch' : pull A i / 2 * (t - b) * (e - t) <= 4 * B * s * (1 - s)).
-  { replace (pull A i / 2 * (t - b) * (e - t)) with (4 * (pull A i * (1 / 8 * ((e - b) * (e - b)))) * s * (1 - s))
+  assert (arch' : relative_acceleration A i / 2 * (t - b) * (e - t) <= 4 * B * s * (1 - s)).
+  { replace (relative_acceleration A i / 2 * (t - b) * (e - t)) with (4 * (relative_acceleration A i * (1 / 8 * ((e - b) * (e - b)))) * s * (1 - s))
       by (unfold s; field; lra).
     assert (0 <= s * (1 - s)) by (apply Rmult_le_pos; lra).
-    assert (pull A i * (1 / 8 * ((e - b) * (e - b))) <= B)
-      by (generalize (Rmax_l (pull A i * (1 / 8 * ((e - b) * (e - b)))) TINY); lra).
+    assert (relative_acceleration A i * (1 / 8 * ((e - b) * (e - b))) <= B)
+      by (generalize (Rmax_l (relative_acceleration A i * (1 / 8 * ((e - b) * (e - b)))) TINY); lra).
     rewrite !(Rmult_assoc (4 * _)); apply Rmult_le_compat_r; lra. }
   (* the point shifted by the errors of the ends *)
   set (gx := (1 - s) * (xb - own_px A b) + s * (xe - own_px A e)).
   set (gy := (1 - s) * (yb - own_py A b) + s * (ye - own_py A e)).
-  assert (off : norm gx gy <= slip).
+  assert (off : norm gx gy <= position_error).
   { unfold gx, gy.
     apply Rle_trans with (1 := norm_triangle _ _ _ _).
     rewrite !norm_scale by lra.
-    assert ((1 - s) * norm (xb - own_px A b) (yb - own_py A b) <= (1 - s) * slip) by (apply Rmult_le_compat_l; lra).
-    assert (s * norm (xe - own_px A e) (ye - own_py A e) <= s * slip) by (apply Rmult_le_compat_l; lra).
+    assert ((1 - s) * norm (xb - own_px A b) (yb - own_py A b) <= (1 - s) * position_error) by (apply Rmult_le_compat_l; lra).
+    assert (s * norm (xe - own_px A e) (ye - own_py A e) <= s * position_error) by (apply Rmult_le_compat_l; lra).
     lra. }
   assert (far := clear_sound _ _ _ _ B m s
     (other_px i t - own_px A t - gx) (other_py i t - own_py A t - gy) B_pos s_in how).
@@ -264,7 +264,7 @@ Proof.
     unfold on_x, gx, gy; f_equal; ring. }
   unfold distance.
   generalize (norm_near (other_px i t - own_px A t) (other_py i t - own_py A t)
-    (other_px i t - own_px A t - gx) (other_py i t - own_py A t - gy) slip).
+    (other_px i t - own_px A t - gx) (other_py i t - own_py A t - gy) position_error).
   replace (other_px i t - own_px A t - (other_px i t - own_px A t - gx)) with gx by ring.
   replace (other_py i t - own_py A t - (other_py i t - own_py A t - gy)) with gy by ring.
   intros near; specialize (near off); lra.
@@ -360,7 +360,7 @@ Qed.
 
 (* ---- the theorem ---- *)
 
-Record checked (r : requirement) (L : limits) (T : tolerance) (slack slip eps horizon : R)
+Record checked (r : requirement) (L : limits) (T : tolerance) (slack position_error eps horizon : R)
     (own_x0 own_y0 own_speed : R) (arcs : list arc) (traffic : list intruder) : Prop := {
   sigmas_pos : 0 <= sigmas r;
   tolerances : 0 <= tol_speed T;
@@ -372,11 +372,11 @@ Record checked (r : requirement) (L : limits) (T : tolerance) (slack slip eps ho
   gentle : forall A, In A arcs -> acc_min L - tol_acc T <= alpha A <= acc_max L + tol_acc T;
   turning : forall A, In A arcs -> Rabs (omega A) <= rate_max L + tol_rate T;
   parts_pass : forall A i, In A arcs -> In i traffic -> exists ends,
-    parts (passes r A i (norm (ix i - own_x0) (iy i - own_y0)) slip eps) (begin A) ends (begin A + duration A)
+    parts (passes r A i (norm (ix i - own_x0) (iy i - own_y0)) position_error eps) (begin A) ends (begin A + duration A)
 }.
 
-Theorem safe r L T slack slip eps horizon own_x0 own_y0 own_speed arcs traffic :
-  checked r L T slack slip eps horizon own_x0 own_y0 own_speed arcs traffic ->
+Theorem safe r L T slack position_error eps horizon own_x0 own_y0 own_speed arcs traffic :
+  checked r L T slack position_error eps horizon own_x0 own_y0 own_speed arcs traffic ->
   forall t, 0 <= t <= horizon ->
   (exists A, In A arcs /\ during A t) /\
   forall A, In A arcs -> during A t ->
@@ -406,8 +406,8 @@ Proof.
   - intros i member_k away.
     destruct (parts_pass _ _ _ _ _ _ _ _ _ _ _ _ C A i member member_k) as [ends pass].
     destruct (parts_cover _ _ _ _ t pass) as [b [e [from [order [until [at_ test]]]]]]; [lra|exact now|].
-    assert (enough := part_safe r A i away slip eps b e t (sigmas_pos _ _ _ _ _ _ _ _ _ _ _ _ C)).
-    assert (kept : owes r i away t - eps <= distance A i t) by (apply enough; try assumption; lra).
+    assert (enough := part_safe r A i away position_error eps b e t (sigmas_pos _ _ _ _ _ _ _ _ _ _ _ _ C)).
+    assert (kept : required_at r i away t - eps <= distance A i t) by (apply enough; try assumption; lra).
     generalize (owes_separation r i away t) (owes_need r i away t); lra.
   - unfold during in now.
     set (u := t - begin A).

@@ -136,16 +136,16 @@ def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Threshold
     knots = flown(take(own, owners), course[pick], speed[pick], thresholds)
     curves = legs(knots)
     found = validate(knots, take(traffic, owners), requirement, thresholds.limits, curves)
-    safe, spare = (
+    safe, clearance = (
         _safe(found, thresholds),
         np.where(np.isnan(found.clearance), -np.inf, found.clearance),
     )
-    order = np.lexsort((np.arange(pick.size), np.where(safe, 0.0, -spare), ~safe, owners))
+    order = np.lexsort((np.arange(pick.size), np.where(safe, 0.0, -clearance), ~safe, owners))
     best = order[::_TRIED]
-    course, speed, knots, curves, spare, safe = take(
-        (course[pick], speed[pick], knots, curves, spare, safe), best
+    course, speed, knots, curves, clearance, safe = take(
+        (course[pick], speed[pick], knots, curves, clearance, safe), best
     )
-    return Backup(course, speed, knots, curves, np.array(time), spare, safe)
+    return Backup(course, speed, knots, curves, np.array(time), clearance, safe)
 
 
 def _safe(found: Findings, thresholds: Thresholds) -> Any:
@@ -165,7 +165,7 @@ def _estimate(
     stride, steps = _STEP * thresholds.options.aircraft.dt, round(sum(STEPS) / _STEP)
     times, wide = (np.arange(steps + 1) * stride)[:, None], column(traffic)
     tracks = predicted(wide, times)
-    owed = base[:, None] + sigmas * (uncertainty(wide, times) - uncertainty(wide, 0.0))
+    required_range = base[:, None] + sigmas * (uncertainty(wide, times) - uncertainty(wide, 0.0))
     least = np.full(own.x.size, np.inf)
     state, to_turn, step = own, wrap(course - own.heading, np), 0
 
@@ -180,8 +180,8 @@ def _estimate(
             state = advance(state, gain / duration, turn / duration, stride, ANY, np)
             step += 1
             x1, y1 = relative(state, step)
-            spare = chord(x0, y0, x1, y1) - owed[:, step, None]
-            least = np.minimum(least, np.min(spare, axis=-1, initial=np.inf).ravel())
+            clearance = chord(x0, y0, x1, y1) - required_range[:, step, None]
+            least = np.minimum(least, np.min(clearance, axis=-1, initial=np.inf).ravel())
             x0, y0 = x1, y1
         to_turn = to_turn - turn
     return least

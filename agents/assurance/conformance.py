@@ -92,10 +92,10 @@ def judged(
     offset = np.hypot(off.cross_track, off.along_track)
     separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
     causes = causes | np.where(on & close, int(Cause.SEPARATION), 0)
-    position, speed, blur = _unexpected(monitor, traffic, since)
+    position, speed, noise = _unexpected(monitor, traffic, since)
     share = np.maximum(
-        position / (thresholds.intruder_position + _NOISE * blur[0]),
-        speed / (thresholds.intruder_velocity + _NOISE * blur[1]),
+        position / (thresholds.intruder_position + _NOISE * noise[0]),
+        speed / (thresholds.intruder_velocity + _NOISE * noise[1]),
     )
     share = np.max(np.where(separation < thresholds.concern, share, 0.0), axis=-1, initial=0.0)
     causes = causes | latched(share, 1.0, Cause.INTRUDER_DEVIATION)

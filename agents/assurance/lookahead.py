@@ -2,7 +2,7 @@
 
 A lower bound as the validator's (:mod:`agents.planner.validator`), in three steps, each only where
 the one before does not decide: whole legs against their chords, arcs against theirs, and parts of
-:data:`FINE` of an arc. Of a whole leg the bow is measured once, when the plan arrives.
+:data:`FINE` of an arc. Of a whole leg the sagitta is measured once, when the plan arrives.
 """
 
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ class Course(NamedTuple):
     knots: Knots  # [N, L + 1], their times on the plan's clock
     legs: Legs  # [N, L]
     # largest distance of each leg from uniform motion along its chord, m, [N, L]; an upper bound
-    bow: Any
+    sagitta: Any
 
 
 class Outlook(NamedTuple):
@@ -42,15 +42,17 @@ class Outlook(NamedTuple):
 def course(knots: Knots, legs: Legs) -> Course:
     """Return legs with what the outlook needs of them."""
     share = np.arange(ARCS) / ARCS
-    bows = [
+    sagittas = [
         field - (end[..., :-1, None] * (1.0 - share) + end[..., 1:, None] * share)
         for field, end in ((legs.x, knots.x), (legs.y, knots.y))
     ]
     step = legs.duration[..., None] / ARCS
-    pull = _pull(legs.speed, legs.acceleration, legs.yaw_rate, step)
-    arc = np.max(0.125 * pull * step * step, axis=-1)
-    bow = np.max(distance(bows[0], bows[1], np), axis=-1) + arc + legs.miss
-    return Course(knots, legs, bow)
+    relative_acceleration = _relative_acceleration(
+        legs.speed, legs.acceleration, legs.yaw_rate, step
+    )
+    arc = np.max(0.125 * relative_acceleration * step * step, axis=-1)
+    sagitta = np.max(distance(sagittas[0], sagittas[1], np), axis=-1) + arc + legs.miss
+    return Course(knots, legs, sagitta)
 
 
 def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: float) -> Outlook:
@@ -72,8 +74,8 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
         began[..., None] < wide.turn_time, wide.state.speed * np.abs(wide.turn_rate), 0.0
     )
     length = (ended - began)[..., None]
-    bow = course.bow[..., None] + 0.125 * turn * length * length
-    near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - bow
+    sagitta = course.sagitta[..., None] + 0.125 * turn * length * length
+    near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - sagitta
     near = near - _growth(traffic, wide, ended[..., None], sigmas)
     ahead = (ended > 0.0)[..., None] & wide.mask
     near = np.where(ahead, near, np.inf)
@@ -106,13 +108,15 @@ def _arcs(
     own_x = np.concatenate([arcs.x, course.knots.x[n, leg + 1, None]], axis=1)
     own_y = np.concatenate([arcs.y, course.knots.y[n, leg + 1, None]], axis=1)
     x, y = there.x - own_x, there.y - own_y
-    pull = _pull(arcs.speed, arcs.acceleration, arcs.yaw_rate, step)
-    pull = pull + np.where(
+    relative_acceleration = _relative_acceleration(
+        arcs.speed, arcs.acceleration, arcs.yaw_rate, step
+    )
+    relative_acceleration = relative_acceleration + np.where(
         times[:, :-1] < one.turn_time, one.state.speed * np.abs(one.turn_rate), 0.0
     )
     near = (
         chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:])
-        - 0.125 * pull * step * step
+        - 0.125 * relative_acceleration * step * step
         - arcs.miss[:, None]
     )
     near = near - _growth(one, one, times[:, 1:], sigmas)
@@ -133,7 +137,7 @@ def _arcs(
     length = np.diff(parts, axis=1)
     near = (
         chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:])
-        - 0.125 * pull[m, arc][:, None] * length * length
+        - 0.125 * relative_acceleration[m, arc][:, None] * length * length
     )
     near = near - arcs.miss[m, None] - _growth(one, one, parts[:, 1:], sigmas)
     pair = n[m], k[m]
@@ -149,7 +153,7 @@ def chord(x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
     return distance(x0 + s * dx, y0 + s * dy, np)
 
 
-def _pull(speed: Any, acceleration: Any, yaw_rate: Any, step: Any) -> Any:
+def _relative_acceleration(speed: Any, acceleration: Any, yaw_rate: Any, step: Any) -> Any:
     fastest = np.maximum(speed, speed + acceleration * step)
     return distance(acceleration, fastest * yaw_rate, np)
 

@@ -93,7 +93,7 @@ def clear(
     half_sine, half_cosine = sincos(0.5 * part, xp)
     chord = 2.0 * circle * half_sine
     sag = own.speed * task.turn_rate * seconds * seconds * 0.125
-    owed = (required + sag) * xp.abs(required + sag)
+    least_square = (required + sag) * xp.abs(required + sag)
     # The first chord points half a part to the side, each of the others a part further.
     aside = side * half_sine
     ahead_x, ahead_y = cosine * half_cosine - sine * aside, sine * half_cosine + cosine * aside
@@ -101,7 +101,7 @@ def clear(
     for _ in range(_PARTS):
         step_x, step_y = other_vx * seconds - chord * ahead_x, other_vy * seconds - chord * ahead_y
         near = _nearest(x, y, step_x, step_y, xp)
-        possible = xp.logical_and(possible, near >= owed)
+        possible = xp.logical_and(possible, near >= least_square)
         x, y = x + step_x, y + step_y
         ahead_x, ahead_y = (
             ahead_x * part_cosine - ahead_y * part_sine,

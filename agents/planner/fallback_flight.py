@@ -71,9 +71,9 @@ def fly_out(
         count = min(max(min(max(first, _AT_ONCE), most), 1), last + 1 - first)
         strides = np.arange(first, first + count)
         flown, flight = fly_away(flight, manoeuvre, first, count, stride, task.limits)
-        spare = scene.spare(flown, first, of)
+        clearance = scene.clearance(flown, first, of)
         # At the beginning of each stride, and after the last.
-        nearest = np.minimum.accumulate(np.concatenate([closest[None], spare]), axis=0)
+        nearest = np.minimum.accumulate(np.concatenate([closest[None], clearance]), axis=0)
         closest, nearest = nearest[-1], nearest[:-1]
         hopeful = nearest >= least
         returning = hopeful & (strides[:, None] * stride >= manoeuvre.resume)
@@ -125,7 +125,7 @@ class _Scene(NamedTuple):
     stride: float
     growth: Any
 
-    def spare(self, flown: VehicleState, first: int, of: Any) -> Any:
+    def clearance(self, flown: VehicleState, first: int, of: Any) -> Any:
         """Return the least distance less the required one in each stride of flights, m,
         ``[S, M]``.
         """
@@ -137,13 +137,13 @@ class _Scene(NamedTuple):
             take(self.others, (slice(first, first + count + 1), of)),
         )
         before, after = take((own, seen), slice(-1)), take((own, seen), slice(1, None))
-        spare = (
+        clearance = (
             leg_separation(before[0], after[0], before[1], after[1], self.stride, np)
             - self.required[of]
         )
         if self.growth is not None:
-            spare = spare - self.growth[first : first + count, of]
-        return np.min(spare, axis=-1, initial=np.inf)
+            clearance = clearance - self.growth[first : first + count, of]
+        return np.min(clearance, axis=-1, initial=np.inf)
 
 
 def _scene(request: Request, options: Options, last: int) -> _Scene:
@@ -154,8 +154,10 @@ def _scene(request: Request, options: Options, last: int) -> _Scene:
         growth = options.requirement.sigmas * (
             uncertainty(traffic, times[1:]) - uncertainty(traffic, 0.0)
         )
-    owed = np.where(traffic.mask, required(traffic, request.own, options.requirement), -np.inf)
-    return _Scene(predicted(traffic, times), owed, stride, growth)
+    required_range = np.where(
+        traffic.mask, required(traffic, request.own, options.requirement), -np.inf
+    )
+    return _Scene(predicted(traffic, times), required_range, stride, growth)
 
 
 class _Landed:

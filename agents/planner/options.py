@@ -179,7 +179,8 @@ class Options:
         A manoeuvre that would last longer is no plan (:mod:`agents.planner.completion`).
 
         Args:
-            own_speed: of the ownship at the request, m/s, ``[...]``; it may be below the limits.
+            own_speed: of the ownship at the request, m/s, ``[...]``; it may be below the limits, as
+                far as :func:`speed_range` lets an ownship be planned for.
             x: of the route's points, m, ``[..., R]``; with ``y``.
             points: how many of them there are, ``[...]``; None: all.
         """
@@ -187,7 +188,8 @@ class Options:
         if points is not None:
             legs = np.where(np.arange(1, x.shape[-1]) < np.asarray(points)[..., None], legs, 0.0)
         longest = np.maximum(legs.max(axis=-1), self.extension) + self.aircraft.goal_radius
-        slowest = np.minimum(own_speed, self.manoeuvre.speed_min)
+        planned_for = np.maximum(own_speed, speed_range(self.aircraft.limits)[0])
+        slowest = np.minimum(planned_for, self.manoeuvre.speed_min)
         half_circle = (math.pi + 1.0) / task_of(self).turn_rate  # and a radius of straight flight
         return self.finished_by + half_circle + longest / slowest
 

@@ -57,9 +57,11 @@ def roll(
     """
     rows, traffic, count = np.arange(goal.size), request.traffic, goal.size
     goal_x, goal_y = request.route_x[rows, goal], request.route_y[rows, goal]
-    owed = required(traffic, request.own, options.requirement) + options.slack
+    required_range = required(traffic, request.own, options.requirement) + options.slack
     if floats:
-        given = (take((request.own, traffic, (goal_x, goal_y), owed), row) for row in rows)
+        given = (
+            take((request.own, traffic, (goal_x, goal_y), required_range), row) for row in rows
+        )
         each = [_roll_one(*one, policy, options, budget or Budget()) for one in given]
         return mapped(lambda *fields: np.concatenate(fields), *each)
     task, limits, dt, spacing = (
@@ -81,15 +83,37 @@ def roll(
         ended = arrived
         if options.direct and step % EVERY == 0:
             ended = ended | _all_clear(
-                state, (goal_x, goal_y), seen, traffic.mask, owed, time, task
+                state, (goal_x, goal_y), seen, traffic.mask, required_range, time, task
             )
         if ended.any():
             landed = take(
                 (state, np.full(rows.size, time), ~arrived, path, turn_sign, reversals), ended
             )
             scatter(result[1:], rows[ended], landed)
-            rows, goal_x, goal_y, traffic, seen, owed, state, path, turn_sign, reversals = take(
-                (rows, goal_x, goal_y, traffic, seen, owed, state, path, turn_sign, reversals),
+            (
+                rows,
+                goal_x,
+                goal_y,
+                traffic,
+                seen,
+                required_range,
+                state,
+                path,
+                turn_sign,
+                reversals,
+            ) = take(
+                (
+                    rows,
+                    goal_x,
+                    goal_y,
+                    traffic,
+                    seen,
+                    required_range,
+                    state,
+                    path,
+                    turn_sign,
+                    reversals,
+                ),
                 ~ended,
             )
         if rows.size == 0 or step == steps:
@@ -110,7 +134,7 @@ def _roll_one(
     own: VehicleState,
     traffic: Traffic,
     goal: Any,
-    owed: Any,
+    required_range: Any,
     policy: Policy,
     options: Options,
     budget: Budget,
@@ -126,7 +150,7 @@ def _roll_one(
     )
     steps = int(task.until / dt + 1e-9)
     result = _empty(1, steps // spacing + 1)
-    traffic, owed = take(traffic, traffic.mask), owed[traffic.mask].tolist()
+    traffic, required_range = take(traffic, traffic.mask), required_range[traffic.mask].tolist()
     flown, knots = list[list[VehicleState]](), list[VehicleState]()
     state, (goal_x, goal_y) = VehicleState(*map(float, own)), map(float, goal)
     path, turn_sign, reversals = 0.0, 0.0, 0
@@ -145,7 +169,7 @@ def _roll_one(
             and step % EVERY == 0
             and all(
                 clear(state, (goal_x, goal_y), other, far, step * dt, task, FLOATS)
-                for other, far in zip(seen or [state], owed or [-math.inf], strict=True)
+                for other, far in zip(seen or [state], required_range or [-math.inf], strict=True)
             )
         ):
             scatter(result[1:], 0, (state, step * dt, not arrived, path, turn_sign, reversals))
@@ -179,15 +203,15 @@ def _all_clear(
     goal: tuple[Any, Any],
     seen: VehicleState,
     mask: Any,
-    owed: Any,
+    required_range: Any,
     time: float,
     task: Task,
 ) -> Any:
     """Return whether the direct way is clear of all intruders, ``[N]``."""
     if mask.shape[-1] == 0:
         return clear(state, goal, state, -np.inf, time, task, np)
-    owed = np.where(mask, owed, -np.inf)
-    return np.all(clear(*column((state, goal)), seen, owed, time, task, np), axis=-1)
+    required_range = np.where(mask, required_range, -np.inf)
+    return np.all(clear(*column((state, goal)), seen, required_range, time, task, np), axis=-1)
 
 
 def _empty(count: int, points: int) -> Rollout:

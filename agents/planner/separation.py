@@ -46,14 +46,14 @@ def chords(
     start: tuple[Any, Any],
     end: tuple[Any, Any],
     traffic: Traffic,
-    pull: Any,
+    relative_acceleration: Any,
 ) -> tuple[Any, Any]:
     """Return a lower bound and an attained value of the distance from intruders ``[n, K]``, m,
     ``[n, A, K]``.
 
-    The parts begin at some times and last some seconds, ``[n, A]``, between own positions, m, ``[n,
-    A]`` each; ``pull`` is the largest relative acceleration, m/s^2, and broadcasts against ``[n, A,
-    K]``.
+    The parts begin at some times and last some seconds, ``[n, A]``, between own positions, m,
+    ``[n, A]`` each; ``relative_acceleration`` is the largest one, m/s^2, and broadcasts against
+    ``[n, A, K]``.
     """
     # Beginnings and ends in one array, [2, n, A] and [2, n, A, K]: half the calls, the same bits.
     own_x, own_y, times = np.stack([(*start, begin), (*end, begin + length)], axis=1)
@@ -64,13 +64,13 @@ def chords(
     first, last = np.sqrt(x * x + y * y)
     near_x, near_y = x0 + s * dx, y0 + s * dy
     near = np.sqrt(near_x * near_x + near_y * near_y)
-    # A share s of the part from its beginning, the motion leaves the chord by 4 bow s (1 - s) at
-    # most. Where the chord is nearest at an end, from which the range opens by at least g s, the
-    # distance is smaller than there by at most (4 bow - g)^2 / (16 bow).
-    bow = np.maximum(pull * (0.125 * length[..., None] ** 2), 1e-12)
+    # A share s of the part from its beginning, the motion leaves the chord by at most
+    # 4 sagitta s (1 - s). Where the chord is nearest at an end, from which the range opens by at
+    # least g s, the distance is smaller than there by at most (4 sagitta - g)^2 / (16 sagitta).
+    sagitta = np.maximum(relative_acceleration * (0.125 * length[..., None] ** 2), 1e-12)
     opening = np.where(s <= 0.0, (x0 * dx + y0 * dy) / np.maximum(first, 1e-9), 0.0)
     opening = np.where(s >= 1.0, -(x1 * dx + y1 * dy) / np.maximum(last, 1e-9), opening)
-    loss = np.maximum(4.0 * bow - np.maximum(opening, 0.0), 0.0) ** 2 / (16.0 * bow)
+    loss = np.maximum(4.0 * sagitta - np.maximum(opening, 0.0), 0.0) ** 2 / (16.0 * sagitta)
     return near - loss, np.minimum(first, last)
 
 
@@ -137,11 +137,11 @@ def along(
     return x + moved.real * time, y + moved.imag * time
 
 
-def blur(curves: Legs) -> Any:
+def position_error_bound(curves: Legs) -> Any:
     """Return the error of positions on each leg by Gauss-Legendre's rule, m, ``[..., L]``.
 
-    Proven in proofs/Quadrature.v (``blur_sound``): below 1 nm on legs of 20 s, 1 micrometre on
-    those of a minute.
+    Proven in proofs/Quadrature.v (``position_error_bound_sound``): below 1 nm on legs of 20 s,
+    1 micrometre on those of a minute.
     """
     half = 0.5 * curves.duration[..., None] / ARCS
     turn, gain = np.abs(curves.yaw_rate * half), np.abs(curves.acceleration) * half

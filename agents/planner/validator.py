@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.separation import FINE, along, blur, chords, growth
+from agents.planner.separation import FINE, along, chords, growth, position_error_bound
 from agents.planner.traffic import Requirement, Traffic, required
 from envs.kinematics import Limits, VehicleState
 from envs.trees import column, take
@@ -22,7 +22,7 @@ TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
 
 CLOSE = 1e-3
 """How much of the margin may be missing, m: a start inside it must keep its own distance exactly,
-and the bound of a part that begins there may be smaller by the part's bow."""
+and the bound of a part that begins there may be smaller by the part's sagitta."""
 
 ROUNDING = 1e-6
 """How much of the separation itself may be missing, m."""
@@ -194,22 +194,25 @@ def _separation(
     end_x = np.concatenate([x[:, 1:], knots.x[rows, -1:]], axis=1)
     end_y = np.concatenate([y[:, 1:], knots.y[rows, -1:]], axis=1)
     quickest = np.maximum(own.speed, own.speed + own.acceleration * step)
-    swerve = np.hypot(own.acceleration, quickest * own.yaw_rate).reshape(rows.size, -1)
-    other_swerve = np.abs(seen.state.speed * seen.turn_rate)
-    pull = swerve[..., None] + np.where(seen.turn_time > 0.0, other_swerve, 0.0)[:, None]
+    own_acceleration = np.hypot(own.acceleration, quickest * own.yaw_rate).reshape(rows.size, -1)
+    other_acceleration = np.abs(seen.state.speed * seen.turn_rate)
+    relative_acceleration = (
+        own_acceleration[..., None]
+        + np.where(seen.turn_time > 0.0, other_acceleration, 0.0)[:, None]
+    )
     # The joints of the legs are up to their miss apart, and positions are known but for the rule's
     # error.
-    slip = np.repeat(own.miss + blur(own), ARCS, axis=1)[..., None]
+    position_error = np.repeat(own.miss + position_error_bound(own), ARCS, axis=1)[..., None]
 
-    bound, upper = chords(begin, length, (x, y), (end_x, end_y), seen, pull)
-    bound = np.where(present[:, None], bound - slip, np.inf)
+    bound, upper = chords(begin, length, (x, y), (end_x, end_y), seen, relative_acceleration)
+    bound = np.where(present[:, None], bound - position_error, np.inf)
     upper = np.where(present[:, None], upper, np.inf)
     need = base[:, None] + growth(seen, begin + length, requirement)
     # What could be too close, or the closest of all, is looked at more closely.
     nearest = np.min(upper, axis=(1, 2), keepdims=True)
     unclear = ~(bound >= need) | (bound <= nearest)
-    spare = np.where(unclear, np.inf, bound - need)
-    found.clearance[rows] = np.minimum(found.clearance[rows], spare.min(axis=(1, 2)))
+    clearance = np.where(unclear, np.inf, bound - need)
+    found.clearance[rows] = np.minimum(found.clearance[rows], clearance.min(axis=(1, 2)))
     n, a, k = np.nonzero(unclear & present[:, None])
     if n.size == 0:
         return
@@ -222,8 +225,10 @@ def _separation(
     one = column(take(seen, (n, k)))
     finer = np.broadcast_to(fine[:, None], began.shape)
     begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])
-    close, _ = chords(began, finer, begins, ends, one, pull[n, a, k][:, None, None])
-    close = close[..., 0] - slip[n, a]
+    close, _ = chords(
+        began, finer, begins, ends, one, relative_acceleration[n, a, k][:, None, None]
+    )
+    close = close[..., 0] - position_error[n, a]
     needed = base[n, k, None] + growth(one, began + finer, requirement)[..., 0]
     # The tolerance is for the margin; the separation itself is kept but for rounding.
     needed = np.maximum(needed - CLOSE, requirement.separation - ROUNDING)
@@ -235,11 +240,11 @@ def _note_fine(
 ) -> None:
     """Judge the parts ``[m, FINE]`` of what was not clear."""
     n, a, k = which
-    spare = close - needed
+    clearance = close - needed
     # Per plan: the smallest distance, the smallest clearance, and the first part in which it is
     # negative.
     least = np.argmin(close, axis=1)
-    np.minimum.at(found.clearance, rows[n], spare.min(axis=1))
+    np.minimum.at(found.clearance, rows[n], clearance.min(axis=1))
     value = np.take_along_axis(close, least[:, None], 1)[:, 0]
     when = np.take_along_axis(began, least[:, None], 1)[:, 0]
     owner, best = _leading(n, when, value)
@@ -248,9 +253,9 @@ def _note_fine(
         when[best],
     )
 
-    bad = np.flatnonzero(~(spare >= 0.0).all(axis=1))
+    bad = np.flatnonzero(~(clearance >= 0.0).all(axis=1))
     if bad.size:
-        part = np.argmax(~(spare[bad] >= 0.0), axis=1)
+        part = np.argmax(~(clearance[bad] >= 0.0), axis=1)
         when, x, y = (field[bad, part] for field in (began, *begins))
         owner, first = _leading(n[bad], when)
         _place(

@@ -89,7 +89,7 @@ class Tally:
     """SAFE plans re-flown, and those of them that came closer than 1000 m because they began or
     were asked to be closer than the follower's error beyond it."""
     violations: list[dict[str, Any]] = field(default_factory=list)
-    spare: float = np.inf
+    clearance: float = np.inf
     """Smallest separation of a SAFE plan less the required one, m."""
     flown: float = np.inf
     """Smallest as flown by the follower, m."""
@@ -103,7 +103,7 @@ class Tally:
         for name in ("requests", "safe", "single", "counts"):
             getattr(self, name).update(getattr(other, name))
         self.violations += other.violations
-        self.spare = min(self.spare, other.spare)
+        self.clearance = min(self.clearance, other.clearance)
         self.flown, self.error = min(self.flown, other.flown), max(self.error, other.error)
         self.use = {
             name: max(self.use.get(name, 0.0), value) for name, value in other.use.items()
@@ -139,7 +139,7 @@ class Tally:
                 name: {"count": len(numbers), "first": sorted(numbers)[:_SHOWN]}
                 for name, numbers in checks.items()
             },
-            "smallest_spare_separation_m": self.spare if np.isfinite(self.spare) else None,
+            "smallest_clearance_m": self.clearance if np.isfinite(self.clearance) else None,
             "largest_limit_use": self.use,
             "reflown_share": reflown / max(self.safe.total() + self.single["safe"], 1),
             "reflown": reflown,
@@ -238,8 +238,8 @@ def judge(
                 rows[row],
                 separation=float(verdict.min_separation[row]),
             )
-        tally.spare = min(
-            tally.spare, float(verdict.min_separation.min()) - options.requirement.separation
+        tally.clearance = min(
+            tally.clearance, float(verdict.min_separation.min()) - options.requirement.separation
         )
         for name, value in _use(plans, own_limits).items():
             tally.use[name] = max(tally.use.get(name, 0.0), value)

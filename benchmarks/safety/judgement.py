@@ -168,7 +168,7 @@ def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Any:
     needs = kept(certificates, flight, owner, traffic, claim)
     quick = np.maximum(flight.speed, flight.speed + flight.acceleration * flight.length)
 
-    def spare(pair: Any, arc: Any, seconds: Any) -> Any:
+    def clearance(pair: Any, arc: Any, seconds: Any) -> Any:
         row = owner[pair]
         away = apart(flight, traffic[:, pair], row, arc, seconds)
         return away - needs.at(pair, flight.begin[row, arc] + seconds)
@@ -180,7 +180,7 @@ def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Any:
         pair: Any = np.flatnonzero(~bad[owner])
         row = owner[pair, None, None]
         width: Any = flight.length[row, arcs] / pieces
-        found = spare(pair[:, None, None], arcs, width * np.arange(pieces + 1))
+        found = clearance(pair[:, None, None], arcs, width * np.arange(pieces + 1))
         bad[owner[pair][(found < -_OUR_OWN).any(axis=(1, 2))]] = True
         closing = 0.5 * width * (quick[row, arcs] + traffic[3, pair, None, None])
         which, place, piece = np.nonzero(np.minimum(found[..., 1:], found[..., :-1]) < closing)
@@ -194,7 +194,7 @@ def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Any:
                 break
             seconds = begin[:, None] + width[:, None] * np.linspace(0.0, 1.0, _PIECES + 1)
             seconds = np.minimum(seconds, flight.length[owner[pair], arc][:, None])
-            found = spare(pair[:, None], arc[:, None], seconds)
+            found = clearance(pair[:, None], arc[:, None], seconds)
             bad[owner[pair][(found < -_OUR_OWN).any(axis=1)]] = True
             least = np.take_along_axis(seconds, np.argmin(found, axis=1)[:, None], 1)[:, 0]
             begin, width = np.maximum(begin, least - width / _PIECES), width * (2.0 / _PIECES)

@@ -271,8 +271,8 @@ def _distances(
         fast = np.maximum(speed[rows, :, 1:], speed[rows, :, :-1]) + other.speed
         # Nobody comes nearer between two samples than both fly in that time.
         floor = 0.5 * (apart[..., 1:] + apart[..., :-1] - fast * h[rows])
-        owed = need[rows, k][:, None, None]
-        later = owed + other.grown(time[rows], sigmas)
+        required_range = need[rows, k][:, None, None]
+        later = required_range + other.grown(time[rows], sigmas)
         nearest[rows] = np.minimum(nearest[rows], apart.min(axis=(1, 2)))
         short[rows] = np.minimum(short[rows], (apart - later).min(axis=(1, 2)))
         closest = apart.min(axis=(1, 2), keepdims=True)
@@ -294,9 +294,9 @@ def _distances(
         length = np.maximum(np.abs(chord) ** 2, 1e-12)
         share = np.clip(-(away[:, :-1] * np.conj(chord)).real / length, 0.0, 1.0)
         close = np.abs(away[:, :-1] + share * chord)
-        spare = close - need[row, k][:, None] - one.grown(when[:, :-1], sigmas)
+        clearance = close - need[row, k][:, None] - one.grown(when[:, :-1], sigmas)
         np.minimum.at(nearest, row, close.min(axis=1))
-        np.minimum.at(short, row, spare.min(axis=1))
+        np.minimum.at(short, row, clearance.min(axis=1))
     return nearest, short
 
 

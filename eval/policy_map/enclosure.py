@@ -173,7 +173,7 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
     ]
     x, y, vx, vy = middle.T[..., None]
     seen = Scene(pace, goal[:, 0], goal[:, 1], x, y, vx, vy, np.ones((len(pace), 1)), ratios)
-    spare = bent(
+    clearance = bent(
         _min_separation(seen, middle, half).line(1.0 / SEPARATION_UNIT, -1.0 / SEPARATION_UNIT),
         lambda x: x / (1.0 + np.abs(x)),
         None,
@@ -193,8 +193,8 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
         goal[:, 1] / to_goal,
         Form,
     )
-    advice, about = (Form.stacked(forms) for forms in (_advice(spare, seen), each))
-    return Form.joined([Form.between(own, own), advice, spare, about])
+    advice, about = (Form.stacked(forms) for forms in (_advice(clearance, seen), each))
+    return Form.joined([Form.between(own, own), advice, clearance, about])
 
 
 def _min_separation(seen: Scene, middle: Any, half: Any) -> Form:
@@ -250,23 +250,23 @@ def _min_separation(seen: Scene, middle: Any, half: Any) -> Form:
     return Form(least + 0.5 * (over - under), chosen, 0.5 * (over + under))
 
 
-def _advice(spare: Form, seen: Scene) -> list[Form]:
+def _advice(clearance: Form, seen: Scene) -> list[Form]:
     """Return what the best manoeuvre keeps, ``[N]``, and the bounds of how those that keep as much
     do it.
     """
-    best = spare.middle.argmax(axis=-1)[:, None]
+    best = clearance.middle.argmax(axis=-1)[:, None]
     middle, rest = (
-        np.take_along_axis(field, best, -1)[:, 0] for field in (spare.middle, spare.rest)
+        np.take_along_axis(field, best, -1)[:, 0] for field in (clearance.middle, clearance.rest)
     )
-    slopes = np.take_along_axis(spare.slopes, best[..., None], 1)[:, 0]
+    slopes = np.take_along_axis(clearance.slopes, best[..., None], 1)[:, 0]
     # By how much one manoeuvre keeps more than another, [N, 22, 22].
     lead = (
-        spare.middle[:, :, None]
-        - spare.middle[:, None]
-        + spare.rest[:, :, None]
-        + spare.rest[:, None]
+        clearance.middle[:, :, None]
+        - clearance.middle[:, None]
+        + clearance.rest[:, :, None]
+        + clearance.rest[:, None]
     )
-    lead += np.abs(spare.slopes[:, :, None] - spare.slopes[:, None]).sum(-1)
+    lead += np.abs(clearance.slopes[:, :, None] - clearance.slopes[:, None]).sum(-1)
     lead[:, np.arange(candidate_manoeuvres.COUNT), np.arange(candidate_manoeuvres.COUNT)] = 0.0
     above = np.take_along_axis(lead, best[:, None], 2)[..., 0].max(
         axis=1

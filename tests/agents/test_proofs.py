@@ -120,8 +120,8 @@ def test_definitions_are_read() -> None:
         "opening",
         "growth",
         "required",
-        "owed",
-        "swerve",
+        "required_with_tolerance",
+        "own_acceleration",
     } <= set(COQ)
     assert COQ["norm"](3.0, 4.0) == 5.0
     assert COQ["loss"](2.0, 4.0) == pytest.approx(0.5)
@@ -147,7 +147,7 @@ def ends(rng: np.random.Generator, count: int) -> Any:
 
 def test_validators_bound_is_the_proven_one() -> None:
     rng = np.random.default_rng(1)
-    at, bows = ends(rng, 2_000), 10.0 ** rng.uniform(-10.0, 2.0, 2_000)
+    at, sagittas = ends(rng, 2_000), 10.0 ** rng.uniform(-10.0, 2.0, 2_000)
     zero = np.zeros((1, 1))
     still = Traffic.straight(VehicleState(zero, zero, zero, zero))
     found, _ = separation.chords(
@@ -156,9 +156,12 @@ def test_validators_bound_is_the_proven_one() -> None:
         (-at[None, :, 0], -at[None, :, 1]),
         (-at[None, :, 2], -at[None, :, 3]),
         still,
-        8.0 * bows[None, :, None],
+        8.0 * sagittas[None, :, None],
     )
-    proven = [COQ["bound"](*row, bow) for row, bow in zip(at.tolist(), bows.tolist(), strict=True)]
+    proven = [
+        COQ["bound"](*row, sagitta)
+        for row, sagitta in zip(at.tolist(), sagittas.tolist(), strict=True)
+    ]
     assert found[0, :, 0] == pytest.approx(np.array(proven), rel=1e-9, abs=1e-6)
 
 
@@ -166,19 +169,21 @@ def test_checkers_bound_is_the_best_proven_one() -> None:
     rng = np.random.default_rng(2)
     unit = 1 << check.BITS
     for x0, y0, x1, y1 in ends(rng, 300).tolist():
-        bow = 10.0 ** rng.uniform(-6.0, 2.0)
+        sagitta = 10.0 ** rng.uniform(-6.0, 2.0)
         dx, dy = x1 - x0, y1 - y0
         open0, open1 = (
             (x0 * dx + y0 * dy) / math.hypot(x0, y0),
             -(x1 * dx + y1 * dy) / math.hypot(x1, y1),
         )
-        known = [COQ["cross_bound"](x0, y0, x1, y1, bow)]
-        known += [math.hypot(x0, y0) - COQ["loss"](bow, open0)] if open0 >= 0.0 else []
-        known += [math.hypot(x1, y1) - COQ["loss"](bow, open1)] if open1 >= 0.0 else []
+        known = [COQ["cross_bound"](x0, y0, x1, y1, sagitta)]
+        known += [math.hypot(x0, y0) - COQ["loss"](sagitta, open0)] if open0 >= 0.0 else []
+        known += [math.hypot(x1, y1) - COQ["loss"](sagitta, open1)] if open1 >= 0.0 else []
         known += [
-            far - math.hypot(dx, dy) - bow for far in (math.hypot(x0, y0), math.hypot(x1, y1))
+            far - math.hypot(dx, dy) - sagitta for far in (math.hypot(x0, y0), math.hypot(x1, y1))
         ]
-        found = check.chord_bound(check.ball(x0, y0), check.ball(x1, y1), check.ball(bow).hi) / unit
+        found = (
+            check.chord_bound(check.ball(x0, y0), check.ball(x1, y1), check.ball(sagitta).hi) / unit
+        )
         assert found == pytest.approx(max(*known, 0.0), rel=1e-9, abs=1e-6)
 
 
@@ -251,9 +256,10 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
     arcs = [
         field.ravel().tolist() for field in (curves.yaw_rate, curves.acceleration, curves.speed)
     ]
-    error = separation.blur(curves).item()
+    error = separation.position_error_bound(curves).item()
     assert error == pytest.approx(
-        sum(COQ["blur"](w, a, v, 60.0) for w, a, v in zip(*arcs, strict=True)), rel=1e-9
+        sum(COQ["position_error_bound"](w, a, v, 60.0) for w, a, v in zip(*arcs, strict=True)),
+        rel=1e-9,
     )
     place = 0.0
     nodes, weights = np.polynomial.legendre.leggauss(40)
@@ -267,7 +273,9 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
     one = np.ones((1, 1))
     traffic = Traffic.straight(VehicleState(8_000.0 * one, 9_000.0 * one, one, 0.0 * one))
     near = validator.validate(knots, traffic, Requirement(1_000.0), C208_PUBLISHED).min_separation
-    monkeypatch.setattr(validator, "blur", lambda curves: 1.0 + 0.0 * curves.duration)
+    monkeypatch.setattr(
+        validator, "position_error_bound", lambda curves: 1.0 + 0.0 * curves.duration
+    )
     less = validator.validate(knots, traffic, Requirement(1_000.0), C208_PUBLISHED).min_separation
     assert near - less == pytest.approx([1.0 - error])
 
@@ -304,10 +312,10 @@ def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> N
         0.0 * one,
     )
     validator.validate(knots, traffic, Requirement(1_000.0), C208_PUBLISHED)
-    pull = seen[0][5][0, :, 0]
+    relative_acceleration = seen[0][5][0, :, 0]
     curves = waypoints.legs(knots)
     expected = [
-        COQ["swerve"](v, w, p, 2.0) + COQ["other_swerve"](90.0, 0.02, 10.0)
+        COQ["own_acceleration"](v, w, p, 2.0) + COQ["other_acceleration"](90.0, 0.02, 10.0)
         for v, w, p in zip(
             *(
                 field.ravel().tolist()
@@ -316,5 +324,5 @@ def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> N
             strict=True,
         )
     ]
-    assert pull == pytest.approx(np.array(expected))
-    assert COQ["bow"](2.0, 4.0) == pytest.approx(4.0)
+    assert relative_acceleration == pytest.approx(np.array(expected))
+    assert COQ["sagitta"](2.0, 4.0) == pytest.approx(4.0)

@@ -311,7 +311,7 @@ def test_a_small_attack_finds_nothing(capsys: pytest.CaptureFixture[str], tmp_pa
     assert sum(figures["through_plan"].values()) == 10
     assert figures["safe"] > 60
     assert figures["violations"] == 0
-    assert figures["smallest_spare_separation_m"] >= 0.0
+    assert figures["smallest_clearance_m"] >= 0.0
     assert 0.5 < max(figures["largest_limit_use"].values()) <= 1.000001
     assert sum(asked for asked, _ in figures["families"].values()) == 150
     assert len((tmp_path / "batches.jsonl").read_text(encoding="utf-8").splitlines()) == 4

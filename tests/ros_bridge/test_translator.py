@@ -216,7 +216,7 @@ def built(package: str, folder: Path, prefix: Path) -> None:
     text = (OURS / "CMakeLists.txt").read_text(encoding="utf-8").replace("rlcas_msgs", package)
     text = re.sub(r"set\(dependencies .*\)", "set(dependencies builtin_interfaces std_msgs)", text)
     names = "\n  ".join(f"msg/{file.name}" for file in sorted((source / "msg").glob("*.msg")))
-    text = re.sub(r"msg/AircraftState.msg.*\.srv", names, text, flags=re.DOTALL)
+    text = re.sub(r"msg/\w+\.msg.*\.srv", names, text, flags=re.DOTALL)
     (source / "CMakeLists.txt").write_text(text, encoding="utf-8")
     described = (OURS / "package.xml").read_text(encoding="utf-8").replace("rlcas_msgs", package)
     (source / "package.xml").write_text(described, encoding="utf-8")

@@ -146,12 +146,12 @@ def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
         apart = np.hypot(
             states.x[:-1, :, None] - east[:, None], states.y[:-1, :, None] - north[:, None]
         )
-        spare = np.min(
+        clearance = np.min(
             apart - 1_000.0 - OPTIONS.requirement.margin - 2.0 * sigma * times[:, None, None],
             axis=-1,
         )
         under_way = times[:, None] <= np.where(np.isnan(end), 150.0, end)
-        least = np.min(np.where(under_way, spare, np.inf), axis=0)
+        least = np.min(np.where(under_way, clearance, np.inf), axis=0)
         # A stride counts as if the uncertainty at its end held from its beginning.
         clearance = found.clearance[number * each : (number + 1) * each]
         # Sampling at 0.25 s misses less than 1 m of a pass at 500 m or more.

@@ -94,8 +94,8 @@ def test_a_circle_keeps_its_radius_from_its_centre(duration: float, sign: float)
     found = validate(plan, centre, Requirement(1_000.0), C208_PUBLISHED)
     # Each of an arc's 32 parts is judged on its chord, v w h^2 / 8 inside the circle, less as much
     # for its bend.
-    bow = speed * rate * (duration / 320.0) ** 2 / 8.0
-    assert radius - 2.0 * bow - 1e-6 <= found.min_separation[0] <= radius + 1e-6
+    sagitta = speed * rate * (duration / 320.0) ** 2 / 8.0
+    assert radius - 2.0 * sagitta - 1e-6 <= found.min_separation[0] <= radius + 1e-6
     assert found.safe[0]
 
 
