@@ -47,22 +47,23 @@ C208_PUBLISHED = Limits(31.0, 100.0, -0.8, 0.5, math.radians(5.0))
 """The true Cessna 208's limits as the paper states them (same table)."""
 
 
-def within(first: Limits, second: Limits) -> Limits:
+def intersection(first: Limits, second: Limits) -> Limits:
     """Return the limits that keep both; floats.
 
     Raises:
         ValueError: they share less than 1 m/s of speed.
     """
-    narrower = max, min, max, min, min
     both = Limits(
-        *(pick(pair) for pick, pair in zip(narrower, zip(first, second, strict=True), strict=True))
+        speed_min=max(first.speed_min, second.speed_min),
+        speed_max=min(first.speed_max, second.speed_max),
+        acceleration_min=max(first.acceleration_min, second.acceleration_min),
+        acceleration_max=min(first.acceleration_max, second.acceleration_max),
+        yaw_rate_max=min(first.yaw_rate_max, second.yaw_rate_max),
     )
     if both.speed_min >= both.speed_max - 1.0:
-        speeds, others = (
-            f"{limits.speed_min:g} to {limits.speed_max:g} m/s" for limits in (second, first)
-        )
         raise ValueError(
-            f"allows {speeds}; expected a range that overlaps {others} by more than 1 m/s"
+            f"allows {second.speed_min:g} to {second.speed_max:g} m/s; expected a range that "
+            f"overlaps {first.speed_min:g} to {first.speed_max:g} m/s by more than 1 m/s"
         )
     return both
 

@@ -49,21 +49,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         shutil.rmtree(folder)
     steps = (
         [
-            *(
-                "cmake",
-                "-S",
-                str(options.source),
-                "-B",
-                build,
-                "-G",
-                "Ninja",
-                "-DBUILD_TESTING=OFF",
-                "-Wno-dev",
-            ),
-            *(
-                f"-DCMAKE_INSTALL_PREFIX={options.prefix.resolve()}",
-                f"-DPython3_EXECUTABLE={sys.executable}",
-            ),
+            "cmake",
+            "-S",
+            str(options.source),
+            "-B",
+            build,
+            "-G",
+            "Ninja",
+            "-DBUILD_TESTING=OFF",
+            "-Wno-dev",
+            f"-DCMAKE_INSTALL_PREFIX={options.prefix.resolve()}",
+            f"-DPython3_EXECUTABLE={sys.executable}",
         ],
         ["cmake", "--build", build, "--parallel", "2"],
         ["cmake", "--install", build],

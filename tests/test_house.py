@@ -46,7 +46,9 @@ def test_flight_path_imports_only_numpy_safetensors_and_itself():
     rooms = flight_path()
     modules = [
         *(name for room in rooms for name in (room, *graph.find_descendants(room))),
-        *("envs", "agents", "agents.policy"),
+        "envs",
+        "agents",
+        "agents.policy",
     ]
     allowed = {*modules, *FLIGHT_LIBRARIES, *sys.stdlib_module_names}
     strays = {

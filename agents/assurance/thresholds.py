@@ -10,7 +10,7 @@ from typing import Any
 from agents.planner.options import Options, agility
 from agents.planner.traffic import Requirement
 from agents.policy.domain import traffic
-from envs.kinematics import Limits, within
+from envs.kinematics import Limits, intersection
 
 
 class Cause(IntFlag):
@@ -230,5 +230,6 @@ def backup_limits(options: Options) -> Limits:
     """Return what backups are made with: all that the vehicle can, at the speeds of decisions; each
     leg is constant.
     """
-    both, slowest = within(options.aircraft.limits, options.limits), options.manoeuvre.speed_min
+    both = intersection(options.aircraft.limits, options.limits)
+    slowest = options.manoeuvre.speed_min
     return options.limits._replace(speed_min=max(both.speed_min, slowest), speed_max=both.speed_max)

@@ -15,7 +15,7 @@ from agents.planner.fields import real, shown
 from agents.planner.traffic import Requirement
 from agents.planner.validator import LONGEST
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
-from envs.kinematics import FASTEST, Limits, within
+from envs.kinematics import FASTEST, Limits, intersection
 
 # separations that the follower leaves the curve by, rounded up (docs/explanation/planner.md)
 _MARGIN = 2e-5
@@ -61,7 +61,7 @@ def comfort_limits(decisions: Limits, vehicle: Limits) -> Limits:
     turn. Raises a ValueError where the limits of decisions and of the vehicle have no speeds in
     common.
     """
-    both = within(decisions, vehicle)
+    both = intersection(decisions, vehicle)
     return Limits(
         max(both.speed_min, 0.05 * both.speed_max),
         both.speed_max - 0.004 * both.speed_max,

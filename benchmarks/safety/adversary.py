@@ -114,16 +114,16 @@ FAMILIES = (
 """In the order of the tally; their shares sum to 100."""
 
 _NAMES = (
-    *(
-        "default",
-        "no margin",
-        "margin 50 m",
-        "extended route",
-        "one goal",
-        "not direct",
-        "cheapest",
-    ),
-    *("rejoin by 60 s", "rejoin by 340 s", "exhaustive"),
+    "default",
+    "no margin",
+    "margin 50 m",
+    "extended route",
+    "one goal",
+    "not direct",
+    "cheapest",
+    "rejoin by 60 s",
+    "rejoin by 340 s",
+    "exhaustive",
 )
 
 

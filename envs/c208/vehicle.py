@@ -8,7 +8,7 @@ raises :class:`FlightError` with its reason.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,10 +21,8 @@ from envs.c208.flightgear import FlightGear
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve, surfaces
 from envs.kinematics import VehicleState
 
-_EQUATOR, _MERIDIAN = (
-    6_378_137.0,
-    6_335_439.3,
-)  # radii of curvature at the equator along both, m (WGS 84)
+_EQUATOR = 6_378_137.0  # radius of curvature along the equator, m (WGS 84)
+_MERIDIAN = 6_335_439.3  # radius of curvature along a meridian at the equator, m (WGS 84)
 _SUBSTEPS = round(TICK / STEP)
 _WIND_LAG = 10.0  # of the autopilot's estimate of the wind, s
 _LEAD_IN = 20.0  # flown before the start, so that no transient of the initial state is left, s
@@ -43,6 +41,54 @@ LOG_COLUMNS = (
     "throttle",
 )
 """Of :meth:`C208Vehicle.log`; SI units and radians."""
+
+
+class _Readings(NamedTuple):
+    """What is read of the flight dynamics model after each period, in its own units."""
+
+    bank: Any
+    pitch: Any
+    roll_rate: Any
+    pitch_rate: Any
+    yaw_rate: Any
+    alpha: Any
+    beta: Any
+    airspeed: Any
+    altitude: Any
+    climb: Any
+    density: Any
+    weight: Any
+    spool: Any
+    east: Any
+    north: Any
+    longitude: Any
+    latitude: Any
+    wind_east: Any
+    wind_north: Any
+
+
+_PROPERTIES = _Readings(
+    bank="attitude/phi-rad",
+    pitch="attitude/theta-rad",
+    roll_rate="velocities/p-rad_sec",
+    pitch_rate="velocities/q-rad_sec",
+    yaw_rate="velocities/r-rad_sec",
+    alpha="aero/alpha-rad",
+    beta="aero/beta-rad",
+    airspeed="velocities/vt-fps",
+    altitude="position/h-sl-ft",
+    climb="velocities/h-dot-fps",
+    density="atmosphere/rho-slugs_ft3",
+    weight="inertia/weight-lbs",
+    spool="propulsion/engine/n2",
+    east="velocities/v-east-fps",
+    north="velocities/v-north-fps",
+    longitude="position/long-gc-rad",
+    latitude="position/lat-geod-rad",
+    wind_east="atmosphere/total-wind-east-fps",
+    wind_north="atmosphere/total-wind-north-fps",
+)
+"""Where they stand in JSBSim's tree of properties."""
 
 
 class FlightError(RuntimeError):
@@ -119,35 +165,7 @@ class C208Vehicle:
 
     def _nodes(self) -> None:
         node = self.fdm.node
-        names = (
-            *(
-                "attitude/phi-rad",
-                "attitude/theta-rad",
-                "velocities/p-rad_sec",
-                "velocities/q-rad_sec",
-            ),
-            *(
-                "velocities/r-rad_sec",
-                "aero/alpha-rad",
-                "aero/beta-rad",
-                "velocities/vt-fps",
-                "position/h-sl-ft",
-            ),
-            *(
-                "velocities/h-dot-fps",
-                "atmosphere/rho-slugs_ft3",
-                "inertia/weight-lbs",
-                "propulsion/engine/n2",
-            ),
-            *(
-                "velocities/v-east-fps",
-                "velocities/v-north-fps",
-                "position/long-gc-rad",
-                "position/lat-geod-rad",
-            ),
-            *("atmosphere/total-wind-east-fps", "atmosphere/total-wind-north-fps"),
-        )
-        self._read = [node(name).get_double_value for name in names]
+        self._read = [node(name).get_double_value for name in _PROPERTIES]
         controls = ("elevator-cmd-norm", "aileron-cmd-norm", "rudder-cmd-norm", "throttle-cmd-norm")
         self._write = [node(f"fcs/{name}").set_double_value for name in controls]
         surfaces = ("elevator_up", "elevator_down", "aileron", "rudder")
@@ -165,22 +183,23 @@ class C208Vehicle:
             raise StartError(f"the flight cannot begin: {problem}") from problem
         nose = math.atan2(air_north, air_east)
         drift = math.remainder(heading - nose, 2.0 * math.pi)
+        # Without wind yet the drift is a sideslip to the other side; the wind, set below, takes it
+        # away.
         initial = {
             "lat-geod-deg": 0.0,
             "long-gc-deg": 0.0,
             "h-sl-ft": self._altitude / FOOT,
             "vt-fps": speed / FOOT,
-        }
-        initial |= {"alpha-deg": math.degrees(trim.alpha), "gamma-deg": 0.0}
-        # Without wind yet the drift is a sideslip to the other side; the wind, set below, takes it
-        # away.
-        initial |= {
+            "alpha-deg": math.degrees(trim.alpha),
+            "gamma-deg": 0.0,
             "beta-deg": -math.degrees(drift),
             "phi-deg": 0.0,
             "theta-deg": math.degrees(trim.alpha),
+            "psi-true-deg": math.degrees(math.pi / 2.0 - nose) % 360.0,
+            "p-rad_sec": 0.0,
+            "q-rad_sec": 0.0,
+            "r-rad_sec": 0.0,
         }
-        initial |= {"psi-true-deg": math.degrees(math.pi / 2.0 - nose) % 360.0}
-        initial |= {"p-rad_sec": 0.0, "q-rad_sec": 0.0, "r-rad_sec": 0.0}
         fdm.initialise(initial, surfaces(trim.elevator, trim.throttle))
         for shaft in ("n1", "n2"):
             fdm.set(f"propulsion/engine/{shaft}", 60.0 + 40.0 * trim.throttle)
@@ -251,48 +270,38 @@ class C208Vehicle:
         self._see()
 
     def _see(self) -> None:
-        values = [read() for read in self._read]
-        (
-            bank,
-            pitch,
-            roll,
-            pitching,
-            yawing,
-            alpha,
-            beta,
-            airspeed,
-            height,
-            climb,
-            density,
-            weight,
-            spool,
-        ) = values[:13]
-        east, north, longitude, latitude, wind_east, wind_north = values[13:]
-        east, north, airspeed, altitude = east * FOOT, north * FOOT, airspeed * FOOT, height * FOOT
+        now = _Readings(*[read() for read in self._read])
+        east, north = now.east * FOOT, now.north * FOOT
+        airspeed, altitude = now.airspeed * FOOT, now.altitude * FOOT
         share = TICK / _WIND_LAG
-        blow_east, blow_north = self._wind
-        blow_east += share * (wind_east * FOOT - blow_east)
-        blow_north += share * (wind_north * FOOT - blow_north)
-        self._wind = blow_east, blow_north
-        x = longitude * self._scale[0] + self._offset[0]
-        y = latitude * self._scale[1] + self._offset[1]
+        wind_east, wind_north = self._wind
+        wind_east += share * (now.wind_east * FOOT - wind_east)
+        wind_north += share * (now.wind_north * FOOT - wind_north)
+        self._wind = wind_east, wind_north
+        x = now.longitude * self._scale[0] + self._offset[0]
+        y = now.latitude * self._scale[1] + self._offset[1]
         self.state = VehicleState(x, y, math.atan2(north, east), math.hypot(east, north))
         self.measured = Measured(
-            *(bank, pitch, roll, pitching, yawing, alpha, beta, airspeed),
-            math.hypot(east - blow_east, north - blow_north),
-            *(
-                altitude,
-                climb * FOOT,
-                density * SLUG_PER_FT3,
-                weight * POUND,
-                (spool - 60.0) / 40.0,
-            ),
+            bank=now.bank,
+            pitch=now.pitch,
+            roll_rate=now.roll_rate,
+            pitch_rate=now.pitch_rate,
+            yaw_rate=now.yaw_rate,
+            alpha=now.alpha,
+            beta=now.beta,
+            airspeed=airspeed,
+            steady_airspeed=math.hypot(east - wind_east, north - wind_north),
+            altitude=altitude,
+            climb=now.climb * FOOT,
+            density=now.density * SLUG_PER_FT3,
+            weight=now.weight * POUND,
+            spool=(now.spool - 60.0) / 40.0,
         )
         problem = _problem(self.state, self.measured)
         if problem:
             raise FlightError(f"{problem} at {self.time:.2f} s")
         row = (self.time, x, y, altitude, self.state.heading, self.state.speed, airspeed)
-        self._rows.append((*row, bank, alpha, beta, self._throttle))
+        self._rows.append((*row, now.bank, now.alpha, now.beta, self._throttle))
 
 
 def _problem(state: VehicleState, m: Measured) -> str | None:

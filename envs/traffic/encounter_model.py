@@ -39,9 +39,16 @@ SPEED, ACCELERATION, CLIMB, TURN = (
 )  # names of the variables that make a track
 
 _BLOCKS = (
-    *("labels_initial", "G_initial", "r_initial", "N_initial"),
-    *("labels_transition", "G_transition", "r_transition", "N_transition"),
-    *("boundaries", "resample_rates"),
+    "labels_initial",
+    "G_initial",
+    "r_initial",
+    "N_initial",
+    "labels_transition",
+    "G_transition",
+    "r_transition",
+    "N_transition",
+    "boundaries",
+    "resample_rates",
 )
 _NEEDED = (SPEED, ACCELERATION, TURN)
 _RANGES = {

@@ -3,14 +3,14 @@ means.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict, classify
 from envs.follower import PERIOD
-from envs.kinematics import within
+from envs.kinematics import intersection
 from envs.outcome import Rules
 from eval.flights.conditions import conditions
 from eval.flights.plan_flight import SUBSTEPS
@@ -25,20 +25,26 @@ HIFI_OUTCOMES = ("reached", "violation", "timeout", "failed", "refused")
 a reason.
 """
 
-ERRORS = (
-    *(
-        "cross_track_rms_m",
-        "cross_track_max_m",
-        "along_track_max_m",
-        "late_max_s",
-        "position_error_max_m",
-    ),
-    *("position_error_to_goal_m", "accumulated_m_s", "path_definition_max_m", "total_error_max_m"),
-    "altitude_error_max_m",
-)
-"""Columns of the errors against the plan."""
-
 _NAN = math.nan
+
+
+class PlanErrors(NamedTuple):
+    """Errors of a flight against its plan, by the names of their columns."""
+
+    cross_track_rms_m: float = _NAN
+    cross_track_max_m: float = _NAN
+    along_track_max_m: float = _NAN
+    late_max_s: float = _NAN
+    position_error_max_m: float = _NAN
+    position_error_to_goal_m: float = _NAN
+    accumulated_m_s: float = _NAN  # integral of the position error over the flight, m s
+    path_definition_max_m: float = _NAN
+    total_error_max_m: float = _NAN
+    altitude_error_max_m: float = _NAN
+
+
+ERRORS = PlanErrors._fields
+"""Columns of the errors against the plan."""
 
 
 def columns(prepared: tuple[Campaign, Policy], first: int, count: int) -> dict[str, np.ndarray]:
@@ -59,10 +65,10 @@ def columns(prepared: tuple[Campaign, Policy], first: int, count: int) -> dict[s
 
 def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
     """Return the row of one flight."""
-    row: dict[str, Any] = (
-        {"flight": number} | _verdict(one, campaign.aircraft.rules()) | _plan(campaign, one)
-    )
-    row |= _errors(one)
+    row: dict[str, Any] = {"flight": number}
+    row |= _verdict(one, campaign.aircraft.rules())
+    row |= _plan(campaign, one)
+    row |= _errors(one)._asdict()
     if campaign.mode == "assured":
         pilot = one.pilot if isinstance(one.pilot, Assured) else None
         row["replans"] = pilot.replans if pilot else 0
@@ -150,7 +156,7 @@ def _bound(campaign: Campaign, one: Flown) -> str:
     required = options.requirement.separation + options.requirement.margin
     rules = campaign.aircraft.rules()._replace(separation=required)
     solved = one.made is not None and bool(one.made.plans.proposals.safe[0])
-    limits = within(campaign.aircraft.limits, campaign.options.limits)
+    limits = intersection(campaign.aircraft.limits, campaign.options.limits)
     begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
     if not begins and not solved:
         return "outside"
@@ -158,36 +164,39 @@ def _bound(campaign: Campaign, one: Flown) -> str:
     return Verdict(int(judged.verdict[0])).name.lower()
 
 
-def _errors(one: Flown) -> dict[str, Any]:
+def _errors(one: Flown) -> PlanErrors:
     """Return the errors against the plan; nan where there is none or it was not flown to
     its end.
     """
     errors, flight = one.errors, one.flight
     if errors is None or flight is None or one.legs is None or flight.failure is not None:
-        return dict.fromkeys(ERRORS, _NAN)
+        return PlanErrors()
     # The last second of a flight may lie beyond the plan's end.
-    within = (
-        PERIOD * np.arange(errors.late.size) <= one.legs.time[-1] + one.legs.duration[-1] + 1e-9
-    )
-    position = errors.position[within]
+    end = one.legs.time[-1] + one.legs.duration[-1]
+    planned = PERIOD * np.arange(errors.late.size) <= end + 1e-9
+    position = errors.position[planned]
+    cross, along, late = (np.abs(field[planned]) for field in errors[:3])
+    altitude = np.abs(flight.altitude - one.scene.drawn.altitude)
     assert one.made is not None
     rejoin = float(one.made.plans.proposals.rejoin_time[0])
-    cross, along, late = (np.abs(field[within]) for field in errors[:3])
-    values = (
-        *(
-            math.sqrt(float(np.mean(cross**2))),
-            cross.max(),
-            along.max(),
-            late.max(),
-            position.max(),
-        ),
-        position[: int(rejoin / PERIOD) + 1].max() if math.isfinite(rejoin) else _NAN,
-        PERIOD * position.sum(),
-        errors.definition.max() if errors.definition.size else _NAN,
-        errors.total.max() if errors.total.size else _NAN,
-        np.abs(flight.altitude - one.scene.drawn.altitude).max(),
+    to_goal = position[: int(rejoin / PERIOD) + 1] if math.isfinite(rejoin) else np.empty(0)
+    return PlanErrors(
+        cross_track_rms_m=math.sqrt(float(np.mean(cross**2))),
+        cross_track_max_m=float(cross.max()),
+        along_track_max_m=float(along.max()),
+        late_max_s=float(late.max()),
+        position_error_max_m=float(position.max()),
+        position_error_to_goal_m=_largest(to_goal),
+        accumulated_m_s=float(PERIOD * position.sum()),
+        path_definition_max_m=_largest(errors.definition),
+        total_error_max_m=_largest(errors.total),
+        altitude_error_max_m=float(altitude.max()),
     )
-    return dict(zip(ERRORS, (float(value) for value in values), strict=True))
+
+
+def _largest(values: np.ndarray) -> float:
+    """Return the largest of some values, nan where there are none."""
+    return float(values.max()) if values.size else _NAN
 
 
 def _scene(campaign: Campaign, one: Flown) -> dict[str, Any]:

@@ -77,13 +77,20 @@ def campaign_of(config: HifiConfig) -> tuple[Campaign, HifiConfig]:
     """Return what a configuration names to be flown, and the configuration as resolved."""
     evaluation, _, resolved = named_evaluation(config)
     del resolved["backend"]  # nothing here is decided in batches
-    what = (evaluation.source, config.seed, evaluation.aircraft, config.mode, evaluation.options)
-    return Campaign(config.policy, *what, config.vehicle, config.condition), config.model_copy(
-        update=resolved
+    campaign = Campaign(
+        config.policy,
+        evaluation.source,
+        config.seed,
+        evaluation.aircraft,
+        config.mode,
+        evaluation.options,
+        config.vehicle,
+        config.condition,
     )
+    return campaign, config.model_copy(update=resolved)
 
 
-def _prepared(
+def _resolve(
     config: HifiConfig, options: argparse.Namespace
 ) -> tuple[Campaign, HifiConfig, tuple[str, ...]]:
     viewer = None
@@ -143,8 +150,19 @@ _KEYS = {
     "vehicle": "vehicle",
     "condition": "condition.name",
     "flights": "encounters",
+    "seed": "seed",
+    "workers": "workers",
 }
 _COMMAND = Command(
-    *("hifi", "flights", HifiFolder, _KEYS | {"seed": "seed", "workers": "workers"}, ""),
-    *(_prepared, prepared, columns, _summary, "eval.hifi.figures", _show),
+    name="hifi",
+    unit="flights",
+    folder=HifiFolder,
+    keys=_KEYS,
+    prefix="",
+    resolve=_resolve,
+    prepare=prepared,
+    columns=columns,
+    summarise=_summary,
+    figures="eval.hifi.figures",
+    show=_show,
 )

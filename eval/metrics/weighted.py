@@ -17,7 +17,10 @@ _FEW_EVENTS = 10  # events without the resolver below which a ratio says little
 _DOMINANT = 0.1  # share of the weighted events beyond which a single encounter decides the ratio
 _GIVEN = "success_rate", "success_given_resolvable"
 _BY_WEIGHT = {
-    *("violation_rate", "timeout_rate", "resolvable_rate", "baseline_violation_rate"),
+    "violation_rate",
+    "timeout_rate",
+    "resolvable_rate",
+    "baseline_violation_rate",
     *(before + name for before in ("", "policy_", "plan_") for name in _GIVEN),
 }
 

@@ -112,7 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _prepared(
+def _resolve(
     config: MonteCarloConfig, options: argparse.Namespace
 ) -> tuple[Evaluation, MonteCarloConfig, tuple[str, ...]]:
     if options.scheduler is not None and config.backend == "auto":
@@ -168,10 +168,24 @@ def _show(summary: Mapping[str, Any]) -> None:
     )
 
 
-_KEYS = {key: key for key in ("mode", "encounters", "seed", "baseline", "workers")} | {
-    "repair": "tracks.repair"
+_KEYS = {
+    "mode": "mode",
+    "encounters": "encounters",
+    "seed": "seed",
+    "baseline": "baseline",
+    "workers": "workers",
+    "repair": "tracks.repair",
 }
 _COMMAND = Command(
-    *("monte_carlo", "encounters", RunFolder, _KEYS, "--"),
-    *(_prepared, Pilot, columns, _summary, "eval.plots.encounters", _show),
+    name="monte_carlo",
+    unit="encounters",
+    folder=RunFolder,
+    keys=_KEYS,
+    prefix="--",
+    resolve=_resolve,
+    prepare=Pilot,
+    columns=columns,
+    summarise=_summary,
+    figures="eval.plots.encounters",
+    show=_show,
 )

@@ -28,29 +28,25 @@ _TEXTS = (
     "policy_outcome",
 )
 _NUMBERS = (
-    *(
-        "distance_m",
-        "bearing_deg",
-        "relative_heading_deg",
-        "min_separation_m",
-        "time_of_min_separation_s",
-    ),
-    *(
-        "duration_s",
-        "path_excess",
-        "goal_distance_m",
-        "heading_reversals",
-        "baseline_min_separation_m",
-    ),
-    *(
-        "policy_min_separation_m",
-        "plan_min_separation_m",
-        "replans",
-        "backup_s",
-        "intruders",
-        "own_speed_m_s",
-    ),
-    *("intruder_speed_m_s", "t_cpa_s", "d_cpa_m"),
+    "distance_m",
+    "bearing_deg",
+    "relative_heading_deg",
+    "min_separation_m",
+    "time_of_min_separation_s",
+    "duration_s",
+    "path_excess",
+    "goal_distance_m",
+    "heading_reversals",
+    "baseline_min_separation_m",
+    "policy_min_separation_m",
+    "plan_min_separation_m",
+    "replans",
+    "backup_s",
+    "intruders",
+    "own_speed_m_s",
+    "intruder_speed_m_s",
+    "t_cpa_s",
+    "d_cpa_m",
 )
 NEAR = 1.05  # a success that came nearer than this times the required separation is a near miss
 NEAREST, OTHERS, POINTS = 200, 100, 20_000

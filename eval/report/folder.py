@@ -23,8 +23,15 @@ _FIGURES = (
 )  # names of the pictures that a run draws
 _SUMMARY, _TABLE, _CONFIG = "summary.json", RunFolder.table, "config.yaml"
 _COLUMNS = (
-    *("encounter", "outcome", "verdict", "duration_s", "min_separation_m", "name"),
-    *("distance_m", "bearing_deg", "relative_heading_deg"),
+    "encounter",
+    "outcome",
+    "verdict",
+    "duration_s",
+    "min_separation_m",
+    "name",
+    "distance_m",
+    "bearing_deg",
+    "relative_heading_deg",
 )
 
 

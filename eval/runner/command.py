@@ -50,7 +50,7 @@ class Command(NamedTuple):
     folder: type[RunFolder]
     keys: Mapping[str, str]  # of the configuration by the name of their option
     prefix: str  # as of eval.runner.options.loaded
-    prepared: Callable[[Any, argparse.Namespace], tuple[Any, Any, tuple[str, ...]]]
+    resolve: Callable[[Any, argparse.Namespace], tuple[Any, Any, tuple[str, ...]]]
     """(configuration, options) -> work, the configuration but for its chunks resolved, packages
     that rows depend on.
     """
@@ -58,10 +58,10 @@ class Command(NamedTuple):
     columns: Callable[
         [Any, int, int], dict[str, Any]
     ]  # with ``prepare``: of :class:`eval.runner.payload.Task`
-    summarised: Callable[[Mapping[str, Any], Any, Any], dict[str, Any]]
+    summarise: Callable[[Mapping[str, Any], Any, Any], dict[str, Any]]
     """(table, configuration, work) -> what the summary says of the flights."""
     figures: str  # module with draw_all: (folder, table, work) -> files of the figures
-    shown: Callable[[Mapping[str, Any]], None]  # prints a summary
+    show: Callable[[Mapping[str, Any]], None]  # prints a summary
 
 
 def run(command: Command, options: argparse.Namespace) -> int:
@@ -73,7 +73,7 @@ def run(command: Command, options: argparse.Namespace) -> int:
         return 0
     begun = time.perf_counter()
     config = loaded(command.folder.model, options, command.keys, command.prefix)
-    work, config, packages = command.prepared(config, options)
+    work, config, packages = command.resolve(config, options)
     task = Task(command.prepare, command.columns, (*DECISIVE, *packages))
     with _cluster_of(options, task.packages) as cluster:
         workers = config.workers or cores() if cluster is None else cluster.size()
@@ -108,7 +108,7 @@ def run(command: Command, options: argparse.Namespace) -> int:
                 },
                 **described(work.aircraft, policy),
                 "confidence": config.confidence,
-                **command.summarised(table, config, work),
+                **command.summarise(table, config, work),
                 "wall_s": wall_s,
                 f"{command.unit}_flown_now": flown,
                 f"{command.unit}_per_s": flown / wall_s if flown else None,
@@ -120,7 +120,7 @@ def run(command: Command, options: argparse.Namespace) -> int:
             # Imported only now: matplotlib takes a second.
             draw_all = import_module(command.figures).draw_all if config.figures else lambda *_: []
             figures = draw_all(folder.path, table, work)
-    command.shown(summary)
+    command.show(summary)
     print("\n".join(lines_about(summary)))
     if flown:
         print(f"{wall_s:.1f} s, {flown / wall_s:.1f} {command.unit}/s")

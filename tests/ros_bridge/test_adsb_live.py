@@ -210,21 +210,17 @@ def test_an_aircraft_without_a_velocity_is_sighted(changes: dict[str, Any], fiel
 @pytest.mark.parametrize(
     "garbage",
     [
-        *(
-            "",
-            "<html>",
-            "[1]",
-            "7",
-            '{"now": 1}',
-            '{"now": "x", "aircraft": []}',
-            '{"now": Infinity, "aircraft": []}',
-        ),
-        *(
-            '{"now": 5, "aircraft": 5}',
-            '{"now": 5, "aircraft": [5]}',
-            '{"now": 5, "aircraft": [{}]}',
-            "[" * 20_000,
-        ),
+        "",
+        "<html>",
+        "[1]",
+        "7",
+        '{"now": 1}',
+        '{"now": "x", "aircraft": []}',
+        '{"now": Infinity, "aircraft": []}',
+        '{"now": 5, "aircraft": 5}',
+        '{"now": 5, "aircraft": [5]}',
+        '{"now": 5, "aircraft": [{}]}',
+        "[" * 20_000,
     ],
 )
 def test_garbage_is_one_error_and_nothing_else(garbage: str) -> None:

@@ -261,8 +261,16 @@ def test_another_seed_is_another_run(finished: Path, tmp_path: Path) -> None:
 def test_killed_runs_go_on_and_leave_no_process(finished: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     process = start(
-        *("--config", str(finished / "config.yaml"), "--set", "chunk=15", "--set", "figures=false"),
-        *("--workers", "2", "--out", str(out)),
+        "--config",
+        str(finished / "config.yaml"),
+        "--set",
+        "chunk=15",
+        "--set",
+        "figures=false",
+        "--workers",
+        "2",
+        "--out",
+        str(out),
     )
     wait_for_parts(out, 2, process)
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
@@ -309,8 +317,16 @@ def test_ctrl_c_keeps_finished_chunks_and_says_how_to_go_on(
 ) -> None:
     out = tmp_path / "stopped"
     with start(
-        *("--config", str(finished / "config.yaml"), "--set", "chunk=15", "--set", "figures=false"),
-        *("--workers", workers, "--out", str(out)),
+        "--config",
+        str(finished / "config.yaml"),
+        "--set",
+        "chunk=15",
+        "--set",
+        "figures=false",
+        "--workers",
+        workers,
+        "--out",
+        str(out),
     ) as process:
         wait_for_parts(out, 1, process)
         os.killpg(process.pid, signal.SIGINT)
