@@ -155,7 +155,7 @@ JUSTIFIED = {
     "rlcas_jax/config.py": "defaults of configurations",
     "rlcas_jax/gymnax_env.py": "the default of a registered environment",
     "eval/boundary/run.py": "default of a command line",
-    "eval/local.py": "range of an option",
+    "eval/policy_map/local.py": "range of an option",
     "eval/compare/deciders.py": "aircraft of policies that name none",
     "eval/hifi/config.py": "ranges of configurations",
     "eval/hifi/figures.py": "metres in a kilometre",

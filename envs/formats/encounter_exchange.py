@@ -219,7 +219,7 @@ def _lincoln_state(track: Track) -> tuple[float, float, np.ndarray]:
     row a second.
     """
     ground = np.hypot(track.vx, track.vy)
-    course = np.unwrap(np.arctan2(track.vx, track.vy))
+    course = np.unwrap(_course(track))
     rate = track.vertical_rate
     along = np.hypot(ground, rate)
     rows = np.stack(
@@ -228,6 +228,17 @@ def _lincoln_state(track: Track) -> tuple[float, float, np.ndarray]:
     # An event holds until the next: rows that command the same again are left out.
     changes = np.concatenate([[True], np.any(np.abs(np.diff(rows[:, 1:], axis=0)) > 1e-12, axis=1)])
     return float(along[0]), float(course[0]), rows[changes]
+
+
+def _course(track: Track) -> np.ndarray:
+    """Return the course of each row, clockwise from north, rad; a row that stands still has that of
+    the last one that moved, or of the first one that will.
+    """
+    course, moving = np.arctan2(track.vx, track.vy), np.flatnonzero(np.hypot(track.vx, track.vy))
+    if moving.size == 0:
+        return np.zeros(course.size)
+    last = np.searchsorted(moving, np.arange(course.size), side="right") - 1
+    return course[moving[np.maximum(last, 0)]]
 
 
 def daidalus_text(scene: Scene, altitude: float | None) -> str:

@@ -11,13 +11,10 @@ import numpy as np
 
 from envs.edge.files import written
 from eval.evidence.listed import Evidence
+from eval.plots.cells import COURSES, RATIOS, cells_figure
 from eval.runner.outputs import read_table
 from eval.stats.intervals import share
 
-COURSES = (0.0, 45.0, 90.0, 135.0, 180.0)
-"""Edges of the cells: difference of the courses, degrees."""
-RATIOS = (0.4, 0.7, 0.9, 1.1, 1.5, 2.6)
-"""Edges of the cells: intruder's speed / own speed."""
 _GEOMETRIES = [f"{low:g} to {high:g} deg" for low, high in pairwise(COURSES)]
 _SPEEDS = [f"{low:g} to {high:g}" for low, high in pairwise(RATIOS)]
 _ENOUGH = 100  # trials of a cell: even without a failure fewer show no more than 97 %
@@ -87,30 +84,3 @@ def draw(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]
     with written(root / PICTURE) as path:
         figure.savefig(path, format="png", dpi=110)
     return [root / PICTURE]
-
-
-def cells_figure(
-    panels: Sequence[tuple[str, np.ndarray, Any]],
-    courses: Sequence[str],
-    ratios: Sequence[str],
-    least: float,
-    of: str,
-) -> Any:
-    """Return a figure of the cells: of each panel a title, percentages in colour from ``least`` on,
-    and texts.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure((5.4 * len(panels), 1.4 + 0.5 * len(courses)), layout="constrained")
-    row = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    for axes, (title, values, texts) in zip(row, panels, strict=True):
-        axes.imshow(values, vmin=least, vmax=100.0, cmap="cividis", aspect="auto")
-        for (i, j), value in np.ndenumerate(values):
-            color = "white" if value < least + 0.6 * (100.0 - least) else "black"
-            axes.text(j, i, texts[i][j], ha="center", va="center", fontsize=8, color=color)
-        axes.set_xticks(range(len(ratios)), ratios, fontsize=8)
-        axes.set_yticks(range(len(courses)), courses, fontsize=8)
-        axes.set(xlabel="intruder's speed / own speed", title=title)
-    row[0].set_ylabel("courses differ by")
-    figure.colorbar(row[0].images[0], ax=row, label=of)
-    return figure

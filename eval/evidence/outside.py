@@ -32,7 +32,6 @@ from envs.kinematics import Limits, VehicleState
 from envs.perception import carried_back, perceive
 from envs.starts import joined, numbered
 from envs.trees import mapped, take
-from eval.family import drawn as aircraft_drawn
 from eval.stats.intervals import share
 
 _REASONS = {
@@ -342,7 +341,9 @@ def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
     if number == 0:
         return policy.aircraft
     if number > len(("low", "high")):
-        return aircraft_drawn(seed, number).aircraft()
+        from eval.family.aircraft import draw_aircraft
+
+        return draw_aircraft(seed, number).aircraft()
     of, fast, unit = (
         policy.metadata["family"],
         policy.aircraft.limits.speed_max,

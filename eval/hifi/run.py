@@ -14,7 +14,7 @@ from eval.hifi.flights import Campaign, prepared
 from eval.hifi.rows import HifiFolder, columns
 from eval.hifi.summary import error_rows, rate_rows, summarise
 from eval.metrics.summary import print_table
-from eval.runner.command import Command, run
+from eval.runner.command import Command, Resolved, run
 from eval.runner.options import first_options, last_options, named_evaluation, whole
 
 _DESCRIPTION = """\
@@ -90,9 +90,7 @@ def campaign_of(config: HifiConfig) -> tuple[Campaign, HifiConfig]:
     return campaign, config.model_copy(update=resolved)
 
 
-def _resolve(
-    config: HifiConfig, options: argparse.Namespace
-) -> tuple[Campaign, HifiConfig, tuple[str, ...]]:
+def _resolve(config: HifiConfig, options: argparse.Namespace) -> Resolved:
     viewer = None
     if options.flightgear is not None:
         if config.vehicle not in ("c208_ex", "c208"):
@@ -107,7 +105,7 @@ def _resolve(
         viewer = flightgear_at(options.flightgear, paced=True)
         config = config.model_copy(update={"workers": 1})
     campaign, config = campaign_of(config)
-    return campaign._replace(viewer=viewer), config, ("jsbsim",)
+    return Resolved(campaign._replace(viewer=viewer), config, ("jsbsim",))
 
 
 def _summary(table: Mapping[str, Any], config: HifiConfig, campaign: Campaign) -> dict[str, Any]:

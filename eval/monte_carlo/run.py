@@ -3,20 +3,21 @@ runs/first``.
 """
 
 import argparse
+import json
+import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import redirect_stdout
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from agents.config.load import Parser
+from agents.config.load import Parser, load
 from agents.config.progress import spaced
 from agents.policy.domain import excess
+from agents.policy.inputs import resolve
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.sources import said, say
 from eval.metrics.summary import headline, print_table, summarise
-from eval.runner.command import Command, run
+from eval.runner.command import Command, Resolved, UnfinishedError, fly, run
 from eval.runner.options import first_options, last_options, named_evaluation, named_policy, whole
 from eval.runner.outputs import RunFolder
 
@@ -52,24 +53,41 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run(_COMMAND, _parser().parse_args(arguments))
 
 
-def run_quietly(
-    named: Mapping[str, Any], sets: Iterable[str], folder: Path, *, resume: bool = False
+def evaluate(
+    keys: Mapping[str, Any], folder: Path, *, sets: Iterable[str] = (), resume: bool = False
 ) -> int:
-    """Fly one of several evaluations, without figures and its table for a person; return the exit
-    status.
+    """Fly one of several evaluations, without figures and without its table for a person; return
+    the exit status.
 
-    ``named`` holds its options (None: the default), ``sets`` are its ``KEY=VALUE``.
+    ``keys`` are keys of the configuration with their values (None: the default), ``sets`` more of
+    them as ``KEY=VALUE``; bad ones raise ``InputError``. A run that was begun goes on.
     """
-    given = [
-        part
-        for name, value in named.items()
-        if value is not None
-        for part in (f"--{name}", str(value))
-    ]
-    given += [part for text in (*sets, "figures=false") for part in ("--set", text)]
-    given += ["--resume"] if resume and (folder / "config.yaml").is_file() else []
-    with redirect_stdout(StringIO()):
-        return main([*given, "--out", str(folder)])
+    begun = folder / "config.yaml"
+    resume = resume and begun.is_file()
+    given = [f"{key}={_written(value)}" for key, value in keys.items() if value is not None]
+    config = load(MonteCarloConfig, begun if resume else None, [*given, *sets, "figures=false"])
+    resolve(config.extensions)
+    try:
+        fly(_COMMAND, resolve_config(config), folder, resume=resume)
+    except UnfinishedError as end:
+        print(end, file=sys.stderr)
+        return end.status
+    return 0
+
+
+def _written(value: Any) -> str:
+    """Return the value of a key as ``KEY=VALUE`` has it: names as they stand, the rest as JSON."""
+    if isinstance(value, str):
+        return value
+    return json.dumps(str(value.absolute()) if isinstance(value, Path) else value)
+
+
+def resolve_config(config: MonteCarloConfig) -> Resolved:
+    """Return what a configuration names to be flown."""
+    evaluation, _, resolved = named_evaluation(config)
+    say(evaluation.source)
+    packages = ("jax", "jaxlib") if evaluation.backend == "jax" else ()
+    return Resolved(evaluation, config.model_copy(update=resolved), packages)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -112,15 +130,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _resolve(
-    config: MonteCarloConfig, options: argparse.Namespace
-) -> tuple[Evaluation, MonteCarloConfig, tuple[str, ...]]:
+def _resolve(config: MonteCarloConfig, options: argparse.Namespace) -> Resolved:
     if options.scheduler is not None and config.backend == "auto":
         config = config.model_copy(update={"backend": "numpy"})
-    evaluation, _, resolved = named_evaluation(config)
-    say(evaluation.source)
-    packages = ("jax", "jaxlib") if evaluation.backend == "jax" else ()
-    return evaluation, config.model_copy(update=resolved), packages
+    return resolve_config(config)
 
 
 def _summary(

@@ -25,7 +25,7 @@ from eval.rare.figure import levels_figure
 from eval.rare.problem import FlightProblem
 from eval.rare.splitting import Plan, Repetition, pilot, repetition
 from eval.rare.tail import fits, tail_figure
-from eval.runner.options import loaded, named_evaluation, real, whole
+from eval.runner.options import extension_option, loaded, named_evaluation, real, whole
 from eval.stats.intervals import share
 
 _MODES = ("policy", "plan", "none")
@@ -132,6 +132,7 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have (default: any)"
     )
+    extension_option(parser)
     add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
     add("--seed", type=whole(0), metavar="N", help="of all draws (default: 0)")
     add(

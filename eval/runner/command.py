@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from importlib import import_module
@@ -42,6 +42,14 @@ table.
 """
 
 
+class Resolved(NamedTuple):
+    """What a configuration names, ready to be flown."""
+
+    work: Any  # all that the flights follow from
+    config: Any  # resolved but for its chunks
+    packages: tuple[str, ...]  # that rows depend on
+
+
 class Command(NamedTuple):
     """What a command does in its own way; ``work`` is all that its flights follow from."""
 
@@ -50,10 +58,7 @@ class Command(NamedTuple):
     folder: type[RunFolder]
     keys: Mapping[str, str]  # of the configuration by the name of their option
     prefix: str  # as of eval.runner.options.loaded
-    resolve: Callable[[Any, argparse.Namespace], tuple[Any, Any, tuple[str, ...]]]
-    """(configuration, options) -> work, the configuration but for its chunks resolved, packages
-    that rows depend on.
-    """
+    resolve: Callable[[Any, argparse.Namespace], Resolved]  # of a configuration and the options
     prepare: Callable[[Any, Any], Any]
     columns: Callable[
         [Any, int, int], dict[str, Any]
@@ -64,6 +69,23 @@ class Command(NamedTuple):
     show: Callable[[Mapping[str, Any]], None]  # prints a summary
 
 
+class Finished(NamedTuple):
+    """A run whose files are all written."""
+
+    summary: Mapping[str, Any]
+    files: Sequence[str]  # names in the run's folder
+    flown: int  # how many were flown now
+    wall_s: float
+
+
+class UnfinishedError(Exception):
+    """A run without its whole table: what was flown is kept; the message says why."""
+
+    def __init__(self, message: str, status: int) -> None:
+        super().__init__(message)
+        self.status = status  # of the exit
+
+
 def run(command: Command, options: argparse.Namespace) -> int:
     """Fly what the options of a command ask for and return the exit status; bad input raises
     ``InputError``.
@@ -71,62 +93,86 @@ def run(command: Command, options: argparse.Namespace) -> int:
     if options.help_keys:
         print(help_text(command.folder.model))
         return 0
-    begun = time.perf_counter()
     config = loaded(command.folder.model, options, command.keys, command.prefix)
-    work, config, packages = command.resolve(config, options)
-    task = Task(command.prepare, command.columns, (*DECISIVE, *packages))
-    with _cluster_of(options, task.packages) as cluster:
-        workers = config.workers or cores() if cluster is None else cluster.size()
-        config = config.model_copy(update={"chunk": config.chunk_for(config.wanted, workers)})
-        folder = command.folder(
-            options.out or Path("runs") / time.strftime(f"{command.name}_%Y%m%d_%H%M%S"), config
+    resolved = command.resolve(config, options)
+    out = options.out or Path("runs") / time.strftime(f"{command.name}_%Y%m%d_%H%M%S")
+    try:
+        with _cluster_of(options, (*DECISIVE, *resolved.packages)) as cluster:
+            finished = fly(command, resolved, out, resume=options.resume, cluster=cluster)
+    except UnfinishedError as end:
+        print(
+            f"{end}Go on with: python -m eval.{command.name} --resume --out {out}", file=sys.stderr
         )
-        fly = partial(fly_chunks, task, work, workers)
-        if cluster is not None:
-            fly = partial(cluster.fly, task, work, config.policy_sha256)
-        if not options.resume:
-            check_unused(folder.path)
-            needed = config.wanted * _ROW_BYTES + -(-config.wanted // config.chunk) * _PART_BYTES
-            check_space(folder.path, needed, f"{config.wanted} rows")
-        with locked(folder.path):
-            folder.begin(resume=options.resume)
-            try:
-                table, flown = _whole_table(folder, config, fly)
-            except _UnfinishedError as end:
-                print(
-                    f"{end}Go on with: python -m eval.{command.name} --resume --out {folder.path}",
-                    file=sys.stderr,
-                )
-                return end.status
-            policy, wall_s = named_policy(config), time.perf_counter() - begun
-            summary = {
-                "schema_version": SCHEMA_VERSION,
-                command.unit: config.wanted,
-                **{
-                    name: getattr(config, name)
-                    for name in ("seed", "scenario", "changes", "mode", "policy_sha256")
-                },
-                **described(work.aircraft, policy),
-                "confidence": config.confidence,
-                **command.summarise(table, config, work),
-                "wall_s": wall_s,
-                f"{command.unit}_flown_now": flown,
-                f"{command.unit}_per_s": flown / wall_s if flown else None,
-                "versions": versions("numpy", "safetensors", "pyarrow", "scipy", *packages),
-            }
-            write_file(
-                folder.path / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n"
-            )
-            # Imported only now: matplotlib takes a second.
-            draw_all = import_module(command.figures).draw_all if config.figures else lambda *_: []
-            figures = draw_all(folder.path, table, work)
-    command.show(summary)
-    print("\n".join(lines_about(summary)))
+        return end.status
+    command.show(finished.summary)
+    print("\n".join(lines_about(finished.summary)))
+    flown, wall_s = finished.flown, finished.wall_s
     if flown:
         print(f"{wall_s:.1f} s, {flown / wall_s:.1f} {command.unit}/s")
-    files = sorted({"summary.json", folder.table, "config.yaml", *(path.name for path in figures)})
-    print(f"files: {folder.path}: {', '.join(files)}")
+    print(f"files: {out}: {', '.join(finished.files)}")
     return 0
+
+
+def fly(
+    command: Command,
+    resolved: Resolved,
+    out: Path,
+    *,
+    resume: bool = False,
+    cluster: "Cluster | None" = None,
+) -> Finished:
+    """Fly a run, or what is missing of it, and write its files into a folder.
+
+    Raises:
+        InputError: the folder is in use, holds another run, or has no room.
+        UnfinishedError: it was interrupted, or a worker or the disk failed.
+    """
+    begun = time.perf_counter()
+    config, packages = resolved.config, resolved.packages
+    task = Task(command.prepare, command.columns, (*DECISIVE, *packages))
+    workers = config.workers or cores() if cluster is None else cluster.size()
+    config = config.model_copy(update={"chunk": config.chunk_for(config.wanted, workers)})
+    folder = command.folder(out, config)
+    fly_all = partial(fly_chunks, task, resolved.work, workers)
+    if cluster is not None:
+        fly_all = partial(cluster.fly, task, resolved.work, config.policy_sha256)
+    if not resume:
+        check_unused(folder.path)
+        needed = config.wanted * _ROW_BYTES + -(-config.wanted // config.chunk) * _PART_BYTES
+        check_space(folder.path, needed, f"{config.wanted} rows")
+    with locked(folder.path):
+        folder.begin(resume=resume)
+        table, flown = _whole_table(folder, config, fly_all)
+        wall_s = time.perf_counter() - begun
+        summary = _summary(command, resolved._replace(config=config), table, flown, wall_s)
+        write_file(
+            folder.path / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n"
+        )
+        # Imported only now: matplotlib takes a second.
+        draw_all = import_module(command.figures).draw_all if config.figures else lambda *_: []
+        figures = draw_all(folder.path, table, resolved.work)
+    written = {"summary.json", folder.table, "config.yaml", *(path.name for path in figures)}
+    return Finished(summary, sorted(written), flown, wall_s)
+
+
+def _summary(
+    command: Command, resolved: Resolved, table: Mapping[str, Any], flown: int, wall_s: float
+) -> dict[str, Any]:
+    """Return what summary.json says of a run."""
+    config = resolved.config
+    shared = ("seed", "scenario", "changes", "mode", "policy_sha256")
+    return {
+        "schema_version": SCHEMA_VERSION,
+        command.unit: config.wanted,
+        **{name: getattr(config, name) for name in shared},
+        **described(resolved.work.aircraft, named_policy(config)),
+        "confidence": config.confidence,
+        **command.summarise(table, config, resolved.work),
+        "wall_s": wall_s,
+        f"{command.unit}_flown_now": flown,
+        f"{command.unit}_per_s": flown / wall_s if flown else None,
+        "versions": versions("numpy", "safetensors", "pyarrow", "scipy", *resolved.packages),
+    }
 
 
 class Encounters(Progress):
@@ -172,14 +218,6 @@ def _cluster_of(
     return connected(options.scheduler, packages)
 
 
-class _UnfinishedError(Exception):
-    """A run without its whole table: what was flown is kept; the message says why."""
-
-    def __init__(self, message: str, status: int) -> None:
-        super().__init__(message)
-        self.status = status  # of the exit
-
-
 def _whole_table(
     folder: RunFolder, config: MonteCarloConfig, fly: Fly
 ) -> tuple[Mapping[str, Any], int]:
@@ -203,11 +241,11 @@ def _whole_table(
         if before + flown == total:
             return folder.finish(), flown
     except WorkerError as problem:
-        raise _UnfinishedError(f"error: {problem}\n", 1) from None
+        raise UnfinishedError(f"error: {problem}\n", 1) from None
     except OSError as problem:
         why = f"{folder.path}: what was flown cannot be stored: {problem.strerror or problem}"
-        raise _UnfinishedError(f"error: {why}\n", 1) from None
-    raise _UnfinishedError("interrupted; finished chunks are kept. ", 130)
+        raise UnfinishedError(f"error: {why}\n", 1) from None
+    raise UnfinishedError("interrupted; finished chunks are kept. ", 130)
 
 
 @contextmanager

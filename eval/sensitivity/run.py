@@ -14,7 +14,7 @@ from agents.config.load import ConfigError, Parser
 from agents.config.progress import spaced
 from envs.edge.installation import versions
 from eval.plots import save as picture_folder
-from eval.runner.options import real, whole
+from eval.runner.options import extension_option, real, whole
 from eval.sensitivity.bins import Run, binned, quantities, read_run
 from eval.sensitivity.figure import detailed, overview, points_of
 from eval.sensitivity.sweep import Sweep, changed, collected, fly, swept
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             flush=True,
         )
         status = fly(
-            sweep, _passed_on(options), options.set, options.out / _SWEEPS, resume=options.resume
+            sweep, _keys(options), options.set, options.out / _SWEEPS, resume=options.resume
         )
         if status:
             print("Go on with the same command and --resume", file=sys.stderr)
@@ -110,6 +110,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="of sweeps: policy file (default: the one that ships)",
     )
+    extension_option(parser)
     add(
         "--encounters",
         type=whole(1),
@@ -153,7 +154,17 @@ def _parser() -> argparse.ArgumentParser:
 def _check(options: argparse.Namespace, sweeps: Sequence[Sweep]) -> None:
     if options.run is None and not sweeps:
         raise ConfigError("neither --run nor --vary is given; expected at least one of them")
-    for name in ("mode", "scenario", "policy", "encounters", "seed", "workers", "set", "resume"):
+    for name in (
+        "mode",
+        "scenario",
+        "policy",
+        "encounters",
+        "seed",
+        "workers",
+        "set",
+        "extension",
+        "resume",
+    ):
         if not sweeps and getattr(options, name) not in (None, [], False):
             raise ConfigError(f"--{name}: is for sweeps; expected --vary with it")
     names = [sweep.name for sweep in sweeps]
@@ -173,12 +184,17 @@ def _check(options: argparse.Namespace, sweeps: Sequence[Sweep]) -> None:
         )
 
 
-def _passed_on(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of ``eval.monte_carlo`` that all values share."""
-    named = {
-        name: getattr(options, name) for name in ("mode", "scenario", "policy", "seed", "workers")
+def _keys(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the keys of ``eval.monte_carlo`` that all values share."""
+    return {
+        "policy": options.policy,
+        "extensions": options.extension,
+        "scenario": options.scenario,
+        "mode": options.mode,
+        "encounters": options.encounters or 1_000,
+        "seed": options.seed,
+        "workers": options.workers,
     }
-    return named | {"encounters": options.encounters or 1_000}
 
 
 def _found(options: argparse.Namespace, run: Run | None, sweeps: Sequence[Sweep]) -> dict[str, Any]:

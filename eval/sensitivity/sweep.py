@@ -14,7 +14,7 @@ from agents.config.keys import one_of
 from agents.config.load import ConfigError
 from envs.aircraft import PAPER
 from envs.encounters import scenario
-from eval.monte_carlo.run import run_quietly
+from eval.monte_carlo.run import evaluate
 from eval.runner.options import real
 from eval.sensitivity.bins import rates, read_run, successes
 from eval.stats.paired import pairs, tango
@@ -93,14 +93,15 @@ def swept(text: str) -> Sweep:
 
 
 def fly(
-    sweep: Sweep, named: Mapping[str, Any], sets: Sequence[str], out: Path, *, resume: bool
+    sweep: Sweep, keys: Mapping[str, Any], sets: Sequence[str], out: Path, *, resume: bool
 ) -> int:
     """Fly the run of every value below ``out``, or go on; return the status of the first that did
     not finish, or 0.
     """
     for value in sweep.values:
         own = [f"changes.{key}={text}" for key, text in changed(sweep.name, value).items()]
-        status = run_quietly(named, [*sets, *own], _folder(out, sweep.name, value), resume=resume)
+        folder = _folder(out, sweep.name, value)
+        status = evaluate(keys, folder, sets=[*sets, *own], resume=resume)
         if status:
             return status
     return 0

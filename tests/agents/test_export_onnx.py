@@ -150,7 +150,7 @@ def test_equal_policies_give_equal_bytes():
 
 def test_a_model_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(export_onnx, "read", lambda _: random_policy("none"))
-    monkeypatch.setattr(export_onnx, "model", lambda _: random_model("cpa"))
+    monkeypatch.setattr(export_onnx, "model", lambda *_: random_model("cpa"))
     with pytest.raises(ExportError, match="the model's actions differ by"):
         export(SHIPPED, tmp_path / "policy.onnx")
     assert not list(tmp_path.iterdir())

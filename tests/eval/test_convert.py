@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from agents.config.keys import keys
@@ -179,6 +179,7 @@ flights = st.tuples(
 
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(flights, st.sampled_from([".json", ".daa", ".xyz", ".csv"]))
+@example(((0.0, 0.0, 0.0, 50.0), (0.0, 0.0, 1.0, 0.0), (0.0, 3.0, 0.5)), ".json")
 def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
     """From our form by any other to Lincoln Laboratory's and to DAIDALUS', the tracks stay the
     same.

@@ -21,9 +21,9 @@ from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.edge.command import run_cli
 from envs.kinematics import VehicleState
-from eval import local
 from eval.failures.run import HOW, failures, grouped, main, representatives
 from eval.monte_carlo import run as monte_carlo
+from eval.policy_map import local
 from eval.policy_map import run as policy_map
 from eval.policy_map.advisory import Scene, advise, name_of, relative_velocity, scores
 from eval.policy_map.enclosure import Form

@@ -1,9 +1,6 @@
-"""Success by geometry, noise and aircraft: bins that lose none, sweeps on the same encounters, and
-families.
-"""
+"""Success by geometry and noise: bins that lose none, and sweeps on the same encounters."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.config.load import load
-from agents.config.world import AircraftConfig
-from agents.policy.inference import OutsideDomainError, Policy
-from envs.aircraft import PAPER, Aircraft, Ratios, new_aircraft, ratios
-from envs.edge.command import InputError, run_cli
-from envs.encounters import scenario
-from envs.kinematics import Limits
-from eval import family
+from envs.aircraft import PAPER, new_aircraft
+from envs.edge.command import run_cli
 from eval.flights.aircraft import described
-from eval.flights.chunks import Evaluation, Pilot, columns
-from eval.monte_carlo import run as monte_carlo
 from eval.sensitivity import run as sensitivity
 from eval.sensitivity.bins import Quantity, Run, binned, quantities, rates
 from eval.sensitivity.sweep import PARAMETERS, Sweep, changed, swept
@@ -259,137 +248,3 @@ def test_a_damaged_run_is_one_sentence(tmp_path: Path, capsys, spoil, said: str)
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line
-
-
-# Aircraft follow from their numbers, are judged as an evaluation is, and fly alike where their
-# ratios are.
-
-
-@pytest.mark.parametrize("seed", [0, 7])
-def test_aircraft_follow_from_their_numbers_and_fill_the_family(seed: int) -> None:
-    fleet = [family.drawn(seed, number) for number in range(200)]
-    assert fleet[11] == family.drawn(seed, 11)
-    assert fleet[:20] != [family.drawn(seed + 1, number) for number in range(20)]
-    unlike = np.array([ratios(one.limits(), one.separation_m) for one in fleet])
-    for values, name in zip(np.abs(unlike.T), Ratios._fields, strict=True):
-        low, high = family.FAMILY[name]
-        assert values.min() >= 0.999 * low
-        assert values.max() <= 1.001 * high
-        assert values.max() - values.min() > 0.9 * (high - low)
-
-
-def scaled(aircraft: Aircraft, length: float, speed: float) -> Aircraft:
-    """Return an aircraft of the same ratios whose lengths and speeds are so many times as large."""
-    limits, time = aircraft.limits, length / speed
-    unit = speed / time
-    return new_aircraft(
-        Limits(
-            limits.speed_min * speed,
-            limits.speed_max * speed,
-            limits.acceleration_min * unit,
-            limits.acceleration_max * unit,
-            limits.yaw_rate_max / time,
-        ),
-        aircraft.separation * length,
-        dt=aircraft.dt * time,
-        t_max=aircraft.t_max * time,
-    )
-
-
-@pytest.mark.parametrize(
-    ("name", "length", "speed", "tolerance"),
-    [
-        ("circle", 0.5, 0.25, 1e-6),
-        ("circle", 9.26, 2.3, 1e-3),
-        ("noisy", 0.5, 0.25, 1e-6),
-        ("multi", 0.5, 0.25, 1e-6),
-        # A turning intruder steers to a point 10 000 km away, whatever the aircraft.
-        ("maneuvering", 0.5, 0.25, 1e-2),
-    ],
-)
-def test_aircraft_of_the_same_ratios_fly_the_same_flights(
-    name: str, length: float, speed: float, tolerance: float
-) -> None:
-    policy, tables = Policy.load(), []
-    for aircraft in (PAPER, scaled(PAPER, length, speed)):
-        source = (
-            replace(scenario(name, aircraft), intruders=(2, 3))
-            if name == "multi"
-            else scenario(name, aircraft)
-        )
-        tables.append(columns(Pilot(Evaluation(None, source, None, 3, aircraft), policy), 0, 16))
-    ours, theirs = tables
-    for column in ("outcome", "baseline_outcome", "verdict", "heading_reversals", "intruders"):
-        np.testing.assert_array_equal(ours[column], theirs[column], err_msg=column)
-    units = {"min_separation_m": length, "path_length_m": length, "duration_s": length / speed}
-    for column, unit in units.items():
-        np.testing.assert_allclose(
-            ours[column] * unit, theirs[column], rtol=tolerance, err_msg=column
-        )
-
-
-def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) -> None:
-    out = tmp_path / "family"
-    how = [
-        "--count",
-        "2",
-        "--encounters",
-        "12",
-        "--aircraft-seed",
-        "4",
-        "--seed",
-        "2",
-        "--workers",
-        "1",
-    ]
-    assert family.main([*how, "--allow-outside-domain", "--out", str(out)]) == 0
-    found = json.loads((out / "family.json").read_text(encoding="utf-8"))
-    rates = [row["success_rate"] for row in found["rows"]]
-    assert found["success_rate"]["count"] == sum(rate["count"] for rate in rates)
-    assert found["success_rate"]["mean"] == pytest.approx(
-        np.mean([rate["value"] for rate in rates])
-    )
-    assert found["success_rate"]["worst"]["value"] == min(rate["value"] for rate in rates)
-    path = out / "aircraft_01.yaml"
-    assert load(AircraftConfig, path) == family.drawn(4, 1)
-    fast = family.drawn(4, 1).speed_max_mps
-    again = [
-        "--aircraft",
-        str(path),
-        "--allow-outside-domain",
-        "--encounters",
-        "12",
-        "--seed",
-        "2",
-        "--workers",
-        "1",
-    ]
-    traffic = f"changes={{intruder_speed: [{0.4 * fast}, {1.3 * fast}], attempts: 200}}"
-    run = tmp_path / "again"
-    more = ["--set", traffic, "--set", "resamples=100", "--set", "figures=false", "--out", str(run)]
-    assert monte_carlo.main([*again, *more]) == 0
-    reached = pq.read_table(run / "encounters.parquet")["outcome"].to_pylist().count("reached")
-    assert reached == rates[1]["count"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["--intruders", "4", "2"], "--intruders: expected the fewest first"),
-        (["--mode", "hope"], "--mode: invalid choice"),
-        (["--policy", "none.safetensors"], "no such policy file"),
-        (["--intruders", "2", "64"], "outside_domain: there are 64 intruders"),
-    ],
-)
-def test_bad_input_flies_nothing(tmp_path: Path, arguments: list[str], sentence: str) -> None:
-    with pytest.raises(InputError, match=sentence):
-        family.main([*arguments, "--out", str(tmp_path / "none")])
-    assert not (tmp_path / "none").exists()
-
-
-def test_a_family_outside_the_policy_flies_nothing(tmp_path: Path, policy_path: Path) -> None:
-    with pytest.raises(
-        OutsideDomainError
-    ):  # a policy of one intruder serves its own aircraft alone
-        family.main(["--policy", str(policy_path), "--out", str(tmp_path / "none")])
-    assert not (tmp_path / "none").exists()

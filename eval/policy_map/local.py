@@ -1,5 +1,5 @@
-"""Where the shipped policy keeps its side under small errors: ``python -m eval.local --out
-runs/local``.
+"""Where the shipped policy keeps its side under small errors: ``python -m eval.policy_map.local
+--out runs/local``.
 """
 
 import argparse
@@ -16,6 +16,7 @@ from agents.policy.inference import Policy
 from agents.policy.set_network import check_one_layer
 from envs.edge.command import ConfigError, Parser, run_cli
 from envs.edge.files import write_file
+from eval.plots.cells import COURSES, RATIOS, cells_figure
 from eval.policy_map.proof import Scenes, answers, box_of, decide
 from eval.stats.intervals import share
 
@@ -39,8 +40,8 @@ docs/howto/failures.md."""
 
 _EPILOG = """\
 examples:
-  python -m eval.local --boxes 100 --out runs/local
-  python -m eval.local --course 135 180 --position 10 --velocity 1 --out runs/head_on"""
+  python -m eval.policy_map.local --boxes 100 --out runs/local
+  python -m eval.policy_map.local --course 135 180 --position 10 --velocity 1 --out runs/head_on"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -111,8 +112,6 @@ def examine(policy: Policy, options: argparse.Namespace) -> dict[str, Any]:
 
 def draw(policy: Policy, options: argparse.Namespace) -> tuple[Scenes, np.ndarray, list[str]]:
     """Return scenes spread evenly over the cells, the cell of each, and the names of the cells."""
-    from eval.evidence.domain import COURSES, RATIOS
-
     low, high = options.course
     edges = [low, *(edge for edge in COURSES if low < edge < high), high]
     cells = [(course, ratio) for course in pairwise(edges) for ratio in pairwise(RATIOS)]
@@ -187,8 +186,6 @@ def _write_vnnlib(
 
 def _figure(found: dict[str, Any]) -> Any:
     """Return the map: verified share of each cell in colour, all three in numbers."""
-    from eval.evidence.domain import cells_figure
-
     courses, ratios = (
         list(dict.fromkeys(cell["name"].split("/")[i] for cell in found["cells"])) for i in (0, 1)
     )
@@ -211,7 +208,9 @@ def _figure(found: dict[str, Any]) -> Any:
 def _parser() -> argparse.ArgumentParser:
     from eval.runner.options import real, whole
 
-    parser = Parser(prog="python -m eval.local", description=_DESCRIPTION, epilog=_EPILOG)
+    parser = Parser(
+        prog="python -m eval.policy_map.local", description=_DESCRIPTION, epilog=_EPILOG
+    )
     add = parser.add_argument
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
     add(
@@ -271,4 +270,4 @@ def _parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    run_cli("eval.local:main")
+    run_cli("eval.policy_map.local:main")

@@ -1,48 +1,30 @@
 """A policy over a family of random aircraft: ``python -m eval.family --aircraft-seed 0 --count 20
 --out runs/family``.
-
-Aircraft of a seed are drawn by number, so that number 3 is the same however many are drawn. Drawn
-uniformly: the greatest speed, the time that it takes for one separation, and what makes aircraft
-unlike: least speed, both accelerations and the turn circle, in units of separation and greatest
-speed.
 """
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from agents.config.load import ConfigError, Parser, dump
+from agents.config.world import AircraftConfig
 from agents.policy.domain import TRAFFIC_SPEED
 from agents.policy.inference import Policy
+from agents.policy.inputs import resolve
 from envs.aircraft import ratios
-from envs.draws import uniforms
-from envs.edge.command import ConfigError, Parser, run_cli
 from envs.edge.files import write_file
+from eval.family.aircraft import draw_aircraft
+from eval.monte_carlo.run import evaluate
+from eval.plots import save as picture_folder
+from eval.runner.options import check_digest, extension_option, real, whole
 from eval.stats.intervals import share
 
-if TYPE_CHECKING:
-    from agents.config.world import AircraftConfig
-
-FAMILY = {
-    "speed_max": (25.0, 240.0),  # m/s
-    "time_unit": (
-        8.0,
-        40.0,
-    ),  # separation at the greatest speed, s; alike aircraft differ in nothing by it
-    "speed_min": (0.4, 0.75),  # of the greatest
-    "acceleration_min": (0.03, 0.4),  # of speed_max^2 / separation, as a deceleration
-    "acceleration_max": (0.03, 0.4),
-    "turn_radius": (0.3, 2.5),  # of the circle at the greatest speed, separations
-}
-"""Ranges of what is drawn for each aircraft."""
-
 _MODES = ("policy", "plan", "assured")
-_STREAM = 0x6661_6D69  # keeps the draws apart from those of encounters with the same seed
 _RATES = ("success_rate", "success_given_resolvable", "success_given_solved", "violation_rate")
 
 _DESCRIPTION = """\
@@ -61,47 +43,17 @@ examples:
     --out runs/family_turning"""
 
 
-def drawn(seed: int, number: int) -> "AircraftConfig":
-    """Return an aircraft of a seed by its number."""
-    from agents.config.world import AircraftConfig
-
-    u = uniforms(seed, number, 1, (len(FAMILY),), stream=_STREAM)[0]
-    of = {
-        name: low + (high - low) * float(draw)
-        for (name, (low, high)), draw in zip(FAMILY.items(), u, strict=True)
-    }
-    # Rounded, so that the file says the same aircraft.
-    fast, separation = _rounded(of["speed_max"]), _rounded(of["speed_max"] * of["time_unit"])
-    unit = fast * fast / separation
-    return AircraftConfig(
-        speed_min_mps=_rounded(of["speed_min"] * fast),
-        speed_max_mps=fast,
-        acceleration_min_mps2=_rounded(-of["acceleration_min"] * unit),
-        acceleration_max_mps2=_rounded(of["acceleration_max"] * unit),
-        yaw_rate_max_deg_s=_rounded(math.degrees(fast / (of["turn_radius"] * separation))),
-        separation_m=separation,
-    )
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.5g}")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly the family of the command line and return the exit status; bad input raises
     ``InputError``.
     """
-    from agents.config.load import dump
-    from eval.monte_carlo.run import run_quietly
-    from eval.plots import save as picture_folder
-    from eval.runner.options import check_digest
-
     options = _parser().parse_args(arguments)
     if options.intruders[0] > options.intruders[1]:
         raise ConfigError("--intruders: expected the fewest first, then the most")
+    resolve(options.extension)
     policy = Policy.load(options.policy)
     check_digest(options.policy, policy.sha256, options.policy_sha256, "--policy-sha256")
-    aircraft = [drawn(options.aircraft_seed, number) for number in range(options.count)]
+    aircraft = [draw_aircraft(options.aircraft_seed, number) for number in range(options.count)]
     if not options.allow_outside_domain:
         policy.check_intruders(options.intruders[1])
         for one in aircraft:
@@ -110,14 +62,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     summaries = []
     for number, one in enumerate(aircraft):
         file = options.out / f"aircraft_{number:02}.yaml"
+        folder = file.with_suffix("")
         write_file(file, dump(one))
         print(f"aircraft {number} of {options.count}", file=sys.stderr, flush=True)
-        status = run_quietly(*_flown(options, one, file), file.with_suffix(""))
+        status = evaluate(_keys(options, one, file), folder)
         if status:
             return status
-        summaries.append(
-            json.loads((file.with_suffix("") / "summary.json").read_text(encoding="utf-8"))
-        )
+        summaries.append(json.loads((folder / "summary.json").read_text(encoding="utf-8")))
     found = _found(options, aircraft, summaries) | {"policy_sha256": policy.sha256}
     picture_folder.write(options.out, "family", found)
     _show(found, options.out)
@@ -125,8 +76,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from eval.runner.options import whole
-
     parser = Parser(prog="python -m eval.family", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
@@ -175,11 +124,12 @@ def _parser() -> argparse.ArgumentParser:
     add("--mode", default="policy", choices=_MODES, help="what decides (default: policy)")
     add(
         "--confidence",
-        type=float,
+        type=real(0.5, 0.999999),
         default=0.95,
         metavar="P",
         help="of all intervals (default: 0.95)",
     )
+    extension_option(parser)
     add(
         "--workers",
         type=whole(0),
@@ -197,27 +147,35 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _flown(
-    options: argparse.Namespace, aircraft: "AircraftConfig", file: Path
-) -> tuple[dict[str, Any], list[str]]:
-    """Return the options and the keys of the run of ``eval.monte_carlo`` with one aircraft."""
-    fast = aircraft.speed_max_mps
-    speeds = [part * fast for part in TRAFFIC_SPEED]
-    changes = {"intruders": options.intruders, "intruder_speed": speeds, "attempts": 200}
-    changes |= {"turn_rate_deg_s": aircraft.yaw_rate_max_deg_s} if options.turning else {}
-    named = {
-        "aircraft": file,
-        "mode": options.mode,
-        "scenario": "noisy" if options.noisy else "circle",
+def _keys(options: argparse.Namespace, aircraft: AircraftConfig, file: Path) -> dict[str, Any]:
+    """Return the keys of ``eval.monte_carlo`` for the run with one aircraft."""
+    fastest = aircraft.speed_max_mps
+    changes: dict[str, Any] = {
+        "intruders": options.intruders,
+        "intruder_speed": [part * fastest for part in TRAFFIC_SPEED],
+        "attempts": 200,
     }
-    named |= {name: getattr(options, name) for name in ("policy", "encounters", "seed", "workers")}
-    sets = [f"changes={json.dumps(changes)}", f"confidence={options.confidence}", "resamples=100"]
-    return named, [*sets, "allow_outside_domain=true"]
+    if options.turning:
+        changes["turn_rate_deg_s"] = aircraft.yaw_rate_max_deg_s
+    return {
+        "policy": options.policy,
+        "extensions": options.extension,
+        "aircraft": file,
+        "allow_outside_domain": True,
+        "scenario": "noisy" if options.noisy else "circle",
+        "changes": changes,
+        "mode": options.mode,
+        "encounters": options.encounters,
+        "seed": options.seed,
+        "confidence": options.confidence,
+        "resamples": 100,
+        "workers": options.workers,
+    }
 
 
 def _found(
     options: argparse.Namespace,
-    aircraft: Sequence["AircraftConfig"],
+    aircraft: Sequence[AircraftConfig],
     summaries: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
     rows = []
@@ -269,7 +227,3 @@ def _show(found: Mapping[str, Any], out: Path) -> None:
             f"({worst['low']:.2%} .. {worst['high']:.2%}), aircraft {worst['aircraft']}"
         )
     print(f"written to {out}")
-
-
-if __name__ == "__main__":
-    run_cli("eval.family:main")

@@ -1,0 +1,1 @@
+"""A policy over a family of random aircraft: ``python -m eval.family``."""
