@@ -6,7 +6,8 @@
 Starts runner and monitor as processes of their own on a domain of their own, flies encounters with
 the simulator and prints a table: the first answer, the smallest distance since the first SAFE plan
 was taken up, the largest distance from the plans flown, the plans that the monitor requested, and
-what answers took.
+what answers took. A second table judges every plan that was flown: whether the flight stayed
+within the margin that SAFE assumes, and whether the separation that SAFE promises was kept.
 
 Exit code: 0 if every plan called SAFE kept the separation and no flight failed, 1 if not, 2 for bad
 input.
@@ -138,6 +139,7 @@ def _run(
 
     from ros_bridge.nodes.simulator import Simulator
     from ros_bridge.sim.flight_log import kept, table
+    from ros_bridge.sim.plan_flight import plans_table
 
     margin = (
         MARGINS[options.vehicle] * aircraft.separation if options.margin is None else options.margin
@@ -164,6 +166,9 @@ def _run(
             "monitor as processes\n"
         )
         print(table(simulator.logs))
+        flights = [(log.name, log.flown) for log in simulator.logs]
+        print("\nplans that were flown\n")
+        print(plans_table(flights, simulator.logs[0].required, margin))
     if unwritten is not None:
         raise unwritten
     if not simulator.logs:

@@ -268,6 +268,7 @@ class Simulator(Node):
         log.failure, log.duration = failure, flight.time
         log.wall = time.perf_counter() - self._since
         log.separation, log.when, log.error = flight.truth
+        log.flown = flight.plans
         if self._asking is not None:
             self._client.remove_pending_request(self._asking)
         self.logs.append(log)

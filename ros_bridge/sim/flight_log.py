@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ros_bridge.sim.plan_flight import PlanFlight
+
 NEVER_ASKED = "no alert"  # the first answer where no plan was requested
 
 
@@ -22,6 +24,7 @@ class FlightLog:
     when: float = float("nan")  # of that, s
     error: float = 0.0  # largest distance from where the plan flown was at the time, m
     plans: int = 0  # SAFE plans that were published, the monitor's included
+    flown: list[PlanFlight] = field(default_factory=list)  # SAFE plans that were taken up
     backup: float = 0.0  # on the backup, s
     latency: list[float] = field(default_factory=list)
     """From request to answer in the simulator's hands, s of real time."""

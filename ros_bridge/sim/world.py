@@ -16,10 +16,11 @@ from envs import intruder
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD, KinematicVehicle, Vehicle, guidance
-from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
+from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, velocity
 from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
 from envs.waypoints import Legs, Waypoint, at, knots, legs
+from ros_bridge.sim.plan_flight import PlanFlight
 
 ALTITUDE = 2_500.0
 """At which all fly, m."""
@@ -108,18 +109,19 @@ class EncounterFlight:
         self._viewer, self._lags = viewer, kind != "kinematic"
         self._goal_radius, self._response = aircraft.goal_radius, aircraft.dt
         self.time = 0.0  # s since the beginning
+        self.plans: list[PlanFlight] = []  # that were flown
         self.goal = float(encounter.goal_x[0]), float(encounter.goal_y[0])
         self._ahead = math.cos(start.heading), math.sin(start.heading)
         reach = start.speed * _LONGEST
         x, y = start.x + reach * self._ahead[0], start.y + reach * self._ahead[1]
         end = Waypoint(0, x, y, start.heading, start.speed, _LONGEST)
-        self.fly(legs(knots(start, [end])), 0.0, plan=False)
-        self.truth = Truth()  # since the beginning, or since a new one was put here
-        self.reached: float | None = None  # when the goal was passed, s
         there = np.flatnonzero(encounter.mask[0])
         self._intruders = intruder.start(
             VehicleState(*(field[0][there] for field in encounter.intruders)), np
         )
+        self.fly(legs(knots(start, [end])), 0.0, plan=False)
+        self.truth = Truth()  # since the beginning, or since a new one was put here
+        self.reached: float | None = None  # when the goal was passed, s
         self._intent = take(take(encounter.intent, 0), there)
         self.names = tuple(
             f"4b{number + 1:04x}" for number in range(len(there))
@@ -141,6 +143,18 @@ class EncounterFlight:
         plan count.
         """
         self._curves, self._began, self._on_plan = curves, began, plan
+        if plan:
+            own, there = self.own, self._planned()
+            self.plans.append(
+                PlanFlight(
+                    began,
+                    self.time,
+                    math.hypot(own.x - there.x, own.y - there.y),
+                    math.remainder(own.heading - there.heading, 2.0 * math.pi),
+                    self.time,
+                )
+            )
+            self._courses = self.time, self._intruders.vehicle
         self._guide: Any = None
         if self._lags:
             from envs.c208.guidance import Guide, Path
@@ -168,14 +182,33 @@ class EncounterFlight:
         if least < self.truth.separation:
             self.truth = self.truth._replace(separation=least, when=self.time)
         if self._on_plan:
-            place = at(self._curves, np.float64(self.time - self._began))
-            error = math.hypot(float(place.x) - after.x, float(place.y) - after.y)
-            self.truth = self.truth._replace(error=max(self.truth.error, error))
+            self._record(after, least)
         if self.reached is None:
             east, north = after.x - self.goal[0], after.y - self.goal[1]
             beyond = east * self._ahead[0] + north * self._ahead[1] > 0.0
             if beyond or math.hypot(east, north) <= self._goal_radius:
                 self.reached = self.time
+
+    def _planned(self) -> VehicleState:
+        """Return where the line that is flown is now."""
+        place = at(self._curves, np.float64(self.time - self._began))
+        return VehicleState(*(float(field) for field in place))
+
+    def _record(self, own: VehicleState, separation: float) -> None:
+        """Note how the last period went, against the plan that was flown."""
+        place, plan = self._planned(), self.plans[-1]
+        error = math.hypot(place.x - own.x, place.y - own.y)
+        self.truth = self.truth._replace(error=max(self.truth.error, error))
+        plan.ended = self.time
+        if error > plan.error:
+            plan.error, plan.error_at = error, self.time
+        if separation < plan.separation:
+            plan.separation, plan.separation_at = separation, self.time
+        since, then = self._courses
+        seconds, now = self.time - since, self._intruders.vehicle
+        east, north = velocity(then, np)
+        strayed = np.hypot(now.x - then.x - seconds * east, now.y - then.y - seconds * north)
+        plan.strayed = max(plan.strayed, float(np.max(strayed, initial=0.0)))
 
     def over(self) -> bool:
         """Return whether the goal has been passed and all fly apart."""

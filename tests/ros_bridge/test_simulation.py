@@ -6,6 +6,7 @@ import importlib.util
 import math
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,8 +20,9 @@ from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.relative import straight_cpa
 from envs.starts import numbered
-from envs.waypoints import RoutePoint, knots, legs
+from envs.waypoints import RoutePoint, Waypoint, knots, legs
 from ros_bridge.sim.flight_log import FlightLog, kept, table
+from ros_bridge.sim.plan_flight import PlanFlight, Verdict, plans_table
 from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import VEHICLES, EncounterFlight, SimulationError, vehicle
 
@@ -217,3 +219,76 @@ def test_the_table_names_what_went_wrong():
     assert (
         "none of 1 encounters had a plan called SAFE" in none and "x 0: runner and monitor" in none
     )
+
+
+# What is said of each plan: whether the flight was as SAFE assumes, and whether the promise held.
+
+
+def taken_up(late: float) -> PlanFlight:
+    """Fly a plan that is taken up so many seconds after it was made, and return its record."""
+    flight = EncounterFlight(met(), PAPER, C208_PUBLISHED)
+    own = flight.own
+    east, north = (flight.goal[0] - own.x) / 10.0, (flight.goal[1] - own.y) / 10.0
+    route = [RoutePoint(n, own.x + east * n, own.y + north * n) for n in range(10, 90, 10)]
+    made = plan(own, list(flight.traffic.values()), route, Policy.load())
+    assert made.safe
+    while flight.time < late - 1e-6:
+        flight.step()
+    flight.fly(legs(knots(own, made.waypoints)), 0.0, plan=True)
+    while flight.time < late + 60.0:
+        flight.step()
+    (record,) = flight.plans
+    return record
+
+
+def test_a_plan_taken_up_late_is_left_by_more_than_the_flight_was_off_then():
+    prompt, late = taken_up(0.0), taken_up(4.0)
+    assert prompt.error < 0.1 and prompt.verdict(1_000.0, 25.0) is Verdict.KEPT
+    assert late.late == pytest.approx(4.0)
+    # The flight was turned away from the plan, so that it goes on leaving it for a while.
+    assert 10.0 < late.off < 0.75 * late.error
+    assert late.verdict(1_000.0, 25.0) is Verdict.MARGIN
+    says = late.why(1_000.0, 25.0)
+    assert f"up to {late.error:.1f} m from the plan, margin 25 m" in says
+    assert "because it was taken up 4.0 s after its start" in says
+    assert "the separation of 1000 m was kept" in says
+
+
+def test_a_promise_is_broken_only_where_all_that_it_assumes_was_kept():
+    held = PlanFlight(10.0, 10.1, 0.1, 0.0, error=3.0, error_at=40.0, separation=999.0)
+    assert held.verdict(1_000.0, 25.0) is Verdict.BROKEN
+    assert "the promise of SAFE is broken" in held.why(1_000.0, 25.0)
+    turned = replace(held, strayed=180.0)
+    assert turned.verdict(1_000.0, 25.0) is Verdict.NOT_PROMISED
+    assert "an intruder left its straight course by 180 m" in turned.why(1_000.0, 25.0)
+    off = replace(held, error=30.0)
+    assert off.verdict(1_000.0, 25.0) is Verdict.NOT_PROMISED
+    assert "because the vehicle did not follow it more closely" in off.why(1_000.0, 25.0)
+    kept_all = replace(held, separation=1_000.0)
+    assert kept_all.verdict(1_000.0, 25.0) is Verdict.KEPT and not kept_all.why(1_000.0, 25.0)
+    # A distance that is no number is never called kept.
+    assert replace(held, separation=math.nan).verdict(1_000.0, 25.0) is Verdict.BROKEN
+
+
+def test_an_intruder_that_turns_is_seen_to_leave_its_course():
+    flight = EncounterFlight(met("maneuvering"), PAPER, C208_PUBLISHED)
+    straight = EncounterFlight(met("head_on"), PAPER, C208_PUBLISHED)
+    for one in (flight, straight):
+        ahead = VehicleState(one.own.x, one.own.y, one.own.heading, one.own.speed)
+        reach = 300.0 * ahead.speed
+        x, y = ahead.x + reach * math.cos(ahead.heading), ahead.y + reach * math.sin(ahead.heading)
+        line = legs(knots(ahead, [Waypoint(0, x, y, ahead.heading, ahead.speed, 300.0)]))
+        one.fly(line, 0.0, plan=True)
+        while one.time < 120.0:
+            one.step()
+    assert flight.plans[0].strayed > 100.0
+    assert straight.plans[0].strayed < 1.0
+
+
+def test_the_table_has_a_line_a_plan_and_a_sentence_for_each_that_was_off():
+    good = PlanFlight(10.0, 10.1, 0.1, 0.0, error=3.0, error_at=40.0, separation=1_100.0)
+    text = plans_table([("a 0", [good, replace(good, error=26.0)])], 1_000.0, 25.0)
+    head, first, second, says = text.splitlines()
+    assert head.startswith("encounter") and first.endswith("kept")
+    assert second.endswith("margin exceeded") and says.startswith("a 0, plan 2: ")
+    assert plans_table([("a 0", [])], 1_000.0, 25.0) == "no plan called SAFE was flown"

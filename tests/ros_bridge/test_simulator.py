@@ -245,6 +245,9 @@ def test_encounter_is_flown_safely_and_recorded(tmp_path: Path):
     done = flown("--scenarios", "crossing_right", "--record", str(file), "--rate", "100")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "1 of 1 encounters had a plan called SAFE" in done.stdout
+    judged = done.stdout.split("plans that were flown\n\n")[1].splitlines()
+    assert judged[1].startswith("crossing_right 0")
+    assert judged[1].split()[-1] in ("kept", "exceeded")
 
     messages: dict[str, list] = {}
     last = 0
