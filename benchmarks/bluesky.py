@@ -24,6 +24,7 @@ import numpy as np
 from agents.inference import Policy
 from benchmarks.measure import report
 from envs.edge.command import Parser, run_cli
+from envs.edge.json_text import parse_json
 from eval.stats.intervals import clopper_pearson
 
 PUBLISHED = {"SAC": 88.1, "DDPG": 80.3, "TD3": 70.6, "PPO": 42.3}
@@ -164,7 +165,7 @@ def _fly(
     if path.exists():
         rows = {
             row["key"]: row
-            for row in map(json.loads, path.read_text(encoding="utf-8").splitlines())
+            for row in map(parse_json, path.read_text(encoding="utf-8").splitlines())
         }
     missing = [task for task in tasks if key(*task) not in rows]
     if missing:

@@ -28,6 +28,7 @@ from benchmarks.planner import question
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
+from envs.edge.json_text import parse_json
 from envs.encounters import scenario
 from envs.starts import numbered
 from eval.flights.plan_flight import request_of
@@ -188,12 +189,12 @@ def main() -> None:
         for block, path in enumerate(paths):
             if not path.exists():
                 write_file(path, json.dumps({"policy": policy.sha256} | answers(block, policy)))
-            elif json.loads(path.read_text())["policy"] != policy.sha256:
+            elif parse_json(path.read_text())["policy"] != policy.sha256:
                 parser.error(
                     f"--out {options.out} holds answers of another policy; expected a new folder"
                 )
         # Held only now, for the same reason: a search through 200 blocks takes 5 ms.
-        blocks = [json.loads(path.read_text()) for path in paths]
+        blocks = [parse_json(path.read_text()) for path in paths]
         gc.freeze()
         found = figures(blocks) | late_again(blocks, policy)
     write_file(options.out / "deadline.json", json.dumps(found, indent=2) + "\n")

@@ -19,6 +19,7 @@ from safetensors.numpy import save as save_tensors
 
 from envs.edge.command import InputError
 from envs.edge.files import check_regular, write_file
+from envs.edge.json_text import parse_json
 
 SCHEMA = "rlcas-checkpoint-1"
 _KEPT = 3  # newest checkpoints that stay
@@ -134,7 +135,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         check_regular(path)
         with safe_open(path, "np") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no mapping
-            header = json.loads((file.metadata() or {}).get(_HEADER, "{}"))
+            header = parse_json((file.metadata() or {}).get(_HEADER, "{}"))
     except FileNotFoundError:
         raise CheckpointError(f"{path}: there is no such checkpoint") from None
     except (OSError, SafetensorError, ValueError) as problem:
@@ -147,7 +148,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         raise CheckpointError(
             f"{path}: not a whole checkpoint (its digest does not match its content)"
         )
-    return tensors, json.loads(header["meta"])
+    return tensors, parse_json(header["meta"])
 
 
 def _stored(directory: Path) -> list[Path]:

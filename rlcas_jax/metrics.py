@@ -11,6 +11,8 @@ from typing import IO, Any, Self
 
 import numpy as np
 
+from envs.edge.json_text import parse_json
+
 FILE = "metrics.jsonl"
 
 METRICS = {
@@ -90,14 +92,14 @@ class Writer:
         """
         path = directory / FILE
         last = -1 if resume_update is None else resume_update
-        kept = [line for line in _lines(path) if json.loads(line)["update"] <= last]
+        kept = [line for line in _lines(path) if parse_json(line)["update"] <= last]
         with path.open("ab") as file:
             file.truncate(sum(map(len, kept)))
         self._file: IO[str] = path.open("a", encoding="utf-8")
         self._board: _Board | None = None
         if find_spec("tensorboardX") is not None:
             self._board = _Board(
-                directory / "tensorboard", json.loads(kept[-1])["step"] + 1 if kept else 0
+                directory / "tensorboard", parse_json(kept[-1])["step"] + 1 if kept else 0
             )
 
     def write(self, row: Mapping[str, Any]) -> None:
@@ -169,7 +171,7 @@ def read(path: Path) -> dict[str, np.ndarray]:
     The path is that of the JSONL file or of the run's directory. A last line that is only half
     written is left out.
     """
-    rows = [json.loads(line) for line in _lines(path / FILE if path.is_dir() else path)]
+    rows = [parse_json(line) for line in _lines(path / FILE if path.is_dir() else path)]
     names = dict.fromkeys(name for row in rows for name in row)
     return {
         name: np.array(

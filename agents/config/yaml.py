@@ -100,6 +100,32 @@ def read(source: Path | str) -> Any:
     return values
 
 
+def check_distinct(text: str) -> None:
+    """Raise a YamlError where a key stands twice in a mapping of YAML that others will read.
+
+    The text may be any YAML 1.1; text that is none raises ``yaml.YAMLError``.
+    """
+    todo, visited = [yaml.compose(text, yaml.SafeLoader)], set[int]()
+    while todo:
+        node = todo.pop()
+        # What is an alias of a mapping stands in the tree more than once.
+        if node is None or id(node) in visited:
+            continue
+        visited.add(id(node))
+        if isinstance(node, yaml.SequenceNode):
+            todo += node.value
+        if isinstance(node, yaml.MappingNode):
+            seen: set[str] = set()
+            for key, value in node.value:
+                todo.append(value)
+                if not isinstance(key, yaml.ScalarNode):
+                    continue
+                if key.value in seen:
+                    line = key.start_mark.line + 1
+                    raise YamlError(f"line {line}: key {key.value} stands twice")
+                seen.add(key.value)
+
+
 def _parsed(text: str, name: str) -> Any:
     try:
         return yaml.load(text, _Loader)  # a SafeLoader

@@ -30,6 +30,7 @@ from agents.policy.schema import (
 )
 from envs.aircraft import PAPER, Aircraft
 from envs.edge.files import check_regular, write_file
+from envs.edge.json_text import parse_json
 from envs.kinematics import Limits
 
 MAX_BYTES = 64 * 1024 * 1024
@@ -220,7 +221,7 @@ def _loaded(data: bytes, source: str) -> tuple[dict[str, np.ndarray], Any]:
     try:
         tensors = load(data)
         text = data[8 : 8 + int.from_bytes(data[:8], "little")].decode()
-        header = json.loads(text)
+        header = parse_json(text)
         plain = json.dumps(header, separators=(",", ":"), ensure_ascii=False)
         blanks = -len(plain.encode()) % 8  # they fill it to a multiple of eight bytes
     except (SafetensorError, LookupError, ValueError, RecursionError) as error:
@@ -239,7 +240,7 @@ def _metadata(entry: Any, source: str) -> dict[str, Any]:
             f"{source}: no policy metadata, expected the one key {_KEY!r} in the header"
         )
     try:
-        document = json.loads(entry[_KEY])
+        document = parse_json(entry[_KEY])
         same = canonical(document) == entry[_KEY]
     except (ValueError, RecursionError) as error:
         raise PolicyFileError(f"{source}: metadata is not canonical JSON: {error}") from error

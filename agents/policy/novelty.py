@@ -5,7 +5,6 @@ its mirror image and the same scene of a larger aircraft are equally new. The bo
 ships is what its training saw; other policies have the bounds of the table of inputs.
 """
 
-import json
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
@@ -18,6 +17,7 @@ from agents.policy.inputs import Number
 from agents.policy.scene import scene
 from agents.policy.set_features import InputTable, SetInputs, set_inputs
 from envs.aircraft import Aircraft
+from envs.edge.json_text import parse_json
 from envs.kinematics import VehicleState
 
 _MARGIN = 0.02
@@ -37,7 +37,7 @@ class Box(NamedTuple):
 @cache
 def shipped(sha256: str) -> Box | None:
     """Return the box of the policy with this digest; None unless it is the one that ships."""
-    kept = json.loads(
+    kept = parse_json(
         resources.files("agents").joinpath("data/inputs.json").read_text(encoding="utf-8")
     )
     return Box(np.array(kept["own"]), np.array(kept["each"])) if kept["policy"] == sha256 else None

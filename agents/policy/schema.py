@@ -5,7 +5,6 @@ Observation and action contracts stand in every file: a policy of other meanings
 of flown.
 """
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -19,6 +18,7 @@ from agents.policy.scene import width as parity_width
 from agents.policy.set_features import TABLE
 from envs.aircraft import Aircraft, AircraftError, Ratios, new_aircraft
 from envs.edge.command import InputError
+from envs.edge.json_text import parse_json
 from envs.kinematics import FASTEST, Limits
 from envs.observation import NAMES, SIZE
 
@@ -181,7 +181,7 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
             "versions": dict(versions),
             "notes": notes,
         }
-        document = json.loads(canonical(document))
+        document = parse_json(canonical(document))
     except (TypeError, ValueError) as error:
         raise PolicyFileError(f"new policy: metadata cannot be written as JSON: {error}") from error
     check_metadata(document, "new policy")

@@ -19,6 +19,7 @@ from benchmarks.learning.curves import WINDOW, Point, Windows
 from benchmarks.learning.sides import LEARNERS, PACKAGES, DivergedError, available, side, updates
 from envs.edge.command import run_cli
 from envs.edge.installation import versions
+from envs.edge.json_text import parse_json
 from rlcas_jax.config import TrainConfig
 
 __all__ = ["Log", "main", "read", "train"]
@@ -50,7 +51,7 @@ def read(path: Path) -> Log | None:
         return None
     try:
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-        rows = [json.loads(line) for line in lines if line.endswith("\n")]
+        rows = [parse_json(line) for line in lines if line.endswith("\n")]
         if not rows:
             return None
         curve = [_point(row) for row in _having(rows, "steps")]

@@ -37,6 +37,7 @@ from benchmarks.safety import adversary, published
 from benchmarks.safety.judgement import wrong
 from benchmarks.safety.mutation import moved
 from envs.edge.command import InputError, Parser, run_cli
+from envs.edge.json_text import parse_json
 from envs.trees import mapped, take
 from envs.waypoints import Waypoint
 from eval.runner.workers import cores
@@ -133,7 +134,7 @@ def attack(seed: int, block: int) -> dict[str, Any]:
         right, changed = [], []
         for number, file in files:
             started = time.process_time()
-            right.append(json.loads(file))
+            right.append(parse_json(file))
             why = _refused(right[-1])
             slowest, largest = max(slowest, time.process_time() - started), max(largest, len(file))
             if why:
@@ -184,7 +185,7 @@ def _before(path: Path, seed: int) -> list[dict[str, Any]]:
     """Return the blocks that a run wrote before it was stopped; a torn last line is cut off."""
     lines = path.read_bytes().splitlines(keepends=True) if path.exists() else []
     whole = [line for line in lines if line.endswith(b"\n")]
-    done = [json.loads(line) for line in whole]
+    done = [parse_json(line) for line in whole]
     if any(one["seed"] != seed for one in done):
         raise InputError(
             f"{path} is of seed {done[0]['seed']}; expected --seed {done[0]['seed']} or another "

@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks.safety.judgement import apart, controls, flights
 from benchmarks.safety.resimulation import travelled
+from envs.edge.json_text import parse_json
 from envs.waypoints import ARCS
 
 __all__ = ["approach", "moved"]
@@ -26,7 +27,7 @@ def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any
     An ``approach`` shifts an intruder by more, so that it comes as close as the separation but for
     1 mm to 30 m.
     """
-    data = json.loads(json.dumps(data))
+    data = parse_json(json.dumps(data))
     size = float(10.0 ** rng.uniform(-3.0, 1.5) * rng.choice([-1.0, 1.0]))  # m
     leg, part = int(rng.integers(len(data["waypoints"]))), int(rng.integers(5))
     kinds = [

@@ -25,6 +25,7 @@ from benchmarks.measure import report
 from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
 from envs.edge.command import ConfigError, Parser
+from envs.edge.json_text import parse_json
 from eval.runner.workers import cores
 
 __all__ = ["BLOCK", "main"]
@@ -62,12 +63,12 @@ def _done(path: Path, asked: dict[str, Any]) -> dict[Batch, Tally]:
         path.write_text(json.dumps(asked) + "\n", encoding="utf-8")
         return {}
     first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
-    if json.loads(first) != asked:
+    if parse_json(first) != asked:
         raise ConfigError(
             f"--out: {path} holds another attack, {first}; expected this one, or another folder"
         )
     path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")
-    pairs = map(json.loads, lines)
+    pairs = map(parse_json, lines)
     return {Batch(batch[0], tuple(batch[1]), *batch[2:]): Tally.of(tally) for batch, tally in pairs}
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.edge.files import check_regular
+from envs.edge.json_text import parse_json
 from envs.traffic.tracks import TrackError
 
 _MOST_BYTES = 128 * 2**20  # of the text, after unpacking
@@ -59,7 +60,7 @@ def json_of(source: str) -> Any:
         most = f"{_MOST_PARTS} lists and objects"
         raise TrackError(f"{source}: more than {most}, expected at most so many: divide the file")
     try:
-        return json.loads(text, object_pairs_hook=_distinct)
+        return parse_json(text)
     except json.JSONDecodeError as problem:
         raise TrackError(
             f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}"
@@ -75,12 +76,3 @@ def number_of(text: str) -> float:
     if "_" in text:  # float() takes underscores, but they are no part of a number in a data file
         raise ValueError
     return float(text)
-
-
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    made = dict(pairs)
-    if len(made) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"{twice[:40]!r} stands twice in one object")
-    return made

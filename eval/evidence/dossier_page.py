@@ -2,7 +2,6 @@
 their traces.
 """
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
@@ -12,6 +11,7 @@ from typing import Any
 from agents.config.load import load
 from envs.edge.files import write_file
 from envs.edge.installation import versions
+from envs.edge.json_text import parse_json
 from eval.evidence.dossier import Assessment, Case, Goal, Item, Outcome, assess, file_of
 from eval.evidence.listed import Evidence
 from eval.report.page import Filled, asset, figure
@@ -187,7 +187,7 @@ def _failures(root: Path, results: Mapping[str, Any], policy: str, out: Path) ->
 
 def _picture(path: Path, policy: str) -> list[str]:
     """Return a picture of failures as HTML; none where it is of another policy."""
-    drawn = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    drawn = parse_json(path.with_suffix(".json").read_text(encoding="utf-8"))
     if drawn["policy_sha256"] != policy:
         return []
     run = Path(drawn["run"]).name

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from agents.config.load import ConfigError, Strict
+from envs.edge.json_text import parse_json
 
 
 class Entry(Strict):
@@ -112,7 +113,7 @@ def found_in(said: Mapping[str, Any], keys: tuple[str, ...], prefix: str = "") -
 def read_results(path: Path) -> dict[str, Any]:
     """Return results by name; none where there is no file."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        found = parse_json(path.read_text(encoding="utf-8")) if path.exists() else {}
         return {
             name: one | {"n": int(one["n"])}
             for name, one in found.items()

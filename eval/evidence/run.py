@@ -3,7 +3,6 @@
 """
 
 import argparse
-import json
 import os
 import platform
 import re
@@ -21,6 +20,7 @@ from typing import Any
 from agents.config.load import Parser, load
 from agents.policy.inference import Policy
 from envs.edge.files import write_file
+from envs.edge.json_text import parse_json
 from eval.evidence.closing import show_closing
 from eval.evidence.domain import cells
 from eval.evidence.dossier_page import write
@@ -215,7 +215,7 @@ def _said(
             signal.signal(signal.SIGTERM, before)
     try:  # status 1 may say that what is found is bad, which must be seen
         text = (folder / reading.file).read_text() if reading.file else printed.splitlines()[-1]
-        return json.loads(text) if child.returncode in (0, 1) else None
+        return parse_json(text) if child.returncode in (0, 1) else None
     except (OSError, ValueError, IndexError):
         return None
 

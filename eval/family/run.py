@@ -3,7 +3,6 @@
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ from agents.policy.inference import Policy
 from agents.policy.inputs import resolve
 from envs.aircraft import ratios
 from envs.edge.files import write_file
+from envs.edge.json_text import parse_json
 from eval.family.aircraft import draw_aircraft
 from eval.monte_carlo.run import evaluate
 from eval.plots import save as picture_folder
@@ -68,7 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status = evaluate(_keys(options, one, file), folder)
         if status:
             return status
-        summaries.append(json.loads((folder / "summary.json").read_text(encoding="utf-8")))
+        text = (folder / "summary.json").read_text(encoding="utf-8")
+        summaries.append(parse_json(text))
     found = _found(options, aircraft, summaries) | {"policy_sha256": policy.sha256}
     picture_folder.write(options.out, "family", found)
     _show(found, options.out)

@@ -2,7 +2,6 @@
 is known.
 """
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.config.load import ConfigError, load
+from envs.edge.json_text import parse_json
 from envs.outcome import Rules
 from eval.config import MonteCarloConfig
 from eval.flights.aircraft import aircraft_of
@@ -98,7 +98,7 @@ def read_run(folder: Path) -> Run:
 
 def _summary(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = parse_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as problem:
         raise ConfigError(
             f"{path}: cannot be read as JSON ({problem}), expected a run's summary"

@@ -1,6 +1,5 @@
 """Success as a function of what a run varies: its table cut into bins of one quantity."""
 
-import json
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 
 from agents.config.load import ConfigError
 from envs.aircraft import Aircraft
+from envs.edge.json_text import parse_json
 from eval.flights.aircraft import aircraft_of
 from eval.runner.outputs import read_table
 from eval.stats.intervals import share
@@ -113,7 +113,7 @@ def read_run(path: Path) -> Run:
             f"{path} holds no {' or '.join(_TABLES)}; expected the folder of a finished run"
         )
     try:
-        summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
+        summary = parse_json((path / "summary.json").read_text(encoding="utf-8"))
         aircraft, mode = aircraft_of(summary), str(summary["mode"])
     except (OSError, ValueError, TypeError, KeyError) as problem:
         raise ConfigError(

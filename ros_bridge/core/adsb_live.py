@@ -5,7 +5,6 @@ Nothing here imports ROS or connects. A receiver sees all that flies or taxies a
 ownship. What is no traffic is left out and counted; of unusable messages name and place are kept.
 """
 
-import json
 import math
 import re
 from collections import Counter
@@ -14,6 +13,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from agents.planner.request import Altitude
+from envs.edge.json_text import RepeatedKeyError, parse_json
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core.conversions import report
 from ros_bridge.core.fields import SECOND, FieldError, number, place, tried
@@ -235,9 +235,12 @@ class AircraftJson(_Stream):
         later.
         """
         try:
-            document = json.loads(text)
+            document = parse_json(text)
             now = number("document.now", document["now"], 0.0, 1e12, "s")
             rows = [(str(row["hex"]).strip().lower(), row) for row in document["aircraft"]]
+        except RepeatedKeyError as problem:
+            yield FieldError("document", f"{problem}, expected every key once")
+            return
         except (ValueError, KeyError, TypeError, RecursionError):
             yield FieldError(
                 "document",

@@ -14,6 +14,8 @@ from typing import Any
 
 import yaml
 
+from agents.config.yaml import YamlError, check_distinct
+
 _OURS = "rlcas_"
 
 
@@ -43,7 +45,12 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
             if Path(value).exists() and not Path(value).is_file():
                 raise ValueError(f"{value} is not a regular file, expected a parameter file")
             try:
-                sections = list(_sections(yaml.safe_load(Path(value).read_text(encoding="utf-8"))))
+                text = Path(value).read_text(encoding="utf-8")
+                # ROS takes the last of two values and says nothing.
+                check_distinct(text)
+                sections = list(_sections(yaml.safe_load(text)))
+            except YamlError as problem:
+                raise ValueError(f"{value}: {problem}") from None
             except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
                 continue  # ROS refuses it itself
         elif flag in ("-p", "--param") and ":" in value.partition(":=")[0]:
