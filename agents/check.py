@@ -668,7 +668,10 @@ def read_aircraft(text: str) -> dict[str, float]:
         except ValueError:
             raise ValueError(f"line {number}: {value.strip()!r} is no number") from None
     needed = ("speed_min_mps", "speed_max_mps", "acceleration_min_mps2", "acceleration_max_mps2")
-    for name in (*needed, "yaw_rate_max_deg_s", "separation_m"):
+    limits = (*needed, "yaw_rate_max_deg_s")
+    of_vehicle = [f"vehicle.{name}" for name in limits]
+    stated = any(name.startswith("vehicle.") for name in found)
+    for name in (*limits, "separation_m", *(of_vehicle if stated else ())):
         if name not in found:
             raise ValueError(f"{name} is missing")
     return found

@@ -59,8 +59,8 @@ class PlannerConfig(Strict):
             "expected": "null, the path of a YAML file, a name that ships, or a group of keys"
         },
     )
-    """Limits of the legs and of the vehicle that follows them; null: what the aircraft states of
-    its vehicle.
+    """Limits of the legs and of the vehicle that follows them, all five; null: what the aircraft
+    states of its vehicle.
     """
 
     def options(self, aircraft: Aircraft) -> Options:

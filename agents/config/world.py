@@ -8,7 +8,7 @@ both. Angles are in degrees here, as the keys say, and radians in what the model
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_serializer, model_validator
 
@@ -23,30 +23,39 @@ def _degrees(angle: float) -> float:
     return round(math.degrees(angle), 9)
 
 
+_SpeedMin = Annotated[float, Field(ge=0.0, le=FASTEST.speed_min)]
+_SpeedMax = Annotated[float, Field(gt=0.0, le=FASTEST.speed_max)]
+_AccelerationMin = Annotated[float, Field(ge=FASTEST.acceleration_min, lt=0.0)]
+_AccelerationMax = Annotated[float, Field(gt=0.0, le=FASTEST.acceleration_max)]
+_YawRateMax = Annotated[float, Field(ge=0.01, le=_degrees(FASTEST.yaw_rate_max))]
+
+
 class VehicleConfig(Strict):
     """Limits of the ownship, inline or as the path of a YAML file with these keys or the name of
-    one that ships.
+    one that ships. All five are stated: none is filled in from another aircraft.
 
     A path is looked for beside the configuration file first and then in the working directory.
     """
 
     KIND: ClassVar = VEHICLES
+    STATED: ClassVar[tuple[str, ...]] = (
+        "speed_min_mps",
+        "speed_max_mps",
+        "acceleration_min_mps2",
+        "acceleration_max_mps2",
+        "yaw_rate_max_deg_s",
+    )
+    """What a file states: left out, it would be another aircraft's."""
 
-    speed_min_mps: float = Field(default=SURROGATE.speed_min, ge=0.0, le=FASTEST.speed_min)
+    speed_min_mps: _SpeedMin
     """Lowest speed, m/s."""
-    speed_max_mps: float = Field(default=SURROGATE.speed_max, gt=0.0, le=FASTEST.speed_max)
+    speed_max_mps: _SpeedMax
     """Highest speed, m/s."""
-    acceleration_min_mps2: float = Field(
-        default=SURROGATE.acceleration_min, ge=FASTEST.acceleration_min, lt=0.0
-    )
+    acceleration_min_mps2: _AccelerationMin
     """Strongest deceleration, m/s^2, negative."""
-    acceleration_max_mps2: float = Field(
-        default=SURROGATE.acceleration_max, gt=0.0, le=FASTEST.acceleration_max
-    )
+    acceleration_max_mps2: _AccelerationMax
     """Strongest acceleration, m/s^2."""
-    yaw_rate_max_deg_s: float = Field(
-        default=_degrees(SURROGATE.yaw_rate_max), ge=0.01, le=_degrees(FASTEST.yaw_rate_max)
-    )
+    yaw_rate_max_deg_s: _YawRateMax
     """Largest turn rate to either side, deg/s."""
 
     @model_validator(mode="before")
@@ -57,7 +66,18 @@ class VehicleConfig(Strict):
         beside = Path((info.context or {}).get("folder", "")) / data
         path = beside if beside.is_file() else file_of(Path(data), cls.KIND)
         # The values, not the path: a run's own configuration must not depend on another file.
-        return load(cls, path).model_dump()
+        return cls.of_file(path).model_dump()
+
+    @classmethod
+    def of_file(cls, path: Path) -> Self:
+        """Return what a file or a name that ships states; raise a ConfigError where one of the
+        numbers that say which aircraft it is is missing.
+        """
+        made = load(cls, file_of(path, cls.KIND))
+        missing = [name for name in cls.STATED if name not in made.model_fields_set]
+        if missing:
+            raise ConfigError(f"{path}: {missing[0]} is missing; expected {', '.join(cls.STATED)}")
+        return made
 
     @model_validator(mode="after")
     def _check(self) -> "VehicleConfig":
@@ -85,7 +105,18 @@ class AircraftConfig(VehicleConfig):
     """
 
     KIND: ClassVar = AIRCRAFT
+    STATED: ClassVar[tuple[str, ...]] = (*VehicleConfig.STATED, "separation_m")
 
+    speed_min_mps: _SpeedMin = SURROGATE.speed_min
+    """Lowest speed, m/s."""
+    speed_max_mps: _SpeedMax = SURROGATE.speed_max
+    """Highest speed, m/s."""
+    acceleration_min_mps2: _AccelerationMin = SURROGATE.acceleration_min
+    """Strongest deceleration, m/s^2, negative."""
+    acceleration_max_mps2: _AccelerationMax = SURROGATE.acceleration_max
+    """Strongest acceleration, m/s^2."""
+    yaw_rate_max_deg_s: _YawRateMax = _degrees(SURROGATE.yaw_rate_max)
+    """Largest turn rate to either side, deg/s."""
     separation_m: float = Field(default=PAPER.separation, ge=1.0, le=1e6)
     """Required horizontal separation, m: an encounter is lost below it."""
     goal_radius_m: float | None = Field(default=None, gt=0.0)
@@ -107,7 +138,7 @@ class AircraftConfig(VehicleConfig):
         },
     )
     """What the vehicle itself can do, where decisions keep to more conservative limits: legs of
-    plans obey it. null: the limits above, which no plan called SAFE exceeds."""
+    plans obey it. All five limits. null: the limits above, which no plan called SAFE exceeds."""
 
     @model_validator(mode="after")
     def _check(self) -> "AircraftConfig":

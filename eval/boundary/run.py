@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from agents.config.load import AIRCRAFT, ConfigError, Parser, file_of, load
+from agents.config.load import ConfigError, Parser
 from agents.config.world import AircraftConfig
 from envs.aircraft import PAPER, Aircraft
 from eval.boundary.figure import boundary_figure
@@ -154,7 +154,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _aircraft(path: Path | None) -> Aircraft:
-    aircraft = PAPER if path is None else load(AircraftConfig, file_of(path, AIRCRAFT)).aircraft()
+    aircraft = PAPER if path is None else AircraftConfig.of_file(path).aircraft()
     if aircraft.limits.speed_min <= 0.0:
         raise ConfigError(
             "--aircraft: speed_min is 0; expected above 0: what can stand still has no such "

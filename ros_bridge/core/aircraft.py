@@ -38,10 +38,10 @@ def aircraft_of(file: str, policy_file: str) -> Aircraft:
     if not file:
         return loaded(policy_file).aircraft
     # Not before it is asked for: these take a third of a node's start.
-    from agents.config.load import AIRCRAFT, ConfigError, file_of, load
+    from agents.config.load import ConfigError
     from agents.config.world import AircraftConfig
 
     try:
-        return load(AircraftConfig, file_of(Path(file), AIRCRAFT)).aircraft()
+        return AircraftConfig.of_file(Path(file)).aircraft()
     except ConfigError as error:
         raise ValueError(f"aircraft: {error}") from error

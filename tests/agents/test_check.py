@@ -9,6 +9,7 @@ import json
 import math
 import os
 import pickle
+import re
 import subprocess
 import sys
 import time
@@ -285,12 +286,15 @@ def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> Non
     twice.write_text(json.dumps(data)[:-1] + ',"intruders":[],"bounds":[]}')
     slow, fast = tmp_path / "slow.yaml", ROOT / "configs" / "aircraft" / "paper.yaml"
     slow.write_text(fast.read_text().replace("speed_max_mps: 100.0", "speed_max_mps: 60.0"))
+    half = tmp_path / "half.yaml"
+    half.write_text(re.sub(r"  yaw_rate_max_deg_s: .*\n", "", fast.read_text()))
     wrong_file = tmp_path / "wrong.yaml"
     wrong_file.write_text("speed_min_mps: fifty\n")
     for arguments, status, said in (
         ([good], 0, "intruders: 2; none comes closer than"),
         ([good, "--aircraft", fast], 0, "limits: 31 to 100 m/s"),
         ([good, "--aircraft", slow], 1, "its speed_max is 100, beyond the aircraft's"),
+        ([good, "--aircraft", half], 2, "vehicle.yaw_rate_max_deg_s is missing"),
         ([good, "--aircraft", wrong_file], 2, "'fifty' is no number"),
         ([bad], 1, "intruder 0"),
         ([torn], 2, "cannot be read"),

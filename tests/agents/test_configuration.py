@@ -385,8 +385,16 @@ def test_a_reader_that_stops_early_sees_no_traceback() -> None:
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 
 
+SLOW = """speed_min_mps: 50
+speed_max_mps: 60
+acceleration_min_mps2: -0.5
+acceleration_max_mps2: 0.5
+yaw_rate_max_deg_s: 3
+"""
+
+
 class World(Strict):
-    vehicle: VehicleConfig = VehicleConfig()
+    vehicle: VehicleConfig | None = None
 
 
 def test_the_c208_has_the_same_limits_as_vehicle_and_as_aircraft():
@@ -394,15 +402,12 @@ def test_the_c208_has_the_same_limits_as_vehicle_and_as_aircraft():
     assert vehicle.limits() == load(AircraftConfig, CONFIGS / "aircraft" / "c208.yaml").limits()
 
 
-def test_the_default_vehicle_is_the_surrogate():
-    assert VehicleConfig().limits() == SURROGATE
-
-
 def test_a_vehicle_is_found_beside_the_configuration_and_its_values_are_taken_over(tmp_path: Path):
-    (tmp_path / "slow.yaml").write_text("speed_max_mps: 60\n")
+    (tmp_path / "slow.yaml").write_text(SLOW)
     path = tmp_path / "config.yaml"
     path.write_text("vehicle: slow.yaml\n")
     config = load(World, path)
+    assert config.vehicle is not None
     assert config.vehicle.limits() == SURROGATE._replace(speed_max=60.0)
     assert "slow.yaml" not in dump(config)
 
@@ -410,12 +415,37 @@ def test_a_vehicle_is_found_beside_the_configuration_and_its_values_are_taken_ov
 def test_a_vehicle_is_found_in_the_working_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    (tmp_path / "slow.yaml").write_text("speed_max_mps: 60\n")
+    (tmp_path / "slow.yaml").write_text(SLOW)
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "config.yaml").write_text("")
     monkeypatch.chdir(tmp_path)
     config = load(World, Path("sub/config.yaml"), ["vehicle=slow.yaml"])
+    assert config.vehicle is not None
     assert config.vehicle.speed_max_mps == 60.0
+
+
+@pytest.mark.parametrize("name", VehicleConfig.STATED)
+def test_no_limit_is_taken_from_another_aircraft(tmp_path: Path, name: str):
+    """A limit that a vehicle's group or file, or an aircraft's file, leaves out is missing."""
+    rest = "".join(line for line in SLOW.splitlines(keepends=True) if not line.startswith(name))
+    (file := tmp_path / "rest.yaml").write_text(rest)
+    group = "{" + ", ".join(rest.splitlines()) + "}"
+    (whole := tmp_path / "own.yaml").write_text(f"{SLOW}separation_m: 610\nvehicle: {group}\n")
+    (least := tmp_path / "least.yaml").write_text(f"{rest}separation_m: 610\n")
+    for missing, taken in (
+        (f"vehicle.{name}", lambda: load(World, overrides=[f"vehicle={group}"])),
+        (name, lambda: load(World, overrides=[f"vehicle={file}"])),
+        (f"vehicle.{name}", lambda: AircraftConfig.of_file(whole)),
+        (name, lambda: AircraftConfig.of_file(least)),
+    ):
+        with pytest.raises(ConfigError, match=rf"(^|[ .]){missing} is missing; expected"):
+            taken()
+
+
+def test_an_aircraft_file_without_its_separation_is_refused(tmp_path: Path):
+    (file := tmp_path / "slow.yaml").write_text(SLOW)
+    with pytest.raises(ConfigError, match=r"slow\.yaml: separation_m is missing; expected"):
+        AircraftConfig.of_file(file)
 
 
 @pytest.mark.parametrize(
@@ -423,23 +453,27 @@ def test_a_vehicle_is_found_in_the_working_directory(
     [
         ("none.yaml", "--set: vehicle: none.yaml: there is no such file"),
         (
-            "{speed_min_mps: 100}",
+            "{speed_min_mps: 100, speed_max_mps: 100, acceleration_min_mps2: -0.5, "
+            "acceleration_max_mps2: 0.5, yaw_rate_max_deg_s: 3}",
             "--set: vehicle.speed_min_mps is 100.0; expected less than speed_max_mps, 100.0",
         ),
         (
-            "{acceleration_min_mps2: 0.5}",
+            "{speed_min_mps: 50, speed_max_mps: 100, acceleration_min_mps2: 0.5, "
+            "acceleration_max_mps2: 0.5, yaw_rate_max_deg_s: 3}",
             "--set: vehicle.acceleration_min_mps2 is 0.5; expected a number at least -20 and "
             "below 0",
         ),
         (
-            "{yaw_rate_max_deg_s: 1e-300}",
+            "{speed_min_mps: 50, speed_max_mps: 100, acceleration_min_mps2: -0.5, "
+            "acceleration_max_mps2: 0.5, yaw_rate_max_deg_s: 1e-300}",
             "--set: vehicle.yaw_rate_max_deg_s is 1e-300; expected a number at least 0.01 and at "
             "most 57",
         ),
         (
-            "{yaw_rate_max: 3}",
+            "{speed_min_mps: 50, speed_max_mps: 100, acceleration_min_mps2: -0.5, "
+            "acceleration_max_mps2: 0.5, yaw_rate_max: 3}",
             "--set: vehicle.yaw_rate_max is unknown (its value is 3); did you mean "
-            "vehicle.yaw_rate_max_deg_s?",
+            "vehicle.yaw_rate_max_deg_s? (and 1 more)",
         ),
     ],
 )
@@ -451,7 +485,7 @@ def test_a_bad_vehicle_is_refused(vehicle: str, sentence: str):
 
 def test_a_bad_vehicle_file_is_named(tmp_path: Path):
     path = tmp_path / "fast.yaml"
-    path.write_text("speed_max: 60\n")
+    path.write_text(SLOW.replace("speed_max_mps", "speed_max"))
     with pytest.raises(
         ConfigError,
         match=r"vehicle: .*fast\.yaml: speed_max is unknown .* did you mean speed_max_mps\?",
@@ -582,7 +616,7 @@ def test_an_aircraft_file_states_its_limits_and_separation(path: Path):
 
 
 def test_what_an_aircraft_does_not_state_follows():
-    limits = VehicleConfig(speed_min_mps=18.0, speed_max_mps=36.0).limits()
+    limits = SURROGATE._replace(speed_min=18.0, speed_max=36.0)
     config = AircraftConfig(
         speed_min_mps=18.0, speed_max_mps=36.0, separation_m=610.0, goal_radius_m=200.0
     )
