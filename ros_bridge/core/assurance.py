@@ -39,7 +39,8 @@ _NEWS = 0.4
 _GRID = (
     2.0**20
 )  # parts of a second that times are rounded to: at any age a report has one time, exactly
-_HORIZON = 1.25  # how long a plan lasts at most, in the times of its waypoints
+# how far ahead other aircraft matter at least, in the times of a plan's waypoints: the next plan
+_HORIZON = 1.25
 _UNKNOWN = VehicleState(math.nan, math.nan, math.nan, math.nan)
 
 
@@ -131,7 +132,9 @@ def stepped(
     intruders: dict[str, Intruder] = {}
     reported: dict[str, Report] = {}
     limits = supervision.watch.thresholds
-    reach = None if track.last is None else _reach(track.last, now, limits, situation)
+    reach = None
+    if track.last is not None:
+        reach = _reach(track.last, now, limits, situation, supervision.held)
     left_out = frozenset() if reach is None else _left_out(situation, reach, limits)
     for name, other in situation.traffic.items():
         if name in left_out or (reach is not None and _vertically_apart(other, reach)):
@@ -201,14 +204,15 @@ def backup(
     )
 
 
-def _reach(own: Report, now: int, limits: Thresholds, situation: Situation) -> Reach:
-    """Return what matters to the ownship while a plan lasts."""
+def _reach(
+    own: Report, now: int, limits: Thresholds, situation: Situation, held: Published | None
+) -> Reach:
+    """Return what matters to the ownship while the plan that is held lasts."""
     options, origin = limits.options, situation.origin.value
     separation = limits.requirement.separation + limits.requirement.margin
-    horizon, fast = (
-        _HORIZON * options.waypoints * options.interval,
-        options.aircraft.traffic_speed_max,
-    )
+    left = 0.0 if held is None else (held.points[-1].time - now) / SECOND
+    horizon = max(left, _HORIZON * options.waypoints * options.interval)
+    fast = options.aircraft.traffic_speed_max
     undulation = None if origin is None else origin.undulation
     return Reach(
         own,

@@ -240,7 +240,7 @@ class World:
         self._since: dict[str, tuple[Any, int]] = {}
 
     def _state(
-        self, x: float, y: float, heading: float, speed: float, **more: Any
+        self, x: float, y: float, heading: float, speed: float, climb: float = 0.0, **more: Any
     ) -> AircraftState:
         time, name = more.pop("time", None) or self.client.now(), more.get("id", "4b1a2c")
         start = x, y, heading, speed
@@ -248,9 +248,12 @@ class World:
         if before != start:
             self._since[name] = start, (since := time)
         way = speed * (time - since) / 1e9
-        return aircraft(
+        message = aircraft(
             time, x + way * math.cos(heading), y + way * math.sin(heading), heading, speed, **more
         )
+        message.altitude += climb * (time - since) / 1e9
+        message.velocity.z = climb
+        return message
 
     def ownship(
         self, x: float = 0.0, y: float = 0.0, heading: float = 0.0, speed: float = 75.0, **more: Any

@@ -243,9 +243,24 @@ def test_only_comparable_altitudes_set_aircraft_apart(a, b, expected: bool):
     assert (abs(vertically_apart(own, b, NOW, reach)) > 600.0) is expected
 
 
+def lasting(supervision: Supervision, seconds: float) -> Supervision:
+    """Return a monitor whose plan ends so long after it began."""
+    held = supervision.held
+    assert held is not None
+    *points, last = held.points
+    last = replace(last, time=held.began + round(seconds * SECOND))
+    return replace(supervision, held=held._replace(points=(*points, last)))
+
+
 def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
-    supervision, situation = begun()
-    for x, reached in ((320_000.0, True), (40_000.0, False)):
+    usual, situation = begun()
+    # What comes near before a long plan ends is not left out.
+    for x, ends, reached in (
+        (320_000.0, 400.0, True),
+        (40_000.0, 400.0, False),
+        (320_000.0, 3_400.0, False),
+    ):
+        supervision = lasting(usual, ends)
         message = aircraft(x, 0.0, math.pi, 75.0, id="far", time=NOW)
         now, left = NOW, supervision
         known = updates.traffic(situation, message, NOW, RULES)
