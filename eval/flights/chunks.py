@@ -23,7 +23,7 @@ from envs.starts import joined
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions, verdicts
-from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start
+from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
 from eval.flights.sources import Source, drawn
 
@@ -140,11 +140,12 @@ def _planned(
     """Return the flights of a mode that plans, and the columns that only it has."""
     evaluation = pilot.evaluation
     options, aircraft = evaluation.options, evaluation.aircraft
-    plans = plan_at_start(
-        starts, pilot.policy, aircraft, options, None if noise is None else noise(0)
-    )
+    first = None if noise is None else noise(0)
+    plans = plan_at_start(starts, pilot.policy, aircraft, options, first)
     flown = fly_once(starts, plans, aircraft, options)
     made = plans.proposals
+    lost = made.safe & (flown.flights.outcome == OUTCOMES.index("violation"))
+    promised = promised_separation(starts, plans, aircraft, options, lost, first)
     more = {
         "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
         "plan_source": np.array(SOURCES, dtype=object)[plans.source],
@@ -153,6 +154,10 @@ def _planned(
         "plan_path_m": made.path,
         "plan_cost_m": np.where(np.isfinite(made.cost), made.cost, np.nan),
         "plan_goal": made.goal.astype(np.int32),
+        "plan_loss": np.where(
+            lost, np.where(promised >= aircraft.separation, "not_promised", "broken"), None
+        ),
+        "promised_min_separation_m": promised,
         "whole_min_separation_m": flown.whole_separation,
         "follower_error_m": flown.error,
     }

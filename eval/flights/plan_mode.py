@@ -10,6 +10,7 @@ from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
+from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import at, legs
@@ -72,3 +73,32 @@ def fly_once(
     for separation in (whole.flights.min_separation, whole.whole_separation):
         separation[plans.proposals.last < 0] = np.nan
     return whole
+
+
+def promised_separation(
+    encounters: Encounter,
+    plans: Plans,
+    aircraft: Aircraft,
+    options: Options,
+    lost: np.ndarray,
+    noise: Any = None,
+) -> np.ndarray:
+    """Return how near the flights of lost plans would have come to the intruders as reported, m.
+
+    What SAFE promises is a separation from intruders that go on straight from the report that the
+    plan was made with. Where that one is kept and the separation was lost all the same, an intruder
+    left its reported motion (or its report was wrong), which no plan promises to survive.
+
+    Args:
+        lost: which plans are meant, bool ``[N]``; nan for the others.
+        noise: as of :func:`perceived_at_start`.
+    """
+    result = np.full(lost.size, np.nan)
+    rows = np.flatnonzero(lost)
+    if rows.size:
+        seen = take(perceived_at_start(encounters, aircraft.dt, noise), rows)
+        straight = Intent(*(np.zeros(seen.x.shape) for _ in Intent._fields))
+        asked = take(encounters, rows)._replace(intruders=seen, intent=straight)
+        flown = fly_once(asked, take(plans, rows), aircraft, options)
+        result[rows] = flown.flights.min_separation
+    return result

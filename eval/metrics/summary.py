@@ -38,6 +38,14 @@ _QUANTILES = (
     ("its median", "min_separation_m_quantiles", "0.5", ".1f"),
     ("largest error of the follower of SAFE plans", "follower_error_m_quantiles", "1", ".4f"),
 )
+_SAFE_PLANS = (
+    ("SAFE plans that lost the separation, flown once", "safe_plans_violated"),
+    ("of these: the promise of SAFE broken", "safe_plans_broken"),
+    (
+        "of these: not promised, an intruder left its reported motion",
+        "safe_plans_not_promised",
+    ),
+)
 
 
 def summarise(
@@ -89,6 +97,8 @@ def summarise(
         whole = table["whole_min_separation_m"][safe]
         summary |= {
             "safe_plans_violated": int(np.count_nonzero(lost)),
+            "safe_plans_broken": int(np.count_nonzero(table["plan_loss"] == "broken")),
+            "safe_plans_not_promised": int(np.count_nonzero(table["plan_loss"] == "not_promised")),
             "safe_plans_by_source": {
                 name: int(np.count_nonzero(mask)) for name, mask in sources.items()
             },
@@ -141,16 +151,9 @@ def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> lis
     for label, key, at, form in _QUANTILES:
         if key in summary:
             lines.append(Line(key, label, _plain(summary[key].get(at), form, 1.0, " m"), "", ""))
-    if "safe_plans_violated" in summary:
-        lines.append(
-            Line(
-                "safe_plans_violated",
-                "SAFE plans violated",
-                spaced(summary["safe_plans_violated"]),
-                "",
-                "",
-            )
-        )
+    for label, key in _SAFE_PLANS:
+        if key in summary:
+            lines.append(Line(key, label, spaced(summary[key]), "", ""))
     return lines
 
 

@@ -23,7 +23,7 @@ from envs.starts import numbered
 from envs.trees import take
 from eval.flights.assured_mode import Assured, fly_assured
 from eval.flights.plan_flight import Flown, request_of
-from eval.flights.plan_mode import fly_once, plan_at_start
+from eval.flights.plan_mode import fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import OUTCOMES, sensor_noise
 from eval.monte_carlo import run as monte_carlo
 
@@ -113,6 +113,7 @@ def test_a_run_tells_of_plans(tmp_path: Path) -> None:
     table, summary = table_of(out), json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["mode"] == "plan"
     assert summary["safe_plans_violated"] == 0
+    assert summary["safe_plans_broken"] == summary["safe_plans_not_promised"] == 0
     assert summary["plan_safe_rate"]["count"] == np.count_nonzero(table["plan_status"] == "safe")
     assert summary["policy_success_rate"]["count"] == np.count_nonzero(
         table["policy_outcome"] == "reached"
@@ -165,6 +166,17 @@ def test_flights_of_plans_are_drawn(tmp_path: Path) -> None:
     assert (out / "trajectories.png").stat().st_size > 20_000
 
 
+def test_a_broken_promise_is_no_excuse(encounters: Encounter, plans: Plans) -> None:
+    """Among straight intruders what a plan loses is what it promised to keep."""
+    tighter = PAPER._replace(separation=3.0 * PAPER.separation)
+    flown = fly_once(encounters, plans, tighter, OPTIONS)
+    lost = plans.proposals.safe & (flown.flights.outcome == OUTCOMES.index("violation"))
+    assert lost.any()
+    promised = promised_separation(encounters, plans, tighter, OPTIONS, lost)
+    assert np.allclose(promised[lost], flown.flights.min_separation[lost], atol=1e-2)
+    assert np.all(promised[lost] < tighter.separation)
+
+
 # The assured loop saves what the plan flown once loses, and depends on nobody else.
 
 
@@ -195,6 +207,12 @@ def test_more_is_saved_than_by_the_plan_flown_once(
     outcome = assured.flown.flights.outcome
     assert (outcome == REACHED).mean() >= 0.95
     assert (outcome == REACHED).sum() > (once.flights.outcome == REACHED).sum()
+    # What the plans lost they had not promised: the intruders turned after they were made.
+    lost = begun.proposals.safe & (once.flights.outcome == OUTCOMES.index("violation"))
+    assert lost.any()
+    promised = promised_separation(turning, begun, PAPER, OPTIONS, lost)
+    assert np.all(np.isnan(promised) == ~lost)
+    assert np.all(promised[lost] >= PAPER.separation)
     # Every flight saved had a new plan.
     saved = (outcome == REACHED) & (once.flights.outcome != REACHED)
     assert np.all(assured.replans[saved] > 0)
