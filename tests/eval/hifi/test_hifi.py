@@ -207,6 +207,12 @@ def test_an_interrupted_run_finishes_what_is_in_the_air(tmp_path: Path) -> None:
     assert "Go on with: python -m eval.hifi --resume" in printed
 
 
+NARROW = (
+    "{speed_min_mps: 50, speed_max_mps: 50.5, acceleration_min_mps2: -0.5, "
+    "acceleration_max_mps2: 0.5, yaw_rate_max_deg_s: 3}"
+)
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -221,7 +227,11 @@ def test_an_interrupted_run_finishes_what_is_in_the_air(tmp_path: Path) -> None:
         (["--flights", "0"], "expected a whole number of at least 1"),
         (["--set", "condition.wind_mps=[0,40]"], "expected .low, high. within 0.0 to 30.0"),
         (["--set", "condition.turbulence=[severe]"], "expected a list of none, light, moderate"),
-        (["--set", "planner.vehicle.speed_max_mps=50.5"], "planner.vehicle: allows 50 to 50.5 m/s"),
+        (["--set", f"planner.vehicle={NARROW}"], "planner.vehicle: allows 50 to 50.5 m/s"),
+        (
+            ["--set", "planner.vehicle.speed_max_mps=50.5"],
+            "planner.vehicle.speed_min_mps is missing",
+        ),
         (["--resume"], "holds no run"),
     ],
 )
