@@ -146,6 +146,8 @@ def _planned(
     made = plans.proposals
     lost = made.safe & (flown.flights.outcome == OUTCOMES.index("violation"))
     promised = promised_separation(starts, plans, aircraft, options, lost, first)
+    loss = np.full(lost.size, None, dtype=object)
+    loss[lost] = np.where(promised[lost] >= aircraft.separation, "not_promised", "broken")
     more = {
         "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
         "plan_source": np.array(SOURCES, dtype=object)[plans.source],
@@ -154,9 +156,7 @@ def _planned(
         "plan_path_m": made.path,
         "plan_cost_m": np.where(np.isfinite(made.cost), made.cost, np.nan),
         "plan_goal": made.goal.astype(np.int32),
-        "plan_loss": np.where(
-            lost, np.where(promised >= aircraft.separation, "not_promised", "broken"), None
-        ),
+        "plan_loss": loss,
         "promised_min_separation_m": promised,
         "whole_min_separation_m": flown.whole_separation,
         "follower_error_m": flown.error,
