@@ -6,12 +6,14 @@ course difference +90 degrees comes from the left.
 """
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
 from envs.angles import sincos, wrap
 from envs.edge.command import InputError
+from envs.edge.extension import is_extension
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
@@ -38,30 +40,40 @@ class Encounter(NamedTuple):
 MOST_INTRUDERS = 64
 """Most intruders of an encounter: far more than one ownship meets, and cheap to hold."""
 
-SCENARIOS = (
-    "circle",
-    "crossing_left",
-    "crossing_right",
-    "head_on",
-    "same_course",
-    "maneuvering",
-    "noisy",
-    "multi",
-)
-"""The scenarios by name."""
+
+def _unchanged(aircraft: Aircraft) -> Mapping[str, Any]:
+    """Return the numbers in which a scenario differs from ``circle``: none."""
+    return {}
+
+
+class Sampler(NamedTuple):
+    """How the encounters of a scenario are drawn: a row of the table of scenarios.
+
+    A sampler of the user's own has the same form as those of :data:`SHIPPED`; it comes in by
+    :mod:`envs.scenarios`. Functions of a module can be sent to other processes, lambdas cannot.
+    """
+
+    encounters: Callable[["Scenario", Any, Any], tuple[Encounter, Any]]
+    """(scenario, draws ``[N, D]`` in [0, 1), numpy or jax.numpy) -> encounters ``[N]``, and which
+    of them meet the scenario's conditions, bool ``[N]``. Each row follows from its own draws."""
+    shared: int  # draws that an encounter takes
+    each: int  # draws that each of its intruders takes besides
+    numbers: Callable[[Aircraft], Mapping[str, Any]] = _unchanged
+    """(ownship) -> the fields of :class:`Scenario` in which it differs from ``circle``."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A family of encounters around a common conflict point (the paper's "circle" and variants of
-    it).
+    """A sampler and its numbers, which say what it draws.
 
-    Ownship and intruders start so far from the centre that they would meet there at the same time;
-    then every start is displaced. Pairs (low, high) are ranges of a uniform draw; SI units.
-    :func:`scenario` makes them.
+    Pairs (low, high) are ranges of a uniform draw; SI units. What the numbers mean is said as
+    :func:`conflict_point` uses them, the geometry of the scenarios that ship; in a training for
+    several aircraft, ranges of speeds are arrays, ``[N]`` of the ownship and ``[N, 1]`` of the
+    intruders. :func:`scenario` makes them.
     """
 
     name: str
+    sampler: Sampler
     aircraft: Aircraft  # the ownship; what a scenario does not state otherwise is scaled by it
     radius: tuple[
         float, float
@@ -90,7 +102,12 @@ class Scenario:
     @property
     def dimensions(self) -> int:
         """Unit-uniform draws that one attempt takes."""
-        return 7 + 7 * self.intruders[1]
+        return self.sampler.shared + self.sampler.each * self.intruders[1]
+
+    @property
+    def ships(self) -> bool:
+        """Whether the sampler is the toolkit's, not one of the user's own."""
+        return self.sampler.encounters is conflict_point
 
 
 def scenario(name: str, aircraft: Aircraft, **changes: Any) -> Scenario:
@@ -103,15 +120,13 @@ def scenario(name: str, aircraft: Aircraft, **changes: Any) -> Scenario:
         EncounterError: the name is unknown, or a field contradicts the aircraft; the message begins
             with the field.
     """
-    if name not in SCENARIOS:
-        raise EncounterError(
-            f"scenario {name!r} is unknown; expected one of {', '.join(SCENARIOS)}"
-        )
+    sampler = sampler_of(name)
     separation, limits = aircraft.separation, aircraft.limits
     # An aircraft that can stand still would never arrive at the conflict point.
     speeds = (max(limits.speed_min, 0.2 * limits.speed_max), limits.speed_max)
     circle = Scenario(
         name,
+        sampler,
         aircraft,
         (3.0 * separation, 10.0 * separation),
         speeds,
@@ -119,27 +134,39 @@ def scenario(name: str, aircraft: Aircraft, **changes: Any) -> Scenario:
         0.5 * separation,
         separation,
     )
-    conflict = {"conflicts_closer_than": separation, "attempts": 48}
-    own: dict[str, dict[str, Any]] = {
-        "crossing_left": {"course_difference": _courses(90.0, 45.0), **conflict},
-        "crossing_right": {"course_difference": _courses(-90.0, 45.0), **conflict},
-        "head_on": {"course_difference": _courses(180.0, 20.0), **conflict},
-        "same_course": {"course_difference": _courses(0.0, 20.0), **conflict},
-        "maneuvering": {"turn_rate": limits.yaw_rate_max},
-        "noisy": {
-            "position_std": 0.03 * separation,
-            "velocity_std": 0.03 * limits.speed_max,
-            "latency": (aircraft.dt, 2.0 * aircraft.dt),
-        },
-        "multi": {"intruders": (2, 8), "attempts": 24},
-    }
-    chosen = replace(circle, **(own.get(name, {}) | changes))
+    chosen = replace(circle, **{**sampler.numbers(aircraft), **changes})
     _check(chosen)
     return chosen
 
 
-def _courses(middle_deg: float, half_width_deg: float) -> tuple[float, float]:
-    return math.radians(middle_deg - half_width_deg), math.radians(middle_deg + half_width_deg)
+registered: dict[str, Sampler] = {}
+"""The samplers of this process that are the user's own, by name; see :mod:`envs.scenarios`."""
+
+
+def is_known(name: str) -> bool:
+    """Return whether a scenario ships or has been registered; nothing is imported."""
+    return name in SHIPPED or name in registered
+
+
+def sampler_of(name: str) -> Sampler:
+    """Return the sampler of a scenario that ships or has been registered; nothing is imported.
+
+    Raises:
+        EncounterError: there is none of that name.
+    """
+    if name in SHIPPED:
+        return SHIPPED[name]
+    if name in registered:
+        return registered[name]
+    if is_extension(name):
+        raise EncounterError(
+            f"scenario {name!r} is not part of the toolkit and has not been loaded; expected "
+            f"--extension {name}, the key extensions: [{name}], or envs.scenarios.resolve({name!r})"
+        )
+    raise EncounterError(
+        f"scenario {name!r} is unknown; expected one of {', '.join((*SHIPPED, *registered))}, or "
+        "module:name of your own"
+    )
 
 
 def _check(chosen: Scenario) -> None:
@@ -185,11 +212,11 @@ def sample(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     Each takes the first of A attempts that meets the scenario's conditions, else its last. Also
     returned is whether it meets them.
     """
-    encounter, accepted = _attempt(scenario, draws[0], xp)
-    for attempt in range(1, draws.shape[0]):
+    encounter, accepted = attempt(scenario, draws[0], xp)
+    for number in range(1, draws.shape[0]):
         if xp.__name__ == "numpy" and accepted.all():
             break
-        other, other_accepted = _attempt(scenario, draws[attempt], xp)
+        other, other_accepted = attempt(scenario, draws[number], xp)
         encounter = choose(accepted, encounter, other, xp)
         accepted = xp.logical_or(accepted, other_accepted)
     return encounter, accepted
@@ -212,9 +239,57 @@ def padded(encounter: Encounter, count: int, xp: Any) -> Encounter:
     )
 
 
-def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
+def attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     """Return the encounters of one attempt, draws ``[N, D]``, and which of them meet the
     conditions, ``[N]``.
+
+    Raises:
+        EncounterError: a sampler of the user's own fails, or returns something else.
+    """
+    if scenario.ships:
+        return scenario.sampler.encounters(scenario, draws, xp)
+    try:
+        made = scenario.sampler.encounters(scenario, draws, xp)
+    except EncounterError:
+        raise
+    except Exception as problem:
+        raise EncounterError(
+            f"scenario {scenario.name!r}: its sampler fails with {type(problem).__name__}: "
+            f"{problem}"
+        ) from problem
+    _check_shapes(scenario, made, draws.shape[0])
+    return made
+
+
+def _check_shapes(scenario: Scenario, made: Any, count: int) -> None:
+    """Refuse what a sampler returned unless it is encounters ``[count]`` and a mask of them."""
+    where = f"scenario {scenario.name!r}: its sampler returns"
+    if not (isinstance(made, tuple) and len(made) == 2 and isinstance(made[0], Encounter)):
+        raise EncounterError(
+            f"{where} {type(made).__name__}; expected an envs.encounters.Encounter and which of "
+            "its rows are accepted"
+        )
+    encounter, accepted = made
+    wide, narrow = (count, scenario.intruders[1]), (count, 1)
+    found = {"own": (encounter.own, (count,)), "goal_x": (encounter.goal_x, (count,))}
+    found |= {"goal_y": (encounter.goal_y, (count,)), "accepted": (accepted, (count,))}
+    found |= {"intruders": (encounter.intruders, wide), "mask": (encounter.mask, wide)}
+    found |= {"intent": (encounter.intent, wide), "sensor": (encounter.sensor, narrow)}
+    for name, (tree, expected) in found.items():
+        fields = tree._asdict().items() if hasattr(tree, "_fields") else [("", tree)]
+        for key, value in fields:
+            if getattr(value, "shape", None) != expected:
+                full = f"{name}.{key}" if key else name
+                shape = getattr(value, "shape", type(value).__name__)
+                raise EncounterError(f"{where} {full} of shape {shape}; expected {expected}")
+
+
+def conflict_point(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
+    """Return encounters ``[N]`` around a common conflict point (the paper's "circle" and variants
+    of it), from draws ``[N, 7 + 7 K]``, and which of them meet the conditions, ``[N]``.
+
+    Ownship and intruders start so far from the centre that they would meet there at the same time;
+    then every start is displaced.
     """
     most = scenario.intruders[1]
     shared = [draws[:, i] for i in range(7)]
@@ -244,33 +319,118 @@ def _attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     count = fewest + xp.floor(shared[5] * (most - fewest + 1))
     mask = xp.arange(most)[None, :] < count[:, None]
 
-    seen_by = VehicleState(*(field[:, None] for field in own))
-    cpa = straight_cpa(seen_by, intruders, xp)
-    turn_rate = between((-scenario.turn_rate, scenario.turn_rate), each[4])
-    intent = Intent(
-        onset=1.2 * cpa.time * each[5],
+    intent = one_turn(scenario, own, intruders, each[4:], xp)
+    sensor = sensor_of(scenario, shared[6], xp)
+    accepted = meets_conditions(scenario, own, intruders, mask, xp)
+    return Encounter(own, goal_x, goal_y, intruders, mask, intent, sensor), accepted
+
+
+def one_turn(
+    scenario: Scenario, own: VehicleState, intruders: VehicleState, draws: Any, xp: Any
+) -> Intent:
+    """Return the one turn of each intruder ``[N, K]``, which begins until a little after its
+    closest approach to the ownship ``[N]``.
+
+    Of the scenario's rate and change of heading; without a rate they fly straight. The draws are
+    three ``[N, K]``.
+    """
+    to_rate, to_onset, to_change = draws
+    cpa = straight_cpa(VehicleState(*(field[:, None] for field in own)), intruders, xp)
+    turn_rate = between((-scenario.turn_rate, scenario.turn_rate), to_rate)
+    return Intent(
+        onset=1.2 * cpa.time * to_onset,
         heading_change=xp.copysign(
-            (scenario.heading_change if scenario.turn_rate else 0.0) * each[6], turn_rate
+            (scenario.heading_change if scenario.turn_rate else 0.0) * to_change, turn_rate
         ),
         turn_rate=xp.abs(turn_rate)
         if scenario.turn_rate
         else xp.full_like(turn_rate, scenario.aircraft.limits.yaw_rate_max),
     )
-    ones = xp.ones_like(radius)[:, None]
-    sensor = Sensor(
+
+
+def no_turn(scenario: Scenario, intruders: VehicleState, xp: Any) -> Intent:
+    """Return the intent of intruders ``[N, K]`` that fly straight on."""
+    never = xp.zeros_like(intruders.speed)
+    return Intent(never, never, never + scenario.aircraft.limits.yaw_rate_max)
+
+
+def sensor_of(scenario: Scenario, draw: Any, xp: Any) -> Sensor:
+    """Return the scenario's quality of reports, ``[N, 1]``; the draw ``[N]`` is of their age."""
+    ones = xp.ones_like(draw)[:, None]
+    return Sensor(
         scenario.position_std * ones,
         scenario.velocity_std * ones,
-        between(scenario.latency, shared[6])[:, None],
+        between(scenario.latency, draw)[:, None],
     )
+
+
+def meets_conditions(
+    scenario: Scenario, own: VehicleState, intruders: VehicleState, mask: Any, xp: Any
+) -> Any:
+    """Return which starts ``[N]`` are far enough apart and, on straight courses, close enough
+    later, for every intruder ``[N, K]`` that exists.
+    """
+    seen_by = VehicleState(*(field[:, None] for field in own))
+    cpa = straight_cpa(seen_by, intruders, xp)
     apart = distance(intruders.x - seen_by.x, intruders.y - seen_by.y, xp)
     meets = xp.logical_and(
         apart >= scenario.min_initial_separation, cpa.distance < scenario.conflicts_closer_than
     )
-    accepted = xp.all(xp.logical_or(meets, xp.logical_not(mask)), axis=-1)
-    return Encounter(own, goal_x, goal_y, intruders, mask, intent, sensor), accepted
+    return xp.all(xp.logical_or(meets, xp.logical_not(mask)), axis=-1)
 
 
 def between(bounds: tuple[float, float], draw: Any) -> Any:
     """Return what unit-uniform draws are in a range."""
     low, high = bounds
     return low + (high - low) * draw
+
+
+class _Conflicts(NamedTuple):
+    """Conflicts alone, with courses that differ by about an angle."""
+
+    middle_deg: float
+    half_width_deg: float
+
+    def __call__(self, aircraft: Aircraft) -> Mapping[str, Any]:
+        low, high = self.middle_deg - self.half_width_deg, self.middle_deg + self.half_width_deg
+        return {
+            "course_difference": (math.radians(low), math.radians(high)),
+            "conflicts_closer_than": aircraft.separation,
+            "attempts": 48,
+        }
+
+
+def _turning(aircraft: Aircraft) -> Mapping[str, Any]:
+    return {"turn_rate": aircraft.limits.yaw_rate_max}
+
+
+def _poorly_seen(aircraft: Aircraft) -> Mapping[str, Any]:
+    return {
+        "position_std": 0.03 * aircraft.separation,
+        "velocity_std": 0.03 * aircraft.limits.speed_max,
+        "latency": (aircraft.dt, 2.0 * aircraft.dt),
+    }
+
+
+def _several(aircraft: Aircraft) -> Mapping[str, Any]:
+    return {"intruders": (2, 8), "attempts": 24}
+
+
+def _around(numbers: Callable[[Aircraft], Mapping[str, Any]] = _unchanged) -> Sampler:
+    return Sampler(conflict_point, 7, 7, numbers)
+
+
+SHIPPED: dict[str, Sampler] = {
+    "circle": _around(),
+    "crossing_left": _around(_Conflicts(90.0, 45.0)),
+    "crossing_right": _around(_Conflicts(-90.0, 45.0)),
+    "head_on": _around(_Conflicts(180.0, 20.0)),
+    "same_course": _around(_Conflicts(0.0, 20.0)),
+    "maneuvering": _around(_turning),
+    "noisy": _around(_poorly_seen),
+    "multi": _around(_several),
+}
+"""The scenarios that ship, by name."""
+
+SCENARIOS = tuple(SHIPPED)
+"""Their names."""

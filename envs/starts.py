@@ -9,7 +9,13 @@ import numpy as np
 
 from envs import draws
 from envs.aircraft import Aircraft
-from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, sample
+from envs.encounters import (
+    MOST_INTRUDERS,
+    Encounter,
+    EncounterError,
+    Scenario,
+    sample,
+)
 from envs.trees import mapped
 
 
@@ -33,7 +39,22 @@ def numbered(scenario: Scenario, seed: int, first: int, count: int) -> Encounter
         raise EncounterError(
             f"encounter {number} of seed {seed} {unmet}; allow more, or other conditions"
         )
+    check_sampled(scenario, encounter)
     return encounter
+
+
+def check_sampled(scenario: Scenario, encounter: Encounter) -> None:
+    """Refuse encounters ``[N]`` of a sampler of the user's own that nobody could fly.
+
+    Raises:
+        EncounterError: a field is not finite or out of range; the message names it.
+    """
+    if scenario.ships:
+        return
+    try:
+        checked(encounter, scenario.aircraft, encounter.goal_x.shape)
+    except EncounterError as problem:
+        raise EncounterError(f"scenario {scenario.name!r}: {problem}") from None
 
 
 def check_number(seed: int, first: int) -> None:

@@ -8,15 +8,14 @@ from typing import Any, ClassVar, Literal, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict, validated
-from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig
+from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig, known_scenario
 from agents.planner.answer import RequestError
 from agents.planner.options import Options, check
 from agents.planner.traffic import Requirement
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
-from envs.encounters import SCENARIOS, Scenario
+from envs.encounters import SCENARIOS, EncounterError, Scenario, is_known, sampler_of
 
 FILE, TRACKS, MODEL = "file:", "tracks:", "lincoln:"
 PREFIXES: tuple[str, ...] = (FILE, TRACKS, MODEL)
@@ -153,7 +152,8 @@ class MonteCarloConfig(Strict):
     policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
     extensions: tuple[str, ...] = Field(default=(), max_length=64)
-    """Inputs of your own that the policy needs, `module:name` each; they are imported."""
+    """Inputs that the policy needs, and scenarios, of your own, `module:name` each; they are
+    imported."""
     mode: Literal["policy", "plan", "assured"] = "policy"
     """What decides: policy, the network alone, once a second; plan, the planner once at the start,
     then the plan is followed; assured, the same under a monitor that asks for new plans and falls
@@ -170,12 +170,14 @@ class MonteCarloConfig(Strict):
         default="circle",
         json_schema_extra={
             "expected": (
-                f"one of {', '.join(SCENARIOS)}, or {', '.join(f'{p}PATH' for p in PREFIXES)}"
+                f"one of {', '.join(SCENARIOS)}, module:name of your own, or "
+                f"{', '.join(f'{p}PATH' for p in PREFIXES)}"
             )
         },
     )
-    """Where the encounters come from: a scenario's name; file:PATH for a CSV file of one's own;
-    tracks:PATH for recorded tracks; lincoln:PATH for traffic of an encounter model."""
+    """Where the encounters come from: a scenario's name; module:name for a sampler of one's own,
+    which is imported; file:PATH for a CSV file of one's own; tracks:PATH for recorded tracks;
+    lincoln:PATH for traffic of an encounter model."""
     scenario_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """SHA-256 that the scenario's file must have; null: any."""
     changes: dict[str, Any] = Field(
@@ -228,19 +230,17 @@ class MonteCarloConfig(Strict):
             if name == prefix:
                 raise ConfigError(f"{name!r} names no file; expected {prefix}PATH")
             return f"{prefix}{_located(Path(name.removeprefix(prefix)), info)}"
-        if name not in SCENARIOS:
-            close = nearest(name, SCENARIOS)
-            hint = f"; did you mean {close}?" if close else ""
-            files = ", ".join(f"{each}PATH" for each in cls.files)
-            raise ConfigError(
-                f"{name!r} is unknown; expected one of {', '.join(SCENARIOS)}, or {files}{hint}"
-            )
-        return name
+        files = ", ".join(f"{each}PATH" for each in cls.files)
+        return known_scenario(name, f"module:name of your own, or {files}")
 
     @model_validator(mode="after")
     def _check(self) -> "MonteCarloConfig":
         if self.file is None:
-            self._sampled() if self.aircraft is None else self.sampled(self.aircraft.aircraft())
+            # A scenario of the user's own may not have been loaded yet.
+            if self.aircraft is not None and is_known(self.scenario):
+                self.sampled(self.aircraft.aircraft())
+            else:
+                self._sampled()
         elif self.prefix == MODEL:
             self.traffic()
         elif self.changes:
@@ -307,9 +307,13 @@ class MonteCarloConfig(Strict):
         return self.chunk or -(-share // -(-share // largest))
 
     def sampled(self, aircraft: Aircraft) -> Scenario:
-        """Return the sampled scenario of an aircraft; ``ConfigError``: a change is of no number or
-        out of range.
+        """Return the sampled scenario of an aircraft; ``ConfigError``: it is of the user's own and
+        has not been loaded, or a change is of no number or out of range.
         """
+        try:
+            sampler_of(self.scenario)
+        except EncounterError as problem:
+            raise ConfigError(str(problem)) from None
         try:
             return self._sampled().scenario(aircraft)
         except ConfigError as problem:

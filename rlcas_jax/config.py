@@ -13,8 +13,9 @@ from agents.policy.inputs import resolve
 from agents.policy.set_features import InputTable, table
 from envs.aircraft import PAPER
 from envs.edge.command import InputError
-from envs.encounters import Scenario
+from envs.encounters import EncounterError, Scenario, is_known
 from envs.outcome import Rules
+from envs.scenarios import resolve as resolve_scenario
 
 SEED_END = 2**31
 """Seeds are below this."""
@@ -257,7 +258,8 @@ class TrainConfig(Strict):
     scenarios: tuple[ScenarioConfig, ...] = Field(
         default=(ScenarioConfig(name="circle"),), min_length=1, max_length=64
     )
-    """The mixture of encounters that training draws from."""
+    """The mixture of encounters that training draws from; `module:name` names a sampler of your
+    own, which is imported."""
     pool_rows: int = Field(default=16, ge=1, le=10_000)
     """Encounters that are drawn per environment and update; an encounter that ends goes on with the
     next of them.
@@ -279,9 +281,19 @@ class TrainConfig(Strict):
         return Rules(*self.aircraft.aircraft().rules()[:4], *scores)
 
     def drawn(self) -> list[Scenario]:
-        """Return the scenarios that training draws from, or raise a ConfigError where one
-        contradicts the aircraft.
+        """Return the scenarios that training draws from; the code of the user's own is loaded.
+
+        Raises:
+            ConfigError: one of them is not there, or contradicts the aircraft.
         """
+        for number, entry in enumerate(self.scenarios):
+            try:
+                resolve_scenario(entry.name)
+            except EncounterError as problem:
+                raise ConfigError(f"scenarios.{number}.name: {problem}") from None
+        return self._drawn()
+
+    def _drawn(self) -> list[Scenario]:
         aircraft, found = self.aircraft.aircraft(), []
         for number, entry in enumerate(self.scenarios):
             try:
@@ -312,7 +324,8 @@ class TrainConfig(Strict):
 
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
-        self.drawn()
+        if all(is_known(entry.name) for entry in self.scenarios):  # others are not loaded yet
+            self._drawn()
         other = (
             self.aircraft.aircraft()._replace(t_max=PAPER.t_max) != PAPER or self.family.share > 0.0
         )

@@ -21,6 +21,7 @@ from envs import encounters, surrogate
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario
 from envs.observation import ROW, SIZE
+from envs.scenarios import resolve
 
 ENV_ID = "rlcas/Deconfliction-v0"
 
@@ -54,7 +55,7 @@ class Deconfliction(Environment[EnvState, EnvParams]):
     ``reached``.
 
     Args:
-        scenario: name or Scenario; encounters are drawn from it.
+        scenario: name, ``module:name`` of your own, or Scenario; encounters are drawn from it.
         aircraft: the ownship that scales scenario and default parameters; None: the scenario's, or
             the paper's.
         intruders: K that an observation shows.
@@ -77,6 +78,7 @@ class Deconfliction(Environment[EnvState, EnvParams]):
                 f"intruders is {intruders}; expected a whole number from 1 to {MOST_INTRUDERS}"
             )
         if isinstance(scenario, str):
+            resolve(scenario)
             scenario = encounters.scenario(scenario, aircraft or PAPER)
         elif aircraft not in (None, scenario.aircraft):
             raise EncounterError(

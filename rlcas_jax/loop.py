@@ -12,6 +12,7 @@ from itertools import accumulate
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from agents.config.load import ConfigError, dump
@@ -21,7 +22,8 @@ from envs.edge.files import write_file
 from envs.edge.installation import versions
 from envs.encounters import Encounter, sample, scenario
 from envs.outcome import Outcome, Rules, reward
-from envs.starts import numbered
+from envs.starts import check_sampled, numbered
+from envs.trees import take
 from rlcas_jax import checkpoint, metrics, progress
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import Devices, agreed, everywhere, first, place
@@ -281,9 +283,11 @@ def _check_scenarios(config: TrainConfig) -> None:
     """
     tried = 4096
     for number, family in enumerate(config.drawn()):
-        _, accepted = sample(
-            family, uniforms(0, 0, tried, (1, family.dimensions)).swapaxes(0, 1), np
-        )
+        draws = uniforms(0, 0, tried, (1, family.dimensions)).swapaxes(0, 1)
+        encounters, accepted = sample(family, draws, np)
+        if not family.ships:
+            check_sampled(family, take(encounters, accepted))
+            jax.eval_shape(lambda one, of=family: sample(of, one, jnp), draws)
         if accepted.mean() < _LEAST_ACCEPTED:
             raise ConfigError(
                 f"scenarios.{number}: {int(accepted.sum())} of {tried} draws meet the conditions "

@@ -12,10 +12,11 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_serializer, model_validator
 
-from agents.config.keys import one_of
+from agents.config.keys import nearest
 from agents.config.load import AIRCRAFT, VEHICLES, ConfigError, Strict, file_of, load
 from envs.aircraft import PAPER, Aircraft, new_aircraft
-from envs.encounters import SCENARIOS, EncounterError, Scenario, scenario
+from envs.edge.extension import is_extension
+from envs.encounters import SCENARIOS, EncounterError, Scenario, is_known, scenario
 from envs.kinematics import FASTEST, SURROGATE, Limits
 
 
@@ -201,6 +202,18 @@ def _each(function: Callable[[float], float], value: Any) -> Any:
     return tuple(map(function, value)) if isinstance(value, tuple) else function(value)
 
 
+def known_scenario(name: str, more: str = "module:name of your own") -> str:
+    """Return the name of a scenario that ships, is registered or may be of the user's own; nothing
+    is imported. Others raise a ConfigError, whose message ends the list of names with ``more``.
+    """
+    if not is_known(name) and not is_extension(name):
+        close = nearest(name, SCENARIOS)
+        hint = f"; did you mean {close}?" if close else ""
+        wanted = f"one of {', '.join(SCENARIOS)}, or {more}"
+        raise ConfigError(f"{name!r} is unknown; expected {wanted}{hint}")
+    return name
+
+
 class ScenarioConfig(Strict):
     """A scenario of :data:`envs.encounters.SCENARIOS` with its share of the encounters, some of its
     numbers changed.
@@ -209,9 +222,13 @@ class ScenarioConfig(Strict):
     """
 
     name: str = Field(
-        default="circle", json_schema_extra={"expected": f"one of {', '.join(SCENARIOS)}"}
+        default="circle",
+        json_schema_extra={
+            "expected": f"one of {', '.join(SCENARIOS)}, or module:name of your own"
+        },
     )
-    """The scenario that the numbers below change."""
+    """The scenario that the numbers below change; `module:name` is an `envs.encounters.Sampler` of
+    your own, which uses the numbers that it needs."""
     weight: float = Field(default=1.0, gt=0.0)
     """Share of the encounters, relative to the other scenarios' weights."""
     units: Literal["si", "aircraft"] = "si"
@@ -256,9 +273,7 @@ class ScenarioConfig(Strict):
     @field_validator("name")
     @classmethod
     def _known(cls, name: str) -> str:
-        if name not in SCENARIOS:
-            raise ConfigError(f"{name!r} is unknown; {one_of(name, SCENARIOS)}")
-        return name
+        return known_scenario(name)
 
     @model_serializer(mode="wrap")
     def _without_null(self, handler: Any) -> dict[str, Any]:

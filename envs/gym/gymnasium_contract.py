@@ -14,6 +14,7 @@ from envs.aircraft import Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, scenario
 from envs.observation import ROW, SIZE
 from envs.outcome import Outcome, Rules
+from envs.scenarios import resolve
 from envs.world import World
 
 OUTCOMES = ("flying", *Outcome._fields)
@@ -71,10 +72,11 @@ def action_space() -> spaces.Box:
 
 
 def family(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
-    """Return the scenario meant; an EncounterError where there is none of that name or it is
-    another aircraft's.
+    """Return the scenario meant, of ``module:name`` with its code loaded; an EncounterError where
+    there is none of that name or it is another aircraft's.
     """
     if isinstance(wanted, str):
+        resolve(wanted)
         return scenario(wanted, aircraft)
     if not isinstance(wanted, Scenario):
         raise EncounterError(

@@ -61,7 +61,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
     changed) and ``encounter`` (a number, or an :class:`envs.encounters.Encounter`).
 
     Args:
-        scenario: name or Scenario.
+        scenario: name, ``module:name`` of your own, or Scenario.
         aircraft: the ownship; all else is scaled by it.
         intruders: K that an observation shows.
         rules: of the task; None: the aircraft's.

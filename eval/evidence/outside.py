@@ -293,6 +293,9 @@ def _rates(found: dict[str, np.ndarray], count: int) -> dict[str, Any]:
 def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
     """Return the box of the network's inputs in flights of the scenarios that it was trained with,
     of many aircraft.
+
+    A scenario of the user's own must have been registered: nothing that the policy file names is
+    imported (``ConfigError``).
     """
     from agents.config.world import ScenarioConfig
 
@@ -358,7 +361,7 @@ def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure the rates, or make the box anew, and print what was found as JSON."""
-    from eval.runner.options import whole
+    from eval.runner.options import extension_option, load_extensions, whole
 
     parser = Parser(prog="python -m eval.evidence.outside", description=__doc__)
     add = parser.add_argument
@@ -377,7 +380,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="folder of public data; without it those encounters are left out",
     )
     add("--box", type=Path, metavar="FILE", help="write the box of the inputs in training instead")
+    extension_option(parser)
     options: argparse.Namespace = parser.parse_args(arguments)
+    load_extensions(options.extension)
     policy = Policy.load()
     if options.box is not None:
         box = training_box(policy, options.encounters, options.seed)

@@ -20,7 +20,7 @@ from eval.plots import save as picture_folder
 from eval.plots.style import spread
 from eval.report.flights import Replayed, evaluation_of, fly_again
 from eval.report.folder import read_run
-from eval.runner.options import whole
+from eval.runner.options import extension_option, load_extensions, whole
 
 _DESCRIPTION = """\
 Group the encounters in which a run of eval.monte_carlo failed and that are not proven
@@ -123,6 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
+    load_extensions(options.extension)
     run = read_run(options.run)
     evaluation = evaluation_of(run, options.policy)
     picture_folder.create(options.out)
@@ -188,6 +189,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="the run's policy, where its file lies elsewhere now",
     )
+    extension_option(parser)
     return parser
 
 

@@ -18,6 +18,8 @@ from agents.policy.inputs import resolve
 from envs.aircraft import ratios
 from envs.edge.files import write_file
 from envs.edge.json_text import parse_json
+from envs.scenarios import resolve as resolve_scenario
+from eval.config import PREFIXES
 from eval.family.aircraft import draw_aircraft
 from eval.monte_carlo.run import evaluate
 from eval.plots import save as picture_folder
@@ -50,6 +52,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     if options.intruders[0] > options.intruders[1]:
         raise ConfigError("--intruders: expected the fewest first, then the most")
+    if options.noisy and options.scenario != "circle":
+        raise ConfigError("--noisy is a scenario of its own; expected it without --scenario")
+    if options.scenario.startswith(PREFIXES):
+        raise ConfigError(
+            f"--scenario: {options.scenario!r} is a file; expected a sampled scenario"
+        )
+    resolve_scenario(options.scenario)
     resolve(options.extension)
     policy = Policy.load(options.policy)
     check_digest(options.policy, policy.sha256, options.policy_sha256, "--policy-sha256")
@@ -110,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="of encounters and sensor noise (default: 0)",
     )
+    add("--scenario", default="circle", metavar="NAME", help="a sampled scenario (default: circle)")
     kinds = {"type": whole(1), "nargs": 2, "default": [1, 1], "metavar": ("MIN", "MAX")}
     add("--intruders", help="fewest and most intruders of an encounter (default: 1 1)", **kinds)
     add(
@@ -163,7 +173,7 @@ def _keys(options: argparse.Namespace, aircraft: AircraftConfig, file: Path) -> 
         "extensions": options.extension,
         "aircraft": file,
         "allow_outside_domain": True,
-        "scenario": "noisy" if options.noisy else "circle",
+        "scenario": "noisy" if options.noisy else options.scenario,
         "changes": changes,
         "mode": options.mode,
         "encounters": options.encounters,

@@ -12,14 +12,13 @@ import numpy as np
 
 from agents.config.load import ConfigError, Parser
 from agents.config.progress import Progress
-from agents.policy.inputs import resolve
 from envs.edge.files import written
 from envs.edge.installation import versions
 from eval.report.data import Choice, choose, flight_data, page_data, points
 from eval.report.flights import evaluation_of, fly_again
 from eval.report.folder import Run, read_run
 from eval.report.page import page
-from eval.runner.options import extension_option, whole
+from eval.runner.options import extension_option, load_extensions, whole
 
 _DESCRIPTION = """\
 Write report.html into a folder that eval.monte_carlo wrote: the numbers with their intervals, the
@@ -41,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
-    resolve(options.extension)
+    load_extensions(options.extension)
     run = read_run(options.folder)
     for number in options.show:
         if number >= len(run.kinds):

@@ -3,14 +3,17 @@
 import argparse
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from agents.config.load import AIRCRAFT, ConfigError, file_of, load
+from agents.policy import inputs
 from agents.policy.inference import Policy
-from agents.policy.inputs import resolve
+from envs import scenarios
 from envs.aircraft import Aircraft
+from envs.edge.extension import is_extension, load_extension
+from envs.encounters import EncounterError, Sampler
 from eval.config import PREFIXES, MonteCarloConfig
 from eval.flights.chunks import Evaluation
 from eval.flights.sources import Source, most_intruders, read_source
@@ -91,16 +94,32 @@ def first_options(parser: argparse.ArgumentParser) -> None:
 
 
 def extension_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option that names code of the user's own, which :func:`agents.policy.inputs.resolve`
-    loads.
-    """
+    """Add the option that names code of the user's own, which :func:`load_extensions` loads."""
     parser.add_argument(
         "--extension",
         action="append",
         default=[],
         metavar="MODULE:NAME",
-        help="input of your own that the policy needs, may be repeated (default: none)",
+        help="input or scenario of your own that is needed, may be repeated (default: none)",
     )
+
+
+def load_extensions(names: Iterable[str]) -> None:
+    """Load and register the code that the user names: inputs of the network, and scenarios.
+
+    Call this only with what the user has written by hand, never with what a policy file says.
+
+    Raises:
+        InputError: there is no such code, or it cannot be used.
+    """
+    for name in names:
+        if is_extension(name) and isinstance(load_extension(name, _EXTENSION), Sampler):
+            scenarios.resolve(name)
+        else:
+            inputs.resolve([name])
+
+
+_EXTENSION = "an input of the network (agents.policy.inputs.Input) or a scenario"
 
 
 def last_options(parser: argparse.ArgumentParser, name: str) -> None:
@@ -135,9 +154,9 @@ def loaded(
 ) -> Config:
     """Return the configuration: a file's or a begun run's values under those of the command line.
 
-    Extensions that it names are loaded. The options have config, resume, out, policy, scenario, set
-    and what ``keys`` names: key of the
-    configuration by the option's name. The prefix stands for ``--set: `` in messages about options
+    The code of the user's own that it names is loaded. The options have config, resume, out,
+    policy, scenario, set and what ``keys`` names: key of the configuration by the option's name.
+    The prefix stands for ``--set: `` in messages about options
     that have names of their own.
     """
     path = options.config
@@ -177,7 +196,12 @@ def loaded(
         raise ConfigError(
             str(problem) if options.set else str(problem).replace("--set: ", prefix, 1)
         ) from None
-    resolve(config.extensions)
+    load_extensions(config.extensions)
+    if config.file is None:
+        try:
+            scenarios.resolve(config.scenario)
+        except EncounterError as problem:
+            raise ConfigError(f"scenario: {problem}") from None
     return config
 
 

@@ -96,7 +96,7 @@ def packed(name: str, task: Task, work: Any, sha256: str) -> bytes:
         return pickle.dumps(Payload(name, task, work, content, sha256, decisive, inputs))
     except (pickle.PicklingError, AttributeError) as problem:
         raise InputError(
-            f"an input of your own cannot be sent to another process: {problem}; expected a "
+            f"code of your own cannot be sent to another process: {problem}; expected a "
             "function of a module, or one worker"
         ) from None
 

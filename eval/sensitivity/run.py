@@ -13,6 +13,7 @@ from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser
 from agents.config.progress import spaced
 from envs.edge.installation import versions
+from eval.config import PREFIXES
 from eval.plots import save as picture_folder
 from eval.runner.options import extension_option, real, whole
 from eval.sensitivity.bins import Run, binned, quantities, read_run
@@ -178,7 +179,7 @@ def _check(options: argparse.Namespace, sweeps: Sequence[Sweep]) -> None:
                 raise ConfigError(
                     f"--set changes.{key}: is varied by --vary {name}; expected one of them"
                 )
-    if options.scenario is not None and ":" in options.scenario:
+    if options.scenario is not None and options.scenario.startswith(PREFIXES):
         raise ConfigError(
             f"--scenario: {options.scenario!r} has no numbers to vary; expected a sampled scenario"
         )

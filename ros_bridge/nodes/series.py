@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from envs.encounters import EncounterError, scenario
+from envs.scenarios import resolve
 from envs.starts import numbered
 from envs.trees import take
 from ros_bridge.nodes import simulator
@@ -25,6 +26,7 @@ class Series(Simulator):
             raise ValueError(f"encounters is {count}, expected 1 or more")
         self._name, self._first = self._value("scenario"), first
         try:
+            resolve(self._name)
             self._encounters = numbered(scenario(self._name, self.aircraft), seed, first, count)
         except EncounterError as error:
             raise ValueError(str(error)) from error

@@ -352,7 +352,7 @@ PARAMETERS = (
         "simulator",
         "scenario",
         "crossing_left",
-        "family of encounters: a name in envs.encounters",
+        "family of encounters: a name in envs.encounters, or module:name of your own",
         fixed=True,
     ),
     Parameter("simulator", "seed", 0, "of the encounters", fixed=True),

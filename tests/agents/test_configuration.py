@@ -502,6 +502,7 @@ def test_every_number_of_a_scenario_can_be_changed():
     degrees = {"course_difference": "_deg", "turn_rate": "_deg_s", "heading_change": "_deg"}
     numbers = {field.name + degrees.get(field.name, "") for field in fields(Scenario)} - {
         "name",
+        "sampler",
         "aircraft",
     }
     assert set(ScenarioConfig.model_fields) - {"name", "weight", "units"} == numbers
@@ -566,8 +567,8 @@ def test_a_dump_holds_only_what_differs_from_the_scenario():
     [
         (
             "name=circl",
-            f"--set: name: 'circl' is unknown; expected one of {', '.join(SCENARIOS)}; did you "
-            "mean circle?",
+            f"--set: name: 'circl' is unknown; expected one of {', '.join(SCENARIOS)}, or "
+            "module:name of your own; did you mean circle?",
         ),
         ("weight=0", "--set: weight is 0; expected a number above 0"),
         (
