@@ -2,19 +2,24 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, create_model, model_validator
 
+from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict, validated
 from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig
 from agents.policy.inputs import resolve
 from agents.policy.set_features import InputTable, table
 from envs.aircraft import PAPER
 from envs.edge.command import InputError
+from envs.edge.extension import is_extension
 from envs.encounters import EncounterError, Scenario, is_known
 from envs.outcome import Rules
+from envs.rewards import TASK, TERMS, RewardError, Rewards, Term, scored
+from envs.rewards import is_known as is_known_reward
+from envs.rewards import table as reward_table
 from envs.scenarios import resolve as resolve_scenario
 
 SEED_END = 2**31
@@ -93,7 +98,7 @@ class PpoConfig(Strict):
     """Weight in the loss of the square of what the mean action is beyond its limits, where it is
     clipped and noise around it teaches nothing."""
     reward_scale: float = Field(default=0.01, gt=0.0)
-    """Factor on the task's reward before learning; logged scores are unscaled."""
+    """Factor on the points of `rewards` before learning; logged scores are unscaled."""
 
     @property
     def samples(self) -> int:
@@ -122,7 +127,7 @@ class PpoConfig(Strict):
 
 
 class WorldConfig(Strict):
-    """What training requires beyond the aircraft's own task, and the task's scores."""
+    """What training requires beyond the aircraft's own task."""
 
     separation_spread: float = Field(default=0.0, ge=0.0, le=10.0)
     """Each environment requires a separation of 1 to 1 + this times the aircraft's, spread evenly;
@@ -131,12 +136,6 @@ class WorldConfig(Strict):
     """Share of the aircraft's time limit within which training requires the goal; the observation
     does not show it.
     """
-    reward_violation: float = -100.0
-    """Score of a lost separation."""
-    reward_goal: float = 100.0
-    """Score of a goal reached."""
-    reward_timeout: float = -10.0
-    """Score of a goal missed."""
 
     def required_separation(self, environments: int, separation: float) -> np.ndarray:
         """Return the separation that each environment requires, m, ``[environments]``, mixed over
@@ -147,21 +146,62 @@ class WorldConfig(Strict):
         return (separation + self.separation_spread * separation * share).astype(np.float32)
 
 
-class ShapingConfig(Strict):
-    """Rewards for learning beyond the task's, in units of the scaled reward; scores never contain
-    them.
+RewardWeight = Annotated[float, Field(ge=-1e6, le=1e6)]
 
-    The potential (goal) leaves the optimal policy as it is; the costs do not.
+
+class _RewardsConfig(Strict):
+    """The reward that is learned from: weight times term, added up in every step, points.
+
+    Terms are those of :data:`envs.rewards.TERMS` and, by ``module:name``, the user's own.
     """
 
-    goal: Weight = 0.0
-    """Gain in potential for ten separations nearer to the goal."""
-    turn_rate_cost: Weight = 0.0
-    """Cost of a time step at the full turn rate; half of it costs a quarter."""
-    heading_change_cost: Weight = 0.0
-    """Cost of 90 degrees of turning, to either side and at any rate."""
-    path_excess_cost: Weight = 0.0
-    """Cost of ten separations flown that bring the goal no nearer."""
+    model_config = ConfigDict(extra="allow")
+    # pydantic's way to say what values further keys have
+    __pydantic_extra__: dict[str, RewardWeight] = Field(init=False)  # pyright: ignore[reportIncompatibleVariableOverride]
+
+    def weights(self) -> dict[str, float]:
+        """Return the weights by the names of the terms."""
+        return self.model_dump()
+
+    def table(self) -> Rewards:
+        """Return the table of the terms that have a weight; the code of the user's own is loaded.
+
+        Raises:
+            ConfigError: one of them is not there, or cannot be used.
+        """
+        try:
+            return reward_table(self.weights())
+        except RewardError as problem:
+            raise ConfigError(f"rewards: {problem}") from None
+
+    @model_validator(mode="after")
+    def _check(self) -> "_RewardsConfig":
+        for name in self.__pydantic_extra__ or {}:
+            if not is_known_reward(name) and not is_extension(name):
+                close = nearest(name, TERMS)
+                hint = f"; did you mean {close}?" if close else ""
+                wanted = f"one of {', '.join(TERMS)}, or module:name of your own"
+                raise ConfigError(f"{name} is unknown; expected {wanted}{hint}")
+        return self
+
+
+def _row(name: str, term: Term) -> tuple[Any, Any]:
+    weight = getattr(Rules(), TASK[name]) if name in TASK else 0.0
+    text = f"Points for {term.meaning[0].lower()}{term.meaning[1:]}"
+    return RewardWeight, Field(default=weight, description=text)
+
+
+if TYPE_CHECKING:
+
+    class RewardsConfig(_RewardsConfig):
+        """A field for each of the toolkit's terms."""
+else:
+    RewardsConfig = create_model(
+        "RewardsConfig",
+        __base__=_RewardsConfig,
+        __doc__=_RewardsConfig.__doc__,
+        **{name: _row(name, term) for name, term in TERMS.items()},
+    )
 
 
 class FamilyConfig(Strict):
@@ -223,7 +263,7 @@ class CheckpointConfig(Strict):
 class TrainConfig(Strict):
     """A training run; the defaults train the paper's circle encounters with its aircraft."""
 
-    PHASE_KEYS: ClassVar = ("steps", "ppo", "world", "scenarios", "pool_rows", "shaping")
+    PHASE_KEYS: ClassVar = ("steps", "ppo", "world", "scenarios", "pool_rows", "rewards")
 
     name: str = Field(
         default="train",
@@ -265,20 +305,19 @@ class TrainConfig(Strict):
     next of them.
     """
     family: FamilyConfig = FamilyConfig()
-    shaping: ShapingConfig = ShapingConfig()
+    rewards: RewardsConfig = RewardsConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
     phases: tuple[dict[str, Any], ...] = Field(
         default=(), max_length=16, json_schema_extra={"expected": "a list of groups of keys"}
     )
     """Parts of the training, one after the other in one run: each names what differs in it from the
-    other keys (steps, ppo, world, scenarios, pool_rows and shaping), and goes on with the networks
+    other keys (steps, ppo, world, scenarios, pool_rows and rewards), and goes on with the networks
     of the one before. Empty: one phase."""
 
     def rules(self) -> Rules:
-        """Return the task: the aircraft's, with the scores of `world`."""
-        scores = self.world.reward_violation, self.world.reward_goal, self.world.reward_timeout
-        return Rules(*self.aircraft.aircraft().rules()[:4], *scores)
+        """Return the task: the aircraft's, with the scores of `rewards`."""
+        return scored(self.aircraft.aircraft().rules(), self.rewards.weights())
 
     def drawn(self) -> list[Scenario]:
         """Return the scenarios that training draws from; the code of the user's own is loaded.

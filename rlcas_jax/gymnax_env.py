@@ -6,6 +6,7 @@ Everything is a pure function of keys, state and parameters, so that a learner c
 environment with itself.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnax
@@ -21,6 +22,7 @@ from envs import encounters, surrogate
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario
 from envs.observation import ROW, SIZE
+from envs.rewards import Transition, learning_reward, scored, table
 from envs.scenarios import resolve
 
 ENV_ID = "rlcas/Deconfliction-v0"
@@ -50,7 +52,8 @@ class Deconfliction(Environment[EnvState, EnvParams]):
     float32 ``[8]`` of the most critical intruder, or with K > 1 intruders a dict of ``own``
     ``[4]``, ``traffic`` ``[K, 4]`` and ``mask`` ``[K]``; float32 ``[2]`` in [-1, 1], acceleration
     and yaw rate as parts of the limits; -100 at a violation, +100 at the goal, -10 at the time
-    limit, else 0. ``terminated`` at a violation and at the goal; the time limit truncates.
+    limit, else 0, or the points of ``rewards``. ``terminated`` at a violation and at the goal; the
+    time limit truncates.
     ``info``: ``separation`` (smallest in the step, m), ``goal_distance`` (m), ``violation`` and
     ``reached``.
 
@@ -59,6 +62,9 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         aircraft: the ownship that scales scenario and default parameters; None: the scenario's, or
             the paper's.
         intruders: K that an observation shows.
+        rewards: weights in points by the names of terms, ``module:name`` of your own
+            (:mod:`envs.rewards`); None: the task's alone.
+        discount: of potentials among them, per time step.
 
     Raises:
         EncounterError: the scenario or the number of intruders is impossible.
@@ -72,6 +78,8 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         scenario: str | Scenario = "circle",
         aircraft: Aircraft | None = None,
         intruders: int = 1,
+        rewards: Mapping[str, float] | None = None,
+        discount: float = 1.0,
     ) -> None:
         if not 1 <= intruders <= MOST_INTRUDERS:
             raise EncounterError(
@@ -86,6 +94,7 @@ class Deconfliction(Environment[EnvState, EnvParams]):
                 "aircraft"
             )
         self.scenario, self.intruders = scenario, intruders
+        self.weights, self.rewards, self.discount = rewards or {}, table(rewards or {}), discount
 
     @property
     def default_params(self) -> EnvParams:
@@ -124,8 +133,11 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         """Advance by one time step, without a reset."""
         aircraft = params.aircraft
         rules = aircraft.rules()._replace(t_max=params.max_steps_in_episode * aircraft.dt)
-        world = surrogate.World(rules, aircraft)
-        moved, result = surrogate.step(state.encounter, (action[0], action[1]), world)
+        world = surrogate.World(scored(rules, self.weights), aircraft)
+        before, command = state.encounter, (action[0], action[1])
+        moved, result = surrogate.step(before, command, world)
+        seen = Transition(before, moved, command, result, aircraft)
+        reward, _ = learning_reward(self.rewards, seen, self.discount, jnp)
         state = EnvState(time=state.time + 1, encounter=moved)
         violation, reached, _ = result.outcome
         info = {"separation": result.separation, "goal_distance": result.goal_distance}
@@ -133,7 +145,7 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         return (
             self.observe(key, state, action, params),
             state,
-            result.reward,
+            reward,
             violation | reached,
             info,
         )

@@ -22,8 +22,10 @@ from envs.edge.files import write_file
 from envs.edge.installation import versions
 from envs.encounters import Encounter, sample, scenario
 from envs.outcome import Outcome, Rules, reward
+from envs.rewards import TERMS, RewardError, tried
 from envs.starts import check_sampled, numbered
 from envs.trees import take
+from envs.world import World
 from rlcas_jax import checkpoint, metrics, progress
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import Devices, agreed, everywhere, first, place
@@ -87,6 +89,7 @@ def prepared(
     phases = config.in_phases()
     for phase in phases:
         _check_scenarios(phase)
+        _check_rewards(phase)
     tasks = tuple(build(phase, devices, number) for number, phase in enumerate(phases))
     if resume:
         path = checkpoint.latest(directory / "checkpoints")
@@ -281,17 +284,31 @@ def _check_scenarios(config: TrainConfig) -> None:
     """Refuse a scenario whose conditions are met too rarely to fill a pool of starts with different
     ones.
     """
-    tried = 4096
+    count = 4096
     for number, family in enumerate(config.drawn()):
-        draws = uniforms(0, 0, tried, (1, family.dimensions)).swapaxes(0, 1)
+        draws = uniforms(0, 0, count, (1, family.dimensions)).swapaxes(0, 1)
         encounters, accepted = sample(family, draws, np)
         if not family.ships:
             check_sampled(family, take(encounters, accepted))
             jax.eval_shape(lambda one, of=family: sample(of, one, jnp), draws)
         if accepted.mean() < _LEAST_ACCEPTED:
             raise ConfigError(
-                f"scenarios.{number}: {int(accepted.sum())} of {tried} draws meet the conditions "
+                f"scenarios.{number}: {int(accepted.sum())} of {count} draws meet the conditions "
                 f"of {family.name}; "
                 f"expected at least {_LEAST_ACCEPTED:.0%} (see min_initial_separation and "
                 "conflicts_closer_than)"
             )
+
+
+def _check_rewards(config: TrainConfig) -> None:
+    """Refuse a reward term of the user's own that fails, in numpy or in jax, or is not finite."""
+    rewards = config.rewards.table()
+    if all(row.name in TERMS for row in rewards.rows):
+        return
+    drawn, world = config.drawn()[0], World(config.rules(), config.aircraft.aircraft())
+    draws = uniforms(0, 0, 64, (1, drawn.dimensions)).swapaxes(0, 1)
+    starts, _ = sample(drawn, draws, np)
+    for name, values in tried(rewards, starts, world, np).items():
+        if not np.isfinite(values).all():
+            raise RewardError(f"reward {name!r}: is not finite at the start of an encounter")
+    jax.eval_shape(lambda one: tried(rewards, one, world, jnp), starts)

@@ -30,6 +30,11 @@ METRICS = {
     "timeout": "Share of those episodes that ran out of time.",
     "episodes": "How many episodes ended during the update.",
     "episode_length": "Environment steps of the update per episode that ended in it, 1 s each.",
+    "reward_NAME": (
+        "What the row NAME of `rewards` gave, mean over the time steps of the update, points: its "
+        "weight times its term, before ppo.reward_scale. Of violation, goal, timeout and of terms "
+        "of your own."
+    ),
     "loss": (
         "What the optimiser minimises: policy_loss + value_loss / 2 - ppo.entropy * entropy + "
         "ppo.bound * beyond_limits; mean over the last epoch of the update."
@@ -106,7 +111,8 @@ class Writer:
         """Write the figures of an update by name, as in :data:`METRICS`; what is not finite becomes
         null.
         """
-        if unknown := row.keys() - METRICS:
+        known = {name for name in row if name in METRICS or name.startswith("reward_")}
+        if unknown := row.keys() - known:
             raise KeyError(
                 f"metric {min(unknown)!r} has no description in rlcas_jax.metrics.METRICS"
             )

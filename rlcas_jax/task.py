@@ -18,12 +18,12 @@ from envs import surrogate
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.outcome import Outcome, Rules
+from envs.rewards import TERMS, Transition, learning_reward
 from envs.world import perceived
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import AXIS, Devices
 from rlcas_jax.fleet import fleet
-from rlcas_jax.shaping import learning_reward
 from rlcas_jax.starts import draw, noisy
 
 
@@ -114,7 +114,9 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
             config.ppo.gae_lambda,
         )
         learner, learned = ppo.update(learner, samples, drawn.shuffle_key, rate, parts, settings)
-        return (learner, flown), figures | learned | _episodes(statistics, count * steps, axis)
+        learned |= _episodes(statistics, count * steps, axis)
+        learned |= _rewards(statistics, config, count * steps, axis)
+        return (learner, flown), figures | learned
 
     if devices.mesh is not None:
         whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
@@ -266,21 +268,26 @@ def fly(
 def _training_environment(
     config: TrainConfig, world: surrogate.World, pool: surrogate.State, scenarios: list[Scenario]
 ) -> Environment:
-    """Return the surrogate with scaled reward and shaping; an encounter that ends restarts from the
-    pool's row.
+    """Return the surrogate with the scaled table of rewards; an encounter that ends restarts from
+    the pool's row.
     """
     network, inputs = config.network, config.network.input_table()
+    rewards, discount, scale = config.rewards.table(), config.ppo.discount, config.ppo.reward_scale
 
     def observe(state: surrogate.State, key: jax.Array) -> NetworkInput:
         noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
         return seen(state, world.aircraft, network.feature_set, inputs, noise)
 
     def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
-        following, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
-        reward = learning_reward(
-            result.reward, state, following, action[:, 1], config, world.aircraft
-        )
-        return following, Step(reward, following.ended, (result.reward, result.outcome))
+        command = action[:, 0], action[:, 1]
+        following, result = surrogate.step(state, command, world)
+        moved = Transition(state, following, command, result, world.aircraft)
+        reward, parts = learning_reward(rewards, moved, discount, jnp, scale)
+        # Of the user's own terms alone: more results of a step change how the compiler rounds it,
+        # and with it every training of the toolkit's own table.
+        own = {name: values for name, values in parts.items() if name not in TERMS}
+        statistics = _Statistics(result.reward, result.outcome, own)
+        return following, Step(reward, following.ended, statistics)
 
     def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:
         return surrogate.restart(
@@ -290,14 +297,39 @@ def _training_environment(
     return Environment(observe, step, restart)
 
 
-def _episodes(
-    statistics: tuple[jax.Array, Outcome], steps: int, axis: str | None
+class _Statistics(NamedTuple):
+    """Of the steps of a rollout, ``[T, N]``."""
+
+    sparse: jax.Array  # reward of the task, points
+    outcome: Outcome
+    own: dict[str, jax.Array]  # what each term of the user's own adds to the scaled reward
+
+
+def _rewards(
+    of: _Statistics, config: TrainConfig, steps: int, axis: str | None
 ) -> dict[str, jax.Array]:
+    """Return what rows of the table of rewards gave a time step of the rollout, points: those of
+    the task, and of the user's own.
+    """
+    ends = {"violation": of.outcome.violation, "goal": of.outcome.reached}
+    ends |= {"timeout": of.outcome.timeout}
+    rows = config.rewards.table().rows
+    weights = {row.name: row.weight for row in rows if row.name in ends}
+    sums = {name: weight * _sum(ends[name], axis) for name, weight in weights.items()}
+    sums |= {name: _sum(values, axis) / config.ppo.reward_scale for name, values in of.own.items()}
+    return {f"reward_{name}": total / steps for name, total in sums.items()}
+
+
+def _sum(values: jax.Array, axis: str | None) -> jax.Array:
+    return jnp.sum(values) if axis is None else jax.lax.psum(jnp.sum(values), axis)
+
+
+def _episodes(of: _Statistics, steps: int, axis: str | None) -> dict[str, jax.Array]:
     """Return the sums over the episodes that ended in the rollout; not-a-number where none did."""
-    reward, outcome = statistics
+    reward, outcome = of.sparse, of.outcome
 
     def total(values: jax.Array) -> jax.Array:
-        return jnp.sum(values) if axis is None else jax.lax.psum(jnp.sum(values), axis)
+        return _sum(values, axis)
 
     episodes = total(outcome.ended(jnp))
     return {

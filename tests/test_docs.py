@@ -162,6 +162,27 @@ def test_names_and_files_in_pages_exist() -> None:
     assert not gone, "\n".join(gone)
 
 
+QUESTIONS = {
+    "what is the reward of the shipped policy": ("configs/best.yaml", "envs/rewards.py"),
+    "where to add a reward term": ("envs/rewards.py",),
+    "where to add a scenario": ("envs/encounters.py", "envs/scenarios.py"),
+    "where to add an input of the network": ("agents/policy/inputs.py",),
+    "where SAFE is decided": ("agents/planner/publish.py", "agents/planner/validator.py"),
+}
+"""Questions that the table of architecture.md answers, and files that belong to the answer."""
+
+
+def test_the_table_answers_each_question_with_at_most_three_files() -> None:
+    page = (ROOT / "docs/explanation/architecture.md").read_text(encoding="utf-8")
+    table = page.partition("## Where to find things")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| (.+?) \| (.+) \|$", table, re.MULTILINE)[1:]
+    answers = {question: set(FILE.findall(answer)) for question, answer in rows}
+    many = {question: files for question, files in answers.items() if len(files) > 3}
+    assert not many
+    for question, files in QUESTIONS.items():
+        assert answers[question] >= set(files), question
+
+
 CALL = re.compile(
     r"python -m ((?:agents|benchmarks|envs|eval|rlcas_jax|ros_bridge)[\w.]*)((?:\\\n|[^\n`#|])*)"
 )

@@ -15,14 +15,13 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from envs.edge.extension import is_extension
+
 RENAMED = {
-    "detour": "path_excess_cost",
     "doubtful": "fallback_cost_threshold",
     "rules": "aircraft",
     "start_from": "warm_start",
-    "swing": "heading_change_cost",
     "thorough": "exhaustive",
-    "turn": "turn_rate_cost",
     "vehicle": "aircraft",
 }
 """New names of keys by their old ones, each the last part of a dotted key; a refusal names the new
@@ -34,6 +33,9 @@ MOVED = {
     "world.separation": "aircraft.separation_m",
     "world.goal_radius": "aircraft.goal_radius_m",
     "world.t_max": "aircraft.t_max_s",
+    "world.reward_violation": "rewards.violation",
+    "world.reward_goal": "rewards.goal",
+    "world.reward_timeout": "rewards.timeout",
     "evaluation.separation": "aircraft.separation_m",
 }
 """New keys, from the top, by the old ones that a configuration may no longer have; a refusal names
@@ -137,8 +139,11 @@ def field_at(
                 continue
             # Anything else that pydantic puts into a location names a branch of a union, not a key.
             here = inner
-        if here is None or step not in here.model_fields:
+        if here is None:
             return None
+        if step not in here.model_fields:
+            own = here.model_config.get("extra") == "allow" and is_extension(str(step))
+            return FieldInfo(annotation=float) if own else None
         here = here.model_fields[str(step)]
     return here
 

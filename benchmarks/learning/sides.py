@@ -27,9 +27,9 @@ from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning.curves import Flown
 from benchmarks.learning.sb3 import Cell
 from envs import surrogate
+from envs.rewards import Transition, learning_reward
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.shaping import learning_reward
 from rlcas_jax.starts import draw, noisy
 
 __all__ = [
@@ -341,7 +341,7 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
     """Return the functions that draw a pool, begin from its first row, and fly a step."""
     feature_set = config.network.feature_set
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
-    scenarios = config.drawn()
+    scenarios, rewards = config.drawn(), config.rewards.table()
 
     def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
         inputs = derived(surrogate.observe(state, world.aircraft), feature_set)
@@ -357,10 +357,11 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
     def step(
         state: surrogate.State, hand: jax.Array, action: jax.Array, pool: surrogate.State, row: int
     ) -> tuple[surrogate.State, jax.Array, jax.Array, jax.Array]:
-        moved, result = surrogate.step(state, (action[:, 0], action[:, 1] * hand), world)
-        reward = learning_reward(
-            result.reward, state, moved, action[:, 1], config, config.aircraft.aircraft()
-        )
+        command = action[:, 0], action[:, 1] * hand
+        moved, result = surrogate.step(state, command, world)
+        seen_as = Transition(state, moved, command, result, world.aircraft)
+        scale = config.ppo.reward_scale
+        reward, _ = learning_reward(rewards, seen_as, config.ppo.discount, jnp, scale)
         # The barrier keeps the compiler from flying the step again for every field that the restart
         # chooses.
         moved, reward = jax.lax.optimization_barrier((moved, reward))

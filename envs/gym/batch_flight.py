@@ -12,15 +12,18 @@ from envs import surrogate
 from envs.encounters import Encounter
 from envs.observation import ROW, SIZE
 from envs.relative import distance
+from envs.rewards import Rewards, Transition, learning_reward
 from envs.surrogate import State, World
 
 
 class Setting(NamedTuple):
-    """What a step is compiled for; plain numbers only."""
+    """What a step is compiled for: plain numbers, and functions of a module."""
 
     world: World
     noisy: bool  # whether reports are noisy or late
     intruders: int  # that an observation shows: one by its eight numbers, more as a set
+    rewards: Rewards = Rewards()
+    discount: float = 1.0  # of potentials among them
 
     @property
     def history_dt(self) -> float | None:
@@ -75,7 +78,10 @@ def step(
         outcome (0 flying, 1 violation, 2 reached, 3 timeout), smallest separation in the step, goal
         distance, and of the fresh start the distance to the nearest intruder and to the goal, m.
     """
-    final, result = surrogate.step(state, (actions[:, 0], actions[:, 1]), setting.world)
+    command = actions[:, 0], actions[:, 1]
+    final, result = surrogate.step(state, command, setting.world)
+    moved = Transition(state, final, command, result, setting.world.aircraft)
+    reward, _ = learning_reward(setting.rewards, moved, setting.discount, jnp)
     # Encounters that go on point at some row too; what they get from there is not used.
     row = jnp.maximum(used + jnp.cumsum(final.ended) - 1, 0)
     fresh = surrogate.reset(
@@ -88,7 +94,7 @@ def step(
     violation, reached, timeout = result.outcome
     code = 1.0 * violation + 2.0 * reached + 3.0 * timeout
     columns = jnp.stack(
-        [result.reward, code, result.separation, result.goal_distance, *_distances(fresh)], axis=-1
+        [reward, code, result.separation, result.goal_distance, *_distances(fresh)], axis=-1
     )
     packed = [_seen(following, noise_key, setting), _seen(final, noise_key, setting), columns]
     return following, jnp.concatenate(packed, axis=-1)

@@ -18,8 +18,9 @@ from envs.encounters import Encounter
 from envs.kinematics import VehicleState
 from envs.observation import SetObservation
 from envs.relative import distance
+from envs.rewards import Transition
 from envs.trees import mapped
-from envs.world import State
+from envs.world import State, StepResult
 
 
 def begin(encounter: Encounter, dt: float) -> State:
@@ -75,3 +76,35 @@ def separations(state: State) -> tuple[float, ...]:
     return tuple(
         distance(vehicle.x - own.x, vehicle.y - own.y, EXACT_FLOATS) for vehicle in vehicles
     )
+
+
+def transition(
+    before: State, after: State, action: tuple[float, float], result: StepResult, aircraft: Aircraft
+) -> Transition:
+    """Return a step as terms of a reward see it, numpy: fields ``[]``, those of intruders
+    ``[K]``.
+    """
+    states = _arrays(before), _arrays(after)
+    return Transition(*states, action, mapped(np.asarray, _stacked(result)), aircraft)
+
+
+def _arrays(state: State) -> State:
+    previous = state.previous and tuple(_together(vehicles) for vehicles in state.previous)
+    sensor = mapped(lambda field: np.array([field]), state.sensor)
+    plain = state._replace(intruders=None, intent=None, sensor=None, previous=None, mask=None)
+    return mapped(np.asarray, plain)._replace(
+        intruders=_together(state.intruders),
+        intent=_together(state.intent),
+        sensor=sensor,
+        previous=previous,
+        mask=np.array(state.mask),
+    )
+
+
+def _together(parts: Any) -> Any:
+    """Return a tuple of K equal structures of plain numbers as one of arrays ``[K]``."""
+    return mapped(lambda *fields: np.array(fields), *parts)
+
+
+def _stacked(result: StepResult) -> StepResult:
+    return result._replace(separations=np.array(result.separations))

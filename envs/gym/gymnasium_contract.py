@@ -4,6 +4,7 @@ of input.
 
 import os
 import sys
+from collections.abc import Mapping
 from difflib import get_close_matches
 from typing import Any
 
@@ -14,6 +15,7 @@ from envs.aircraft import Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, scenario
 from envs.observation import ROW, SIZE
 from envs.outcome import Outcome, Rules
+from envs.rewards import scored
 from envs.scenarios import resolve
 from envs.world import World
 
@@ -90,16 +92,18 @@ def family(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
     return wanted
 
 
-def checked_world(aircraft: Aircraft, rules: Rules | None) -> World:
-    """Return the world of an aircraft, by its own rules or others; an EncounterError for another
-    time step.
+def checked_world(
+    aircraft: Aircraft, rules: Rules | None, rewards: Mapping[str, float] | None
+) -> World:
+    """Return the world of an aircraft, by its own rules or others, with the scores of a table of
+    rewards; an EncounterError for another time step.
     """
     chosen = aircraft.rules() if rules is None else rules
     if chosen.dt != aircraft.dt:
         raise EncounterError(
             f"rules.dt is {chosen.dt:g} s; expected {aircraft.dt:g} s, the aircraft's time step"
         )
-    return World(Rules(*map(float, chosen)), aircraft)
+    return World(scored(Rules(*map(float, chosen)), rewards or {}), aircraft)
 
 
 def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:

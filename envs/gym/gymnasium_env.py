@@ -5,6 +5,7 @@ The vectorised one is :class:`envs.gym.gymnasium_vector.DeconflictionVectorEnv`;
 docs/howto/gymnasium.md.
 """
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -28,6 +29,7 @@ from envs.gym.gymnasium_contract import (
     observation_space,
 )
 from envs.outcome import Rules
+from envs.rewards import learning_reward, table
 from envs.world import State, StepResult
 
 if TYPE_CHECKING:
@@ -48,7 +50,8 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         a row that holds an intruder); see :class:`envs.observation.SetObservation`.
     Action: float32 ``[2]`` in [-1, 1], acceleration and yaw rate as parts of the aircraft's limits
         (the paper's: 0.5 m/s^2 and 3 deg/s), positive to the left; values beyond are clipped.
-    Reward: sparse; -100 at a violation, +100 at the goal, -10 at ``t_max``, else 0. Termination:
+    Reward: sparse; -100 at a violation, +100 at the goal, -10 at ``t_max``, else 0; with
+        ``rewards`` that table, points. Termination:
     ``terminated`` at a violation (closest approach within a step, by continuous motion) and at the
         goal; ``truncated`` at ``t_max``, because the observation holds no clock.
     Info: ``separation`` (smallest in the step, m), ``min_separation`` (since the start, m),
@@ -65,6 +68,9 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         aircraft: the ownship; all else is scaled by it.
         intruders: K that an observation shows.
         rules: of the task; None: the aircraft's.
+        rewards: weights in points by the names of terms, ``module:name`` of your own
+            (:mod:`envs.rewards`); None: the rules' alone.
+        discount: of potentials among them, per time step.
         render_mode: None, ``"rgb_array"`` or ``"human"``, which needs a display; ``metadata`` names
             it only with one.
         render_size: side of the picture, pixels.
@@ -85,6 +91,8 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         aircraft: Aircraft = PAPER,
         intruders: int = 1,
         rules: Rules | None = None,
+        rewards: Mapping[str, float] | None = None,
+        discount: float = 1.0,
         render_mode: str | None = None,
         render_size: int = 600,
     ) -> None:
@@ -100,7 +108,8 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         self.observation_space = observation_space(intruders)
         self.action_space = action_space()
         self.scenario = family(scenario, aircraft)
-        self.world, self._rows = checked_world(aircraft, rules), intruders
+        self.world, self._rows = checked_world(aircraft, rules, rewards), intruders
+        self._rewards, self._discount = table(rewards or {}), discount
         self._seed: int | None = None
         self._next = 0
         self._number = 0
@@ -160,7 +169,12 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
                 f"the encounter has ended ({self._outcome}); call reset to begin another one"
             )
         acceleration, yaw_rate = checked_actions(action, (2,)).tolist()
-        self._flight, result = self._advance(self._flight, (acceleration, yaw_rate))
+        before, command = self._flight, (acceleration, yaw_rate)
+        self._flight, result = self._advance(before, command)
+        reward = result.reward
+        if self._rewards.shaping:
+            moved = flight.transition(before, self._flight, command, result, self.world.aircraft)
+            reward, _ = learning_reward(self._rewards, moved, self._discount, np)
         self._min_separation = min(self._min_separation, result.separation)
         judged = result.outcome
         self._outcome = OUTCOMES[1 * judged.violation + 2 * judged.reached + 3 * judged.timeout]
@@ -169,7 +183,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             self.render()
         info = self._info(result.separation, result.goal_distance)
         terminated, truncated = bool(judged.violation or judged.reached), bool(judged.timeout)
-        return self._observe(), float(result.reward), terminated, truncated, info
+        return self._observe(), float(reward), terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
         """Return the picture, uint8 ``[size, size, 3]``, show it in a window, or do nothing, by the

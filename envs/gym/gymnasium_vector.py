@@ -2,6 +2,7 @@
 step.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -26,6 +27,7 @@ from envs.gym.gymnasium_contract import (
     observation_space,
 )
 from envs.outcome import Rules
+from envs.rewards import table
 from envs.surrogate import State
 
 _LEAST = 1_024  # fewest starts drawn beyond those of one step, so that drawing is seldom
@@ -64,6 +66,8 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         aircraft: Aircraft = PAPER,
         intruders: int = 1,
         rules: Rules | None = None,
+        rewards: Mapping[str, float] | None = None,
+        discount: float = 1.0,
         render_mode: str | None = None,
     ) -> None:
         if num_envs < 1:
@@ -79,7 +83,8 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.scenario = family(scenario, aircraft)
         # Plain numbers, because the compiled step is chosen by their values.
-        self.world, self._rows = checked_world(aircraft, rules), intruders
+        self.world, self._rows = checked_world(aircraft, rules, rewards), intruders
+        self._rewards, self._discount = table(rewards or {}), discount
         self._seed: int | None = None
         self._next = self._ticks = 0
         self._state: State | None = None
@@ -122,7 +127,11 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
             *encounter.sensor,
         )
         self._setting = Setting(
-            self.world, any(np.any(np.asarray(one) > 0.0) for one in spread), self._rows
+            self.world,
+            any(np.any(np.asarray(one) > 0.0) for one in spread),
+            self._rows,
+            self._rewards,
+            self._discount,
         )
         self._draw_pool(columns)
 

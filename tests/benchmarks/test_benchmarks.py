@@ -221,7 +221,7 @@ def test_training_beside_the_peer_gives_both_ratios(monkeypatch: pytest.MonkeyPa
     json.dumps(figures)
 
 
-SHAPED = (*TINY, "shaping.goal=0.5", "aircraft.t_max_s=40")
+SHAPED = (*TINY, "rewards.goal_distance=50", "aircraft.t_max_s=40")
 peers = pytest.mark.parametrize(
     "peer",
     [

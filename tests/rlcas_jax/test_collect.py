@@ -16,17 +16,18 @@ from agents.learning.networks import Actor, Critic
 from envs import surrogate
 from envs.aircraft import PAPER
 from envs.encounters import padded, sample, scenario
+from envs.kinematics import VehicleState
 from envs.outcome import RULES
-from rlcas_jax.collect import Environment, Step, collect
-from rlcas_jax.config import ShapingConfig
-from rlcas_jax.shaping import (
+from envs.rewards import (
     DETOUR,
-    heading_change_cost,
-    path_excess_cost,
-    potential,
+    Transition,
+    goal_distance,
+    heading_change,
+    path_excess,
     shaped,
-    turn_rate_cost,
+    turn_rate,
 )
+from rlcas_jax.collect import Environment, Step, collect
 
 COUNT, STEPS, DISCOUNT, LAMBDA = 3, 10, 0.9, 0.7
 PARTS = ppo.learner(Actor((8,), "none", -1.0), Critic((8,), "none"), ppo.PpoSettings())
@@ -195,10 +196,15 @@ WORLD = surrogate.World(RULES, PAPER)
 FLIGHTS, SECONDS = 128, 300
 
 
-def worth(states: surrogate.State, **weights: float) -> jax.Array:
+def worth(states: surrogate.State, weight: float) -> jax.Array:
     """Return the potential of states ``[..., N]``."""
-    of = partial(potential, weights=ShapingConfig(**weights), aircraft=PAPER)
-    return jax.jit(of if states.steps.ndim == 1 else jax.vmap(of))(states)
+    of = partial(goal_distance, aircraft=PAPER, xp=jnp)
+    return weight * jax.jit(of if states.steps.ndim == 1 else jax.vmap(of))(states)
+
+
+def turned(yaw_rate: Any) -> Any:
+    """Return a step of a command, 1 at the limit of 3 deg/s."""
+    return Transition(*(Any,) * 2, (0.0, yaw_rate), Any, PAPER)
 
 
 @given(st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=40), st.floats(0.5, 1.0))
@@ -208,7 +214,7 @@ def test_shaping_telescopes_to_the_starts_potential(
     """For any potential and any episode: sum_t discount^t shaped_t = -potential(s_0)."""
     steps = len(potentials) - 1
     before, after = np.float32(potentials[:-1]), np.float32(potentials[1:])
-    rewards = shaped(before, after, np.arange(steps) == steps - 1, discount)
+    rewards = shaped(before, after, np.arange(steps) == steps - 1, discount, jnp)
     total = float(np.sum(np.asarray(rewards, np.float64) * discount ** np.arange(steps)))
     assert total == pytest.approx(-float(before[0]), abs=1e-4)
 
@@ -216,13 +222,13 @@ def test_shaping_telescopes_to_the_starts_potential(
 def test_only_termination_forfeits_the_potential() -> None:
     before, after, ended = np.float32([3.0, 3.0]), np.float32([5.0, 5.0]), np.array([False, True])
     np.testing.assert_allclose(
-        shaped(before, after, ended, 0.9), [0.9 * 5.0 - 3.0, -3.0], rtol=1e-6
+        shaped(before, after, ended, 0.9, jnp), [0.9 * 5.0 - 3.0, -3.0], rtol=1e-6
     )
 
 
 @given(st.floats(-5.0, 5.0))
 def test_the_turn_rate_cost_is_symmetric_and_bounded(yaw_rate: float) -> None:
-    costs = np.asarray(turn_rate_cost(jnp.float32([yaw_rate, -yaw_rate, 0.0])))
+    costs = np.asarray(turn_rate(turned(jnp.float32([yaw_rate, -yaw_rate, 0.0])), jnp))
     assert costs[0] == costs[1] == pytest.approx(min(abs(yaw_rate), 1.0) ** 2, rel=1e-5, abs=1e-30)
     assert costs[2] == 0.0
 
@@ -230,11 +236,10 @@ def test_the_turn_rate_cost_is_symmetric_and_bounded(yaw_rate: float) -> None:
 def test_the_heading_change_cost_does_not_depend_on_the_rate() -> None:
     sharp, gentle = jnp.full(10, -1.0), jnp.full(40, 0.25)
     costs = [
-        float(heading_change_cost(rates, math.radians(3.0), 1.0).sum())
-        for rates in (sharp, gentle, 5.0 * sharp)
+        float(heading_change(turned(rates), jnp).sum()) for rates in (sharp, gentle, 5.0 * sharp)
     ]
     np.testing.assert_allclose(costs, 30.0 / 90.0, rtol=1e-5)
-    assert float(heading_change_cost(jnp.float32(0.0), math.radians(3.0), 1.0)) == 0.0
+    assert float(heading_change(turned(jnp.float32(0.0)), jnp)) == 0.0
 
 
 def state_of(name: str, most: int = 1, count: int = FLIGHTS) -> surrogate.State:
@@ -267,15 +272,15 @@ def episodes() -> tuple[surrogate.State, surrogate.State, np.ndarray]:
     return before, after, first
 
 
-@pytest.mark.parametrize("weights", [{"goal": 1.0}, {"goal": 3.0}])
+@pytest.mark.parametrize("weight", [1.0, 3.0])
 @pytest.mark.parametrize("discount", [0.99, 1.0])
 def test_the_shaping_of_whole_episodes_depends_on_their_start_alone(
-    episodes, weights, discount
+    episodes, weight, discount
 ) -> None:
     """Random flights that end by violation and by time: none gains anything by shaping."""
     before, after, last = episodes
-    worths = [np.asarray(worth(states, **weights)) for states in (before, after)]
-    rewards = np.asarray(shaped(*worths, last, discount), np.float64)
+    worths = [np.asarray(worth(states, weight)) for states in (before, after)]
+    rewards = np.asarray(shaped(*worths, last, discount, jnp), np.float64)
     lasts = last.argmax(axis=0)
     flown = np.arange(SECONDS)[:, None] <= lasts
     total = np.sum(np.where(flown, discount ** np.arange(SECONDS)[:, None] * rewards, 0.0), axis=0)
@@ -290,7 +295,7 @@ def test_the_path_excess_cost_adds_up_to_the_path_excess(episodes) -> None:
     """
     before, after, last = episodes
     cost = np.asarray(
-        10.0 * path_excess_cost(before.own, after.own, (before.goal_x, before.goal_y), 1_000.0),
+        10.0 * path_excess(Transition(before, after, (0.0, 0.0), Any, PAPER), jnp),
         np.float64,
     )
     lasts, count = last.argmax(axis=0), np.arange(FLIGHTS)
@@ -319,11 +324,16 @@ def test_the_straight_path_to_the_goal_has_no_cost() -> None:
         own._replace(x=jnp.full(3, x), y=jnp.full(3, y))
         for x, y in ((80.0, 0.0), (-80.0, 0.0), (0, 80))
     )
-    goal = jnp.full(3, 8_000.0), jnp.zeros(3)
-    np.testing.assert_allclose(10.0 * path_excess_cost(own, ahead, goal, 1_000.0), 0.0, atol=1e-6)
-    np.testing.assert_allclose(10.0 * path_excess_cost(own, back, goal, 1_000.0), 0.16, rtol=1e-4)
+    start = state_of("head_on", count=3)._replace(goal_x=jnp.full(3, 8_000.0), goal_y=jnp.zeros(3))
+
+    def excess(later: VehicleState) -> jax.Array:
+        states = start._replace(own=own), start._replace(own=later)
+        return path_excess(Transition(*states, (0.0, 0.0), Any, PAPER), jnp)
+
+    np.testing.assert_allclose(10.0 * excess(ahead), 0.0, atol=1e-6)
+    np.testing.assert_allclose(10.0 * excess(back), 0.16, rtol=1e-4)
     np.testing.assert_allclose(
-        10.0 * path_excess_cost(own, aside, goal, 1_000.0),
+        10.0 * excess(aside),
         1e-3 * (80.0 + np.hypot(8_000, 80) - 8_000),
         rtol=1e-3,
     )
@@ -334,7 +344,7 @@ def test_potential_by_hand() -> None:
     state = state_of("head_on", count=2)
     own = state.own._replace(x=jnp.zeros(2), y=jnp.zeros(2))
     scene = state._replace(own=own, goal_x=jnp.full(2, 8_000.0), goal_y=jnp.zeros(2))
-    np.testing.assert_allclose(worth(scene, goal=2.0), [-1.6, -1.6], atol=1e-5)
+    np.testing.assert_allclose(worth(scene, 2.0), [-1.6, -1.6], atol=1e-5)
 
 
 def left(x: float, y: float, *, speed: float = 90.0, scale: float = 1.0) -> float:
@@ -359,7 +369,7 @@ def left(x: float, y: float, *, speed: float = 90.0, scale: float = 1.0) -> floa
         jnp.full(1, scale * v, jnp.float32) for v in (x * cosine - y * sine, x * sine + y * cosine)
     )
     scene = state._replace(own=own, goal_x=next(goal), goal_y=next(goal))
-    return -1e4 * scale * float(potential(scene, ShapingConfig(goal=1.0), aircraft)[0])
+    return -1e4 * scale * float(goal_distance(scene, aircraft, jnp)[0])
 
 
 def test_a_goal_that_the_next_turn_cannot_meet_counts_the_way_round() -> None:

@@ -109,7 +109,7 @@ def test_a_dump_repeats_the_run(
         f"ppo.learning_rate={rate}",
         f"ppo={{environments: {environments}, rollout: {rollout}, minibatch: {minibatch}, "
         f"segment: {segment}}}",
-        f"shaping.goal={rate}",
+        f"rewards.goal_distance={rate}",
     ]
     config = load(TrainConfig, overrides=overrides)
     path = tmp_path_factory.getbasetemp() / "train.yaml"
@@ -233,9 +233,9 @@ CHANGED: dict[str, str] = {
     "aircraft.dt_s": "0.5",
     "world.separation_spread": "0.1",
     "world.time_share": "0.8",
-    "world.reward_violation": "-50.0",
-    "world.reward_goal": "50.0",
-    "world.reward_timeout": "-5.0",
+    "rewards.violation": "-50.0",
+    "rewards.goal": "50.0",
+    "rewards.timeout": "-5.0",
     "scenarios.0.name": "noisy",
     "scenarios.0.weight": "3.0",
     "scenarios.0.radius": "[2000, 3000]",
@@ -252,10 +252,10 @@ CHANGED: dict[str, str] = {
     "scenarios.0.velocity_std": "1.0",
     "scenarios.0.latency": "[0.5, 1.0]",
     "pool_rows": "4",
-    "shaping.goal": "0.5",
-    "shaping.turn_rate_cost": "0.1",
-    "shaping.heading_change_cost": "0.1",
-    "shaping.path_excess_cost": "0.1",
+    "rewards.goal_distance": "50.0",
+    "rewards.turn_rate": "-0.1",
+    "rewards.heading_change": "-0.1",
+    "rewards.path_excess": "-0.1",
 }
 ELSEWHERE = {
     "aircraft.traffic_speed_max_mps": (

@@ -186,7 +186,7 @@ def test_a_short_run_can_be_drawn(tmp_path: Path):
         ("name: a", True),
         ("world: {separation_spread: 0.08}", True),
         ("aircraft: uas", False),
-        ("world: {reward_timeout: -100}", False),
+        ("rewards: {timeout: -100}", False),
         ("family: {share: 0.5}", False),
         (None, False),
     ],

@@ -45,7 +45,7 @@ SPACE = """\
 ppo.learning_rate: {low: 1e-5, high: 1e-1, log: true}
 ppo.minibatch: {choices: [32, 64]}
 ppo.epochs: {low: 1, high: 4}
-shaping.goal: {low: 0, high: 1, step: 0.25}
+rewards.goal_distance: {low: 0, high: 100, step: 25}
 network.hidden: {choices: [[4], [4, 4]]}
 scenarios.1.weight: {low: 0.1, high: 2.0}
 """

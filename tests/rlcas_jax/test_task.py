@@ -28,7 +28,7 @@ SMALL = [
     "pool_rows=4",
     "steps=15360",
 ]
-SHAPED = ["shaping.goal=2.0"]
+SHAPED = ["rewards.goal_distance=200.0"]
 UPDATES = 5
 
 
@@ -139,7 +139,7 @@ def test_the_state_holds_what_the_mixture_needs() -> None:
 def test_policies_are_judged_by_the_aircrafts_separation() -> None:
     task = task_of(
         "world.separation_spread=0.2",
-        "world.reward_timeout=-20.0",
+        "rewards.timeout=-20.0",
         "aircraft.separation_m=1200",
         "network.feature_set=set",
     )
