@@ -35,6 +35,7 @@ from benchmarks.measure import machine, report
 from envs import observation
 from envs.edge.command import run_cli
 from rlcas_jax import task
+from rlcas_jax.algorithm import ppo_settings
 from rlcas_jax.config import TrainConfig
 
 __all__ = ["Extent", "main", "measure"]
@@ -90,7 +91,7 @@ def learner_alone(config: TrainConfig) -> Work:
     """Return a function that learns by one update from samples of the same shapes that are made
     once.
     """
-    settings = task.ppo_settings(config)
+    settings = ppo_settings(config)
     hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
     parts = ppo.learner(Actor(hidden, feature_set), Critic(hidden, feature_set), settings)
     shape = (config.ppo.environments, config.ppo.rollout)

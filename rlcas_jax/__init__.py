@@ -1,1 +1,4 @@
-"""Training application: configuration, loop, checkpoints, metrics and figures."""
+"""Training application: configuration, loop, checkpoints, metrics and figures.
+
+From Python: :func:`rlcas_jax.training.train`.
+"""

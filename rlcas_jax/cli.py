@@ -72,7 +72,7 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
                 hint = "leave it out, or start a new run without --resume"
                 raise ConfigError(f"--{name} cannot change a run that is resumed; {hint}")
         return Options(
-            given.resume, _resumed(given.resume), given.quiet, True, given.devices, processes
+            given.resume, resumed_jobs(given.resume), given.quiet, True, given.devices, processes
         )
     overrides = overrides_of(given)
     config = load(TrainConfig, given.config, overrides)
@@ -152,7 +152,10 @@ def _processes(coordinator: str | None, count: int | None, number: int | None) -
     return Processes(coordinator, count, number)
 
 
-def _resumed(directory: Path) -> tuple[Job, ...]:
+def resumed_jobs(directory: Path) -> tuple[Job, ...]:
+    """Return the jobs of a run's directory, one for each seed, as they were configured; raises a
+    ConfigError where it is no run.
+    """
     single = directory / "config.yaml"
     many = [
         file for file in directory.glob("seed-*/config.yaml") if file.parent.name[5:].isdecimal()

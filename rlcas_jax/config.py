@@ -25,6 +25,9 @@ from envs.scenarios import resolve as resolve_scenario
 SEED_END = 2**31
 """Seeds are below this."""
 
+PPO = "ppo"
+"""The algorithm that ships."""
+
 Weight = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
@@ -92,11 +95,20 @@ class PpoConfig(Strict):
     """How far an update may move the ratio of new to old action probability from 1 before its
     gradient stops.
     """
+    value: Weight = 0.5
+    """Weight of the value loss in the loss."""
     entropy: Weight = 0.0
     """Weight of the entropy bonus in the loss."""
-    bound: Weight = 0.0
+    action_bound_coef: Weight = 0.0
     """Weight in the loss of the square of what the mean action is beyond its limits, where it is
     clipped and noise around it teaches nothing."""
+    max_grad_norm: float = Field(default=0.5, gt=0.0)
+    """Longest gradient of each network, by its global norm; a longer one is shortened to it."""
+    adam_epsilon: float = Field(default=1e-5, gt=0.0, le=1.0)
+    """What Adam adds to the root of its second moment, against a division by zero."""
+    normalize_advantage: bool = True
+    """Whether the advantages of a minibatch are shifted and scaled to mean 0 and standard deviation
+    1."""
     reward_scale: float = Field(default=0.01, gt=0.0)
     """Factor on the points of `rewards` before learning; logged scores are unscaled."""
 
@@ -121,7 +133,7 @@ class PpoConfig(Strict):
             if whole % part:
                 raise ConfigError(
                     f"{name} is {part}; expected a divisor of {whole_name}, {whole}, such as "
-                    f"{_divisor(whole, part)}"
+                    f"{_nearest_divisor(whole, part)}"
                 )
         return self
 
@@ -293,6 +305,16 @@ class TrainConfig(Strict):
     working directory; a name such as `uas` is that of one that ships. Scenarios, rewards and
     observations are scaled by it."""
     network: NetworkConfig = NetworkConfig()
+    algorithm: str = Field(
+        default=PPO, json_schema_extra={"expected": "ppo, or module:name of your own"}
+    )
+    """What learns: ppo, or `module:name` of an algorithm of your own
+    (`agents.learning.algorithm.Algorithm`), which takes environments, rollout, discount, reward
+    scale and learning rate from `ppo`, too."""
+    algorithm_settings: dict[str, Any] = Field(
+        default={}, json_schema_extra={"expected": "a group of keys"}
+    )
+    """Keyword arguments of an algorithm of your own; those of ppo stand in `ppo`."""
     ppo: PpoConfig = PpoConfig()
     world: WorldConfig = WorldConfig()
     scenarios: tuple[ScenarioConfig, ...] = Field(
@@ -341,23 +363,34 @@ class TrainConfig(Strict):
                 raise ConfigError(f"scenarios.{number}.{problem}") from None
         return found
 
-    def in_phases(self) -> tuple["TrainConfig", ...]:
-        """Return the configuration of each phase, itself without phases; of a training without any,
-        its own.
-        """
-        whole = self.model_dump(exclude={"phases"})
-        return tuple(
-            self._phase(whole, number, changes) for number, changes in enumerate(self.phases)
-        ) or (self,)
+    def phase_configs(self) -> tuple["TrainConfig", ...]:
+        """Return one configuration for each phase, in which nothing is left of ``phases``.
 
-    def _phase(self, whole: dict[str, Any], number: int, changes: dict[str, Any]) -> "TrainConfig":
+        With ``seed: 3`` and ``phases: [{steps: 100}, {steps: 200}]`` these are two: ``{seed: 3,
+        steps: 100}`` and ``{seed: 3, steps: 200}``. A training without phases is one phase, so its
+        own configuration is the only one.
+        """
+        if not self.phases:
+            return (self,)
+        common = self.model_dump(exclude={"phases"})
+        return tuple(
+            self._phase_config(common, number, changes)
+            for number, changes in enumerate(self.phases)
+        )
+
+    def _phase_config(
+        self, common: dict[str, Any], number: int, changes: dict[str, Any]
+    ) -> "TrainConfig":
+        """Return the configuration of a phase: what is common to all of them, with its changes;
+        raises a ConfigError that names the phase.
+        """
         for key in changes:
             if key not in self.PHASE_KEYS:
                 raise ConfigError(
                     f"phases.{number}.{key}: expected one of {', '.join(self.PHASE_KEYS)}"
                 )
         try:
-            return validated(TrainConfig, _merged(whole, changes))
+            return validated(TrainConfig, _merge(common, changes))
         except ConfigError as problem:
             raise ConfigError(f"phases.{number}: {problem}") from None
 
@@ -379,23 +412,42 @@ class TrainConfig(Strict):
                 f"network.feature_set is {self.network.feature_set}; expected set with "
                 "network.inputs"
             )
-        self.in_phases() if self.phases else None
+        if self.algorithm != PPO and not is_extension(self.algorithm):
+            raise ConfigError(
+                f"algorithm is {self.algorithm!r}; expected ppo, or module:name of your own"
+            )
+        if self.algorithm == PPO and self.algorithm_settings:
+            raise ConfigError(
+                f"algorithm_settings has {', '.join(self.algorithm_settings)}; expected none, as "
+                "the settings of ppo stand in ppo"
+            )
+        if self.phases:
+            self.phase_configs()  # refuses a phase that is not right
         return self
 
 
-def _merged(whole: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(whole)
+def _merge(common: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return nested keys with some of them changed.
+
+    ``{a: 1, b: {c: 2, d: 3}}`` with the changes ``{b: {c: 4}}`` gives ``{a: 1, b: {c: 4, d: 3}}``.
+    """
+    merged = dict(common)
     for key, value in changes.items():
-        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
-        merged[key] = _merged(merged[key], value) if both else value
+        before = merged.get(key)
+        if isinstance(value, dict) and isinstance(before, dict):
+            merged[key] = _merge(before, value)
+        else:
+            merged[key] = value
     return merged
 
 
-def _divisor(whole: int, near: int) -> int:
-    divisors = {
-        d
-        for small in range(1, int(whole**0.5) + 1)
-        if whole % small == 0
-        for d in (small, whole // small)
-    }
-    return min(divisors, key=lambda d: (abs(d - near), d))
+def _nearest_divisor(whole: int, number: int) -> int:
+    """Return the divisor of a whole number that is nearest to another number, the smaller of two.
+
+    Of 12 and 5 it is 4, not 6.
+    """
+    divisors: set[int] = set()
+    for small in range(1, math.isqrt(whole) + 1):
+        if whole % small == 0:
+            divisors |= {small, whole // small}
+    return min(divisors, key=lambda divisor: (abs(divisor - number), divisor))

@@ -98,7 +98,7 @@ def _flies_as_the_paper(run: Path) -> bool:
         one.rules() == paper.rules()
         and one.aircraft.aircraft() == paper.aircraft.aircraft()
         and one.family.share == 0.0
-        for one in load(TrainConfig, file).in_phases()
+        for one in load(TrainConfig, file).phase_configs()
     )
 
 

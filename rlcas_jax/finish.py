@@ -101,7 +101,7 @@ def set_of(config: TrainConfig) -> SetOf:
     together.
     """
     aircraft, encoder = config.aircraft.aircraft(), tuple(config.network.encoder)
-    most = max(family.intruders[1] for phase in config.in_phases() for family in phase.drawn())
+    most = max(family.intruders[1] for phase in config.phase_configs() for family in phase.drawn())
     ends = {
         name: (value, value)
         for name, value in ratios(aircraft.limits, aircraft.separation)._asdict().items()

@@ -6,17 +6,18 @@ import json
 import math
 import platform
 import time
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from agents.config.load import ConfigError, dump
-from agents.learning.ppo import LearnerState
 from envs.draws import uniforms
 from envs.edge.files import write_file
 from envs.edge.installation import versions
@@ -27,6 +28,7 @@ from envs.starts import check_sampled, numbered
 from envs.trees import take
 from envs.world import World
 from rlcas_jax import checkpoint, metrics, progress
+from rlcas_jax.check_algorithm import check_algorithm
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import Devices, agreed, everywhere, first, place
 from rlcas_jax.interrupt import Interrupt
@@ -35,6 +37,10 @@ from rlcas_jax.task import Task, TrainState, build
 from rlcas_jax.warm_start import warm_learner
 
 _LEAST_ACCEPTED = 0.05  # smallest share of a scenario's draws that must meet its conditions
+
+
+Callback = Callable[[Mapping[str, float]], None]
+"""Takes the metrics of an update by name."""
 
 
 class TrainingError(RuntimeError):
@@ -50,12 +56,11 @@ class Training:
     config: TrainConfig
     directory: Path
     tasks: tuple[Task, ...]  # of each phase
-    learner: (
-        LearnerState | None
-    )  # networks and optimiser of a warm start; what is None is made afresh
-    resumed: (
-        tuple[int, TrainState] | None
-    )  # phase and state of the newest checkpoint; None: the training begins
+    learner: dict[str, Any]
+    """Parts of the algorithm's state by their field, of a warm start; the others are made
+    afresh."""
+    resumed: tuple[int, TrainState] | None
+    """Phase and state of the newest checkpoint; None: the training begins."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,7 @@ class Run:
     wall_s: float  # time spent in this process, compilation included
 
 
-def prepared(
+def prepare(
     config: TrainConfig, directory: Path, devices: Devices | None = None, *, resume: bool = False
 ) -> Training:
     """Check everything that a training on some devices needs (one by default), and write nothing.
@@ -86,11 +91,12 @@ def prepared(
             networks.
     """
     check_memory(config)
-    phases = config.in_phases()
+    phases = config.phase_configs()
     for phase in phases:
         _check_scenarios(phase)
         _check_rewards(phase)
     tasks = tuple(build(phase, devices, number) for number, phase in enumerate(phases))
+    check_algorithm(config, tasks)
     if resume:
         path = checkpoint.latest(directory / "checkpoints")
         meta = checkpoint.meta(path)
@@ -104,30 +110,44 @@ def prepared(
             config,
             directory,
             tasks,
-            None,
+            {},
             (number, checkpoint.restore(path, tasks[number].shapes())),
         )
-    learner = None if config.warm_start is None else warm_learner(config, tasks[0].shapes().learner)
+    learner = {} if config.warm_start is None else warm_learner(config, tasks[0].shapes().learner)
     return Training(config, directory, tasks, learner, None)
 
 
-def run(training: Training, reporter: progress.Reporter, interrupt: Interrupt | None = None) -> Run:
-    """Train as :func:`prepared`, in a directory that exists, until the end or an interrupt.
+def run(
+    training: Training,
+    reporter: progress.Reporter,
+    interrupt: Interrupt | None = None,
+    callback: Callback | None = None,
+) -> Run:
+    """Train as :func:`prepare` has checked, in a directory that exists, until the end or an
+    interrupt.
+
+    Args:
+        callback: called after each update with its metrics by name, as they are logged.
 
     Raises:
         TrainingError: a loss or a parameter is no longer finite.
         OSError: a file cannot be written.
     """
-    return _Runner(training, reporter, interrupt or Interrupt()).run()
+    return _Runner(training, reporter, interrupt or Interrupt(), callback).run()
 
 
 class _Runner:
     """One run of a training; of several processes the first one alone writes."""
 
     def __init__(
-        self, training: Training, reporter: progress.Reporter, interrupt: Interrupt
+        self,
+        training: Training,
+        reporter: progress.Reporter,
+        interrupt: Interrupt,
+        callback: Callback | None,
     ) -> None:
         self._training, self._reporter, self._interrupt = training, reporter, interrupt
+        self._callback = callback
         self._began = self._last_saved = time.monotonic()
         self._writes = first()
         # Updates and environment steps before each phase, and of all.
@@ -166,21 +186,15 @@ class _Runner:
                 task = tasks[number]
                 if state is None:
                     state = task.initial()
-                    if learner is not None:
-                        given = {
-                            name: part
-                            for name, part in learner._asdict().items()
-                            if part is not None
-                        }
-                        state = place(
-                            state._replace(learner=state.learner._replace(**given)), task.placed
-                        )
+                    if learner:
+                        begun = state._replace(learner=state.learner._replace(**learner))
+                        state = place(begun, task.placed)
                     self._save(number, state)
                 state, stopped = self._phase(number, state)
                 self._save(number, state)
                 if stopped or number + 1 == len(tasks):
                     break
-                number, state, learner = number + 1, None, everywhere(state.learner)
+                number, state, learner = number + 1, None, everywhere(state.learner)._asdict()
         done = self._done(number, state)
         score = (
             _final_score(metrics.read(directory / "metrics.jsonl")) if self._writes else math.nan
@@ -228,6 +242,8 @@ class _Runner:
                     row |= rates(outcomes(task, state, self._evaluated), task.rules)
                 self._log.write(row)
             self._reporter.update(row)
+            if self._callback is not None:
+                self._callback(row)
             due = (
                 time.monotonic() - self._last_saved
                 >= self._training.config.checkpoint.every_seconds

@@ -18,7 +18,7 @@ def needed_bytes(config: TrainConfig) -> int:
     """Return about how many bytes the largest phase of a training holds at once, all devices
     together.
     """
-    return max(_of_phase(phase) for phase in config.in_phases())
+    return max(_of_phase(phase) for phase in config.phase_configs())
 
 
 def _of_phase(config: TrainConfig) -> int:

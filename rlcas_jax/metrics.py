@@ -36,8 +36,8 @@ METRICS = {
         "of your own."
     ),
     "loss": (
-        "What the optimiser minimises: policy_loss + value_loss / 2 - ppo.entropy * entropy + "
-        "ppo.bound * beyond_limits; mean over the last epoch of the update."
+        "What the optimiser minimises; of ppo policy_loss + ppo.value * value_loss - ppo.entropy * "
+        "entropy + ppo.action_bound_coef * beyond_limits, mean over the last epoch of the update."
     ),
     "policy_loss": "PPO's clipped surrogate objective, negated.",
     "value_loss": "Half the critic's mean squared error, in units of the scaled reward squared.",
@@ -72,12 +72,25 @@ METRICS = {
 }
 """What is logged, by name, with its meaning and unit."""
 
+OF_REWARDS = "reward_"
+"""Begins the names of what the rows of `rewards` gave."""
+
+OF_ALGORITHM = "algorithm/"
+"""Begins the names of the figures that an algorithm of the user's own logs beside these."""
+
 WALL_CLOCK = (
     "wall_s",
     "steps_per_s",
 )  # the only metrics in which two runs of one configuration differ
 # time between two flushes of the file for TensorBoard, each of which waits for the disk, s
 _FLUSH_S = 10.0
+
+
+def logged_name(name: str) -> str:
+    """Return the name under which an algorithm's figure is logged: its own where it is one of
+    :data:`METRICS`, as ``loss``, else ``algorithm/NAME``.
+    """
+    return name if name in METRICS else OF_ALGORITHM + name
 
 
 class Writer:
@@ -108,14 +121,12 @@ class Writer:
             )
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Write the figures of an update by name, as in :data:`METRICS`; what is not finite becomes
-        null.
+        """Write the figures of an update by name, as in :data:`METRICS` or of the algorithm; what
+        is not finite becomes null.
         """
-        known = {name for name in row if name in METRICS or name.startswith("reward_")}
-        if unknown := row.keys() - known:
-            raise KeyError(
-                f"metric {min(unknown)!r} has no description in rlcas_jax.metrics.METRICS"
-            )
+        for name in row:
+            if name not in METRICS and not name.startswith((OF_REWARDS, OF_ALGORITHM)):
+                raise KeyError(f"metric {name!r} has no description in rlcas_jax.metrics.METRICS")
         figures = {name: _number(name, value) for name, value in row.items()}
         self._file.write(json.dumps(figures) + "\n")
         self._file.flush()

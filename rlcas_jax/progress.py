@@ -27,9 +27,13 @@ class Reporter(Progress):
         super().__init__("steps", quiet=quiet, silence_s=10.0, stream=stream, clock=clock)
         self._name = name
         self._evaluated: float | None = None
+        self._compiled = False
 
     def update(self, row: Mapping[str, float]) -> None:
-        """Take the figures of an update (names as in :data:`rlcas_jax.metrics.METRICS`)."""
+        """Take the figures of an update (names as in :data:`rlcas_jax.metrics.METRICS`).
+
+        The first one is not shown unless it is the last: compiling took most of its time.
+        """
         self._evaluated = row.get("eval_success", self._evaluated)
         shown = [self._name] if self._name else []
         shown.append(f"{spaced(round(row['steps_per_s']))} steps/s")
@@ -38,4 +42,8 @@ class Reporter(Progress):
             shown += [f"score {row['score']:+.1f}", f"success {100.0 * row['success']:.1f} %"]
         if self._evaluated is not None:
             shown.append(f"deterministic {100.0 * self._evaluated:.1f} %")
-        self.show(row["step"], ", ".join(shown), row["steps_per_s"])
+        if self._compiled:
+            self.show(row["step"], ", ".join(shown), row["steps_per_s"])
+        else:
+            self._compiled = True
+            self.begin_measuring(row["step"], ", ".join(shown))

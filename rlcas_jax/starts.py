@@ -4,26 +4,26 @@ requires.
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import PRNGKeyArray
 
 from envs import surrogate
 from envs.encounters import Scenario
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.fleet import fleet, of_fleet
+from rlcas_jax.ownships import ownships, scenarios_for
 
 
 def draw(
-    key: jax.Array, config: TrainConfig, scenarios: list[Scenario], rows: int
+    key: PRNGKeyArray, config: TrainConfig, scenarios: list[Scenario], rows: int
 ) -> surrogate.State:
     """Return encounters of a configuration's scenarios at their start, ``[rows, environments]``."""
     total = sum(entry.weight for entry in config.scenarios)
     weights = [entry.weight / total for entry in config.scenarios]
-    flown_by, count = fleet(config), config.ppo.environments
-    pool = surrogate.redraw_pool(
-        key, of_fleet(scenarios, flown_by, config, rows), weights, rows, count
-    )
-    if flown_by.other.any():
+    flying, count = ownships(config), config.ppo.environments
+    fitting = scenarios_for(flying, scenarios, config, rows)
+    pool = surrogate.redraw_pool(key, fitting, weights, rows, count)
+    if flying.of_family.any():
         # A start that took another's place may be of another aircraft.
-        limits = flown_by.limits
+        limits = flying.limits
         flyable = jnp.clip(pool.own.speed, limits.speed_min, limits.speed_max)
         pool = pool._replace(own=pool.own._replace(speed=flyable))
     required = None  # that of the rules

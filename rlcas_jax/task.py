@@ -3,47 +3,54 @@ everything.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 from jax.sharding import PartitionSpec
+from jaxtyping import Array, Bool, Float, Int, Int32, PRNGKeyArray, Shaped, UInt32
 
 from agents.config.load import ConfigError
-from agents.learning import ppo
-from agents.learning.networks import Actor, Critic, NetworkInput, derived
+from agents.learning.algorithm import Algorithm
+from agents.learning.networks import NetworkInput, derive
 from agents.policy.scene import scene
-from agents.policy.set_features import InputTable, set_inputs
+from agents.policy.set_features import set_inputs
 from envs import surrogate
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.outcome import Outcome, Rules
 from envs.rewards import TERMS, Transition, learning_reward
 from envs.world import perceived
+from rlcas_jax.algorithm import actor_of, algorithm_of
 from rlcas_jax.collect import Environment, Step, collect
-from rlcas_jax.config import TrainConfig
+from rlcas_jax.config import NetworkConfig, TrainConfig
 from rlcas_jax.devices import AXIS, Devices
-from rlcas_jax.fleet import fleet
+from rlcas_jax.metrics import OF_REWARDS, logged_name
+from rlcas_jax.ownships import Ownships, ownships
 from rlcas_jax.starts import draw, noisy
+
+Figures = dict[str, Float[Array, ""]]
+"""What an update logs, by name."""
 
 
 class TrainState(NamedTuple):
     """Everything that a resumed run needs to go on exactly as an uninterrupted one."""
 
-    learner: ppo.LearnerState
+    learner: Any  # the algorithm's own, with a field actor
     environment: surrogate.State
-    key: jax.Array  # raw key data, so that it is an array like any other
-    update: jax.Array  # number of updates done
+    key: UInt32[Array, " W"]  # raw key data, so that it is an array like any other
+    update: Int32[Array, ""]  # number of updates done
 
 
 class Task(NamedTuple):
     """The compiled functions of a configuration."""
 
     initial: Callable[[], TrainState]
-    update: Callable[[TrainState], tuple[TrainState, dict[str, jax.Array]]]  # donates its argument
-    evaluate: Callable[
-        [Any, Encounter], Outcome
-    ]  # (actor, starts [N]) -> how they end by its means
+    update: Callable[[TrainState], tuple[TrainState, Figures]]  # donates its argument
+    # (variables of the actor, starts [N]) -> how they end by its means
+    evaluate: Callable[[Any, Encounter], Outcome]
     updates: int
     steps_per_update: int
     rules: Rules  # of the task itself, by which policies are evaluated
@@ -52,6 +59,41 @@ class Task(NamedTuple):
     def shapes(self) -> Any:
         """Return shapes and dtypes of the state as a :class:`TrainState`."""
         return jax.eval_shape(self.initial)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What the functions of a task are made of."""
+
+    config: TrainConfig
+    phase: int
+    algorithm: Algorithm
+    world: surrogate.World
+    scenarios: list[Scenario]
+    ownships: Ownships
+    axis: str | None  # name of the devices' axis; None on one device
+
+    @property
+    def updates(self) -> int:
+        """Updates of the phase."""
+        return max(1, self.config.steps // self.config.ppo.samples)
+
+
+class _Draws(NamedTuple):
+    """What is drawn for an update, and the ownships, which are split over the devices alike."""
+
+    pool: surrogate.State  # starts, [rows, N]
+    noise: Float[Array, "T N 2"]  # of the actions
+    observe_key: PRNGKeyArray
+    shuffle_key: PRNGKeyArray
+    ownships: Ownships
+
+
+_Flying = tuple[Any, surrogate.State]
+"""The algorithm's state, and that of the encounters."""
+
+_Iteration = Callable[[_Flying, _Draws, Float[Array, ""]], tuple[_Flying, Figures]]
+"""One rollout and what is learned from it, with a learning rate."""
 
 
 def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -> Task:
@@ -63,147 +105,164 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     """
     devices = Devices(None) if devices is None else devices
     _check_split(config, devices.count)
-    settings = ppo_settings(config)
-    network = config.network
-    hidden, encoder = tuple(network.hidden), tuple(network.encoder)
-    feature_set, inputs = network.feature_set, network.input_table()
-    actor = Actor(hidden, feature_set, encoder=encoder)
-    parts = ppo.learner(actor, Critic(hidden, feature_set, encoder), settings)._replace(
-        axis=devices.axis
+    parts = _Parts(
+        config=config,
+        phase=phase,
+        algorithm=algorithm_of(config, devices.axis),
+        world=surrogate.World(config.rules(), config.aircraft.aircraft()),
+        scenarios=config.drawn(),
+        ownships=ownships(config),
+        axis=devices.axis,
     )
-    world = surrogate.World(config.rules(), config.aircraft.aircraft())
-    scenarios, flown_by = config.drawn(), fleet(config)
-    count, steps, axis = config.ppo.environments, config.ppo.rollout, devices.axis
-    updates = max(1, config.steps // (count * steps))
-
-    def initial() -> TrainState:
-        seeded = jax.random.key(config.seed)
-        seeded = jax.random.fold_in(seeded, phase) if phase else seeded
-        learner_key, start_key, key = jax.random.split(seeded, 3)
-        environment = jax.tree.map(lambda a: a[0], draw(start_key, config, scenarios, 1))
-        first = jax.tree.map(lambda a: a[:1], environment)
-        learner = ppo.initial_state(
-            parts, learner_key, seen(first, world.aircraft, feature_set, inputs)
-        )
-        return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
-
-    def iterate(state: Any, drawn: _Drawn, rate: jax.Array) -> tuple[Any, dict[str, jax.Array]]:
-        """Roll out and learn; on several devices with the encounters of one of them."""
-        learner, flying = state
-        flying_in = world._replace(
-            rules=world.rules._replace(t_max=config.world.time_share * world.rules.t_max)
-        )
-        if flown_by.other.any():
-            flying_in = flying_in._replace(
-                aircraft=world.aircraft._replace(limits=drawn.fleet.limits)
-            )
-        environment = _training_environment(config, flying_in, drawn.pool, scenarios)
-        key = (
-            drawn.observe_key
-            if axis is None
-            else jax.random.fold_in(drawn.observe_key, jax.lax.axis_index(axis))
-        )
-        flown, samples, statistics, figures = collect(
-            learner,
-            flying,
-            drawn.noise,
-            key,
-            environment,
-            parts,
-            config.ppo.discount,
-            config.ppo.gae_lambda,
-        )
-        learner, learned = ppo.update(learner, samples, drawn.shuffle_key, rate, parts, settings)
-        learned |= _episodes(statistics, count * steps, axis)
-        learned |= _rewards(statistics, config, count * steps, axis)
-        return (learner, flown), figures | learned
-
-    if devices.mesh is not None:
-        whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
-        drawn_specs = _Drawn(second, second, whole, whole, split)
-        # Without the check of what varies: it would add up the gradients before they can be
-        # averaged by name.
-        iterate = jax.shard_map(
-            iterate,
-            mesh=devices.mesh,
-            in_specs=((whole, split), drawn_specs, whole),
-            out_specs=((whole, split), whole),
-            check_vma=False,
-        )
-
-    def update(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
-        pool_key, rollout_key, shuffle_key, key = jax.random.split(
-            jax.random.wrap_key_data(state.key), 4
-        )
-        noise_key, observe_key = jax.random.split(rollout_key)
-        pool = draw(pool_key, config, scenarios, config.pool_rows)
-        noise = jax.random.normal(noise_key, (steps, count, 2))
-        done = state.update.astype(jnp.float32) / updates
-        rate = (
-            config.ppo.learning_rate
-            + (config.ppo.learning_rate_final - config.ppo.learning_rate) * done
-        )
-        drawn = _Drawn(pool, noise, observe_key, shuffle_key, jax.tree.map(jnp.asarray, flown_by))
-        (learner, flown), figures = iterate((state.learner, state.environment), drawn, rate)
-        finite = jax.tree.reduce(
-            jnp.logical_and, jax.tree.map(lambda p: jnp.all(jnp.isfinite(p)), learner)
-        )
-        std = jnp.exp(learner.actor["params"]["log_std"])
-        figures |= {
-            "learning_rate": rate,
-            "std_acceleration": std[0],
-            "std_yaw_rate": std[1],
-            "finite": jnp.logical_and(finite, jnp.isfinite(figures["loss"])),
-        }
-        return TrainState(learner, flown, jax.random.key_data(key), state.update + 1), figures
-
-    def evaluate(actor_variables: Any, encounter: Encounter) -> Outcome:
-        def policy(state: surrogate.State) -> jax.Array:
-            observation = seen(state, world.aircraft, feature_set, inputs)
-            return actor.apply(actor_variables, observation)[0]
-
-        return fly(policy, encounter, world)
-
-    placed: Any = None
-    if devices.mesh is not None:
-        whole_tree: Any = devices.whole()
-        placed = TrainState(whole_tree, cast(Any, devices.split()), whole_tree, whole_tree)
+    iterate = _split_over(devices, partial(_iterate, parts))
+    placed = _placement(devices)
     return Task(
-        jax.jit(initial, out_shardings=placed),
-        jax.jit(
-            update,
+        initial=jax.jit(partial(_initial, parts), out_shardings=placed),
+        update=jax.jit(
+            partial(_update, parts, iterate),
             donate_argnums=0,
             out_shardings=None if placed is None else (placed, devices.whole()),
         ),
-        jax.jit(evaluate),
-        updates,
-        count * steps,
-        world.rules,
-        placed,
+        evaluate=jax.jit(partial(_evaluate, parts)),
+        updates=parts.updates,
+        steps_per_update=config.ppo.samples,
+        rules=parts.world.rules,
+        placed=placed,
     )
 
 
-class _Drawn(NamedTuple):
-    """What is drawn for an update."""
+def _initial(parts: _Parts) -> TrainState:
+    """Return the state at the start of a phase."""
+    config = parts.config
+    key = jax.random.key(config.seed)
+    if parts.phase > 0:
+        key = jax.random.fold_in(key, parts.phase)
+    learner_key, start_key, key = jax.random.split(key, 3)
+    environment = jax.tree.map(lambda a: a[0], draw(start_key, config, parts.scenarios, 1))
+    first = jax.tree.map(lambda a: a[:1], environment)
+    blank = network_input(first, parts.world.aircraft, config.network)
+    learner = parts.algorithm.init(learner_key, blank)
+    return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
 
-    pool: Any  # starts, [rows, N]
-    noise: Any  # of the actions, [T, N, 2]
-    observe_key: Any
-    shuffle_key: Any
-    fleet: Any  # the ownships
+
+def _update(parts: _Parts, iterate: _Iteration, state: TrainState) -> tuple[TrainState, Figures]:
+    """Draw, fly and learn once."""
+    draws, key = _draw(parts, state.key)
+    rate = _learning_rate(parts, state.update)
+    (learner, flying), figures = iterate((state.learner, state.environment), draws, rate)
+    std = jnp.exp(learner.actor["params"]["log_std"])
+    figures |= {
+        "learning_rate": rate,
+        "std_acceleration": std[0],
+        "std_yaw_rate": std[1],
+        "finite": _finite(learner, figures),
+    }
+    return TrainState(learner, flying, jax.random.key_data(key), state.update + 1), figures
 
 
-def ppo_settings(config: TrainConfig) -> ppo.PpoSettings:
-    """Return the settings of the algorithm under a configuration."""
-    of = config.ppo
-    return ppo.PpoSettings(
-        epochs=of.epochs,
-        minibatches=of.minibatches,
-        segment=of.segment,
-        clip=of.clip,
-        entropy=of.entropy,
-        bound=of.bound,
+def _draw(parts: _Parts, key_data: UInt32[Array, " W"]) -> tuple[_Draws, PRNGKeyArray]:
+    """Draw what an update needs; return it and the key of the next one."""
+    config = parts.config
+    pool_key, rollout_key, shuffle_key, key = jax.random.split(
+        jax.random.wrap_key_data(key_data), 4
     )
+    noise_key, observe_key = jax.random.split(rollout_key)
+    pool = draw(pool_key, config, parts.scenarios, config.pool_rows)
+    noise = jax.random.normal(noise_key, (config.ppo.rollout, config.ppo.environments, 2))
+    flying = jax.tree.map(jnp.asarray, parts.ownships)
+    return _Draws(pool, noise, observe_key, shuffle_key, flying), key
+
+
+def _learning_rate(parts: _Parts, update: Int32[Array, ""]) -> Float[Array, ""]:
+    """Return the learning rate of an update: it changes linearly over the phase."""
+    first, final = parts.config.ppo.learning_rate, parts.config.ppo.learning_rate_final
+    done = update.astype(jnp.float32) / parts.updates
+    return first + (final - first) * done
+
+
+def _finite(learner: Any, figures: Figures) -> Bool[Array, ""]:
+    """Return whether all that was learned, and the loss if there is one, is finite."""
+    leaves = jax.tree.map(lambda leaf: jnp.all(jnp.isfinite(leaf)), learner)
+    finite = jax.tree.reduce(jnp.logical_and, leaves)
+    return jnp.logical_and(finite, jnp.isfinite(figures.get("loss", 0.0)))
+
+
+def _iterate(
+    parts: _Parts, state: _Flying, draws: _Draws, rate: Float[Array, ""]
+) -> tuple[_Flying, Figures]:
+    """Roll out and learn; on several devices with the encounters of one of them."""
+    learner, flying = state
+    environment = _training_environment(
+        parts.config, _training_world(parts, draws.ownships), draws.pool, parts.scenarios
+    )
+    key = draws.observe_key
+    if parts.axis is not None:
+        key = jax.random.fold_in(key, jax.lax.axis_index(parts.axis))
+    flying, rollout, statistics = collect(
+        parts.algorithm, learner, environment, flying, draws.noise, key
+    )
+    learner, learned = parts.algorithm.update(learner, rollout, draws.shuffle_key, rate)
+    samples = parts.config.ppo.samples
+    figures = {logged_name(name): value for name, value in learned.items()}
+    figures |= _episodes(statistics, samples, parts.axis)
+    figures |= _rewards(statistics, parts.config, samples, parts.axis)
+    return (learner, flying), figures
+
+
+def _training_world(parts: _Parts, flying: Ownships) -> surrogate.World:
+    """Return the world in which training flies: with less time, and the ownships of the
+    environments.
+    """
+    rules, aircraft = parts.world.rules, parts.world.aircraft
+    rules = rules._replace(t_max=parts.config.world.time_share * rules.t_max)
+    if parts.ownships.of_family.any():
+        aircraft = aircraft._replace(limits=flying.limits)
+    return parts.world._replace(rules=rules, aircraft=aircraft)
+
+
+def _evaluate(parts: _Parts, actor_variables: Any, starts: Encounter) -> Outcome:
+    """Return how encounters ``[N]`` end by the actor's mean action."""
+    network, aircraft = parts.config.network, parts.world.aircraft
+    actor = actor_of(network)
+
+    def policy(state: surrogate.State) -> Float[Array, "N 2"]:
+        applied: Any = actor.apply(actor_variables, network_input(state, aircraft, network))
+        return applied[0]
+
+    return fly(policy, starts, parts.world)
+
+
+def _split_over(devices: Devices, iterate: _Iteration) -> _Iteration:
+    """Return the iteration with the encounters split over the devices; what is learned is the same
+    on all.
+    """
+    if devices.mesh is None:
+        return iterate
+    whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
+    draws = _Draws(
+        pool=cast(Any, second),
+        noise=cast(Any, second),
+        observe_key=cast(Any, whole),
+        shuffle_key=cast(Any, whole),
+        ownships=cast(Any, split),
+    )
+    # Without the check of what varies: it would add up the gradients before they can be averaged
+    # by name.
+    return jax.shard_map(
+        iterate,
+        mesh=devices.mesh,
+        in_specs=((whole, split), draws, whole),
+        out_specs=((whole, split), whole),
+        check_vma=False,
+    )
+
+
+def _placement(devices: Devices) -> Any:
+    """Return where the arrays of a state belong, as a :class:`TrainState`; None on one device."""
+    if devices.mesh is None:
+        return None
+    whole: Any = devices.whole()
+    return TrainState(whole, cast(Any, devices.split()), whole, whole)
 
 
 def _check_split(config: TrainConfig, devices: int) -> None:
@@ -221,30 +280,31 @@ def _check_split(config: TrainConfig, devices: int) -> None:
             raise ConfigError(f"ppo.{name} is {value}; expected a multiple of {what}")
 
 
-def seen(
+def network_input(
     state: surrogate.State,
     aircraft: Aircraft,
-    feature_set: str,
-    inputs: InputTable,
-    noise: jax.Array | None = None,
+    network: NetworkConfig,
+    noise: Float[Array, "4 N K"] | None = None,
 ) -> NetworkInput:
-    """Return what networks with a feature set take of encounters ``[N]``.
+    """Return what the networks take of encounters ``[N]`` with K intruders.
 
-    The aircraft's limits are floats or ``[N]``; noise is of the reports, standard normal ``[4, N,
-    K]``, or None.
+    The aircraft's limits are floats or ``[N]``; the noise of the reports is standard normal, or
+    None.
     """
-    if feature_set != "set":
-        return derived(surrogate.observe(state, aircraft, noise), feature_set)
+    if network.feature_set != "set":
+        return derive(surrogate.observe(state, aircraft, noise), network.feature_set)
     intruders = perceived(state, noise, aircraft.dt, jnp)
     where = (state.goal_x, state.goal_y, aircraft.limits, aircraft.separation)
+    inputs = network.input_table()
     return set_inputs(scene(state.own, intruders, state.mask, *where, jnp), jnp, inputs)
 
 
 def fly(
-    policy: Callable[[surrogate.State], jax.Array], encounter: Encounter, world: surrogate.World
+    policy: Callable[[surrogate.State], Float[Array, "N 2"]],
+    encounter: Encounter,
+    world: surrogate.World,
 ) -> Outcome:
-    """Fly encounters ``[N]`` to their end with a deterministic policy, states -> actions ``[N,
-    2]``.
+    """Fly encounters ``[N]`` to their end with a deterministic policy, states -> actions.
 
     The time limit must be a whole number of steps, known when this is compiled.
     """
@@ -271,14 +331,13 @@ def _training_environment(
     """Return the surrogate with the scaled table of rewards; an encounter that ends restarts from
     the pool's row.
     """
-    network, inputs = config.network, config.network.input_table()
     rewards, discount, scale = config.rewards.table(), config.ppo.discount, config.ppo.reward_scale
 
-    def observe(state: surrogate.State, key: jax.Array) -> NetworkInput:
+    def observe(state: surrogate.State, key: PRNGKeyArray) -> NetworkInput:
         noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
-        return seen(state, world.aircraft, network.feature_set, inputs, noise)
+        return network_input(state, world.aircraft, config.network, noise)
 
-    def step(state: surrogate.State, action: jax.Array) -> tuple[surrogate.State, Step]:
+    def step(state: surrogate.State, action: Float[Array, "N 2"]) -> tuple[surrogate.State, Step]:
         command = action[:, 0], action[:, 1]
         following, result = surrogate.step(state, command, world)
         moved = Transition(state, following, command, result, world.aircraft)
@@ -289,7 +348,7 @@ def _training_environment(
         statistics = _Statistics(result.reward, result.outcome, own)
         return following, Step(reward, following.ended, statistics)
 
-    def restart(state: surrogate.State, index: jax.Array) -> surrogate.State:
+    def restart(state: surrogate.State, index: Int[Array, ""]) -> surrogate.State:
         return surrogate.restart(
             state, jax.tree.map(lambda rows: rows[index % config.pool_rows], pool)
         )
@@ -298,37 +357,38 @@ def _training_environment(
 
 
 class _Statistics(NamedTuple):
-    """Of the steps of a rollout, ``[T, N]``."""
+    """Of the steps of a rollout."""
 
-    sparse: jax.Array  # reward of the task, points
-    outcome: Outcome
-    own: dict[str, jax.Array]  # what each term of the user's own adds to the scaled reward
+    sparse: Float[Array, "T N"]  # reward of the task, points
+    outcome: Outcome  # [T, N]
+    own: dict[str, Float[Array, "T N"]]  # what each term of the user's own adds, scaled
 
 
-def _rewards(
-    of: _Statistics, config: TrainConfig, steps: int, axis: str | None
-) -> dict[str, jax.Array]:
+def _rewards(of: _Statistics, config: TrainConfig, steps: int, axis: str | None) -> Figures:
     """Return what rows of the table of rewards gave a time step of the rollout, points: those of
     the task, and of the user's own.
     """
-    ends = {"violation": of.outcome.violation, "goal": of.outcome.reached}
-    ends |= {"timeout": of.outcome.timeout}
-    rows = config.rewards.table().rows
-    weights = {row.name: row.weight for row in rows if row.name in ends}
-    sums = {name: weight * _sum(ends[name], axis) for name, weight in weights.items()}
-    sums |= {name: _sum(values, axis) / config.ppo.reward_scale for name, values in of.own.items()}
-    return {f"reward_{name}": total / steps for name, total in sums.items()}
+    ends = {
+        "violation": of.outcome.violation,
+        "goal": of.outcome.reached,
+        "timeout": of.outcome.timeout,
+    }
+    rows = [row for row in config.rewards.table().rows if row.name in ends]
+    sums = {row.name: row.weight * _sum(ends[row.name], axis) for row in rows}
+    scale = config.ppo.reward_scale
+    sums |= {name: _sum(values, axis) / scale for name, values in of.own.items()}
+    return {f"{OF_REWARDS}{name}": total / steps for name, total in sums.items()}
 
 
-def _sum(values: jax.Array, axis: str | None) -> jax.Array:
+def _sum(values: Shaped[Array, "T N"], axis: str | None) -> Shaped[Array, ""]:
     return jnp.sum(values) if axis is None else jax.lax.psum(jnp.sum(values), axis)
 
 
-def _episodes(of: _Statistics, steps: int, axis: str | None) -> dict[str, jax.Array]:
+def _episodes(of: _Statistics, steps: int, axis: str | None) -> Figures:
     """Return the sums over the episodes that ended in the rollout; not-a-number where none did."""
     reward, outcome = of.sparse, of.outcome
 
-    def total(values: jax.Array) -> jax.Array:
+    def total(values: Shaped[Array, "T N"]) -> Shaped[Array, ""]:
         return _sum(values, axis)
 
     episodes = total(outcome.ended(jnp))

@@ -10,22 +10,20 @@ import jax.numpy as jnp
 
 from agents.config.load import ConfigError
 from agents.learning.export import variables
-from agents.learning.ppo import LearnerState
 from agents.policy import file as policy_file
 from rlcas_jax import checkpoint
 from rlcas_jax.config import TrainConfig
 
 
-def warm_learner(config: TrainConfig, shapes: Any) -> Any:
-    """Return the networks and the optimiser that ``warm_start`` names, as a
-    :class:`~agents.learning.ppo.LearnerState`.
+def warm_learner(config: TrainConfig, shapes: Any) -> dict[str, Any]:
+    """Return the parts of the algorithm's state that ``warm_start`` names, by their field.
 
-    Of a policy file only the actor is taken: critic and optimiser are None, as the training makes
-    them afresh.
+    Of a run or a checkpoint that is all of it, of a policy file the actor alone: the training makes
+    the rest, such as critic and optimiser, afresh.
 
     Args:
         config: of the training that begins; ``warm_start`` is not None.
-        shapes: of that training's networks and optimiser.
+        shapes: of that training's algorithm's state.
 
     Raises:
         CheckpointError: there is no such run or checkpoint, it is not whole, or of other networks.
@@ -36,7 +34,7 @@ def warm_learner(config: TrainConfig, shapes: Any) -> Any:
     if source.is_dir():
         source = checkpoint.latest(source / "checkpoints")
     if not policy_file.claims(source):
-        return checkpoint.restore(source, shapes, "learner")
+        return checkpoint.restore(source, shapes, "learner")._asdict()
     try:
         policy = policy_file.read(source)
     except policy_file.PolicyFileError as problem:
@@ -52,4 +50,4 @@ def warm_learner(config: TrainConfig, shapes: Any) -> Any:
             raise ConfigError(
                 f"warm_start: {source} has network.{key} {has}; expected {wanted} as configured"
             )
-    return LearnerState(jax.tree.map(jnp.asarray, variables(policy.actor)), None, None)
+    return {"actor": jax.tree.map(jnp.asarray, variables(policy.actor))}

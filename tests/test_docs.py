@@ -27,6 +27,7 @@ SLOW = ("docs/explanation/resolvability.md",)
 LIBRARIES = {
     "docs/tutorial/first-report.md": ("gymnasium",),
     "docs/howto/gymnasium.md": ("gymnasium", "jax"),
+    "docs/howto/own-algorithm.md": ("jax",),
     "docs/explanation/aircraft.md": ("jsbsim",),
 }
 

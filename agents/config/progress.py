@@ -51,6 +51,13 @@ class Progress:
             self._live.start()
         return self
 
+    def begin_measuring(self, done: float, figures: str) -> None:
+        """Take how far it came while it got ready, such as by compiling, which says nothing of the
+        time left; the figures are shown only where no others follow.
+        """
+        self._origin = done, self._clock()
+        self._unsaid = f"{self._done(done)}, {figures}"
+
     def show(self, done: float, figures: str, rate: float) -> None:
         """Take how far it has come, with figures, and how many units a second are done at
         present.

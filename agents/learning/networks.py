@@ -7,6 +7,7 @@ import math
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
+from jaxtyping import Array, Float
 
 from agents.policy.features import features, mirror_sign
 from agents.policy.set_features import SetInputs
@@ -16,7 +17,7 @@ NetworkInput = jax.Array | SetInputs
 observations of one intruder ``[..., 8]``, or the inputs derived from those (``each`` is None)."""
 
 
-def derived(observation: NetworkInput, feature_set: str) -> SetInputs:
+def derive(observation: NetworkInput, feature_set: str) -> SetInputs:
     """Return the inputs that a feature set derives of observations ``[..., 8]``; inputs that are
     derived already are returned as they are.
     """
@@ -42,9 +43,9 @@ class Trunk(nn.Module):
     encoder: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, seen: SetInputs) -> jax.Array:
-        """Map inputs ``[..., F]``, and those of intruders ``[..., K, E]``, to ``[...,
-        outputs]``.
+    def __call__(self, seen: SetInputs) -> Float[Array, "... outputs"]:
+        """Map what describes the ownship, ``[..., F]``, and each intruder, ``[..., K, E]``, to the
+        outputs.
         """
 
         def layer(x: jax.Array, width: int, name: str) -> jax.Array:
@@ -78,11 +79,13 @@ class Actor(nn.Module):
     encoder: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, network_input: NetworkInput) -> tuple[jax.Array, jax.Array]:
-        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action for an input
-        with leading axes ``[...]``.
+    def __call__(
+        self, network_input: NetworkInput
+    ) -> tuple[Float[Array, "... 2"], Float[Array, " 2"]]:
+        """Return mean and log standard deviation of the action for an input with leading axes
+        ``[...]``.
         """
-        seen = derived(network_input, self.feature_set)
+        seen = derive(network_input, self.feature_set)
         mean = Trunk(self.hidden, 2, 0.01, self.encoder, name="trunk")(seen)
         mean = mean * jnp.stack([jnp.ones_like(seen.mirror_sign), seen.mirror_sign], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))
@@ -97,7 +100,7 @@ class Critic(nn.Module):
     encoder: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, network_input: NetworkInput) -> jax.Array:
-        """Return the value ``[...]`` of an input with leading axes ``[...]``."""
-        seen = derived(network_input, self.feature_set)
+    def __call__(self, network_input: NetworkInput) -> Float[Array, "..."]:
+        """Return the value of an input with leading axes ``[...]``."""
+        seen = derive(network_input, self.feature_set)
         return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(seen)[..., 0]

@@ -12,7 +12,9 @@ import jax
 import jax.numpy as jnp
 import optax
 from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float, PRNGKeyArray
 
+from agents.learning.algorithm import Rollout, Setup
 from agents.learning.networks import Actor, Critic, NetworkInput
 
 _LOG_SQRT_TWO_PI = 0.9189385332046727
@@ -26,13 +28,17 @@ class PpoSettings:
     minibatches: int = 32
     # steps that stay together when a rollout is shuffled; sorting single ones is slow on a CPU
     segment: int = 16
+    discount: float = 0.995
+    gae_lambda: float = 0.95
     clip: float = 0.2
+    value: float = 0.5
+    """Weight of the value loss."""
     entropy: float = 0.0
-    bound: float = 0.0
+    """Weight of the entropy bonus."""
+    action_bound_coef: float = 0.0
     """Weight of what the mean action is beyond [-1, 1]: there it is clipped, and noise around it
     teaches nothing.
     """
-    value: float = 0.5
     max_grad_norm: float = 0.5
     adam_epsilon: float = 1e-5
     normalize_advantage: bool = True
@@ -46,15 +52,17 @@ class Learner(NamedTuple):
     optimizer: optax.GradientTransformation
     axis: str | None = None  # name of the devices' axis inside shard_map; None on one device
 
-    def policy(self, variables: Any, observation: NetworkInput) -> tuple[jax.Array, jax.Array]:
-        """Return mean ``[..., 2]`` and log standard deviation ``[2]`` of the action for inputs with
-        leading axes ``[...]``.
+    def policy(
+        self, variables: Any, observation: NetworkInput
+    ) -> tuple[Float[Array, "... 2"], Float[Array, " 2"]]:
+        """Return mean and log standard deviation of the action for network inputs with leading axes
+        ``[...]``.
         """
         applied: Any = self.actor.apply(variables, observation)
         return applied
 
-    def value(self, variables: Any, observation: NetworkInput) -> jax.Array:
-        """Return the value ``[...]`` of inputs with leading axes ``[...]``."""
+    def value(self, variables: Any, observation: NetworkInput) -> Float[Array, "..."]:
+        """Return the values of network inputs with leading axes ``[...]``."""
         applied: Any = self.critic.apply(variables, observation)
         return applied
 
@@ -71,10 +79,10 @@ class Batch(NamedTuple):
     """Samples for the losses; leading axes are free."""
 
     observation: NetworkInput  # of the networks
-    action: jax.Array  # as drawn, before it is clipped to the limits, [..., 2]
-    log_prob: jax.Array  # of that action under the policy that drew it, [...]
-    advantage: jax.Array
-    target: jax.Array  # return that the critic is fitted to, [...]
+    action: Float[Array, "... 2"]  # as drawn, before it is clipped to the limits
+    log_prob: Float[Array, "..."]  # of that action under the policy that drew it
+    advantage: Float[Array, "..."]
+    target: Float[Array, "..."]  # return that the critic is fitted to
 
 
 def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
@@ -102,7 +110,43 @@ def _clip_apart(norm: float) -> optax.GradientTransformation:
     return optax.GradientTransformation(clip.init, apart)
 
 
-def initial_state(parts: Learner, key: jax.Array, blank: NetworkInput) -> LearnerState:
+class Ppo(NamedTuple):
+    """PPO as a training takes it (:class:`agents.learning.algorithm.Algorithm`)."""
+
+    parts: Learner
+    settings: PpoSettings
+
+    def init(self, key: PRNGKeyArray, blank: NetworkInput) -> LearnerState:
+        """Return fresh networks and a fresh optimiser."""
+        return initial_state(self.parts, key, blank)
+
+    def act(
+        self, state: LearnerState, observation: NetworkInput, noise: Float[Array, "N 2"]
+    ) -> tuple[Float[Array, "N 2"], Float[Array, "N 2"]]:
+        """Return an action drawn from the policy, and the policy's mean."""
+        mean, log_std = self.parts.policy(state.actor, observation)
+        return mean + jnp.exp(log_std) * noise, mean
+
+    def update(
+        self,
+        state: LearnerState,
+        rollout: Rollout,
+        key: PRNGKeyArray,
+        learning_rate: Float[Array, ""],
+    ) -> tuple[LearnerState, dict[str, Float[Array, ""]]]:
+        """Estimate advantages and improve both networks by some epochs over the rollout."""
+        batch, figures = samples(state, rollout, self.parts, self.settings)
+        state, learned = update(state, batch, key, learning_rate, self.parts, self.settings)
+        return state, figures | learned
+
+
+def ppo(setup: Setup, settings: PpoSettings) -> Ppo:
+    """Return the algorithm for the networks of a training."""
+    parts = learner(setup.actor, setup.critic, settings)
+    return Ppo(parts._replace(axis=setup.axis), settings)
+
+
+def initial_state(parts: Learner, key: PRNGKeyArray, blank: NetworkInput) -> LearnerState:
     """Initialise parameters and optimiser from a key; ``blank`` has the shapes of what the networks
     take.
     """
@@ -111,29 +155,53 @@ def initial_state(parts: Learner, key: jax.Array, blank: NetworkInput) -> Learne
     return LearnerState(actor, critic, parts.optimizer.init((actor, critic)))
 
 
-def gaussian_log_prob(action: jax.Array, mean: jax.Array, log_std: jax.Array) -> jax.Array:
+def samples(
+    state: LearnerState, rollout: Rollout, parts: Learner, settings: PpoSettings
+) -> tuple[Batch, dict[str, Float[Array, ""]]]:
+    """Return the samples of a rollout, leading axes ``[N, T]``, and how well the critic predicts
+    them.
+    """
+    mean, log_std = rollout.kept, state.actor["params"]["log_std"]
+    action = mean + jnp.exp(log_std) * rollout.noise
+    log_prob = gaussian_log_prob(action, mean, log_std)
+    # One wide product over the whole rollout instead of a narrow one per step.
+    value = parts.value(state.critic, rollout.observations)
+    value_t, value_tp1 = value[:-1], value[1:]
+    terminated = rollout.terminated.astype(value.dtype)
+    estimate = advantages(
+        rollout.reward, value_t, value_tp1, terminated, settings.discount, settings.gae_lambda
+    )
+    target = estimate + value_t
+    batch = Batch(rollout.observation, action, log_prob, estimate, target)
+    batch = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), batch)
+    return batch, {"explained_variance": explained_variance(value_t, target, parts.axis)}
+
+
+def gaussian_log_prob(
+    action: Float[Array, "*batch D"], mean: Float[Array, "*batch D"], log_std: Float[Array, " D"]
+) -> Float[Array, "*batch"]:
     """Return the log density of a diagonal Gaussian, summed over the last axis."""
     z = (action - mean) * jnp.exp(-log_std)
     return jnp.sum(-0.5 * z * z - log_std - _LOG_SQRT_TWO_PI, axis=-1)
 
 
-def gaussian_entropy(log_std: jax.Array) -> jax.Array:
+def gaussian_entropy(log_std: Float[Array, "*batch D"]) -> Float[Array, "*batch"]:
     """Return the entropy of a diagonal Gaussian, summed over the last axis, nats."""
     return jnp.sum(log_std + 0.5 + _LOG_SQRT_TWO_PI, axis=-1)
 
 
 def advantages(
-    reward_t: jax.Array,
-    value_t: jax.Array,
-    value_tp1: jax.Array,
-    terminated_t: jax.Array,
+    reward_t: Float[Array, "T N"],
+    value_t: Float[Array, "T N"],
+    value_tp1: Float[Array, "T N"],
+    terminated_t: Float[Array, "T N"],
     discount: float,
     gae_lambda: float,
-) -> jax.Array:
-    """Return generalised advantage estimates, ``[T, N]`` (Schulman et al. 2016), of which
-    ``gae_lambda`` is the decay.
+) -> Float[Array, "T N"]:
+    """Return generalised advantage estimates (Schulman et al. 2016), of which ``gae_lambda`` is the
+    decay.
 
-    Of each step, ``[T, N]``: its reward, the values of the observations before it and after it
+    Of each step: its reward, the values of the observations before it and after it
     (before any reset), and whether it ended the episode for good, after which nothing is worth
     anything.
     """
@@ -152,9 +220,9 @@ def advantages(
     return estimates
 
 
-def normalized(advantage: jax.Array, axis: str | None = None) -> jax.Array:
-    """Return the advantages of minibatches ``[B, M]``, each with mean 0 and standard deviation 1
-    over its samples.
+def normalize(advantage: Float[Array, "B M"], axis: str | None = None) -> Float[Array, "B M"]:
+    """Return the advantages of B minibatches, each with mean 0 and standard deviation 1 over its M
+    samples.
 
     The devices of an axis have a part of each minibatch's samples each, and get all moments in one
     message.
@@ -168,7 +236,7 @@ def losses(
     batch: Batch,
     parts: Learner,
     settings: PpoSettings,
-) -> tuple[jax.Array, dict]:
+) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """Return the scalar loss of a minibatch and its parts, means over this device's samples;
     advantages as given.
     """
@@ -188,7 +256,7 @@ def losses(
         policy_loss
         + settings.value * value_loss
         - settings.entropy * entropy
-        + settings.bound * beyond
+        + settings.action_bound_coef * beyond
     )
     return loss, {
         "loss": loss,
@@ -205,11 +273,11 @@ def losses(
 def update(
     state: LearnerState,
     rollout: Batch,
-    key: jax.Array,
-    learning_rate: jax.Array,
+    key: PRNGKeyArray,
+    learning_rate: Float[Array, ""],
     parts: Learner,
     settings: PpoSettings,
-) -> tuple[LearnerState, dict]:
+) -> tuple[LearnerState, dict[str, Float[Array, ""]]]:
     """Improve the networks by some epochs over a rollout.
 
     On several devices each shuffles and cuts up the encounters that it has flown; gradients and the
@@ -233,7 +301,7 @@ def update(
         gradient_of = jax.grad(partial(losses, parts=parts, settings=settings), has_aux=True)
         gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
         if parts.axis is not None:
-            gradient, parts_of_loss = _mean_of_devices((gradient, parts_of_loss), parts.axis)
+            gradient, parts_of_loss = mean_of_devices((gradient, parts_of_loss), parts.axis)
         direction, optimizer = parts.optimizer.update(gradient, carry.optimizer)
         networks = (carry.actor, carry.critic)
         actor, critic = jax.tree.map(lambda p, d: p - learning_rate * d, networks, direction)
@@ -246,7 +314,7 @@ def update(
         )
         advantage = rows.advantage[order].reshape(settings.minibatches, -1)
         if settings.normalize_advantage:
-            advantage = normalized(advantage, parts.axis)
+            advantage = normalize(advantage, parts.axis)
         return jax.lax.scan(minibatch, carry, (order, advantage))
 
     if parts.axis is not None:
@@ -255,7 +323,9 @@ def update(
     return state, {name: jnp.mean(values[-1]) for name, values in logged.items()}
 
 
-def explained_variance(value: jax.Array, target: jax.Array, axis: str | None = None) -> jax.Array:
+def explained_variance(
+    value: Float[Array, "*batch"], target: Float[Array, "*batch"], axis: str | None = None
+) -> Float[Array, ""]:
     """Return the share of the returns' variance that the critic explains, 1 at best; over all
     devices of an axis.
     """
@@ -265,7 +335,7 @@ def explained_variance(value: jax.Array, target: jax.Array, axis: str | None = N
     return 1.0 - jnp.square(left) / (jnp.square(whole) + 1e-8)
 
 
-def _mean_of_devices(tree: Any, axis: str) -> Any:
+def mean_of_devices(tree: Any, axis: str) -> Any:
     """Return the mean of a tree over the devices of an axis, by one message instead of one
     a leaf.
     """
@@ -273,7 +343,9 @@ def _mean_of_devices(tree: Any, axis: str) -> Any:
     return restored(jax.lax.pmean(flat, axis))
 
 
-def _moments(values: jax.Array, axis: str | None) -> tuple[jax.Array, jax.Array]:
+def _moments(
+    values: Float[Array, "*batch M"], axis: str | None
+) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
     """Return mean and standard deviation along the last axis, of all devices' values where there is
     an axis of them.
     """

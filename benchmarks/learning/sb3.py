@@ -24,7 +24,6 @@ from agents.policy import features
 from envs.gym.gymnasium_contract import action_space
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
 from envs.observation import SIZE
-from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
 
 __all__ = [
@@ -210,15 +209,14 @@ def numbers(config: TrainConfig, cell: Cell, activation: Any) -> dict[str, Any]:
         "gae_lambda": config.ppo.gae_lambda,
         "clip_range": config.ppo.clip,
         "ent_coef": config.ppo.entropy,
-        "vf_coef": 0.5
-        * task.ppo_settings(config).value,  # of the squared error, which our loss halves first
-        "max_grad_norm": task.ppo_settings(config).max_grad_norm,
-        "normalize_advantage": task.ppo_settings(config).normalize_advantage,
+        "vf_coef": 0.5 * config.ppo.value,  # of the squared error, which our loss halves first
+        "max_grad_norm": config.ppo.max_grad_norm,
+        "normalize_advantage": config.ppo.normalize_advantage,
         "policy_kwargs": {
             "net_arch": {"pi": hidden, "vf": hidden},
             "activation_fn": activation,
             "log_std_init": Actor.log_std_initial,
-            "optimizer_kwargs": {"eps": task.ppo_settings(config).adam_epsilon},
+            "optimizer_kwargs": {"eps": config.ppo.adam_epsilon},
         },
         "seed": config.seed,
         "device": "cpu",

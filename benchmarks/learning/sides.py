@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from agents.config.load import ConfigError
-from agents.learning.networks import derived
+from agents.learning.networks import derive
 from agents.policy import features
 from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning.curves import Flown
@@ -344,7 +344,7 @@ def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
     scenarios, rewards = config.drawn(), config.rewards.table()
 
     def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
-        inputs = derived(surrogate.observe(state, world.aircraft), feature_set)
+        inputs = derive(surrogate.observe(state, world.aircraft), feature_set)
         return inputs.mirror_sign, inputs.own
 
     def drawn(key: jax.Array) -> surrogate.State:

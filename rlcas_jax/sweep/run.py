@@ -195,9 +195,9 @@ def _trained(
 ) -> dict[str, Any]:
     """Train and evaluate in a run's own directory and return the summary."""
     from rlcas_jax.finish import finish
-    from rlcas_jax.loop import prepared, run
+    from rlcas_jax.loop import prepare, run
 
-    training = prepared(config, directory)
+    training = prepare(config, directory)
     directory.mkdir(parents=True, exist_ok=True)
     write_file(directory / "config.yaml", dump(config))
     done = run(training, watch, interrupt)

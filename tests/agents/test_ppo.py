@@ -5,7 +5,7 @@ shuffling.
 import itertools
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ from scipy import stats
 from agents.learning import ppo
 from agents.learning.networks import Actor, Critic
 from agents.learning.ppo import Batch, Learner, LearnerState, PpoSettings
-from rlcas_jax.collect import Environment, Step, collect
+from tests.probes import Probe, trained
 
 compiled_advantages = jax.jit(ppo.advantages)
 
@@ -173,7 +173,7 @@ def test_a_mean_action_beyond_its_limits_costs_its_square_by_hand() -> None:
     critic, steep = UNIT[1], {"gain": jnp.float32(3.0), "log_std": jnp.zeros(2)}
 
     def loss(bound: float) -> tuple[float, dict]:
-        return ppo.losses((steep, critic), batch, BY_HAND, PpoSettings(bound=bound))
+        return ppo.losses((steep, critic), batch, BY_HAND, PpoSettings(action_bound_coef=bound))
 
     assert float(loss(0.0)[1]["beyond_limits"]) == pytest.approx(beyond)
     assert float(loss(0.5)[0] - loss(0.0)[0]) == pytest.approx(0.5 * beyond, rel=1e-5)
@@ -184,7 +184,7 @@ def test_advantages_are_normalised_within_each_minibatch() -> None:
     """By hand: 1, 2, 6 have mean 3 and standard deviation sqrt(14/3); so have they shifted and
     scaled.
     """
-    found = ppo.normalized(jnp.array([[1.0, 2.0, 6.0], [107.0, 112.0, 132.0]]))
+    found = ppo.normalize(jnp.array([[1.0, 2.0, 6.0], [107.0, 112.0, 132.0]]))
     by_hand = np.array([-2.0, -1.0, 3.0]) / math.sqrt(14.0 / 3.0)
     np.testing.assert_allclose(found, [by_hand, by_hand], rtol=1e-4)
 
@@ -290,7 +290,7 @@ def test_each_networks_gradient_is_clipped_to_its_own_norm(small) -> None:
     parts = ppo.learner(parts.actor, parts.critic, once)
     after, logged = update(state, rollout, jax.random.key(1), 0.0, parts, once)
     samples = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), rollout)
-    samples = samples._replace(advantage=ppo.normalized(samples.advantage[None])[0])
+    samples = samples._replace(advantage=ppo.normalize(samples.advantage[None])[0])
     gradient, _ = jax.grad(ppo.losses, has_aux=True)(
         (state.actor, state.critic), samples, parts, once
     )
@@ -390,107 +390,27 @@ def test_explained_variance() -> None:
     assert float(ppo.explained_variance(-target, target)) == pytest.approx(-3.0)
 
 
-# Five probe environments that localise a defect of PPO: each needs one more part of it than the one
-# before.
-#
-# A probe's episode lasts one or two steps. Everything that differs between probes is data, so that
-# one compiled training loop serves all of them.
+# The probe environments.
 
-
-COUNT, PROBE_STEPS, UPDATES = 32, 16, 150
-PROBE_SETTINGS = ppo.PpoSettings(epochs=4, minibatches=4, segment=4)
+PROBE_SETTINGS = PpoSettings(epochs=4, minibatches=4, segment=4)
 PARTS = ppo.learner(Actor((16,), "none"), Critic((16,), "none"), PROBE_SETTINGS)
 
 
-class Probe(NamedTuple):
-    """An environment: what is seen, how long an episode lasts and what its last step pays."""
-
-    shows_sign: float = 0.0
-    """The first component of the observation is an episode's random sign."""
-    shows_clock: float = 0.0
-    """The second is the number of the step."""
-    length: float = 1.0
-    pays: float = 0.0
-    pays_sign: float = 0.0
-    target: float | None = None
-    """The action whose squared distance is paid for; None: any action will do."""
-    target_by_sign: float = 0.0
-    discount: float = 0.99
+def with_discount(discount: Any) -> ppo.Ppo:
+    return ppo.Ppo(PARTS, replace(PROBE_SETTINGS, discount=discount))
 
 
-class World(NamedTuple):
-    sign: jax.Array
-    clock: jax.Array
-    ended: jax.Array
-    key: jax.Array
-
-
-def environment(probe: Probe, cost: jax.Array) -> Environment:
-    def observe(world: World, key: jax.Array) -> jax.Array:
-        return jnp.stack([probe.shows_sign * world.sign, probe.shows_clock * world.clock], axis=-1)
-
-    def step(world: World, action: jax.Array) -> tuple[World, Step]:
-        clock = world.clock + 1.0
-        ended = clock >= probe.length
-        miss = action[:, 0] - probe.target - probe.target_by_sign * world.sign
-        reward = (
-            jnp.where(ended, probe.pays + probe.pays_sign * world.sign, 0.0) - cost * miss * miss
-        )
-        return world._replace(clock=clock, ended=ended), Step(reward, ended, None)
-
-    def restart(world: World, index: jax.Array) -> World:
-        key, draw = jax.random.split(world.key)
-        sign = jnp.where(jax.random.bernoulli(draw, 0.5, (COUNT,)), 1.0, -1.0)
-        return World(
-            jnp.where(world.ended, sign, world.sign),
-            jnp.where(world.ended, 0.0, world.clock),
-            jnp.zeros(COUNT, bool),
-            key,
-        )
-
-    return Environment(observe, step, restart)
-
-
-@jax.jit
-def trained(probe: Probe, cost: jax.Array) -> ppo.LearnerState:
-    """Return the learner after UPDATES updates with a learning rate that falls to 0."""
-    world = World(jnp.ones(COUNT), jnp.zeros(COUNT), jnp.ones(COUNT, bool), jax.random.key(0))
-
-    def one(
-        carry: tuple[ppo.LearnerState, World], index: jax.Array
-    ) -> tuple[tuple[ppo.LearnerState, World], None]:
-        state, world = carry
-        noise_key, observe_key, shuffle_key = jax.random.split(
-            jax.random.fold_in(jax.random.key(1), index), 3
-        )
-        noise = jax.random.normal(noise_key, (PROBE_STEPS, COUNT, 2))
-        world, samples, _, _ = collect(
-            state, world, noise, observe_key, environment(probe, cost), PARTS, probe.discount, 0.95
-        )
-        rate = 2e-2 * (1.0 - index / UPDATES)
-        return (
-            ppo.update(state, samples, shuffle_key, rate, PARTS, PROBE_SETTINGS)[0],
-            world,
-        ), None
-
-    begin = ppo.initial_state(PARTS, jax.random.key(2), jnp.zeros((1, 2))), world
-    return jax.lax.scan(one, begin, jnp.arange(UPDATES))[0][0]
-
-
-def solved(probe: Probe) -> tuple[ppo.LearnerState, np.ndarray]:
+def solved(probe: Probe) -> tuple[LearnerState, np.ndarray]:
     """Train on a probe and return the learner and its action's standard deviation."""
-    cost = 0.0 if probe.target is None else 1.0
-    state = trained(
-        jax.tree.map(jnp.float32, probe._replace(target=probe.target or 0.0)), jnp.float32(cost)
-    )
+    state = trained(with_discount, 150, 2e-2, probe)
     return state, np.exp(state.actor["params"]["log_std"])
 
 
-def value(state: ppo.LearnerState, *observation: float) -> float:
+def value(state: LearnerState, *observation: float) -> float:
     return float(PARTS.value(state.critic, np.float32(observation)))
 
 
-def action(state: ppo.LearnerState, *observation: float) -> float:
+def action(state: LearnerState, *observation: float) -> float:
     return float(PARTS.policy(state.actor, np.float32(observation))[0][0])
 
 

@@ -25,7 +25,7 @@ from rlcas_jax import checkpoint
 from rlcas_jax.checkpoint import CheckpointError, latest, restore, save
 from rlcas_jax.checkpoint import meta as stored_meta
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.loop import Run, prepared, run
+from rlcas_jax.loop import Run, prepare, run
 from rlcas_jax.progress import Reporter
 from rlcas_jax.train import main
 
@@ -240,7 +240,7 @@ TINY = [
 
 
 def trained(directory: Path, *overrides: str) -> Run:
-    training = prepared(load(TrainConfig, None, [*TINY, *overrides]), directory)
+    training = prepare(load(TrainConfig, None, [*TINY, *overrides]), directory)
     directory.mkdir()
     return run(training, Reporter(quiet=True))
 

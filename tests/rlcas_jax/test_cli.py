@@ -148,7 +148,7 @@ def test_a_key_that_the_phases_set_themselves_is_refused(tmp_path: Path):
         ):
             parse(["--set", phases, "--set", given, "--out", str(tmp_path / "out")])
     options = parse(["--set", phases, "--set", "phases.1.steps=7", "--out", str(tmp_path / "out")])
-    assert [phase.steps for phase in options.jobs[0].config.in_phases()] == [100, 7]
+    assert [phase.steps for phase in options.jobs[0].config.phase_configs()] == [100, 7]
 
 
 def test_help_lists_every_key_and_loads_nothing_heavy():
@@ -328,9 +328,32 @@ def test_before_the_first_episode_ends_there_is_no_score():
     stream = io.StringIO()
     reporter = Reporter(stream=stream, clock=Clock())
     reporter.start(100_000, 50_000)
+    reporter.update(row(55_000, score=math.nan))
     reporter.update(row(60_000, score=math.nan))
     reporter.stop()
     assert stream.getvalue() == "60 000 of 100 000 steps, 31 234 steps/s, 1 s left\n"
+
+
+def test_the_first_line_is_of_an_update_that_was_not_compiled():
+    """The first update takes 50 s, the others 1 s: 98 of them are left."""
+    stream, clock = io.StringIO(), Clock()
+    reporter = Reporter(stream=stream, clock=clock)
+    reporter.start(10_000)
+    clock.now += 50.0
+    reporter.update(row(100) | {"steps_per_s": 2.0})
+    assert stream.getvalue() == ""
+    clock.now += 1.0
+    reporter.update(row(200) | {"steps_per_s": 100.0})
+    assert stream.getvalue().endswith("100 steps/s, score +12.3, success 61.2 %, 1 min 38 s left\n")
+
+
+def test_a_run_of_one_update_shows_it():
+    stream = io.StringIO()
+    reporter = Reporter(stream=stream, clock=Clock())
+    reporter.start(100)
+    reporter.update(row(100))
+    reporter.stop()
+    assert stream.getvalue().startswith("100 of 100 steps, 31 234 steps/s")
 
 
 def test_a_run_that_does_nothing_shows_nothing():

@@ -30,7 +30,8 @@ from envs.rewards import (
 from rlcas_jax.collect import Environment, Step, collect
 
 COUNT, STEPS, DISCOUNT, LAMBDA = 3, 10, 0.9, 0.7
-PARTS = ppo.learner(Actor((8,), "none", -1.0), Critic((8,), "none"), ppo.PpoSettings())
+SETTINGS = ppo.PpoSettings(discount=DISCOUNT, gae_lambda=LAMBDA)
+PARTS = ppo.learner(Actor((8,), "none", -1.0), Critic((8,), "none"), SETTINGS)
 
 
 class World(NamedTuple):
@@ -82,7 +83,9 @@ BEGIN = World(jnp.arange(float(COUNT)), jnp.zeros(COUNT), jnp.zeros(COUNT), jnp.
 def rolled(state: ppo.LearnerState, world: World, seed: int) -> Any:
     noise_key, key = jax.random.split(jax.random.key(seed))
     noise = jax.random.normal(noise_key, (STEPS, COUNT, 2))
-    return collect(state, world, noise, key, ENVIRONMENT, PARTS, DISCOUNT, LAMBDA)
+    algorithm = ppo.Ppo(PARTS, SETTINGS)
+    world, rollout, statistics = collect(algorithm, state, ENVIRONMENT, world, noise, key)
+    return world, *ppo.samples(state, rollout, PARTS, SETTINGS), statistics
 
 
 @pytest.fixture(scope="module")
@@ -91,12 +94,12 @@ def state() -> ppo.LearnerState:
 
 
 @pytest.fixture(scope="module")
-def rollout(state: ppo.LearnerState) -> tuple[World, ppo.Batch, Seen, dict]:
+def rollout(state: ppo.LearnerState) -> tuple[World, ppo.Batch, dict, Seen]:
     return rolled(state, BEGIN, 1)
 
 
 def test_samples_have_encounters_first_and_statistics_time_first(rollout) -> None:
-    world, samples, statistics, figures = rollout
+    world, samples, figures, statistics = rollout
     assert samples.observation.shape == (COUNT, STEPS, 4)
     assert samples.action.shape == (COUNT, STEPS, 2)
     assert {field.shape for field in (samples.log_prob, samples.advantage, samples.target)} == {
@@ -125,7 +128,7 @@ def test_episodes_run_through_and_begin_again_in_the_step_after_their_end(rollou
 
 
 def test_the_environment_gets_the_action_that_is_stored(rollout) -> None:
-    _, samples, statistics, _ = rollout
+    _, samples, _, statistics = rollout
     np.testing.assert_allclose(
         np.swapaxes(statistics.action, 0, 1), samples.action, rtol=1e-5, atol=1e-6
     )

@@ -23,7 +23,7 @@ from rlcas_jax import metrics
 from rlcas_jax.cli import Processes, parse
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.finish import set_of
-from rlcas_jax.fleet import fleet
+from rlcas_jax.ownships import ownships
 from rlcas_jax.starts import draw
 from rlcas_jax.task import _check_split, build
 
@@ -207,26 +207,26 @@ def tiny(*changes: str) -> TrainConfig:
 
 def test_aircraft_lie_in_the_family_and_the_share_is_kept() -> None:
     config = tiny(FAMILY, "ppo.environments=2048", "ppo.minibatch=1024")
-    flown = fleet(config)
+    flying = ownships(config)
     found = ratios(
-        Limits(*(np.asarray(field, float) for field in flown.limits)), config.aircraft.separation_m
+        Limits(*(np.asarray(field, float) for field in flying.limits)), config.aircraft.separation_m
     )
     bounds = Ratios((0.4, 0.5), (-0.2, -0.1), (0.1, 0.2), (0.5, 1.0))
     for values, (low, high) in zip(found, bounds, strict=True):
-        other = values[flown.other]
+        other = values[flying.of_family]
         assert low - 1e-6 <= other.min() < low + 0.1 * (high - low)
         assert high + 1e-6 >= other.max() > high - 0.1 * (high - low)
-    assert 0.45 < flown.other.mean() < 0.55
+    assert 0.45 < flying.of_family.mean() < 0.55
     own = ratios(config.aircraft.limits(), config.aircraft.separation_m)
     np.testing.assert_allclose(
-        [np.unique(values[~flown.other])[0] for values in found], own, rtol=1e-6
+        [np.unique(values[~flying.of_family])[0] for values in found], own, rtol=1e-6
     )
-    assert not fleet(tiny()).other.any()
+    assert not ownships(tiny()).of_family.any()
 
 
 def test_every_ownship_begins_at_a_speed_that_it_flies() -> None:
     config = tiny(FAMILY)
-    limits = fleet(config).limits
+    limits = ownships(config).limits
     starts = jax.jit(lambda key: draw(key, config, config.drawn(), 6))(jax.random.key(0))
     assert np.all(starts.own.speed >= limits.speed_min - 1e-3)
     assert np.all(starts.own.speed <= limits.speed_max + 1e-3)

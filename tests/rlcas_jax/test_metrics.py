@@ -16,7 +16,7 @@ from agents.config.load import ConfigError, dump, load
 from rlcas_jax import checkpoint, metrics
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.figures import FIGURES, main, stretches, training_figures
-from rlcas_jax.loop import Run, prepared, run
+from rlcas_jax.loop import Run, prepare, run
 from rlcas_jax.metrics import FILE, METRICS, WALL_CLOCK, Writer, read
 from rlcas_jax.progress import Reporter
 
@@ -281,7 +281,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def trained(config: TrainConfig, directory: Path) -> Run:
     directory.mkdir()
-    return run(prepared(config, directory), Reporter(quiet=True))
+    return run(prepare(config, directory), Reporter(quiet=True))
 
 
 @pytest.fixture(scope="module")
@@ -300,12 +300,12 @@ def rows(directory: Path) -> list[dict[str, float]]:
 
 def test_each_phase_has_its_own_keys_and_the_common_ones(file: Path, tmp_path: Path) -> None:
     config = load(TrainConfig, file)
-    first, second = config.in_phases()
+    first, second = config.phase_configs()
     assert (first.steps, first.ppo.environments, first.ppo.discount) == (5120, 16, 0.995)
     assert (second.steps, second.ppo.environments, second.ppo.discount) == (10240, 32, 0.9)
     assert second.ppo.rollout == first.ppo.rollout == 16
     assert [entry.name for entry in second.scenarios] == ["multi"]
-    assert TrainConfig().in_phases() == (TrainConfig(),)
+    assert TrainConfig().phase_configs() == (TrainConfig(),)
     (tmp_path / "dump.yaml").write_text(dump(config))
     assert load(TrainConfig, tmp_path / "dump.yaml") == config
 
@@ -341,10 +341,10 @@ def test_a_phase_goes_on_with_the_networks_of_the_one_before(
     """Its first update is that of a training of this phase alone that begins with them."""
     config = load(TrainConfig, file, ["phases.1.steps=512"])
     both = trained(config, tmp_path / "both")
-    first = load(TrainConfig, file).in_phases()[0]
+    first = load(TrainConfig, file).phase_configs()[0]
     alone = trained(first, tmp_path / "first")
     assert rows(alone.directory) == rows(both.directory)[:20] == rows(whole.directory)[:20]
-    second = prepared(config, tmp_path / "none").tasks[1]
+    second = prepare(config, tmp_path / "none").tasks[1]
     state = second.initial()
     state, _ = second.update(state._replace(learner=alone.state.learner))
     for mine, theirs in zip(jax.tree.leaves(state), jax.tree.leaves(both.state), strict=True):
@@ -367,7 +367,7 @@ def test_a_kill_in_either_phase_loses_nothing(
     process.wait()
     done = len(metrics.read(killed / metrics.FILE)["update"])
     assert least <= done < UPDATES, "the run ended before it was killed: nothing was tested"
-    again = run(prepared(load(TrainConfig, file), killed, resume=True), Reporter(quiet=True))
+    again = run(prepare(load(TrainConfig, file), killed, resume=True), Reporter(quiet=True))
     assert rows(killed) == rows(whole.directory)
     for mine, theirs in zip(
         jax.tree.leaves(again.state), jax.tree.leaves(whole.state), strict=True
@@ -379,8 +379,8 @@ def test_a_kill_in_either_phase_loses_nothing(
     assert newest[0].read_bytes() == newest[1].read_bytes()
 
 
-def test_the_best_configuration_trains_one_policy_in_phases() -> None:
-    phases = load(TrainConfig, ROOT / "configs" / "best.yaml").in_phases()
+def test_the_best_configuration_trains_one_policy_phase_configs() -> None:
+    phases = load(TrainConfig, ROOT / "configs" / "best.yaml").phase_configs()
     assert len(phases) > 1
     assert {(phase.network, phase.family) for phase in phases} == {
         (phases[0].network, phases[0].family)

@@ -85,7 +85,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put the stand-in in the place of the training, and draw no figures."""
     monkeypatch.setattr(
         loop,
-        "prepared",
+        "prepare",
         lambda config, directory: SimpleNamespace(config=config, directory=directory),
     )
     monkeypatch.setattr(loop, "run", stand_in)
@@ -241,7 +241,7 @@ def test_a_sweep_leaves_its_study_and_the_best_configuration(
     monkeypatch.undo()
     for name, stand in (
         ("run", stand_in),
-        ("prepared", lambda c, d: SimpleNamespace(config=c, directory=d)),
+        ("prepare", lambda c, d: SimpleNamespace(config=c, directory=d)),
     ):
         monkeypatch.setattr(loop, name, stand)
     monkeypatch.setattr(finish, "finish", evaluated)
@@ -367,7 +367,7 @@ def run(training, reporter, interrupt):
         time.sleep(60)
     return test_sweep.stand_in(training, reporter)
 
-loop.prepared = lambda config, directory: SimpleNamespace(config=config, directory=directory)
+loop.prepare = lambda config, directory: SimpleNamespace(config=config, directory=directory)
 loop.run, finish.finish = run, test_sweep.evaluated
 sweep.main(sys.argv[1:])
 """

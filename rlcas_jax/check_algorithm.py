@@ -1,0 +1,48 @@
+"""A trial of an algorithm of the user's own, before a training begins."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+
+from agents.config.load import ConfigError
+from rlcas_jax.algorithm import failure
+from rlcas_jax.config import PPO, TrainConfig
+from rlcas_jax.task import Task
+
+
+def check_algorithm(config: TrainConfig, tasks: Sequence[Task]) -> None:
+    """Trace an algorithm of the user's own with the shapes of each phase's task, computing nothing.
+
+    Raises:
+        ConfigError: it fails, its state holds no actor, or an update or a phase changes the shapes
+            of its state.
+    """
+    if config.algorithm == PPO:
+        return
+    name, shapes = f"algorithm {config.algorithm}", []
+    for task in tasks:
+        try:
+            before = task.shapes()
+            if "actor" not in getattr(before.learner, "_fields", ()):
+                raise ConfigError(
+                    f"{name}: its state has no actor; expected a named tuple with the field actor, "
+                    "the variables of the actor network"
+                )
+            after, _ = jax.eval_shape(task.update, before)
+        except ConfigError:
+            raise
+        except Exception as problem:
+            raise ConfigError(f"{name}: {failure(problem)}") from problem
+        shapes += [_shapes(before.learner), _shapes(after.learner)]
+    for number, other in enumerate(shapes):
+        if other != shapes[0]:
+            where = f"an update of phase {number // 2}" if number % 2 else f"phase {number // 2}"
+            raise ConfigError(
+                f"{name}: {where} changes its state from {shapes[0]:.200} to {other:.200}; "
+                "expected the same structure, shapes and dtypes"
+            )
+
+
+def _shapes(tree: Any) -> str:
+    return str(jax.tree.map(lambda leaf: f"{leaf.dtype}{list(leaf.shape)}", tree))
