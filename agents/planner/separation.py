@@ -74,6 +74,12 @@ def chords(
     return near - loss, np.minimum(first, last)
 
 
+def distances(time: Any, x: Any, y: Any, traffic: Traffic) -> Any:
+    """Return the distances of intruders ``[n, K]`` from places at times, m, ``[n, A, K]``."""
+    other_x, other_y = _flown(mapped(lambda field: field[:, None], traffic), time[..., None])
+    return np.hypot(other_x - x[..., None], other_y - y[..., None])
+
+
 def _flown(traffic: Traffic, time: Any) -> tuple[Any, Any]:
     """Return the positions of intruders ``[...]`` at times that broadcast, m: they turn, then fly
     straight.

@@ -11,7 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.separation import FINE, along, chords, growth, position_error_bound
+from agents.planner.separation import (
+    FINE,
+    along,
+    chords,
+    distances,
+    growth,
+    position_error_bound,
+)
 from agents.planner.traffic import Requirement, Traffic, required
 from envs.kinematics import Limits, VehicleState
 from envs.trees import column, take
@@ -26,6 +33,9 @@ and the bound of a part that begins there may be smaller by the part's sagitta."
 
 ROUNDING = 1e-6
 """How much of the separation itself may be missing, m."""
+
+_FEW = 4  # intruders whom it costs more to leave out than to look at
+_SLIP = 0.01  # m by which the bounds that leave legs out may be off: tolerance and rounding
 
 LONGEST = 16_384.0
 """Time of a plan's last waypoint at most, s: so far the rounding of positions is bounded
@@ -183,63 +193,112 @@ def _separation(
         return
     own, seen = (curves, traffic) if sound.all() else take((curves, traffic), rows)
     base = required(seen, VehicleState(*(field[rows, 0] for field in knots[:4])), requirement)
-    present = seen.mask
-
-    # Arcs in one row: [n, A] with their ends, and against every intruder [n, A, K].
-    step = own.duration[..., None] / ARCS
-    begin = (own.time[..., None] + np.arange(ARCS) * step).reshape(rows.size, -1)
-    length = np.broadcast_to(step, own.x.shape).reshape(rows.size, -1)
-    x, y = own.x.reshape(rows.size, -1), own.y.reshape(rows.size, -1)
-    # The curve ends where its last waypoint stands, but for less than CLOSED.
-    end_x = np.concatenate([x[:, 1:], knots.x[rows, -1:]], axis=1)
-    end_y = np.concatenate([y[:, 1:], knots.y[rows, -1:]], axis=1)
-    quickest = np.maximum(own.speed, own.speed + own.acceleration * step)
-    own_acceleration = np.hypot(own.acceleration, quickest * own.yaw_rate).reshape(rows.size, -1)
-    other_acceleration = np.abs(seen.state.speed * seen.turn_rate)
-    relative_acceleration = (
-        own_acceleration[..., None]
-        + np.where(seen.turn_time > 0.0, other_acceleration, 0.0)[:, None]
-    )
     # The joints of the legs are up to their miss apart, and positions are known but for the rule's
     # error.
-    position_error = np.repeat(own.miss + position_error_bound(own), ARCS, axis=1)[..., None]
+    position_error = own.miss + position_error_bound(own)
 
-    bound, upper = chords(begin, length, (x, y), (end_x, end_y), seen, relative_acceleration)
-    bound = np.where(present[:, None], bound - position_error, np.inf)
-    upper = np.where(present[:, None], upper, np.inf)
-    need = base[:, None] + growth(seen, begin + length, requirement)
-    # What could be too close, or the closest of all, is looked at more closely.
-    nearest = np.min(upper, axis=(1, 2), keepdims=True)
-    unclear = ~(bound >= need) | (bound <= nearest)
-    clearance = np.where(unclear, np.inf, bound - need)
-    found.clearance[rows] = np.minimum(found.clearance[rows], clearance.min(axis=(1, 2)))
-    n, a, k = np.nonzero(unclear & present[:, None])
+    # Legs that come near an intruder, [p], and their arcs, [p, ARCS].
+    own_acceleration = _own_acceleration(own)
+    n, leg, k = np.nonzero(
+        _near(own, seen, base, requirement, position_error, own_acceleration) & seen.mask[:, None]
+    )
     if n.size == 0:
         return
-    fine = length[n, a] / FINE
-    began = begin[n, a, None] + np.arange(FINE) * fine[:, None]
-    px, py, psi, v, omega, accel = (
-        field.reshape(rows.size, -1)[n, a][:, None] for field in own[3:]
+    flown, other = take(own, (n, leg)), take(seen, (n, k))
+    step = flown.duration / ARCS
+    begin = flown.time[:, None] + np.arange(ARCS) * step[:, None]
+    length = np.broadcast_to(step[:, None], begin.shape)
+    # The curve ends where its last waypoint stands, but for less than CLOSED.
+    ends_x, ends_y = (
+        np.concatenate([start[:, 1:, 0], last[rows, -1:]], axis=1)
+        for start, last in ((own.x, knots.x), (own.y, knots.y))
     )
+    end_x = np.concatenate([flown.x[:, 1:], ends_x[n, leg, None]], axis=1)
+    end_y = np.concatenate([flown.y[:, 1:], ends_y[n, leg, None]], axis=1)
+    relative_acceleration = own_acceleration[n, leg] + _acceleration(seen)[n, k, None]
+    error, wanted, one = position_error[n, leg, None], base[n, k, None], column(other)
+    bound, upper = chords(
+        begin, length, (flown.x, flown.y), (end_x, end_y), one, relative_acceleration[..., None]
+    )
+    bound, upper = bound[..., 0] - error, upper[..., 0]
+    need = wanted + growth(one, begin + length, requirement)[..., 0]
+    # What could be too close, or the closest of all, is looked at more closely.
+    nearest = np.full(rows.size, np.inf)
+    np.minimum.at(nearest, n, upper.min(axis=1))
+    unclear = ~(bound >= need) | (bound <= nearest[n, None])
+    clearance = np.where(unclear, np.inf, bound - need)
+    np.minimum.at(found.clearance, rows[n], clearance.min(axis=1))
+
+    pair, arc = np.nonzero(unclear)
+    if pair.size == 0:
+        return
+    # In the order of time, so that of equals the first is told.
+    order = np.lexsort((k[pair], arc, leg[pair], n[pair]))
+    pair, arc = pair[order], arc[order]
+    fine = length[pair, arc] / FINE
+    began = begin[pair, arc, None] + np.arange(FINE) * fine[:, None]
+    px, py, psi, v, omega, accel = (field[pair, arc, None] for field in flown[3:])
     at_x, at_y = along(px, py, psi, v, omega, accel, fine[:, None])
-    one = column(take(seen, (n, k)))
+    one = take(one, pair)
     finer = np.broadcast_to(fine[:, None], began.shape)
     begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])
-    close, _ = chords(
-        began, finer, begins, ends, one, relative_acceleration[n, a, k][:, None, None]
-    )
-    close = close[..., 0] - position_error[n, a]
-    needed = base[n, k, None] + growth(one, began + finer, requirement)[..., 0]
+    close, _ = chords(began, finer, begins, ends, one, relative_acceleration[pair, arc, None, None])
+    close = close[..., 0] - error[pair]
+    needed = wanted[pair] + growth(one, began + finer, requirement)[..., 0]
     # The tolerance is for the margin; the separation itself is kept but for rounding.
     needed = np.maximum(needed - CLOSE, requirement.separation - ROUNDING)
-    _note_fine(found, rows, (n, a, k), began, begins, close, needed)
+    which = n[pair], leg[pair], k[pair]
+    _note_fine(found, rows, which, began, begins, close, needed)
+
+
+def _own_acceleration(own: Legs) -> Any:
+    """Return a bound of the acceleration in each arc, m/s^2, ``[n, L, ARCS]``."""
+    step = own.duration[..., None] / ARCS
+    quickest = np.maximum(own.speed, own.speed + own.acceleration * step)
+    return np.hypot(own.acceleration, quickest * own.yaw_rate)
+
+
+def _acceleration(seen: Traffic) -> Any:
+    """Return a bound of the accelerations of intruders, m/s^2, ``[n, K]``."""
+    return np.where(seen.turn_time > 0.0, np.abs(seen.state.speed * seen.turn_rate), 0.0)
+
+
+def _near(
+    own: Legs,
+    seen: Traffic,
+    base: Any,
+    requirement: Requirement,
+    position_error: Any,
+    own_acceleration: Any,
+) -> Any:
+    """Return which intruders the arcs of a leg must be set against, bool, ``[n, L, K]``.
+
+    In a leg two aircraft come nearer by what both fly at most (theorem ``left_out_soundly`` of
+    proofs/Safe.v, arc by arc). A leg is left out only where that leaves more than what is required
+    and more than the smallest distance and clearance of the plan, so that no finding depends on it.
+    """
+    if seen.mask.shape[-1] <= _FEW:
+        return np.ones((*own.time.shape, seen.mask.shape[-1]), dtype=bool)
+    away = distances(own.time, own.x[..., 0], own.y[..., 0], seen)
+    away = np.where(seen.mask[:, None], away, np.inf)
+    quickest = np.maximum(own.speed, own.speed + own.acceleration * own.duration[..., None] / ARCS)
+    both = quickest.max(axis=-1)[..., None] + seen.state.speed[:, None]
+    bend = own_acceleration.max(axis=-1)[..., None] + _acceleration(seen)[:, None]
+    step = own.duration[..., None]
+    left = (
+        away - both * step - 0.125 * bend * (step / ARCS) ** 2 - position_error[..., None] - _SLIP
+    )
+    now = base[:, None] + growth(seen, own.time, requirement)
+    later = base[:, None] + growth(seen, own.time + own.duration, requirement)
+    least, clearance = (np.min(each, axis=(1, 2), keepdims=True) for each in (away, away - now))
+    return (left <= np.maximum(later, least)) | (left - later <= clearance + _SLIP)
 
 
 def _note_fine(
     found: Findings, rows: Any, which: Any, began: Any, begins: Any, close: Any, needed: Any
 ) -> None:
     """Judge the parts ``[m, FINE]`` of what was not clear."""
-    n, a, k = which
+    n, leg, k = which
     clearance = close - needed
     # Per plan: the smallest distance, the smallest clearance, and the first part in which it is
     # negative.
@@ -262,7 +321,7 @@ def _note_fine(
             found,
             CHECKS.index("separation"),
             rows[owner],
-            a[bad][first] // ARCS,
+            leg[bad][first],
             when[first],
             x[first],
             y[first],

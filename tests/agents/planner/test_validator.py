@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.planner import publish
+from agents.planner import publish, validator
 from agents.planner.answer import WAYPOINTS, Kind, Status
 from agents.planner.audit import audit
 from agents.planner.planner import plan
@@ -21,6 +21,7 @@ from agents.planner.validator import CHECKS, validate
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
+from envs.trees import mapped
 from envs.waypoints import Knots, RoutePoint, Waypoint, at, legs
 from tests.support import random_states
 
@@ -77,6 +78,34 @@ def test_the_separation_is_a_tight_lower_bound(turning: bool) -> None:
     np.testing.assert_array_equal(first, found.clearance < 0.0)
     base = np.minimum(300.0, sampled(knots, intruders, 1e9)[0])
     assert np.all((truth < 299.9) <= (first | (base.min(axis=-1) < 300.0)))
+
+
+@pytest.mark.parametrize("turning", [False, True])
+@pytest.mark.parametrize("velocity_std", [0.0, 1.0])
+def test_legs_far_from_an_intruder_are_left_out_without_a_trace(
+    monkeypatch: pytest.MonkeyPatch, turning: bool, velocity_std: float
+) -> None:
+    knots, near, far = plans(30, 3), traffic(30, 20, 4, turning=turning), traffic(30, 20, 5)
+    away = far.state._replace(x=4.0 * far.state.x, y=4.0 * far.state.y)
+    seen = mapped(
+        lambda *both: np.concatenate(both, axis=1), near, far._replace(state=away)
+    )._replace(velocity_std=np.full((30, 40), velocity_std))
+    looked_at: list[float] = []
+    near_of = validator._near
+
+    def counted(*given: Any) -> Any:
+        found = near_of(*given)
+        looked_at.append(found.mean())
+        return found
+
+    monkeypatch.setattr(validator, "_near", counted)
+    found = validate(knots, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
+    monkeypatch.setattr(validator, "_FEW", 40)
+    every = validate(knots, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
+    for one, other in zip(found, every, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert looked_at[0] < 0.5 and looked_at[1] == 1.0
+    assert found.wrong.any() and not found.wrong.all(axis=0).any()
 
 
 @pytest.mark.parametrize("duration", [20.0, 50.0])
