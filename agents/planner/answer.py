@@ -1,7 +1,7 @@
 """A plan: what the planner answers, safe or not, and why."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import NamedTuple
 
@@ -73,7 +73,8 @@ class Field:
 
     def part(self, name: str) -> "Field":
         """Return a part of this field."""
-        return replace(self, name=f"{self.name}.{name}" if self.name else name)
+        # A request of a hundred aircraft names a thousand parts: not by replace.
+        return Field(self.subject, f"{self.name}.{name}" if self.name else name, self.number)
 
     def within(self, subject: str) -> str:
         """Return the name of the field where its subject goes by another name."""
@@ -146,6 +147,13 @@ class Reason:
         return cls(kind, field, f"{field} {what}", *place)
 
 
+class Apart(Enum):
+    """How an intruder stays out of the way."""
+
+    VERTICALLY = "vertically"  # it stays above or below
+    FAR = "far"  # both together cannot fly as far as they are apart
+
+
 @dataclass(frozen=True, slots=True)
 class Excluded:
     """An intruder that the plan takes no account of."""
@@ -153,6 +161,7 @@ class Excluded:
     number: int  # its place in the request
     reason: str
     until: float  # until when it stays out of the way, s after the request
+    apart: Apart = Apart.VERTICALLY
 
 
 class Flight(NamedTuple):

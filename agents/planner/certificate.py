@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planner.answer import UNKNOWN_FLIGHT, Excluded, Flight
+from agents.planner.answer import UNKNOWN_FLIGHT, Apart, Excluded, Flight
 from agents.planner.options import Options
 from agents.planner.request import Altitude, Intruder, approaching, reported
 from agents.planner.separation import FINE
@@ -38,10 +38,12 @@ def certificate(
     options: Options,
     flight: Flight = UNKNOWN_FLIGHT,
 ) -> bytes:
-    """Return the certificate of a plan for a state of floats and reports; ``excluded`` intruders do
-    not count.
+    """Return the certificate of a plan for a state of floats and reports.
+
+    Intruders that stay above or below stand there by their altitudes; those that are out of reach
+    are proven like all others.
     """
-    out = {one.number for one in excluded}
+    out = {one.number for one in excluded if one.apart is Apart.VERTICALLY}
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
     kept = [report for number, report in enumerate(reports) if number not in out]
     knots = waypoints.knots(own, published)

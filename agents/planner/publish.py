@@ -109,7 +109,7 @@ def published(
 
 
 def _outlasting(one: Excluded, end: Waypoint) -> Reason:
-    """Return that a plan goes on longer than an intruder is known to stay above or below."""
+    """Return that a plan goes on longer than an intruder is known to stay out of the way."""
     what = (
         f"was left out until {one.until:.0f} s, expected until the plan's end at {end.time:.0f} s"
     )

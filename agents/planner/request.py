@@ -10,6 +10,7 @@ import numpy as np
 from agents.planner.answer import (
     Advisory,
     AdvisoryCode,
+    Apart,
     Excluded,
     Field,
     RequestError,
@@ -23,6 +24,7 @@ from envs.kinematics import FASTEST, VehicleState
 from envs.waypoints import RoutePoint
 
 _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whatever the aircraft
+_SPEED_TOLERANCE = 1e-3  # m/s; far more than a leg may pass its limit by
 _MOST_TURN = (
     32.0  # rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
 )
@@ -112,11 +114,14 @@ def checked(
     ]
     x, y = _route(route)
     end = float(options.latest_end(state.speed, x, y))
-    excluded = [
-        Excluded(number, why, end)
-        for number, report in enumerate(reports)
-        if (why := _apart(own_altitude, report, end, options)) is not None
-    ]
+    excluded = []
+    for number, report in enumerate(reports):
+        above = _vertically_apart(own_altitude, report, end, options)
+        far = _out_of_reach(state, report, end, options) if above is None else None
+        if above is not None:
+            excluded.append(Excluded(number, above, end))
+        elif far is not None:
+            excluded.append(Excluded(number, far, end, Apart.FAR))
     out = {one.number for one in excluded}
     kept = [number for number in range(len(reports)) if number not in out]
     seen, age = reported([reports[number] for number in kept])
@@ -306,7 +311,9 @@ def _report(name: Field, report: Intruder, options: Options) -> Intruder:
     )
 
 
-def _apart(own: Altitude | None, report: Intruder, end: float, options: Options) -> str | None:
+def _vertically_apart(
+    own: Altitude | None, report: Intruder, end: float, options: Options
+) -> str | None:
     """Return why an intruder is vertically out of the way until the plan's end, or None."""
     if own is None or report.altitude is None:
         return None
@@ -314,6 +321,24 @@ def _apart(own: Altitude | None, report: Intruder, end: float, options: Options)
     if least <= options.vertical_filter:
         return None
     return f"stays {least:.0f} m above or below ({own.reference}) for {end:.0f} s"
+
+
+def _out_of_reach(own: VehicleState, report: Intruder, end: float, options: Options) -> str | None:
+    """Return why an intruder cannot come near until the plan's end, or None.
+
+    However both turn, neither flies farther than its speed times the time. The intruder may be as
+    fast as traffic is, whatever its report says, and its uncertainty grows until the end.
+    """
+    time = abs(report.age) + end
+    speed = max(report.state.speed, options.aircraft.traffic_speed_max)
+    fastest = max(own.speed, options.limits.speed_max) + _SPEED_TOLERANCE
+    spread = math.hypot(report.position_std, report.velocity_std * time)
+    wanted = options.requirement
+    required = wanted.separation + wanted.margin + wanted.sigmas * spread
+    away = math.hypot(report.state.x - own.x, report.state.y - own.y)
+    if away - speed * time - fastest * end <= required:
+        return None
+    return f"is {away / 1e3:.0f} km away, out of reach within {end:.0f} s"
 
 
 def vertical_gap(

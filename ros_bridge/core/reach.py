@@ -78,19 +78,6 @@ def out_of_reach(track: Track, reach: Reach) -> str | None:
     return reasons[0] if reasons and all(reasons) else None
 
 
-def too_far(report: Report, growth: float, reach: Reach) -> str | None:
-    """Return why an aircraft with a good report cannot come near until the horizon, or None.
-
-    It may fly as fast as its traffic does, whatever it reports; ``growth`` is what its uncertainty
-    adds to the separation, m.
-    """
-    speed = max(math.hypot(report.east, report.north), reach.traffic)
-    away = distance(*reach.own.place, *report.place)
-    if away - _flown_by_both(speed, report.time, reach) <= reach.separation + growth:
-        return None
-    return f"is {away / 1e3:.0f} km away, out of reach within {reach.horizon:.0f} s"
-
-
 def _flown_by_both(speed: float, time: int, reach: Reach) -> float:
     """Return how far an aircraft, m/s, since a time (ns), and the ownship can come until the
     horizon, m.

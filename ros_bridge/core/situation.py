@@ -22,7 +22,7 @@ from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND, Code, Refusal
-from ros_bridge.core.reach import Reach, level, out_of_reach, too_far
+from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 
@@ -339,12 +339,6 @@ def _intruders(
             continue
         report = track.estimate
         assert report is not None, "there is one beside every usable report"
-        position_std, velocity_std = report.spread(settings.unknown)
-        growth = settings.options.requirement.sigmas * (position_std + velocity_std * reach.horizon)
-        why = None if name in alerted else too_far(report, growth, reach)
-        if why is not None:
-            excluded.append((name, why))
-            continue
         state = placed(frame, report)
         # The planner advances the report over its age; only the altitude's reference is settled
         # here.

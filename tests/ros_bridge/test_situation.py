@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.planner.answer import AdvisoryCode, Plan
+from agents.planner.answer import AdvisoryCode, Apart, Plan
 from agents.planner.planner import plan
 from agents.planner.publish import rechecked
+from agents.planner.request import checked
 from agents.policy.inference import Policy
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
@@ -201,10 +202,11 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
         "route.waypoints[9]",
     )
     far = aircraft(301_000.0, 0.0, 0.0, 75.0)
+    # The planner leaves out what cannot come near.
     wanted = task(heard(far), NOW, SETTINGS)
-    assert wanted.identifiers == () and wanted.excluded[0][0] == "4b1a2c"
-    # An aircraft that an alert names is never left out for its distance.
-    assert task(heard(far, alerts=[alert("4b1a2c")]), NOW, SETTINGS).identifiers == ("4b1a2c",)
+    _, excluded, _ = checked(wanted.own, wanted.intruders, wanted.points, wanted.options)
+    assert wanted.identifiers == ("4b1a2c",)
+    assert [one.apart for one in excluded] == [Apart.FAR]
 
 
 @pytest.mark.parametrize(
