@@ -223,6 +223,16 @@ def most_critical(
     )
 
 
+def urgent(
+    own: VehicleState, intruders: VehicleState, mask: Any, count: int, aircraft: Aircraft, xp: Any
+) -> Any:
+    """Return the numbers of the ``count`` most urgent of the intruders ``[..., K]``, the most
+    urgent first, ``[..., min(count, K)]``; absent ones come last.
+    """
+    rank = xp.where(mask, criticality(beside(own), intruders, beside(aircraft), xp), xp.inf)
+    return xp.argsort(rank, axis=-1)[..., :count]
+
+
 def ranked(
     own: VehicleState, intruders: VehicleState, mask: Any, count: int, aircraft: Aircraft, xp: Any
 ) -> tuple[VehicleState, Any]:
@@ -231,8 +241,7 @@ def ranked(
 
     Where there are fewer, absent ones follow.
     """
-    rank = xp.where(mask, criticality(beside(own), intruders, beside(aircraft), xp), xp.inf)
-    order = xp.argsort(rank, axis=-1)[..., :count]
+    order = urgent(own, intruders, mask, count, aircraft, xp)
     missing = count - order.shape[-1]
     present = xp.take_along_axis(mask, order, axis=-1)
     if missing > 0:

@@ -50,22 +50,24 @@ def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) ->
     return wanted, xp.logical_and(seconds >= 0.0, xp.logical_or(xp.logical_not(hurry), enough))
 
 
-def clear(
-    own: VehicleState,
-    goal: tuple[Any, Any],
-    other: VehicleState,
-    required: Any,
-    time: Any,
-    task: Task,
-    xp: Any,
-) -> Any:
-    """Return whether turning onto the goal now and flying there keeps clear of an intruder that
-    flies straight on.
+class Direct(NamedTuple):
+    """One turn onto the goal and the straight line to its disc; fields ``[...]``."""
 
-    The turn is judged on the chords of its quarters, less what the arcs can leave them by, the
-    straight line until the goal's disc. A goal inside the turning circle, behind a turn of more
-    than half a circle, or too far for the time left has no such way. All ``[...]``; goal and
-    required separation in m, time in s.
+    side: Any  # of the turn, 1 left
+    circle: Any  # its radius, m
+    turn: Any  # rad, 0 or more
+    turning: Any  # s
+    course: Any  # of the straight line, rad
+    straight: Any  # its length, m
+    speed: Any  # at its end, m/s
+    possible: Any  # whether there is such a way in time, bool
+
+
+def direct(own: VehicleState, goal: tuple[Any, Any], time: Any, task: Task, xp: Any) -> Direct:
+    """Return the direct way to a goal, m, from states at some times, s, ``[...]``.
+
+    A goal inside the turning circle, behind a turn of more than half a circle, or too far for the
+    time left has no such way.
     """
     sine, cosine = sincos(own.heading, xp)
     dx, dy = goal[0] - own.x, goal[1] - own.y
@@ -84,7 +86,44 @@ def clear(
     turning = turn * (1.0 / task.turn_rate)
     straight = xp.maximum(length - task.radius, 0.0)
     wanted, in_time = end_speed(straight, own.speed, task.until - time - turning, task.limits, xp)
-    possible = xp.logical_and(possible, in_time)
+    return Direct(
+        side, circle, turn, turning, course, straight, wanted, xp.logical_and(possible, in_time)
+    )
+
+
+def arrival(
+    own: VehicleState, goal: tuple[Any, Any], time: Any, task: Task, xp: Any
+) -> tuple[Any, Any, Any]:
+    """Return when the direct way passes over the goal, s, on which course, rad, and how fast, m/s,
+    ``[...]``.
+    """
+    way = direct(own, goal, time, task, xp)
+    rise = (way.speed - own.speed) * (1.0 / task.limits.acceleration_max)
+    level = way.straight + task.radius - 0.5 * (own.speed + way.speed) * rise
+    return time + way.turning + rise + level / way.speed, way.course, way.speed
+
+
+def clear(
+    own: VehicleState,
+    goal: tuple[Any, Any],
+    other: VehicleState,
+    required: Any,
+    time: Any,
+    task: Task,
+    xp: Any,
+) -> Any:
+    """Return whether turning onto the goal now and flying there keeps clear of an intruder that
+    flies straight on.
+
+    The turn is judged on the chords of its quarters, less what the arcs can leave them by, the
+    straight line until the goal's disc. A goal inside the turning circle, behind a turn of more
+    than half a circle, or too far for the time left has no such way. All ``[...]``; goal and
+    required separation in m, time in s.
+    """
+    side, circle, turn, turning, course, straight, wanted, possible = direct(
+        own, goal, time, task, xp
+    )
+    sine, cosine = sincos(own.heading, xp)
 
     other_vx, other_vy = velocity(other, xp)
     x, y = other.x - own.x, other.y - own.y

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import EVERY, clear
+from agents.manoeuvres.direct_to_goal import EVERY, Task, clear
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_away, takeoff
+from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request
@@ -17,11 +18,12 @@ from agents.planner.rollout import Rollout
 from agents.planner.traffic import predicted, required, uncertainty
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState
-from envs.relative import leg_separation
+from envs.relative import distance, leg_separation
 from envs.trees import column, mapped, scatter, take
 
 _AT_ONCE = 6  # strides flown at once at first
 _LATER = 18  # strides from turning back until uncertainty has grown to what the way back keeps
+_NEAREST = 80  # intruders of a crowd that the way back is set against
 _PAIRS = (
     8_192  # strides times manoeuvres times intruders at once: more do not stay in a core's cache
 )
@@ -61,7 +63,7 @@ def fly_out(
     last = int(min(task.until, longest) / stride + 1e-9)
     number = np.arange(goal.size)
     goal_x, goal_y = request.route_x[number, goal], request.route_y[number, goal]
-    scene = _scene(request, options, last)
+    scene = _scene(request, goal, options, last)
     landed = _Landed(which.size, last)
     rows, of, arrivals, first = np.arange(which.size), which, np.zeros(goal.size, dtype=int), 0
     flight, closest = takeoff(take(request.own, of), manoeuvre), np.full(which.size, np.inf)
@@ -79,13 +81,13 @@ def fly_out(
         returning = hopeful & (strides[:, None] * stride >= manoeuvre.resume)
         at, asking = np.nonzero(returning)
         there, owner = strides[at], of[asking]
-        own, seen = column(take(flown, (at, asking))), take(scene.others, (there, owner))
-        required = scene.required[owner] + manoeuvre.slack[asking, None]
-        if scene.growth is not None:
-            required = required + scene.growth[np.minimum(there + _LATER, last), owner]
-        to = goal_x[owner, None], goal_y[owner, None]
-        returning[at, asking] = np.all(
-            clear(own, to, seen, required, there[:, None] * stride, task, np), axis=-1
+        returning[at, asking] = scene.way_back(
+            take(flown, (at, asking)),
+            (goal_x[owner], goal_y[owner]),
+            there,
+            owner,
+            manoeuvre.slack[asking],
+            task,
         )
 
         end, ended = _first(returning | ~hopeful)
@@ -124,11 +126,52 @@ class _Scene(NamedTuple):
     required: Any
     stride: float
     growth: Any
+    order: Any  # numbers of the intruders, those nearest to the straight flight to the goal first
+    enough: float  # clearance, m, beyond which more is not told where there are many intruders
+    rest: Beyond | None  # of the routes, where there are many intruders
+
+    def way_back(
+        self, own: VehicleState, to: tuple[Any, Any], there: Any, owner: Any, slack: Any, task: Task
+    ) -> Any:
+        """Return whether the direct way to the goal keeps clear of all intruders, bool ``[R]``,
+        from states at some strides of flights of requests ``owner``.
+
+        A few intruders block most ways: the others, and the route beyond the goal, are looked at
+        where those do not.
+        """
+        found, many = np.ones(there.size, dtype=bool), self.required.shape[-1]
+        last = len(self.others.x) - 2
+        # The validator looks at all: the search may be wrong about those far from the flight.
+        for some in [slice(0, CROWD), slice(CROWD, _NEAREST)] if many > CROWD else [slice(many)]:
+            rows = np.flatnonzero(found)
+            at, of = there[rows, None], owner[rows, None]
+            each = self.order[owner[rows], some]
+            required = self.required[of, each] + slack[rows, None]
+            if self.growth is not None:
+                required = required + self.growth[np.minimum(at + _LATER, last), of, each]
+            state, goal = column(take((own, to), rows))
+            seen = take(self.others, (at, of, each))
+            time = at * self.stride
+            found[rows] = np.all(clear(state, goal, seen, required, time, task, np), axis=-1)
+            rows = rows[found[rows]]
+            if self.rest is not None and some.start == 0 and rows.size:
+                found[rows] = self._clear_beyond(*take((own, to, there, owner, slack), rows), task)
+        return found
+
+    def _clear_beyond(
+        self, own: VehicleState, to: tuple[Any, Any], there: Any, owner: Any, slack: Any, task: Task
+    ) -> Any:
+        """Return whether the route beyond the goal is clear after direct ways, bool ``[R]``."""
+        assert self.rest is not None
+        required = self.required[owner] + slack[:, None]
+        return self.rest.clear(own, to, required, owner, there * self.stride, task)
 
     def clearance(self, flown: VehicleState, first: int, of: Any) -> Any:
         """Return the least distance less the required one in each stride of flights, m,
         ``[S, M]``.
         """
+        if self.required.shape[-1] > CROWD:
+            return self._clearance_of_near(flown, first, of)
         count = len(flown.x) - 1
         # The intruders of a single request are seen by all of its manoeuvres.
         of = slice(None) if len(self.required) == 1 else of
@@ -145,8 +188,36 @@ class _Scene(NamedTuple):
             clearance = clearance - self.growth[first : first + count, of]
         return np.min(clearance, axis=-1, initial=np.inf)
 
+    def _clearance_of_near(self, flown: VehicleState, first: int, of: Any) -> Any:
+        """Return the same, but at most :attr:`enough`, from those intruders alone that can come so
+        near in these strides.
+        """
+        count = len(flown.x) - 1
+        others = take(self.others, (first, of))
+        away = distance(others.x - flown.x[0][:, None], others.y - flown.y[0][:, None], np)
+        quickest = flown.speed.max(axis=0)[:, None] + others.speed
+        growth = 0.0 if self.growth is None else self.growth[first + count - 1, of]
+        near = away - count * self.stride * quickest - self.required[of] - growth <= self.enough
+        flight, k = np.nonzero(near & (self.required[of] > -np.inf))
+        found = np.full((count, of.size), self.enough)
+        if flight.size == 0:
+            return found
+        owner, steps = of[flight], slice(first, first + count + 1)
+        own, seen = take(flown, (slice(None), flight)), take(self.others, (steps, owner, k))
+        before, after = take((own, seen), slice(-1)), take((own, seen), slice(1, None))
+        clearance = (
+            leg_separation(before[0], after[0], before[1], after[1], self.stride, np)
+            - self.required[owner, k]
+        )
+        if self.growth is not None:
+            clearance = clearance - self.growth[first : first + count, owner, k]
+        begins = np.flatnonzero(np.diff(flight, prepend=-1))
+        least = np.minimum.reduceat(clearance, begins, axis=1)
+        found[:, flight[begins]] = np.minimum(least, self.enough)
+        return found
 
-def _scene(request: Request, options: Options, last: int) -> _Scene:
+
+def _scene(request: Request, goal: Any, options: Options, last: int) -> _Scene:
     """Return the intruders of requests ``[N]`` up to the end of a stride."""
     traffic, stride, growth = request.traffic, stride_of(options), None
     times = np.arange(last + 2)[:, None, None] * stride
@@ -157,7 +228,27 @@ def _scene(request: Request, options: Options, last: int) -> _Scene:
     required_range = np.where(
         traffic.mask, required(traffic, request.own, options.requirement), -np.inf
     )
-    return _Scene(predicted(traffic, times), required_range, stride, growth)
+    others = predicted(traffic, times)
+    number = np.arange(goal.size)
+    to = request.route_x[number, goal], request.route_y[number, goal]
+    order = _order(request.own, to, others, required_range, times)
+    rest = beyond(request, goal, options) if required_range.shape[-1] > CROWD else None
+    return _Scene(others, required_range, stride, growth, order, options.aircraft.separation, rest)
+
+
+def _order(
+    own: VehicleState, goal: tuple[Any, Any], others: VehicleState, required_range: Any, times: Any
+) -> Any:
+    """Return the numbers of intruders by how near they come to the straight flight to the goal,
+    ``[N, K]``.
+    """
+    if required_range.shape[-1] <= CROWD:
+        return np.broadcast_to(np.arange(required_range.shape[-1]), required_range.shape)
+    x, y, speed = own.x[:, None], own.y[:, None], own.speed[:, None]
+    dx, dy = goal[0][:, None] - x, goal[1][:, None] - y
+    share = np.minimum(speed * times / np.maximum(distance(dx, dy, np), 1e-9), 1.0)
+    away = distance(others.x - x - share * dx, others.y - y - share * dy, np)
+    return np.argsort(away.min(axis=0) - required_range, axis=-1, kind="stable")
 
 
 class _Landed:

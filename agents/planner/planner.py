@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from agents.planner import fallback
-from agents.planner.answer import Advisory, AdvisoryCode, Field, Plan, RequestError, Subject
+from agents.planner.answer import Advisory, AdvisoryCode, Plan
+from agents.planner.beyond import CROWD
 from agents.planner.budget import Budget
 from agents.planner.candidates import empty, evaluate, keep_best
 from agents.planner.certificate import certificate
@@ -32,9 +33,9 @@ from agents.planner.request import (
 )
 from agents.planner.rollout import roll
 from agents.policy.domain import departures
-from agents.policy.inference import OutsideDomainError, Policy
+from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
-from envs.trees import take
+from envs.trees import mapped, scatter, take
 from envs.waypoints import RoutePoint
 
 _POLICY, _FALLBACK = 1, 2  # codes of sources
@@ -53,7 +54,8 @@ def plan(
 
     Args:
         own: state of the ownship, its speed inside the envelope.
-        intruders: any number of them.
+        intruders: any number of them. The policy looks at the most critical, as many as it was
+            trained with; the plan is validated against all that can come near.
         route: what is left of it, two points at least; the next one first.
         options: how the plan is made; None: the policy's aircraft's.
         own_altitude: for the vertical filter; None: unknown, all intruders count. Vertical speeds
@@ -64,18 +66,12 @@ def plan(
         is known.
 
     Raises:
-        RequestError: the request is incomplete, out of range or inconsistent, or has more intruders
-            than the policy was trained with (``policy.for_aircraft(..., outside="allow")`` takes
-            them); it names the field.
+        RequestError: the request is incomplete, out of range or inconsistent; it names the field.
     """
     if options is not None:
         check(options)
     options = options or Options.for_aircraft(policy.aircraft)
     request, excluded, kept = checked(own, intruders, route, options, own_altitude)
-    try:
-        policy.check_intruders(len(kept))
-    except OutsideDomainError as problem:
-        raise RequestError(Field(Subject.INTRUDERS), f"are too many: {problem}") from None
     budget, goals = Budget(options.deadline_s), eligible(request, options)
     plans = _planned(request, goals, policy, options, budget, floats=True)
     goal = int(goals[0, 0])
@@ -133,7 +129,31 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
     faster for one, and rounded differently. Raises a RequestError where a number is not finite.
     """
     finite(request)
-    return _planned(request, eligible(request, options), policy, options, Budget(), floats=floats)
+    goals, mask = eligible(request, options), request.traffic.mask
+    few = np.count_nonzero(mask, axis=-1) <= CROWD
+    if mask.shape[-1] <= CROWD or not few.any():
+        return _planned(request, goals, policy, options, Budget(), floats=floats)
+    # Each as if it were alone: those with few intruders are not searched like a crowd's.
+    plans = Plans(empty(few.size, options.waypoints), np.zeros(few.size, np.int8), np.array(few))
+    for some, most in ((few, CROWD), (~few, mask.shape[-1])):
+        rows = np.flatnonzero(some)
+        if rows.size == 0:
+            continue
+        part, order = _compact(take(request, rows), most)
+        found = _planned(part, goals[rows], policy, options, Budget(), floats=floats)
+        number = found.proposals.findings.intruder
+        number[:] = np.where(number >= 0, order[np.arange(rows.size), number], -1)
+        scatter(plans, rows, found)
+    return plans
+
+
+def _compact(request: Request, most: int) -> tuple[Request, Any]:
+    """Return requests with their intruders first and room for so many, and the intruders' numbers
+    before, ``[N, most]``.
+    """
+    order = np.argsort(~request.traffic.mask, axis=-1, kind="stable")[:, :most]
+    traffic = mapped(lambda field: np.take_along_axis(field, order, axis=-1), request.traffic)
+    return request._replace(traffic=traffic), order
 
 
 def _planned(

@@ -21,7 +21,8 @@ from envs.aircraft import Aircraft
 from envs.backend import FLOATS
 from envs.edge.command import InputError
 from envs.kinematics import VehicleState
-from envs.observation import NAMES, SIZE
+from envs.observation import NAMES, SIZE, urgent
+from envs.trees import mapped
 
 PARITY_TOLERANCE = 2e-5
 """Largest difference of an action from the training framework's, both evaluated in double
@@ -126,7 +127,7 @@ class Policy:
 
     def check_intruders(self, count: int) -> None:
         """Raise an OutsideDomainError for more intruders than in training, unless
-        :meth:`for_aircraft` allowed them.
+        :meth:`for_aircraft` allowed them; then the most critical of them are looked at.
         """
         if self._outside == "refuse" and count > self.most:
             raise OutsideDomainError(
@@ -135,12 +136,25 @@ class Policy:
                 "trained with (--allow-outside-domain flies all the same)"
             )
 
+    def most_critical(
+        self, own: VehicleState, intruders: VehicleState, present: ArrayLike
+    ) -> np.ndarray:
+        """Return the numbers of the intruders that the policy looks at, ``[..., min(most, K)]``: as
+        many as in training, the most urgent first (:func:`envs.observation.urgent`).
+
+        ``own`` has fields ``[...]``, the intruders ``[..., K]``; ``present`` says which exist.
+        """
+        return urgent(own, intruders, np.asarray(present, bool), self.most, self.aircraft, np)
+
     def departures(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
     ) -> list[Departure]:
-        """Return how aircraft and scene are unlike all that the policy was trained with."""
+        """Return how aircraft and scene are unlike all that the policy was trained with; of more
+        intruders than it looks at, by those.
+        """
         if not isinstance(self._decider, SetNetwork):
             return [*self._unlike]
+        intruders = self._looked_at(own, intruders)
         box = novelty.box_of(self.sha256, self.inputs)
         mine, each, _ = self._decider.inputs_of_one(own, intruders, goal_x, goal_y)
         return [*self._unlike, *novelty.departures(box, self.inputs, mine, each)]
@@ -218,6 +232,9 @@ class Policy:
         )
         if present.shape[-1] > self.most:
             self.check_intruders(int(np.max(np.count_nonzero(present, axis=-1), initial=0)))
+            order = self.most_critical(own, seen, present)
+            seen = mapped(lambda field: np.take_along_axis(field, order, axis=-1), seen)
+            present = np.take_along_axis(present, order, axis=-1)
         one, wide = (
             VehicleState(*(field.reshape(-1) for field in own)),
             (own.x.size, present.shape[-1]),
@@ -238,11 +255,25 @@ class Policy:
             ValueError: a number is not finite; ``OutsideDomainError``: there are too many
                 intruders.
         """
-        self.check_intruders(len(intruders))
+        if len(intruders) > self.most:
+            self.check_intruders(len(intruders))
+            intruders = self._looked_at(own, intruders)
         throttle, steering = self._decider.of_one(own, intruders, goal_x, goal_y)
         if not (isfinite(throttle) and isfinite(steering)):
             raise ValueError(_NOT_FINITE)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
+
+    def _looked_at(
+        self, own: VehicleState, intruders: Sequence[VehicleState]
+    ) -> Sequence[VehicleState]:
+        """Return the most critical of intruders in plain floats."""
+        if len(intruders) <= self.most:
+            return intruders
+        every = VehicleState(*(np.array(field) for field in zip(*intruders, strict=True)))
+        order = self.most_critical(
+            VehicleState(*map(np.asarray, own)), every, np.ones(len(intruders), bool)
+        )
+        return [intruders[int(number)] for number in order]
 
     def _checked(self, array: np.ndarray) -> np.ndarray:
         """Return the observations in [-1, 1] and the policy's dtype, or raise ``ValueError``."""

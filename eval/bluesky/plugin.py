@@ -20,7 +20,7 @@ from agents.planner.options import Options
 from envs.aircraft import new_aircraft
 from envs.edge.command import InputError
 from envs.kinematics import Limits, VehicleState, commands
-from envs.trees import take
+from envs.trees import mapped, take
 from envs.waypoints import Legs, RoutePoint, at, knots, legs
 
 __all__ = ["RLCAS", "init_plugin"]
@@ -219,10 +219,8 @@ class RLCAS(_Resolution):
         lasting = np.array([self._lasting[ownship.id[index]] for index in flown])
         waits = (lasting > conf.dtlookahead[flown])[:, None] & self.active
         present &= ~(waits & left & (away > _APART * separation))
-        away = np.where(present, away, np.inf)
-        near = np.argsort(away, axis=-1)[:, : policy.most]  # as many as it was trained with
-        x, y, away = (np.take_along_axis(each, near, axis=-1) for each in (x, y, away))
-        course, pace = np.arctan2(intruder.gsnorth, intruder.gseast)[near], intruder.gs[near]
+        course = np.broadcast_to(np.arctan2(intruder.gsnorth, intruder.gseast), x.shape)
+        others = VehicleState(x, y, course, np.broadcast_to(intruder.gs, x.shape))
         ahead, bearing = _AHEAD * separation, np.radians(90.0 - bs.traf.ap.trk[flown])
         waypoint = east_north(bs.traf.actwp.lat[flown, None], bs.traf.actwp.lon[flown, None])
         follows = np.asarray(bs.traf.swlnav[flown], bool)
@@ -230,8 +228,11 @@ class RLCAS(_Resolution):
         goal_y = np.where(follows, waypoint[1][:, 0], ahead * np.sin(bearing))
         zeros = np.zeros(len(flown))
         own = VehicleState(zeros, zeros, heading, ownship.gs[flown])
-        others, seen = VehicleState(x, y, course, pace), np.isfinite(away)
-        action = policy.command(own, others, seen, goal_x, goal_y)
+        critical = policy.most_critical(own, others, present)
+        seen, exists = mapped(
+            lambda field: np.take_along_axis(field, critical, axis=-1), (others, present)
+        )
+        action = policy.command(own, seen, exists, goal_x, goal_y)
         acceleration, yaw_rate = commands(action.T, policy.limits, np)
         self.trk[flown] = (ownship.trk[flown] - np.degrees(yaw_rate * dt)) % 360.0
         self.tas[flown] = np.clip(
@@ -240,7 +241,7 @@ class RLCAS(_Resolution):
         for row, index in enumerate(flown if self.planning else ()):
             traffic = [
                 VehicleState(*each)
-                for each in zip(*(field[row, seen[row]] for field in others), strict=True)
+                for each in zip(*(field[row, present[row]] for field in others), strict=True)
             ]
             goal = complex(goal_x[row], goal_y[row])
             planned = self._planned(ownship.id[index], policy, take(own, row), traffic, goal, dt)

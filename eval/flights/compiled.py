@@ -16,6 +16,7 @@ from agents.policy.set_network import actions
 from envs.aircraft import Ratios, ratios
 from envs.edge.command import InputError
 from envs.edge.compiled import keep_compiled
+from envs.trees import mapped
 
 _TILE = 256
 
@@ -42,6 +43,7 @@ class Compiled:
         each, hidden, head = (
             policy.layers(kind, np.float32) for kind in ("each", "hidden", "head")
         )
+        self._policy = policy
         self._units = policy.aircraft.limits, policy.aircraft.separation
         known = each, hidden + head, np.array(ratios(*self._units), np.float32)
         self._known, self._decided = jax.device_put(known), jax.jit(decided)
@@ -49,10 +51,14 @@ class Compiled:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        seen = scene(
-            sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y, *self._units, np
-        )
-        count, places = sight.mask.shape
+        others, mask = sight.intruders, sight.mask
+        if mask.shape[-1] > self._policy.most:
+            critical = self._policy.most_critical(sight.own, others, mask)
+            others, mask = mapped(
+                lambda field: np.take_along_axis(field, critical, axis=-1), (others, mask)
+            )
+        seen = scene(sight.own, others, mask, sight.goal_x, sight.goal_y, *self._units, np)
+        count, places = mask.shape
         rows = np.zeros((-(-count // _TILE) * _TILE, width(places)), np.float32)
         rows[:count, :3] = np.stack((seen.own_speed, seen.goal_x, seen.goal_y), axis=-1)
         for i, field in enumerate((seen.x, seen.y, seen.vx, seen.vy, seen.present)):

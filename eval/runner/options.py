@@ -254,7 +254,9 @@ def named_evaluation(config: MonteCarloConfig) -> tuple[Evaluation, Policy, dict
     policy = named_policy(config)
     aircraft = config.flown_aircraft(policy)
     source, names, resolved = named_source(config, aircraft)
-    if config.baseline == "none" and not config.allow_outside_domain:
+    # A plan is validated against all, however many the policy looks at.
+    unproven = config.baseline == "none" and config.mode == "policy"
+    if unproven and not config.allow_outside_domain:
         policy.check_intruders(most_intruders(source))
     backend = config.backend_for(policy, resolved["encounters"])
     how = (config.mode, config.planner.options(aircraft), config.baseline, backend)

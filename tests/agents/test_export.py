@@ -22,7 +22,8 @@ from agents.policy.schema import ACTION, OBSERVATION, SetOf, new_metadata
 from agents.policy.set_features import set_inputs
 from envs.aircraft import PAPER, Ratios, new_aircraft, ratios
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance, commands
-from envs.observation import decode, observe
+from envs.observation import criticality, decode, observe
+from envs.trees import column
 
 HIDDEN = (16, 8)
 
@@ -364,6 +365,13 @@ def test_more_intruders_than_in_training_are_refused():
     one = allowed.command_one(rows(own, 0), many, goal[0][0], goal[1][0])
     np.testing.assert_allclose(
         one, allowed.command(own, others, present | True, *goal)[0], atol=1e-5
+    )
+    # Allowed, it looks at as many as in training: the least urgent does not count.
+    order = np.argsort(criticality(column(own), others, PAPER, np), axis=-1)[:, :-1]
+    seen = VehicleState(*(np.take_along_axis(field, order, axis=-1) for field in others))
+    np.testing.assert_array_equal(
+        policy().command(own, seen, np.ones(order.shape, bool), *goal),
+        allowed.command(own, others, present | True, *goal),
     )
 
 

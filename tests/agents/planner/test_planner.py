@@ -2,6 +2,7 @@
 for.
 """
 
+import json
 import math
 import time
 from dataclasses import replace
@@ -10,10 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agents.check import accept
 from agents.planner import budget, fallback
 from agents.planner.answer import (
     WAYPOINTS,
     AdvisoryCode,
+    Apart,
     Kind,
     Plan,
     RequestError,
@@ -28,6 +31,7 @@ from agents.planner.rollout import roll
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy
 from benchmarks.safety.adversary import random_aircraft
+from benchmarks.traffic import question
 from envs.aircraft import PAPER, new_aircraft, ratios
 from envs.encounters import Encounter, scenario
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
@@ -371,14 +375,83 @@ def test_requests_in_plain_floats_are_planned_as_if_alone(
         np.testing.assert_array_equal(np.stack(take(together.knots, [row])), np.stack(alone.knots))
 
 
-def test_more_intruders_than_the_policy_was_trained_with_are_refused(policy: Policy) -> None:
+def test_more_intruders_than_the_policy_was_trained_with_are_planned_for_and_said(
+    policy: Policy,
+) -> None:
     many = [HEAD_ON._replace(y=20_000.0 + 100.0 * k) for k in range(policy.most + 1)]
-    with pytest.raises(
-        RequestError, match=f"there are {len(many)} intruders; expected {policy.most} at most"
-    ) as refused:
-        plan(OWN, many, ROUTE, policy)
-    assert refused.value.field == "intruders"
-    assert plan(OWN, many, ROUTE, policy.for_aircraft(PAPER, outside="allow")).safe
+    answer = plan(OWN, [*many, HEAD_ON], ROUTE, policy)
+    assert answer.safe and answer.source is not Source.NONE
+    said = [one.message for one in answer.advisory if one.code is AdvisoryCode.OUTSIDE_DOMAIN]
+    assert any(f"intruders is {len(many) + 1}; expected 0 to {policy.most}" in one for one in said)
+    # The one in the way is avoided, however many others the policy could look at.
+    assert 1_000.0 <= answer.min_separation < 3_000.0
+
+
+def test_plan_among_a_hundred_is_the_same_however_they_are_numbered(policy: Policy) -> None:
+    options = replace(OPTIONS, deadline_s=math.inf, exhaustive=False)
+    asked = question(2, 100, 30_000.0, PAPER)
+    first = plan(*asked, policy, options)
+    again = plan(asked.own, asked.intruders[::-1], asked.route, policy, options)
+    assert first.safe and again.waypoints == first.waypoints
+    many = stacked([asked.intruders, asked.intruders[::-1]])
+    x, y = (np.array([[getattr(p, axis) for p in asked.route]] * 2) for axis in "xy")
+    own = VehicleState(*(np.full(2, value) for value in asked.own))
+    together = plan_many(
+        Request(own, Traffic.straight(many), x, y, np.full(2, len(asked.route))), policy, options
+    )
+    found = np.stack(together.proposals.knots, axis=-1)[:, 1:]
+    flown = [[p.x, p.y, p.heading, p.speed, p.time] for p in first.waypoints]
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_allclose(found[0], flown, atol=1.0)
+
+
+def test_row_with_few_intruders_is_planned_as_alone_beside_a_crowd(policy: Policy) -> None:
+    asked = question(2, 30, 30_000.0, PAPER)
+    # One crosses the route behind the goal, where only a crowd's search looks.
+    asked.intruders[-1] = VehicleState(25_000.0, -25_000.0, 0.5 * math.pi, 80.0)
+    x, y = (np.array([[getattr(p, axis) for p in asked.route]] * 2) for axis in "xy")
+    own, points = VehicleState(*(np.full(2, value) for value in asked.own)), np.full(2, 9)
+    traffic = Traffic.straight(stacked([asked.intruders, asked.intruders]))
+    traffic.mask[0, :-2] = False
+    request, options = Request(own, traffic, x, y, points), replace(OPTIONS, exhaustive=False)
+    together = plan_many(request, policy, options)
+    for row in range(2):
+        one = take(request, [row])
+        kept = take(one.traffic, (slice(None), one.traffic.mask[0]))
+        alone = plan_many(one._replace(traffic=kept), policy, options)
+        found, expected = take(together, [row]).proposals, alone.proposals
+        mapped(np.testing.assert_array_equal, found.knots, expected.knots)
+        assert found.findings.clearance == expected.findings.clearance
+        # Intruders go by their numbers in the request.
+        names = np.flatnonzero(one.traffic.mask[0])
+        blamed = expected.findings.intruder[0]
+        assert found.findings.intruder[0] == (names[blamed] if blamed >= 0 else -1)
+
+
+def stacked(rows: list[list[VehicleState]]) -> VehicleState:
+    """Return intruders of requests as arrays ``[N, K]``."""
+    return VehicleState(*np.moveaxis(np.array(rows), -1, 0))
+
+
+@pytest.mark.parametrize("turn_rate", [0.0, 0.05])
+@pytest.mark.parametrize("velocity_std", [0.0, 2.0])
+def test_intruder_that_cannot_come_near_is_left_out_and_only_then(
+    policy: Policy, turn_rate: float, velocity_std: float
+) -> None:
+    points = np.array([[point.x, point.y] for point in ROUTE])
+    end = float(OPTIONS.latest_end(OWN.speed, *points.T))
+    uncertain = 2.0 * velocity_std * (end + 1.0)
+    both = PAPER.traffic_speed_max * (end + 1.0) + OPTIONS.limits.speed_max * end
+    edge = both + OPTIONS.requirement.separation + OPTIONS.requirement.margin + uncertain
+    for beyond, left_out in ((-5.0, False), (5.0, True)):
+        far = VehicleState(edge + beyond, 0.0, math.pi, 80.0)
+        one = Intruder(far, 1.0, turn_rate, 30.0, velocity_std=velocity_std)
+        answer = plan(OWN, [one], ROUTE, policy)
+        assert answer.safe
+        assert [found.apart for found in answer.excluded] == [Apart.FAR] * left_out
+        # It is proven like any other.
+        proven = accept(json.loads(answer.certificate or b""))
+        assert len(proven.reports) == 1 and proven.bounds[0] > 0.0
 
 
 ODD = {
@@ -610,7 +683,7 @@ class InOtherUnits:
 
     def __init__(self, policy: Policy, length: float, pace: float) -> None:
         self._policy, self._units, self.domain = policy, (length, length, 1.0, pace), policy.domain
-        self.sha256 = policy.sha256
+        self.sha256, self.most = policy.sha256, policy.most
 
     def command_one(
         self, own: VehicleState, intruders: Any, goal_x: float, goal_y: float
@@ -622,9 +695,6 @@ class InOtherUnits:
         return self._policy.command_one(
             own, others, goal_x / self._units[0], goal_y / self._units[0]
         )
-
-    def check_intruders(self, count: int) -> None:
-        self._policy.check_intruders(count)
 
     def departures(self, *scene: Any) -> list[str]:
         return []

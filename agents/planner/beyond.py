@@ -1,0 +1,165 @@
+"""Whether the route beyond the goal is clear of traffic once a manoeuvre is back on it.
+
+Among many aircraft the way to the goal is soon clear, and the route behind it is not. So that a
+manoeuvre goes on until both are, this estimates the rest of the plan: the ownship on the lines of
+the route at constant speed, intruders straight on after their turns. The validator judges the plan.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.manoeuvres.direct_to_goal import Task, arc_end, arrival, direct
+from agents.planner.options import Options
+from agents.planner.request import Request
+from agents.planner.traffic import Traffic, predicted, uncertainty
+from envs.kinematics import VehicleState, velocity
+from envs.trees import mapped, take
+
+CROWD = 16
+"""Intruders beyond which a search looks at the nearest ones first, and beyond the goal."""
+
+_STRAIGHT = 1e-6  # rad between two legs of a route that are one
+
+
+class Beyond(NamedTuple):
+    """The routes of requests beyond their goals, ``[N, L]``, and the intruders, ``[N, K]``."""
+
+    x: Any  # where a leg begins, m
+    y: Any
+    course: Any  # rad
+    begin: Any  # length of the route from the point after the goal to there, m
+    length: Any  # of the leg, m; 0: none
+    next_x: Any  # the point after the goal, m, [N]; the goal itself where there is none
+    next_y: Any
+    points: Any  # lengths of the route from there to its points, m, [N, P]; inf: none
+    traffic: Traffic
+    straight: VehicleState  # the intruders after their turns, moved back along the line to time 0
+    sigmas: float
+    until: float  # a plan ends at the first point that is reached at or after this, s
+
+    def clear(
+        self,
+        own: VehicleState,
+        goal: tuple[Any, Any],
+        required: Any,
+        owner: Any,
+        time: Any,
+        task: Task,
+    ) -> Any:
+        """Return whether the route is clear after the direct way to the goal from states ``[R]`` of
+        requests ``owner`` at some times, s, bool ``[R]``.
+
+        ``required`` is the separation before uncertainty grows, m, ``[R, K]``.
+        """
+        flown = self._flown(own, goal, owner, time, task)
+        first, last = flown.first[..., None], flown.last[..., None]
+        other = take(self.straight, (owner, None))
+        vx, vy = velocity(other, np)
+        x = other.x + vx * first - flown.x[..., None]
+        y = other.y + vy * first - flown.y[..., None]
+        vx, vy = vx - flown.vx[..., None], vy - flown.vy[..., None]
+        nearest = -(x * vx + y * vy) / np.maximum(vx * vx + vy * vy, 1e-9)
+        nearest = np.clip(nearest, 0.0, np.maximum(last - first, 0.0))
+        x, y = x + vx * nearest, y + vy * nearest
+        needed = required[:, None]
+        if self.traffic.velocity_std.any():
+            seen = take(self.traffic, (owner, None))
+            needed = needed + self.sigmas * (uncertainty(seen, last) - uncertainty(seen, 0.0))
+        near = x * x + y * y < needed * np.abs(needed)
+        return ~(near & (last > first)).any(axis=(1, 2))
+
+    def _flown(
+        self, own: VehicleState, goal: tuple[Any, Any], owner: Any, time: Any, task: Task
+    ) -> "_Lines":
+        """Return the flights of ``R`` manoeuvres beyond the goal: the turn onto the next point as
+        its chord, the way there, and the rest of the route.
+        """
+        at_goal, course, speed = arrival(own, goal, time, task, np)
+        there = VehicleState(*goal, course, speed)
+        way = direct(there, (self.next_x[owner], self.next_y[owner]), at_goal, task, np)
+        turned_x, turned_y = arc_end(there, way.side * way.turn, speed * way.turning)
+        turned = at_goal + way.turning
+        at_next = turned + (way.straight + task.radius) / speed
+        turning = np.maximum(way.turning, 1e-9)
+        lines = _Lines(
+            np.stack([goal[0], turned_x], axis=-1),
+            np.stack([goal[1], turned_y], axis=-1),
+            np.stack([(turned_x - goal[0]) / turning, speed * np.cos(way.course)], axis=-1),
+            np.stack([(turned_y - goal[1]) / turning, speed * np.sin(way.course)], axis=-1),
+            np.stack([at_goal, turned], axis=-1),
+            np.stack([turned, at_next], axis=-1),
+        )
+        x, y, course, begin, length = take(tuple(self[:5]), owner)
+        pace = speed[:, None]
+        reached = at_next[:, None] + self.points[owner] / pace
+        end = np.min(reached, axis=1, where=reached >= self.until, initial=np.inf)
+        first = at_next[:, None] + begin / pace
+        last = np.minimum(first + length / pace, end[:, None])
+        rest = _Lines(x, y, pace * np.cos(course), pace * np.sin(course), first, last)
+        return mapped(lambda *both: np.concatenate(both, axis=-1), lines, rest)
+
+
+class _Lines(NamedTuple):
+    """Flights along straight lines, ``[R, L]``."""
+
+    x: Any  # where they begin, m
+    y: Any
+    vx: Any  # m/s
+    vy: Any
+    first: Any  # s
+    last: Any  # s; not flown where it is not later
+
+
+def beyond(request: Request, goal: Any, options: Options) -> Beyond:
+    """Return the routes of requests beyond the points numbered ``goal``, ``[N]``."""
+    rows = np.arange(goal.size)
+    after = np.minimum(goal + 1, request.points - 1)
+    each = [
+        _legs(request.route_x[row, first:last], request.route_y[row, first:last])
+        for row, (first, last) in enumerate(zip(after, request.points, strict=True))
+    ]
+    most = max(len(legs) for legs, _ in each)
+    legs, points = np.zeros((goal.size, most, 5)), np.full(request.route_x.shape, np.inf)
+    for row, (found, along) in enumerate(each):
+        legs[row, : len(found)] = np.reshape(found, (len(found), 5))
+        points[row, : len(along)] = along
+    traffic = request.traffic
+    turned = predicted(traffic, traffic.turn_time)
+    vx, vy = velocity(turned, np)
+    straight = turned._replace(
+        x=turned.x - vx * traffic.turn_time, y=turned.y - vy * traffic.turn_time
+    )
+    x, y, course, begin, length = np.moveaxis(legs, -1, 0)
+    return Beyond(
+        x,
+        y,
+        course,
+        begin,
+        length,
+        request.route_x[rows, after],
+        request.route_y[rows, after],
+        points,
+        traffic,
+        straight,
+        options.requirement.sigmas,
+        options.finished_by,
+    )
+
+
+def _legs(x: Any, y: Any) -> tuple[list[tuple[float, ...]], Any]:
+    """Return the legs of a route (x, y, course, begin, length), those on one line as one, and the
+    lengths to its points.
+    """
+    lengths = np.hypot(np.diff(x), np.diff(y))
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    courses = np.arctan2(np.diff(y), np.diff(x))
+    found: list[tuple[float, ...]] = []
+    for number, (course, length) in enumerate(zip(courses, lengths, strict=True)):
+        if found and abs(math.remainder(course - found[-1][2], math.tau)) < _STRAIGHT:
+            *start, before = found.pop()
+            found.append((*start, before + length))
+        else:
+            found.append((x[number], y[number], course, along[number], length))
+    return found, along
