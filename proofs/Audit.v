@@ -1,6 +1,6 @@
 (* What the theorem rests on: nothing but the axioms of Coq's real numbers. *)
 
-Require Import Motion Quadrature Safe Example.
+Require Import Area Motion Quadrature Safe Example.
 
 Print Assumptions safe.
 Print Assumptions left_out_soundly.
@@ -12,3 +12,5 @@ Print Assumptions turning_y.
 Print Assumptions onward_x.
 Print Assumptions onward_y.
 Print Assumptions example.
+Print Assumptions area_part_safe.
+Print Assumptions grown_area_away.

@@ -15,7 +15,8 @@ import pytest
 from agents import check
 from agents.planner import separation, validator
 from agents.planner.traffic import Requirement, Traffic, advanced, required
-from envs import waypoints
+from envs import area_geometry, waypoints
+from envs.areas import Area, Polygon
 from envs.kinematics import C208_PUBLISHED, VehicleState
 
 PROOFS = Path(__file__).parents[2] / "proofs"
@@ -29,6 +30,7 @@ PRIMITIVE = {
     "sqrt": math.sqrt,
     "sin": math.sin,
     "cos": math.cos,
+    "atan": math.atan,
     "Rle_dec": lambda a, b: a <= b,
     "Rlt_dec": lambda a, b: a < b,
 }
@@ -93,7 +95,7 @@ class Reader:
 
 def definitions() -> dict[str, Callable[..., Any]]:
     scope: dict[str, Any] = dict(PRIMITIVE)
-    for name in ("Constants", "Vectors", "Bound", "Motion", "Quadrature", "Safe"):
+    for name in ("Constants", "Vectors", "Bound", "Area", "Motion", "Quadrature", "Safe"):
         text = re.sub(
             r"\(\*.*?\*\)", "", (PROOFS / f"{name}.v").read_text(encoding="utf-8"), flags=re.DOTALL
         )
@@ -122,6 +124,8 @@ def test_definitions_are_read() -> None:
         "required",
         "required_with_tolerance",
         "own_acceleration",
+        "edge_distance",
+        "angle",
     } <= set(COQ)
     assert COQ["norm"](3.0, 4.0) == 5.0
     assert COQ["loss"](2.0, 4.0) == pytest.approx(0.5)
@@ -163,6 +167,53 @@ def test_validators_bound_is_the_proven_one() -> None:
         for row, sagitta in zip(at.tolist(), sagittas.tolist(), strict=True)
     ]
     assert found[0, :, 0] == pytest.approx(np.array(proven), rel=1e-9, abs=1e-6)
+
+
+ARROW = Polygon(((0.0, 0.0), (4e3, -2e3), (1e3, 0.0), (3e3, 3e3)))
+
+
+def sides_of(ring: Any) -> list[tuple[float, ...]]:
+    """Return the edges of a ring: where each begins and ends."""
+    return [(*ring[n - 1], *ring[n]) for n in range(len(ring))]
+
+
+def test_distances_of_chords_from_areas_are_the_proven_ones() -> None:
+    rng = np.random.default_rng(6)
+    at = rng.uniform(-2e3, 5e3, (4, 300))
+    at[2:] = at[:2] + rng.normal(0.0, 1.0, (2, 300)) * 10.0 ** rng.uniform(0.0, 3.7, 300)
+    found = area_geometry.chord_distances(Area(ARROW), area_geometry.Parts(*at))
+    crossing = 0
+    for n, (px, py, qx, qy) in enumerate(at.T.tolist()):
+        least = math.inf
+        for edge in sides_of(ARROW.outer):
+            ends = [COQ["side"](*edge, px, py), COQ["side"](*edge, qx, qy)]
+            corners = [COQ["side"](px, py, qx, qy, *edge[k : k + 2]) for k in (0, 2)]
+            if ends[0] * ends[1] < 0.0 and corners[0] * corners[1] < 0.0:
+                least = -math.inf
+            least = min(least, COQ["edge_distance"](px, py, qx, qy, *edge))
+        if found.begin[n] > 0.0 and least > 0.0:
+            assert found.bound[n] == pytest.approx(least, rel=1e-9, abs=1e-6)
+        else:
+            assert found.bound[n] <= 1e-6
+        crossing += least < 0.0
+    assert 10 < crossing < 200
+
+
+def test_the_side_of_an_area_is_the_proven_winding() -> None:
+    rng = np.random.default_rng(7)
+    x, y = rng.uniform(-2e3, 5e3, (2, 300))
+    found = area_geometry.winding(area_geometry.edges(ARROW), x, y)
+    proven = [
+        sum(
+            COQ["angle"](ax - px, ay - py, bx - px, by - py)
+            for ax, ay, bx, by in sides_of(ARROW.outer)
+        )
+        for px, py in zip(x.tolist(), y.tolist(), strict=True)
+    ]
+    assert found == pytest.approx(np.array(proven), abs=1e-9)
+    turns = found / (2.0 * math.pi)
+    assert turns == pytest.approx(np.round(turns), abs=1e-9)
+    assert set(np.round(turns)) == {0.0, 1.0}
 
 
 def test_checkers_bound_is_the_best_proven_one() -> None:

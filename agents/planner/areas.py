@@ -1,0 +1,324 @@
+"""Whether plans keep the clearance from areas: every curve, while the area counts.
+
+An area counts while it is valid and the ownship may be level with it. As with the separation
+(:mod:`agents.planner.separation`), a part of a leg of length h leaves its chord by at most a h^2 /
+8, so what :mod:`envs.area_geometry` says of the chord bounds the signed distance of the whole part
+(proofs/Area.v). Parts that are not clear are cut into :data:`~agents.planner.separation.FINE`.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.planner.request import Altitude
+from agents.planner.separation import FINE, along, position_error_bound
+from agents.planner.validator import CLOSE, ROUNDING
+from envs.area_geometry import (
+    Parts,
+    box_distance,
+    chord_distances,
+    gain,
+    own_frame,
+    signed_distance,
+)
+from envs.areas import Area, Keep, Level
+from envs.trees import take
+from envs.waypoints import ARCS, Knots, Legs
+
+NEARER = 0.01
+"""By how much a plan that begins inside the clearance may come nearer than it is, m: the first part
+of a curve is bounded to some millimetres only.
+"""
+
+
+class Counted(NamedTuple):
+    """An area that a plan may meet."""
+
+    number: int  # its place in the request
+    area: Area
+    begin: float  # from when it counts, s after the request
+    end: float  # until when
+
+
+class AreaFindings(NamedTuple):
+    """What plans keep of the clearance from areas; fields ``[N]``."""
+
+    wrong: Any  # whether the clearance from some area is not kept, bool
+    area: Any  # number of the area of which it is lost first; -1 where it is kept
+    leg: Any  # number of the leg on which that is; -1
+    time: Any  # when it begins to be lost, s; nan
+    x: Any  # where that is, m
+    y: Any
+    # Smallest signed distance less the required one, m; inf where no area counts. Never too large,
+    # and negative exactly where something is wrong; elsewhere it may be too small by as much as
+    # arcs and the area's rectangle are long.
+    clearance: Any
+    nearest: Any  # number of the area of which that is; -1
+    time_of_clearance: Any  # when its part begins, s; nan
+
+    @classmethod
+    def blank(cls, count: int) -> "AreaFindings":
+        """Return that no area counts, ``[count]``."""
+        none, nan = np.full(count, -1), np.full(count, np.nan)
+        return cls(
+            np.zeros(count, dtype=bool),
+            none,
+            none.copy(),
+            nan,
+            nan.copy(),
+            nan.copy(),
+            np.full(count, np.inf),
+            none.copy(),
+            nan.copy(),
+        )
+
+
+class _Arcs(NamedTuple):
+    """The arcs of plans in a row; fields ``[N, A]``."""
+
+    begin: Any  # s after the request
+    end: Any
+    x0: Any  # where they begin, m
+    y0: Any
+    x1: Any  # where they end, m
+    y1: Any
+    acceleration: Any  # the largest on each, m/s^2
+    error: Any  # of the positions, m
+
+
+def counted(
+    areas: Sequence[Area],
+    own: Any,
+    altitude: Altitude | None,
+    *,
+    fastest: float,
+    horizon: float,
+    unknown_climb: float,
+) -> tuple[Counted, ...]:
+    """Return the areas that count within a horizon, and when.
+
+    An area to be kept out of is left out where the ownship cannot reach its clearance in time.
+
+    Args:
+        own: state of the ownship at the request.
+        altitude: its altitude; None: unknown, which counts as level with every area.
+        fastest: highest speed over the ground of any plan, m/s.
+        horizon: time of the last waypoint of any plan, s.
+        unknown_climb: vertical speed either way where it is unknown, m/s.
+    """
+    found = []
+    for number, area in enumerate(areas):
+        begin, end = window(area, altitude, unknown_climb)
+        begin, end = max(begin, 0.0), min(end, horizon)
+        if begin > end:
+            continue
+        if area.keep is Keep.OUT:
+            away = float(signed_distance(area, own.x, own.y)) - area.clearance
+            if away > (fastest + math.hypot(*area.velocity) + max(area.growth, 0.0)) * end:
+                continue
+        found.append(Counted(number, area, begin, end))
+    return tuple(found)
+
+
+def window(area: Area, altitude: Altitude | None, unknown_climb: float) -> tuple[float, float]:
+    """Return from when and until when an area counts, s after the request; the first is greater
+    where it never does.
+    """
+    begin, end = area.valid_from, area.valid_until
+    if altitude is None or area.keep is Keep.IN:
+        return begin, end
+    for level, side in ((area.floor, 1.0), (area.ceiling, -1.0)):
+        if level is not None and level.reference == altitude.reference:
+            first, last = _beyond(level, altitude, side, unknown_climb)
+            begin, end = max(begin, first), min(end, last)
+    return begin, end
+
+
+def _beyond(
+    level: Level, altitude: Altitude, side: float, unknown_climb: float
+) -> tuple[float, float]:
+    """Return when an aircraft may be above a level (side 1) or below it (side -1), s."""
+    gap = side * (altitude.value - level.value) + altitude.error
+    known = altitude.vertical_speed
+    rate = unknown_climb if known is None else side * known
+    if rate == 0.0:
+        return (-math.inf, math.inf) if gap >= 0.0 else (math.inf, -math.inf)
+    if rate > 0.0:  # time before the request does not matter
+        return (-math.inf if gap >= 0.0 else -gap / rate), math.inf
+    return (-math.inf, gap / -rate) if gap >= 0.0 else (math.inf, -math.inf)
+
+
+def judge(
+    knots: Knots, curves: Legs, areas: Sequence[Counted], margin: float = 0.0
+) -> AreaFindings:
+    """Return whether every curve of plans keeps the clearance from every area that counts.
+
+    A plan that begins nearer to an area than its clearance must not come nearer than it is, but for
+    :data:`NEARER`; one that begins inside of what is forbidden keeps nothing.
+
+    Args:
+        knots: state at the request and published waypoints, ``[N, W]``, finite, in order of time.
+        curves: their legs.
+        areas: what counts.
+        margin: what the follower leaves of the plan, m; added to the clearance.
+    """
+    found = AreaFindings.blank(len(knots.time))
+    if not areas:
+        return found
+    arcs = _arcs(knots, curves)
+    for one in areas:
+        _judge_area(found, one, arcs, curves, margin)
+    return found
+
+
+def required(one: Counted, x: Any, y: Any, margin: float) -> Any:
+    """Return the signed distance that plans which begin at places ``[N]`` must keep, m."""
+    wanted = np.full(np.shape(x), one.area.clearance + margin)
+    if one.begin > 0.0:
+        return wanted
+    return np.clip(signed_distance(one.area, x, y) - NEARER, 0.0, wanted)
+
+
+def _arcs(knots: Knots, curves: Legs) -> _Arcs:
+    rows = len(knots.time)
+    step = curves.duration[..., None] / ARCS
+    begin = (curves.time[..., None] + np.arange(ARCS) * step).reshape(rows, -1)
+    x, y = curves.x.reshape(rows, -1), curves.y.reshape(rows, -1)
+    quickest = np.maximum(curves.speed, curves.speed + curves.acceleration * step)
+    return _Arcs(
+        begin,
+        # The curve ends where its last waypoint stands, but for less than CLOSED.
+        np.concatenate([begin[:, 1:], knots.time[:, -1:]], axis=1),
+        x,
+        y,
+        np.concatenate([x[:, 1:], knots.x[:, -1:]], axis=1),
+        np.concatenate([y[:, 1:], knots.y[:, -1:]], axis=1),
+        np.hypot(curves.acceleration, quickest * curves.yaw_rate).reshape(rows, -1),
+        np.repeat(curves.miss + position_error_bound(curves), ARCS, axis=1),
+    )
+
+
+def _judge_area(
+    found: AreaFindings, one: Counted, arcs: _Arcs, curves: Legs, margin: float
+) -> None:
+    """Judge all plans against one area."""
+    need = required(one, arcs.x0[:, 0], arcs.y0[:, 0], margin)
+    near = counts = (arcs.end >= one.begin) & (arcs.begin <= one.end)
+    if one.area.keep is Keep.OUT:
+        far = box_distance(one.area, _in_frame(one.area, arcs)) + _least_gain(one.area, arcs)
+        far -= _lost(arcs)
+        near = counts & ~(far > need[:, None])
+        away = np.where(counts & ~near, far - need[:, None], np.inf)
+        least = np.argmin(away, axis=1)
+        pick = np.arange(len(need)), least
+        _note_least(found, one, pick[0], away[pick], arcs.begin[pick])
+    n, a = np.nonzero(near)
+    if n.size == 0:
+        return
+    near_arcs, needed = take(arcs, (n, a)), need[n]
+    bound, attained = _bounds(one.area, near_arcs, needed)
+    # What the ends do not keep is lost. To cut it would only tell the time better, which matters
+    # for the first of a plan. Where the area counts for a part of an arc only, the ends decide
+    # nothing.
+    whole = (near_arcs.begin >= one.begin) & (near_arcs.end <= one.end)
+    lost = np.flatnonzero(~(attained >= _tolerated(needed)) & whole)
+    fine = ~(bound >= needed)
+    fine[lost] = False
+    fine[lost[np.unique(n[lost], return_index=True)[1]]] = True
+    coarse = np.flatnonzero(~fine)
+    begin = near_arcs.begin[coarse]
+    _note_least(found, one, n[coarse], (bound - needed)[coarse], begin)
+    late = lost[~fine[lost]]
+    _note_lost(found, one, n[late], a[late] // ARCS, take(near_arcs, late))
+    if fine.any():
+        _judge_finely(found, one, (arcs, curves), need, (n[fine], a[fine]))
+
+
+def _judge_finely(
+    found: AreaFindings, one: Counted, plans: tuple[_Arcs, Legs], need: Any, which: Any
+) -> None:
+    """Judge the parts of arcs ``[m]`` that were not clear as a whole."""
+    (n, a), (arcs, curves) = which, plans
+    duration = (arcs.end - arcs.begin)[n, a, None]
+    x, y, heading, speed, yaw_rate, acceleration = (
+        field.reshape(len(need), -1)[n, a][:, None] for field in curves[3:]
+    )
+    x, y = along(x, y, heading, speed, yaw_rate, acceleration, duration / FINE)
+    time = arcs.begin[n, a, None] + np.arange(FINE + 1) * (duration / FINE)
+    begin, end = time[:, :-1], time[:, 1:]
+    counts = (end >= one.begin) & (begin <= one.end)
+    ends = begin, end, x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]
+    of_arc = arcs.acceleration[n, a, None], arcs.error[n, a, None], n[:, None], a[:, None] // ARCS
+    *fields, rows, legs = (
+        np.broadcast_to(field, begin.shape)[counts] for field in (*ends, *of_arc)
+    )
+    parts = _Arcs(*fields)
+    needed = _tolerated(need[rows])
+    bound, _ = _bounds(one.area, parts, needed)
+    _note_least(found, one, rows, bound - needed, parts.begin)
+    bad = np.flatnonzero(~(bound >= needed))
+    _note_lost(found, one, rows[bad], legs[bad], take(parts, bad))
+
+
+def _tolerated(need: Any) -> Any:
+    """Return the required distance less the tolerance, which is for the clearance: the area itself
+    is kept but for rounding.
+    """
+    return np.maximum(need - CLOSE, -ROUNDING)
+
+
+def _bounds(area: Area, arcs: _Arcs, need: Any) -> tuple[Any, Any]:
+    """Return a lower bound of the signed distance on whole arcs ``[M]``, and the least of its
+    values at their ends, m.
+    """
+    grown, lost, rate = _least_gain(area, arcs), _lost(arcs), gain(area)
+    chord = chord_distances(area, _in_frame(area, arcs), need + lost - grown)
+    ends = chord.begin + rate * arcs.begin, chord.end + rate * arcs.end
+    return chord.bound + grown - lost, np.minimum(*ends)
+
+
+def _in_frame(area: Area, arcs: _Arcs) -> Parts:
+    return Parts(
+        *own_frame(area, arcs.x0, arcs.y0, arcs.begin), *own_frame(area, arcs.x1, arcs.y1, arcs.end)
+    )
+
+
+def _least_gain(area: Area, arcs: _Arcs) -> Any:
+    """Return the least that the area's growth adds to signed distances within arcs, m."""
+    return np.minimum(gain(area) * arcs.begin, gain(area) * arcs.end)
+
+
+def _lost(arcs: _Arcs) -> Any:
+    """Return by how much the curve may be nearer than its chord as it is computed, m."""
+    return 0.125 * arcs.acceleration * (arcs.end - arcs.begin) ** 2 + arcs.error
+
+
+def _note_least(found: AreaFindings, one: Counted, rows: Any, clearance: Any, begin: Any) -> None:
+    """Note the smallest clearance of parts ``[M]`` of plans numbered ``rows``, m, and when it is,
+    s.
+    """
+    row, best = _first(rows, clearance)
+    less = clearance[best] < found.clearance[row]
+    row, best = row[less], best[less]
+    found.clearance[row], found.nearest[row] = clearance[best], one.number
+    found.time_of_clearance[row] = begin[best]
+
+
+def _note_lost(found: AreaFindings, one: Counted, rows: Any, legs: Any, parts: _Arcs) -> None:
+    """Note the first of parts ``[M]`` of plans numbered ``rows`` in which the clearance is lost."""
+    row, first = _first(rows, parts.begin)
+    earlier = ~(found.time[row] <= parts.begin[first])
+    row, first = row[earlier], first[earlier]
+    found.wrong[row], found.area[row], found.leg[row] = True, one.number, legs[first]
+    found.time[row], found.x[row], found.y[row] = (
+        field[first] for field in (parts.begin, parts.x0, parts.y0)
+    )
+
+
+def _first(owners: Any, key: Any) -> tuple[Any, Any]:
+    """Return the owners that there are, and the place of the least of each by a key."""
+    order = np.lexsort((key, owners))
+    owner, first = np.unique(owners[order], return_index=True)
+    return owner, order[first]

@@ -1,0 +1,240 @@
+"""Plans keep the clearance from areas, or it is said from which, when and where: by dense sampling
+and shapely.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents.planner.areas import NEARER, Counted, counted, judge, required, window
+from agents.planner.request import Altitude
+from envs.area_geometry import gain
+from envs.areas import Area, Circle, Keep, Level, Polygon
+from envs.kinematics import VehicleState
+from envs.waypoints import Knots, Legs, at, legs
+from tests.agents.planner.test_validator import plans
+from tests.envs.test_area_geometry import star, truth
+
+STEP = 0.05
+END = 200.0
+
+
+def random_area(rng: np.random.Generator) -> Area:
+    """Return an area somewhere round the plans, of any kind."""
+    x, y = rng.uniform(-6_000.0, 6_000.0, 2)
+    size = float(rng.uniform(500.0, 6_000.0))
+    keep = Keep.IN if rng.random() < 0.3 else Keep.OUT
+    size = 9_000.0 + size if keep is Keep.IN else size
+    shape: Any = Circle(float(x), float(y), size)
+    if rng.random() < 0.7:
+        ring, hole = (
+            np.add(star(rng, count, extent), (x, y))
+            for count, extent in ((int(rng.integers(5, 20)), size), (4, 0.1 * size))
+        )
+        shape = Polygon(tuple(map(tuple, ring)), (tuple(map(tuple, hole)),))
+    moves = rng.random() < 0.5
+    return Area(
+        shape,
+        keep,
+        velocity=tuple(rng.uniform(-20.0, 20.0, 2)) if moves else (0.0, 0.0),
+        growth=float(rng.uniform(-1.0, 2.0)) if moves else 0.0,
+        clearance=float(rng.choice([0.0, 50.0, 300.0])),
+    )
+
+
+def sampled(knots: Knots, one: Counted) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and the signed distances of plans then, ``[T, N]``, while the area counts."""
+    curves, area = legs(knots), one.area
+    times = np.arange(one.begin, min(one.end, float(knots.time[0, -1])) + 1e-9, STEP)
+    away = []
+    for time in np.array_split(times[:, None], math.ceil(times.size / 100)):
+        rows = len(time)
+        every = Legs(*(np.broadcast_to(field, (rows, *field.shape)) for field in curves))
+        state = at(every, np.broadcast_to(time, (rows, len(knots.time))))
+        x, y = (v - w * time for v, w in zip((state.x, state.y), area.velocity, strict=True))
+        away.append(truth(area.shape, area.keep, x, y) + gain(area) * time)
+    return times, np.concatenate(away)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plan_keeps_its_clearance_exactly_if_it_is_said_to(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    knots = plans(12, seed)
+    curves = legs(knots)
+    kept, lost = 0, 0
+    for _ in range(6):
+        begin, end = sorted(rng.uniform(0.0, END, 2)) if rng.random() < 0.4 else (0.0, END)
+        one = Counted(3, random_area(rng), float(begin), float(end))
+        margin = float(rng.choice([0.0, 0.02]))
+        found = judge(knots, curves, [one], margin)
+        times, away = sampled(knots, one)
+        need = required(one, knots.x[:, 0], knots.y[:, 0], margin)
+        least = away.min(axis=0) - need
+        # Samples miss the nearest point by 1 m at 100 m/s at most, beside an edge by far less.
+        assert np.all(found.wrong[least < -0.002])
+        assert not np.any(found.wrong[least > 0.05])
+        assert np.all(found.clearance <= least + 0.0021)
+        np.testing.assert_array_equal(found.wrong, found.clearance < 0.0)
+        kept, lost = kept + np.count_nonzero(~found.wrong), lost + np.count_nonzero(found.wrong)
+        for n in np.flatnonzero(found.wrong):
+            when = times[np.argmax(away[:, n] < need[n] - 0.002)]
+            assert found.area[n] == found.nearest[n] == 3
+            # The part that is noted begins before the clearance is lost; an arc at most.
+            assert when - 2.1 <= found.time[n] <= when + STEP
+            state = at(legs(Knots(*(field[n] for field in knots))), found.time[n])
+            assert math.hypot(state.x - found.x[n], state.y - found.y[n]) < 0.01
+            assert knots.time[n, found.leg[n]] <= found.time[n] + 1e-9
+            assert found.time[n] <= knots.time[n, found.leg[n] + 1]
+    assert kept > 10
+    assert lost > 10
+
+
+def test_the_first_and_the_nearest_of_several_areas_are_named() -> None:
+    straight = Knots(
+        *(np.array([row]) for row in ([0.0, 2e3, 4e3], [0.0] * 3, [0.0] * 3, [100.0] * 3)),
+        time=np.array([[0.0, 20.0, 40.0]]),
+    )
+    late, early, beside = Circle(3e3, 0.0, 200.0), Circle(1e3, 100.0, 150.0), Circle(2e3, 5e2, 3e2)
+    areas = [Counted(n, Area(disc), 0.0, 40.0) for n, disc in ((4, late), (7, early), (9, beside))]
+    found = judge(straight, legs(straight), areas)
+    assert (found.wrong[0], found.area[0], found.leg[0]) == (True, 7, 0)
+    # The chord of the early disc begins at 1000 - sqrt(150^2 - 100^2).
+    assert found.time[0] == pytest.approx(8.88, abs=0.07)
+    assert (found.x[0], found.y[0]) == pytest.approx((888.0, 0.0), abs=7.0)
+    assert found.nearest[0] == 4
+    assert found.clearance[0] == pytest.approx(-200.0, abs=200.0)
+    found = judge(straight, legs(straight), areas[2:])
+    assert not found.wrong[0]
+    assert found.clearance[0] == pytest.approx(200.0, abs=0.01)
+    assert found.nearest[0] == 9
+    assert found.time_of_clearance[0] == pytest.approx(20.0, abs=4.1)
+
+
+def test_a_plan_that_begins_inside_the_clearance_must_not_come_nearer() -> None:
+    def way(heading: float) -> Knots:
+        distance = np.array([0.0, 2e3, 4e3])
+        x, y = 600.0 + distance * math.cos(heading), distance * math.sin(heading)
+        rest = np.full(3, heading), np.full(3, 100.0), np.array([0.0, 20.0, 40.0])
+        return Knots(*(field[None] for field in (x, y, *rest)))
+
+    one = Counted(0, Area(Circle(0.0, 0.0, 500.0), clearance=300.0), 0.0, 40.0)
+    for heading, wrong in ((0.0, False), (math.pi / 2.0, False), (math.pi / 2.0 + 0.05, True)):
+        knots = way(heading)
+        assert judge(knots, legs(knots), [one]).wrong[0] == wrong, heading
+    assert required(one, 600.0, 0.0, 0.02) == pytest.approx(100.0 - NEARER)
+    assert required(one, 400.0, 0.0, 0.02) == 0.0
+    assert required(one._replace(begin=1.0), 400.0, 0.0, 0.02) == pytest.approx(300.02)
+
+
+def test_a_plan_that_begins_inside_keeps_nothing() -> None:
+    knots = plans(20, 3)
+    for keep, size in ((Keep.OUT, 9e3), (Keep.IN, 10.0)):
+        one = Counted(0, Area(Circle(0.0, 0.0, size), keep), 0.0, END)
+        found = judge(knots, legs(knots), [one])
+        assert found.wrong.all()
+        np.testing.assert_array_equal(found.time, 0.0)
+
+
+def test_without_areas_nothing_is_wrong() -> None:
+    knots = plans(4, 1)
+    found = judge(knots, legs(knots), [])
+    assert not found.wrong.any()
+    np.testing.assert_array_equal(found.clearance, np.inf)
+
+
+def test_a_plan_is_judged_as_if_it_were_alone() -> None:
+    rng = np.random.default_rng(8)
+    knots = plans(20, 5)
+    areas = [Counted(n, random_area(rng), 0.0, END) for n in range(5)]
+    together = judge(knots, legs(knots), areas)
+    for n in range(20):
+        alone = Knots(*(field[n : n + 1] for field in knots))
+        for whole, part in zip(together, judge(alone, legs(alone), areas), strict=True):
+            np.testing.assert_array_equal(whole[n : n + 1], part)
+
+
+@given(
+    st.floats(0.0, 2e3),
+    st.one_of(st.none(), st.floats(-10.0, 10.0)),
+    st.floats(0.0, 100.0),
+    st.one_of(st.none(), st.floats(0.0, 1e3)),
+    st.one_of(st.none(), st.floats(1.1e3, 2e3)),
+    st.floats(0.0, 400.0),
+)
+def test_an_area_counts_exactly_while_the_ownship_may_be_level(
+    height: float,
+    climb: float | None,
+    error: float,
+    floor: float | None,
+    ceiling: float | None,
+    time: float,
+) -> None:
+    levels = [None if value is None else Level(value, "msl") for value in (floor, ceiling)]
+    area = Area(Circle(0.0, 0.0, 1.0), floor=levels[0], ceiling=levels[1], valid_from=-1.0)
+    rates = (-5.0, 5.0) if climb is None else (climb, climb)
+    low, high = height - error + rates[0] * time, height + error + rates[1] * time
+    level = (floor is None or high >= floor) and (ceiling is None or low <= ceiling)
+    begin, end = window(area, Altitude(height, "msl", climb, error), 5.0)
+    if min(abs(high - (floor or 0.0)), abs(low - (ceiling or 0.0))) > 1e-6:
+        assert (begin <= time <= end) == level
+    assert window(area, Altitude(height, "wgs84", climb, error), 5.0) == (-1.0, math.inf)
+    assert window(area, None, 5.0) == (-1.0, math.inf)
+
+
+def test_an_area_to_be_kept_in_counts_at_all_heights() -> None:
+    low = Area(Circle(0.0, 0.0, 1.0), Keep.IN, ceiling=Level(100.0, "msl"))
+    assert window(low, Altitude(500.0, "msl", 0.0), 5.0) == (-math.inf, math.inf)
+
+
+def test_what_cannot_be_reached_or_does_not_count_is_left_out() -> None:
+    own, settings = VehicleState(0.0, 0.0, 0.0, 80.0), {"horizon": 400.0, "unknown_climb": 10.0}
+    areas = [
+        Area(Circle(42_000.0, 0.0, 1e3)),
+        Area(Circle(42_000.0, 0.0, 1e3), clearance=1_001.0),
+        Area(Circle(42_000.0, 0.0, 1e3), velocity=(-3.0, 0.0)),
+        Area(Circle(42_000.0, 0.0, 1e3), growth=3.0),
+        Area(Circle(0.0, 0.0, 1e3), Keep.IN, valid_from=401.0),
+        Area(Circle(0.0, 0.0, 1e3), valid_until=-1.0),
+        Area(Circle(0.0, 0.0, 1e3), ceiling=Level(100.0, "msl")),
+        Area(Circle(0.0, 0.0, 1e3), valid_from=10.0, valid_until=20.0),
+        Area(Circle(19_000.0, 0.0, 1e3), valid_until=170.0),
+    ]
+    found = counted(areas, own, Altitude(500.0, "msl", 0.0), fastest=100.0, **settings)
+    assert [one.number for one in found] == [1, 2, 3, 7]
+    assert (found[3].begin, found[3].end) == (10.0, 20.0)
+    assert (found[0].begin, found[0].end) == (0.0, 400.0)
+
+
+def test_nothing_that_is_left_out_can_be_met() -> None:
+    knots = plans(200, 9)
+    curves = legs(knots)
+    rng = np.random.default_rng(10)
+    met = 0
+    for _ in range(40):
+        area = random_area(rng)
+        one = Counted(0, area, 0.0, END)
+        wrong = judge(knots, curves, [one]).wrong
+        for n in range(0, 200, 10):
+            own = VehicleState(*(float(field[n, 0]) for field in knots[:4]))
+            out = not counted([area], own, None, fastest=100.0, horizon=END, unknown_climb=9.0)
+            assert not (out and wrong[n])
+            met += wrong[n]
+    assert met > 20
+
+
+def test_second_opinion_on_a_corner() -> None:
+    corner = Polygon(((0.0, 0.0), (900.0, -400.0), (900.0, 400.0)))
+    knots = Knots(
+        *(np.array([row]) for row in ([-50.0] * 2, [-2e3, 2e3], [math.pi / 2.0] * 2, [100.0] * 2)),
+        time=np.array([[0.0, 40.0]]),
+    )
+    found = judge(knots, legs(knots), [Counted(0, Area(corner, clearance=49.9), 0.0, 40.0)])
+    line = shapely.LineString([(-50.0, -2e3), (-50.0, 2e3)])
+    least = shapely.distance(line, shapely.Polygon(corner.outer))
+    assert found.clearance[0] == pytest.approx(least - 49.9, abs=0.003)
+    assert not found.wrong[0]
