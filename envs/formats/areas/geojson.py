@@ -1,0 +1,178 @@
+"""Areas as GeoJSON (RFC 7946): polygons, and points with a radius, with properties of our own.
+
+Properties of a feature, all optional: ``name``; ``keep`` (``"out"`` or ``"in"``); ``floor_m`` and
+``ceiling_m`` with ``floor_reference`` and ``ceiling_reference`` (``"wgs84"``, ``"msl"``,
+``"pressure"``, ``"ground"``); ``valid_from`` and ``valid_until`` (dates of RFC 3339), or
+``valid_from_s`` and ``valid_until_s`` (s after the request); ``clearance_m``;
+``velocity_east_m_s``, ``velocity_north_m_s`` and ``growth_m_s``; for a point ``radius_m``. Others
+are not read.
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from envs.areas import Area, AreaError, Circle, Keep, Ring
+from envs.edge.files import write_file
+from envs.formats.areas.geodetic import (
+    OFF,
+    GeodeticArea,
+    Period,
+    date,
+    level,
+    number,
+    place,
+    polygon,
+    record,
+    rows,
+    text,
+)
+from envs.formats.local_frame import LocalFrame
+
+_NUMBERS = {
+    "clearance": "clearance_m",
+    "growth": "growth_m_s",
+    "valid_from": "valid_from_s",
+    "valid_until": "valid_until_s",
+}
+_VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
+
+
+def areas_of(content: dict[str, Any], source: str) -> list[GeodeticArea]:
+    """Return the areas of a feature or a collection of features."""
+    if "crs" in content:
+        raise AreaError(f"{source}, crs: expected none, places are WGS-84 in GeoJSON")
+    kind = content.get("type")
+    if kind == "Feature":
+        return _of_feature(content, source)
+    if kind != "FeatureCollection":
+        raise AreaError(f"{source}, type: is {kind!r:.60}, expected Feature or FeatureCollection")
+    found: list[GeodeticArea] = []
+    for n, feature in enumerate(rows(content.get("features"), f"{source}, features")):
+        where = f"{source}, features[{n}]"
+        found += _of_feature(record(feature, where), where)
+    return found
+
+
+def _of_feature(feature: dict[str, Any], where: str) -> list[GeodeticArea]:
+    shape = record(feature.get("geometry"), f"{where}, geometry")
+    given = feature.get("properties")
+    properties = record({} if given is None else given, f"{where}, properties")
+    common = _common(properties, where)
+    kind, at = shape.get("type"), f"{where}, geometry.coordinates"
+    coordinates = shape.get("coordinates")
+    if kind == "Polygon":
+        return [common._replace(rings=polygon(coordinates, at))]
+    if kind == "MultiPolygon":
+        parts = rows(coordinates, at)
+        if common.keep is Keep.IN and len(parts) != 1:
+            raise AreaError(
+                f"{at}: has {len(parts)} polygons to be kept in, expected one: there is no way "
+                "from one to another"
+            )
+        return [
+            common._replace(rings=polygon(part, f"{at}[{n}]"), where=f"{where}, polygon {n}")
+            for n, part in enumerate(parts)
+        ]
+    if kind == "Point":
+        radius = number(properties.get("radius_m"), f"{where}, radius_m", 0.0, 1e7, "m")
+        return [common._replace(centre=place(coordinates, at, longitude_first=True), radius=radius)]
+    raise AreaError(
+        f"{where}, geometry.type: is {kind!r:.60}, expected Polygon, MultiPolygon or Point"
+    )
+
+
+def _common(properties: dict[str, Any], where: str) -> GeodeticArea:
+    """Return what the properties of a feature say of its area."""
+    keep = properties.get("keep", Keep.OUT.value)
+    if keep not in {side.value for side in Keep}:
+        raise AreaError(f'{where}, keep: is {keep!r:.60}, expected "out" or "in"')
+    more: dict[str, Any] = {
+        field: number(properties[key], f"{where}, {key}")
+        for field, key in _NUMBERS.items()
+        if properties.get(key) is not None
+    }
+    if any(key in properties for key in _VELOCITY):
+        more["velocity"] = tuple(
+            number(properties.get(key, 0.0), f"{where}, {key}") for key in _VELOCITY
+        )
+    period = Period(
+        *(date(properties.get(key), f"{where}, {key}") for key in ("valid_from", "valid_until"))
+    )
+    for date_of, field in zip(period, ("valid_from", "valid_until"), strict=True):
+        if date_of is not None and field in more:
+            raise AreaError(f"{where}, {field}: is given twice, also as {_NUMBERS[field]}")
+    limits = []
+    for limit in ("floor", "ceiling"):
+        value = properties.get(f"{limit}_m")
+        reference = properties.get(f"{limit}_reference")
+        if value is not None and reference is None:
+            raise AreaError(f"{where}, {limit}_reference: is missing, expected what it is above")
+        name = text(reference, f"{where}, {limit}_reference") if value is not None else ""
+        limits.append(level(value, name, 1.0, f"{where}, {limit}_m"))
+    return GeodeticArea(
+        where,
+        keep=Keep(keep),
+        floor=limits[0],
+        ceiling=limits[1],
+        period=period,
+        name=text(properties.get("name") or "", f"{where}, name"),
+        more=more,
+    )
+
+
+def write_areas(path: str | os.PathLike[str], areas: Sequence[Area], frame: LocalFrame) -> None:
+    """Write areas of a local frame as a file of GeoJSON that :func:`read_areas` gives back; times
+    are s after the request.
+    """
+    content = {
+        "type": "FeatureCollection",
+        "features": [
+            {"type": "Feature", "geometry": _geometry(area, frame), "properties": _properties(area)}
+            for area in areas
+        ],
+    }
+    write_file(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def _geometry(area: Area, frame: LocalFrame) -> dict[str, Any]:
+    shape = area.shape
+    if isinstance(shape, Circle):
+        point = frame.geodetic(shape.x, shape.y)
+        return {"type": "Point", "coordinates": [float(point.longitude), float(point.latitude)]}
+    return {"type": "Polygon", "coordinates": [_closed(ring, frame) for ring in shape.rings]}
+
+
+def _closed(ring: Ring, frame: LocalFrame) -> list[list[float]]:
+    """Return a closed ring of places, with more points where an edge is not straight in degrees."""
+    x, y = np.array([*ring, ring[0]]).T
+    ends = frame.geodetic(x, y)
+    longitude, latitude = np.unwrap(ends.longitude, period=360.0), ends.latitude
+    middle = frame.place(*(0.5 * (field[1:] + field[:-1]) for field in (latitude, longitude)))
+    off = np.hypot(middle.x - 0.5 * (x[1:] + x[:-1]), middle.y - 0.5 * (y[1:] + y[:-1]))
+    parts = np.maximum(np.ceil(np.sqrt(off / (0.9 * OFF))), 1.0).astype(int)
+    shares = np.concatenate([n + np.arange(count) / count for n, count in enumerate(parts)])
+    along = np.append(shares, len(ring))
+    points = frame.geodetic(*(np.interp(along, np.arange(len(x)), field) for field in (x, y)))
+    return np.stack([points.longitude, points.latitude], axis=1).tolist()
+
+
+def _properties(area: Area) -> dict[str, Any]:
+    found: dict[str, Any] = {"keep": area.keep.value}
+    if area.name:
+        found["name"] = area.name
+    if isinstance(area.shape, Circle):
+        found["radius_m"] = area.shape.radius
+    for limit, height in (("floor", area.floor), ("ceiling", area.ceiling)):
+        if height is not None:
+            found[f"{limit}_m"], found[f"{limit}_reference"] = height
+    standard = Area(area.shape)
+    for field, key in _NUMBERS.items():
+        if getattr(area, field) != getattr(standard, field):
+            found[key] = getattr(area, field)
+    if area.velocity != standard.velocity:
+        found |= dict(zip(_VELOCITY, area.velocity, strict=True))
+    return found

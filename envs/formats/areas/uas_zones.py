@@ -1,0 +1,209 @@
+"""UAS geographical zones: the JSON of EUROCAE ED-269, and of its successor ED-318, which is GeoJSON
+with heights.
+
+Zones without restriction are left out, and those whose restriction the operator says is no obstacle
+to this flight. Schedules within a period are not read: a zone counts for the whole period.
+"""
+
+from collections.abc import Collection
+from typing import Any
+
+from envs.areas import AreaError, Level
+from envs.formats.areas.geodetic import (
+    FOOT,
+    GeodeticArea,
+    Period,
+    date,
+    hull,
+    level,
+    number,
+    place,
+    polygon,
+    record,
+    rows,
+    text,
+)
+
+FREE = "NO_RESTRICTION"
+RESTRICTIONS = ("PROHIBITED", "REQ_AUTHORISATION", "CONDITIONAL", "USPACE", FREE)
+"""What zones ask for; ED-318 writes REQ_AUTHORIZATION."""
+
+_REFERENCES = {"AGL": "ground", "AMSL": "msl", "WGS84": "wgs84"}
+_UNITS = {"M": 1.0, "FT": FOOT}
+
+
+def is_ed269(content: Any) -> bool:
+    """Return whether a file is one of ED-269: volumes with a horizontal projection."""
+    features = content.get("features") if isinstance(content, dict) else content
+    if not isinstance(features, list) or not features or not isinstance(features[0], dict):
+        return False
+    volumes = features[0].get("geometry")
+    return isinstance(volumes, list)
+
+
+def is_ed318(content: Any) -> bool:
+    """Return whether a file is one of ED-318: features that say which variant of zone they are."""
+    features = content.get("features") if isinstance(content, dict) else None
+    if not isinstance(features, list) or not features or not isinstance(features[0], dict):
+        return False
+    properties = features[0].get("properties")
+    return isinstance(properties, dict) and {"identifier", "type", "variant"} <= set(properties)
+
+
+def areas_of_ed269(
+    content: Any, source: str, permitted: Collection[str] = ()
+) -> list[GeodeticArea]:
+    """Return the areas of zones of ED-269."""
+    features = content.get("features") if isinstance(content, dict) else content
+    found: list[GeodeticArea] = []
+    for n, each in enumerate(rows(features, f"{source}, features")):
+        where = f"{source}, features[{n}]"
+        zone = record(each, where)
+        name = text(zone.get("name") or zone.get("identifier") or "", f"{where}, name")
+        if _is_free(zone.get("restriction"), f"{where}, restriction", permitted):
+            continue
+        period = _period(zone.get("applicability"), f"{where}, applicability")
+        volumes = rows(zone.get("geometry"), f"{where}, geometry")
+        for m, volume in enumerate(volumes):
+            at = f"{where}, geometry[{m}]"
+            one = _of_volume(record(volume, at), at)
+            found.append(one._replace(name=name, period=period))
+    return found
+
+
+def areas_of_ed318(
+    content: Any, source: str, permitted: Collection[str] = ()
+) -> list[GeodeticArea]:
+    """Return the areas of zones of ED-318."""
+    found: list[GeodeticArea] = []
+    for n, each in enumerate(rows(content.get("features"), f"{source}, features")):
+        where = f"{source}, features[{n}]"
+        zone = record(each, where)
+        properties = record(zone.get("properties"), f"{where}, properties")
+        if _is_free(properties.get("type"), f"{where}, type", permitted):
+            continue
+        period = _period(properties.get("limitedApplicability"), f"{where}, limitedApplicability")
+        name = _name(properties, f"{where}, name")
+        shape = record(zone.get("geometry"), f"{where}, geometry")
+        parts = [shape]
+        if shape.get("type") == "GeometryCollection":
+            parts = rows(shape.get("geometries"), f"{where}, geometry.geometries")
+        for m, part in enumerate(parts):
+            at = f"{where}, geometry" if len(parts) == 1 else f"{where}, geometries[{m}]"
+            found += [
+                one._replace(name=name, period=period) for one in _of_layer(record(part, at), at)
+            ]
+    return found
+
+
+def _is_free(value: Any, where: str, permitted: Collection[str]) -> bool:
+    """Return whether a restriction keeps nobody out."""
+    restriction = text(value, where).upper().replace("AUTHORIZATION", "AUTHORISATION")
+    for each in (restriction, *permitted):
+        if each not in RESTRICTIONS:
+            raise AreaError(f"{where}: {each!r:.60} is unknown, expected one of {RESTRICTIONS}")
+    return restriction == FREE or restriction in permitted
+
+
+def _period(value: Any, where: str) -> Period:
+    """Return when a zone may apply."""
+    periods = []
+    for n, each in enumerate(rows([] if value is None else value, where)):
+        limits = record(each, f"{where}[{n}]")
+        if limits.get("permanent") == "YES":
+            return Period()
+        begin, end = (
+            date(limits.get(key), f"{where}[{n}].{key}") for key in ("startDateTime", "endDateTime")
+        )
+        if begin is not None and end is not None and begin >= end:
+            raise AreaError(f"{where}[{n}]: ends before it begins, expected endDateTime later")
+        periods.append(Period(begin, end))
+    return hull(periods)
+
+
+def _name(properties: dict[str, Any], where: str) -> str:
+    """Return the first of a zone's names, which stand with their languages, or its identifier."""
+    names = properties.get("name")
+    if isinstance(names, list) and names:
+        return text(record(names[0], where).get("text", ""), where)
+    return text(names or properties.get("identifier") or "", where)
+
+
+def _of_volume(volume: dict[str, Any], where: str) -> GeodeticArea:
+    unit = _unit(volume.get("uomDimensions"), f"{where}.uomDimensions")
+    projection = record(volume.get("horizontalProjection"), f"{where}.horizontalProjection")
+    floor, ceiling = (
+        _limit(
+            volume.get(f"{side}Limit"),
+            volume.get(f"{side}VerticalReference"),
+            unit,
+            f"{where}.{side}",
+        )
+        for side in ("lower", "upper")
+    )
+    one = GeodeticArea(where, floor=_above_ground(floor), ceiling=ceiling)
+    kind, at = projection.get("type"), f"{where}.horizontalProjection"
+    if kind == "Circle":
+        centre = place(projection.get("center"), f"{at}.center", longitude_first=True)
+        radius = unit * number(projection.get("radius"), f"{at}.radius", 0.0, 1e7)
+        return one._replace(centre=centre, radius=radius)
+    if kind == "Polygon":
+        return one._replace(rings=polygon(projection.get("coordinates"), f"{at}.coordinates"))
+    raise AreaError(f"{at}.type: is {kind!r:.60}, expected Polygon or Circle")
+
+
+def _of_layer(shape: dict[str, Any], where: str) -> list[GeodeticArea]:
+    layer = record(shape.get("layer", {}), f"{where}.layer")
+    unit = _unit(layer.get("uom", "m"), f"{where}.layer.uom")
+    floor, ceiling = (
+        _limit(layer.get(side), layer.get(f"{side}Reference"), unit, f"{where}.layer.{side}")
+        for side in ("lower", "upper")
+    )
+    one = GeodeticArea(where, floor=_above_ground(floor), ceiling=ceiling)
+    kind, coordinates = shape.get("type"), shape.get("coordinates")
+    at = f"{where}.coordinates"
+    if kind == "Polygon":
+        return [one._replace(rings=polygon(coordinates, at))]
+    if kind == "MultiPolygon":
+        return [
+            one._replace(rings=polygon(part, f"{at}[{n}]"), where=f"{where}, polygon {n}")
+            for n, part in enumerate(rows(coordinates, at))
+        ]
+    if kind == "Point":
+        extent = record(shape.get("extent"), f"{where}.extent")
+        if extent.get("subType") != "Circle":
+            raise AreaError(
+                f"{where}.extent.subType: is {extent.get('subType')!r:.60}, expected Circle"
+            )
+        radius = number(extent.get("radius"), f"{where}.extent.radius", 0.0, 1e7, "m")
+        centre = place(coordinates, at, longitude_first=True)
+        return [one._replace(centre=centre, radius=radius)]
+    raise AreaError(
+        f"{where}.type: is {kind!r:.60}, expected Polygon, MultiPolygon, Point or "
+        "GeometryCollection"
+    )
+
+
+def _unit(value: Any, where: str) -> float:
+    unit = _UNITS.get(text(value, where).upper())
+    if unit is None:
+        raise AreaError(f"{where}: is {value!r:.60}, expected M or FT")
+    return unit
+
+
+def _limit(value: Any, reference: Any, unit: float, where: str) -> Level | None:
+    if value is None:
+        return None
+    above = _REFERENCES.get(text(reference, f"{where}, reference").upper())
+    if above is None:
+        raise AreaError(
+            f"{where}, reference: is {reference!r:.60}, expected one of {sorted(_REFERENCES)}"
+        )
+    return level(value, above, unit, where)
+
+
+def _above_ground(floor: Level | None) -> Level | None:
+    """Return a floor that is none where it is the ground."""
+    return (
+        None if floor is not None and floor.reference == "ground" and floor.value <= 0.0 else floor
+    )

@@ -1,0 +1,482 @@
+"""Areas of every format come into the local frame where they are; what cannot be used is refused in
+one sentence that names file and place.
+"""
+
+import copy
+import json
+import math
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from envs.areas import Area, AreaError, Circle, Keep, Level, Polygon
+from envs.formats.areas import read_areas, write_areas
+from envs.formats.local_frame import LocalFrame
+
+HERE = LocalFrame(47.0, 8.0)
+RING = [[8.0, 47.0], [8.02, 47.0], [8.02, 47.01], [8.0, 47.01], [8.0, 47.0]]
+HOLE = [[8.005, 47.002], [8.005, 47.004], [8.01, 47.004], [8.005, 47.002]]
+NOON = datetime(2026, 11, 27, 12, tzinfo=UTC)
+
+GEOJSON = {
+    "type": "FeatureCollection",
+    "features": [
+        {
+            "type": "Feature",
+            "geometry": {"type": "Polygon", "coordinates": [RING, HOLE]},
+            "properties": {
+                "name": "ring",
+                "floor_m": 0.0,
+                "floor_reference": "msl",
+                "ceiling_m": 500.0,
+                "ceiling_reference": "wgs84",
+                "valid_from": "2026-11-27T12:10:00Z",
+                "valid_until": "2026-11-27T14:00:00+01:00",
+                "clearance_m": 50.0,
+                "velocity_east_m_s": 5.0,
+                "growth_m_s": -0.5,
+            },
+        },
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": [8.0, 47.0]},
+            "properties": {"keep": "in", "radius_m": 9_000.0},
+        },
+    ],
+}
+ED269 = {
+    "title": "zones",
+    "features": [
+        {
+            "identifier": "TST001",
+            "country": "CHE",
+            "name": "Zone",
+            "type": "COMMON",
+            "restriction": "PROHIBITED",
+            "reason": ["SENSITIVE"],
+            "applicability": [
+                {
+                    "permanent": "NO",
+                    "startDateTime": "2026-11-27T12:00:30.000Z",
+                    "endDateTime": "2026-11-27T13:00:00Z",
+                    "schedule": [{"day": ["MON"], "startTime": "08:00Z", "endTime": "18:00Z"}],
+                }
+            ],
+            "zoneAuthority": [],
+            "geometry": [
+                {
+                    "uomDimensions": "FT",
+                    "lowerLimit": 0,
+                    "lowerVerticalReference": "AGL",
+                    "upperLimit": 1000,
+                    "upperVerticalReference": "AMSL",
+                    "horizontalProjection": {"type": "Polygon", "coordinates": [RING]},
+                },
+                {
+                    "uomDimensions": "FT",
+                    "lowerLimit": 100,
+                    "lowerVerticalReference": "AGL",
+                    "horizontalProjection": {
+                        "type": "Circle",
+                        "center": [8.0, 47.0],
+                        "radius": 1000,
+                    },
+                },
+            ],
+        }
+    ],
+}
+ED318 = {
+    "type": "FeatureCollection",
+    "name": "zones",
+    "features": [
+        {
+            "type": "Feature",
+            "id": "TST002",
+            "geometry": {
+                "type": "GeometryCollection",
+                "geometries": [
+                    {
+                        "type": "Polygon",
+                        "coordinates": [RING],
+                        "layer": {
+                            "upper": 120,
+                            "upperReference": "AMSL",
+                            "lower": 50,
+                            "lowerReference": "WGS84",
+                            "uom": "m",
+                        },
+                    },
+                    {
+                        "type": "Point",
+                        "coordinates": [8.0, 47.0],
+                        "extent": {"subType": "Circle", "radius": 1000},
+                        "layer": {"upper": 400, "upperReference": "AMSL", "uom": "ft"},
+                    },
+                ],
+            },
+            "properties": {
+                "identifier": "TST002",
+                "country": "CHE",
+                "name": [{"text": "Zone", "lang": "en-GB"}],
+                "type": "REQ_AUTHORIZATION",
+                "variant": "COMMON",
+                "limitedApplicability": [{"endDateTime": "2026-11-27T13:00:00Z"}],
+                "zoneAuthority": [],
+            },
+        }
+    ],
+}
+PLAN = {
+    "fileType": "Plan",
+    "geoFence": {
+        "circles": [
+            {
+                "circle": {"center": [47.0, 8.0], "radius": 1000.0},
+                "inclusion": False,
+                "version": 1,
+            }
+        ],
+        "polygons": [
+            {"inclusion": True, "polygon": [pair[::-1] for pair in RING[:4]], "version": 1}
+        ],
+        "version": 2,
+    },
+    "groundStation": "QGroundControl",
+    "mission": {},
+    "rallyPoints": {"points": [], "version": 2},
+    "version": 1,
+}
+ICAROUS = """# fences
+- id: 0
+  type: KEEPIN
+  floor: -10
+  roof: 100
+  vertices:
+  - [47.0, 8.0]
+  - [47.0, 8.02]
+  - [47.01, 8.02]
+  - [47.01, 8.0]
+- id: 1
+  type: KEEPOUT
+  floor: -10
+  roof: 100
+  vertices: [[47.002, 8.005], [47.004, 8.005], [47.004, 8.01]]
+"""
+
+
+@pytest.fixture
+def stored(tmp_path: Path) -> Callable[[Any], Path]:
+    def store(content: Any) -> Path:
+        path = tmp_path / "areas"
+        path.write_text(content if isinstance(content, str) else json.dumps(content))
+        return path
+
+    return store
+
+
+def corners(ring: Any = RING[:4]) -> np.ndarray:
+    here = HERE.place(*np.array(ring)[:, ::-1].T)
+    return np.stack([here.x, here.y], axis=1)
+
+
+def same_ring(found: Any, expected: np.ndarray) -> bool:
+    """Whether two rings have the same corners, wherever they begin and whichever way round."""
+    one = sorted(map(tuple, np.round(found, 4).tolist()))
+    return one == sorted(map(tuple, np.round(expected, 4).tolist()))
+
+
+def test_geojson(stored: Callable[[Any], Path]) -> None:
+    ring, disc = read_areas(stored(GEOJSON), HERE, time=NOON)
+    assert isinstance(ring.shape, Polygon)
+    assert same_ring(ring.shape.outer, corners())
+    assert same_ring(ring.shape.holes[0], corners(HOLE[:3]))
+    # 0.02 degrees of longitude at 47 degrees are 1521 m, 0.01 of latitude 1112 m.
+    assert np.ptp(ring.shape.outer, axis=0) == pytest.approx([1_521.0, 1_112.0], abs=1.0)
+    assert (ring.floor, ring.ceiling) == (Level(0.0, "msl"), Level(500.0, "wgs84"))
+    assert (ring.valid_from, ring.valid_until) == (600.0, 3_600.0)
+    assert (ring.clearance, ring.velocity, ring.growth) == (50.0, (5.0, 0.0), -0.5)
+    assert (ring.name, ring.keep, disc.keep) == ("ring", Keep.OUT, Keep.IN)
+    assert disc == Area(Circle(0.0, 0.0, 9_000.0), Keep.IN)
+    without, _ = read_areas(stored(GEOJSON), HERE)
+    assert (without.valid_from, without.valid_until) == (-math.inf, math.inf)
+
+
+def test_several_polygons_are_several_areas_but_only_one_can_be_kept_in(
+    stored: Callable[[Any], Path],
+) -> None:
+    shape = {
+        "type": "MultiPolygon",
+        "coordinates": [[RING], [[[9.0, 47.0], [9.1, 47.0], [9, 47.1]]]],
+    }
+    feature = {"type": "Feature", "geometry": shape, "properties": {}}
+    assert len(read_areas(stored(feature), HERE)) == 2
+    with pytest.raises(AreaError, match=r"has 2 polygons to be kept in, expected one"):
+        read_areas(stored(feature | {"properties": {"keep": "in"}}), HERE)
+
+
+def test_ed269(stored: Callable[[Any], Path]) -> None:
+    for content in (ED269, ED269["features"]):
+        zone, disc = read_areas(stored(content), HERE, time=NOON)
+        assert isinstance(zone.shape, Polygon)
+        assert same_ring(zone.shape.outer, corners())
+        assert (zone.floor, zone.ceiling) == (None, Level(pytest.approx(304.8), "msl"))
+        assert (zone.valid_from, zone.valid_until) == (30.0, 3_600.0)
+        assert (zone.name, zone.keep) == ("Zone", Keep.OUT)
+        assert isinstance(disc.shape, Circle)
+        assert (disc.shape.x, disc.shape.radius) == (0.0, pytest.approx(304.8))
+        assert (disc.floor, disc.ceiling) == (Level(pytest.approx(30.48), "ground"), None)
+
+
+def test_ed318(stored: Callable[[Any], Path]) -> None:
+    zone, disc = read_areas(stored(ED318), HERE, time=NOON)
+    assert isinstance(zone.shape, Polygon)
+    assert same_ring(zone.shape.outer, corners())
+    assert (zone.floor, zone.ceiling) == (Level(50.0, "wgs84"), Level(120.0, "msl"))
+    assert (zone.valid_from, zone.valid_until, zone.name) == (-math.inf, 3_600.0, "Zone")
+    assert disc.shape == Circle(0.0, 0.0, 1_000.0)
+    assert disc.ceiling == Level(pytest.approx(121.92), "msl")
+
+
+@pytest.mark.parametrize("restriction", ["NO_RESTRICTION", "CONDITIONAL"])
+def test_zones_that_are_no_obstacle_are_left_out(
+    stored: Callable[[Any], Path], restriction: str
+) -> None:
+    old, new = copy.deepcopy(ED269), copy.deepcopy(ED318)
+    old["features"][0]["restriction"] = restriction  # type: ignore[index]
+    new["features"][0]["properties"]["type"] = restriction  # type: ignore[index]
+    for content in (old, new):
+        assert read_areas(stored(content), HERE, permitted=["CONDITIONAL"]) == []
+        assert len(read_areas(stored(content), HERE)) == (2 if restriction == "CONDITIONAL" else 0)
+
+
+def test_qgroundcontrol(stored: Callable[[Any], Path]) -> None:
+    fence, disc = read_areas(stored(PLAN), HERE)
+    assert isinstance(fence.shape, Polygon)
+    assert same_ring(fence.shape.outer, corners())
+    assert (fence.keep, disc.keep) == (Keep.IN, Keep.OUT)
+    assert disc == Area(Circle(0.0, 0.0, 1_000.0))
+
+
+def test_icarous(stored: Callable[[Any], Path]) -> None:
+    fence, out = read_areas(stored(ICAROUS), HERE, reference="msl")
+    assert isinstance(fence.shape, Polygon)
+    assert same_ring(fence.shape.outer, corners())
+    assert (fence.keep, out.keep, out.name) == (Keep.IN, Keep.OUT, "fence 1")
+    assert (out.floor, out.ceiling) == (Level(-10.0, "msl"), Level(100.0, "msl"))
+    _, unknown = read_areas(stored(ICAROUS), HERE)
+    assert (unknown.floor, unknown.ceiling) == (None, None)
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    turn = np.sort(rng.uniform(0.0, 2.0 * math.pi, 12))
+    outer = tuple(zip((2e3 * np.cos(turn)).tolist(), (1.5e3 * np.sin(turn)).tolist(), strict=True))
+    areas = [
+        Area(
+            Polygon(outer, (((0.0, 0.0), (50.0, 0.0), (0.0, 50.0)),)),
+            velocity=(3.0, -4.0),
+            growth=0.5,
+            floor=Level(100.0, "msl"),
+            ceiling=Level(2_000.0, "pressure"),
+            valid_from=60.0,
+            valid_until=300.0,
+            clearance=75.0,
+            name="cell",
+        ),
+        Area(Circle(2_500.0, -700.0, 321.5), Keep.IN),
+    ]
+    write_areas(tmp_path / "a.geojson", areas, HERE)
+    found = read_areas(tmp_path / "a.geojson", HERE)
+    for one, other in zip(areas, found, strict=True):
+        if isinstance(one.shape, Circle) and isinstance(other.shape, Circle):
+            assert (other.shape.x, other.shape.y) == pytest.approx((2_500.0, -700.0), abs=1e-6)
+            assert other.shape.radius == 321.5
+        elif isinstance(one.shape, Polygon) and isinstance(other.shape, Polygon):
+            for ring, again in zip(one.shape.rings, other.shape.rings, strict=True):
+                assert same_ring(ring, np.array(again))
+        for name in ("keep", "velocity", "growth", "floor", "ceiling", "clearance", "name"):
+            assert getattr(one, name) == getattr(other, name)
+        assert (one.valid_from, one.valid_until) == (other.valid_from, other.valid_until)
+
+
+def test_long_edges_stay_where_they_are(tmp_path: Path) -> None:
+    ring = ((-25e3, -9e3), (25e3, -9e3), (20e3, 30e3), (-20e3, 25e3))
+    write_areas(tmp_path / "a.geojson", [Area(Polygon(ring))], HERE)
+    (found,) = read_areas(tmp_path / "a.geojson", HERE)
+    assert isinstance(found.shape, Polygon)
+    one, other = shapely.LinearRing(ring), shapely.LinearRing(found.shape.outer)
+    assert shapely.hausdorff_distance(one, other) < 1e-3
+    write_areas(tmp_path / "b.geojson", [found], HERE)
+    (again,) = read_areas(tmp_path / "b.geojson", HERE)
+    assert isinstance(again.shape, Polygon)
+    assert len(again.shape.outer) == len(found.shape.outer) > 8
+
+
+def test_an_edge_that_is_straight_in_degrees_is_followed(stored: Callable[[Any], Path]) -> None:
+    north = LocalFrame(65.0, 8.0)
+    ring = [[7.5, 65.0], [8.5, 65.0], [8.0, 65.05]]
+    shape = {"type": "Polygon", "coordinates": [ring]}
+    (area,) = read_areas(stored({"type": "Feature", "geometry": shape, "properties": None}), north)
+    assert isinstance(area.shape, Polygon)
+    points = np.array(area.shape.outer)
+    parallel = north.place(np.full(500, 65.0), np.linspace(7.5, 8.5, 500))
+    line = shapely.LinearRing(points)
+    off = shapely.distance(line, shapely.points(parallel.x, parallel.y))
+    assert off.max() < 0.55
+    # The straight line between its ends would leave it by 93 m.
+    assert abs(parallel.y[0] - parallel.y[250]) > 90.0
+
+
+def test_a_ring_across_the_date_line_is_one(stored: Callable[[Any], Path]) -> None:
+    ring = [[179.99, 10.0], [-179.99, 10.0], [-179.99, 10.01], [179.99, 10.01]]
+    shape = {"type": "Polygon", "coordinates": [ring]}
+    feature = {"type": "Feature", "geometry": shape, "properties": {}}
+    (area,) = read_areas(stored(feature), LocalFrame(10.0, 180.0))
+    assert isinstance(area.shape, Polygon)
+    assert np.ptp(area.shape.outer, axis=0) == pytest.approx([2_193.0, 1_106.0], abs=2.0)
+
+
+def test_far_areas_are_left_out_but_not_those_to_be_kept_in(
+    stored: Callable[[Any], Path],
+) -> None:
+    far = LocalFrame(47.0, 10.0)
+    assert len(read_areas(stored(GEOJSON), far, time=NOON)) == 1
+    assert len(read_areas(stored(GEOJSON), far, time=NOON, within=160e3)) == 2
+
+
+def changed(content: Any, path: str, value: Any) -> Any:
+    made = copy.deepcopy(content)
+    *keys, last = (int(key) if key.isdigit() else key for key in path.split("/"))
+    inner = made
+    for key in keys:
+        inner = inner[key]
+    inner[last] = value
+    return made
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("{", r"not JSON"),
+        ('{"type": "Feature", "type": "Feature"}', r"'type' stands twice"),
+        ("[1, 2]", r"is a list, expected an object"),
+        ('{"type": "Topology"}', r"type: is 'Topology', expected Feature or FeatureCollection"),
+        (GEOJSON | {"crs": {}}, r"crs: expected none"),
+        (GEOJSON | {"features": 1}, r"features: is 1, expected a list"),
+        (
+            changed(GEOJSON, "features/0/geometry", None),
+            r"features\[0\], geometry: is None, expected an object",
+        ),
+        (
+            changed(GEOJSON, "features/0/geometry/type", "LineString"),
+            r"geometry.type: is 'LineString', expected Polygon",
+        ),
+        (
+            changed(GEOJSON, "features/0/geometry/coordinates/0/1", [8.0, 95.0]),
+            r"coordinates\[0\]\[1\], latitude: is 95.0, expected -90 to 90 degrees",
+        ),
+        (
+            changed(GEOJSON, "features/0/geometry/coordinates/0/1", [8.0, math.nan]),
+            r"coordinates\[0\]\[1\], latitude: is nan",
+        ),
+        (
+            changed(GEOJSON, "features/0/geometry/coordinates/0", RING[:2]),
+            r"coordinates\[0\]: has 2 different points, expected 3 or more",
+        ),
+        (
+            changed(GEOJSON, "features/0/geometry/coordinates", []),
+            r"coordinates: is empty, expected a ring",
+        ),
+        (
+            changed(GEOJSON, "features/0/geometry/coordinates/0", [RING[n] for n in (0, 2, 1, 3)]),
+            r"features\[0\]: outer crosses or touches itself",
+        ),
+        (
+            changed(GEOJSON, "features/0/geometry/coordinates", [[[8, 47], [9, 47], [9, 47.1]]]),
+            r"features\[0\]: outer is 76 km wide in x, expected 60 km at most",
+        ),
+        (changed(GEOJSON, "features/0/properties/keep", "away"), r"keep: is 'away'"),
+        (
+            changed(GEOJSON, "features/0/properties/floor_reference", None),
+            r"floor_reference: is missing",
+        ),
+        (
+            changed(GEOJSON, "features/0/properties/valid_until", "2026-11-27T12:00:00Z"),
+            r"features\[0\]: valid_until is 0 s, expected more than valid_from of 600 s",
+        ),
+        (
+            changed(GEOJSON, "features/0/properties/valid_from", "noon"),
+            r"valid_from: is 'noon', expected a date",
+        ),
+        (changed(GEOJSON, "features/0/properties/valid_from_s", 3), r"valid_from: is given twice"),
+        (
+            changed(GEOJSON, "features/1/properties/radius_m", None),
+            r"features\[1\], radius_m: is None",
+        ),
+        (changed(GEOJSON, "features/1/properties/radius_m", 0.0), r"radius is 0 m"),
+        (
+            changed(ED269, "features/0/restriction", "FORBIDDEN"),
+            r"restriction: 'FORBIDDEN' is unknown, expected one of",
+        ),
+        (
+            changed(ED269, "features/0/geometry/0/uomDimensions", "NM"),
+            r"geometry\[0\].uomDimensions: is 'NM', expected M or FT",
+        ),
+        (
+            changed(ED269, "features/0/geometry/0/upperVerticalReference", "FL"),
+            r"geometry\[0\].upper, reference: is 'FL', expected one of",
+        ),
+        (
+            changed(ED269, "features/0/geometry/0/upperLimit", "high"),
+            r"geometry\[0\].upper: is 'high'",
+        ),
+        (
+            changed(ED269, "features/0/geometry/1/horizontalProjection/type", "Ellipse"),
+            r"type: is 'Ellipse', expected Polygon or Circle",
+        ),
+        (
+            changed(ED269, "features/0/applicability/0/endDateTime", "2026-11-27T11:00:00Z"),
+            r"applicability\[0\]: ends before it begins",
+        ),
+        (
+            changed(ED318, "features/0/geometry/geometries/1/extent", {"subType": "Arc"}),
+            r"extent.subType: is 'Arc', expected Circle",
+        ),
+        (changed(ED318, "features/0/properties/type", 1), r"type: is 1, expected a text"),
+        (changed(PLAN, "geoFence/version", 1), r"geoFence.version: is 1, expected 2"),
+        (
+            changed(PLAN, "geoFence/polygons/0/inclusion", "yes"),
+            r"polygons\[0\].inclusion: is 'yes', expected true or false",
+        ),
+        (
+            changed(PLAN, "geoFence/circles/0/circle/radius", -1.0),
+            r"circles\[0\].circle.radius: is -1.0, expected 0 to 1e\+07 m",
+        ),
+        (ICAROUS.replace("id: 1", "id: 0"), r"fence 1, id: is 0, expected a name of its own"),
+        (ICAROUS.replace("KEEPOUT", "OUT"), r"fence 1, type: is 'OUT', expected one of"),
+        (ICAROUS.replace("roof: 100", "floor: 1", 1), r"line 5: key 'floor' stands twice"),
+        (ICAROUS.replace("47.002", "x"), r"fence 1, vertices\[0\], latitude: is 'x'"),
+        ("- id: &a 1\n- id: *a\n", r"line 2: is an alias"),
+        ("- [", r"not valid YAML"),
+        ("id: 1", r"expected a list"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(
+    stored: Callable[[Any], Path], content: Any, said: str
+) -> None:
+    path = stored(content)
+    with pytest.raises(AreaError, match=said) as refusal:
+        read_areas(path, HERE, time=NOON)
+    assert str(path) in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(AreaError, match=r"there is no such file"):
+        read_areas(tmp_path / "none.geojson", HERE)
