@@ -8,7 +8,7 @@ must hold is measured in :mod:`envs.area_geometry`.
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -192,6 +192,28 @@ class Area:
             raise AreaError(
                 f"ceiling is {high.value:g} m, expected more than the floor of {low.value:g} m"
             )
+
+
+def after(area: Area, seconds: float) -> Area:
+    """Return an area as it is some seconds after the request, for a request of then.
+
+    What it has grown by then is added to the clearance, or taken from it as far as that reaches.
+    """
+    dx, dy = (speed * seconds for speed in area.velocity)
+    shape = area.shape
+    if isinstance(shape, Circle):
+        moved: Polygon | Circle = Circle(shape.x + dx, shape.y + dy, shape.radius)
+    else:
+        outer, *holes = (tuple((x + dx, y + dy) for x, y in ring) for ring in shape.rings)
+        moved = Polygon(outer, tuple(holes))
+    grown = area.growth * seconds
+    return replace(
+        area,
+        shape=moved,
+        clearance=max(area.clearance + (grown if area.keep is Keep.OUT else -grown), 0.0),
+        valid_from=area.valid_from - seconds,
+        valid_until=area.valid_until - seconds,
+    )
 
 
 def _real(name: str, value: object, low: float, high: float, unit: str) -> float:

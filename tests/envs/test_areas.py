@@ -10,6 +10,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+from envs.area_geometry import signed_distance
 from envs.areas import (
     MOST_POINTS,
     WIDEST,
@@ -19,6 +20,7 @@ from envs.areas import (
     Keep,
     Level,
     Polygon,
+    after,
     signed_size,
 )
 
@@ -156,4 +158,22 @@ def test_an_area_that_is_none_is_refused(fields: dict[str, Any], said: str) -> N
 
 def test_levels_of_different_references_are_not_compared() -> None:
     both = Area(Circle(0, 0, 1), floor=Level(300.0, "ground"), ceiling=Level(300.0, "msl"))
-    assert (both.keep, both.shape.x) == (Keep.OUT, 0.0)  # pyright: ignore
+    assert both.floor is not None
+    assert both.ceiling is not None
+    assert both.floor.value == both.ceiling.value
+
+
+@pytest.mark.parametrize("keep", Keep)
+@pytest.mark.parametrize("growth", [0.0, 0.4, -0.4])
+@pytest.mark.parametrize("shape", [Circle(10.0, 20.0, 900.0), Polygon(SQUARE, (HOLE,))])
+def test_an_area_some_seconds_later_asks_for_no_less(keep: Keep, growth: float, shape: Any) -> None:
+    area = Area(shape, keep, (7.0, -3.0), growth, valid_from=50.0, clearance=20.0)
+    later = after(area, 30.0)
+    assert (later.valid_from, later.valid_until) == (20.0, math.inf)
+    x, y = np.random.default_rng(1).uniform(-3e3, 3e3, (2, 500))
+    for seconds in (0.0, 100.0):
+        spare = signed_distance(area, x, y, seconds + 30.0) - area.clearance
+        left = signed_distance(later, x, y, seconds) - later.clearance
+        assert left == pytest.approx(spare, abs=1e-7)
+    shrunk = after(Area(Circle(0.0, 0.0, 9e2), growth=-1.0, clearance=20.0), 30.0)
+    assert shrunk.clearance == 0.0

@@ -1,0 +1,123 @@
+"""Areas of ``rlcas_msgs`` as areas of the local frame, as they are at a request."""
+
+import math
+from typing import Any, NamedTuple
+
+from envs.areas import Area, AreaError, Keep, Level, after
+from envs.formats.areas.geodetic import GeodeticArea, on_plane
+from envs.formats.local_frame import LocalFrame
+from ros_bridge.core.conversions import ALTITUDE_CODES
+from ros_bridge.core.fields import SECOND, FieldError, flags, integer, number, place, stamp
+
+FLOOR, CEILING, FROM, UNTIL = (1 << n for n in range(4))
+"""Bits of Area.valid."""
+
+REFERENCES = ALTITUDE_CODES | {4: "ground"}
+"""Of the heights of areas."""
+
+_LONGEST_ID = 64  # bytes
+_MOST = 1_000  # areas of a message
+_SIDES = (Keep.OUT, Keep.IN)
+
+
+class AreaReport(NamedTuple):
+    """The areas of a message, as they are at its time."""
+
+    time: int  # ns
+    areas: tuple[GeodeticArea, ...]
+
+
+def areas(message: Any, name: str = "areas") -> AreaReport:
+    """Return what an Areas message holds, or raise :class:`FieldError`."""
+    time = stamp(f"{name}.header.stamp", message.header.stamp)
+    if len(message.areas) > _MOST:
+        raise FieldError(
+            f"{name}.areas", f"has {len(message.areas)} areas, expected {_MOST} at most"
+        )
+    found = (_area(f"{name}.areas[{n}]", one, time) for n, one in enumerate(message.areas))
+    return AreaReport(time, tuple(found))
+
+
+def placed(report: AreaReport, frame: LocalFrame, now: int, within: float) -> tuple[Area, ...]:
+    """Return the areas in a local frame at the time of a request, or raise :class:`FieldError`.
+
+    Args:
+        report: what was reported last.
+        frame: the local frame.
+        now: time of the request, ns.
+        within: areas to be kept out of that lie farther from the frame's origin are left out, m.
+    """
+    later = (now - report.time) / SECOND
+    found = []
+    for one in report.areas:
+        try:
+            area = on_plane(one._replace(where="is no area"), frame, None, within)
+            if area is not None:
+                found.append(after(area, later))
+        except AreaError as problem:
+            raise FieldError(one.where, str(problem)) from None
+    return tuple(found)
+
+
+def _area(name: str, message: Any, time: int) -> GeodeticArea:
+    valid = flags(f"{name}.valid", message.valid, FLOOR | CEILING | FROM | UNTIL)
+    if not isinstance(message.id, str) or len(message.id.encode()) > _LONGEST_ID:
+        raise FieldError(f"{name}.id", f"is {message.id!r:.60}, expected {_LONGEST_ID} bytes")
+    floor, ceiling = (
+        _level(f"{name}.{side}", getattr(message, side), getattr(message, f"{side}_reference"))
+        if valid & bit
+        else None
+        for side, bit in (("floor", FLOOR), ("ceiling", CEILING))
+    )
+    begin, end = (
+        (stamp(f"{name}.{side}", getattr(message, side)) - time) / SECOND if valid & bit else limit
+        for side, bit, limit in (("valid_from", FROM, -math.inf), ("valid_until", UNTIL, math.inf))
+    )
+    one = GeodeticArea(
+        name,
+        keep=_SIDES[integer(f"{name}.keep", message.keep, 0, 1)],
+        floor=floor,
+        ceiling=ceiling,
+        name=message.id,
+        more={
+            "velocity": tuple(
+                number(f"{name}.velocity.{axis}", value, -100.0, 100.0, "m/s")
+                for axis, value in (("x", message.velocity.x), ("y", message.velocity.y))
+            ),
+            "growth": number(f"{name}.growth", message.growth, -100.0, 100.0, "m/s"),
+            "clearance": number(f"{name}.clearance", message.clearance, 0.0, 6e4, "m"),
+            "valid_from": begin,
+            "valid_until": end,
+        },
+    )
+    if message.rings:
+        rings = (_ring(f"{name}.rings[{n}]", ring) for n, ring in enumerate(message.rings))
+        return one._replace(rings=tuple(rings))
+    centre = place(name, message.latitude, message.longitude)
+    return one._replace(
+        centre=centre, radius=number(f"{name}.radius", message.radius, 0.0, 3e4, "m")
+    )
+
+
+def _ring(name: str, message: Any) -> tuple[tuple[float, float], ...]:
+    latitudes, longitudes = message.latitude, message.longitude
+    if len(latitudes) != len(longitudes):
+        raise FieldError(
+            f"{name}.longitude",
+            f"has {len(longitudes)} numbers, expected {len(latitudes)} as latitude has",
+        )
+    if len(latitudes) < 3:
+        raise FieldError(f"{name}.latitude", f"has {len(latitudes)} points, expected 3 or more")
+    return tuple(
+        place(f"{name}[{n}]", *pair)
+        for n, pair in enumerate(zip(latitudes, longitudes, strict=True))
+    )
+
+
+def _level(name: str, value: Any, reference: Any) -> Level:
+    above = REFERENCES.get(integer(f"{name}_reference", reference, 0, 255))
+    if above is None:
+        raise FieldError(
+            f"{name}_reference", f"is {reference}, expected one of {sorted(REFERENCES)}"
+        )
+    return Level(number(name, value, -1e4, 1e5, "m"), above)

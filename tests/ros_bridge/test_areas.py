@@ -1,0 +1,147 @@
+"""Areas of messages come into the local frame as they are at the request, or the field that is wrong
+is named.
+"""
+
+import copy
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from envs.area_geometry import signed_distance
+from envs.areas import Area, Circle, Keep, Level, Polygon
+from ros_bridge.core.areas import areas, placed
+from ros_bridge.core.fields import FieldError
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, stamp
+
+WITHIN = 1e5
+TRIANGLE = ((0.0, 0.0), (2e3, 0.0), (0.0, 1.5e3))
+
+
+def ring(points: Any) -> Any:
+    at = FRAME.geodetic(*zip(*points, strict=True))
+    return SimpleNamespace(latitude=at.latitude.tolist(), longitude=at.longitude.tolist())
+
+
+def area(**more: Any) -> Any:
+    fields = {
+        "id": "TRA 1",
+        "keep": 0,
+        "valid": 0x0F,
+        "rings": [ring(TRIANGLE)],
+        "latitude": 47.0,
+        "longitude": 8.0,
+        "radius": 500.0,
+        "velocity": SimpleNamespace(x=5.0, y=-2.0, z=0.0),
+        "growth": 0.0,
+        "floor": 300.0,
+        "floor_reference": 4,
+        "ceiling": 2_000.0,
+        "ceiling_reference": 2,
+        "valid_from": stamp(NOW + 60 * SECOND),
+        "valid_until": stamp(NOW + 90 * SECOND),
+        "clearance": 50.0,
+    }
+    return SimpleNamespace(**(fields | more))
+
+
+def message(*every: Any) -> Any:
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp(NOW)), areas=list(every))
+
+
+def test_an_area_stands_where_it_is_at_the_request() -> None:
+    report = areas(message(area(), area(rings=[], keep=1, valid=0)))
+    cell, disc = placed(report, FRAME, NOW + 20 * SECOND, WITHIN)
+    assert isinstance(cell.shape, Polygon)
+    expected = np.add(TRIANGLE, (100.0, -40.0))
+    assert np.array(cell.shape.outer) == pytest.approx(expected, abs=1e-6)
+    assert (cell.floor, cell.ceiling) == (Level(300.0, "ground"), Level(2_000.0, "msl"))
+    assert (cell.valid_from, cell.valid_until) == (40.0, 70.0)
+    assert (cell.clearance, cell.velocity, cell.name) == (50.0, (5.0, -2.0), "TRA 1")
+    assert disc.shape == Circle(100.0, -40.0, 500.0)
+    assert (disc.keep, disc.floor, disc.valid_until) == (Keep.IN, None, math.inf)
+
+
+def test_what_has_grown_since_the_message_is_kept_from() -> None:
+    report = areas(message(area(growth=2.0)))
+    (now,) = placed(report, FRAME, NOW, WITHIN)
+    (later,) = placed(report, FRAME, NOW + 20 * SECOND, WITHIN)
+    assert later.clearance == 90.0
+    assert signed_distance(later, 5e3, 5e3, 10.0) - later.clearance == pytest.approx(
+        signed_distance(now, 5e3, 5e3, 30.0) - now.clearance
+    )
+
+
+def test_far_areas_are_left_out() -> None:
+    far = area(rings=[], latitude=49.0)
+    assert placed(areas(message(far)), FRAME, NOW, WITHIN) == ()
+    assert len(placed(areas(message(far)), FRAME, NOW, 3e5)) == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"keep": 2}, r"areas.areas\[0\].keep is 2, expected an integer from 0 to 1"),
+        ({"valid": 16}, r"areas\[0\].valid is 0x10, expected bits of 0xf only"),
+        ({"id": "x" * 65}, r"areas\[0\].id is 'x.*, expected 64 bytes"),
+        ({"floor": math.nan}, r"areas\[0\].floor is nan, expected"),
+        ({"ceiling_reference": 0}, r"areas\[0\].ceiling_reference is 0, expected one of"),
+        ({"valid_from": stamp(0)}, r"areas\[0\].valid_from is 0 s, expected a time after zero"),
+        ({"growth": math.inf}, r"areas\[0\].growth is inf"),
+        ({"clearance": -1.0}, r"areas\[0\].clearance is -1"),
+        ({"velocity": SimpleNamespace(x=math.nan, y=0.0)}, r"areas\[0\].velocity.x is nan"),
+        ({"rings": [ring(TRIANGLE[:2])]}, r"rings\[0\].latitude has 2 points, expected 3"),
+        (
+            {"rings": [SimpleNamespace(latitude=[1.0] * 4, longitude=[1.0] * 3)]},
+            r"rings\[0\].longitude has 3 numbers, expected 4 as latitude has",
+        ),
+        (
+            {"rings": [SimpleNamespace(latitude=[95.0] * 3, longitude=[1.0] * 3)]},
+            r"rings\[0\]\[0\].latitude is 95, expected -90 to 90 degrees",
+        ),
+        ({"rings": [], "radius": 0.0}, r"areas\[0\] is no area: radius is 0 m"),
+        (
+            {"rings": [ring((*TRIANGLE, (1.5e3, 1.5e3)))]},
+            r"areas\[0\] is no area: outer crosses or touches itself",
+        ),
+        (
+            {"valid_until": stamp(NOW)},
+            r"areas\[0\] is no area: valid_until is 0 s, expected more than valid_from",
+        ),
+    ],
+)
+def test_a_wrong_field_is_named(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(FieldError, match=said):
+        placed(areas(message(area(**changes))), FRAME, NOW, WITHIN)
+
+
+def test_messages_hold_what_an_area_is() -> None:
+    pytest.importorskip("rlcas_msgs.msg", reason="rlcas_msgs is not built; to have it: make ros")
+    from ros_bridge.transport.area_messages import areas_message
+
+    given = [
+        Area(Polygon(TRIANGLE, (((1e2, 1e2), (2e2, 1e2), (1e2, 2e2)),)), name="TRA"),
+        Area(
+            Circle(3e3, 0.0, 4e2),
+            Keep.IN,
+            (1.0, 2.0),
+            0.5,
+            Level(1e2, "msl"),
+            Level(2e3, "wgs84"),
+            valid_from=10.0,
+            valid_until=20.0,
+            clearance=5.0,
+        ),
+    ]
+    sent = areas_message(given, NOW, FRAME, "map")
+    found = placed(areas(copy.deepcopy(sent)), FRAME, NOW, WITHIN)
+    for one, other in zip(given, found, strict=True):
+        for name in Area.__slots__:
+            if name != "shape":
+                assert getattr(one, name) == getattr(other, name), name
+    assert np.array(found[0].shape.outer) == pytest.approx(np.array(TRIANGLE), abs=1e-6)
+    assert found[1].shape.radius == 4e2
