@@ -18,6 +18,22 @@ def bearing(own: VehicleState, x: Any, y: Any, xp: Any) -> Any:
     return wrap(atan2(y - own.y, x - own.x, xp) - own.heading, xp)
 
 
+class RelativeMotion(NamedTuple):
+    """Position and velocity of another aircraft relative to the ownship; fields ``[...]``."""
+
+    x: Any  # m
+    y: Any
+    vx: Any  # m/s
+    vy: Any
+
+
+class Closest(NamedTuple):
+    """The closest approach within one step of motion; fields ``[...]``."""
+
+    distance: Any  # m, the ends of the step included
+    share: Any  # of the step at which the parabola between its ends is nearest, 0 to 1
+
+
 class StraightCpa(NamedTuple):
     """Closest point of approach if both aircraft fly on straight at constant speed; fields
     ``[...]``, s and m.
@@ -51,11 +67,23 @@ def leg_separation(
     good to 0.05 m at 1 s from 100 m apart on (0.2 m from 10 m on, 2 m below). The step of ``dt`` s
     leads each aircraft ``[...]`` to its next state.
     """
-    x0, y0 = other.x - own.x, other.y - own.y
-    chord_x, chord_y = other_next.x - own_next.x - x0, other_next.y - own_next.y - y0
-    vx0, vy0 = _relative_velocity(own, other, xp)
-    vx1, vy1 = _relative_velocity(own_next, other_next, xp)
-    bend_x, bend_y = (vx1 - vx0) * (0.5 * dt), (vy1 - vy0) * (0.5 * dt)
+    first = relative_motion(own, other, xp)
+    return step_separation(first, relative_motion(own_next, other_next, xp), dt, xp).distance
+
+
+def relative_motion(own: VehicleState, other: VehicleState, xp: Any) -> RelativeMotion:
+    """Return the other aircraft's position and velocity relative to the ownship, ``[...]``."""
+    return RelativeMotion(other.x - own.x, other.y - own.y, *_relative_velocity(own, other, xp))
+
+
+def step_separation(first: RelativeMotion, last: RelativeMotion, dt: Any, xp: Any) -> Closest:
+    """Return the smallest distance of a step of ``dt`` s between two relative motions ``[...]``.
+
+    Accuracy and method are those of :func:`leg_separation`.
+    """
+    x0, y0 = first.x, first.y
+    chord_x, chord_y = last.x - x0, last.y - y0
+    bend_x, bend_y = (last.vx - first.vx) * (0.5 * dt), (last.vy - first.vy) * (0.5 * dt)
 
     # r(s) = r0 + chord s + bend s (s - 1), s in [0, 1]
     s = -(x0 * chord_x + y0 * chord_y) / xp.maximum(chord_x * chord_x + chord_y * chord_y, 1e-9)
@@ -70,7 +98,7 @@ def leg_separation(
     x, y = x0 + s * (chord_x + bend_x * (s - 1.0)), y0 + s * (chord_y + bend_y * (s - 1.0))
     x1, y1 = x0 + chord_x, y0 + chord_y
     smallest = xp.minimum(x * x + y * y, xp.minimum(x0 * x0 + y0 * y0, x1 * x1 + y1 * y1))
-    return xp.sqrt(smallest)
+    return Closest(xp.sqrt(smallest), s)
 
 
 def _relative_velocity(own: VehicleState, other: VehicleState, xp: Any) -> tuple[Any, Any]:

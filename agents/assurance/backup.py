@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.lookahead import ANY, chord
+from agents.assurance.lookahead import ANY, chord, growth
 from agents.assurance.thresholds import Thresholds
-from agents.planner.traffic import Traffic, predicted, required, uncertainty
+from agents.planner.traffic import Traffic, predicted, required
 from agents.planner.validator import Findings, validate
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
@@ -165,7 +165,7 @@ def _estimate(
     stride, steps = _STEP * thresholds.options.aircraft.dt, round(sum(STEPS) / _STEP)
     times, wide = (np.arange(steps + 1) * stride)[:, None], column(traffic)
     tracks = predicted(wide, times)
-    required_range = base[:, None] + sigmas * (uncertainty(wide, times) - uncertainty(wide, 0.0))
+    required_range = np.broadcast_to(base[:, None] + growth(wide, times, sigmas), tracks.x.shape)
     least = np.full(own.x.size, np.inf)
     state, to_turn, step = own, wrap(course - own.heading, np), 0
 

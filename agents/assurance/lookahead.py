@@ -76,7 +76,7 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
     length = (ended - began)[..., None]
     sagitta = course.sagitta[..., None] + 0.125 * turn * length * length
     near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - sagitta
-    near = near - _growth(traffic, wide, ended[..., None], sigmas)
+    near = near - growth(wide, ended[..., None], sigmas)
     ahead = (ended > 0.0)[..., None] & wide.mask
     near = np.where(ahead, near, np.inf)
     unclear = near < level[:, None]
@@ -119,7 +119,7 @@ def _arcs(
         - 0.125 * relative_acceleration * step * step
         - arcs.miss[:, None]
     )
-    near = near - _growth(one, one, times[:, 1:], sigmas)
+    near = near - growth(one, times[:, 1:], sigmas)
     near = np.where(times[:, 1:] > 0.0, near, np.inf)
     unclear = near < level[n, k, None]
     np.minimum.at(found.separation, (n, k), np.min(np.where(unclear, np.inf, near), axis=1))
@@ -139,7 +139,7 @@ def _arcs(
         chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:])
         - 0.125 * relative_acceleration[m, arc][:, None] * length * length
     )
-    near = near - arcs.miss[m, None] - _growth(one, one, parts[:, 1:], sigmas)
+    near = near - arcs.miss[m, None] - growth(one, parts[:, 1:], sigmas)
     pair = n[m], k[m]
     lost = np.min(np.where(near < level[pair][:, None], parts[:, :-1], np.inf), axis=1)
     np.minimum.at(found.separation, pair, near.min(axis=1))
@@ -158,7 +158,11 @@ def _relative_acceleration(speed: Any, acceleration: Any, yaw_rate: Any, step: A
     return distance(acceleration, fastest * yaw_rate, np)
 
 
-def _growth(traffic: Traffic, shaped: Traffic, time: Any, sigmas: float) -> Any:
+def growth(traffic: Traffic, time: Any, sigmas: float) -> Any:
+    """Return what uncertainty adds to the required distance by some seconds from now, m.
+
+    The intruders broadcast against the times.
+    """
     if not (traffic.velocity_std.any() and sigmas):
         return 0.0
-    return sigmas * (uncertainty(shaped, np.maximum(time, 0.0)) - uncertainty(shaped, 0.0))
+    return sigmas * (uncertainty(traffic, np.maximum(time, 0.0)) - uncertainty(traffic, 0.0))

@@ -1,0 +1,284 @@
+"""Bands are one truth with the planner: a band is closed if and only if the manoeuvre that it stands
+for loses the required separation.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.assurance.bands import Bands, heading_bands, recovery, speed_bands, stretches
+from agents.assurance.lookahead import ANY
+from agents.planner.options import Options
+from agents.planner.planner import plan_many
+from agents.planner.traffic import Requirement, Traffic, predicted, required, uncertainty
+from agents.planner.validator import validate
+from agents.policy.inference import Policy
+from envs.aircraft import PAPER
+from envs.angles import wrap
+from envs.encounters import scenario
+from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, advance
+from envs.starts import numbered
+from envs.trees import column, mapped, take
+from envs.waypoints import Knots, at, legs
+from eval.flights.plan_flight import request_of
+from tests.support import mirrored, one, random_states
+
+REQUIREMENT = Requirement(1_000.0, margin=0.02, sigmas=1.0)
+LIMITS = C208_PUBLISHED
+LOOK_AHEAD = 120.0
+GOOD = 0.6  # m that a clearance may be off
+
+
+def traffic_of(generator: np.random.Generator, count: int, *, noise: bool) -> Traffic:
+    """Return three intruders a row, some that turn, some absent."""
+    shape = count, 3
+    state = random_states(generator, *shape, extent=6_000.0)
+    rate = generator.choice([0.0, 0.03, -0.05], shape)
+    some = generator.random(shape)
+    return Traffic(
+        state,
+        generator.random(shape) < 0.9,
+        rate,
+        np.where(rate == 0.0, 0.0, 15.0),
+        30.0 * noise * some,
+        3.0 * noise * some,
+        1.0 * noise * some,
+    )
+
+
+def straight_traffic(*others: tuple[float, float, float, float]) -> Traffic:
+    states = np.array(others).T
+    return Traffic.straight(VehicleState(*(field[None] for field in states)))
+
+
+def manoeuvre(own: VehicleState, bands: Bands, number: int, kind: str) -> Knots:
+    """Return the manoeuvre of one band of every row as knots of legs with constant controls."""
+    target, reached = bands.target[:, number], bands.reached[:, number]
+    reached = np.minimum(np.maximum(reached, 1.0), LOOK_AHEAD - 1.0)  # no leg without length
+    states, parts = [own], 8
+    for _ in range(parts):
+        turn, gain = wrap(target - own.heading, np) / parts, (target - own.speed) / parts
+        step = reached / parts
+        yaw_rate, acceleration = (turn / step, 0.0) if kind == "heading" else (0.0, gain / step)
+        states.append(advance(states[-1], acceleration, yaw_rate + 0.0 * step, step, ANY, np))
+    for _ in range(parts):
+        hold = (LOOK_AHEAD - reached) / parts
+        states.append(advance(states[-1], 0.0 * hold, 0.0 * hold, hold, ANY, np))
+    times = [reached * share for share in np.linspace(0.0, 1.0, parts + 1)]
+    times += [
+        reached + (LOOK_AHEAD - reached) * share for share in np.linspace(0, 1, parts + 1)[1:]
+    ]
+    fields = (np.stack(field, axis=1) for field in zip(*states, strict=True))
+    return Knots(*fields, np.stack(times, axis=1))
+
+
+@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("kind", ["heading", "speed"])
+def test_a_band_is_closed_where_the_validator_finds_its_manoeuvre_too_close(
+    kind: str, noise: bool
+) -> None:
+    generator = np.random.default_rng(11)
+    count = 60
+    own = random_states(generator, count, extent=1_000.0)
+    traffic = traffic_of(generator, count, noise=noise)
+    compute = heading_bands if kind == "heading" else speed_bands
+    bands = compute(own, traffic, REQUIREMENT, LIMITS, LOOK_AHEAD)
+    # What is reached within a second is flown in one, so that every leg has a length.
+    flyable = bands.reached >= 1.0 if kind == "heading" else bands.reached < LOOK_AHEAD - 1.0
+    flyable &= bands.reached >= 1.0
+    both = []
+    for number in range(0, bands.target.shape[1], 5):
+        found = validate(manoeuvre(own, bands, number, kind), traffic, REQUIREMENT, LIMITS)
+        rows = np.flatnonzero(flyable[:, number])
+        assert found.legal[rows].all()
+        clearance, bound = bands.clearance[rows, number], found.clearance[rows]
+        assert (np.minimum(clearance, 190.0) >= np.minimum(bound, 190.0) - GOOD).all()
+        lost = bound < 0.0  # where it is clear, the validator's bound is a coarse one
+        np.testing.assert_allclose(clearance[lost], bound[lost], atol=GOOD)
+        clear = rows[np.abs(clearance) > GOOD]
+        closed = bands.closed[clear, number]
+        assert (closed == found.wrong[clear, -1]).all()
+        lost = clear[closed]
+        # The validator names the leg's part in which the loss begins.
+        first = found.time[lost, -1]
+        assert np.abs(bands.loss[lost, number] - first).max(initial=0.0) < 1.1
+        assert (bands.intruder[lost, number] >= 0).all()
+        both += closed.tolist()
+    assert 0.05 < np.mean(both) < 0.8 and len(both) > 150
+
+
+def path_of(
+    own: VehicleState, bands: Bands, number: int, time: float, limits: Limits
+) -> VehicleState:
+    """Return where the manoeuvre of a heading band is at a time."""
+    turn = wrap(bands.target[:, number] - own.heading, np)
+    turning = np.minimum(np.abs(turn) / limits.yaw_rate_max, time)
+    rate, state = np.sign(turn) * limits.yaw_rate_max, own
+    for _ in range(4):  # less than a radian each
+        state = advance(state, 0.0 * rate, rate, 0.25 * turning, ANY, np)
+    return advance(state, 0.0 * rate, 0.0 * rate, time - turning, ANY, np)
+
+
+@pytest.mark.parametrize("name", ["circle", "maneuvering", "multi"])
+def test_a_safe_plan_never_holds_a_closed_band(name: str) -> None:
+    """Until a band's loss a SAFE plan must have left its manoeuvre by what is missing then.
+
+    Both are at most d apart until a time, so that the band's clearance until then is at least the
+    plan's less d.
+    """
+    encounters = numbered(scenario(name, PAPER), 5, 0, 60)
+    policy, options = Policy.load(), Options.for_aircraft(PAPER)
+    request = request_of(encounters, PAPER)
+    made = plan_many(request, policy, options).proposals
+    safe = np.flatnonzero(made.safe)
+    assert safe.size > 40
+    own, traffic, knots = take((request.own, request.traffic, made.knots), safe)
+    curves = legs(knots)
+    telling = 0
+    for look_ahead in (20.0, 40.0, 60.0, 80.0, 120.0):
+        # The heading on which the plan is by then, and others.
+        towards = at(curves, np.full(safe.size, 0.7 * look_ahead)).heading
+        targets = wrap(towards[:, None] + np.radians([0.0, 3.0, -3.0, 30.0, -30.0]), np)
+        bands = heading_bands(
+            own, traffic, options.requirement, options.manoeuvre, look_ahead, targets
+        )
+        for number in range(targets.shape[1]):
+            apart = np.zeros(safe.size)
+            for time in np.linspace(0.0, look_ahead, 25)[1:]:
+                planned = at(curves, np.full(safe.size, time))
+                band = path_of(own, bands, number, time, options.manoeuvre)
+                off = np.hypot(planned.x - band.x, planned.y - band.y)
+                apart = np.maximum(apart, off)
+            # Between those times they part by little more.
+            apart = 1.05 * apart + 1.0
+            clearance = bands.clearance[:, number]
+            assert (clearance >= -apart).all()
+            telling += int((clearance < 200.0 - apart).sum())
+    assert telling >= 5  # bands that come near an intruder while the plan stays with them
+
+
+def test_an_intruder_ahead_closes_the_way_to_it_and_the_loss_is_exact() -> None:
+    own = one(0.0, 0.0, 0.0, 80.0)
+    traffic = straight_traffic((9_000.0, 0.0, math.pi, 70.0))
+    requirement = Requirement(1_000.0)
+    bands = heading_bands(own, traffic, requirement, LIMITS, LOOK_AHEAD, np.radians([-90.0, 0.0]))
+    assert bands.closed.tolist() == [[False, True]]
+    assert bands.loss[0, 1] == pytest.approx(8_000.0 / 150.0, abs=1e-3)
+    assert bands.intruder.tolist() == [[-1, 0]]
+    assert bands.clearance[0, 1] == pytest.approx(-1_000.0, abs=1e-3)
+    # The range opens again 1000 m behind it.
+    assert bands.opens[0, 1] == pytest.approx(10_000.0 / 150.0, abs=1e-3)
+
+
+def test_flying_faster_passes_ahead_and_slower_behind() -> None:
+    own = one(0.0, 0.0, 0.0, 75.0)
+    # It crosses the course 4.5 km ahead when the ownship is there.
+    traffic = straight_traffic((4_500.0, -4_500.0, 0.5 * math.pi, 75.0))
+    limits = Limits(30.0, 150.0, -2.0, 2.0, 0.05)
+    bands = speed_bands(own, traffic, Requirement(1_000.0), limits, 100.0)
+    kinds = [stretch.closed for stretch in stretches(bands, circle=False)]
+    assert kinds == [False, True, False]
+
+
+def test_where_nothing_is_free_the_recovery_does_not_fly_through() -> None:
+    own = one(0.0, 0.0, 0.0, 80.0)
+    traffic = straight_traffic((700.0, 150.0, math.pi, 80.0))
+    bands = heading_bands(own, traffic, Requirement(1_000.0), LIMITS, LOOK_AHEAD)
+    assert bands.closed.all() and (bands.loss == 0.0).all()
+    found = recovery(bands, 1_000.0)
+    chosen = int(found.index[0])
+    assert bands.target[0, chosen] < -0.2  # to the right, away from the intruder's track
+    assert found.clearance[0] > bands.clearance.max() - 100.0
+    assert 0.0 < found.opens[0] < 60.0
+    alike = bands.clearance[0] >= bands.clearance.max() - 100.0
+    assert found.opens[0] == bands.opens[0, alike].min()
+
+
+def test_there_is_no_recovery_where_a_band_is_free() -> None:
+    own = one(0.0, 0.0, 0.0, 80.0)
+    traffic = straight_traffic((9_000.0, 0.0, math.pi, 70.0))
+    bands = heading_bands(own, traffic, Requirement(1_000.0), LIMITS, LOOK_AHEAD)
+    assert recovery(bands, 1_000.0).index.tolist() == [-1]
+
+
+def test_nobody_closes_nothing() -> None:
+    own = random_states(np.random.default_rng(1), 3)
+    absent = traffic_of(np.random.default_rng(2), 3, noise=True)
+    absent = absent._replace(mask=np.zeros_like(absent.mask))
+    nobody = take(absent, (slice(None), slice(0, 0)))
+    for traffic in (absent, nobody):
+        for compute in (heading_bands, speed_bands):
+            bands = compute(own, traffic, REQUIREMENT, LIMITS, LOOK_AHEAD)
+            assert not bands.closed.any() and (bands.opens == 0.0).all()
+            assert np.isinf(bands.clearance).all()
+            assert len(stretches(bands)) == 1
+
+
+def test_a_row_does_not_depend_on_the_others_nor_on_absent_intruders() -> None:
+    generator = np.random.default_rng(8)
+    own = random_states(generator, 12, extent=1_000.0)
+    traffic = traffic_of(generator, 12, noise=True)
+    straight = traffic._replace(
+        turn_time=np.where(np.arange(12)[:, None] < 6, 0, traffic.turn_time)
+    )
+    together = heading_bands(own, straight, REQUIREMENT, LIMITS, LOOK_AHEAD)
+    for row in range(12):
+        part = slice(row, row + 1)
+        alone = heading_bands(
+            take(own, part), take(straight, part), REQUIREMENT, LIMITS, LOOK_AHEAD
+        )
+        away = np.abs(alone.clearance[0]) > GOOD
+        assert (alone.closed[0] == together.closed[row])[away].all()
+        np.testing.assert_allclose(
+            np.minimum(alone.clearance[0], 190.0),
+            np.minimum(together.clearance[row], 190.0),
+            atol=GOOD,
+        )
+
+
+def test_left_and_right_are_alike() -> None:
+    generator = np.random.default_rng(9)
+    own, traffic = random_states(generator, 20), traffic_of(generator, 20, noise=True)
+    targets = wrap(own.heading[:, None] + np.radians([-100.0, -40.0, 5.0, 70.0]), np)
+    there = heading_bands(own, traffic, REQUIREMENT, LIMITS, LOOK_AHEAD, targets)
+    other = traffic._replace(state=mirrored(traffic.state), turn_rate=-traffic.turn_rate)
+    here = heading_bands(mirrored(own), other, REQUIREMENT, LIMITS, LOOK_AHEAD, -targets)
+    np.testing.assert_allclose(here.clearance, there.clearance, atol=1e-6)
+    np.testing.assert_allclose(here.loss, there.loss, atol=1e-6)
+
+
+def test_a_start_inside_the_margin_must_keep_its_distance_only() -> None:
+    own = one(0.0, 0.0, 0.0, 80.0)
+    traffic = straight_traffic((0.0, 1_005.0, 0.0, 80.0))  # abreast
+    requirement = Requirement(1_000.0, margin=50.0)
+    bands = heading_bands(own, traffic, requirement, LIMITS, LOOK_AHEAD, np.array([0.0, 0.3]))
+    assert bands.closed.tolist() == [[False, True]]
+
+
+def clearance_at(
+    own: VehicleState, traffic: Traffic, bands: Bands, number: int, time: float
+) -> Any:
+    """Return the clearance of a heading band's manoeuvre at a time, m, ``[N]``."""
+    there, here = (
+        predicted(column(traffic), np.full((1, 1, 1), time)),
+        path_of(own, bands, number, time, LIMITS),
+    )
+    apart = np.hypot(there.x[:, 0] - here.x[:, None], there.y[:, 0] - here.y[:, None])
+    grown = uncertainty(traffic, time) - uncertainty(traffic, 0.0)
+    need = required(traffic, own, REQUIREMENT) + REQUIREMENT.sigmas * grown
+    return np.where(traffic.mask, apart - need, np.inf).min(axis=1)
+
+
+def test_a_way_that_opens_is_clear_from_then_on() -> None:
+    generator = np.random.default_rng(21)
+    own = random_states(generator, 40, extent=1_000.0)
+    traffic = mapped(np.array, traffic_of(generator, 40, noise=False))
+    bands = heading_bands(own, traffic, REQUIREMENT, LIMITS, LOOK_AHEAD)
+    for number in range(0, 72, 9):
+        opens = bands.opens[:, number]
+        for time in (30.0, 60.0, 90.0, LOOK_AHEAD):
+            clearance = clearance_at(own, traffic, bands, number, time)
+            assert (clearance[opens < time - 1.0] > -GOOD).all()
+    assert np.isfinite(bands.opens[bands.closed]).any()
