@@ -196,6 +196,19 @@ def speed_bands(
     )
 
 
+def losses_on_course(
+    own: VehicleState, traffic: Traffic, requirement: Requirement, look_ahead: float
+) -> Any:
+    """Return when each intruder comes closer than required if the ownship flies straight on, s from
+    now, ``[N, K]``; inf: not within the look-ahead.
+    """
+    against, now = _against(own, traffic, requirement), np.zeros((own.x.size, 1))
+    if against.base.size == 0:
+        return np.full(traffic.mask.shape, np.inf)
+    found = _first_of(*_held(column(own), now, against, look_ahead))
+    return np.where(traffic.mask, found.loss[:, 0], np.inf)
+
+
 def recovery(bands: Bands, separation: float) -> Recovery:
     """Return the way out of rows in which no band is free, ``[N]``.
 

@@ -1,0 +1,150 @@
+"""Alert levels: how soon the required separation would be lost, with hysteresis.
+
+One scheme for all that can lose it (docs/explanation/alerts.md): an intruder on the present course,
+the rest of the plan that the monitor watches, and each band. The level follows from the time to
+loss alone (:class:`Alerting`); what is shown changes only where M of the last N levels ask for it.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.assurance.bands import Bands, recovery
+from envs.aircraft import Aircraft
+
+
+class Level(IntEnum):
+    """Of an alert; the codes are those of the message ``TrafficAlert``."""
+
+    NONE = 0
+    PREVENTIVE = 1  # the separation is lost within the look-ahead
+    CORRECTIVE = 2  # a manoeuvre is due
+    WARNING = 3  # it is due at once
+
+
+class Region(IntEnum):
+    """Of a band: free, closed by the level of its loss, or the way out where nothing is free."""
+
+    FREE = 0
+    PREVENTIVE = 1
+    CORRECTIVE = 2
+    WARNING = 3
+    RECOVERY = 4
+
+
+class Times(NamedTuple):
+    """Times to loss of separation, one for each level, s."""
+
+    preventive: float
+    corrective: float
+    warning: float
+
+
+@dataclass(frozen=True)
+class Alerting:
+    """When levels are reached and left; built by :meth:`for_aircraft`."""
+
+    reached: Times
+    """A level is reached where the separation is lost within its time."""
+    left: Times
+    """The level that is shown is left where it is not lost within this time; none is shorter."""
+    hold: float
+    """For how long after it was raised a level does not fall, s."""
+    forget: float
+    """Time between two updates, s, beyond which the levels before count no more."""
+    m: int = 2
+    """So many of the last ``n`` levels must be as high for a level to be shown."""
+    n: int = 4
+
+    @classmethod
+    def for_aircraft(cls, aircraft: Aircraft) -> "Alerting":
+        """Return the usual times, which scale with the aircraft; docs/explanation/alerts.md has
+        their sources.
+        """
+        step = aircraft.dt
+        return cls(
+            reached=Times(120.0 * step, 55.0 * step, 25.0 * step),
+            left=Times(120.0 * step, 75.0 * step, 55.0 * step),
+            hold=4.0 * step,
+            forget=5.0 * step,
+        )
+
+    @property
+    def look_ahead(self) -> float:
+        """Within which a loss counts at all, s."""
+        return self.reached.preventive
+
+
+class Alerts(NamedTuple):
+    """What is shown about intruders ``[N, K]``, and why."""
+
+    time: Any  # of the last update, s, [N]; -inf before the first
+    level: Any  # shown, code of Level, int8, [N, K]
+    raised: Any  # when it was raised last, s, [N, K]; -inf: never
+    recent: Any  # levels of the last n updates, the latest last, int8, [N, K, n]; -1: none
+
+
+def no_alerts(count: int, intruders: int, alerting: Alerting) -> Alerts:
+    """Return that nothing has been looked at yet, ``[count]`` with room for so many intruders."""
+    pairs = count, intruders
+    return Alerts(
+        np.full(count, -np.inf),
+        np.zeros(pairs, dtype=np.int8),
+        np.full(pairs, -np.inf),
+        np.full((*pairs, alerting.n), -1, dtype=np.int8),
+    )
+
+
+def levels(loss: Any, times: Times) -> Any:
+    """Return the level of times to loss, s, of any shape; inf: none."""
+    return sum((np.asarray(loss) <= limit).astype(np.int8) for limit in times)
+
+
+def updated(alerts: Alerts, time: Any, loss: Any, mask: Any, alerting: Alerting) -> Alerts:
+    """Return the alerts after one more look.
+
+    A new intruder, and all of them after a gap or a step back in time, show their level at once.
+
+    Args:
+        time: now, s, ``[N]``.
+        loss: when the separation from each intruder would be lost, s from now, ``[N, K]``.
+        mask: which intruders exist, bool, ``[N, K]``; one that does not is forgotten.
+    """
+    now = np.asarray(time, dtype=float)[:, None]
+    since = now - alerts.time[:, None]
+    afresh = (alerts.recent[..., -1] < 0) | ~((since > 0.0) & (since <= alerting.forget))
+    shown = np.where(afresh, np.int8(Level.NONE), alerts.level)
+    reached, left = levels(loss, alerting.reached), levels(loss, alerting.left)
+    raw = np.maximum(reached, np.where(left >= shown, shown, 0)).astype(np.int8)
+
+    start = np.where(np.arange(alerting.n) < alerting.m, raw[..., None], -1)
+    recent = np.where(afresh[..., None], start, alerts.recent)
+    recent = np.concatenate([recent[..., 1:], raw[..., None]], axis=-1).astype(np.int8)
+    # The m-th highest of the last n.
+    asked = np.maximum(np.sort(recent, axis=-1)[..., alerting.n - alerting.m], 0)
+    raised = np.where(afresh, -np.inf, alerts.raised)
+    held = (asked < shown) & (now - raised < alerting.hold)
+    level = np.where(held, shown, asked)
+    raised = np.where(level > shown, now, raised)
+    return Alerts(
+        now[:, 0],
+        np.where(mask, level, 0).astype(np.int8),
+        np.where(mask, raised, -np.inf),
+        np.where(mask[..., None], recent, -1).astype(np.int8),
+    )
+
+
+def regions(bands: Bands, alerting: Alerting, separation: float) -> Any:
+    """Return the regions of bands, codes of :class:`Region`, int8, ``[N, B]``.
+
+    Where no band of a row is free, the one that :func:`agents.assurance.bands.recovery` picks is
+    its way out.
+    """
+    found = levels(bands.loss, alerting.reached).astype(np.int8)
+    found = np.where(bands.closed, np.maximum(found, np.int8(Region.PREVENTIVE)), found)
+    way_out = recovery(bands, separation).index
+    rows = np.flatnonzero(way_out >= 0)
+    found[rows, way_out[rows]] = np.int8(Region.RECOVERY)
+    return found
