@@ -5,6 +5,7 @@ the rest of the plan that the monitor watches, and each band. The level follows 
 loss alone (:class:`Alerting`); what is shown changes only where M of the last N levels ask for it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -95,6 +96,18 @@ def no_alerts(count: int, intruders: int, alerting: Alerting) -> Alerts:
         np.full(pairs, -np.inf),
         np.full((*pairs, alerting.n), -1, dtype=np.int8),
     )
+
+
+def rearranged(alerts: Alerts, places: Sequence[int], alerting: Alerting) -> Alerts:
+    """Return alerts with the intruders in other places: for each the place that it had; -1: it is
+    new.
+    """
+    fresh = no_alerts(alerts.time.size, len(places), alerting)
+    into = [place for place, had in enumerate(places) if had >= 0]
+    had = [place for place in places if place >= 0]
+    for field, before in zip(fresh[1:], alerts[1:], strict=True):
+        field[:, into] = before[:, had]
+    return fresh._replace(time=alerts.time)
 
 
 def levels(loss: Any, times: Times) -> Any:

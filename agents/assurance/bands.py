@@ -140,7 +140,8 @@ def heading_bands(
     Args:
         limits: of the ownship; its turn rate counts.
         look_ahead: for how long each manoeuvre is looked at, s.
-        targets: headings, rad, ascending, ``[B]`` or ``[N, B]``; None: :data:`HEADINGS` of them.
+        targets: headings, rad, ``[B]`` or ``[N, B]``, ascending where :func:`stretches` is asked
+            for; None: :data:`HEADINGS` of them.
     """
     if targets is None:
         targets = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS) - np.pi

@@ -13,6 +13,7 @@ from agents.assurance.alerts import (
     Times,
     levels,
     no_alerts,
+    rearranged,
     regions,
     updated,
 )
@@ -96,6 +97,23 @@ def test_one_intruders_alert_does_not_depend_on_the_others() -> None:
                 alone[row][k] = each
                 assert each.level[0, 0] == alerts.level[row, k]
     assert (alerts.level[~mask[-1]] == Level.NONE).all()
+
+
+def test_an_alert_follows_its_intruder_to_another_place() -> None:
+    alerts = updated(
+        no_alerts(1, 2, USUAL),
+        np.zeros(1),
+        np.array([[10.0, np.inf]]),
+        np.ones((1, 2), bool),
+        USUAL,
+    )
+    moved = rearranged(alerts, [-1, 1, 0], USUAL)
+    assert moved.level.tolist() == [[Level.NONE, Level.NONE, Level.WARNING]]
+    # What is new shows its level at once, what is known by M of N.
+    after = updated(
+        moved, np.ones(1), np.array([[40.0, 40.0, np.inf]]), np.ones((1, 3), bool), USUAL
+    )
+    assert after.level.tolist() == [[Level.CORRECTIVE, Level.NONE, Level.WARNING]]
 
 
 def test_the_loss_on_the_present_course_is_that_of_the_present_heading_and_exact() -> None:

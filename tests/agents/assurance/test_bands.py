@@ -70,8 +70,8 @@ def manoeuvre(own: VehicleState, bands: Bands, number: int, kind: str) -> Knots:
     times += [
         reached + (LOOK_AHEAD - reached) * share for share in np.linspace(0, 1, parts + 1)[1:]
     ]
-    fields = (np.stack(field, axis=1) for field in zip(*states, strict=True))
-    return Knots(*fields, np.stack(times, axis=1))
+    x, y, heading, speed = (np.stack(field, axis=1) for field in zip(*states, strict=True))
+    return Knots(x, y, heading, speed, np.stack(times, axis=1))
 
 
 @pytest.mark.parametrize("noise", [False, True])

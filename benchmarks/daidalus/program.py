@@ -1,0 +1,236 @@
+"""DAIDALUS's program ``DaidalusBatch``: what it is given and what it answers.
+
+The program is the user's: built from https://github.com/nasa/daidalus (``make`` in its folder
+``C++``), nothing of it is part of this toolkit.
+"""
+
+import os
+import re
+import subprocess
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.assurance.alerts import Alerting
+from envs.edge.command import InputError
+from envs.traffic.tracks import Track
+
+VARIABLE = "DAIDALUS_BATCH"
+"""Environment variable that names the program."""
+
+_BUILD = "build it by make in the folder C++ of https://github.com/nasa/daidalus"
+_HIGH = 1_000_000.0  # m, the height of a cylinder that no altitude leaves
+_PATIENCE = 600.0  # s that a scenario may take
+
+
+class Setting(NamedTuple):
+    """What both sides are told."""
+
+    separation: float  # radius of the cylinder, m
+    look_ahead: float  # s
+    turn_rate: float  # rad/s
+    acceleration: float  # either way, m/s^2
+    speed_min: float  # m/s
+    speed_max: float
+    step_deg: float  # between headings
+    step_speed: float  # m/s
+
+
+class Interval(NamedTuple):
+    """A stretch of headings, deg clockwise from north, or speeds, m/s."""
+
+    low: float
+    high: float
+    region: str  # NONE where it is free
+
+
+class Second(NamedTuple):
+    """What the program says at one time of a scenario."""
+
+    time: float  # s
+    headings: list[Interval]
+    speeds: list[Interval]
+    loss: dict[str, float]  # by intruder: time until it is in the volume, s
+    level: dict[str, int]  # of its alert
+
+
+def located(given: str | None) -> Path:
+    """Return the program, from an argument or the environment variable.
+
+    Raises:
+        InputError: it is not named, or is no program.
+    """
+    name = given or os.environ.get(VARIABLE, "")
+    if not name:
+        raise InputError(
+            f"DAIDALUS is missing: expected --program PATH of DaidalusBatch, or {VARIABLE} in the "
+            f"environment; {_BUILD}"
+        )
+    path = Path(name)
+    if not path.is_file() or not os.access(path, os.X_OK):
+        raise InputError(f"{name}: no program, expected DaidalusBatch; {_BUILD}")
+    return path.resolve()
+
+
+def configuration(
+    setting: Setting, alerting: Alerting, *, hysteresis: bool, changes: Mapping[str, str]
+) -> str:
+    """Return the program's configuration: a plain cylinder, no vertical logic, no criteria.
+
+    Level 1 is the conflict within the look-ahead, whose region closes bands. ``hysteresis``: that
+    of the alerts, which in the program filters the bands too; ``changes``: other values of keys.
+    """
+    alerting = alerting if hysteresis else replace(alerting, m=0, n=0, hold=0.0, forget=0.0)
+    values: dict[str, str] = {
+        "lookahead_time": f"{setting.look_ahead} [s]",
+        "left_hdir": "180.0 [deg]",
+        "right_hdir": "180.0 [deg]",
+        "min_airspeed": f"{setting.speed_min} [m/s]",
+        "min_hs": f"{setting.speed_min} [m/s]",
+        "max_hs": f"{setting.speed_max} [m/s]",
+        "min_vs": "-10.0 [m/s]",
+        "max_vs": "10.0 [m/s]",
+        "min_alt": "0.0 [m]",
+        "max_alt": "20000.0 [m]",
+        "step_hdir": f"{setting.step_deg} [deg]",
+        "step_hs": f"{setting.step_speed} [m/s]",
+        "step_vs": "10.0 [m/s]",
+        "step_alt": "10000.0 [m]",
+        "horizontal_accel": f"{setting.acceleration} [m/s^2]",
+        "vertical_accel": "1.0 [m/s^2]",
+        "turn_rate": f"{np.degrees(setting.turn_rate)} [deg/s]",
+        "bank_angle": "0.0 [deg]",
+        "vertical_rate": "5.0 [m/s]",
+        "recovery_hdir": "false",
+        "recovery_hs": "false",
+        "recovery_vs": "false",
+        "recovery_alt": "false",
+        "ca_bands": "false",
+        "hysteresis_time": f"{alerting.forget} [s]",
+        "persistence_time": f"{alerting.hold} [s]",
+        "bands_persistence": "false",
+        "alerting_m": str(alerting.m),
+        "alerting_n": str(alerting.n),
+        "conflict_crit": "false",
+        "recovery_crit": "false",
+        "ownship_centric_alerting": "true",
+        "corrective_region": "FAR",
+        "alerters": "Plain",
+    }
+    regions = ("FAR", "MID", "NEAR")
+    for number, (region, reached, left) in enumerate(
+        zip(regions, alerting.reached, alerting.left, strict=True), start=1
+    ):
+        values |= {
+            f"Plain_alert_{number}_region": region,
+            f"Plain_alert_{number}_alerting_time": f"{reached} [s]",
+            f"Plain_alert_{number}_early_alerting_time": f"{left} [s]",
+            # The program ends with a fault where levels share a detector.
+            f"Plain_alert_{number}_detector": f"det_{number}",
+            f"Plain_det_{number}_D": f"{setting.separation} [m]",
+            f"Plain_det_{number}_H": f"{_HIGH} [m]",
+            f"Plain_load_core_detection_det_{number}": "gov.nasa.larcfm.ACCoRD.CDCylinder",
+        }
+    values |= changes
+    return "".join(f"{key} = {value}\n" for key, value in values.items())
+
+
+def scenario_text(ownship: Track, others: list[Track]) -> str:
+    """Return a scenario as the program reads it (``.xyz``): the same plane and numbers as ours."""
+    lines = ["NAME sx sy sz trk gs vs time", "[none] [m] [m] [m] [deg] [m/s] [m/s] [s]"]
+    for number, time in enumerate(ownship.time):
+        lines.append(_row("ownship", ownship, number))
+        for other in others:
+            found = np.flatnonzero(np.abs(other.time - time) < 1e-6)
+            lines += [_row(other.name, other, int(place)) for place in found]
+    return "\n".join(lines) + "\n"
+
+
+def _row(name: str, track: Track, number: int) -> str:
+    east, north = float(track.vx[number]), float(track.vy[number])
+    course = np.degrees(np.arctan2(east, north)) % 360.0
+    numbers = (
+        *(float(field[number]) for field in (track.x, track.y, track.altitude)),
+        course,
+        np.hypot(east, north),
+        float(track.vertical_rate[number]),
+        float(track.time[number]),
+    )
+    return ", ".join([name, *(f"{value:.9f}" for value in numbers)])
+
+
+def answers(
+    program: Path,
+    folder: Path,
+    setting: Setting,
+    alerting: Alerting,
+    changes: Mapping[str, str],
+) -> list[Second]:
+    """Run the program on the scenario ``scenario.xyz`` of a folder and return what it says: bands
+    without, alerts with hysteresis.
+    """
+    bands = _answers(
+        program, folder, configuration(setting, alerting, hysteresis=False, changes=changes)
+    )
+    # The bands of this run are not looked at.
+    coarse = setting._replace(step_deg=30.0, step_speed=0.2 * setting.speed_max)
+    alerts = _answers(
+        program, folder, configuration(coarse, alerting, hysteresis=True, changes=changes)
+    )
+    if [second.time for second in bands] != [second.time for second in alerts]:
+        raise InputError(f"{program}: answers other times in two runs of one scenario")
+    return [
+        one._replace(loss=other.loss, level=other.level)
+        for one, other in zip(bands, alerts, strict=True)
+    ]
+
+
+def _answers(program: Path, folder: Path, text: str) -> list[Second]:
+    (folder / "plain.conf").write_text(text)
+    command = [str(program), "--conf", "plain.conf", "--precision", "6"]
+    command += ["--out", "answers.txt", "scenario.xyz"]
+    try:
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, timeout=_PATIENCE, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as problem:
+        raise InputError(f"{program}: does not run: {problem}") from None
+    if done.returncode or not (folder / "answers.txt").is_file():
+        words = (done.stderr or done.stdout).strip().splitlines() or ["it says nothing"]
+        raise InputError(f"{program}: ends with {done.returncode}: {words[-1]}")
+    return read_answers((folder / "answers.txt").read_text())
+
+
+_INTERVAL = re.compile(r"\s*[\[(]([-\d.]+) \[[^]]*\], ([-\d.]+) \[[^]]*\][])] (\w+)")
+_LOSS = re.compile(r"Time to Corrective Volume with (.+?): [\[(]([-\d.]+) \[s\]")
+_LEVEL = re.compile(r"Alert Level (-?\d+) with (.+)")
+
+
+def read_answers(text: str) -> list[Second]:
+    """Return what the program's output says, a time after the other."""
+    found: list[Second] = []
+    into: list[Interval] | None = None
+    for line in text.splitlines():
+        if line.startswith("Time: "):
+            found.append(Second(float(line.split()[1]), [], [], {}, {}))
+            continue
+        if not found:
+            continue
+        now = found[-1]
+        if line.startswith("Horizontal Direction Bands:"):
+            into = now.headings
+        elif line.startswith("Horizontal Speed Bands:"):
+            into = now.speeds
+        elif (part := _INTERVAL.fullmatch(line)) is not None:
+            if into is not None:
+                into.append(Interval(float(part[1]), float(part[2]), part[3]))
+        else:
+            into = None
+            if (part := _LOSS.match(line)) is not None:
+                now.loss[part[1]] = float(part[2])
+            if (part := _LEVEL.fullmatch(line)) is not None:
+                now.level[part[2]] = int(part[1])
+    return found

@@ -1,0 +1,322 @@
+"""Bands and alerts beside DAIDALUS's: ``python -m benchmarks.daidalus --scenarios DIR --out DIR``.
+
+Every scenario of the folder (``.daa``, ``.xyz``, as in https://github.com/nasa/daidalus) is given
+to the program and to us on one plane, with the same turn rate, acceleration, look-ahead and plain
+cylinder; of every second the edges of the bands of headings and speeds, the times to loss and the
+alert levels are compared. Both predict straight courses.
+"""
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.assurance.alerts import Alerting, no_alerts, updated
+from agents.assurance.bands import Bands, heading_bands, losses_on_course, speed_bands
+from agents.planner.traffic import Requirement, Traffic
+from benchmarks.daidalus.edges import NAMES, Match, matches, our_edges, their_edges
+from benchmarks.daidalus.figure import drawing
+from benchmarks.daidalus.program import (
+    VARIABLE,
+    Second,
+    Setting,
+    answers,
+    located,
+    scenario_text,
+)
+from benchmarks.daidalus.sides import Flight, Ours, Sides
+from benchmarks.measure import report
+from envs.aircraft import PAPER
+from envs.edge.command import InputError, Parser
+from envs.formats.track_files import read_daidalus
+from envs.kinematics import Limits, VehicleState
+from envs.traffic.tracks import Track
+from eval.plots.save import create, write
+
+WITHIN = 2.0, 1.0  # deg and m/s, in which edges agree
+SETTING = Setting(
+    separation=1_222.32,  # 0.66 nmi
+    look_ahead=120.0,
+    turn_rate=float(np.radians(3.0)),
+    acceleration=2.0,
+    speed_min=5.0,
+    speed_max=360.0,
+    step_deg=0.5,
+    step_speed=0.5,
+)
+"""Turn rate, acceleration and distance as in DAIDALUS's DO_365B_no_SUM.conf."""
+
+
+_WELL_CLEAR = {
+    f"Plain_det_{n}_{key}": value
+    for n in (1, 2, 3)
+    for key, value in (
+        ("WCV_DTHR", f"{SETTING.separation} [m]"),
+        ("WCV_ZTHR", "1000000.0 [m]"),
+        ("WCV_TTHR", "35.0 [s]"),
+        ("WCV_TCOA", "0.0 [s]"),
+    )
+} | {f"Plain_load_core_detection_det_{n}": "gov.nasa.larcfm.ACCoRD.WCV_TAUMOD" for n in (1, 2, 3)}
+
+VARIANTS: dict[str, dict[str, str]] = {
+    "well-clear volume (35 s of modified tau)": _WELL_CLEAR,
+    "vertical logic (a cylinder of 450 ft)": {f"Plain_det_{n}_H": "450.0 [ft]" for n in (1, 2, 3)},
+    "bank model (20 deg for every speed)": {
+        "turn_rate": "0.0 [deg/s]",
+        "bank_angle": "20.0 [deg]",
+    },
+    "bands filtered by 2 of 4": {
+        "alerting_m": "2",
+        "alerting_n": "4",
+        "hysteresis_time": "5.0 [s]",
+        "persistence_time": "4.0 [s]",
+    },
+}
+"""What DAIDALUS has and we have not, each switched on alone."""
+
+
+class Scenario(NamedTuple):
+    """The comparison of one scenario."""
+
+    name: str
+    seconds: int
+    headings: list[Match]  # edges of both sides
+    speeds: list[Match]
+    loss_error: Any  # s, where one of both finds a loss
+    levels_same: Any  # bool, per second and intruder
+    raised: list[float]  # s between the first time of a level on both sides
+    program_s: float  # wall time of the program
+    ours_s: float
+
+
+def main() -> None:
+    """Run the command."""
+    parser = Parser(description=__doc__)
+    parser.add_argument("--program", help=f"DaidalusBatch, as built (default: ${VARIABLE})")
+    parser.add_argument("--scenarios", required=True, help="folder of .daa and .xyz files")
+    parser.add_argument("--only", help="name of one scenario, without its ending")
+    parser.add_argument(
+        "--variants", action="store_true", help="also with each of DAIDALUS's own models"
+    )
+    parser.add_argument("--out", help="folder for the picture; none: no picture")
+    parser.add_argument("--picture", help="scenario that is drawn (default: the first)")
+    given = parser.parse_args()
+    program, paths = located(given.program), _paths(given.scenarios, given.only)
+    chosen, folder = given.picture or paths[0].stem, Path(given.out) if given.out else None
+    names = [path.stem for path in paths]
+    if chosen not in names:
+        raise InputError(f"--picture {chosen}: no scenario, expected one of {', '.join(names)}")
+    if folder is not None:
+        create(folder)
+    done, sides = [], {}
+    print(f"| {' | '.join(HEAD)} |\n{'|---' * len(HEAD)}|", flush=True)
+    for path in paths:
+        sides[path.stem] = both(path, program, {})
+        done.append(compared(path.name, sides[path.stem]))
+        print(line(done[-1]), flush=True)
+    found = figures(done)
+    if given.variants:
+        print(f"\n| {' | '.join(VARIANT_HEAD)} |\n{'|---' * len(VARIANT_HEAD)}|", flush=True)
+        for name, changes in VARIANTS.items():
+            scenarios = [compared(path.name, both(path, program, changes)) for path in paths]
+            each = figures(scenarios)
+            shares = each["edges_headings_within_2_deg"], each["edges_speeds_within_1_m_s"]
+            found[f"variant: {name}"] = shares
+            print(f"| {name} | {100.0 * shares[0]:.1f} | {100.0 * shares[1]:.1f} |", flush=True)
+    if folder is not None:
+        write(folder, "daidalus", found, drawing(sides[chosen], chosen), dpi=150)
+    report(found, ("numpy",))
+
+
+def _paths(folder: str, only: str | None) -> list[Path]:
+    found = sorted(path for path in Path(folder).glob("*") if path.suffix in (".daa", ".xyz"))
+    if only is not None:
+        found = [path for path in found if path.stem == only]
+    if not found:
+        wanted = f"{only}.daa or {only}.xyz" if only else ".daa or .xyz files"
+        raise InputError(f"{folder}: no scenario, expected {wanted} of nasa/daidalus")
+    return found
+
+
+def flight_of(ownship: Track, others: list[Track]) -> Flight:
+    """Return a scenario by the ownship's times; an intruder counts where it has a row of that
+    time.
+    """
+    shape = ownship.time.size, len(others)
+    rows = np.zeros((4, *shape))
+    mask = np.zeros(shape, dtype=bool)
+    for k, other in enumerate(others):
+        place = np.clip(np.searchsorted(other.time, ownship.time - 1e-6), 0, other.time.size - 1)
+        mask[:, k] = np.abs(other.time[place] - ownship.time) < 1e-6
+        rows[:, :, k] = np.stack(_state(other))[:, place]
+    state = VehicleState(*rows)
+    names = [other.name for other in others]
+    return Flight(ownship.time, _state(ownship), Traffic.straight(state, mask), names)
+
+
+def _state(track: Track) -> VehicleState:
+    course, speed = np.arctan2(track.vy, track.vx), np.hypot(track.vx, track.vy)
+    return VehicleState(track.x, track.y, course, speed)
+
+
+def ours(flight: Flight, setting: Setting, alerting: Alerting) -> Ours:
+    """Return our bands and alerts of a scenario."""
+    limits = Limits(
+        setting.speed_min,
+        setting.speed_max,
+        -setting.acceleration,
+        setting.acceleration,
+        setting.turn_rate,
+    )
+    given = flight.own, flight.traffic, Requirement(setting.separation)
+    step = np.radians(setting.step_deg)
+    headings = np.arange(round(2.0 * np.pi / step)) * step - np.pi
+    speeds = np.arange(setting.speed_min, setting.speed_max + 0.1, setting.step_speed)
+    loss = losses_on_course(*given, setting.look_ahead)
+    alerts, level = no_alerts(1, loss.shape[1], alerting), []
+    for row, now in enumerate(flight.time):
+        part = slice(row, row + 1)
+        alerts = updated(alerts, flight.time[part], loss[part], flight.traffic.mask[part], alerting)
+        level.append(alerts.level[0])
+        assert alerts.time[0] == now
+    return Ours(
+        heading_bands(*given, limits, setting.look_ahead, headings),
+        speed_bands(*given, limits, setting.look_ahead, speeds),
+        loss,
+        np.array(level),
+    )
+
+
+def both(path: Path, program: Path, changes: dict[str, str]) -> Sides:
+    """Run both sides on one scenario, the program with other values of some keys."""
+    alerting = Alerting.for_aircraft(PAPER)
+    ownship, *others = read_daidalus(path, repair=True).tracks
+    flight = flight_of(ownship, others)
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "scenario.xyz").write_text(scenario_text(ownship, others))
+        began = time.perf_counter()
+        said = answers(program, Path(folder), SETTING, alerting, changes)
+        program_s = time.perf_counter() - began
+    began = time.perf_counter()
+    mine = ours(flight, SETTING, alerting)
+    by_time = {round(second.time, 3): second for second in said}
+    seconds = [by_time.get(round(float(now), 3)) for now in flight.time]
+    return Sides(flight, mine, seconds, program_s, time.perf_counter() - began)
+
+
+def compared(name: str, sides: Sides) -> Scenario:
+    """Compare both sides of one scenario."""
+    headings, speeds, known = [], [], 0
+    for row, second in enumerate(sides.seconds):
+        if second is not None:
+            known += 1
+            headings += _both(second.headings, sides.ours.headings, row, circle=True)
+            speeds += _both(second.speeds, sides.ours.speeds, row, circle=False)
+    alerts = _alerts(sides.flight, sides.ours, sides.seconds)
+    return Scenario(name, known, headings, speeds, *alerts, sides.program_s, sides.ours_s)
+
+
+def _both(said: Any, bands: Bands, row: int, *, circle: bool) -> list[Match]:
+    theirs, mine = their_edges(said, circle=circle), our_edges(bands, row, circle=circle)
+    within = WITHIN[0] if circle else WITHIN[1]
+    step = SETTING.step_deg if circle else SETTING.step_speed
+    found = matches(mine, theirs, bands, row, within, step)
+    return found + matches(theirs, mine, bands, row, within, step)
+
+
+def _alerts(
+    flight: Flight, mine: Ours, seconds: list[Second | None]
+) -> tuple[Any, Any, list[float]]:
+    """Return errors of the times to loss, whether levels are the same, and by how much their first
+    times differ.
+    """
+    errors, same, raised = [], [], []
+    for k, name in enumerate(flight.names):
+        first: dict[int, list[float]] = {}  # by level: when each side reached it
+        for row, second in enumerate(seconds):
+            if second is None or not flight.traffic.mask[row, k]:
+                continue
+            theirs = second.loss.get(name, np.inf)
+            if np.isfinite(theirs) or np.isfinite(mine.loss[row, k]):
+                errors.append(abs(theirs - mine.loss[row, k]))
+            level = second.level.get(name, 0), int(mine.level[row, k])
+            same.append(level[0] == level[1])
+            for side, value in enumerate(level):
+                for reached in range(1, value + 1):
+                    times = first.setdefault(reached, [np.inf, np.inf])
+                    times[side] = min(times[side], second.time)
+        raised += [mine_at - theirs_at for theirs_at, mine_at in first.values()]
+    return np.array(errors), np.array(same), raised
+
+
+def share(found: list[Match]) -> float:
+    """Return the share of edges that agree; 1 without any."""
+    return float(np.mean([not match.name for match in found])) if found else 1.0
+
+
+def counts(found: list[Match]) -> dict[str, int]:
+    """Return how many edges do not agree, by the name of the reason."""
+    names = [match.name for match in found]
+    return {name: names.count(name) for name in NAMES if name in names}
+
+
+VARIANT_HEAD = "DAIDALUS's own", "headings within 2 deg, %", "speeds within 1 m/s, %"
+HEAD = (
+    "scenario",
+    "seconds",
+    "edges of headings",
+    "within 2 deg, %",
+    "median, deg",
+    "others",
+    "edges of speeds",
+    "within 1 m/s, %",
+    "median, m/s",
+    "others",
+    "time to loss, greatest error, s",
+    "same level, %",
+    "level reached apart, s",
+)
+
+
+def line(one: Scenario) -> str:
+    """Return one scenario as a line of a table."""
+    cells = [one.name, str(one.seconds)]
+    for found in (one.headings, one.speeds):
+        apart = [match.away for match in found if not match.name]
+        worst = f"{np.median(apart):.2f}" if apart else ""
+        why = ", ".join(f"{number} {name}" for name, number in counts(found).items())
+        cells += [str(len(found)), f"{100.0 * share(found):.2f}" if found else "", worst, why]
+    finite = one.loss_error[np.isfinite(one.loss_error)]
+    cells.append(f"{finite.max():.3f}" if finite.size else "")
+    cells.append(f"{100.0 * one.levels_same.mean():.1f}" if one.levels_same.size else "")
+    later = [abs(value) for value in one.raised]
+    cells.append(f"{max(later):.0f}" if later else "")
+    return f"| {' | '.join(cells)} |"
+
+
+def figures(done: list[Scenario]) -> dict[str, Any]:
+    """Return the figures of all scenarios together."""
+    headings = [match for one in done for match in one.headings]
+    speeds = [match for one in done for match in one.speeds]
+    errors = np.concatenate([one.loss_error for one in done])
+    finite = errors[np.isfinite(errors)]
+    seconds = sum(one.seconds for one in done)
+    return {
+        "scenarios": len(done),
+        "seconds": seconds,
+        "edges_headings": len(headings),
+        "edges_headings_within_2_deg": share(headings),
+        "differences_headings": counts(headings),
+        "edges_speeds": len(speeds),
+        "edges_speeds_within_1_m_s": share(speeds),
+        "differences_speeds": counts(speeds),
+        "losses": int(errors.size),
+        "losses_of_one_side": int(errors.size - finite.size),
+        "loss_error_max_s": float(finite.max(initial=0.0)),
+        "levels_same": float(np.concatenate([one.levels_same for one in done]).mean()),
+        "level_reached_apart_max_s": max((abs(t) for one in done for t in one.raised), default=0.0),
+        "program_ms_per_second": 1e3 * sum(one.program_s for one in done) / seconds,
+        "ours_ms_per_second": 1e3 * sum(one.ours_s for one in done) / seconds,
+    }
