@@ -36,6 +36,7 @@ SPEEDS = 21
 
 _ARC = np.radians(3.0)  # of turn in a step, own or an intruder's
 _RAMP = 30  # steps of a change of speed over the whole range
+_NO_RATE = 1e-9  # rad/s or m/s^2, of what cannot turn or change its speed
 _PIECES = 16  # of straight flight, on each of which the required distance grows linearly
 _INTEREST = 0.2  # separations of clearance
 _ALIKE = 0.1  # separations by which a way may come closer than the best and open sooner
@@ -147,7 +148,7 @@ def heading_bands(
         targets = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS) - np.pi
     targets = np.broadcast_to(targets, (own.x.size, np.shape(targets)[-1]))
     turn = wrap(targets - own.heading[:, None], np)
-    rate = limits.yaw_rate_max
+    rate = max(limits.yaw_rate_max, _NO_RATE)
     return _bands(
         own,
         _Ramp(
@@ -156,7 +157,7 @@ def heading_bands(
             side=(turn < 0.0).astype(int),
             reached=np.abs(turn) / rate,
             target=wrap(targets, np),
-            step=_ARC / rate,
+            step=min(_ARC / rate, look_ahead / _RAMP),
         ),
         _against(own, traffic, requirement),
         look_ahead,
@@ -179,7 +180,9 @@ def speed_bands(
         targets = np.linspace(limits.speed_min, limits.speed_max, SPEEDS)
     targets = np.broadcast_to(targets, (own.x.size, np.shape(targets)[-1]))
     gain = targets - own.speed[:, None]
-    rates = np.array([limits.acceleration_max, limits.acceleration_min])
+    rates = np.array(
+        [max(limits.acceleration_max, _NO_RATE), min(limits.acceleration_min, -_NO_RATE)]
+    )
     side = (gain < 0.0).astype(int)
     reached = gain / rates[side]
     return _bands(
@@ -190,7 +193,7 @@ def speed_bands(
             side=side,
             reached=reached,
             target=targets,
-            step=max(float(reached.max(initial=0.0)) / _RAMP, 1e-3),
+            step=max(min(float(reached.max(initial=0.0)), look_ahead) / _RAMP, 1e-3),
         ),
         _against(own, traffic, requirement),
         look_ahead,

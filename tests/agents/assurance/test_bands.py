@@ -182,6 +182,18 @@ def test_flying_faster_passes_ahead_and_slower_behind() -> None:
     assert kinds == [False, True, False]
 
 
+def test_what_cannot_be_reached_is_judged_by_the_way_towards_it() -> None:
+    own = one(0.0, 0.0, 0.0, 75.0)
+    traffic = straight_traffic((9_000.0, 0.0, math.pi, 75.0))
+    stiff = Limits(30.0, 150.0, 0.0, 0.0, 0.0)
+    for compute, targets in ((speed_bands, [40.0, 75.0, 90.0]), (heading_bands, [-1.0, 0.0, 1.0])):
+        bands = compute(own, traffic, Requirement(1_000.0), stiff, LOOK_AHEAD, np.array(targets))
+        assert bands.reached.tolist() == [[LOOK_AHEAD, 0.0, LOOK_AHEAD]]
+        # It flies straight on whatever it aims at.
+        np.testing.assert_allclose(bands.clearance, -1_000.0, atol=0.1)
+        np.testing.assert_allclose(bands.loss, 8_000.0 / 150.0, atol=4.1)
+
+
 def test_where_nothing_is_free_the_recovery_does_not_fly_through() -> None:
     own = one(0.0, 0.0, 0.0, 80.0)
     traffic = straight_traffic((700.0, 150.0, math.pi, 80.0))

@@ -1,0 +1,87 @@
+"""Latency of guidance bands: ``python -m benchmarks.bands``.
+
+Bands of 72 headings and of 21 speeds for one ownship among random intruders within 8 km, on one
+core, look-ahead 120 s. Half of the intruders turn for 15 s; ``uncertain``: with 30 m and 3 m/s of
+noise, so that the required distance grows. ``_cpu_`` figures count the processor's time alone,
+which other work on the machine does not lengthen so much.
+"""
+
+import os
+import time
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from agents.assurance.bands import heading_bands, speed_bands
+from agents.planner.traffic import Requirement, Traffic
+from benchmarks.measure import report
+from envs.edge.command import Parser, run_cli
+from envs.kinematics import C208_PUBLISHED, VehicleState
+
+INTRUDERS = 1, 10, 100
+LOOK_AHEAD = 120.0
+_NEAR = 8_000.0  # m
+
+
+def traffic(count: int, *, uncertain: bool) -> Traffic:
+    """Return random intruders of one ownship at the origin, ``[1, count]``."""
+    generator, shape = np.random.default_rng(0), (1, count)
+    state = VehicleState(
+        generator.uniform(-_NEAR, _NEAR, shape),
+        generator.uniform(-_NEAR, _NEAR, shape),
+        generator.uniform(-np.pi, np.pi, shape),
+        generator.uniform(30.0, 120.0, shape),
+    )
+    turns = np.where(np.arange(count) % 2, 0.05, 0.0)[None]
+    noise = np.full(shape, float(uncertain))
+    return Traffic(
+        state,
+        np.ones(shape, dtype=bool),
+        turns,
+        np.where(turns > 0.0, 15.0, 0.0),
+        30.0 * noise,
+        3.0 * noise,
+        noise,
+    )
+
+
+def _times(bands: Any, asked: Any, repeats: int) -> tuple[list[float], list[float]]:
+    """Return the wall and the processor's time of each call, s, after one that is not counted."""
+    bands(*asked, C208_PUBLISHED, LOOK_AHEAD)
+    wall, processor = [], []
+    for _ in range(repeats):
+        began, began_cpu = time.perf_counter(), time.process_time()
+        bands(*asked, C208_PUBLISHED, LOOK_AHEAD)
+        wall.append(time.perf_counter() - began)
+        processor.append(time.process_time() - began_cpu)
+    return wall, processor
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = Parser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=200, help="timed calls (default 200)")
+    given = parser.parse_args()
+    if given.repeats < 1:
+        parser.error(f"--repeats {given.repeats}: expected 1 or more")
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    own = VehicleState(*(np.array([value]) for value in (0.0, 0.0, 0.3, 75.0)))
+    found: dict[str, Any] = {"repeats": given.repeats}
+    with threadpool_limits(1):
+        for count in INTRUDERS:
+            for uncertain in (False, True):
+                asked = own, traffic(count, uncertain=uncertain), Requirement(1_000.0)
+                for name, bands in (("headings", heading_bands), ("speeds", speed_bands)):
+                    kind = "uncertain" if uncertain else "exact"
+                    wall, processor = _times(bands, asked, given.repeats)
+                    found[f"{name}_{count}_{kind}_median_ms"] = 1e3 * float(np.median(wall))
+                    found[f"{name}_{count}_{kind}_cpu_median_ms"] = 1e3 * float(
+                        np.median(processor)
+                    )
+    report(found, ("numpy",))
+
+
+if __name__ == "__main__":
+    run_cli(main)
