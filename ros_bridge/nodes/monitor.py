@@ -16,7 +16,9 @@ namespace:
           of life
     out   ~/output/status      rlcas_msgs/AssuranceStatus          latched, in every period
           ~/output/backup      rlcas_msgs/Trajectory               latched, while the backup is
-          flown /diagnostics         diagnostic_msgs/DiagnosticArray
+          flown
+          ~/output/guidance    rlcas_msgs/GuidanceBands            latched, in every time step
+          /diagnostics         diagnostic_msgs/DiagnosticArray
     calls rlcas_runner/generate_trajectory                         rlcas_msgs/GenerateTrajectory
 
 What is to be flown is AssuranceStatus.fly. Parameters:
@@ -29,7 +31,7 @@ from typing import Any
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rlcas_msgs.msg import AssuranceStatus, Trajectory
+from rlcas_msgs.msg import AssuranceStatus, GuidanceBands, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
 from agents.assurance import single as watch
@@ -38,6 +40,7 @@ from agents.assurance.state import Flown, State
 from agents.assurance.thresholds import Cause
 from ros_bridge.core.assurance import (
     Published,
+    Supervision,
     activated,
     answered,
     backup,
@@ -48,6 +51,7 @@ from ros_bridge.core.assurance import (
     withdrawn,
 )
 from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.guidance import Guidance, guidance, nothing_shown
 from ros_bridge.transport import process, topics
 from ros_bridge.transport.messages import header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
@@ -75,6 +79,7 @@ class Monitor(ListeningNode):
         self._waiting: Published | None = None
         self._backup_at = 0
         self._backups = 0
+        self._shown, self._guided_at = nothing_shown(), 0
 
     # Life cycle.
 
@@ -89,6 +94,7 @@ class Monitor(ListeningNode):
         self._subscribe(topics.DIAGNOSTICS, self._on_diagnostics)
         self._statuses = self._advertise(topics.STATUS.private)
         self._backup = self._advertise(topics.BACKUP.private)
+        self._guidance = self._advertise(topics.GUIDANCE.private)
         self._client = self.create_client(GenerateTrajectory, topics.SERVICE)
         self._entities.append(lambda: self.destroy_client(self._client))
         self._call_every(self._value("period"), self._on_timer)
@@ -129,11 +135,13 @@ class Monitor(ListeningNode):
         self._forget(now)
         self._supervision, verdict = stepped(self._supervision, self._situation, now)
         self._verdict = verdict
+        judged = self._supervision  # a plan that is taken up may know other intruders
         if verdict is not None:
             self._settle(now)
             if verdict.ask is not None:
                 self._request(verdict.ask, now)
         self._publish(now)
+        self._guide(now, judged)
 
     def _request(self, ask: Ask, now: int) -> None:
         if not self._client.service_is_ready():
@@ -207,6 +215,21 @@ class Monitor(ListeningNode):
             )
             self._backup.publish(message)
 
+    def _guide(self, now: int, judged: Supervision) -> None:
+        """Publish bands and alerts, once in a time step, of what the last verdict judged."""
+        watched, frame = judged.watch, judged.frame
+        step = watched.thresholds.options.aircraft.dt * SECOND
+        # A clock that steps back begins anew.
+        due = not 0 <= now - self._guided_at < step
+        if self._verdict is None or frame is None or not due:
+            return
+        self._guided_at = now
+        self._shown, found = guidance(
+            self._shown, watched.names, self._verdict, now / SECOND, frame, watched.thresholds
+        )
+        if found is not None:
+            self._guidance.publish(_message(found, now, self._value("map_frame")))
+
     def _status(self, now: int) -> AssuranceStatus:
         limits = self._supervision.watch.thresholds
         message = AssuranceStatus(
@@ -268,6 +291,25 @@ class Monitor(ListeningNode):
         self._publish_health(
             problem, [] if self._verdict is None else self._verdict.outside, values
         )
+
+
+def _message(found: Guidance, now: int, frame: str) -> GuidanceBands:
+    return GuidanceBands(
+        header=header(now, frame),
+        look_ahead=found.look_ahead,
+        track_deg=found.tracks.target,
+        track_region=found.tracks.region,
+        track_loss=found.tracks.loss,
+        speed=found.speeds.target,
+        speed_region=found.speeds.region,
+        speed_loss=found.speeds.loss,
+        recovery=found.recovery,
+        recovery_time=found.recovery_time,
+        recovery_shortfall=found.recovery_shortfall,
+        intruder_ids=list(found.intruders),
+        intruder_level=found.levels,
+        intruder_loss=found.losses,
+    )
 
 
 main = partial(process.main, Monitor, "monitor", __doc__)

@@ -7,7 +7,14 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
 from rclpy.qos import QoSProfile
-from rlcas_msgs.msg import AircraftState, AssuranceStatus, GeoReference, TrafficAlert, Trajectory
+from rlcas_msgs.msg import (
+    AircraftState,
+    AssuranceStatus,
+    GeoReference,
+    GuidanceBands,
+    TrafficAlert,
+    Trajectory,
+)
 from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
 
@@ -46,7 +53,8 @@ PATH = Topic(Path, f"{RUNNER}/output/path", qos.LATCHED)
 MARKERS = Topic(MarkerArray, f"{RUNNER}/output/markers", qos.LATCHED)
 STATUS = Topic(AssuranceStatus, f"{MONITOR}/output/status", qos.LATCHED)
 BACKUP = Topic(Trajectory, f"{MONITOR}/output/backup", qos.LATCHED)
+GUIDANCE = Topic(GuidanceBands, f"{MONITOR}/output/guidance", qos.LATCHED)
 DIAGNOSTICS = Topic(DiagnosticArray, "/diagnostics", qos.EVENTS)
 
 INPUTS = (OWNSHIP, TRAFFIC, ALERTS, ROUTE, GEO_REFERENCE)
-EVERY = (CLOCK, *INPUTS, PLAN, ADVISORY, PATH, MARKERS, STATUS, BACKUP, DIAGNOSTICS)
+EVERY = (CLOCK, *INPUTS, PLAN, ADVISORY, PATH, MARKERS, STATUS, BACKUP, GUIDANCE, DIAGNOSTICS)

@@ -16,7 +16,7 @@ pytest.importorskip("rclpy", reason=MISSING)
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rlcas_msgs.msg import AssuranceStatus, Trajectory
+from rlcas_msgs.msg import AssuranceStatus, GuidanceBands, TrafficAlert, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
 from envs.waypoints import Legs, at, knots, legs
@@ -47,6 +47,9 @@ class Flight:
         )
         self.backups: list[Trajectory] = self.client.hear(
             Trajectory, f"{WATCHER}/output/backup", qos.LATCHED
+        )
+        self.shown: list[GuidanceBands] = self.client.hear(
+            GuidanceBands, f"{WATCHER}/output/guidance", qos.LATCHED
         )
         self.legs: Legs | None = None
         self.began = self.revision = 0
@@ -177,6 +180,11 @@ def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
     assert list(status.reasons) == []
     assert status.measured and abs(status.cross_track) < 1.0 and abs(status.along_track) < 5.0
     assert 0.0 <= status.runner_silence < 5.0
+    flight.client.spin(lambda: flight.shown)
+    shown = flight.shown[-1]
+    assert len(shown.track_deg) == len(shown.track_region) == len(shown.track_loss) == 72
+    assert list(shown.intruder_ids) == ["4b1a2c"]
+    assert GuidanceBands.REGION_FREE in shown.track_region and shown.recovery == -1
     flight.tick()
     assert flight.says[-1].trajectory_revision == flight.revision
 
@@ -191,6 +199,10 @@ def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
 
     # How soon, the slow test says: other tests run beside this one.
     saved(flight)
+    flight.client.spin(lambda: "new001" in flight.shown[-1].intruder_ids)
+    shown = flight.shown[-1]
+    level = dict(zip(shown.intruder_ids, shown.intruder_level, strict=True))
+    assert level["new001"] == TrafficAlert.LEVEL_WARNING
 
 
 @pytest.mark.slow

@@ -1,0 +1,107 @@
+"""What the monitor shows: bands by true directions of what it predicts, alerts by the aircraft's
+names.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from agents.assurance.alerts import Alerting, Level, Region
+from agents.assurance.state import State
+from agents.assurance.thresholds import Cause
+from envs.formats.local_frame import LocalFrame
+from envs.waypoints import at, knots, legs
+from ros_bridge.core import updates
+from ros_bridge.core.assurance import Supervision, activated, initial, stepped
+from ros_bridge.core.guidance import TRACKS, Guidance, guidance, nothing_shown
+from ros_bridge.core.replies import flown
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tracks import Rules
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, THRESHOLDS, aircraft, heard
+from tests.ros_bridge.test_assurance import published, traffic
+
+RULES = Rules()
+
+
+def reported(situation: Situation, name: str, x: float, y: float, heading: float) -> Situation:
+    message = aircraft(x, y, heading, 75.0, id=name, time=NOW + SECOND)
+    return updates.traffic(situation, message, NOW + SECOND, RULES)
+
+
+def shown(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
+    """Return what is shown a second after a plan began."""
+    before = traffic(heard(), 0.0)
+    plan = published(before)
+    supervision: Supervision = activated(initial(THRESHOLDS), before, plan)
+    _, points = flown(FRAME, plan)
+    start, _ = flown(FRAME, plan)
+    place = at(legs(knots(start, points)), np.float64(1.0))
+    own = aircraft(*(float(value) for value in place), id="own", time=NOW + SECOND)
+    situation = updates.ownship(situation, own, NOW + SECOND, RULES)
+    supervision, verdict = stepped(supervision, situation, NOW + SECOND)
+    assert verdict is not None and supervision.frame is not None
+    _, found = guidance(
+        nothing_shown(),
+        supervision.watch.names,
+        verdict,
+        1.0,
+        frame or supervision.frame,
+        THRESHOLDS,
+    )
+    assert found is not None
+    return found
+
+
+def test_an_aircraft_head_on_closes_the_way_to_it() -> None:
+    # The ownship flies east.
+    found = shown(reported(traffic(heard(), 1.0), "new001", 7_000.0, 0.0, math.pi))
+    tracks = found.tracks
+    assert tracks.target == TRACKS.tolist() and len(tracks.region) == len(tracks.loss) == 72
+    east, west = tracks.target.index(90.0), tracks.target.index(270.0)
+    assert tracks.region[east] == Region.CORRECTIVE and 30.0 < tracks.loss[east] < 45.0
+    assert tracks.region[west] == Region.FREE and tracks.loss[west] == -1.0
+    assert found.recovery == -1
+    assert dict(zip(found.intruders, found.levels, strict=True))["new001"] == Level.CORRECTIVE
+    losses = dict(zip(found.intruders, found.losses, strict=True))
+    assert losses["new001"] == pytest.approx(tracks.loss[east], abs=1.0)
+    assert len(found.speeds.target) == len(found.speeds.region) > 10
+    assert found.look_ahead == Alerting.for_aircraft(THRESHOLDS.options.aircraft).look_ahead
+
+
+def test_directions_are_true_where_the_map_is_turned() -> None:
+    situation = reported(traffic(heard(), 1.0), "new001", 7_000.0, 0.0, math.pi)
+    here = shown(situation)
+
+    # The same states on a map about a place far to the west at a high latitude.
+    class Turned(LocalFrame):
+        def geodetic(self, x: Any, y: Any) -> Any:
+            return super().geodetic(x, y)._replace(convergence=np.full(np.shape(x), 0.5 * math.pi))
+
+    turned = shown(situation, Turned(FRAME.latitude, FRAME.longitude))
+    quarter = 18  # of 72 directions
+    assert turned.tracks.region == here.tracks.region[-quarter:] + here.tracks.region[:-quarter]
+
+
+def test_where_nothing_is_free_there_is_a_way_out() -> None:
+    found = shown(reported(traffic(heard(), 1.0), "new001", 900.0, 100.0, math.pi))
+    assert found.tracks.region[found.recovery] == Region.RECOVERY
+    assert Region.FREE not in found.tracks.region
+    assert found.recovery_shortfall > 0.0
+
+
+def test_nothing_is_shown_of_an_ownship_that_is_unknown() -> None:
+    before = traffic(heard(), 0.0)
+    supervision = activated(initial(THRESHOLDS), before, published(before))
+    supervision, verdict = stepped(supervision, before, NOW + 10 * SECOND)
+    assert verdict is not None and supervision.frame is not None
+    assert verdict.state is State.DENIED
+    assert verdict.measured.causes[0] & Cause.OWN_STALE
+    shown_before = nothing_shown()
+    after, found = guidance(
+        shown_before, supervision.watch.names, verdict, 10.0, supervision.frame, THRESHOLDS
+    )
+    assert found is None and after is shown_before
