@@ -98,7 +98,7 @@ def no_alerts(count: int, intruders: int, alerting: Alerting) -> Alerts:
     )
 
 
-def rearranged(alerts: Alerts, places: Sequence[int], alerting: Alerting) -> Alerts:
+def rearrange(alerts: Alerts, places: Sequence[int], alerting: Alerting) -> Alerts:
     """Return alerts with the intruders in other places: for each the place that it had; -1: it is
     new.
     """
@@ -115,7 +115,7 @@ def levels(loss: Any, times: Times) -> Any:
     return sum((np.asarray(loss) <= limit).astype(np.int8) for limit in times)
 
 
-def updated(alerts: Alerts, time: Any, loss: Any, mask: Any, alerting: Alerting) -> Alerts:
+def update(alerts: Alerts, time: Any, loss: Any, mask: Any, alerting: Alerting) -> Alerts:
     """Return the alerts after one more look.
 
     A new intruder, and all of them after a gap or a step back in time, show their level at once.

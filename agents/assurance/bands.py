@@ -12,7 +12,7 @@ time; it never holds one until its loss (docs/explanation/alerts.md).
 Clearances are good to 2 cm, and to 0.5 m where an intruder turns or its velocity is uncertain.
 Times of loss are good to a second while the ownship turns or an intruder does, and exact after
 that. All motion is relative to one mass of air: with wind, intruders' velocities are given less the
-wind. What closes bands beside intruders (areas) joins in :func:`_first_of`.
+wind. What closes bands beside intruders (areas) joins in :func:`_combine`.
 """
 
 from typing import Any, NamedTuple
@@ -111,16 +111,16 @@ class _Against(NamedTuple):
         """Clearance beyond which a lower bound of it will do, m."""
         return _INTEREST * self.requirement.separation
 
-    def flown(self, time: Any) -> VehicleState:
+    def intruders_at(self, time: Any) -> VehicleState:
         """Return the intruders at some times, s, that broadcast."""
         return predicted(self.traffic, time)
 
-    def needed(self, time: Any) -> Any:
+    def required_at(self, time: Any) -> Any:
         """Return the required distance at some times, m, less what the validator tolerates."""
         grown = self.base + growth(self.traffic, time, self.requirement.sigmas)
         return np.maximum(grown - CLOSE, self.requirement.separation - ROUNDING)
 
-    def picked(self, which: Any) -> "_Against":
+    def pick(self, which: Any) -> "_Against":
         """Return the intruders of some pairs, numbers of rows and of intruders, ``[m, 1]``."""
         n, k = which
         return self._replace(
@@ -209,7 +209,7 @@ def losses_on_course(
     against, now = _against(own, traffic, requirement), np.zeros((own.x.size, 1))
     if against.base.size == 0:
         return np.full(traffic.mask.shape, np.inf)
-    found = _first_of(*_held(column(own), now, against, look_ahead))
+    found = _combine(*_judge_hold(column(own), now, against, look_ahead))
     return np.where(traffic.mask, found.loss[:, 0], np.inf)
 
 
@@ -279,10 +279,10 @@ def _block(own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float)
     if against.base.size == 0:
         none = np.full(reached.shape, np.inf)
         return Bands(ramp.target, reached, none, np.full(reached.shape, -1), none, 0.0 * reached)
-    arrival = _moved(own, ramp, reached)
-    found = _first_of(
-        _on_ramp(own, ramp, arrival, reached, against),
-        *_held(arrival, reached, against, look_ahead),
+    arrival = _ramp_end(own, ramp, reached)
+    found = _combine(
+        _judge_ramp(own, ramp, arrival, reached, against),
+        *_judge_hold(arrival, reached, against, look_ahead),
     )
     absent = ~against.traffic.mask
     loss = np.where(absent, np.inf, found.loss)
@@ -299,7 +299,7 @@ def _block(own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float)
     )
 
 
-def _first_of(*parts: _Found) -> _Found:
+def _combine(*parts: _Found) -> _Found:
     """Return what the parts of manoeuvres hold together."""
     first, *others = parts
     for other in others:
@@ -320,12 +320,12 @@ def _state(own: VehicleState, yaw_rate: Any, acceleration: Any, time: Any) -> Ve
     return VehicleState(x, y, own.heading + turn, speed)
 
 
-def _moved(own: VehicleState, ramp: _Ramp, time: Any) -> VehicleState:
+def _ramp_end(own: VehicleState, ramp: _Ramp, time: Any) -> VehicleState:
     """Return the ownship on its way to each target at some times, ``[N, B]``."""
     return _state(column(own), ramp.yaw_rate[ramp.side], ramp.acceleration[ramp.side], time)
 
 
-def _onward(own: VehicleState, seconds: Any) -> VehicleState:
+def _straight_on(own: VehicleState, seconds: Any) -> VehicleState:
     """Return ownships ``[...]`` after some seconds of straight flight, ``[..., S]``."""
     x, y, heading, speed = (field[..., None] for field in own)
     far = speed * seconds
@@ -343,7 +343,7 @@ def _relative(own: VehicleState, other: VehicleState) -> RelativeMotion:
     )
 
 
-def _step(
+def _judge_step(
     first: RelativeMotion, last: RelativeMotion, begin: Any, end: Any, need: Any, need_after: Any
 ) -> _Found:
     """Judge steps of motion from some times to others, s, at which some distances are required,
@@ -360,11 +360,11 @@ def _step(
     return _Found(np.where(lost, begin, np.inf), np.where(lost, until, -np.inf), clearance)
 
 
-def _steps(path: RelativeMotion, times: Any, need: Any, axis: int) -> _Found:
+def _judge_steps(path: RelativeMotion, times: Any, need: Any, axis: int) -> _Found:
     """Judge the steps from node to node of a path along an axis."""
     before = tuple([slice(None)] * axis + [slice(None, -1)])
     after = tuple([slice(None)] * axis + [slice(1, None)])
-    return _step(
+    return _judge_step(
         take(path, before),
         take(path, after),
         times[before],
@@ -374,7 +374,7 @@ def _steps(path: RelativeMotion, times: Any, need: Any, axis: int) -> _Found:
     )
 
 
-def _on_ramp(
+def _judge_ramp(
     own: VehicleState, ramp: _Ramp, arrival: VehicleState, reached: Any, against: _Against
 ) -> _Found:
     """Judge the way from the present to each target, ``[N, B, K]``.
@@ -385,7 +385,7 @@ def _on_ramp(
     step = min(ramp.step, _ARC / max(_fastest_turn(against), 1e-9))
     nodes = np.arange(int(np.ceil(float(reached.max()) / step - 1e-9)) + 1) * step
     times = nodes[None, :, None]
-    there, need = against.flown(times), against.needed(times)
+    there, need = against.intruders_at(times), against.required_at(times)
     need = np.broadcast_to(need, there.x.shape)
     paths = []
     for yaw_rate, acceleration in zip(ramp.yaw_rate, ramp.acceleration, strict=True):
@@ -393,25 +393,27 @@ def _on_ramp(
         paths.append(_relative(VehicleState(*(field[..., None] for field in moving)), there))
     path = RelativeMotion(*(np.stack(pair, axis=1) for pair in zip(*paths, strict=True)))
     both = np.broadcast_to(need[:, None], path.x.shape)
-    each = _steps(path, np.broadcast_to(times[:, None], path.x.shape), both, axis=2)
+    each = _judge_steps(path, np.broadcast_to(times[:, None], path.x.shape), both, axis=2)
     so_far = _Found(
-        _accumulated(np.minimum, each.loss, np.inf),
-        _accumulated(np.maximum, each.until, -np.inf),
-        _accumulated(np.minimum, each.clearance, np.inf),
+        _accumulate(np.minimum, each.loss, np.inf),
+        _accumulate(np.maximum, each.until, -np.inf),
+        _accumulate(np.minimum, each.clearance, np.inf),
     )
     number = np.minimum((reached / step).astype(int), nodes.size - 1)
     rows = np.arange(reached.shape[0])[:, None]
     chosen = rows, ramp.side, number
     end = reached[..., None]
-    last = _step(
+    last = _judge_step(
         take(path, chosen),
-        _relative(VehicleState(*(field[..., None] for field in arrival)), against.flown(end)),
+        _relative(
+            VehicleState(*(field[..., None] for field in arrival)), against.intruders_at(end)
+        ),
         nodes[number][..., None],
         end,
         need[rows, number],
-        against.needed(end),
+        against.required_at(end),
     )
-    return _first_of(take(so_far, chosen), last)
+    return _combine(take(so_far, chosen), last)
 
 
 def _fastest_turn(against: _Against) -> float:
@@ -421,13 +423,13 @@ def _fastest_turn(against: _Against) -> float:
     return float(rate.max())
 
 
-def _accumulated(function: np.ufunc, values: Any, nothing: float) -> Any:
+def _accumulate(function: np.ufunc, values: Any, nothing: float) -> Any:
     """Return what all steps before a node hold, ``[N, 2, nodes, K]``."""
     none = np.full((*values.shape[:2], 1, values.shape[-1]), nothing)
     return np.concatenate([none, function.accumulate(values, axis=2)], axis=2)
 
 
-def _held(
+def _judge_hold(
     own: VehicleState, reached: Any, against: _Against, look_ahead: float
 ) -> tuple[_Found, ...]:
     """Judge straight flight from targets on, ``[N, B]``, until the end of the look-ahead, ``[N, B,
@@ -437,43 +439,49 @@ def _held(
     turning = traffic.mask & (traffic.turn_rate != 0.0) & (traffic.turn_time > 0.0)
     turn_end = np.where(turning, np.minimum(traffic.turn_time, look_ahead), 0.0)
     straight_from = np.maximum(reached[..., None], turn_end)
-    parts = [_straight(own, reached, straight_from, against, look_ahead)]
+    parts = [_judge_straight(own, reached, straight_from, against, look_ahead)]
     if turning.any():
-        parts.append(_among_turning(own, reached, straight_from, against))
+        parts.append(_judge_among_turning(own, reached, straight_from, against))
     return tuple(parts)
 
 
-def _among_turning(own: VehicleState, reached: Any, until: Any, against: _Against) -> _Found:
+def _judge_among_turning(own: VehicleState, reached: Any, until: Any, against: _Against) -> _Found:
     """Judge straight flight from targets on until an intruder's turn ends, ``[N, B, K]``."""
     lasts = until - reached[..., None]
-    there = against.flown(reached[..., None])
+    there = against.intruders_at(reached[..., None])
     far = np.hypot(there.x - own.x[..., None], there.y - own.y[..., None])
     # No nearer than both flying at each other, and no more required than at the end.
-    bound = far - (own.speed[..., None] + there.speed) * lasts - against.needed(until)
+    bound = far - (own.speed[..., None] + there.speed) * lasts - against.required_at(until)
     bound = np.where(lasts > 0.0, bound, np.inf)
     found = _Found(np.full(bound.shape, np.inf), np.full(bound.shape, -np.inf), bound)
     which = np.nonzero(bound < against.interest)
     if which[0].size == 0:
         return found
     n, band, k = which
-    one = against.picked((n, k))
+    one = against.pick((n, k))
     steps = int(np.ceil(float(lasts[which].max()) * _fastest_turn(one) / _ARC))
     since = np.linspace(0.0, 1.0, steps + 1) * lasts[which][:, None]
     times = reached[n, band, None] + since
-    path = _relative(_onward(take(own, (n, band)), since), one.flown(times))
-    _write(found, which, _steps(path, times, np.broadcast_to(one.needed(times), times.shape), 1))
+    path = _relative(_straight_on(take(own, (n, band)), since), one.intruders_at(times))
+    _write(
+        found,
+        which,
+        _judge_steps(path, times, np.broadcast_to(one.required_at(times), times.shape), 1),
+    )
     return found
 
 
-def _straight(
+def _judge_straight(
     own: VehicleState, reached: Any, begin: Any, against: _Against, look_ahead: float
 ) -> _Found:
     """Judge straight flight of both, from ``begin``, s, to the end of the look-ahead, in closed
     form, ``[N, B, K]``.
     """
-    far = _relative(_onward(own, begin - reached[..., None]), against.flown(begin))
+    far = _relative(_straight_on(own, begin - reached[..., None]), against.intruders_at(begin))
     lasts = np.maximum(look_ahead - begin, 0.0)
-    found = _piece(far, begin, lasts, against.needed(begin), against.needed(begin + lasts))
+    found = _judge_piece(
+        far, begin, lasts, against.required_at(begin), against.required_at(begin + lasts)
+    )
     if not (against.traffic.velocity_std.any() and against.requirement.sigmas):
         return found
     # Growth is convex: a straight line between its ends requires more. What is clear of that is
@@ -481,14 +489,14 @@ def _straight(
     which = np.nonzero(found.clearance < against.interest)
     if which[0].size:
         n, _, k = which
-        one = against.picked((n, k))
+        one = against.pick((n, k))
         since = np.linspace(0.0, 1.0, _PIECES + 1) ** 2 * lasts[which][:, None]
         times = begin[which][:, None] + since
         x, y, vx, vy = column(take(far, which))
         x, y = x + vx * since[:, :-1], y + vy * since[:, :-1]
-        need, pieces = one.needed(times), np.diff(since, axis=1)
+        need, pieces = one.required_at(times), np.diff(since, axis=1)
         place = RelativeMotion(x, y, vx, vy)
-        _write(found, which, _piece(place, times[:, :-1], pieces, need[:, :-1], need[:, 1:]))
+        _write(found, which, _judge_piece(place, times[:, :-1], pieces, need[:, :-1], need[:, 1:]))
     return found
 
 
@@ -499,7 +507,7 @@ def _write(found: _Found, which: Any, parts: _Found) -> None:
     found.clearance[which] = parts.clearance.min(axis=1)
 
 
-def _piece(far: RelativeMotion, begin: Any, lasts: Any, first: Any, last: Any) -> _Found:
+def _judge_piece(far: RelativeMotion, begin: Any, lasts: Any, first: Any, last: Any) -> _Found:
     """Judge uniform relative motion that lasts some seconds, the required distance growing evenly
     from ``first`` to ``last``, m.
 

@@ -57,7 +57,7 @@ class Second(NamedTuple):
     level: dict[str, int]  # of its alert
 
 
-def located(given: str | None) -> Path:
+def locate(given: str | None) -> Path:
     """Return the program, from an argument or the environment variable.
 
     Raises:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.alerts import Alerting, no_alerts, updated
+from agents.assurance.alerts import Alerting, no_alerts, update
 from agents.assurance.bands import Bands, heading_bands, losses_on_course, speed_bands
 from agents.planner.traffic import Requirement, Traffic
 from benchmarks.daidalus.edges import NAMES, Match, matches, our_edges, their_edges
@@ -23,7 +23,7 @@ from benchmarks.daidalus.program import (
     Second,
     Setting,
     answers,
-    located,
+    locate,
     scenario_text,
 )
 from benchmarks.daidalus.sides import Flight, Ours, Sides
@@ -103,7 +103,7 @@ def main() -> None:
     parser.add_argument("--out", help="folder for the picture; none: no picture")
     parser.add_argument("--picture", help="scenario that is drawn (default: the first)")
     given = parser.parse_args()
-    program, paths = located(given.program), _paths(given.scenarios, given.only)
+    program, paths = locate(given.program), _paths(given.scenarios, given.only)
     chosen, folder = given.picture or paths[0].stem, Path(given.out) if given.out else None
     names = [path.stem for path in paths]
     if chosen not in names:
@@ -114,13 +114,13 @@ def main() -> None:
     print(f"| {' | '.join(HEAD)} |\n{'|---' * len(HEAD)}|", flush=True)
     for path in paths:
         sides[path.stem] = both(path, program, {})
-        done.append(compared(path.name, sides[path.stem]))
+        done.append(compare(path.name, sides[path.stem]))
         print(line(done[-1]), flush=True)
     found = figures(done)
     if given.variants:
         print(f"\n| {' | '.join(VARIANT_HEAD)} |\n{'|---' * len(VARIANT_HEAD)}|", flush=True)
         for name, changes in VARIANTS.items():
-            scenarios = [compared(path.name, both(path, program, changes)) for path in paths]
+            scenarios = [compare(path.name, both(path, program, changes)) for path in paths]
             each = figures(scenarios)
             shares = each["edges_headings_within_2_deg"], each["edges_speeds_within_1_m_s"]
             found[f"variant: {name}"] = shares
@@ -178,7 +178,7 @@ def ours(flight: Flight, setting: Setting, alerting: Alerting) -> Ours:
     alerts, level = no_alerts(1, loss.shape[1], alerting), []
     for row, now in enumerate(flight.time):
         part = slice(row, row + 1)
-        alerts = updated(alerts, flight.time[part], loss[part], flight.traffic.mask[part], alerting)
+        alerts = update(alerts, flight.time[part], loss[part], flight.traffic.mask[part], alerting)
         level.append(alerts.level[0])
         assert alerts.time[0] == now
     return Ours(
@@ -206,7 +206,7 @@ def both(path: Path, program: Path, changes: dict[str, str]) -> Sides:
     return Sides(flight, mine, seconds, program_s, time.perf_counter() - began)
 
 
-def compared(name: str, sides: Sides) -> Scenario:
+def compare(name: str, sides: Sides) -> Scenario:
     """Compare both sides of one scenario."""
     headings, speeds, known = [], [], 0
     for row, second in enumerate(sides.seconds):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.assurance.alerts import Alerting, Alerts, no_alerts, rearranged, regions, updated
+from agents.assurance.alerts import Alerting, Alerts, no_alerts, rearrange, regions, update
 from agents.assurance.bands import (
     HEADINGS,
     Bands,
@@ -20,7 +20,6 @@ from agents.assurance.bands import (
 )
 from agents.assurance.single import Verdict
 from agents.assurance.thresholds import BLIND, Thresholds
-from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.formats.local_frame import LocalFrame
 
@@ -57,9 +56,9 @@ class Guidance(NamedTuple):
     losses: list[float]  # s; -1: none
 
 
-def nothing_shown() -> Shown:
+def blank(thresholds: Thresholds) -> Shown:
     """Return that no intruder has been looked at."""
-    return Shown((), no_alerts(1, 0, Alerting.for_aircraft(PAPER)))
+    return Shown((), no_alerts(1, 0, Alerting.for_aircraft(thresholds.options.aircraft)))
 
 
 def guidance(
@@ -93,8 +92,8 @@ def guidance(
     speeds = speed_bands(own, traffic, requirement, limits, look_ahead)
     losses = losses_on_course(own, traffic, requirement, look_ahead)
     places = [shown.names.index(name) if name in shown.names else -1 for name in names]
-    before = rearranged(shown.alerts, places, alerting)
-    alerts = updated(before, np.array([time]), losses, traffic.mask, alerting)
+    before = rearrange(shown.alerts, places, alerting)
+    alerts = update(before, np.array([time]), losses, traffic.mask, alerting)
     way_out = recovery(headings, aircraft.separation)
     number = int(way_out.index[0])
     known = [k for k in range(len(names)) if traffic.mask[0, k]]

@@ -51,7 +51,7 @@ from ros_bridge.core.assurance import (
     withdrawn,
 )
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.guidance import Guidance, guidance, nothing_shown
+from ros_bridge.core.guidance import Guidance, blank, guidance
 from ros_bridge.transport import process, topics
 from ros_bridge.transport.messages import header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
@@ -79,7 +79,7 @@ class Monitor(ListeningNode):
         self._waiting: Published | None = None
         self._backup_at = 0
         self._backups = 0
-        self._shown, self._guided_at = nothing_shown(), 0
+        self._shown, self._guided_at = blank(self._supervision.watch.thresholds), 0
 
     # Life cycle.
 

@@ -17,7 +17,7 @@ from envs.formats.local_frame import LocalFrame
 from envs.waypoints import at, knots, legs
 from ros_bridge.core import updates
 from ros_bridge.core.assurance import Supervision, activated, initial, stepped
-from ros_bridge.core.guidance import TRACKS, Guidance, guidance, nothing_shown
+from ros_bridge.core.guidance import TRACKS, Guidance, blank, guidance
 from ros_bridge.core.replies import flown
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import Rules
@@ -27,12 +27,12 @@ from tests.ros_bridge.test_assurance import published, traffic
 RULES = Rules()
 
 
-def reported(situation: Situation, name: str, x: float, y: float, heading: float) -> Situation:
+def with_report(situation: Situation, name: str, x: float, y: float, heading: float) -> Situation:
     message = aircraft(x, y, heading, 75.0, id=name, time=NOW + SECOND)
     return updates.traffic(situation, message, NOW + SECOND, RULES)
 
 
-def shown(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
+def display(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
     """Return what is shown a second after a plan began."""
     before = traffic(heard(), 0.0)
     plan = published(before)
@@ -45,7 +45,7 @@ def shown(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
     supervision, verdict = stepped(supervision, situation, NOW + SECOND)
     assert verdict is not None and supervision.frame is not None
     _, found = guidance(
-        nothing_shown(),
+        blank(THRESHOLDS),
         supervision.watch.names,
         verdict,
         1.0,
@@ -58,7 +58,7 @@ def shown(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
 
 def test_an_aircraft_head_on_closes_the_way_to_it() -> None:
     # The ownship flies east.
-    found = shown(reported(traffic(heard(), 1.0), "new001", 7_000.0, 0.0, math.pi))
+    found = display(with_report(traffic(heard(), 1.0), "new001", 7_000.0, 0.0, math.pi))
     tracks = found.tracks
     assert tracks.target == TRACKS.tolist() and len(tracks.region) == len(tracks.loss) == 72
     east, west = tracks.target.index(90.0), tracks.target.index(270.0)
@@ -73,21 +73,21 @@ def test_an_aircraft_head_on_closes_the_way_to_it() -> None:
 
 
 def test_directions_are_true_where_the_map_is_turned() -> None:
-    situation = reported(traffic(heard(), 1.0), "new001", 7_000.0, 0.0, math.pi)
-    here = shown(situation)
+    situation = with_report(traffic(heard(), 1.0), "new001", 7_000.0, 0.0, math.pi)
+    here = display(situation)
 
     # The same states on a map about a place far to the west at a high latitude.
     class Turned(LocalFrame):
         def geodetic(self, x: Any, y: Any) -> Any:
             return super().geodetic(x, y)._replace(convergence=np.full(np.shape(x), 0.5 * math.pi))
 
-    turned = shown(situation, Turned(FRAME.latitude, FRAME.longitude))
+    turned = display(situation, Turned(FRAME.latitude, FRAME.longitude))
     quarter = 18  # of 72 directions
     assert turned.tracks.region == here.tracks.region[-quarter:] + here.tracks.region[:-quarter]
 
 
 def test_where_nothing_is_free_there_is_a_way_out() -> None:
-    found = shown(reported(traffic(heard(), 1.0), "new001", 900.0, 100.0, math.pi))
+    found = display(with_report(traffic(heard(), 1.0), "new001", 900.0, 100.0, math.pi))
     assert found.tracks.region[found.recovery] == Region.RECOVERY
     assert Region.FREE not in found.tracks.region
     assert found.recovery_shortfall > 0.0
@@ -100,7 +100,7 @@ def test_nothing_is_shown_of_an_ownship_that_is_unknown() -> None:
     assert verdict is not None and supervision.frame is not None
     assert verdict.state is State.DENIED
     assert verdict.measured.causes[0] & Cause.OWN_STALE
-    shown_before = nothing_shown()
+    shown_before = blank(THRESHOLDS)
     after, found = guidance(
         shown_before, supervision.watch.names, verdict, 10.0, supervision.frame, THRESHOLDS
     )

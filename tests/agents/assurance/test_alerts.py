@@ -13,9 +13,9 @@ from agents.assurance.alerts import (
     Times,
     levels,
     no_alerts,
-    rearranged,
+    rearrange,
     regions,
-    updated,
+    update,
 )
 from agents.assurance.backup import STEPS
 from agents.assurance.bands import heading_bands, losses_on_course
@@ -33,12 +33,12 @@ USUAL = Alerting.for_aircraft(PAPER)
 NOT_HELD = Alerting(USUAL.reached, USUAL.reached, hold=0.0, forget=5.0)
 
 
-def shown(alerting: Alerting, losses: list[float], step: float = 1.0) -> list[int]:
+def show(alerting: Alerting, losses: list[float], step: float = 1.0) -> list[int]:
     """Return the levels that are shown of one intruder, update by update."""
     alerts, found = no_alerts(1, 1, alerting), []
     exists = np.ones((1, 1), dtype=bool)
     for index, loss in enumerate(losses):
-        alerts = updated(alerts, np.array([index * step]), np.array([[loss]]), exists, alerting)
+        alerts = update(alerts, np.array([index * step]), np.array([[loss]]), exists, alerting)
         found.append(int(alerts.level[0, 0]))
     return found
 
@@ -50,31 +50,31 @@ def test_levels_follow_the_time_to_loss() -> None:
 
 def test_one_stray_look_neither_raises_nor_ends_an_alert() -> None:
     far, near = math.inf, 40.0
-    assert shown(NOT_HELD, [far, far, near, far, far, far]) == [0] * 6
-    assert shown(NOT_HELD, [far, near, near, far, near, near]) == [0, 0, 2, 2, 2, 2]
+    assert show(NOT_HELD, [far, far, near, far, far, far]) == [0] * 6
+    assert show(NOT_HELD, [far, near, near, far, near, near]) == [0, 0, 2, 2, 2, 2]
 
 
 def test_an_alert_ends_when_fewer_than_m_of_n_ask_for_it() -> None:
     far, near = math.inf, 40.0
-    assert shown(NOT_HELD, [near, near, near, far, far, far, far]) == [2, 2, 2, 2, 2, 0, 0]
+    assert show(NOT_HELD, [near, near, near, far, far, far, far]) == [2, 2, 2, 2, 2, 0, 0]
 
 
 def test_the_first_look_and_one_after_a_gap_show_at_once() -> None:
-    assert shown(NOT_HELD, [20.0]) == [Level.WARNING]
-    assert shown(NOT_HELD, [math.inf, 20.0], step=6.0) == [Level.NONE, Level.WARNING]
+    assert show(NOT_HELD, [20.0]) == [Level.WARNING]
+    assert show(NOT_HELD, [math.inf, 20.0], step=6.0) == [Level.NONE, Level.WARNING]
 
 
 def test_a_level_is_left_later_than_it_is_reached() -> None:
     alerting = Alerting(USUAL.reached, USUAL.left, hold=0.0, forget=5.0)
     losses = [50.0, 60.0, 70.0, 74.0, 76.0, 76.0, 76.0, 76.0]
-    assert shown(alerting, losses)[:4] == [2, 2, 2, 2]
-    assert shown(alerting, losses)[-1] == 1
-    assert shown(alerting, [60.0, 60.0, 60.0]) == [1, 1, 1]
+    assert show(alerting, losses)[:4] == [2, 2, 2, 2]
+    assert show(alerting, losses)[-1] == 1
+    assert show(alerting, [60.0, 60.0, 60.0]) == [1, 1, 1]
 
 
 def test_a_raised_level_is_held() -> None:
     alerting = Alerting(USUAL.reached, USUAL.reached, hold=20.0, forget=5.0)
-    found = shown(alerting, [math.inf, 20.0, 20.0] + [math.inf] * 22)
+    found = show(alerting, [math.inf, 20.0, 20.0] + [math.inf] * 22)
     assert found[2:22] == [3] * 20
     assert found[-1] == 0
 
@@ -87,11 +87,11 @@ def test_one_intruders_alert_does_not_depend_on_the_others() -> None:
     alone = [[no_alerts(1, 1, USUAL) for _ in range(3)] for _ in range(5)]
     for index in range(30):
         time = np.full(5, float(index))
-        alerts = updated(alerts, time, losses[index], mask[index], USUAL)
+        alerts = update(alerts, time, losses[index], mask[index], USUAL)
         for row in range(5):
             for k in range(3):
                 part = slice(row, row + 1), slice(k, k + 1)
-                each: Alerts = updated(
+                each: Alerts = update(
                     alone[row][k], time[:1], losses[index][part], mask[index][part], USUAL
                 )
                 alone[row][k] = each
@@ -100,17 +100,17 @@ def test_one_intruders_alert_does_not_depend_on_the_others() -> None:
 
 
 def test_an_alert_follows_its_intruder_to_another_place() -> None:
-    alerts = updated(
+    alerts = update(
         no_alerts(1, 2, USUAL),
         np.zeros(1),
         np.array([[10.0, np.inf]]),
         np.ones((1, 2), bool),
         USUAL,
     )
-    moved = rearranged(alerts, [-1, 1, 0], USUAL)
+    moved = rearrange(alerts, [-1, 1, 0], USUAL)
     assert moved.level.tolist() == [[Level.NONE, Level.NONE, Level.WARNING]]
     # What is new shows its level at once, what is known by M of N.
-    after = updated(
+    after = update(
         moved, np.ones(1), np.array([[40.0, 40.0, np.inf]]), np.ones((1, 3), bool), USUAL
     )
     assert after.level.tolist() == [[Level.CORRECTIVE, Level.NONE, Level.WARNING]]
