@@ -183,7 +183,7 @@ class Area:
                 continue
             if not isinstance(level, Level):
                 raise AreaError(f"{name} is {level!r:.60}, expected a Level or None")
-            value = _real(f"{name}.value", level.value, -10_000.0, 100_000.0, "m")
+            value = _real(f"{name}.value", level.value, -20_000.0, 100_000.0, "m")
             if not isinstance(level.reference, str) or not level.reference:
                 raise AreaError(f"{name}.reference is {level.reference!r:.60}, expected a name")
             object.__setattr__(self, name, Level(value, level.reference))

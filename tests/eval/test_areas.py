@@ -1,0 +1,34 @@
+"""The areas of a file are drawn, or it is said why not."""
+
+from pathlib import Path
+
+import pytest
+
+from envs.areas import Area, AreaError, Circle, Keep, Polygon
+from envs.formats.areas import write_areas
+from envs.formats.local_frame import LocalFrame
+from eval.areas import main, picture
+
+PLACE = ["--latitude", "47", "--longitude", "8"]
+AREAS = [
+    Area(Polygon(((0.0, 0.0), (4e3, 0.0), (0.0, 3e3)), (((5e2, 5e2), (9e2, 5e2), (5e2, 9e2)),))),
+    Area(Circle(7e3, 1e3, 2e3), Keep.IN, velocity=(5.0, 0.0), name="cell"),
+]
+
+
+def test_a_file_becomes_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, out = tmp_path / "a.geojson", tmp_path / "a.png"
+    write_areas(file, AREAS, LocalFrame(47.0, 8.0))
+    assert main([str(file), *PLACE, "--out", str(out)]) == 0
+    assert out.read_bytes().startswith(b"\x89PNG")
+    assert "2 areas" in capsys.readouterr().out
+    with pytest.raises(AreaError, match="there is no such file"):
+        main([str(tmp_path / "none"), *PLACE])
+
+
+def test_the_picture_shows_all_of_every_area() -> None:
+    (axes,) = picture(AREAS).axes
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    assert (west < 0.0, east > 9.0) == (True, True)
+    assert (south < -1.0, north > 3.0) == (True, True)
+    assert [text.get_text() for text in axes.texts][1] == "cell"
