@@ -8,6 +8,7 @@ The command is a thin layer over :func:`train_all`, as these two functions are. 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from agents.config.folder_lock import is_unused, locked
@@ -15,6 +16,10 @@ from agents.config.load import ConfigError, load, validated
 from agents.learning.algorithm import Algorithm
 from agents.policy import inputs as own_inputs
 from agents.policy.inputs import Input
+from envs import rewards as own_rewards
+from envs import scenarios as own_scenarios
+from envs.encounters import Sampler
+from envs.rewards import Term
 from rlcas_jax import algorithm as own_algorithm
 from rlcas_jax.cli import Job, Options, resumed_jobs, write_configurations
 from rlcas_jax.config import TrainConfig
@@ -37,6 +42,11 @@ class Extensions(NamedTuple):
     algorithm: Callable[..., Algorithm] | None = None
     """What learns, in place of the key ``algorithm``: a class or a function with a name, called
     with a :class:`agents.learning.algorithm.Setup` and the keys of ``algorithm_settings``."""
+    scenarios: Mapping[str, Sampler] = MappingProxyType({})
+    """Geometries of encounters by the names under which ``scenarios`` of the configuration asks for
+    them."""
+    rewards: Mapping[str, Term] = MappingProxyType({})
+    """Terms of the reward by the names under which ``rewards`` of the configuration weighs them."""
 
 
 NONE = Extensions()
@@ -58,8 +68,8 @@ def train(
         config: a configuration, its keys, a YAML file, or the name of a configuration that ships,
             such as ``quick``.
         directory: of the run; its files are those of the command (docs/howto/train.md).
-        extensions: of the user's own. The configuration that is written names them as
-            ``module:name``.
+        extensions: of the user's own. The configuration that is written names them: inputs and the
+            algorithm as ``module:name``, scenarios and rewards as it did.
         callback: called after each update with its metrics by name (docs/reference/metrics.md), for
             logging elsewhere. What it raises ends the training; the last checkpoint is kept.
         devices: how many to split the encounters over; None: all that JAX sees.
@@ -181,8 +191,14 @@ def _config_of(
 
 
 def _register(extensions: Extensions) -> dict[str, Any]:
-    """Make extensions known in this process; return the names of those that there are, by kind."""
+    """Make extensions known in this process; return what the configuration has to name: inputs and
+    the algorithm. Scenarios and rewards are named there already.
+    """
     names: dict[str, Any] = {}
+    for name, sampler in extensions.scenarios.items():
+        own_scenarios.register(name, sampler)
+    for name, term in extensions.rewards.items():
+        own_rewards.register(name, term)
     if extensions.inputs:
         names["inputs"] = [own_inputs.register(one).name for one in extensions.inputs]
     if extensions.algorithm is not None:

@@ -20,6 +20,8 @@ from agents.learning.algorithm import Setup
 from agents.learning.networks import Actor, Critic
 from agents.policy import file as policy_file
 from envs.edge.command import InputError
+from envs.encounters import SHIPPED
+from envs.rewards import Term
 from rlcas_jax import algorithm as own_algorithm
 from rlcas_jax import metrics
 from rlcas_jax.algorithm import algorithm_of, register
@@ -234,6 +236,19 @@ def test_extensions_of_a_call_are_named_in_its_configuration(form: str, folder: 
         config.write_text(json.dumps(given))  # JSON is YAML, too
     found = _config_of(config, Extensions(algorithm=ACTOR_CRITIC))
     assert found == validated(TrainConfig, TINY)
+
+
+def test_scenarios_and_rewards_of_a_call_are_known_by_their_names():
+    """Objects of a notebook's own, which no module holds."""
+    extensions = Extensions(
+        scenarios={"again": SHIPPED["circle"]},
+        rewards={"waiting": Term(lambda step, xp: xp.ones_like(step.after.own.x), "a step")},
+    )
+    given = {"scenarios": [{"name": "again"}], "rewards": {"waiting": -0.5}}
+    found = _config_of(given, extensions)
+    assert [one.name for one in found.drawn()] == ["again"]
+    assert [row.weight for row in found.rewards.table().rows if row.name == "waiting"] == [-0.5]
+    assert set(given["rewards"]) <= set(found.rewards.weights())
 
 
 def test_a_written_configuration_names_it():
