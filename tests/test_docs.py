@@ -309,6 +309,19 @@ def html_pages(site: Path) -> Iterator[tuple[Path, str]]:
 
 
 @pytest.mark.slow
+def test_pages_that_are_opened_as_files_can_be_searched(site: Path, new_page: Callable[..., Any]):
+    page, faults = new_page(), []
+    page.on("pageerror", faults.append)
+    page.goto((site / "howto/train.html").as_uri())
+    page.locator(".md-search__input").click()
+    page.keyboard.type("certificate")
+    page.locator(".md-search-result__link").first.click()
+    page.wait_for_url("**h=certificate*")
+    assert "certificate" in page.locator("h1").first.inner_text().lower()
+    assert not faults
+
+
+@pytest.mark.slow
 def test_no_page_loads_anything_from_another_host(site: Path) -> None:
     found = {
         f"{page.relative_to(site)}: {url}"
