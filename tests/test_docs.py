@@ -6,6 +6,7 @@ one is its output. A block below ``<!-- not run: reason -->`` is compiled, and i
 are tried."""
 
 import ast
+import csv
 import importlib
 import json
 import os
@@ -19,6 +20,11 @@ from types import ModuleType
 from typing import NamedTuple
 
 import pytest
+
+from envs.aircraft import PAPER
+from envs.encounters import scenario
+from envs.formats import encounter_file
+from envs.starts import numbered
 
 ROOT = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"(<!-- not run: [^>]+ -->\s+)?```(python|text)\n(.*?)```", re.DOTALL)
@@ -81,6 +87,57 @@ def test_the_code_of_a_page_runs_and_prints_what_it_says(page: str, tmp_path: Pa
     outputs = done.stdout.split("-- next --\n")
     for block, printed in zip(runnable, outputs, strict=True):
         assert block.printed is None or block.printed == printed
+
+
+def text_blocks(page: str) -> list[str]:
+    """Return the printed output on a page."""
+    return re.findall(r"```text\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+
+
+def evaluate(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """Run an evaluation in a folder."""
+    return subprocess.run(
+        [sys.executable, "-m", "eval.monte_carlo", "--workers", "1", *options],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=1_200,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+def test_the_refusal_on_the_page_of_encounters_is_the_one_that_is_printed(tmp_path: Path) -> None:
+    encounters = numbered(scenario("circle", PAPER), seed=0, first=0, count=1)
+    encounter_file.write(tmp_path / "mine.csv", encounters)
+    with (tmp_path / "mine.csv").open(encoding="utf-8", newline="") as file:
+        row = next(csv.DictReader(file))
+    with (tmp_path / "mine.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(row))
+        writer.writeheader()
+        writer.writerow(row | {"own_speed_m_s": "45"})
+    done = evaluate(tmp_path, "--scenario", "file:mine.csv", "--out", "out")
+    assert (done.returncode, done.stdout) == (2, "")
+    said = done.stderr.replace(str(tmp_path), "/home/ann")
+    assert [said] == text_blocks("docs/howto/own-encounters.md")
+
+
+@pytest.mark.slow
+def test_the_table_of_the_tutorial_has_the_rows_that_an_evaluation_prints(tmp_path: Path) -> None:
+    """Its figures are those of a policy that the reader trains."""
+    done = evaluate(tmp_path, "--encounters", "20", "--out", "out")
+    assert done.returncode == 0, done.stderr
+    printed = [line.strip("│ ") for line in done.stdout.splitlines()]
+    first, heads, *rows, rest = text_blocks("docs/tutorial/first-report.md")[1].splitlines()
+    assert rest.strip() == "..."
+    assert printed[0].rstrip() == first.replace("10 000", "20")
+    assert re.findall(r"\w[\w %]*\w", heads.replace("  ", "|")) == re.findall(
+        r"\w[\w %]*\w", printed[2].strip("┃ ")
+    )
+    names = [re.split(r"\s+│", line)[0] for line in printed[4:]]
+    wanted = [re.sub(r"\s+[\d.]+ %.*", "", row).strip() for row in rows]
+    assert names[: len(wanted)] == wanted
 
 
 def imported(name: str) -> ModuleType:
