@@ -14,6 +14,7 @@ from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from agents.config.load import ConfigError
+from envs.edge.compiled import local_devices
 from rlcas_jax.cli import Processes
 
 AXIS = "encounters"  # name of the mesh's one axis
@@ -53,7 +54,8 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
         processes: the processes that train together; None: this one alone.
 
     Raises:
-        ConfigError: there are fewer devices, or the other processes cannot be reached.
+        ConfigError: there are fewer devices, or none of the platform that is asked for, or the
+            other processes cannot be reached.
     """
     if devices is not None:
         jax.config.update("jax_num_cpu_devices", devices)
@@ -68,7 +70,7 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
                 f"--coordinator {processes.coordinator}: the processes did not find each other "
                 f"({reason})"
             ) from None
-    here = jax.local_devices()
+    here = local_devices(jax)
     wanted = len(here) if devices is None else devices
     if wanted > len(here):
         raise ConfigError(

@@ -12,6 +12,9 @@ import platform
 import shutil
 from importlib import metadata
 from pathlib import Path
+from typing import Any
+
+from envs.edge.command import ConfigError
 
 _LARGE = 1 << 30
 """Size of all folders, bytes, from which on they are emptied."""
@@ -35,6 +38,26 @@ def keep_compiled() -> None:
         return
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+
+
+def local_devices(jax: Any) -> list[Any]:
+    """Return this process's devices of JAX, whose module is given.
+
+    Raises:
+        ConfigError: ``JAX_PLATFORMS`` names a platform that has none.
+    """
+    try:
+        return jax.local_devices()
+    except (AssertionError, RuntimeError):
+        asked = jax.config.jax_platforms
+        if not asked:
+            raise
+        jax.config.update("jax_platforms", None)
+        there = sorted({"cpu", *(device.platform for device in jax.local_devices())})
+    raise ConfigError(
+        f"JAX_PLATFORMS is {asked}, of which JAX finds no device; expected one that there is: "
+        f"{', '.join(there)}"
+    )
 
 
 def _folder() -> Path:

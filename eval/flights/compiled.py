@@ -15,7 +15,7 @@ from agents.policy.set_features import set_inputs
 from agents.policy.set_network import actions
 from envs.aircraft import Ratios, ratios
 from envs.edge.command import InputError
-from envs.edge.compiled import keep_compiled
+from envs.edge.compiled import keep_compiled, local_devices
 from envs.trees import mapped
 
 _TILE = 256
@@ -32,6 +32,8 @@ class Compiled:
             )
         keep_compiled()
         import jax
+
+        local_devices(jax)
 
         def decided(known: Any, rows: Any) -> Any:
             encoder, trunk, numbers = known

@@ -156,6 +156,34 @@ def test_what_cannot_be_split_is_refused(devices: int, overrides: list[str], mes
         _check_split(load(TrainConfig, None, overrides), devices)
 
 
+def test_a_platform_without_devices_is_refused_with_those_that_there_are(tmp_path: Path) -> None:
+    environment = {**os.environ, "JAX_PLATFORMS": "rocm"}
+    programs = (
+        "import jax; from rlcas_jax.devices import connect; connect()",
+        "from agents.inference import Policy; from eval.flights.compiled import Compiled; "
+        "Compiled(Policy.load())",
+    )
+    for code in programs:
+        guarded = (
+            f"from envs.edge.command import run_cli\ndef main(): exec({code!r})\nrun_cli(main)"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", guarded],
+            cwd=Path(__file__).resolve().parents[2],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 2, done.stderr
+        sentence = done.stderr.splitlines()[-1]
+        assert sentence.startswith(
+            "error: JAX_PLATFORMS is rocm, of which JAX finds no device; expected one that there "
+            "is: cpu"
+        )
+        assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -170,7 +198,10 @@ def test_what_cannot_be_split_is_refused(devices: int, overrides: list[str], mes
             ["--coordinator", "here:1", "--processes", "2", "--process", "2"],
             "--process is 2 of --processes 2",
         ),
-        (["--coordinator", "here:1", "--processes", "2", "--process", "1"], "needs --out"),
+        (
+            ["--config", "quick", "--coordinator", "here:1", "--processes", "2", "--process", "1"],
+            "needs --out",
+        ),
     ],
 )
 def test_what_is_said_of_processes_is_checked(arguments: list[str], message: str) -> None:
@@ -179,7 +210,7 @@ def test_what_is_said_of_processes_is_checked(arguments: list[str], message: str
 
 
 def test_processes_are_read(tmp_path: Path) -> None:
-    where = ["--out", str(tmp_path / "run")]
+    where = ["--config", "quick", "--out", str(tmp_path / "run")]
     assert parse(
         [*where, "--coordinator", "a:9", "--processes", "2", "--process", "1"]
     ).processes == Processes("a:9", 2, 1)
