@@ -14,6 +14,9 @@ from agents.config.load import ConfigError, Parser, dump, load
 from envs.edge.files import write_file
 from rlcas_jax.config import SEED_END, TrainConfig
 
+NAMES = "best, paper, quick, sprint"
+"""Configurations of a training that ship."""
+
 _DESCRIPTION = """\
 Train a conflict resolution policy in the surrogate.
 
@@ -74,6 +77,7 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
         return Options(
             given.resume, resumed_jobs(given.resume), given.quiet, True, given.devices, processes
         )
+    check_named(given)
     overrides = overrides_of(given)
     config = load(TrainConfig, given.config, overrides)
     _check_effective(config, overrides)
@@ -184,7 +188,7 @@ def add_configuration(parser: Parser) -> None:
         "--config",
         type=Path,
         metavar="FILE",
-        help="YAML file with what differs from the defaults, or a name: best, paper, quick, sprint",
+        help=f"YAML file with what differs from the defaults, or a name: {NAMES}",
     )
     text = (
         "change one key, e.g. ppo.learning_rate=3e-4 or scenarios.0.weight=2; may be given "
@@ -197,6 +201,12 @@ def add_configuration(parser: Parser) -> None:
         help="length of a training, environment steps; short for --set steps=N",
     )
     add("--quiet", action="store_true", help="show no progress")
+
+
+def check_named(given: Any) -> None:
+    """Refuse a command line that does not say what is trained."""
+    if given.config is None and not given.set and given.steps is None:
+        raise ConfigError(f"--config is missing; expected a YAML file, or one that ships: {NAMES}")
 
 
 def overrides_of(given: Any) -> list[str]:

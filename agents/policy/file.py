@@ -127,11 +127,17 @@ class PolicyFile:
         return Limits(**self.metadata["limits"])
 
 
+IN_FOLDER = "policy.safetensors"
+"""Name of the policy file in the folder of a training."""
+
+
 def read(path: str | os.PathLike[str]) -> PolicyFile:
-    """Return a policy file; raises a PolicyFileError where it is missing, unreadable, too large or
-    not right.
+    """Return a policy file, or that of a training's folder; raises a PolicyFileError where it is
+    missing, unreadable, too large or not right.
     """
     source = Path(path)
+    if source.is_dir():
+        source /= IN_FOLDER
     try:
         check_regular(source)
         size = source.stat().st_size

@@ -12,7 +12,7 @@ from pydantic import Field
 from agents.config.folder_lock import is_unused
 from agents.config.load import ConfigError, Parser, Strict, file_of, load, validated
 from agents.config.yaml import YamlError, read
-from rlcas_jax.cli import add_configuration, overrides_of
+from rlcas_jax.cli import add_configuration, check_named, overrides_of
 from rlcas_jax.config import SEED_END, TrainConfig
 from rlcas_jax.sweep.space import Space, check
 from rlcas_jax.sweep.space import parse as parse_space
@@ -82,6 +82,7 @@ def parse(argv: Sequence[str] | None = None) -> Options:
             raise ConfigError(
                 f"--{'space' if given.space is None else 'trials'} is missing (see --help)"
             )
+        check_named(given)
         file, source, overrides = given.config, given.space, overrides_of(given)
         try:
             values = {"trials": given.trials, "space": read(file_of(given.space))}

@@ -194,11 +194,16 @@ def test_what_is_no_policy_file(data, message):
         parse(data, "p")
 
 
+def test_the_folder_of_a_training_is_its_policy(tmp_path: Path) -> None:
+    (tmp_path / "policy.safetensors").write_bytes(DATA)
+    assert serialise(read(tmp_path)) == serialise(parse(DATA, "p"))
+
+
 def test_refused_paths(tmp_path, monkeypatch):
     with pytest.raises(PolicyFileError, match=r"none\.safetensors: no such policy file"):
         read(tmp_path / "none.safetensors")
-    with pytest.raises(PolicyFileError, match="not a regular file"):
-        read(tmp_path)
+    with pytest.raises(PolicyFileError, match=r"policy\.safetensors: no such policy file"):
+        read(tmp_path)  # a folder without a policy
     (tmp_path / "file").write_bytes(DATA)
     with pytest.raises(PolicyFileError, match="cannot be read"):
         read(tmp_path / "file" / "below")

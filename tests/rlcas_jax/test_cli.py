@@ -30,11 +30,11 @@ def written(options: Options) -> None:
     write_configurations(options)
 
 
-def test_without_arguments_the_defaults_are_trained(
+def test_a_change_of_the_defaults_is_trained_in_a_folder_with_the_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)
-    options = parse([], now=MOMENT)
+    options = parse(["--set", "seed=0"], now=MOMENT)
     assert options.directory == Path("runs/train-20260131T120000-0")
     (job,) = options.jobs
     assert (job.config, job.directory, job.resume) == (TrainConfig(), options.directory, False)
@@ -98,7 +98,10 @@ def test_a_resumed_run_is_the_prepared_one(tmp_path: Path, seeds: int):
             ["--steps", "1.5"],
             "--set: steps is 1.5; expected a whole number at least 1 and at most 1e+12",
         ),
-        (["--seeds", "0"], "--seeds is 0; expected 1 to 2147483648 (seeds are below 2147483648)"),
+        (
+            ["--set", "seed=0", "--seeds", "0"],
+            "--seeds is 0; expected 1 to 2147483648 (seeds are below 2147483648)",
+        ),
         (
             ["--set", "seed=2147483647", "--seeds", "2"],
             "--seeds is 2; expected 1 to 1 (seeds are below 2147483648)",
@@ -113,6 +116,11 @@ def test_a_resumed_run_is_the_prepared_one(tmp_path: Path, seeds: int):
             ["--resume", ".", "--steps", "3"],
             "--steps cannot change a run that is resumed; leave it out, or start a new run "
             "without --resume",
+        ),
+        (
+            [],
+            "--config is missing; expected a YAML file, or one that ships: best, paper, quick, "
+            "sprint",
         ),
         (
             ["--conf", "x"],
@@ -135,9 +143,10 @@ def test_a_directory_in_use_is_not_overwritten(tmp_path: Path):
         with pytest.raises(
             ConfigError, match="exists and is not empty; name another, or go on with it by --resume"
         ):
-            parse(["--out", str(out)])
+            parse(["--config", "quick", "--out", str(out)])
     (tmp_path / "empty").mkdir()
-    assert parse(["--out", str(tmp_path / "empty")]).directory == tmp_path / "empty"
+    options = parse(["--config", "quick", "--out", str(tmp_path / "empty")])
+    assert options.directory == tmp_path / "empty"
 
 
 def test_a_key_that_the_phases_set_themselves_is_refused(tmp_path: Path):
