@@ -7,7 +7,7 @@ import pytest
 from envs.areas import Area, AreaError, Circle, Keep, Polygon
 from envs.formats.areas import write_areas
 from envs.formats.local_frame import LocalFrame
-from eval.areas import main, picture
+from eval.areas.run import main, picture
 
 PLACE = ["--latitude", "47", "--longitude", "8"]
 AREAS = [

@@ -182,9 +182,9 @@ def test_every_key_is_read_by_the_program():
     unused = [
         key.name
         for key in keys(TrainConfig)
-        # A scenario's numbers are taken over as a whole and tested with it; the aircraft's
-        # likewise.
-        if not key.name.startswith(("scenarios[].", "aircraft."))
+        # A scenario's numbers are taken over as a whole and tested with it; the aircraft's and the
+        # table of rewards likewise.
+        if not key.name.startswith(("scenarios[].", "aircraft.", "rewards."))
         and not re.search(rf"\.{key.name.rpartition('.')[2]}\b", program)
     ]
     assert not unused

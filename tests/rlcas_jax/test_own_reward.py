@@ -21,7 +21,7 @@ from envs.outcome import RULES, Outcome
 from envs.rewards import TERMS, RewardError, Term, Transition, learning_reward, register, table
 from envs.starts import numbered
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.loop import prepared
+from rlcas_jax.loop import prepare
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/howto/own-reward.md").read_text(encoding="utf-8")
@@ -111,7 +111,7 @@ def test_rows_of_the_task_are_the_rules():
 def test_the_shipped_policys_reward_stands_whole_in_one_file():
     """Every row that the policy file's training used is written in configs/best.yaml."""
     text = (ROOT / "configs/best.yaml").read_text(encoding="utf-8")
-    for phase in load(TrainConfig, ROOT / "configs/best.yaml").in_phases():
+    for phase in load(TrainConfig, ROOT / "configs/best.yaml").phase_configs():
         for row in phase.rewards.table().rows:
             assert re.search(rf"\b{row.name}: {row.weight:g}\b(\.0)?", text), row.name
 
@@ -129,7 +129,7 @@ def test_names_survive_and_import_nothing(tmp_path: Path):
 
 def test_a_phase_changes_the_rows_that_it_names():
     phases = "phases=[{steps: 5}, {rewards: {'my_rewards:close': 7.0}}]"
-    first, second = load(TrainConfig, None, [*OWN, phases]).in_phases()
+    first, second = load(TrainConfig, None, [*OWN, phases]).phase_configs()
     assert first.rewards.weights() | {"my_rewards:close": 7.0} == second.rewards.weights()
 
 
@@ -176,7 +176,7 @@ def test_a_term_that_cannot_be_used_is_refused_before_a_training(
     register("mine", Term(compute, "Nothing."))
     config = load(TrainConfig, None, [*TINY, "rewards.mine=1"])
     with pytest.raises(RewardError, match=message):
-        prepared(config, tmp_path / "run")
+        prepare(config, tmp_path / "run")
 
 
 def test_the_environments_pay_the_same_table():

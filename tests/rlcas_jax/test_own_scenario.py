@@ -23,7 +23,7 @@ from envs.trees import mapped, take
 from eval.config import MonteCarloConfig
 from eval.evidence.outside import training_box
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.loop import prepared
+from rlcas_jax.loop import prepare
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/howto/own-scenario.md").read_text(encoding="utf-8")
@@ -179,7 +179,7 @@ def test_what_only_numpy_can_do_is_refused_before_a_training_begins(tmp_path: Pa
     broken(lambda one, accepted, xp: (one._replace(goal_x=np.abs(one.goal_x)), accepted))
     config = load(TrainConfig, None, [*TINY[:4], "scenarios=[{name: mine}]"])
     with pytest.raises(EncounterError, match=r"'mine': its sampler fails with Tracer"):
-        prepared(config, tmp_path / "run")
+        prepare(config, tmp_path / "run")
 
 
 def test_names_and_things_that_are_none_are_refused():

@@ -180,7 +180,7 @@ def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
     assert list(status.reasons) == []
     assert status.measured and abs(status.cross_track) < 1.0 and abs(status.along_track) < 5.0
     assert 0.0 <= status.runner_silence < 5.0
-    flight.client.spin(lambda: flight.shown)
+    flight.client.spin(lambda: flight.shown and flight.shown[-1].intruder_ids)
     shown = flight.shown[-1]
     assert len(shown.track_deg) == len(shown.track_region) == len(shown.track_loss) == 72
     assert list(shown.intruder_ids) == ["4b1a2c"]

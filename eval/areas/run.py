@@ -9,7 +9,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
 from envs.areas import Area, Circle, Keep
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser
 from envs.edge.files import written
 from envs.formats.areas import read_areas
 from envs.formats.local_frame import LocalFrame
@@ -65,7 +65,3 @@ def _outline(area: Area) -> Outline:
     return Outline.make_compound_path(
         *(Outline(np.array([*ring, ring[0]]) / 1e3, closed=True) for ring in area.shape.rings)
     )
-
-
-if __name__ == "__main__":
-    run_cli(main)

@@ -1,0 +1,1 @@
+"""Areas of the sky on a map: ``python -m eval.areas``."""
