@@ -5,6 +5,7 @@ installed.
 """
 
 import argparse
+import ast
 import errno
 import importlib
 import os
@@ -85,8 +86,9 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
     """Run a program's main function and exit with its status.
 
     Bad input (:class:`InputError`) ends with one line on stderr and status 2; a missing extra, a
-    full disk and what no machine holds with one line and status 1; Ctrl-C with 130. Everything else
-    is a defect and keeps its traceback. ``main`` returns the status (None: 0) or is a name,
+    full disk and what no machine holds with one line and status 1; Ctrl-C with 130. Where an extra
+    is missing ``--help`` says what the program does and what to install. Everything else is a
+    defect and keeps its traceback. ``main`` returns the status (None: 0) or is a name,
     ``package.module:function``, to be imported under the guard.
     """
     try:
@@ -106,11 +108,13 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
         extra = extra_of(problem.name, main if isinstance(main, str) else "")
         if extra is None:
             raise
-        status = _say(
-            f"{problem.name} is not installed; expected the extra: pip install "
-            f"'rlcas-toolkit[{extra}]'",
-            1,
-        )
+        install = f"pip install 'rlcas-toolkit[{extra}]'"
+        if {"-h", "--help"} & set(sys.argv[1:]):
+            print(_purpose(main))
+            print(f"\nIts options can be listed once {problem.name} is installed: {install}")
+            status = 0
+        else:
+            status = _say(f"{problem.name} is not installed; expected the extra: {install}", 1)
     except OSError as problem:
         if problem.errno is None:
             raise
@@ -169,6 +173,15 @@ def _run(main: Callable[[], int | None] | str) -> int:
         return main() or 0
     module, _, name = main.partition(":")
     return getattr(importlib.import_module(module), name)() or 0
+
+
+def _purpose(main: Callable[[], int | None] | str) -> str:
+    """Return what a program says of itself, without importing it."""
+    if not isinstance(main, str):
+        return (sys.modules["__main__"].__doc__ or "").strip()
+    module = main.partition(":")[0]
+    path = Path(__file__).resolve().parents[2].joinpath(*module.split(".")).with_suffix(".py")
+    return (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or module).strip()
 
 
 def _version() -> str:
