@@ -26,7 +26,7 @@ from agents.planner.answer import (
 from agents.planner.candidates import evaluate
 from agents.planner.planner import eligible, plan, plan_many
 from agents.planner.publish import rechecked
-from agents.planner.request import Altitude, Intruder, Options, Request, reported
+from agents.planner.request import Altitude, Intruder, Options, Request, least_distance, reported
 from agents.planner.rollout import roll
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy
@@ -34,6 +34,8 @@ from benchmarks.safety.adversary import random_aircraft
 from benchmarks.traffic import question
 from envs.aircraft import PAPER, new_aircraft, ratios
 from envs.encounters import Encounter, scenario
+from envs.formats.local_frame import LocalFrame
+from envs.formats.local_frame import distance as geodesic
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
 from envs.starts import numbered
 from envs.trees import mapped, take
@@ -443,6 +445,7 @@ def test_intruder_that_cannot_come_near_is_left_out_and_only_then(
     uncertain = 2.0 * velocity_std * (end + 1.0)
     both = PAPER.traffic_speed_max * (end + 1.0) + OPTIONS.limits.speed_max * end
     edge = both + OPTIONS.requirement.separation + OPTIONS.requirement.margin + uncertain
+    edge *= 1.0 + (edge / 6.3e6) ** 2 / 5.0  # a local frame may stretch distances
     for beyond, left_out in ((-5.0, False), (5.0, True)):
         far = VehicleState(edge + beyond, 0.0, math.pi, 80.0)
         one = Intruder(far, 1.0, turn_rate, 30.0, velocity_std=velocity_std)
@@ -452,6 +455,18 @@ def test_intruder_that_cannot_come_near_is_left_out_and_only_then(
         # It is proven like any other.
         proven = accept(json.loads(answer.certificate or b""))
         assert len(proven.reports) == 1 and proven.bounds[0] > 0.0
+
+
+@pytest.mark.parametrize("latitude", [0.0, 47.0, -72.0])
+def test_least_distance_is_below_that_on_the_earth(latitude: float) -> None:
+    """And close to it, at distances at which intruders are left out."""
+    frame, rng = LocalFrame(latitude, 8.0), np.random.default_rng(1)
+    for reach in (1e5, 3e5, 9e5):
+        for own_x, own_y, x, y in rng.uniform(-0.7, 0.7, (50, 4)) * [4e4, 4e4, reach, reach]:
+            places = [frame.geodetic(*at) for at in ((own_x, own_y), (x, y))]
+            true = geodesic(*(float(part) for place in places for part in place[:2]))
+            own, other = (VehicleState(*at, 0.0, 50.0) for at in ((own_x, own_y), (x, y)))
+            assert 0.99 * true - 50.0 <= least_distance(own, other) <= true
 
 
 ODD = {
