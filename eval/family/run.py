@@ -14,16 +14,15 @@ from agents.config.load import ConfigError, Parser, dump
 from agents.config.world import AircraftConfig
 from agents.policy.domain import TRAFFIC_SPEED
 from agents.policy.inference import Policy
-from agents.policy.inputs import resolve
 from envs.aircraft import ratios
 from envs.edge.files import write_file
 from envs.edge.json_text import parse_json
-from envs.scenarios import resolve as resolve_scenario
+from envs.scenarios import resolve
 from eval.config import PREFIXES
 from eval.family.aircraft import draw_aircraft
 from eval.monte_carlo.run import evaluate
 from eval.plots import save as picture_folder
-from eval.runner.options import check_digest, extension_option, real, whole
+from eval.runner.options import check_digest, extension_option, load_extensions, real, whole
 from eval.stats.intervals import share
 
 _MODES = ("policy", "plan", "assured")
@@ -58,8 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise ConfigError(
             f"--scenario: {options.scenario!r} is a file; expected a sampled scenario"
         )
-    resolve_scenario(options.scenario)
-    resolve(options.extension)
+    resolve(options.scenario)
+    load_extensions(options.extension)
     policy = Policy.load(options.policy)
     check_digest(options.policy, policy.sha256, options.policy_sha256, "--policy-sha256")
     aircraft = [draw_aircraft(options.aircraft_seed, number) for number in range(options.count)]

@@ -12,13 +12,19 @@ from typing import Any
 from agents.config.load import Parser, load
 from agents.config.progress import spaced
 from agents.policy.domain import excess
-from agents.policy.inputs import resolve
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.sources import said, say
 from eval.metrics.summary import headline, print_table, summarise
 from eval.runner.command import Command, Resolved, UnfinishedError, fly, run
-from eval.runner.options import first_options, last_options, named_evaluation, named_policy, whole
+from eval.runner.options import (
+    first_options,
+    last_options,
+    load_code,
+    named_evaluation,
+    named_policy,
+    whole,
+)
 from eval.runner.outputs import RunFolder
 
 _DESCRIPTION = """\
@@ -66,7 +72,7 @@ def evaluate(
     resume = resume and begun.is_file()
     given = [f"{key}={_written(value)}" for key, value in keys.items() if value is not None]
     config = load(MonteCarloConfig, begun if resume else None, [*given, *sets, "figures=false"])
-    resolve(config.extensions)
+    load_code(config)
     try:
         fly(_COMMAND, resolve_config(config), folder, resume=resume)
     except UnfinishedError as end:

@@ -196,13 +196,22 @@ def loaded(
         raise ConfigError(
             str(problem) if options.set else str(problem).replace("--set: ", prefix, 1)
         ) from None
+    load_code(config)
+    return config
+
+
+def load_code(config: MonteCarloConfig) -> None:
+    """Load the user's own code that a configuration names: extensions and the scenario.
+
+    Raises:
+        InputError: there is no such code, or it cannot be used.
+    """
     load_extensions(config.extensions)
     if config.file is None:
         try:
             scenarios.resolve(config.scenario)
         except EncounterError as problem:
             raise ConfigError(f"scenario: {problem}") from None
-    return config
 
 
 def named_policy(config: MonteCarloConfig) -> Policy:
