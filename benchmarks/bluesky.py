@@ -10,6 +10,8 @@ already is not flown again; it counts for one policy file.
 import json
 import os
 import random
+import sys
+import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
@@ -32,6 +34,7 @@ PUBLISHED = {"SAC": 88.1, "DDPG": 80.3, "TD3": 70.6, "PPO": 42.3}
 
 SIZES = 4, 8, 16
 METHODS = "RLCAS", "MVP", "OFF"
+_COLOURS = {"RLCAS": "#0b6fb8", "MVP": "#e09a2d", "OFF": "#7a8a99"}
 
 _MOST_ACTIONS = 200  # of an episode, 10 000 s: the environment ends at the waypoint alone
 
@@ -150,6 +153,11 @@ def circle(task: tuple[str, int, int]) -> dict[str, Any]:
     }
 
 
+def _silence() -> None:
+    """Drop what a worker prints: BlueSky tells of the navigation data that it reads."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+
+
 def _fly(
     work: Callable[[Any], dict[str, Any]], tasks: list[Any], path: Path, workers: int
 ) -> list[dict[str, Any]]:
@@ -171,13 +179,19 @@ def _fly(
     if missing:
         path.parent.mkdir(parents=True, exist_ok=True)
         os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of the workers
+        unit = "episodes" if work is episode else "circles"
+        shown = time.monotonic()
         with (
-            ProcessPoolExecutor(workers, get_context("spawn")) as pool,
+            ProcessPoolExecutor(workers, get_context("spawn"), _silence) as pool,
             path.open("a", encoding="utf-8", buffering=1) as file,
         ):
-            for task, row in zip(missing, pool.map(work, missing), strict=True):
+            results = zip(missing, pool.map(work, missing), strict=True)
+            for done, (task, row) in enumerate(results, len(tasks) - len(missing) + 1):
                 rows[key(*task)] = row | {"key": key(*task)}
                 file.write(json.dumps(rows[key(*task)]) + "\n")
+                if time.monotonic() - shown >= 5.0 or done == len(tasks):
+                    shown = time.monotonic()
+                    print(f"{done} of {len(tasks)} {unit}", file=sys.stderr, flush=True)
     return [rows[key(*task)] for task in tasks]
 
 
@@ -215,37 +229,49 @@ def of_circles(rows: list[dict[str, Any]], paired: list[dict[str, Any]]) -> dict
 
 
 def draw(episodes: dict[str, Any], circles: dict[str, Any], path: Path) -> None:
-    """Draw both comparisons side by side."""
+    """Draw both comparisons side by side, what was flown here with its 95 % intervals."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(8, 2.8), layout="constrained")
-    if episodes:
-        shares = PUBLISHED | {
-            name: 100.0 * found["free_of_intrusion"] for name, found in episodes.items()
-        }
-        names = sorted(shares, key=shares.__getitem__)
-        bars = axes[0].barh(names, [shares[name] for name in names], color="#7a8a99")
-        bars[names.index("RLCAS")].set_color("#0b6fb8")
-        axes[0].bar_label(bars, fmt="%.1f", padding=2)
-        axes[0].set(
-            xlim=(0, 112), title="Episodes without intrusion, %", xlabel="HorizontalCREnv-v0"
-        )
-    for place, (method, colour) in enumerate(
-        zip(METHODS, ("#0b6fb8", "#e09a2d", "#7a8a99"), strict=True)
-    ):
-        sizes = [size for size in SIZES if f"{method} {size}" in circles]
-        heights = [
-            circles[f"{method} {n}"]["losses"] / circles[f"{method} {n}"]["draws"] for n in sizes
-        ]
-        bars = axes[1].bar(
-            np.arange(len(sizes)) + 0.27 * (place - 1), heights, 0.25, label=method, color=colour
-        )
-        axes[1].bar_label(bars, fmt="%.3g", fontsize=7)
-        axes[1].set_xticks(range(len(sizes)), [f"{n} aircraft" for n in sizes])
-    axes[1].set(yscale="symlog", title="Losses of separation a circle")
-    axes[1].legend(frameon=False, fontsize=8)
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
+    _draw_episodes(axes[0], episodes)
+    _draw_circles(axes[1], circles)
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _draw_episodes(axes: Any, episodes: dict[str, Any]) -> None:
+    shares = PUBLISHED | {name: 100.0 * one["free_of_intrusion"] for name, one in episodes.items()}
+    names = sorted(shares, key=shares.__getitem__)
+    for place, name in enumerate(names):
+        value, low, high = shares[name], shares[name], shares[name]
+        if name in episodes:
+            low, high = (100.0 * end for end in episodes[name]["interval"])
+        spread = [[value - low], [high - value]] if name in episodes else None
+        colour = _COLOURS["RLCAS"] if name == "RLCAS" else _COLOURS["OFF"]
+        axes.barh(place, value, xerr=spread, color=colour, capsize=3)
+        axes.text(high + 2.0, place, f"{value:.1f}", va="center", fontsize=8)
+    axes.set_yticks(range(len(names)), names)
+    axes.set(xlim=(0.0, 115.0), xticks=range(0, 101, 20), xlabel="episodes of HorizontalCREnv-v0")
+    axes.set_title("Without intrusion, %", fontsize=10)
+
+
+def _draw_circles(axes: Any, circles: dict[str, Any]) -> None:
+    for place, method in enumerate(METHODS):
+        for group, size in enumerate(SIZES):
+            found = circles.get(f"{method} {size}")
+            if found is None:
+                continue
+            value = 100.0 * found["draws_with_loss"] / found["draws"]
+            low, high = clopper_pearson(found["draws_with_loss"], found["draws"])
+            spread = [[value - 100.0 * low], [100.0 * high - value]]
+            x = group + 0.27 * (place - 1)
+            label = method if group == 0 else None
+            axes.bar(x, value, 0.25, yerr=spread, capsize=3, color=_COLOURS[method], label=label)
+            axes.text(x, 100.0 * high + 2.0, f"{value:.0f}", ha="center", fontsize=8)
+    axes.set_xticks(range(len(SIZES)), [f"{size} aircraft" for size in SIZES])
+    axes.set(ylim=(0.0, 118.0), yticks=range(0, 101, 20))
+    axes.set_title("Circles with a loss of separation, %", fontsize=10)
+    axes.legend(frameon=False, fontsize=8, ncols=3, loc="upper center")
 
 
 def main() -> None:
