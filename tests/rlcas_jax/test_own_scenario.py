@@ -235,7 +235,7 @@ def test_a_stranger_trains_evaluates_compares_and_reports(folder: Path):
     python(folder, "-m", "eval.report", "mc", "--tracks", "5", "--extension", NAME)
     failures = ("-m", "eval.failures", "--run", "mc", "--out", "failures", "--cases", "1")
     python(folder, *failures, "--extension", NAME)
-    rare = ("--particles", "20", "--repetitions", "1", "--out", "rare")
+    rare = ("--particles", "20", "--repetitions", "3", "--out", "rare")
     python(folder, "-m", "eval.rare", *policy, "--scenario", NAME, *rare)
     python(folder, "-c", CALLS)
 
