@@ -368,7 +368,7 @@ def html_pages(site: Path) -> Iterator[tuple[Path, str]]:
 @pytest.mark.slow
 def test_pages_that_are_opened_as_files_can_be_searched(site: Path, new_page: Callable[..., Any]):
     page, faults = new_page(), []
-    page.on("pageerror", faults.append)
+    page.on("pageerror", lambda fault: faults.append(str(fault)))
     page.goto((site / "howto/train.html").as_uri())
     page.locator(".md-search__input").click()
     page.keyboard.type("certificate")
