@@ -45,6 +45,20 @@ class Rollout(NamedTuple):
     reversals: Any  # how often the turn changed side
 
 
+class _Underway(NamedTuple):
+    """Manoeuvres that have not ended, ``[M]``."""
+
+    rows: Any  # their numbers in the request
+    goal: tuple[Any, Any]  # m
+    traffic: Traffic
+    required_range: Any  # from each intruder, m, [M, K]
+    state: VehicleState
+    path: Any  # these three as of :class:`Rollout`
+    turn_sign: Any
+    reversals: Any
+    chosen: Any  # numbers of the intruders that the policy sees among many
+
+
 def roll(
     request: Request,
     goal: Any,
@@ -85,77 +99,51 @@ def roll(
     rest = beyond(request, goal, options) if crowd else None
     steps = int(task.until / dt + 1e-9)
     result = _empty(count, steps // spacing + 1)
-    state = VehicleState(*(np.array(field, dtype=float) for field in request.own))
-    path, turn_sign, reversals = np.zeros(count), np.zeros(count), np.zeros(count)
-    chosen = np.zeros((count, min(policy.most, traffic.mask.shape[-1])), dtype=int)
+    now = _Underway(
+        rows=rows,
+        goal=(goal_x, goal_y),
+        traffic=traffic,
+        required_range=required_range,
+        state=VehicleState(*(np.array(field, dtype=float) for field in request.own)),
+        path=np.zeros(count),
+        turn_sign=np.zeros(count),
+        reversals=np.zeros(count),
+        chosen=np.zeros((count, min(policy.most, traffic.mask.shape[-1])), dtype=int),
+    )
     for step in range(steps + 1):
         time = step * dt
         if step % spacing == 0:
-            scatter(result.knots, (rows, step // spacing), state)
-        seen = predicted(traffic, time)
-        arrived = distance(goal_x - state.x, goal_y - state.y, np) <= task.radius
+            scatter(result.knots, (now.rows, step // spacing), now.state)
+        seen = predicted(now.traffic, time)
+        arrived = distance(now.goal[0] - now.state.x, now.goal[1] - now.state.y, np) <= task.radius
         ended = arrived
         if options.direct and step % EVERY == 0:
-            to = goal_x, goal_y
-            clear_of_all = _all_clear(state, to, seen, traffic.mask, required_range, time, task)
-            if rest is not None:
-                some = np.flatnonzero(clear_of_all)
-                least = np.where(traffic.mask, required_range, -np.inf)
-                clear_of_all[some] = rest.clear(
-                    *take((state, to, least), some), rows[some], np.full(some.size, time), task
-                )
-            ended = ended | clear_of_all
+            ended = ended | _clear_beyond(now, seen, rest, time, task)
         if ended.any():
-            landed = take(
-                (state, np.full(rows.size, time), ~arrived, path, turn_sign, reversals), ended
-            )
-            scatter(result[1:], rows[ended], landed)
-            (
-                rows,
-                goal_x,
-                goal_y,
-                traffic,
-                seen,
-                required_range,
-                state,
-                path,
-                turn_sign,
-                reversals,
-                chosen,
-            ) = take(
-                (
-                    rows,
-                    goal_x,
-                    goal_y,
-                    traffic,
-                    seen,
-                    required_range,
-                    state,
-                    path,
-                    turn_sign,
-                    reversals,
-                    chosen,
-                ),
-                ~ended,
-            )
-        if rows.size == 0 or step == steps:
+            times = np.full(now.rows.size, time)
+            landed = now.state, times, ~arrived, now.path, now.turn_sign, now.reversals
+            scatter(result[1:], now.rows[ended], take(landed, ended))
+            now, seen = take((now, seen), ~ended)
+        if now.rows.size == 0 or step == steps:
             break
-        looked_at = seen, traffic.mask
+        looked_at = seen, now.traffic.mask
         if traffic.mask.shape[-1] > policy.most:
             if step % EVERY == 0:
-                chosen = policy.most_critical(state, seen, traffic.mask)
+                now = now._replace(chosen=policy.most_critical(now.state, *looked_at))
             looked_at = mapped(
-                lambda field, at=chosen: np.take_along_axis(field, at, axis=-1), looked_at
+                lambda field, at=now.chosen: np.take_along_axis(field, at, axis=-1), looked_at
             )
-        action = policy.command(state, *looked_at, goal_x, goal_y)
+        action = policy.command(now.state, *looked_at, *now.goal)
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
-        moved = advance(state, acceleration, yaw_rate, dt, limits, np)
-        path += 0.5 * dt * (state.speed + moved.speed)
-        turning = np.where(
-            np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max, np.sign(yaw_rate), turn_sign
+        moved = advance(now.state, acceleration, yaw_rate, dt, limits, np)
+        turns = np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max
+        turning = np.where(turns, np.sign(yaw_rate), now.turn_sign)
+        now = now._replace(
+            state=moved,
+            path=now.path + 0.5 * dt * (now.state.speed + moved.speed),
+            turn_sign=turning,
+            reversals=now.reversals + (turning * now.turn_sign < 0.0),
         )
-        reversals += turning * turn_sign < 0.0
-        turn_sign, state = turning, moved
     return result
 
 
@@ -265,6 +253,23 @@ def _in_floats(tracks: VehicleState) -> list[list[VehicleState]]:
     """Return states ``[T, K]`` as plain floats, a list for each time."""
     fields = [field.tolist() for field in tracks]
     return [list(map(VehicleState, *each)) for each in zip(*fields, strict=True)]
+
+
+def _clear_beyond(
+    now: _Underway, seen: VehicleState, rest: Beyond | None, time: float, task: Task
+) -> Any:
+    """Return whether the direct way is clear of all intruders ``[M, K]``, and among many the route
+    beyond it, bool ``[M]``.
+    """
+    mask, required_range = now.traffic.mask, now.required_range
+    found = _all_clear(now.state, now.goal, seen, mask, required_range, time, task)
+    if rest is not None:
+        some = np.flatnonzero(found)
+        least = np.where(mask, required_range, -np.inf)
+        times = np.full(some.size, time)
+        asked = take((now.state, now.goal, least), some)
+        found[some] = rest.clear(*asked, now.rows[some], times, task)
+    return found
 
 
 def _all_clear(

@@ -18,6 +18,7 @@ from eval.boundary.figure import boundary_figure
 from eval.boundary.grid import Solution, edge_value, make_grid, solve
 from eval.boundary.slices import Answers, Slice, compare, judge
 from eval.plots import save as picture_folder
+from eval.runner.options import new_folder_option
 
 GRIDS = {
     "coarse": ((12, 0.12), (12, 0.06)),
@@ -143,13 +144,7 @@ def _parser() -> argparse.ArgumentParser:
         default="default",
         help="resolution; fine takes 3 times as long",
     )
-    add(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder for what is written, new or empty",
-    )
+    new_folder_option(parser)
     return parser
 
 

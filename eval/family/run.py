@@ -22,7 +22,14 @@ from eval.config import PREFIXES
 from eval.family.aircraft import draw_aircraft
 from eval.monte_carlo.run import evaluate
 from eval.plots import save as picture_folder
-from eval.runner.options import check_digest, extension_option, load_extensions, real, whole
+from eval.runner.options import (
+    check_digest,
+    confidence_option,
+    extension_option,
+    load_extensions,
+    new_folder_option,
+    whole,
+)
 from eval.stats.intervals import share
 
 _MODES = ("policy", "plan", "assured")
@@ -132,13 +139,7 @@ def _parser() -> argparse.ArgumentParser:
         help="report them with the scenario noisy's errors and latency",
     )
     add("--mode", default="policy", choices=_MODES, help="what decides (default: policy)")
-    add(
-        "--confidence",
-        type=real(0.5, 0.999999),
-        default=0.95,
-        metavar="P",
-        help="of all intervals (default: 0.95)",
-    )
+    confidence_option(parser)
     extension_option(parser)
     add(
         "--workers",
@@ -147,13 +148,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="processes; 0: one for every core (default: 0)",
     )
-    add(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder for what is written, new or empty",
-    )
+    new_folder_option(parser)
     return parser
 
 

@@ -70,7 +70,7 @@ def evaluate(
     """
     begun = folder / "config.yaml"
     resume = resume and begun.is_file()
-    given = [f"{key}={_written(value)}" for key, value in keys.items() if value is not None]
+    given = [f"{key}={_override_text(value)}" for key, value in keys.items() if value is not None]
     config = load(MonteCarloConfig, begun if resume else None, [*given, *sets, "figures=false"])
     load_code(config)
     try:
@@ -81,7 +81,7 @@ def evaluate(
     return 0
 
 
-def _written(value: Any) -> str:
+def _override_text(value: Any) -> str:
     """Return the value of a key as ``KEY=VALUE`` has it: names as they stand, the rest as JSON."""
     if isinstance(value, str):
         return value

@@ -25,7 +25,15 @@ from eval.rare.figure import levels_figure
 from eval.rare.problem import FlightProblem
 from eval.rare.splitting import Plan, Repetition, pilot, repetition
 from eval.rare.tail import fits, tail_figure
-from eval.runner.options import extension_option, loaded, named_evaluation, real, whole
+from eval.runner.options import (
+    confidence_option,
+    extension_option,
+    loaded,
+    named_evaluation,
+    new_folder_option,
+    real,
+    whole,
+)
 from eval.stats.intervals import share
 
 _MODES = ("policy", "plan", "none")
@@ -166,26 +174,14 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="independent estimates (default: 10)",
     )
-    add(
-        "--confidence",
-        type=real(0.5, 0.999999),
-        default=0.95,
-        metavar="P",
-        help="of all intervals (default: 0.95)",
-    )
+    confidence_option(parser)
     add(
         "--encounters-per-hour",
         type=real(1e-6, 1e4),
         metavar="R",
         help="of flight: says losses an hour, too",
     )
-    add(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder for what is written, new or empty",
-    )
+    new_folder_option(parser)
     return parser
 
 

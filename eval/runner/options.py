@@ -122,6 +122,28 @@ def load_extensions(names: Iterable[str]) -> None:
 _EXTENSION = "an input of the network (agents.policy.inputs.Input) or a scenario"
 
 
+def confidence_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of the level of a command's intervals."""
+    parser.add_argument(
+        "--confidence",
+        type=real(0.5, 0.999999),
+        default=0.95,
+        metavar="P",
+        help="of all intervals (default: 0.95)",
+    )
+
+
+def new_folder_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of the folder that a command fills, which must be given."""
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for what is written, new or empty",
+    )
+
+
 def last_options(parser: argparse.ArgumentParser, name: str) -> None:
     """Add the options that a command ends with: workers, and the run's folder, whose default begins
     with ``name``.

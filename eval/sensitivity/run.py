@@ -15,7 +15,7 @@ from agents.config.progress import spaced
 from envs.edge.installation import versions
 from eval.config import PREFIXES
 from eval.plots import save as picture_folder
-from eval.runner.options import extension_option, real, whole
+from eval.runner.options import confidence_option, extension_option, new_folder_option, whole
 from eval.sensitivity.bins import Run, binned, quantities, read_run
 from eval.sensitivity.figure import detailed, overview, points_of
 from eval.sensitivity.sweep import Sweep, changed, collected, fly, swept
@@ -134,21 +134,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="of sweeps: processes; 0: one for every core (default: 0)",
     )
-    add(
-        "--confidence",
-        type=real(0.5, 0.999999),
-        default=0.95,
-        metavar="P",
-        help="of all intervals (default: 0.95)",
-    )
+    confidence_option(parser)
     add("--resume", action="store_true", help="go on with sweeps that were interrupted")
-    add(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder for what is written, new or empty",
-    )
+    new_folder_option(parser)
     return parser
 
 
