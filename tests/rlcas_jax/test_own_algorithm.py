@@ -3,8 +3,6 @@ sentence where it cannot be used.
 """
 
 import json
-import re
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -29,13 +27,10 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare
 from rlcas_jax.training import Extensions, _config_of, resume, train
 from tests.probes import Probe, trained
+from tests.stranger import python_blocks, run
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/howto/own-algorithm.md").read_text(encoding="utf-8")
 MODULE = next(
-    code
-    for code in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    if "class ActorCritic" in code
+    code for code in python_blocks("howto/own-algorithm.md") if "class ActorCritic" in code
 )
 TINY = {
     "name": "tiny",
@@ -260,17 +255,6 @@ def test_a_written_configuration_names_it():
 # A training with it, as a stranger runs it.
 
 
-def ran(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *command],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=1_200,
-        check=False,
-    )
-
-
 def logged(directory: Path) -> list[dict[str, float]]:
     """Return the logged rows without what depends on the clock."""
     rows = [json.loads(line) for line in (directory / metrics.FILE).read_text().splitlines()]
@@ -322,7 +306,7 @@ def test_a_stranger_trains_resumes_and_evaluates_it(tmp_path: Path):
     family = {"network": {"hidden": [8], "encoder": [6]}, "family": {"share": 0.5}}
     config = validated(TrainConfig, TINY | family)
     (mine / "tiny.yaml").write_text(dump(config), encoding="utf-8")
-    trained = ran(mine, "-m", "rlcas_jax.train", "--config", "tiny.yaml", "--out", "run")
+    trained = run(mine, "-m", "rlcas_jax.train", "--config", "tiny.yaml", "--out", "run")
     assert trained.returncode == 0, trained.stderr
     whole = (mine / "run/policy.safetensors").read_bytes()
     rows = logged(mine / "run")
@@ -330,7 +314,7 @@ def test_a_stranger_trains_resumes_and_evaluates_it(tmp_path: Path):
     # The newest checkpoint is lost, as by a kill before it: the run goes on from the one before.
     max((mine / "run/checkpoints").glob("*.safetensors")).unlink()
     (mine / "run/policy.safetensors").unlink()
-    again = ran(mine, "-m", "rlcas_jax.train", "--resume", "run")
+    again = run(mine, "-m", "rlcas_jax.train", "--resume", "run")
     assert again.returncode == 0, again.stderr
     assert (mine / "run/policy.safetensors").read_bytes() == whole
     assert logged(mine / "run") == rows
@@ -338,10 +322,10 @@ def test_a_stranger_trains_resumes_and_evaluates_it(tmp_path: Path):
     content = policy_file.read(mine / "run/policy.safetensors")
     assert content.metadata["training"]["config"]["algorithm"] == "my_algorithm:ActorCritic"
     (mine / "my_algorithm.py").unlink()
-    without = ran(mine, "-m", "rlcas_jax.train", "--resume", "run")
+    without = run(mine, "-m", "rlcas_jax.train", "--resume", "run")
     assert without.returncode == 2
     assert "algorithm: my_algorithm:ActorCritic: no module 'my_algorithm'" in without.stderr
     assert "Traceback" not in without.stderr
     flight = ("--policy", "run/policy.safetensors", "--encounters", "20", "--workers", "1")
-    flown = ran(mine, "-m", "eval.monte_carlo", *flight, "--set", "figures=false", "--out", "one")
+    flown = run(mine, "-m", "eval.monte_carlo", *flight, "--set", "figures=false", "--out", "one")
     assert flown.returncode == 0, flown.stderr

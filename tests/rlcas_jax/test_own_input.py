@@ -1,8 +1,5 @@
 """An input of the network from a stranger's module: trained, written, refused without it, flown."""
 
-import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +27,9 @@ from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import numbered
 from rlcas_jax.config import TrainConfig
+from tests.stranger import python_blocks, run
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/howto/own-policy.md").read_text(encoding="utf-8")
-MODULE = next(
-    code for code in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if "def in_wake" in code
-)
+MODULE = next(code for code in python_blocks("howto/own-policy.md") if "def in_wake" in code)
 FAMILY = Ratios((0.4, 0.75), (-0.4, -0.03), (0.03, 0.4), (0.3, 2.5))._asdict()
 TINY = (
     "steps=64",
@@ -269,27 +263,16 @@ def test_onnx_has_the_input_too():
     np.testing.assert_allclose(actions, made.parity_action, atol=1e-4)
 
 
-def ran(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *command],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=900,
-        check=False,
-    )
-
-
 @pytest.mark.slow
 def test_a_stranger_trains_evaluates_and_exports_it(tmp_path: Path):
     (tmp_path / "my_inputs.py").write_text(MODULE, encoding="utf-8")
     sets = [part for text in TINY for part in ("--set", text)]
-    trained = ran(tmp_path, "-m", "rlcas_jax.train", *sets, "--out", "run")
+    trained = run(tmp_path, "-m", "rlcas_jax.train", *sets, "--out", "run")
     assert trained.returncode == 0, trained.stderr
     policy = ("--policy", "run/policy.safetensors")
     flight = ("-m", "eval.monte_carlo", *policy, "--encounters", "50", "--set", "figures=false")
 
-    refused = ran(tmp_path, *flight, "--out", "refused")
+    refused = run(tmp_path, *flight, "--out", "refused")
     assert refused.returncode == 2
     assert "needs the input 'wake' (my_inputs:wake)" in refused.stderr
     assert "--extension my_inputs:wake" in refused.stderr
@@ -301,15 +284,15 @@ def test_a_stranger_trains_evaluates_and_exports_it(tmp_path: Path):
         "two": ("--workers", "2", "--set", "chunk=25"),
         "jax": ("--workers", "1", "--set", "backend=jax"),
     }.items():
-        flown = ran(tmp_path, *flight, *extension, *more, "--out", name)
+        flown = run(tmp_path, *flight, *extension, *more, "--out", name)
         assert flown.returncode == 0, flown.stderr
     one, two = (pq.read_table(tmp_path / name / "encounters.parquet") for name in ("one", "two"))
     assert one.num_rows == 50
     assert repr(one.to_pydict()) == repr(two.to_pydict())  # nan is not equal to itself
-    report = ran(tmp_path, "-m", "eval.report", "one", "--tracks", "5", *extension)
+    report = run(tmp_path, "-m", "eval.report", "one", "--tracks", "5", *extension)
     assert report.returncode == 0, report.stderr
     beside = ("--encounters", "10", "--baseline", "none", "--out", "beside")
-    compared = ran(tmp_path, "-m", "eval.compare", *policy, *extension, *beside)
+    compared = run(tmp_path, "-m", "eval.compare", *policy, *extension, *beside)
     assert compared.returncode == 0, compared.stderr
 
     reading = (
@@ -321,5 +304,5 @@ def test_a_stranger_trains_evaluates_and_exports_it(tmp_path: Path):
         "from my_inputs import wake\n"
         "print(Policy.load('run/policy.safetensors', inputs=[wake]).inputs.extra[0].name)"
     )
-    loaded = ran(tmp_path, "-c", reading)
+    loaded = run(tmp_path, "-c", reading)
     assert (loaded.returncode, loaded.stdout) == (0, "wake\n"), loaded.stderr

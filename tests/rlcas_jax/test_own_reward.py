@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,10 +21,10 @@ from envs.rewards import TERMS, RewardError, Term, Transition, learning_reward, 
 from envs.starts import numbered
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare
+from tests.stranger import python, python_blocks
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/howto/own-reward.md").read_text(encoding="utf-8")
-MODULE, CALLS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+MODULE, CALLS = python_blocks("howto/own-reward.md")
 WEIGHTS = {"my_rewards:close": -2.0, "my_rewards:slow": -20.0, "my_rewards:clear": 5.0}
 TINY = (
     "steps=64",
@@ -225,19 +224,6 @@ def test_gymnax_pays_the_same_table():
     )
     expected, _ = learning_reward(env.rewards, seen, 0.99, jnp)
     assert float(paid) == pytest.approx(float(expected), abs=1e-4)
-
-
-def python(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        [sys.executable, *command],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=900,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """A scenario from a stranger's module: drawn, refused, trained with, evaluated, reported."""
 
-import re
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,10 +22,9 @@ from eval.config import MonteCarloConfig
 from eval.evidence.outside import training_box
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare
+from tests.stranger import python, python_blocks, run
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/howto/own-scenario.md").read_text(encoding="utf-8")
-MODULE, CALLS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+MODULE, CALLS = python_blocks("howto/own-scenario.md")
 NAME = "my_scenarios:trail"
 TINY = (
     "steps=64",
@@ -198,23 +195,6 @@ def test_scenarios_of_a_mixture_may_differ_in_their_intruders():
     mixed = [scenario("circle", PAPER), scenario(NAME, PAPER)]
     pool = surrogate.redraw_pool(jax.random.key(0), mixed, [0.5, 0.5], 2, 64)
     assert set(np.asarray(pool.mask.sum(axis=-1)).ravel().tolist()) == {1, 4}
-
-
-def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *command],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=900,
-        check=False,
-    )
-
-
-def python(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    done = run(folder, *command)
-    assert done.returncode == 0, done.stderr
-    return done
 
 
 @pytest.mark.slow
