@@ -10,6 +10,7 @@ same rewards and inputs. What a peer gets is the cheapest form: the first layer'
 once a step in that call, where our networks derive them anew in every epoch.
 """
 
+import contextlib
 import copy
 import importlib
 import importlib.util
@@ -148,13 +149,27 @@ class _Peer:
 
     def start(self) -> None:
         begin = self._weights.get()
-        self._learn()
+        # Only what compiles counts here: a learner that diverges does so again in its training.
+        with contextlib.suppress(DivergedError):
+            self._learn()
         self._weights.set(begin)
         self._done = 0
 
     def update(self) -> Flown:
+        self._learn()
+        self._done += 1
+        return Flown(self._cell.samples, *self._flight.flown())
+
+    def _learn(self) -> None:
+        """Make one update.
+
+        Raises:
+            DivergedError: the weights are not finite.
+        """
         try:
-            self._learn()
+            self._model.learn(
+                self._cell.samples, log_interval=None, reset_num_timesteps=self._done == 0
+            )
         except ValueError:
             # What torch and the task say of a distribution or an action that is not finite;
             # anything else is a defect.
@@ -163,13 +178,6 @@ class _Peer:
             raise DivergedError from None
         if not self._weights.finite():
             raise DivergedError
-        self._done += 1
-        return Flown(self._cell.samples, *self._flight.flown())
-
-    def _learn(self) -> None:
-        self._model.learn(
-            self._cell.samples, log_interval=None, reset_num_timesteps=self._done == 0
-        )
 
     def _rate(self, _: float) -> float:
         first, last = self._config.ppo.learning_rate, self._config.ppo.learning_rate_final
