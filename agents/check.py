@@ -19,7 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-FORMAT = "RLCAS plan certificate 2"
+FORMAT = "RLCAS plan certificate 3"
 BITS = 256  # of the fractions of a ball
 ARCS = 10  # of a leg
 
@@ -166,6 +166,14 @@ class Requirement(NamedTuple):
     vertical: float  # from excluded intruders, m
 
 
+class Wind(NamedTuple):
+    """Velocity of the air over the ground."""
+
+    east: float  # m/s
+    north: float
+    std: float  # one sigma of both
+
+
 class Knot(NamedTuple):
     """The ownship at the request, or a waypoint."""
 
@@ -218,7 +226,8 @@ class Certificate(NamedTuple):
     reports: list[Report]
     excluded: list[Heights]
     requirement: Requirement
-    limits: Limits
+    limits: Limits  # of the flight through the air
+    wind: Wind
     parts: int  # into which an arc is cut at most
     bounds: list[float]  # of the distance from each intruder, m
 
@@ -233,6 +242,7 @@ _FIELDS = {
     "excluded",
     "requirement",
     "limits",
+    "wind",
     "parts",
     "bounds",
 }
@@ -255,6 +265,7 @@ def read(data: Any) -> Certificate:
         excluded=[Heights(*row) for row in excluded],
         requirement=Requirement(*numbers("requirement", data["requirement"], Requirement._fields)),
         limits=Limits(*numbers("limits", data["limits"], Limits._fields)),
+        wind=Wind(*numbers("wind", data["wind"], Wind._fields)),
         parts=data["parts"],
         bounds=table("bounds", [data["bounds"]], len(intruders))[0],
     )
@@ -262,7 +273,7 @@ def read(data: Any) -> Certificate:
     demand(power, "parts is no power of 2 to 1024")
     paired = len(controls) == len(waypoints) > 0
     demand(paired, "there are not as many controls as waypoints, one or more")
-    sizes = [*found.requirement, *found.bounds]
+    sizes = [*found.requirement, *found.bounds, found.wind.std]
     for one in found.reports:
         sizes += [one.speed, one.turn_time, one.position_std, one.velocity_std]
     demand(min(sizes) >= 0.0 and found.requirement.separation > 0.0, "a size is negative")
@@ -323,11 +334,58 @@ class Arc(NamedTuple):
         return self.place + way
 
 
+class State(NamedTuple):
+    """A knot in the air mass, which lies over the ground at the request."""
+
+    place: Ball  # x + iy, m
+    course: Ball  # cos + i sin
+    speed: Ball  # m/s
+
+    def rounded(self, time: float) -> Knot:
+        """Return it in floats."""
+        x, y, cosine, sine = (
+            part / (1 << BITS)
+            for part in (self.place.x, self.place.y, self.course.x, self.course.y)
+        )
+        return Knot(x, y, math.atan2(sine, cosine), self.speed.x / (1 << BITS), time)
+
+
+def through_air(knot: Knot | Report, time: Ball, wind: Wind) -> State:
+    """Return a state over the ground, a time after the request, as the air mass sees it."""
+    place, course, speed = ball(knot.x, knot.y), spin(ball(knot.heading)), ball(knot.speed)
+    if wind.east == 0.0 == wind.north:
+        return State(place, course, speed)
+    blows = ball(wind.east, wind.north)
+    velocity = course * speed - blows
+    speed = velocity.size()
+    demand(speed.lo > ball(_FINE).hi, "an aircraft stands still in the air")
+    return State(place - blows * time, velocity / speed, speed)
+
+
+def air_limits(certificate: Certificate) -> list[Ball]:
+    """Return the limits in the air mass of the stated wind that hold the stated ones in every wind
+    within its uncertainty, in their order.
+
+    With an error e the airspeed differs by e at most, the acceleration along the path by e times
+    the turn rate, and the turn rate is (v r + a e / v) / (v - e) at most.
+    """
+    slow, fast, weakest, strongest, turn = map(ball, certificate.limits)
+    if certificate.wind.std == 0.0:
+        return [slow, fast, weakest, strongest, turn]
+    error = ball(certificate.requirement.sigmas) * ball(certificate.wind.std)
+    least = slow + error
+    demand(least.lo > 0, "the lowest airspeed is not positive")
+    gain = real(max(strongest.hi, -weakest.lo))
+    turn = turn * slow / least - gain * error / (least * least)
+    demand(turn.lo > 0, "the wind is too uncertain for the aircraft to turn")
+    lost = turn * error
+    return [least, fast - error, weakest + lost, strongest - lost, turn]
+
+
 def flight(certificate: Certificate) -> list[Arc]:
-    """Return the plan's arcs, which keep the limits and join the waypoints."""
-    speed_min, speed_max, acceleration_min, acceleration_max, yaw_rate_max = map(
-        ball, certificate.limits
-    )
+    """Return the plan's arcs through the air, which keep the limits and join the waypoints."""
+    speed_min, speed_max, acceleration_min, acceleration_max, yaw_rate_max = air_limits(certificate)
+    wind = certificate.wind
     fine, turn_tolerance = ball(_FINE), ball(_TURN)
     arcs: list[Arc] = []
     # A plan that begins beyond a speed limit may stay there, but not go further, nor come back.
@@ -336,12 +394,15 @@ def flight(certificate: Certificate) -> list[Arc]:
     for number, ((start, goal), controls) in enumerate(legs):
         leg = f"the leg to waypoint {number}"
         demand(goal.time - start.time > _SHORTEST, f"{leg} takes no time")
-        for stated, defined in zip(controls, curve_controls(start, goal), strict=True):
+        begin = through_air(start, ball(start.time), wind)
+        end_state = through_air(goal, ball(goal.time), wind)
+        ends = start, goal
+        if wind.east or wind.north:
+            ends = begin.rounded(start.time), end_state.rounded(goal.time)
+        for stated, defined in zip(controls, curve_controls(*ends), strict=True):
             demand(abs(stated - defined) <= _CONTROLS, f"{leg} is not flown along its curve")
         length = (ball(goal.time) - ball(start.time)) / ball(ARCS)
-        place = ball(start.x, start.y)
-        course = spin(ball(start.heading))
-        speed = ball(start.speed)
+        place, course, speed = begin
         for k in range(ARCS):
             turn_rate = ball(controls[k])
             acceleration = ball(controls[ARCS + k])
@@ -375,9 +436,9 @@ def flight(certificate: Certificate) -> list[Arc]:
                 )
             )
             place, course, speed = end, course * turn, after
-        there = (place - ball(goal.x, goal.y)).size().hi <= ball(_JOINT).lo
-        as_fast = (speed - ball(goal.speed)).size().hi <= fine.lo
-        on_course = (course - spin(ball(goal.heading))).size().hi <= fine.lo
+        there = (place - end_state.place).size().hi <= ball(_JOINT).lo
+        as_fast = (speed - end_state.speed).size().hi <= fine.lo
+        on_course = (course - end_state.course).size().hi <= fine.lo
         demand(there and as_fast and on_course, f"{leg} misses its waypoint")
     return arcs
 
@@ -471,18 +532,23 @@ class Track(NamedTuple):
         return (self.position_std + J * self.velocity_std * t).size()
 
 
-def track(report: Report) -> Track:
-    """Return an intruder's report in balls."""
+def track(report: Report, wind: Wind) -> Track:
+    """Return an intruder's report in balls, in the air mass.
+
+    What a turn through the air makes of the ground velocity depends on the wind: the velocity's
+    error grows by that of the wind times the turn, or twice it.
+    """
     turns = report.turn_time > 0.0  # a turn that lasts for no time is none
+    seen = through_air(report, ball(-report.age), wind)
+    turn = (ball(report.turn_rate) * ball(report.turn_time)).size()
+    share = real(min(turn.hi, TWO.hi))
     return Track(
-        ball(report.x, report.y),
-        spin(ball(report.heading)),
-        ball(report.speed),
+        *seen,
         ball(report.age),
         ball(report.turn_rate) if turns else ZERO,
         ball(report.turn_time),
         ball(report.position_std),
-        ball(report.velocity_std),
+        ball(report.velocity_std) + share * ball(wind.std),
     )
 
 
@@ -588,7 +654,12 @@ def accept(data: Any) -> Certificate:
     claims = zip(certificate.reports, certificate.bounds, strict=True)
     for number, (report, claim) in enumerate(claims):
         check_separation(
-            number, track(report), arcs, certificate.requirement, claim, certificate.parts
+            number,
+            track(report, certificate.wind),
+            arcs,
+            certificate.requirement,
+            claim,
+            certificate.parts,
         )
     return certificate
 
@@ -616,6 +687,12 @@ def summary(certificate: Certificate) -> list[str]:
         f"{limits.acceleration_min:g} to {limits.acceleration_max:g} m/s^2, "
         f"{math.degrees(limits.yaw_rate_max):g} deg/s",
     ]
+    if certificate.wind != Wind(0.0, 0.0, 0.0):
+        wind = certificate.wind
+        lines.append(
+            f"wind: {wind.east:g} m/s towards the east, {wind.north:g} m/s towards the north, "
+            f"{wind.std:g} m/s one sigma of both"
+        )
     place = "unknown"
     if about.latitude is not None and about.longitude is not None:
         place = f"{about.latitude:.6f}, {about.longitude:.6f}"

@@ -6,6 +6,7 @@ from enum import Enum, IntEnum
 from typing import NamedTuple
 
 from envs.waypoints import Waypoint
+from envs.wind import Wind
 
 WAYPOINTS = 20
 """Of a plan as the paper has it: 19, one every 20 time steps, and a point of the route."""
@@ -58,6 +59,7 @@ class Subject(Enum):
     OWN_ALTITUDE = "own_altitude"
     INTRUDERS = "intruders"
     ROUTE = "route"
+    WIND = "wind"
     OPTIONS = "options"
 
 
@@ -210,6 +212,8 @@ class Plan:
     """
     policy_sha256: str | None = None
     """Of the policy that was asked."""
+    wind: Wind | None = None
+    """That the legs between the waypoints are flown in (:mod:`envs.waypoints`); None: still air."""
     certify: Callable[[Flight], bytes] | None = field(default=None, repr=False, compare=False)
     """Makes the certificate of a SAFE plan as it was made from its request; None otherwise."""
 

@@ -15,7 +15,8 @@ from agents.planner.options import Options
 from agents.planner.request import Request
 from agents.planner.traffic import Traffic, predicted, uncertainty
 from envs.kinematics import VehicleState, velocity
-from envs.trees import mapped, take
+from envs.trees import column, mapped, take
+from envs.wind import aimed_at
 
 CROWD = 16
 """Intruders beyond which a search looks at the nearest ones first, and beyond the goal."""
@@ -113,15 +114,22 @@ class _Lines(NamedTuple):
 
 
 def beyond(request: Request, goal: Any, options: Options) -> Beyond:
-    """Return the routes of requests beyond the points numbered ``goal``, ``[N]``."""
+    """Return the routes of requests beyond the points numbered ``goal``, ``[N]``.
+
+    Points that drift are where they would be met by flying straight to them.
+    """
     rows = np.arange(goal.size)
     after = np.minimum(goal + 1, request.points - 1)
+    own, drift = column((request.own, request.drift))
+    route_x, route_y = aimed_at(
+        own, (request.route_x, request.route_y), drift, options.finished_by, np
+    )
     each = [
-        _legs(request.route_x[row, first:last], request.route_y[row, first:last])
+        _legs(route_x[row, first:last], route_y[row, first:last])
         for row, (first, last) in enumerate(zip(after, request.points, strict=True))
     ]
     most = max(len(legs) for legs, _ in each)
-    legs, points = np.zeros((goal.size, most, 5)), np.full(request.route_x.shape, np.inf)
+    legs, points = np.zeros((goal.size, most, 5)), np.full(route_x.shape, np.inf)
     for row, (found, along) in enumerate(each):
         legs[row, : len(found)] = np.reshape(found, (len(found), 5))
         points[row, : len(along)] = along
@@ -138,8 +146,8 @@ def beyond(request: Request, goal: Any, options: Options) -> Beyond:
         course,
         begin,
         length,
-        request.route_x[rows, after],
-        request.route_y[rows, after],
+        route_x[rows, after],
+        route_y[rows, after],
         points,
         traffic,
         straight,

@@ -13,6 +13,7 @@ from agents.planner.rollout import Rollout
 from agents.planner.validator import Findings, validate
 from envs.trees import scatter, take
 from envs.waypoints import Knots
+from envs.wind import aimed_at
 
 TIME_WEIGHT = 0.25
 """Cost of a metre that the time beyond the straight line would have covered."""
@@ -66,7 +67,9 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
         return empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
     knots = take(whole.knots, rows)
     findings = validate(knots, take(request.traffic, rows), options.requirement, options.limits)
-    goal_x, goal_y = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
+    to = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
+    own, drift = take((request.own, request.drift), rows)
+    goal_x, goal_y = aimed_at(own, to, drift, options.rejoin_by, np)
     straight = (
         np.hypot(goal_x - request.own.x[rows], goal_y - request.own.y[rows])
         - options.aircraft.goal_radius

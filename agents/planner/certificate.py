@@ -2,9 +2,9 @@
 agents.check FILE``).
 
 A certificate is one JSON object: the ownship, the published waypoints, the controls of the legs
-between them, the intruders as reported, the requirement and the limits, and a bound of the distance
-to each intruder. Lengths are in m, angles in rad, times in s after the request
-(docs/explanation/safe-theorem.md lists the fields).
+between them through the air, the intruders as reported, the requirement, the limits and the wind,
+and a bound of the distance to each intruder. States are over the ground. Lengths are in m, angles
+in rad, times in s after the request (docs/explanation/safe-theorem.md lists the fields).
 """
 
 import json
@@ -15,7 +15,14 @@ import numpy as np
 
 from agents.planner.answer import UNKNOWN_FLIGHT, Apart, Excluded, Flight
 from agents.planner.options import Options
-from agents.planner.request import Altitude, Intruder, approaching, reported
+from agents.planner.request import (
+    Altitude,
+    Intruder,
+    approaching,
+    in_wind,
+    report_in_air,
+    reported,
+)
 from agents.planner.separation import FINE
 from agents.planner.traffic import advanced
 from agents.planner.validator import validate
@@ -23,8 +30,9 @@ from envs import waypoints
 from envs.kinematics import VehicleState
 from envs.trees import mapped
 from envs.waypoints import Waypoint
+from envs.wind import NO_WIND, Wind
 
-FORMAT = "RLCAS plan certificate 2"
+FORMAT = "RLCAS plan certificate 3"
 
 _STEP = 1e-5  # to whose multiples the bounds of distances are rounded down, m
 
@@ -36,9 +44,10 @@ def certificate(
     excluded: Sequence[Excluded],
     own_altitude: Altitude | None,
     options: Options,
+    wind: Wind | None = None,
     flight: Flight = UNKNOWN_FLIGHT,
 ) -> bytes:
-    """Return the certificate of a plan for a state of floats and reports.
+    """Return the certificate of a plan for a state of floats and reports, all over the ground.
 
     Intruders that stay above or below stand there by their altitudes; those that are out of reach
     are proven like all others.
@@ -46,7 +55,10 @@ def certificate(
     out = {one.number for one in excluded if one.apart is Apart.VERTICALLY}
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
     kept = [report for number, report in enumerate(reports) if number not in out]
-    knots = waypoints.knots(own, published)
+    knots = waypoints.knots(own, published, wind=wind)
+    in_air, seen = options, kept
+    if wind is not None:
+        in_air, seen = in_wind(options, wind), [report_in_air(one, wind) for one in kept]
     curves = waypoints.legs(knots)
     data = {
         "format": FORMAT,
@@ -77,8 +89,9 @@ def certificate(
         ],
         "requirement": {**options.requirement._asdict(), "vertical": options.vertical_filter},
         "limits": {name: float(limit) for name, limit in options.limits._asdict().items()},
+        "wind": {name: float(value) for name, value in (wind or NO_WIND)._asdict().items()},
         "parts": FINE,
-        "bounds": _bounds(knots, kept, options),
+        "bounds": _bounds(knots, seen, in_air),
     }
     return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
 

@@ -7,18 +7,22 @@ times, and the last one is the first point of the route that is reached after th
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import Task, arc_end, end_speed
 from agents.planner.options import Options, task_of
-from agents.planner.request import Request
+from agents.planner.request import Request, drifted
 from agents.planner.rollout import Rollout
 from envs.angles import wrap
 from envs.kinematics import VehicleState
 from envs.trees import scatter, take
 from envs.waypoints import Knots
+
+_SECANTS = 12  # of the search for when a drifting point is met
+_SAME_PLACE = 1e-6  # m by which it may be missed
 
 
 class Completed(NamedTuple):
@@ -46,13 +50,18 @@ class _Legs(NamedTuple):
     course: Any  # of the straight part, rad
     reached: Any  # whether the point can be reached so; else it is passed by, bool
     turned: Any  # time at which the straight part begins, s
+    disc: Any  # how far before the point on the straight part its disc begins, m
     speed: Any  # at the end, m/s; it differs from that at the beginning on the way to the goal only
+    in_time: Any  # whether the goal can be reached in time, bool; true of all other points
 
 
 def complete(request: Request, rollout: Rollout, goal: Any, options: Options) -> Completed:
     """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``."""
     task, (count, most) = task_of(options), request.route_x.shape
-    latest = options.latest_end(request.own.speed, request.route_x, request.route_y, request.points)
+    blows = 0.0 if request.drift is None else np.hypot(*request.drift)
+    latest = options.latest_end(
+        request.own.speed, request.route_x, request.route_y, request.points, blows
+    )
     whole = Completed(
         Knots(*(np.full((count, options.waypoints + 1), np.nan) for _ in range(5))),
         np.full(count, -1),
@@ -66,14 +75,16 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     now, time = take(rollout.end, rows), rollout.time[rows]
     target = goal[rows] + np.where(rollout.direct[rows], 0, 1)
     left, pieces = np.arange(rows.size), []
-    for step in range(most + 1 + _points_beyond(options)):
+    for step in range(most + 1 + _points_beyond(options, np.max(blows, initial=0.0))):
         if not options.extend_route:
             ended = target[left] >= request.points[rows[left]]
             whole.too_short[rows[left[ended]]] = True
             left = left[~ended]
         if left.size == 0:
             break
-        legs = _next_legs(request, rows, left, target[left], take(now, left), time[left], options)
+        direct = rollout.direct[rows[left]] if step == 0 else None
+        begin = take((now, time), left)
+        legs = _next_legs(request, rows, left, target[left], begin, direct, options)
         if step == 0:
             legs = _to_goal(whole, rollout, rows, legs, task)
         target[legs.tail] += 1
@@ -81,7 +92,7 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
         pieces += _pieces(rows.size, legs, task)
         if step == 0:
             pieces.append(_level_piece(rows.size, legs, task))
-        arrived = legs.turned + _duration(legs.length, legs.begin.speed, legs.speed, task)
+        arrived = _end(legs, task)
         there = VehicleState(legs.x, legs.y, wrap(legs.course, np), legs.speed)
         scatter((now, time), legs.tail, (there, arrived))
         done = arrived >= options.finished_by
@@ -98,11 +109,12 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     return whole
 
 
-def _points_beyond(options: Options) -> int:
-    """Return how many points beyond the end of its route a plan may fly over."""
+def _points_beyond(options: Options, wind: float) -> int:
+    """Return how many points beyond the end of its route a plan may fly over in some wind, m/s."""
     if not options.extend_route:
         return 0
-    return math.ceil(options.last_free * 1.5 * options.limits.speed_max / options.extension)
+    fastest = 1.5 * options.limits.speed_max + wind
+    return math.ceil(options.last_free * fastest / options.extension)
 
 
 def _next_legs(
@@ -110,30 +122,85 @@ def _next_legs(
     rows: Any,
     tails: Any,
     point: Any,
-    state: VehicleState,
-    time: Any,
+    begin: tuple[VehicleState, Any],
+    direct: Any | None,
     options: Options,
 ) -> _Legs:
-    """Return the legs of some tails, of requests ``rows[tails]``, to points of the route."""
-    turn_rate = task_of(options).turn_rate
-    x, y = _point(request, rows[tails], point, options.extension)
-    arc, length, course, reached = _onto(state, x, y, turn_rate)
-    turned = time + np.abs(arc) / turn_rate
-    return _Legs(tails, point, x, y, state, time, arc, length, course, reached, turned, state.speed)
+    """Return the legs of some tails, of requests ``rows[tails]``, to points of the route.
+
+    A tail begins in a state at a time, s; ``direct`` says which lead to the goal (None: none):
+    there may be a need to accelerate.
+    """
+    task, (state, time) = task_of(options), begin
+    at_request = _point(request, rows[tails], point, options.extension)
+    drift = take(request.drift, rows[tails])
+
+    def legs_to(when: Any) -> _Legs:
+        x, y = drifted(at_request, drift, when)
+        arc, length, course, reached = _onto(state, x, y, task.turn_rate)
+        turned = time + np.abs(arc) / task.turn_rate
+        way = tails, point, x, y, state, time, arc, length, course, reached, turned
+        if direct is None:
+            return _Legs(*way, disc=length, speed=state.speed, in_time=reached)
+        disc = np.full(length.shape, task.radius)
+        if drift is not None:
+            disc = _disc(state.speed, course, drift, task.radius)
+        straight = np.maximum(length - disc, 0.0)
+        wanted, in_time = end_speed(straight, state.speed, task.until - turned, task.limits, np)
+        return _Legs(*way, disc, np.where(direct, wanted, state.speed), in_time | ~direct)
+
+    return legs_to(time) if drift is None else _meeting(legs_to, time, drift, task)
+
+
+def _disc(speed: Any, course: Any, drift: tuple[Any, Any], radius: float) -> Any:
+    """Return how far an aircraft flies through the air from the edge of a drifting point's disc to
+    the point, m.
+    """
+    closing = np.hypot(speed * np.cos(course) - drift[0], speed * np.sin(course) - drift[1])
+    return speed * radius / np.maximum(closing, 1e-3)
+
+
+def _meeting(
+    legs_to: Callable[[Any], _Legs], time: Any, drift: tuple[Any, Any], task: Task
+) -> _Legs:
+    """Return the legs that end where the points are when they end: by secants on the time of that.
+
+    A point that is not met so is not reached.
+    """
+    strength = np.hypot(*drift)
+    before, legs = time, legs_to(time)
+    late_before = _end(legs, task) - before
+    when = before + late_before
+    for _ in range(_SECANTS):
+        legs = legs_to(when)
+        late = _end(legs, task) - when
+        # Legs that are found stay as they are, however many others are still searched.
+        going_on = np.abs(late) * strength > _SAME_PLACE
+        if not going_on.any():
+            break
+        slope = (late - late_before) / np.where(when == before, 1.0, when - before)
+        # A slope that is not negative belongs to another turn or to a point that gets away.
+        step = late / np.where(slope < -0.1, -slope, 1.0)
+        before, late_before = when, late
+        when = np.where(going_on, np.maximum(when + step, time), when)
+    met = np.abs(_end(legs, task) - when) * strength <= _SAME_PLACE
+    return legs._replace(reached=legs.reached & met)
+
+
+def _end(legs: _Legs, task: Task) -> Any:
+    """Return when legs end, s."""
+    return legs.turned + _duration(legs.length, legs.begin.speed, legs.speed, task)
 
 
 def _to_goal(whole: Completed, rollout: Rollout, rows: Any, legs: _Legs, task: Task) -> _Legs:
     """Return the first legs, without those that miss the goal, and note when the goal is reached.
 
-    The goal itself must not be passed by, nor reached too late: there may be a need to accelerate.
+    The goal itself must not be passed by, nor reached too late.
     """
     direct = rollout.direct[rows[legs.tail]]
-    straight = np.maximum(legs.length - task.radius, 0.0)
-    left = task.until - legs.turned
-    wanted, in_time = end_speed(straight, legs.begin.speed, left, task.limits, np)
-    on = ~direct | (legs.reached & in_time)
-    legs, direct, straight, wanted = take((legs, direct, straight, wanted), on)
-    legs = legs._replace(speed=np.where(direct, wanted, legs.speed))
+    on = ~direct | (legs.reached & legs.in_time)
+    legs, direct = take((legs, direct), on)
+    straight = np.maximum(legs.length - legs.disc, 0.0)
     entered = legs.turned + _duration(straight, legs.begin.speed, legs.speed, task)
     there = rows[legs.tail[direct]]
     whole.rejoin_time[there] = entered[direct]

@@ -13,13 +13,14 @@ from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_away, takeoff
 from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
-from agents.planner.request import Request
+from agents.planner.request import Request, drifted
 from agents.planner.rollout import Rollout
 from agents.planner.traffic import predicted, required, uncertainty
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance, leg_separation
 from envs.trees import column, mapped, scatter, take
+from envs.wind import aimed_at
 
 _AT_ONCE = 6  # strides flown at once at first
 _LATER = 18  # strides from turning back until uncertainty has grown to what the way back keeps
@@ -81,9 +82,12 @@ def fly_out(
         returning = hopeful & (strides[:, None] * stride >= manoeuvre.resume)
         at, asking = np.nonzero(returning)
         there, owner = strides[at], of[asking]
+        from_there = take(flown, (at, asking))
+        drift = take(request.drift, owner)
+        to = drifted((goal_x[owner], goal_y[owner]), drift, there * stride)
         returning[at, asking] = scene.way_back(
-            take(flown, (at, asking)),
-            (goal_x[owner], goal_y[owner]),
+            from_there,
+            aimed_at(from_there, to, drift, task.until, np),
             there,
             owner,
             manoeuvre.slack[asking],
@@ -231,6 +235,7 @@ def _scene(request: Request, goal: Any, options: Options, last: int) -> _Scene:
     others = predicted(traffic, times)
     number = np.arange(goal.size)
     to = request.route_x[number, goal], request.route_y[number, goal]
+    to = aimed_at(request.own, to, request.drift, task_of(options).until, np)
     order = _order(request.own, to, others, required_range, times)
     rest = beyond(request, goal, options) if required_range.shape[-1] > CROWD else None
     return _Scene(others, required_range, stride, growth, order, options.aircraft.separation, rest)

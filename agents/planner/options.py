@@ -171,18 +171,22 @@ class Options:
         """Distance between the points beyond the end of a route that may be extended, m."""
         return _EXTENSION * self.aircraft.separation
 
-    def latest_end(self, own_speed: Any, x: Any, y: Any, points: Any = None) -> Any:
+    def latest_end(
+        self, own_speed: Any, x: Any, y: Any, points: Any = None, wind: Any = 0.0
+    ) -> Any:
         """Return a time that no plan outlasts, s after the request, ``[...]``.
 
         The last leg begins before :attr:`finished_by`. It turns by half a circle at most and then
-        goes straight for the route's longest leg, or what extends the route, at the lowest speed.
-        A manoeuvre that would last longer is no plan (:mod:`agents.planner.completion`).
+        goes straight for the route's longest leg, or what extends the route, at the lowest speed
+        over the ground, which counts as a quarter of the lowest airspeed at least. A manoeuvre that
+        would last longer is no plan (:mod:`agents.planner.completion`).
 
         Args:
             own_speed: of the ownship at the request, m/s, ``[...]``; it may be below the limits, as
                 far as :func:`speed_range` lets an ownship be planned for.
             x: of the route's points, m, ``[..., R]``; with ``y``.
             points: how many of them there are, ``[...]``; None: all.
+            wind: its speed, m/s, ``[...]``.
         """
         legs = np.hypot(np.diff(x), np.diff(y))
         if points is not None:
@@ -190,7 +194,9 @@ class Options:
         longest = np.maximum(legs.max(axis=-1), self.extension) + self.aircraft.goal_radius
         planned_for = np.maximum(own_speed, speed_range(self.aircraft.limits)[0])
         slowest = np.minimum(planned_for, self.manoeuvre.speed_min)
+        slowest = np.maximum(slowest - wind, 0.25 * slowest)
         half_circle = (math.pi + 1.0) / task_of(self).turn_rate  # and a radius of straight flight
+        half_circle = half_circle * (1.0 + wind / slowest)  # which the wind lengthens
         return self.finished_by + half_circle + longest / slowest
 
     @property

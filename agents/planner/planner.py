@@ -30,6 +30,7 @@ from agents.planner.request import (
     checked,
     eligible,
     finite,
+    in_wind,
 )
 from agents.planner.rollout import roll
 from agents.policy.domain import departures
@@ -37,6 +38,7 @@ from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
 from envs.trees import mapped, scatter, take
 from envs.waypoints import RoutePoint
+from envs.wind import Wind, through_air
 
 _POLICY, _FALLBACK = 1, 2  # codes of sources
 
@@ -49,8 +51,13 @@ def plan(
     options: Options | None = None,
     *,
     own_altitude: Altitude | None = None,
+    wind: Wind | None = None,
 ) -> Plan:
     """Plan one request.
+
+    States, route and waypoints are over the ground. In a wind the aircraft's limits hold in the air
+    mass, in every wind within its uncertainty, and so do the speeds of the operating domain; the
+    separation holds over the ground, where the plan is flown by place and time.
 
     Args:
         own: state of the ownship, its speed inside the envelope.
@@ -60,6 +67,7 @@ def plan(
         options: how the plan is made; None: the policy's aircraft's.
         own_altitude: for the vertical filter; None: unknown, all intruders count. Vertical speeds
             that are unknown are taken as ``options.unknown_climb`` towards the other aircraft.
+        wind: in which the aircraft fly; None: still air. A turning intruder turns through it.
 
     Returns:
         A plan, SAFE or UNRESOLVED with the reasons and the trajectory of greatest separation that
@@ -71,14 +79,15 @@ def plan(
     if options is not None:
         check(options)
     options = options or Options.for_aircraft(policy.aircraft)
-    request, excluded, kept = checked(own, intruders, route, options, own_altitude)
-    budget, goals = Budget(options.deadline_s), eligible(request, options)
-    plans = _planned(request, goals, policy, options, budget, floats=True)
-    goal = int(goals[0, 0])
-    answer = published(request, plans, goal, route, excluded, kept, options, tuple(budget.skipped))
+    in_air = options if wind is None else in_wind(options, wind)
+    request, excluded, kept = checked(own, intruders, route, in_air, own_altitude, wind)
+    budget, goals = Budget(options.deadline_s), eligible(request, in_air)
+    plans = _planned(request, goals, policy, in_air, budget, floats=True)
+    goal, skipped = int(goals[0, 0]), tuple(budget.skipped)
+    answer = published(request, plans, goal, route, excluded, kept, in_air, skipped)
     one = take(request, 0)
     start = VehicleState(*map(float, one.own))
-    outside = departures(policy.domain, _of_domain(intruders))
+    outside = departures(policy.domain, _of_domain(intruders, wind))
     if goal >= 0:  # without a point ahead the policy decides nothing
         others = list(map(VehicleState, *(field.tolist() for field in one.traffic.state)))
         outside += policy.departures(
@@ -86,12 +95,13 @@ def plan(
         )
     certify = partial(
         certificate,
-        start,
+        start if wind is None else VehicleState(*map(float, own)),
         tuple(intruders),
         answer.waypoints,
         excluded,
         own_altitude,
         options,
+        wind,
     )
     return replace(
         answer,
@@ -101,25 +111,31 @@ def plan(
             *assumptions(own_altitude, intruders, options),
         ),
         policy_sha256=policy.sha256,
+        wind=wind,
         certify=certify if answer.safe else None,
     )
 
 
-def _of_domain(intruders: Sequence[VehicleState | Intruder]) -> dict[str, list[float]]:
+def _of_domain(
+    intruders: Sequence[VehicleState | Intruder], wind: Wind | None
+) -> dict[str, list[float]]:
     """Return the quantities of the operating domain (:mod:`agents.policy.domain`), without far
     intruders.
     """
     reported = [one for one in intruders if isinstance(one, Intruder)]
     return {
         "intruders": [len(intruders)],
-        "intruder_speed": [
-            one.state.speed if isinstance(one, Intruder) else one.speed for one in intruders
-        ],
+        "intruder_speed": [_airspeed(one, wind) for one in intruders],
         "intruder_turn_rate": [abs(one.turn_rate) for one in reported],
         "position_std": [one.position_std for one in reported],
         "velocity_std": [one.velocity_std for one in reported],
         "latency": [one.age for one in reported],
     }
+
+
+def _airspeed(one: VehicleState | Intruder, wind: Wind | None) -> float:
+    state = one.state if isinstance(one, Intruder) else one
+    return state.speed if wind is None else through_air(state, wind, 0.0).speed
 
 
 def plan_many(request: Request, policy: Policy, options: Options, *, floats: bool = False) -> Plans:

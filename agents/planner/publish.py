@@ -25,12 +25,13 @@ from agents.planner.answer import (
 from agents.planner.audit import audit
 from agents.planner.candidates import Proposals
 from agents.planner.options import Options, check
-from agents.planner.request import Altitude, Intruder, Request, checked, eligible
+from agents.planner.request import Altitude, Intruder, Request, checked, eligible, in_wind
 from agents.planner.validator import CHECKS, Findings, validate
 from envs.kinematics import VehicleState
 from envs.trees import take
-from envs.waypoints import Knots, RoutePoint, Waypoint
+from envs.waypoints import Knots, RoutePoint, Waypoint, on_ground
 from envs.waypoints import knots as knots_of
+from envs.wind import Wind
 
 JOIN = 5
 """Least time to the waypoint at which a late plan is joined, time steps; a shorter leg turns hard
@@ -58,7 +59,7 @@ def published(
     options: Options,
     skipped: tuple[str, ...] = (),
 ) -> Plan:
-    """Write the plan of one request ``[1]``.
+    """Write the plan of one request ``[1]`` over the ground.
 
     Args:
         next_goal: number of the first point of the route that may be rejoined at; -1: there is
@@ -66,6 +67,9 @@ def published(
         kept: numbers of the intruders that were not left out.
     """
     best = take(plans.proposals, 0)
+    if request.drift is not None:
+        east, north = (-float(part[0]) for part in request.drift)
+        best = _on_ground(best, Wind(east, north))
     waypoints = _waypoints(best, route)
     slips = (
         audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
@@ -108,6 +112,13 @@ def published(
     )
 
 
+def _on_ground(best: Proposals, wind: Wind) -> Proposals:
+    """Return a plan ``[]`` with its knots, and the places of its findings, over the ground."""
+    found = best.findings
+    x, y = found.x + wind.east * found.time, found.y + wind.north * found.time
+    return best._replace(knots=on_ground(best.knots, wind), findings=found._replace(x=x, y=y))
+
+
 def _outlasting(one: Excluded, end: Waypoint) -> Reason:
     """Return that a plan goes on longer than an intruder is known to stay out of the way."""
     what = (
@@ -130,6 +141,7 @@ def rechecked(
     route: Sequence[RoutePoint],
     options: Options,
     own_altitude: Altitude | None = None,
+    wind: Wind | None = None,
 ) -> Plan:
     """Return a plan as checked ``late`` seconds after its request, by what is there then: SAFE only
     if it still is.
@@ -144,10 +156,11 @@ def rechecked(
     ]
     try:
         check(options)
-        request, excluded, _ = checked(own, intruders, route, options, own_altitude)
+        options = options if wind is None else in_wind(options, wind)
+        request, excluded, _ = checked(own, intruders, route, options, own_altitude, wind)
     except RequestError as error:
         return _void(plan, late, str(error))
-    curve = Knots(*(field[None] for field in knots_of(own, left)))
+    curve = Knots(*(field[None] for field in knots_of(own, left, wind=wind)))
     found = validate(curve, request.traffic, options.requirement, options.limits)
     outlasted = [
         _outlasting(one, left[-1]).message

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,10 +22,12 @@ from agents.planner.separation import same_flight
 from agents.planner.traffic import Traffic, advanced
 from envs.kinematics import FASTEST, VehicleState
 from envs.waypoints import RoutePoint
+from envs.wind import Wind, narrowed, through_air
 
 _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whatever the aircraft
 _SPEED_TOLERANCE = 1e-3  # m/s; far more than a leg may pass its limit by
 _EARTH = 6.3e6  # m; less than every radius of curvature of the earth
+_STRONGEST = 150.0  # m/s of wind, beyond any on earth
 _MOST_TURN = (
     32.0  # rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
 )
@@ -74,13 +76,19 @@ class Intruder:
 
 
 class Request(NamedTuple):
-    """Requests as arrays; fields ``[N]``, of intruders ``[N, K]``, of routes ``[N, R]``."""
+    """Requests as arrays; fields ``[N]``, of intruders ``[N, K]``, of routes ``[N, R]``.
+
+    In a wind everything is in the air mass, which lies over the ground at the request: speeds are
+    airspeeds, and the route's points drift.
+    """
 
     own: VehicleState
     traffic: Traffic
-    route_x: Any  # m
+    route_x: Any  # at the request, m
     route_y: Any
     points: Any  # how many points each route has
+    # velocity of the route's points towards east and north, m/s, [N] each; None: they stand still
+    drift: tuple[Any, Any] | None = None
 
 
 def checked(
@@ -89,21 +97,26 @@ def checked(
     route: Sequence[RoutePoint],
     options: Options,
     own_altitude: Altitude | None = None,
+    wind: Wind | None = None,
 ) -> tuple[Request, tuple[Excluded, ...], list[int]]:
     """Check one request, whose options are (:func:`agents.planner.options.check`).
 
+    States are over the ground.
+
     Returns:
-        The request as arrays with N = 1, the intruders left out, and the numbers of those that are
-        in.
+        The request as arrays with N = 1, in the air mass, the intruders left out, and the numbers
+        of those that are in.
 
     Raises:
         RequestError: something is missing, not finite, out of range or inconsistent.
     """
-    state = _state(Field(Subject.OWN), own)
+    ground = _state(Field(Subject.OWN), own)
+    state = ground if wind is None else through_air(ground, wind, 0.0)
     low, high = speed_range(options.aircraft.limits)
     if not low <= state.speed <= high:
         what = Field(Subject.OWN, "speed")
-        raise RequestError(what, f"is {state.speed:g} m/s, expected {low:g} to {high:g}")
+        air = "" if wind is None else f", {state.speed:g} m/s through the air"
+        raise RequestError(what, f"is {ground.speed:g} m/s{air}, expected {low:g} to {high:g}")
     _altitude(Field(Subject.OWN_ALTITUDE), own_altitude)
     reports = [
         _report(
@@ -113,8 +126,14 @@ def checked(
         )
         for number, given in enumerate(sequence(Field(Subject.INTRUDERS), intruders))
     ]
+    if wind is not None:
+        reports = [report_in_air(report, wind) for report in reports]
+        for number, report in enumerate(reports):
+            name = Field(Subject.INTRUDERS, "state.speed through the air", number)
+            real(name, report.state.speed, 0.0, FASTEST.speed_max, "m/s")
     x, y = _route(route)
-    end = float(options.latest_end(state.speed, x, y))
+    blows = 0.0 if wind is None else wind.speed
+    end = float(options.latest_end(state.speed, x, y, wind=blows))
     excluded = []
     for number, report in enumerate(reports):
         above = _vertically_apart(own_altitude, report, end, options)
@@ -135,7 +154,55 @@ def checked(
             "cannot be advanced from its report to the request",
         )
     one = VehicleState(*(np.array([value]) for value in state))
-    return Request(one, traffic, x[None], y[None], np.array([x.size])), tuple(excluded), kept
+    drift = None if wind is None else (np.array([-wind.east]), np.array([-wind.north]))
+    request = Request(one, traffic, x[None], y[None], np.array([x.size]), drift)
+    return request, tuple(excluded), kept
+
+
+def in_wind(options: Options, wind: Any) -> Options:
+    """Return the options for flight in the air mass of a wind: limits that hold the given ones in
+    every wind within its uncertainty.
+
+    Raises:
+        RequestError: the wind is none, not finite, faster than the aircraft, or too uncertain.
+    """
+    if not isinstance(wind, Wind):
+        raise RequestError(Field(Subject.WIND), f"is {type(wind).__name__}, expected a Wind")
+    for name, low in (("east", -_STRONGEST), ("north", -_STRONGEST), ("std", 0.0)):
+        real(Field(Subject.WIND, name), getattr(wind, name), low, _STRONGEST, "m/s")
+    error = options.requirement.sigmas * float(wind.std)
+    most = options.manoeuvre.speed_max - error
+    if wind.speed >= most:
+        what = (
+            f"is {wind.speed:.1f} m/s, expected less than the {most:.1f} m/s that the aircraft "
+            "makes against it"
+        )
+        raise RequestError(Field(Subject.WIND), what)
+    limits, flown = narrowed(options.limits, error), narrowed(options.manoeuvre, error)
+    for some in (limits, flown):
+        least = min(some.speed_max - some.speed_min, some.acceleration_max, some.yaw_rate_max)
+        if error > 0.0 and not (least > 0.0 and some.acceleration_min < 0.0):
+            what = (
+                f"is {wind.std:g} m/s: {options.requirement.sigmas:g} sigmas of that leave nothing "
+                "of the aircraft's speeds, accelerations or turn rate; expected less"
+            )
+            raise RequestError(Field(Subject.WIND, "std"), what)
+    return replace(options, limits=limits, manoeuvre=flown)
+
+
+def report_in_air(report: Intruder, wind: Wind) -> Intruder:
+    """Return a report over the ground as the air mass sees it, which lies there at the request.
+
+    A turn is one through the air: its rate and its time stay. What the ground velocity becomes by
+    a turn depends on the wind, whose error e moves it by up to ``2 e sin(turn / 2)``; for that the
+    velocity's error of what turns grows.
+    """
+    turn = min(abs(report.turn_rate) * report.turn_time, 2.0)
+    return replace(
+        report,
+        state=through_air(report.state, wind, -report.age),
+        velocity_std=report.velocity_std + turn * float(wind.std),
+    )
 
 
 def reported(reports: Sequence[Intruder]) -> tuple[Traffic, Any]:
@@ -190,10 +257,26 @@ def eligible(request: Request, options: Options) -> Any:
     )
     fastest = np.maximum(options.manoeuvre.speed_max, request.own.speed)[:, None]
     near = far <= fastest * options.rejoin_by
+    if request.drift is not None:  # who can meet what drifts more slowly once, can later too
+        later_x, later_y = drifted((x, y), request.drift, options.rejoin_by)
+        later = np.hypot(request.own.x[:, None] - later_x, request.own.y[:, None] - later_y)
+        near = later - options.aircraft.goal_radius <= fastest * options.rejoin_by
     chosen = first[:, None] + np.arange(options.goals)
     inside = chosen < points[:, None]
     chosen = np.where(inside, chosen, 0)
     return np.where(inside & (near & exists)[rows, chosen], chosen, -1)
+
+
+def drifted(points: tuple[Any, Any], drift: tuple[Any, Any] | None, time: Any) -> tuple[Any, Any]:
+    """Return where points of routes ``[N, ...]`` are some seconds after the request, m, as their
+    drift ``[N]`` carries them.
+    """
+    if drift is None:
+        return points
+    x, y = points
+    shape = (-1,) + (1,) * (np.ndim(x) - 1)
+    east, north = (np.reshape(part, shape) for part in drift)
+    return x + east * time, y + north * time
 
 
 def approaching(

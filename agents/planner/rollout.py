@@ -17,13 +17,14 @@ from agents.manoeuvres.direct_to_goal import EVERY, Task, clear
 from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
-from agents.planner.request import Request
+from agents.planner.request import Request, drifted
 from agents.planner.traffic import Traffic, predicted, required
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
 from envs.relative import distance
 from envs.trees import column, mapped, scatter, take
+from envs.wind import aimed_at
 
 _SHARE = 0.3  # of the computation, for a policy that finds no way back among many
 # time steps for which the intruders are predicted at once; most flights take fewer
@@ -49,7 +50,8 @@ class _Underway(NamedTuple):
     """Manoeuvres that have not ended, ``[M]``."""
 
     rows: Any  # their numbers in the request
-    goal: tuple[Any, Any]  # m
+    goal: tuple[Any, Any]  # at the request, m
+    drift: tuple[Any, Any] | None  # of the goal, m/s; None: it stands still
     traffic: Traffic
     required_range: Any  # from each intruder, m, [M, K]
     state: VehicleState
@@ -79,7 +81,8 @@ def roll(
     crowd = traffic.mask.shape[-1] > CROWD
     if floats:
         given = (
-            take((request.own, traffic, (goal_x, goal_y), required_range), row) for row in rows
+            take((request.own, traffic, ((goal_x, goal_y), request.drift), required_range), row)
+            for row in rows
         )
         rests = [
             beyond(take(request, rows[[row]]), goal[[row]], options) if crowd else None
@@ -102,6 +105,7 @@ def roll(
     now = _Underway(
         rows=rows,
         goal=(goal_x, goal_y),
+        drift=request.drift,
         traffic=traffic,
         required_range=required_range,
         state=VehicleState(*(np.array(field, dtype=float) for field in request.own)),
@@ -115,15 +119,16 @@ def roll(
         if step % spacing == 0:
             scatter(result.knots, (now.rows, step // spacing), now.state)
         seen = predicted(now.traffic, time)
-        arrived = distance(now.goal[0] - now.state.x, now.goal[1] - now.state.y, np) <= task.radius
-        ended = arrived
+        place = drifted(now.goal, now.drift, time)
+        arrived = distance(place[0] - now.state.x, place[1] - now.state.y, np) <= task.radius
+        ended, aim = arrived, aimed_at(now.state, place, now.drift, task.until - time, np)
         if options.direct and step % EVERY == 0:
-            ended = ended | _clear_beyond(now, seen, rest, time, task)
+            ended = ended | _clear_beyond(now, aim, seen, rest, time, task)
         if ended.any():
             times = np.full(now.rows.size, time)
             landed = now.state, times, ~arrived, now.path, now.turn_sign, now.reversals
             scatter(result[1:], now.rows[ended], take(landed, ended))
-            now, seen = take((now, seen), ~ended)
+            now, seen, aim = take((now, seen, aim), ~ended)
         if now.rows.size == 0 or step == steps:
             break
         looked_at = seen, now.traffic.mask
@@ -133,7 +138,7 @@ def roll(
             looked_at = mapped(
                 lambda field, at=now.chosen: np.take_along_axis(field, at, axis=-1), looked_at
             )
-        action = policy.command(now.state, *looked_at, *now.goal)
+        action = policy.command(now.state, *looked_at, *aim)
         acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
         moved = advance(now.state, acceleration, yaw_rate, dt, limits, np)
         turns = np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max
@@ -150,7 +155,7 @@ def roll(
 def _roll_one(
     own: VehicleState,
     traffic: Traffic,
-    goal: Any,
+    goal: tuple[Any, Any],
     required_range: Any,
     policy: Policy,
     options: Options,
@@ -158,7 +163,7 @@ def _roll_one(
     rest: Beyond | None,
 ) -> Rollout:
     """Roll one request in plain floats, against intruders ``[K]``; fields ``[1]`` and ``[1,
-    S]``.
+    S]``. The goal comes with its drift.
     """
     task, limits, dt, spacing = (
         task_of(options),
@@ -171,7 +176,8 @@ def _roll_one(
     traffic, required_range = take((traffic, required_range), traffic.mask)
     flown, knots = list[list[VehicleState]](), list[VehicleState]()
     far, every = required_range.tolist(), predicted(traffic, np.zeros((1, 1)))
-    state, (goal_x, goal_y) = VehicleState(*map(float, own)), map(float, goal)
+    state, (begin, drift) = VehicleState(*map(float, own)), mapped(float, goal)
+    (goal_x, goal_y), aim = begin, begin
     many, present = len(far) > policy.most, np.ones(len(far), dtype=bool)
     share = 1.0 if rest is None else _SHARE
     path, turn_sign, reversals = 0.0, 0.0, 0
@@ -189,6 +195,10 @@ def _roll_one(
         seen = flown[step % EVERY]
         if step % spacing == 0:
             knots.append(state)
+        if drift is not None:
+            goal_x = begin[0] + drift[0] * step * dt
+            goal_y = begin[1] + drift[1] * step * dt
+            aim = aimed_at(state, (goal_x, goal_y), drift, task.until - step * dt, FLOATS)
         dx, dy = goal_x - state.x, goal_y - state.y
         arrived = dx * dx + dy * dy <= square
         # Without intruders nothing is in the way, but the goal may be inside the turning circle.
@@ -196,14 +206,14 @@ def _roll_one(
             options.direct
             and step % EVERY == 0
             and all(
-                clear(state, (goal_x, goal_y), other, least, step * dt, task, FLOATS)
+                clear(state, aim, other, least, step * dt, task, FLOATS)
                 for other, least in zip(seen or [state], far or [-math.inf], strict=True)
             )
             and (
                 not many
                 or _clear_of_others(
                     state,
-                    (goal_x, goal_y),
+                    aim,
                     take(every, step % _AHEAD),
                     required_range,
                     step * dt,
@@ -216,7 +226,7 @@ def _roll_one(
             break
         if step == steps or (step % EVERY == 0 and budget.ends("policy", share)):
             break
-        action = policy.command_one(state, seen, goal_x, goal_y)
+        action = policy.command_one(state, seen, *aim)
         acceleration, yaw_rate = commands(action, limits, FLOATS)
         moved = advance(state, acceleration, yaw_rate, dt, limits, FLOATS)
         path += 0.5 * dt * (state.speed + moved.speed)
@@ -256,18 +266,23 @@ def _in_floats(tracks: VehicleState) -> list[list[VehicleState]]:
 
 
 def _clear_beyond(
-    now: _Underway, seen: VehicleState, rest: Beyond | None, time: float, task: Task
+    now: _Underway,
+    aim: tuple[Any, Any],
+    seen: VehicleState,
+    rest: Beyond | None,
+    time: float,
+    task: Task,
 ) -> Any:
     """Return whether the direct way is clear of all intruders ``[M, K]``, and among many the route
     beyond it, bool ``[M]``.
     """
     mask, required_range = now.traffic.mask, now.required_range
-    found = _all_clear(now.state, now.goal, seen, mask, required_range, time, task)
+    found = _all_clear(now.state, aim, seen, mask, required_range, time, task)
     if rest is not None:
         some = np.flatnonzero(found)
         least = np.where(mask, required_range, -np.inf)
         times = np.full(some.size, time)
-        asked = take((now.state, now.goal, least), some)
+        asked = take((now.state, aim, least), some)
         found[some] = rest.clear(*asked, now.rows[some], times, task)
     return found
 

@@ -1,44 +1,13 @@
-"""Over the ground and through the air: the same motion seen from two frames, one of which the wind
-carries.
+"""Commands over the ground and through the air: what of an acceleration and a turn of the track is
+one along the path through the air, and the other way round.
 
-Both frames coincide at time 0. Distances between aircraft are the same in both, headings and speeds
-are not.
+The frames themselves are those of :mod:`envs.wind`.
 """
 
 import math
-from typing import Any
 
-import numpy as np
-
-from envs.angles import wrap
-from envs.backend import FLOATS
 from envs.kinematics import VehicleState
-
-Wind = tuple[float, float]  # velocity of the air towards east and north, m/s
-NO_WIND: Wind = (0.0, 0.0)
-
-
-def through_air(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
-    """Return a state over the ground, ``[...]`` or plain floats, as the air mass sees it, ``time``
-    s after 0.
-    """
-    east, north = wind
-    if east == 0.0 and north == 0.0:
-        return state
-    x, y = state.x - east * time, state.y - north * time
-    if isinstance(state.speed, float):
-        vx, vy = (
-            state.speed * math.cos(state.heading) - east,
-            state.speed * math.sin(state.heading) - north,
-        )
-        return VehicleState(x, y, wrap(math.atan2(vy, vx), FLOATS), math.hypot(vx, vy))
-    vx, vy = state.speed * np.cos(state.heading) - east, state.speed * np.sin(state.heading) - north
-    return VehicleState(x, y, wrap(np.arctan2(vy, vx), np), np.hypot(vx, vy))
-
-
-def over_ground(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
-    """Return a state in the air mass as the ground sees it; arguments as of :func:`through_air`."""
-    return through_air(state, (-wind[0], -wind[1]), time)
+from envs.wind import Wind
 
 
 def air_commands(
@@ -50,12 +19,12 @@ def air_commands(
     The acceleration as a vector is the same in both frames. The state is over the ground, in plain
     floats.
     """
-    if wind == NO_WIND:
+    if wind.east == 0.0 and wind.north == 0.0:
         return acceleration, yaw_rate
     cosine, sine = math.cos(state.heading), math.sin(state.heading)
     across = state.speed * yaw_rate
     east, north = acceleration * cosine - across * sine, acceleration * sine + across * cosine
-    vx, vy = state.speed * cosine - wind[0], state.speed * sine - wind[1]
+    vx, vy = state.speed * cosine - wind.east, state.speed * sine - wind.north
     speed = max(math.hypot(vx, vy), 1.0)
     return (east * vx + north * vy) / speed, (north * vx - east * vy) / (speed * speed)
 
@@ -64,7 +33,7 @@ def ground_commands(
     state: VehicleState, acceleration: float, yaw_rate: float, wind: Wind
 ) -> tuple[float, float]:
     """Return commands in the air mass as those over the ground; the state is the one in the air."""
-    return air_commands(state, acceleration, yaw_rate, (-wind[0], -wind[1]))
+    return air_commands(state, acceleration, yaw_rate, Wind(-wind.east, -wind.north))
 
 
 def air_demands(
@@ -82,7 +51,7 @@ def air_demands(
     """
     cosine, sine = math.cos(state.heading), math.sin(state.heading)
     across = state.speed * yaw_rate
-    air_east, air_north = state.speed * cosine - wind[0], state.speed * sine - wind[1]
+    air_east, air_north = state.speed * cosine - wind.east, state.speed * sine - wind.north
     airspeed = max(math.hypot(air_east, air_north), 1.0)
     ahead = (cosine * air_east + sine * air_north) / airspeed
     aside = (sine * air_east - cosine * air_north) / airspeed

@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 from envs.angles import wrap
 from envs.backend import FLOATS
-from envs.c208.air_mass import NO_WIND, Wind, over_ground
 from envs.c208.autopilot import ROLL_DELAY
 from envs.follower import PERIOD, Vehicle
 from envs.kinematics import Limits, VehicleState, advance
 from envs.waypoints import Legs
+from envs.wind import NO_WIND, Wind, over_ground
 
 _SEARCH = 2  # steps towards the point abeam; each squares what is left of the error
 _UNBOUNDED = Limits(0.0, 1e3, -1e3, 1e3, 1e3)

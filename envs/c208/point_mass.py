@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from envs.c208.air_mass import NO_WIND, Wind, air_demands
+from envs.c208.air_mass import air_demands
 from envs.c208.autopilot import BANK_MAX, CLIMB_MAX
 from envs.c208.conditions import check_state
 from envs.c208.facts import GRAVITY, POUND, VARIANTS
 from envs.c208.propulsion import Curve, density_at, idle_thrust, maximum_thrust
 from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, level_curve
 from envs.kinematics import VehicleState
+from envs.wind import NO_WIND, Wind
 
 _LAGS = 0.65, 0.5, 1.5  # of bank, longitudinal acceleration and climb, s
 _LONGEST = 0.05  # of an integration step, s
@@ -51,7 +52,7 @@ class PointMassVehicle:
         self.climb = self.bank = self._along = 0.0
         self._x, self._y = float(state.x), float(state.y)
         speed, heading = float(state.speed), float(state.heading)
-        east, north = speed * math.cos(heading) - wind[0], speed * math.sin(heading) - wind[1]
+        east, north = speed * math.cos(heading) - wind.east, speed * math.sin(heading) - wind.north
         self.airspeed, self._course = math.hypot(east, north), math.atan2(north, east)
         self._weight = VARIANTS[variant].takeoff_weight * POUND
         speeds, self._density = np.linspace(25.0, 130.0, 211), density_at(altitude)
@@ -66,8 +67,8 @@ class PointMassVehicle:
     def state(self) -> VehicleState:
         """Position, heading and speed over the ground now."""
         level = math.sqrt(max(self.airspeed**2 - self.climb**2, 1.0))
-        east = level * math.cos(self._course) + self._wind[0]
-        north = level * math.sin(self._course) + self._wind[1]
+        east = level * math.cos(self._course) + self._wind.east
+        north = level * math.sin(self._course) + self._wind.north
         return VehicleState(self._x, self._y, math.atan2(north, east), math.hypot(east, north))
 
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:

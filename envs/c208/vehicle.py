@@ -20,6 +20,7 @@ from envs.c208.fdm import STEP, Fdm
 from envs.c208.flightgear import FlightGear
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve, surfaces
 from envs.kinematics import VehicleState
+from envs.wind import Wind
 
 _EQUATOR = 6_378_137.0  # radius of curvature along the equator, m (WGS 84)
 _MERIDIAN = 6_335_439.3  # radius of curvature along a meridian at the equator, m (WGS 84)
@@ -148,7 +149,7 @@ class C208Vehicle:
         self.state, self.time = state, 0.0
         self._rows: list[tuple[float, ...]] = []
         self._offset = (0.0, 0.0)
-        self._wind = (conditions.wind_east, conditions.wind_north)
+        self._wind = Wind(conditions.wind_east, conditions.wind_north)
         self._take_off(state)
         for _ in range(round(_LEAD_IN / TICK)):
             now = self.state
@@ -274,10 +275,10 @@ class C208Vehicle:
         east, north = now.east * FOOT, now.north * FOOT
         airspeed, altitude = now.airspeed * FOOT, now.altitude * FOOT
         share = TICK / _WIND_LAG
-        wind_east, wind_north = self._wind
+        wind_east, wind_north, _ = self._wind
         wind_east += share * (now.wind_east * FOOT - wind_east)
         wind_north += share * (now.wind_north * FOOT - wind_north)
-        self._wind = wind_east, wind_north
+        self._wind = Wind(wind_east, wind_north)
         x = now.longitude * self._scale[0] + self._offset[0]
         y = now.latitude * self._scale[1] + self._offset[1]
         self.state = VehicleState(x, y, math.atan2(north, east), math.hypot(east, north))

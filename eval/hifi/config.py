@@ -10,6 +10,7 @@ from pydantic import Field, model_serializer, model_validator
 from agents.config.load import ConfigError, Strict
 from envs import draws
 from envs.c208.conditions import TURBULENCE, Conditions, Loading
+from envs.wind import Wind
 from eval.config import FILE, MonteCarloConfig
 
 _CHUNK = 8
@@ -173,7 +174,7 @@ class Drawn(NamedTuple):
 
     air: Conditions
     altitude: float  # m above the sea
-    believed_wind: tuple[float, float]  # as the planner knows it, towards east and north, m/s
+    believed_wind: Wind  # as the planner knows it
     latency: float  # of the intruders' reports, s
 
 
@@ -198,7 +199,7 @@ def drawn(family: ConditionConfig, seed: int, number: int, takeoff_weight: float
     kind: Any = kinds[min(int(u[7] * len(kinds)), len(kinds) - 1)]
     conditions = Conditions(loading, east, north, kind, int(u[8] * 2**31))
     error = family.wind_error_mps
-    believed = east + error * gauss[0], north + error * gauss[1]
+    believed = Wind(east + error * gauss[0], north + error * gauss[1])
     return Drawn(
         conditions, _between(family.altitude_m, u[9]), believed, _between(family.latency, u[10])
     )

@@ -16,11 +16,11 @@ from agents.planner.options import Options
 from agents.planner.request import Request
 from agents.planner.rollout import roll
 from agents.policy.inference import Policy
-from envs.c208.air_mass import Wind, over_ground
 from envs.follower import PERIOD, offset
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import Legs, at
+from envs.wind import Wind, over_ground
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.flight import Flight
 

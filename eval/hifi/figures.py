@@ -13,11 +13,11 @@ from threadpoolctl import threadpool_limits
 
 from agents.config.figures import save_figure
 from agents.policy.inference import Policy
-from envs.c208.air_mass import over_ground
 from envs.follower import PERIOD
 from envs.kinematics import VehicleState
 from envs.outcome import Rules
 from envs.trees import take
+from envs.wind import over_ground
 from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.recorded import Track
 from eval.hifi.errors import Errors

@@ -13,7 +13,6 @@ import numpy as np
 
 from envs import intruder
 from envs.angles import wrap
-from envs.c208.air_mass import Wind, over_ground
 from envs.c208.vehicle import FlightError
 from envs.encounters import Encounter
 from envs.follower import PERIOD
@@ -21,6 +20,7 @@ from envs.kinematics import VehicleState, advance
 from envs.outcome import Rules
 from envs.relative import leg_separation
 from envs.trees import take
+from envs.wind import Wind, over_ground
 from envs.world import begin, move_intruders, perceived
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.vehicle import Airborne, Navigation

@@ -17,7 +17,6 @@ from agents.planner.planner import Plans
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
-from envs.c208.air_mass import Wind, over_ground, through_air
 from envs.c208.flightgear import FlightGear
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError, StartError
@@ -26,6 +25,7 @@ from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.trees import take
 from envs.waypoints import Legs, legs
+from envs.wind import Wind, over_ground, through_air
 from eval.flights import sources
 from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import perceived_at_start
@@ -91,7 +91,7 @@ def scene_of(campaign: Campaign, number: int) -> Scene:
     """
     family, (one, _) = campaign.family, sources.drawn(campaign.source, campaign.seed, number, 1)
     met = drawn(family, campaign.seed, number, takeoff_weight(campaign.vehicle))
-    wind = met.air.wind_east, met.air.wind_north
+    wind = Wind(met.air.wind_east, met.air.wind_north)
     if family.position_std > 0.0 or family.velocity_std > 0.0 or met.latency > 0.0:
         each = (
             np.full((1, 1), value)

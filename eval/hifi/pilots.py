@@ -16,12 +16,13 @@ from agents.planner.planner import Plans
 from agents.planner.request import Options
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
-from envs.c208.air_mass import Wind, ground_commands, through_air
+from envs.c208.air_mass import ground_commands
 from envs.c208.guidance import Guide, Lookahead, Path
 from envs.kinematics import Limits, VehicleState, commands
 from envs.outcome import Rules
 from envs.perception import Sensor
 from envs.trees import take
+from envs.wind import Wind, through_air
 from eval.flights.plan_flight import route_of
 from eval.hifi.wind import Route, plan_for
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.planner.options import speed_range
 from envs import draws
-from envs.c208.air_mass import Wind, air_commands, over_ground, through_air
+from envs.c208.air_mass import air_commands
 from envs.c208.facts import FOOT, POUND, VARIANTS, value
 from envs.c208.flightgear import FlightGear
 from envs.c208.guidance import LOOKAHEAD, Lookahead
@@ -18,6 +18,7 @@ from envs.c208.propulsion import DENSITY_0, density_at
 from envs.c208.vehicle import C208Vehicle
 from envs.follower import KinematicVehicle, Vehicle
 from envs.kinematics import Limits, VehicleState
+from envs.wind import Wind, over_ground, through_air
 from eval.hifi.config import Drawn
 
 VARIANT_OF = {
@@ -105,7 +106,7 @@ def begin(
     """Return a kind of vehicle at its start; a viewer shows the Cessna; ``FlightError``: it is lost
     or cannot fly.
     """
-    wind = drawn.air.wind_east, drawn.air.wind_north
+    wind = Wind(drawn.air.wind_east, drawn.air.wind_north)
     if kind == "surrogate":
         return _Kinematic(own, limits, wind, drawn.altitude)
     if kind == "point_mass":

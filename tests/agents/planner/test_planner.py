@@ -549,8 +549,10 @@ def test_no_plan_outlasts_what_an_intruder_was_left_out_for(
     assert good.safe
     ends = Options.latest_end
 
-    def too_early(options: Options, own_speed: Any, x: Any, y: Any, points: Any = None) -> Any:
-        return 300.0 if points is None else ends(options, own_speed, x, y, points)
+    def too_early(
+        options: Options, own_speed: Any, x: Any, y: Any, points: Any = None, wind: Any = 0.0
+    ) -> Any:
+        return 300.0 if points is None else ends(options, own_speed, x, y, points, wind)
 
     monkeypatch.setattr(Options, "latest_end", too_early)
     answer = plan(OWN, above, ROUTE, policy, own_altitude=here)

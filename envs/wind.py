@@ -1,0 +1,121 @@
+"""The wind: the same motion seen over the ground and in the air mass, and what of an aircraft's
+limits is left where the wind is not known exactly.
+
+Both frames coincide at time 0; after t seconds the air has carried its frame by w t. Distances
+between aircraft are the same in both, headings and speeds are not. Accelerations as vectors are the
+same too.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.angles import wrap
+from envs.backend import FLOATS
+from envs.kinematics import Limits, VehicleState
+
+_LEAST = 1e-9  # m/s^2 by which a quotient is kept finite
+
+
+class Wind(NamedTuple):
+    """Velocity of the air over the ground, which is the same everywhere and does not change; plain
+    numbers, or arrays ``[N]``.
+    """
+
+    east: Any = 0.0  # towards the east, m/s
+    north: Any = 0.0  # towards the north, m/s
+    std: Any = 0.0  # one sigma of both, m/s; 0: known exactly
+
+    @property
+    def speed(self) -> Any:
+        """How fast it is, m/s."""
+        return np.hypot(self.east, self.north)
+
+
+NO_WIND = Wind()
+
+
+def through_air(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
+    """Return a state over the ground, ``[...]`` or plain floats, as the air mass sees it, ``time``
+    s after 0.
+    """
+    return _carried(state, wind.east, wind.north, time)
+
+
+def over_ground(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
+    """Return a state in the air mass as the ground sees it; arguments as of :func:`through_air`."""
+    return _carried(state, -wind.east, -wind.north, time)
+
+
+def _carried(state: VehicleState, east: Any, north: Any, time: Any) -> VehicleState:
+    """Return a state as a frame sees it that moves with a velocity, m/s."""
+    if isinstance(east, float | int) and east == 0.0 and north == 0.0:
+        return state
+    x, y = state.x - east * time, state.y - north * time
+    if isinstance(state.speed, float):
+        vx = state.speed * math.cos(state.heading) - east
+        vy = state.speed * math.sin(state.heading) - north
+        return VehicleState(x, y, wrap(math.atan2(vy, vx), FLOATS), math.hypot(vx, vy))
+    vx, vy = state.speed * np.cos(state.heading) - east, state.speed * np.sin(state.heading) - north
+    return VehicleState(x, y, wrap(np.arctan2(vy, vx), np), np.hypot(vx, vy))
+
+
+def aimed_at(
+    own: VehicleState,
+    goal: tuple[Any, Any],
+    drift: tuple[Any, Any] | None,
+    latest: float,
+    xp: Any,
+) -> tuple[Any, Any]:
+    """Return where aircraft meet their goals by flying straight ahead, m, ``[...]`` each.
+
+    Args:
+        own: states in the air mass.
+        goal: where the goals are now, m.
+        drift: velocity of the goals, m/s; None: they stand still.
+        latest: where a goal cannot be met within so many seconds, its place then is returned.
+        xp: array namespace.
+    """
+    if drift is None:
+        return goal
+    (dx, dy), x, y = drift, goal[0] - own.x, goal[1] - own.y
+    closing, square = -(x * dx + y * dy), x * x + y * y
+    faster = own.speed * own.speed - dx * dx - dy * dy
+    quotient = closing + xp.sqrt(xp.maximum(closing * closing + faster * square, 0.0))
+    latest = max(latest, 0.0)
+    met = quotient * latest > square
+    time = xp.where(met, square / xp.maximum(quotient, _LEAST), latest + 0.0 * square)
+    return goal[0] + dx * time, goal[1] + dy * time
+
+
+def narrowed(limits: Limits, error: float) -> Limits:
+    """Return limits that a motion must keep in the air mass of a wind, so that it keeps the given
+    ones in that of every wind that differs by ``error`` m/s at most.
+
+    The motion over the ground and its acceleration as a vector are the same in all of them. With
+    an error e, an airspeed v, a turn rate r and an acceleration a along the path, in the other air
+    mass
+
+    - the airspeed differs from v by e at most,
+    - the acceleration along the path differs from a share of a by ``e |r|`` at most: the path's
+      direction turns by an angle whose sine is ``e / v`` at most,
+    - the turn rate is ``(v |r| + |a| e / v) / (v - e)`` at most.
+
+    The turn rate is narrowed for the lowest airspeed that is left, at which that bound is greatest.
+    Speeds that cross, or a turn rate or acceleration that is not positive, mean that nothing is
+    left.
+    """
+    if error == 0.0:
+        return limits
+    slow = limits.speed_min + error
+    strongest = max(limits.acceleration_max, -limits.acceleration_min)
+    turn = limits.yaw_rate_max * limits.speed_min / slow - strongest * error / (slow * slow)
+    lost = max(turn, 0.0) * error
+    return Limits(
+        slow,
+        limits.speed_max - error,
+        limits.acceleration_min + lost,
+        limits.acceleration_max - lost,
+        turn,
+    )
