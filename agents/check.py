@@ -158,12 +158,11 @@ class Limits(NamedTuple):
 
 
 class Requirement(NamedTuple):
-    """What is to be kept from every intruder."""
+    """What is to be kept from the intruders."""
 
-    separation: float  # m
+    separation: float  # from those without one of their own, m
     margin: float  # m
     sigmas: float  # of the uncertainty that adds to it
-    vertical: float  # from excluded intruders, m
 
 
 class Wind(NamedTuple):
@@ -196,6 +195,7 @@ class Report(NamedTuple):
     turn_time: float  # for which it turns after the report, s
     position_std: float  # m
     velocity_std: float  # m/s
+    separation: float  # that is to be kept from it, m
 
 
 class Heights(NamedTuple):
@@ -206,6 +206,7 @@ class Heights(NamedTuple):
     other: float  # m
     other_climb: float  # m/s
     age: float  # of the other's report at the request, s
+    vertical: float  # separation that is to be kept, m
 
 
 class Origin(NamedTuple):
@@ -276,7 +277,11 @@ def read(data: Any) -> Certificate:
     sizes = [*found.requirement, *found.bounds, found.wind.std]
     for one in found.reports:
         sizes += [one.speed, one.turn_time, one.position_std, one.velocity_std]
-    demand(min(sizes) >= 0.0 and found.requirement.separation > 0.0, "a size is negative")
+    demand(min(sizes) >= 0.0, "a size is negative")
+    kept = [found.requirement.separation, *(one.separation for one in found.reports)]
+    demand(min(kept) > 0.0, "a separation is not positive")
+    levels = [one.vertical for one in found.excluded]
+    demand(min(levels, default=0.0) >= 0.0, "a vertical separation is negative")
     return found
 
 
@@ -507,6 +512,7 @@ class Track(NamedTuple):
     turn_time: Ball  # s
     position_std: Ball  # m
     velocity_std: Ball  # m/s
+    separation: Ball  # m
 
     def place_at(self, t: Ball) -> Ball:
         """Return the place a time after the request."""
@@ -549,6 +555,7 @@ def track(report: Report, wind: Wind) -> Track:
         ball(report.turn_time),
         ball(report.position_std),
         ball(report.velocity_std) + share * ball(wind.std),
+        ball(report.separation),
     )
 
 
@@ -585,7 +592,8 @@ def check_separation(
 
     Arcs that are not clear are cut in two, ``parts`` times at most.
     """
-    separation, margin, sigmas, _ = map(ball, requirement)
+    separation = other.separation
+    margin, sigmas = ball(requirement.margin), ball(requirement.sigmas)
     age = Ball(max(other.age.x, -other.age.x), 0, other.age.r)
     at_request = other.uncertainty(age)
     away = (other.place_at(ZERO) - arcs[0].place).size()
@@ -634,12 +642,12 @@ def relative_place(other: Track, arc: Arc, k: int, n: int) -> Ball:
     return other.place_at(arc.begin + t) - own
 
 
-def check_excluded(heights: Heights, end: float, vertical: float) -> None:
+def check_excluded(heights: Heights, end: float) -> None:
     """Check that an excluded intruder stays above or below until the plan's end, s."""
-    own, climb, other, rise, age = map(ball, heights)
+    own, climb, other, rise, age, vertical = map(ball, heights)
     now = other + rise * age - own
     then = now + (rise - climb) * ball(end)
-    apart = ball(vertical).hi
+    apart = vertical.hi
     above = min(now.lo, then.lo) >= apart
     below = max(now.hi, then.hi) <= -apart
     demand(above or below, "an excluded intruder does not stay above or below")
@@ -650,7 +658,7 @@ def accept(data: Any) -> Certificate:
     certificate = read(data)
     arcs = flight(certificate)
     for heights in certificate.excluded:
-        check_excluded(heights, certificate.knots[-1].time, certificate.requirement.vertical)
+        check_excluded(heights, certificate.knots[-1].time)
     claims = zip(certificate.reports, certificate.bounds, strict=True)
     for number, (report, claim) in enumerate(claims):
         check_separation(
@@ -678,11 +686,21 @@ def summary(certificate: Certificate) -> list[str]:
         )
     else:
         separation = f"intruders: none; the flight is proven until {end:.1f} s after the request"
+    own = [
+        f"{number}: {one.separation:g} m"
+        for number, one in enumerate(certificate.reports)
+        if one.separation != wanted.separation
+    ]
+    left_out = f"left out: {len(certificate.excluded)}"
+    if certificate.excluded:
+        least = min(one.vertical for one in certificate.excluded)
+        left_out += f", {least:g} m or more above or below"
     lines = [
         separation,
-        f"left out: {len(certificate.excluded)}, {wanted.vertical:g} m or more above or below",
+        left_out,
         f"required: {wanted.separation:g} m and a margin of {wanted.margin:g} m, "
         f"{wanted.sigmas:g} sigmas of uncertainty",
+        *([f"separations of their own: intruders {', '.join(own)}"] if own else []),
         f"limits: {limits.speed_min:g} to {limits.speed_max:g} m/s, "
         f"{limits.acceleration_min:g} to {limits.acceleration_max:g} m/s^2, "
         f"{math.degrees(limits.yaw_rate_max):g} deg/s",
@@ -702,7 +720,7 @@ def summary(certificate: Certificate) -> list[str]:
 
 
 def check_aircraft(certificate: Certificate, aircraft: Mapping[str, float]) -> None:
-    """Refuse limits beyond those of an aircraft file, and a separation below its own."""
+    """Refuse limits beyond those of an aircraft file, and separations below its own."""
     vehicle = {name: aircraft.get(f"vehicle.{name}", value) for name, value in aircraft.items()}
     limits, wanted = certificate.limits, certificate.requirement
     turn = math.radians(vehicle["yaw_rate_max_deg_s"])
@@ -717,6 +735,11 @@ def check_aircraft(certificate: Certificate, aircraft: Mapping[str, float]) -> N
         demand(holds, f"its {name} is {getattr(limits, name):g}, beyond the aircraft's")
     enough = wanted.separation >= aircraft["separation_m"]
     demand(enough, f"its separation is {wanted.separation:g} m, below the aircraft's")
+    for number, one in enumerate(certificate.reports):
+        demand(
+            one.separation >= aircraft["separation_m"],
+            f"the separation from intruder {number} is {one.separation:g} m, below the aircraft's",
+        )
 
 
 def read_aircraft(text: str) -> dict[str, float]:

@@ -1,8 +1,9 @@
 (* What the theorem rests on: nothing but the axioms of Coq's real numbers. *)
 
-Require Import Area Motion Quadrature Safe Example.
+Require Import Area Motion Quadrature Level Safe Example.
 
 Print Assumptions safe.
+Print Assumptions apart_vertically.
 Print Assumptions left_out_soundly.
 Print Assumptions advanced_x.
 Print Assumptions advanced_y.

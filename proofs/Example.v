@@ -7,8 +7,8 @@ Import ListNotations.
 Open Scope R_scope.
 
 Definition A : arc := Arc 0 10 0 0 0 80 0 0.
-Definition i : intruder := Intruder 0 3000 0 80 0 0 0 0 0.
-Definition r : requirement := Requirement 1000 0 0.
+Definition i : intruder := Intruder 0 3000 0 80 0 0 0 0 0 1000 0 10.
+Definition r : requirement := Requirement 0 0.
 Definition L : limits := Limits 30 100 (-1) 1 (1 / 10).
 Definition T : tolerance := Tolerance 0 0 0.
 
@@ -46,7 +46,7 @@ Proof.
   - intros B [here | []]; subst B; simpl; lra.
   - intros B [here | []]; subst B; simpl; rewrite Rabs_R0; lra.
   - intros B j [here | []] [there | []]; subst B j; simpl.
-    exists [10]; simpl; repeat split; try lra.
+    exists [10]; simpl; repeat split; try lra; intros _.
     destruct (own_straight 0) as [x0 y0]; destruct (own_straight 10) as [x1 y1].
     destruct (other_straight 0) as [u0 v0]; destruct (other_straight 10) as [u1 v1].
     exists (own_px A 0), (own_py A 0), (own_px A 10), (own_py A 10).
@@ -63,7 +63,8 @@ Proof.
     { unfold sagitta, relative_acceleration, other_acceleration, own_acceleration, quickest; simpl.
       destruct (Rlt_dec 0 0); [lra|].
       rewrite Rmult_0_r, norm_zero; unfold TINY, Rmax; destruct (Rle_dec _ _); lra. }
-    unfold required_at, required_with_tolerance, need, required, growth; simpl.
+    unfold required_at, required_with_tolerance, need, at_request, required, growth; simpl.
+    destruct (Rlt_dec 0 0); [lra|].
     rewrite !Rmult_0_l, !Rplus_0_r.
     assert (away : norm (0 - 0) (3000 - 0) = 3000).
     { replace (3000 - 0) with 3000 by ring; apply axis; lra. }

@@ -1,6 +1,6 @@
-(* The theorem behind the word SAFE: if every part of every arc passes the validator's check against every intruder,
-   then at every real time of the plan every intruder is as far as it has to be, and speed, acceleration and turn rate
-   stay within their limits. *)
+(* The theorem behind the word SAFE: if every part of every arc passes the validator's check against every intruder that
+   counts then, then at every real time of the plan every intruder that counts is as far as it has to be, and speed,
+   acceleration and turn rate stay within their limits. When an intruder need not count is told in Level.v. *)
 
 From Coq Require Import Reals Lra Psatz List.
 From Coquelicot Require Import Coquelicot.
@@ -18,10 +18,12 @@ Record intruder := Intruder {  (* at the request *)
   ix : R; iy : R; ipsi : R; ispeed : R;
   irate : R; ilasts : R;  (* its turn *)
   istd : R; ivstd : R;  (* one sigma of position and velocity in its report *)
-  iage : R  (* of the report *)
+  iage : R;  (* of the report *)
+  iseparation : R;  (* to be kept from it *)
+  ifrom : R; iuntil : R  (* when it counts; else it is above or below *)
 }.
 
-Record requirement := Requirement { separation : R; margin : R; sigmas : R }.
+Record requirement := Requirement { margin : R; sigmas : R }.
 
 Record limits := Limits { speed_min : R; speed_max : R; acc_min : R; acc_max : R; rate_max : R }.
 
@@ -48,13 +50,21 @@ Definition required (separation margin sigmas std away : R) : R :=
 Definition growth (sigmas std vstd age t : R) : R :=
   sigmas * (norm std (vstd * (age + t)) - norm std (vstd * age)).
 
+Definition wanted (separation margin sigmas std : R) : R := separation + margin + sigmas * std.
+
+(* How far an intruder is at the request matters only where it counts then. *)
+Definition at_request (separation margin sigmas std away first : R) : R :=
+  if Rlt_dec 0 first then wanted separation margin sigmas std else required separation margin sigmas std away.
+
 Definition need (r : requirement) (i : intruder) (away t : R) : R :=
-  required (separation r) (margin r) (sigmas r) (norm (istd i) (ivstd i * Rabs (iage i))) away
+  at_request (iseparation i) (margin r) (sigmas r) (norm (istd i) (ivstd i * Rabs (iage i))) away (ifrom i)
     + growth (sigmas r) (istd i) (ivstd i) (Rabs (iage i)) t.
+
+Definition counts (i : intruder) (b e : R) : Prop := ifrom i <= e /\ b <= iuntil i.
 
 Definition required_with_tolerance (need separation : R) : R := Rmax (need - CLOSE) (separation - ROUNDING).
 
-Definition required_at (r : requirement) (i : intruder) (away t : R) : R := required_with_tolerance (need r i away t) (separation r).
+Definition required_at (r : requirement) (i : intruder) (away t : R) : R := required_with_tolerance (need r i away t) (iseparation i).
 
 Lemma spread_monotone std vstd t u : 0 <= t <= u -> norm std (vstd * t) <= norm std (vstd * u).
 Proof.
@@ -92,7 +102,7 @@ Proof.
 Qed.
 
 (* What is kept is never below the separation less ROUNDING, nor below what is needed less CLOSE. *)
-Lemma owes_separation r i away t : separation r - ROUNDING <= required_at r i away t.
+Lemma owes_separation r i away t : iseparation i - ROUNDING <= required_at r i away t.
 Proof. apply Rmax_r. Qed.
 
 Lemma owes_need r i away t : need r i away t - CLOSE <= required_at r i away t.
@@ -100,13 +110,15 @@ Proof. apply Rmax_l. Qed.
 
 (* A part that is clear of the whole need, as the validator's first look finds, required_at no more. *)
 Lemma owed_below_need r i away t :
-  0 <= sigmas r -> 0 <= t -> required_at r i away t <= need r i away t.
+  0 <= sigmas r -> 0 <= margin r -> 0 <= t -> required_at r i away t <= need r i away t.
 Proof.
-  intros; unfold required_at, required_with_tolerance; apply Rmax_lub; unfold CLOSE, ROUNDING; [lra|].
-  unfold need.
-  generalize (growth_pos (sigmas r) (istd i) (ivstd i) _ t H (Rabs_pos (iage i)) H0).
-  generalize (required_separation (separation r) (margin r) (sigmas r) (norm (istd i) (ivstd i * Rabs (iage i))) away).
-  lra.
+  intros pos spare later; unfold required_at, required_with_tolerance.
+  apply Rmax_lub; unfold CLOSE, ROUNDING; [lra|].
+  unfold need, at_request, wanted.
+  generalize (growth_pos (sigmas r) (istd i) (ivstd i) _ t pos (Rabs_pos (iage i)) later).
+  generalize (required_separation (iseparation i) (margin r) (sigmas r) (norm (istd i) (ivstd i * Rabs (iage i))) away).
+  generalize (Rmult_le_pos _ _ pos (norm_pos (istd i) (ivstd i * Rabs (iage i)))).
+  destruct (Rlt_dec 0 (ifrom i)); lra.
 Qed.
 
 (* ---- one part ---- *)
@@ -372,7 +384,8 @@ Record checked (r : requirement) (L : limits) (T : tolerance) (slack position_er
   gentle : forall A, In A arcs -> acc_min L - tol_acc T <= alpha A <= acc_max L + tol_acc T;
   turning : forall A, In A arcs -> Rabs (omega A) <= rate_max L + tol_rate T;
   parts_pass : forall A i, In A arcs -> In i traffic -> exists ends,
-    parts (passes r A i (norm (ix i - own_x0) (iy i - own_y0)) position_error eps) (begin A) ends (begin A + duration A)
+    parts (fun b e => counts i b e -> passes r A i (norm (ix i - own_x0) (iy i - own_y0)) position_error eps b e)
+      (begin A) ends (begin A + duration A)
 }.
 
 Theorem safe r L T slack position_error eps horizon own_x0 own_y0 own_speed arcs traffic :
@@ -380,9 +393,9 @@ Theorem safe r L T slack position_error eps horizon own_x0 own_y0 own_speed arcs
   forall t, 0 <= t <= horizon ->
   (exists A, In A arcs /\ during A t) /\
   forall A, In A arcs -> during A t ->
-    (forall i, In i traffic ->
+    (forall i, In i traffic -> ifrom i <= t <= iuntil i ->
       let away := norm (ix i - own_x0) (iy i - own_y0) in
-      separation r - ROUNDING - eps <= distance A i t /\
+      iseparation i - ROUNDING - eps <= distance A i t /\
       need r i away t - CLOSE - eps <= distance A i t) /\
     Rmin (speed_min L) own_speed - tol_speed T - slack <= speed A + alpha A * (t - begin A)
       <= Rmax (speed_max L) own_speed + tol_speed T + slack /\
@@ -403,11 +416,12 @@ Proof.
     destruct (speeds_met _ _ _ _ _ _ _ _ _ _ _ _ C) as [join _].
     generalize (Rabs_pos (speed B - own_speed)); lra. }
   split; [|split; [|split]].
-  - intros i member_k away.
+  - intros i member_k meant away.
     destruct (parts_pass _ _ _ _ _ _ _ _ _ _ _ _ C A i member member_k) as [ends pass].
     destruct (parts_cover _ _ _ _ t pass) as [b [e [from [order [until [at_ test]]]]]]; [lra|exact now|].
     assert (enough := part_safe r A i away position_error eps b e t (sigmas_pos _ _ _ _ _ _ _ _ _ _ _ _ C)).
-    assert (kept : required_at r i away t - eps <= distance A i t) by (apply enough; try assumption; lra).
+    assert (kept : required_at r i away t - eps <= distance A i t).
+    { apply enough; try assumption; try lra; apply test; unfold counts; lra. }
     generalize (owes_separation r i away t) (owes_need r i away t); lra.
   - unfold during in now.
     set (u := t - begin A).

@@ -21,7 +21,7 @@ import numpy as np
 
 from agents.assurance.lookahead import growth
 from agents.manoeuvres.direct_to_goal import arc_end
-from agents.planner.traffic import Requirement, Traffic, predicted, required
+from agents.planner.traffic import Requirement, Traffic, predicted, required, separations
 from agents.planner.validator import CLOSE, ROUNDING
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState
@@ -118,7 +118,7 @@ class _Against(NamedTuple):
     def required_at(self, time: Any) -> Any:
         """Return the required distance at some times, m, less what the validator tolerates."""
         grown = self.base + growth(self.traffic, time, self.requirement.sigmas)
-        return np.maximum(grown - CLOSE, self.requirement.separation - ROUNDING)
+        return np.maximum(grown - CLOSE, separations(self.traffic, self.requirement) - ROUNDING)
 
     def pick(self, which: Any) -> "_Against":
         """Return the intruders of some pairs, numbers of rows and of intruders, ``[m, 1]``."""

@@ -8,7 +8,7 @@ from agents.assurance.inputs import Memory
 from agents.assurance.lookahead import Course, outlook
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
-from agents.planner.traffic import Traffic, predicted, required, uncertainty
+from agents.planner.traffic import Traffic, predicted, required, separations, uncertainty
 from envs.follower import deviation
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
@@ -34,12 +34,13 @@ def kept(plan: Course, traffic: Traffic, thresholds: Thresholds) -> Any:
     )
 
 
-def floor(required_separation: Any, thresholds: Thresholds) -> Any:
-    """Return the predicted separation below which a plan with this required separation is no longer
-    good, m.
+def floor(required_separation: Any, traffic: Traffic, thresholds: Thresholds) -> Any:
+    """Return the predicted separation from intruders below which a plan with this required
+    separation is no longer good, m, ``[N, K]``.
     """
     return np.maximum(
-        thresholds.requirement.separation, required_separation - thresholds.separation_band
+        separations(traffic, thresholds.requirement),
+        required_separation - thresholds.separation_band,
     )
 
 
@@ -97,7 +98,9 @@ def judged(
         position / (thresholds.intruder_position + _NOISE * noise[0]),
         speed / (thresholds.intruder_velocity + _NOISE * noise[1]),
     )
-    share = np.max(np.where(separation < thresholds.concern, share, 0.0), axis=-1, initial=0.0)
+    usual = thresholds.requirement.separation
+    concern = thresholds.concern + (separations(traffic, thresholds.requirement) - usual)
+    share = np.max(np.where(separation < concern, share, 0.0), axis=-1, initial=0.0)
     causes = causes | latched(share, 1.0, Cause.INTRUDER_DEVIATION)
     causes = np.where(on, causes, causes & ~int(WANTING & ~_REPORTS)).astype(np.int32)
     measured = {
@@ -127,12 +130,12 @@ def _outlook(
     planned = np.where(
         monitor.expected.mask, kept(monitor.plan, monitor.expected, thresholds), np.inf
     )
-    least = floor(np.minimum(planned, required(traffic, own, requirement)), thresholds)
+    least = floor(np.minimum(planned, required(traffic, own, requirement)), traffic, thresholds)
     # The present distance of the ownship from its plan may last: it is taken off.
     off = offset[:, None]
     had = has(monitor.causes, Cause.SEPARATION)[:, None]
     edge = np.where(had, least + thresholds.separation_band, least - thresholds.resolution)
-    edge = np.maximum(edge, requirement.separation - thresholds.resolution + off)
+    edge = np.maximum(edge, separations(traffic, requirement) - thresholds.resolution + off)
     # A plan that is not flown needs no closer look.
     level = np.where(watched(monitor)[:, None], edge, -np.inf)
     ahead = outlook(monitor.plan, since, traffic, level, requirement.sigmas)

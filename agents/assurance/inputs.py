@@ -44,6 +44,7 @@ class Inputs(NamedTuple):
     mask: Any  # which intruders exist, bool, [N, K]; one that is updated away here is forgotten
     position_std: Any  # one sigma per axis, m, [N, K]
     velocity_std: Any  # one sigma per axis, m/s, [N, K]
+    separation: Any = None  # to be kept from each, m, [N, K]; nan, None: the requirement's
 
 
 class Memory(NamedTuple):
@@ -57,6 +58,7 @@ class Memory(NamedTuple):
     turn_rate: Any  # from the last two reports, rad/s, [N, K]
     position_std: Any
     velocity_std: Any
+    separation: Any  # to be kept from each, m, [N, K]; nan: the requirement's
     drift: Drift  # [N, K]
 
 
@@ -93,6 +95,7 @@ def blank(count: int, intruders: int, speed: Any) -> Memory:
         VehicleState(*(np.zeros(pairs) for _ in range(4))),
         np.full(pairs, -np.inf),
         *(np.zeros(pairs) for _ in range(3)),
+        separation=np.full(pairs, np.nan),
         drift=unknown(pairs),
     )
 
@@ -130,6 +133,9 @@ def updated(
     report = given.intruders, given.position_std, given.velocity_std
     drift = followed(memory.drift, before, report, (known, reported), good, thresholds)
     intruders, position_std, velocity_std = mapped(partial(np.where, good), report, before)
+    separation = memory.separation
+    if given.separation is not None:
+        separation = np.where(good, given.separation, separation)
     seen = np.where(good, np.fmax(reported, known), known)
     outside |= excess(thresholds.traffic["intruder_speed"], intruders.speed) > SIGMAS * velocity_std
     for name, values in (("position_std", position_std), ("velocity_std", velocity_std)):
@@ -144,7 +150,16 @@ def updated(
     ):
         causes |= _bit((where & given.mask).any(axis=-1), cause)
     memory = Memory(
-        now, own, own_time, intruders, seen, turn_rate, position_std, velocity_std, drift
+        now,
+        own,
+        own_time,
+        intruders,
+        seen,
+        turn_rate,
+        position_std,
+        velocity_std,
+        separation,
+        drift,
     )
     return memory, *present(memory, given.mask, thresholds), causes
 
@@ -165,6 +180,7 @@ def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleS
         memory.position_std,
         memory.velocity_std,
         0.0 * age,
+        memory.separation,
     )
     vx, vy = velocity(memory.own, np)
     x, y = memory.own.x + vx * own_age, memory.own.y + vy * own_age

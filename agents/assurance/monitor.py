@@ -17,7 +17,7 @@ from agents.assurance.inputs import Inputs, present, updated
 from agents.assurance.lookahead import Course, course, outlook
 from agents.assurance.state import Decision, Flown, Monitor, State
 from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, WANTING, Cause, Thresholds
-from agents.planner.traffic import Traffic
+from agents.planner.traffic import Traffic, whole
 from agents.planner.validator import validate
 from envs.kinematics import VehicleState
 from envs.trees import mapped, scatter, take
@@ -45,7 +45,7 @@ def activate(
     """
     usable, plan = _usable(knots, safe, thresholds)
     when = np.broadcast_to(np.asarray(time, dtype=float), np.shape(rows))
-    result = _installed(monitor, rows[usable], plan, *take((when, traffic), usable))
+    result = _installed(monitor, rows[usable], plan, *take((when, whole(traffic)), usable))
     rest = np.delete(rows, usable)
     return _with(result, rest, state=int(State.DENIED), on_backup=True, causes=int(Cause.REFUSED))
 
@@ -139,7 +139,7 @@ def answer(
         (monitor.memory, monitor.requested_at, monitor.request_traffic), rows[usable]
     )
     _own, traffic = present(memory, known.mask, thresholds)
-    least = floor(kept(plan, known, thresholds), thresholds) - thresholds.resolution
+    least = floor(kept(plan, known, thresholds), known, thresholds) - thresholds.resolution
     near = outlook(
         plan, memory.time - when, traffic, least, thresholds.requirement.sigmas
     ).separation

@@ -4,6 +4,7 @@ Intruders go by name and have the same place as long as they exist. One that is 
 more is missing, which is a reason; it is forgotten only where the caller says that it is gone.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -120,7 +121,15 @@ def step(
     here = VehicleState(*(np.array([value], dtype=float) for value in (own or _MISSING)))
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
     given = Inputs(
-        now, here, late, seen.state, age, seen.mask, seen.position_std, seen.velocity_std
+        now,
+        here,
+        late,
+        seen.state,
+        age,
+        seen.mask,
+        seen.position_std,
+        seen.velocity_std,
+        seen.separation,
     )
     monitor, decision = monitors.step(watch.monitor, given, watch.thresholds)
     asked = _ask(monitor, decision, watch.thresholds) if decision.replan[0] else None
@@ -157,7 +166,15 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
 
     given = {
         name: mapped(moved, getattr(new.memory, name), getattr(old.memory, name))
-        for name in ("intruders", "seen", "turn_rate", "position_std", "velocity_std", "drift")
+        for name in (
+            "intruders",
+            "seen",
+            "turn_rate",
+            "position_std",
+            "velocity_std",
+            "separation",
+            "drift",
+        )
     }
     rest = {
         name: mapped(moved, getattr(new, name), getattr(old, name))
@@ -180,9 +197,16 @@ def _ask(monitor: Monitor, decision: Decision, thresholds: Thresholds) -> Ask:
         *turns,
         memory.position_std,
         memory.velocity_std,
+        memory.separation,
     )
     rows = np.stack(fields, axis=-1)[decision.traffic.mask].tolist()
-    known = tuple(Intruder(VehicleState(*row[:4]), *row[4:]) for row in rows)
+    known = tuple(
+        Intruder(
+            VehicleState(*state), *rest, separation=None if math.isnan(separation) else separation
+        )
+        for *both, separation in rows
+        for state, rest in [(both[:4], both[4:])]
+    )
     return Ask(int(decision.number[0]), own, known)
 
 

@@ -9,7 +9,7 @@ from agents.assurance.backup import Backup, resting, straight_east
 from agents.assurance.inputs import Memory, blank
 from agents.assurance.lookahead import Course, course
 from agents.assurance.thresholds import Thresholds
-from agents.planner.traffic import Traffic
+from agents.planner.traffic import Traffic, whole
 from envs.kinematics import VehicleState
 from envs.waypoints import legs
 
@@ -77,7 +77,7 @@ def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:
     """Return monitors that watch nothing, ``[count]`` with room for so many intruders each."""
     no, zero = np.zeros(count, dtype=bool), np.zeros(count)
     absent = np.zeros((count, intruders), dtype=bool)
-    no_traffic = Traffic.straight(VehicleState(*np.zeros((4, count, intruders))), absent)
+    no_traffic = whole(Traffic.straight(VehicleState(*np.zeros((4, count, intruders))), absent))
     options = thresholds.options
     # Keeps arrays whole where there is no plan.
     straight = straight_east(

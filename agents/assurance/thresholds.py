@@ -152,7 +152,9 @@ class Thresholds:
     intruder_velocity: float
     """Largest deviation of its velocity, m/s."""
     concern: float
-    """Predicted separation beyond which an intruder's deviation asks for nothing, m."""
+    """Predicted separation beyond which an intruder's deviation asks for nothing, m; for one with a
+    separation of its own it differs by as much as that.
+    """
     turn_time: float
     """For how long an intruder is expected to go on with the turn that its last two reports show,
     s.

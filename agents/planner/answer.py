@@ -188,8 +188,8 @@ class Plan:
     reasons: tuple[Reason, ...]
     """Why the plan is not safe; empty for a safe one."""
     min_separation: float
-    """Smallest distance to any intruder on the whole plan, m; inf without intruders, nan without a
-    trajectory.
+    """Smallest distance to any intruder on the whole plan, m, whatever separation each has; inf
+    without intruders, nan without a trajectory.
     """
     time_of_min_separation: float
     """s after the request; nan where there is none."""

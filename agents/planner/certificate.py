@@ -79,15 +79,16 @@ def certificate(
                         one.turn_time,
                         one.position_std,
                         one.velocity_std,
+                        options.requirement.separation
+                        if one.separation is None
+                        else one.separation,
                     ),
                 )
             )
             for one in kept
         ],
-        "excluded": [
-            _heights(own_altitude, reports[number], options.unknown_climb) for number in sorted(out)
-        ],
-        "requirement": {**options.requirement._asdict(), "vertical": options.vertical_filter},
+        "excluded": [_heights(own_altitude, reports[number], options) for number in sorted(out)],
+        "requirement": options.requirement._asdict(),
         "limits": {name: float(limit) for name, limit in options.limits._asdict().items()},
         "wind": {name: float(value) for name, value in (wind or NO_WIND)._asdict().items()},
         "parts": FINE,
@@ -96,16 +97,16 @@ def certificate(
     return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
 
 
-def _heights(own: Altitude | None, report: Intruder, unknown_climb: float) -> list[float]:
+def _heights(own: Altitude | None, report: Intruder, options: Options) -> list[float]:
     """Return both altitudes with their vertical speeds, m and m/s, what is unknown as bad as it may
-    be, and the report's age, s.
+    be, the report's age, s, and the vertical separation, m.
     """
     other = report.altitude
     assert own is not None and other is not None  # nobody is excluded otherwise
-    mine, theirs = approaching(own, other, report.age, unknown_climb)
+    mine, theirs = approaching(own, other, report.age, options.unknown_climb)
     assert mine.vertical_speed is not None and theirs.vertical_speed is not None
     values = mine.value, mine.vertical_speed, theirs.value, theirs.vertical_speed, report.age
-    return [float(value) for value in values]
+    return [*(float(value) for value in values), float(report.vertical(options))]
 
 
 def _bounds(knots: waypoints.Knots, reports: Sequence[Intruder], options: Options) -> list[float]:

@@ -26,6 +26,7 @@ from agents.planner.audit import audit
 from agents.planner.candidates import Proposals
 from agents.planner.options import Options, check
 from agents.planner.request import Altitude, Intruder, Request, checked, eligible, in_wind
+from agents.planner.traffic import separations
 from agents.planner.validator import CHECKS, Findings, validate
 from envs.kinematics import VehicleState
 from envs.trees import take
@@ -202,12 +203,10 @@ def _reasons(
     requirement = options.requirement
     own, traffic = request.own, request.traffic
     apart = np.hypot(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None])[0]
-    for number, far in zip(kept, apart, strict=True):
-        if far < requirement.separation:
-            what = (
-                f"is {far:.1f} m away at the request, expected {requirement.separation:.1f} m "
-                "or more"
-            )
+    least = np.broadcast_to(separations(traffic, requirement), (1, apart.size))[0]
+    for number, far, wanted in zip(kept, apart, least, strict=True):
+        if far < wanted:
+            what = f"is {far:.1f} m away at the request, expected {wanted:.1f} m or more"
             place = 0.0, float(own.x[0]), float(own.y[0])
             reasons.append(Reason.of(Kind.START_IN_VIOLATION, f"intruders[{number}]", what, *place))
     if next_goal < 0:
@@ -218,7 +217,8 @@ def _reasons(
     if best.last < 0:
         what = f"cannot be rejoined within {options.rejoin_by:g} s by any manoeuvre that was tried"
         return [*reasons, Reason.of(Kind.NO_REJOIN, "route", what)]
-    wanted, wrong = requirement.separation + requirement.margin, np.flatnonzero(best.findings.wrong)
+    close, wrong = int(best.findings.intruder), np.flatnonzero(best.findings.wrong)
+    wanted = float(least[close]) + requirement.margin if close >= 0 else np.nan
     return reasons + [_finding(best.findings, number, kept, wanted) for number in wrong.tolist()]
 
 
@@ -240,10 +240,9 @@ def _finding(found: Findings, check: int, kept: list[int], wanted: float) -> Rea
     time, x, y = (float(field[check]) for field in (found.time, found.x, found.y))
     if kind is Kind.SEPARATION:
         what = (
-            f"comes closer than required from {time:.1f} s on; the smallest distance to any "
-            "intruder is "
-            f"{found.min_separation:.1f} m at {found.time_of_min_separation:.1f} s, expected "
-            f"{wanted:.1f} m or more"
+            f"comes closer than required from {time:.1f} s on, expected {wanted:.1f} m or more; "
+            f"the smallest distance to any intruder is {found.min_separation:.1f} m at "
+            f"{found.time_of_min_separation:.1f} s"
         )
         return Reason.of(kind, f"intruders[{kept[int(found.intruder)]}]", what, time, x, y)
     name = f"waypoints[{found.leg[check]}]"

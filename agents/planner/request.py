@@ -25,6 +25,7 @@ from envs.waypoints import RoutePoint
 from envs.wind import Wind, narrowed, through_air
 
 _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whatever the aircraft
+_LEAST = 1.0  # m of a separation
 _SPEED_TOLERANCE = 1e-3  # m/s; far more than a leg may pass its limit by
 _EARTH = 6.3e6  # m; less than every radius of curvature of the earth
 _STRONGEST = 150.0  # m/s of wind, beyond any on earth
@@ -73,6 +74,17 @@ class Intruder:
     """One sigma per axis, m/s (from NACv likewise)."""
     altitude: Altitude | None = None
     """None: unknown, which counts as the same level."""
+    separation: float | None = None
+    """To be kept from it horizontally, m; None: ``Options.requirement``'s."""
+    vertical_separation: float | None = None
+    """Predicted vertical separation beyond which it is left out, m; None:
+    ``Options.vertical_filter``.
+    """
+
+    def vertical(self, options: Options) -> float:
+        """Return the vertical separation beyond which it is left out, m."""
+        own = self.vertical_separation
+        return options.vertical_filter if own is None else own
 
 
 class Request(NamedTuple):
@@ -215,8 +227,17 @@ def reported(reports: Sequence[Intruder]) -> tuple[Traffic, Any]:
     x, y, heading, speed, *more, age = each
     rate, lasts, position, drift = more
     mask = np.ones((1, len(rows)), dtype=bool)
+    own = [math.nan if one.separation is None else one.separation for one in reports]
+    separation = None if all(map(math.isnan, own)) else np.array([own], dtype=float)
     return Traffic(
-        VehicleState(x, y, heading, speed), mask, rate, lasts, position, drift, 0.0 * age
+        VehicleState(x, y, heading, speed),
+        mask,
+        rate,
+        lasts,
+        position,
+        drift,
+        0.0 * age,
+        separation,
     ), age
 
 
@@ -226,7 +247,10 @@ def finite(request: Request) -> None:
     """
     traffic, exists = request.traffic, np.arange(request.route_x.shape[1]) < request.points[:, None]
     fields = {f"own.{name}": (values, True) for name, values in request.own._asdict().items()}
-    seen = traffic.state._asdict() | dict(zip(traffic._fields[2:], traffic[2:], strict=True))
+    seen = traffic.state._asdict() | traffic._asdict()
+    del seen["state"], seen["mask"], seen["separation"]
+    if traffic.separation is not None:
+        seen["separation"] = np.nan_to_num(traffic.separation, posinf=np.inf)
     fields |= {f"intruders.{name}": (values, traffic.mask) for name, values in seen.items()}
     fields |= {"route_x": (request.route_x, exists), "route_y": (request.route_y, exists)}
     for name, (values, counts) in fields.items():
@@ -392,7 +416,14 @@ def _report(name: Field, report: Intruder, options: Options) -> Intruder:
         real(name.part("position_std"), report.position_std, 0.0, 10_000.0, "m"),
         real(name.part("velocity_std"), report.velocity_std, 0.0, 100.0, "m/s"),
         report.altitude,
+        _own(name.part("separation"), report.separation),
+        _own(name.part("vertical_separation"), report.vertical_separation),
     )
+
+
+def _own(name: Field, separation: Any) -> float | None:
+    """Return a separation of an intruder's own, m."""
+    return None if separation is None else real(name, separation, _LEAST, _FARTHEST, "m")
 
 
 def _vertically_apart(
@@ -402,7 +433,7 @@ def _vertically_apart(
     if own is None or report.altitude is None:
         return None
     least = abs(vertical_gap(own, report.altitude, report.age, end, options.unknown_climb))
-    if least <= options.vertical_filter:
+    if least <= report.vertical(options):
         return None
     return f"stays {least:.0f} m above or below ({own.reference}) for {end:.0f} s"
 
@@ -419,7 +450,8 @@ def _out_of_reach(own: VehicleState, report: Intruder, end: float, options: Opti
     fastest = max(own.speed, options.limits.speed_max) + _SPEED_TOLERANCE
     spread = math.hypot(report.position_std, report.velocity_std * time)
     wanted = options.requirement
-    required = wanted.separation + wanted.margin + wanted.sigmas * spread
+    separation = wanted.separation if report.separation is None else report.separation
+    required = separation + wanted.margin + wanted.sigmas * spread
     if away - speed * time - fastest * end <= required:
         return None
     return f"is {away / 1e3:.0f} km away, out of reach within {end:.0f} s"

@@ -18,6 +18,7 @@ from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drifted
+from agents.planner.sight import shares, shown
 from agents.planner.traffic import Traffic, predicted, required
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
@@ -59,6 +60,7 @@ class _Underway(NamedTuple):
     turn_sign: Any
     reversals: Any
     chosen: Any  # numbers of the intruders that the policy sees among many
+    share: Any  # of their distances, at which the policy sees them, [M, K]; None: all of it
 
 
 def roll(
@@ -113,6 +115,7 @@ def roll(
         turn_sign=np.zeros(count),
         reversals=np.zeros(count),
         chosen=np.zeros((count, min(policy.most, traffic.mask.shape[-1])), dtype=int),
+        share=shares(traffic, options.requirement),
     )
     for step in range(steps + 1):
         time = step * dt
@@ -131,6 +134,8 @@ def roll(
             now, seen, aim = take((now, seen, aim), ~ended)
         if now.rows.size == 0 or step == steps:
             break
+        if now.share is not None:
+            seen = shown(column(now.state), seen, now.share)
         looked_at = seen, now.traffic.mask
         if traffic.mask.shape[-1] > policy.most:
             if step % EVERY == 0:
@@ -176,6 +181,8 @@ def _roll_one(
     traffic, required_range = take((traffic, required_range), traffic.mask)
     flown, knots = list[list[VehicleState]](), list[VehicleState]()
     far, every = required_range.tolist(), predicted(traffic, np.zeros((1, 1)))
+    at = shares(traffic, options.requirement)
+    at_each = None if at is None else at.tolist()
     state, (begin, drift) = VehicleState(*map(float, own)), mapped(float, goal)
     (goal_x, goal_y), aim = begin, begin
     many, present = len(far) > policy.most, np.ones(len(far), dtype=bool)
@@ -189,8 +196,12 @@ def _roll_one(
             first = step % _AHEAD
             ahead = take(every, slice(first, first + EVERY))
             if many:
-                chosen = policy.most_critical(state, take(ahead, 0), present)
+                first_seen = take(ahead, 0)
+                if at is not None:
+                    first_seen = shown(state, first_seen, at)
+                chosen = policy.most_critical(state, first_seen, present)
                 ahead, far = take(ahead, (slice(None), chosen)), required_range[chosen].tolist()
+                at_each = None if at is None else at[chosen].tolist()
             flown = _in_floats(ahead)
         seen = flown[step % EVERY]
         if step % spacing == 0:
@@ -226,6 +237,8 @@ def _roll_one(
             break
         if step == steps or (step % EVERY == 0 and budget.ends("policy", share)):
             break
+        if at_each is not None:
+            seen = [shown(state, *one) for one in zip(seen, at_each, strict=True)]
         action = policy.command_one(state, seen, *aim)
         acceleration, yaw_rate = commands(action, limits, FLOATS)
         moved = advance(state, acceleration, yaw_rate, dt, limits, FLOATS)

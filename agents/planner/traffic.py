@@ -21,6 +21,7 @@ class Traffic(NamedTuple):
     # of the report at the request, s: for so long the velocity's error has moved the position
     # already
     age: Any
+    separation: Any = None  # to be kept from each, m; nan: the requirement's; None: so for all
 
     @classmethod
     def straight(cls, state: VehicleState, mask: Any = None) -> "Traffic":
@@ -37,10 +38,19 @@ class Traffic(NamedTuple):
         )
 
 
+def whole(traffic: Traffic) -> Traffic:
+    """Return the intruders with an array in every field, which rows of others can be written
+    into.
+    """
+    if traffic.separation is not None:
+        return traffic
+    return traffic._replace(separation=np.full(np.shape(traffic.mask), np.nan))
+
+
 class Requirement(NamedTuple):
     """How far the plan must stay from the intruders."""
 
-    separation: float  # never less than this, m
+    separation: float  # never less than this from an intruder without one of its own, m
     margin: float = 0.0  # added to it for what the follower leaves of the plan, m
     sigmas: float = 2.0  # how many sigmas of the predicted position are added
 
@@ -84,6 +94,14 @@ def uncertainty(traffic: Traffic, time: Any) -> Any:
     return np.sqrt(traffic.position_std**2 + drift * drift)
 
 
+def separations(traffic: Traffic, requirement: Requirement) -> Any:
+    """Return the separation from each intruder, m, ``[..., K]``, or one for all."""
+    own = traffic.separation
+    if own is None:
+        return requirement.separation
+    return np.where(np.isnan(own), requirement.separation, own)
+
+
 def required(traffic: Traffic, own: VehicleState, requirement: Requirement) -> Any:
     """Return the separation required from each intruder before uncertainty grows, m, ``[..., K]``.
 
@@ -91,7 +109,6 @@ def required(traffic: Traffic, own: VehicleState, requirement: Requirement) -> A
     not decrease; it is never less than the separation.
     """
     away = np.hypot(traffic.state.x - own.x[..., None], traffic.state.y - own.y[..., None])
-    wanted = (
-        requirement.separation + requirement.margin + requirement.sigmas * uncertainty(traffic, 0.0)
-    )
-    return np.maximum(requirement.separation, np.minimum(wanted, away))
+    separation = separations(traffic, requirement)
+    wanted = separation + requirement.margin + requirement.sigmas * uncertainty(traffic, 0.0)
+    return np.maximum(separation, np.minimum(wanted, away))

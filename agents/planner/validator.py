@@ -19,7 +19,7 @@ from agents.planner.separation import (
     growth,
     position_error_bound,
 )
-from agents.planner.traffic import Requirement, Traffic, required
+from agents.planner.traffic import Requirement, Traffic, required, separations
 from envs.kinematics import Limits, VehicleState
 from envs.trees import column, take
 from envs.waypoints import ARCS, CLOSED, Knots, Legs, legs
@@ -246,7 +246,8 @@ def _separation(
     close = close[..., 0] - error[pair]
     needed = wanted[pair] + growth(one, began + finer, requirement)[..., 0]
     # The tolerance is for the margin; the separation itself is kept but for rounding.
-    needed = np.maximum(needed - CLOSE, requirement.separation - ROUNDING)
+    separation = separations(one, requirement)
+    needed = np.maximum(needed - CLOSE, separation - ROUNDING)
     which = n[pair], leg[pair], k[pair]
     _note_fine(found, rows, which, began, begins, close, needed)
 

@@ -85,10 +85,7 @@ def wrong(certificates: list[dict[str, Any]]) -> list[str]:
             found[row].append("negative")
         if not (np.diff(times[row]) > 0.0).all():
             found[row].append("times")
-        if any(
-            not _above_or_below(one, times[row, -1], data["requirement"]["vertical"])
-            for one in data["excluded"]
-        ):
+        if any(not _above_or_below(one, times[row, -1]) for one in data["excluded"]):
             found[row].append("excluded")
     rows = [row for row, names in enumerate(found) if not {"negative", "times"} & set(names)]
     sound = [certificates[row] for row in rows]
@@ -146,8 +143,8 @@ def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Any]:
     return {name: bad.any(axis=1) for name, bad in checks.items()}
 
 
-def _above_or_below(row: list[float], end: float, apart: float) -> bool:
-    own, climb, height, rise, age = row
+def _above_or_below(row: list[float], end: float) -> bool:
+    own, climb, height, rise, age, apart = row
     now = height + rise * age - own
     then = now + (rise - climb) * end
     return now * then > 0.0 and min(abs(now), abs(then)) >= apart - _OUR_OWN
@@ -226,14 +223,14 @@ class _Needs(NamedTuple):
 def kept(
     certificates: list[dict[str, Any]], flight: Flight, owner: Any, traffic: Any, claim: Any
 ) -> _Needs:
-    """Return what pairs must keep; ``owner``: row of each one's plan ``[P]``, ``traffic``: ``[9,
+    """Return what pairs must keep; ``owner``: row of each one's plan ``[P]``, ``traffic``: ``[10,
     P]``.
     """
-    separation, margin, sigmas = (
+    margin, sigmas = (
         np.array([data["requirement"][name] for data in certificates])[owner]
-        for name in ("separation", "margin", "sigmas")
+        for name in ("margin", "sigmas")
     )
-    age = np.abs(traffic[4])
+    separation, age = traffic[9], np.abs(traffic[4])
     std = np.hypot(traffic[7], traffic[8] * age)
     zero = np.zeros(len(owner), dtype=int)
     away = np.abs(apart(flight, traffic, owner, zero, 0.0 * separation))
@@ -242,7 +239,7 @@ def kept(
 
 
 def apart(flight: Flight, traffic: Any, row: Any, arc: Any, seconds: Any) -> Any:
-    """Return distances to intruders ``[9, ...]`` some seconds into arcs, m, ``[...]``."""
+    """Return distances to intruders ``[10, ...]`` some seconds into arcs, m, ``[...]``."""
     x, y, heading, speed, age, rate, lasts = traffic[:7]
     time = flight.begin[row, arc] + seconds + age
     there = x + 1j * y + travelled(heading, speed, np.where(lasts > 0.0, rate, 0.0), lasts, time)

@@ -16,7 +16,7 @@ __all__ = ["approach", "moved"]
 _KINDS = ("own", "waypoint", "waypoint and legs", "waypoint and legs", "control", "limit")
 _TRAFFIC_KINDS = ("intruder", "approach", "approach", "approach", "bound", "requirement")
 _UNITS = (1.0, 1.0, 1e-3, 0.02, 0.01)  # of x, y, heading, speed, time for 1 m
-_INTRUDER_UNITS = (*_UNITS, 1e-4, 0.1, 1.0, 0.02)
+_INTRUDER_UNITS = (*_UNITS, 1e-4, 0.1, 1.0, 0.02, 1.0)
 _STEPS = 40  # of an arc, where the closest approach is looked for
 
 
@@ -53,20 +53,17 @@ def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any
     elif kind == "intruder":
         row, field = (
             data["intruders"][int(rng.integers(len(data["intruders"])))],
-            int(rng.integers(9)),
+            int(rng.integers(10)),
         )
         row[field] += (abs(size) if field > 5 else size) * _INTRUDER_UNITS[field]
     elif kind == "approach":
-        approach(
-            data,
-            int(rng.integers(len(data["intruders"]))),
-            data["requirement"]["separation"] + size,
-        )
+        number = int(rng.integers(len(data["intruders"])))
+        approach(data, number, data["intruders"][number][9] + size)
     elif kind == "bound":
         data["bounds"][int(rng.integers(len(data["bounds"])))] += abs(size)
     elif kind == "excluded":
         row = data["excluded"][int(rng.integers(len(data["excluded"])))]
-        _level(data, row, data["requirement"]["vertical"] + size)
+        _level(data, row, row[5] + size)
     else:
         data["requirement"][("margin", "sigmas")[part % 2]] += abs(size) * (1.0, 0.01)[part % 2]
     return data, kind
@@ -75,7 +72,7 @@ def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any
 def approach(data: dict[str, Any], number: int, distance: float) -> None:
     """Shift an intruder to come as close as that, m, and ask for nothing but the separation."""
     data["requirement"] |= {"margin": 0.0, "sigmas": 0.0}
-    data["bounds"] = [0.001 * data["requirement"]["separation"]] * len(data["bounds"])
+    data["bounds"] = [0.001 * one[9] for one in data["intruders"]]
     flight, row = flights([data]), data["intruders"][number]
     traffic = np.array(row)[:, None, None]
     arcs = np.arange(flight.begin.shape[1])[:, None]
@@ -95,7 +92,7 @@ def approach(data: dict[str, Any], number: int, distance: float) -> None:
 
 def _level(data: dict[str, Any], row: list[float], apart: float) -> None:
     """Move an altitude so that the least vertical distance of the plan is that."""
-    own, climb, height, rise, age = row
+    own, climb, height, rise, age, _ = row
     now = height + rise * age - own
     then = now + (rise - climb) * data["waypoints"][-1][4]
     least = min(abs(now), abs(then))

@@ -56,7 +56,7 @@ def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limi
     traffic = request.traffic
     need = kept(request.own.x + 1j * request.own.y, traffic, requirement)
     nearest = np.min(np.where(traffic.mask, need, np.inf), axis=1, initial=np.inf)
-    others = VehicleColumns(*(field[..., None] for field in (*traffic.state, *traffic[2:])))
+    others = VehicleColumns(*(field[..., None] for field in (*traffic.state, *traffic[2:7])))
     rows, curves, mask = np.arange(count), legs(knots), traffic.mask
     ends = knots.time[:, -1]
     own = VehicleState(*(np.array(field, dtype=float) for field in request.own))

@@ -112,8 +112,18 @@ def kept(own: Any, traffic: Traffic, requirement: Requirement) -> Any:
     """
     away = np.abs(traffic.state.x + 1j * traffic.state.y - own[:, None])
     std = np.hypot(traffic.position_std, traffic.velocity_std * traffic.age)
-    wanted = requirement.separation + requirement.margin + requirement.sigmas * std
-    return np.where(away < wanted, np.maximum(away, requirement.separation), wanted)
+    least = least_of(traffic, requirement)
+    wanted = least + requirement.margin + requirement.sigmas * std
+    return np.where(away < wanted, np.maximum(away, least), wanted)
+
+
+def least_of(traffic: Traffic, requirement: Requirement) -> Any:
+    """Return the separation from each intruder, m, ``[..., K]``."""
+    least = np.full(np.shape(traffic.mask), float(requirement.separation))
+    if traffic.separation is not None:
+        given = np.isfinite(traffic.separation)
+        least[given] = traffic.separation[given]
+    return least
 
 
 def resimulate(
@@ -211,10 +221,10 @@ def _judge(
             "speed",
             (flight[3] < limits.speed_min - _EXACT) | (flight[3] > limits.speed_max + _EXACT),
         )
-        closest, short = _distances(flight, one, step, traffic, need, requirement.sigmas)
+        closest, short, spare = _distances(flight, one, step, traffic, need, requirement)
         nearest = np.minimum(nearest, closest)
         found("required", short < -TOLERANCE)
-        found("separation", closest < requirement.separation - TOLERANCE)
+        found("separation", spare < -TOLERANCE)
     return wrong, nearest
 
 
@@ -249,14 +259,14 @@ def _summed(parts: Any) -> Any:
 
 
 def _distances(
-    flight: Any, curves: Legs, step: int, traffic: Traffic, need: Any, sigmas: float
-) -> tuple[Any, Any]:
-    """Return the smallest distance, m, and the smallest of distance less the one to keep, ``[n]``
-    each.
+    flight: Any, curves: Legs, step: int, traffic: Traffic, need: Any, requirement: Requirement
+) -> tuple[Any, Any, Any]:
+    """Return the smallest distance, m, the smallest of distance less the one to keep, and of
+    distance less the separation, ``[n]`` each.
     """
-    count, crowd = need.shape
-    nearest, short = np.full(count, np.inf), np.full(count, np.inf)
-    state = traffic.state
+    (count, crowd), sigmas = need.shape, requirement.sigmas
+    nearest, short, spare = np.full((3, count), np.inf)
+    state, least = traffic.state, least_of(traffic, requirement)
     time, place, heading, speed = flight
     rate, gain = (
         np.repeat(field, step, axis=-1) for field in (curves.yaw_rate, curves.acceleration)
@@ -266,7 +276,9 @@ def _distances(
         rows = np.flatnonzero(traffic.mask[:, k])
         if rows.size == 0:
             continue
-        other = VehicleColumns(*(field[rows, k][:, None, None] for field in (*state, *traffic[2:])))
+        other = VehicleColumns(
+            *(field[rows, k][:, None, None] for field in (*state, *traffic[2:7]))
+        )
         apart = np.abs(other.place(time[rows]) - place[rows])
         fast = np.maximum(speed[rows, :, 1:], speed[rows, :, :-1]) + other.speed
         # Nobody comes nearer between two samples than both fly in that time.
@@ -276,6 +288,7 @@ def _distances(
         nearest[rows] = np.minimum(nearest[rows], apart.min(axis=(1, 2)))
         short[rows] = np.minimum(short[rows], (apart - later).min(axis=(1, 2)))
         closest = apart.min(axis=(1, 2), keepdims=True)
+        spare[rows] = np.minimum(spare[rows], closest[:, 0, 0] - least[rows, k])
         n, leg, part = np.nonzero((floor < later[..., 1:]) | (floor < closest))
         if n.size == 0:
             continue
@@ -297,7 +310,8 @@ def _distances(
         clearance = close - need[row, k][:, None] - one.grown(when[:, :-1], sigmas)
         np.minimum.at(nearest, row, close.min(axis=1))
         np.minimum.at(short, row, clearance.min(axis=1))
-    return nearest, short
+        np.minimum.at(spare, row, close.min(axis=1) - least[row, k])
+    return nearest, short, spare
 
 
 class VehicleColumns(NamedTuple):

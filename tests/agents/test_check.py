@@ -99,7 +99,11 @@ def test_an_edit_that_matters_is_refused(
 @pytest.mark.parametrize("name", ["separation", "margin"])
 def test_a_requirement_above_the_least_distance_is_refused(data: dict[str, Any], name: str) -> None:
     edited = copy.deepcopy(data)
-    edited["requirement"][name] += data["bounds"][0] - data["requirement"]["separation"] + 1.0
+    more = data["bounds"][0] - data["intruders"][0][9] + 1.0
+    if name == "separation":
+        edited["intruders"][0][9] += more
+    else:
+        edited["requirement"][name] += more
     assert "intruder 0" in refusal(edited)
 
 
@@ -153,7 +157,7 @@ def test_intruder_on_the_plan_is_refused(data: dict[str, Any]) -> None:
     edited = copy.deepcopy(data)
     x, y, heading, speed, at = edited["waypoints"][8]
     row = [x - speed * at * math.cos(heading), y - speed * at * math.sin(heading), heading, speed]
-    edited["intruders"].append([*row, 0.0, 0.0, 0.0, 0.0, 0.0])
+    edited["intruders"].append([*row, 0.0, 0.0, 0.0, 0.0, 0.0, 1_000.0])
     edited["bounds"].append(1_000.0)
     assert "intruder 2" in refusal(edited)
 
@@ -167,7 +171,7 @@ def test_fast_intruder_that_crosses_between_waypoints(
     begin = place - 390.0 * (at - 10.0) * cmath.exp(1j * (heading + 0.5 * math.pi))
     edited = copy.deepcopy(data)
     edited["intruders"].append(
-        [begin.real, begin.imag, heading + 0.5 * math.pi, 390.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        [begin.real, begin.imag, heading + 0.5 * math.pi, 390.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1_000.0]
     )
     edited["bounds"].append(1_000.0)
     if passes:
@@ -324,6 +328,11 @@ def test_what_is_accepted_is_said_with_limits_requirement_and_flight(data: dict[
     with pytest.raises(check.RefusedError, match="speed_max is 1e\\+07, beyond the aircraft's"):
         check.check_aircraft(check.accept(wide), aircraft)
     close = copy.deepcopy(data)
+    close["intruders"][1][9] = 999.0
+    lines = "\n".join(check.summary(check.accept(close)))
+    assert "separations of their own: intruders 1: 999 m" in lines
+    with pytest.raises(check.RefusedError, match="from intruder 1 is 999 m, below the aircraft's"):
+        check.check_aircraft(check.accept(close), aircraft)
     close["requirement"]["separation"] = 1.0
     with pytest.raises(check.RefusedError, match="separation is 1 m, below the aircraft's"):
         check.check_aircraft(check.accept(close), aircraft)

@@ -95,7 +95,7 @@ class Reader:
 
 def definitions() -> dict[str, Callable[..., Any]]:
     scope: dict[str, Any] = dict(PRIMITIVE)
-    for name in ("Constants", "Vectors", "Bound", "Area", "Motion", "Quadrature", "Safe"):
+    for name in ("Constants", "Vectors", "Bound", "Area", "Motion", "Quadrature", "Level", "Safe"):
         text = re.sub(
             r"\(\*.*?\*\)", "", (PROOFS / f"{name}.v").read_text(encoding="utf-8"), flags=re.DOTALL
         )
@@ -243,11 +243,14 @@ def test_requirement_is_the_proven_one() -> None:
     for _ in range(200):
         std, vstd, away, time, age = rng.uniform(0.0, [200.0, 10.0, 3_000.0, 500.0, 5.0])
         asked = Requirement(1_000.0, rng.uniform(0.0, 100.0), rng.uniform(0.0, 5.0))
-        one = np.full((1, 1), 0.0)
+        one, own = np.full((1, 1), 0.0), float(rng.choice([math.nan, 300.0, 2_500.0]))
         traffic = Traffic.straight(VehicleState(one, one, one, one))
-        traffic = traffic._replace(position_std=one + std, velocity_std=one + vstd, age=one + age)
+        traffic = traffic._replace(
+            position_std=one + std, velocity_std=one + vstd, age=one + age, separation=one + own
+        )
         spread = COQ["norm"](std, vstd * age)
-        base = COQ["required"](asked.separation, asked.margin, asked.sigmas, spread, away)
+        least = asked.separation if math.isnan(own) else own
+        base = COQ["required"](least, asked.margin, asked.sigmas, spread, away)
         assert required(traffic, VehicleState(*np.full((4, 1), away / math.sqrt(2.0))), asked)[
             0, 0
         ] == pytest.approx(base)
@@ -277,8 +280,8 @@ def test_intruders_fly_the_proven_closed_form() -> None:
         now = advanced(traffic, np.full((1, 1), age))
         place = separation._flown(now, np.array([[time]]))
         assert (place[0].item(), place[1].item()) == pytest.approx((x, y), abs=1e-6)
-        report = check.Report(0.0, 0.0, psi, v, age, w, lasts, 0.0, 0.0)
-        ball = check.track(report).place_at(check.ball(time))
+        report = check.Report(0.0, 0.0, psi, v, age, w, lasts, 0.0, 0.0, 1.0)
+        ball = check.track(report, check.Wind(0.0, 0.0, 0.0)).place_at(check.ball(time))
         assert (ball.x / (1 << check.BITS), ball.y / (1 << check.BITS)) == pytest.approx(
             (x, y), abs=1e-6
         )

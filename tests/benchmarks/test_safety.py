@@ -478,7 +478,11 @@ def test_judgement_finds_each_fault(
 @pytest.mark.parametrize("name", ["separation", "margin"])
 def test_judgement_finds_a_requirement_above_the_distance(data: dict[str, Any], name: str) -> None:
     edited = copy.deepcopy(data)
-    edited["requirement"][name] += data["bounds"][0] - data["requirement"]["separation"] + 1.0
+    more = data["bounds"][0] - data["intruders"][0][9] + 1.0
+    if name == "separation":
+        edited["intruders"][0][9] += more
+    else:
+        edited["requirement"][name] += more
     assert judgement.wrong([edited]) == ["distance"]
 
 

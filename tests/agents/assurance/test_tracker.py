@@ -15,7 +15,7 @@ from agents.assurance.tracker import Tracks, begin, follow
 from agents.planner import Intruder, Options, RequestError, plan
 from agents.planner.request import checked, reported
 from agents.planner.separation import growth, same_flight
-from agents.planner.traffic import Requirement, advanced, predicted, required, uncertainty
+from agents.planner.traffic import Requirement, advanced, predicted, required, uncertainty, whole
 from agents.policy.inference import Policy
 from benchmarks.safety.resimulation import travelled
 from envs.aircraft import PAPER
@@ -225,7 +225,7 @@ def test_monitor_expects_what_the_planner_plans_with(report: Intruder) -> None:
         single.begin(THRESHOLDS), STRAIGHT, OWN, {"4b1a2c": report}, 0.0
     ).monitor.expected
     for mine, others in zip(
-        (*planned.state, *planned[1:]), (*expected.state, *expected[1:]), strict=True
+        (*planned.state, *whole(planned)[1:]), (*expected.state, *expected[1:]), strict=True
     ):
         np.testing.assert_allclose(mine, others, atol=1e-9)
 

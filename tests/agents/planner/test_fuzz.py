@@ -179,7 +179,7 @@ def assert_confirmed(question: dict[str, Any], answer: Plan) -> None:
     options = question["options"] or Options.for_aircraft(PAPER)
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in question["intruders"]]
     rows = [_at_request(one) for one in reports]
-    columns = np.array(rows, dtype=float).reshape(len(rows), 9).T
+    columns = np.array(rows, dtype=float).reshape(len(rows), 10).T
     traffic = Traffic(VehicleState(*columns[:4]), np.ones(len(rows), dtype=bool), *columns[4:])
     x, y = (
         np.array([getattr(point, name) for point in question["route"]], dtype=float)
@@ -218,6 +218,7 @@ def _at_request(report: Intruder) -> tuple[float, ...]:
         report.position_std,
         report.velocity_std,
         abs(age),
+        math.nan if report.separation is None else report.separation,
     )
 
 
@@ -280,6 +281,8 @@ reports = st.builds(
         st.none(),
         st.builds(Altitude, st.floats(0.0, 4_000.0), st.sampled_from(["msl", "pressure"])),
     ),
+    st.sampled_from([None, None, None, 1.0, 300.0, 1_500.0, 4_000.0]),
+    st.sampled_from([None, None, 1.0, 150.0, 2_000.0]),
 )
 own_speeds = st.one_of(st.floats(49.0, 101.0), st.sampled_from([50.0, 100.0, 101.0]))
 owns = st.builds(VehicleState, near, near, st.one_of(st.floats(-1.0, 1.0), angles), own_speeds)

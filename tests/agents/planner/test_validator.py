@@ -21,7 +21,7 @@ from agents.planner.validator import CHECKS, validate
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
-from envs.trees import mapped
+from envs.trees import mapped, take
 from envs.waypoints import Knots, RoutePoint, Waypoint, at, legs
 from tests.support import random_states
 
@@ -229,9 +229,7 @@ def test_plans_are_judged_one_by_one() -> None:
     whole = validate(knots, intruders, Requirement(1_000.0, 5.0), C208_PUBLISHED)
     part = validate(
         Knots(*(field[20:30] for field in knots)),
-        Traffic(
-            VehicleState(*(f[20:30] for f in intruders.state)), *(f[20:30] for f in intruders[1:])
-        ),
+        take(intruders, slice(20, 30)),
         Requirement(1_000.0, 5.0),
         C208_PUBLISHED,
     )

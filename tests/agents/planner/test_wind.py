@@ -17,7 +17,7 @@ from agents.planner.answer import Kind, Plan, RequestError, Status
 from agents.planner.options import Options
 from agents.planner.planner import plan_many
 from agents.planner.publish import rechecked
-from agents.planner.request import Intruder, Request, checked, in_wind
+from agents.planner.request import Intruder, checked, in_wind
 from agents.policy.inference import Policy
 from envs.aircraft import new_aircraft
 from envs.kinematics import Limits, VehicleState
@@ -149,19 +149,12 @@ def test_still_air_is_no_wind() -> None:
 def test_a_plan_is_the_same_among_others() -> None:
     winds = [Wind(9.0, -3.0), Wind(-4.0, 2.0)]
     requests = [checked(*scene(5, wind), ROUTE, OPTIONS, wind=wind)[0] for wind in winds]
-    both = Request(*_stacked(requests))
+    both = mapped(lambda *same: np.concatenate(same), *requests)
     together = plan_many(both, POLICY, OPTIONS).proposals
     for row, request in enumerate(requests):
         alone = plan_many(request, POLICY, OPTIONS).proposals
         for one, some in zip(alone.knots, together.knots, strict=True):
             np.testing.assert_array_equal(one[0], some[row])
-
-
-def _stacked(trees: list[Any]) -> Any:
-    if isinstance(trees[0], tuple):
-        parts = [_stacked(list(same)) for same in zip(*trees, strict=True)]
-        return type(trees[0])(*parts) if hasattr(trees[0], "_fields") else tuple(parts)
-    return np.concatenate(trees)
 
 
 def test_the_certificate_of_another_wind_is_refused() -> None:

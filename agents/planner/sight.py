@@ -1,0 +1,26 @@
+"""What the policy is shown of intruders that have a separation of their own.
+
+A policy sees distances in the separation that it was trained with. An intruder with another one is
+shown as near as its distance is in its own: twice as near where twice as much must be kept. Plans
+are validated against the intruders as they are. Why so: docs/explanation/planner.md.
+"""
+
+from typing import Any
+
+from agents.planner.traffic import Requirement, Traffic, separations
+from envs.kinematics import VehicleState
+
+
+def shares(traffic: Traffic, requirement: Requirement) -> Any:
+    """Return how much of its distance each intruder is shown at, ``[..., K]``; None: all of it, for
+    each.
+    """
+    if traffic.separation is None:
+        return None
+    return requirement.separation / separations(traffic, requirement)
+
+
+def shown(own: VehicleState, other: VehicleState, share: Any) -> VehicleState:
+    """Return an intruder at a share of its distance, on the same bearing; all ``[...]``."""
+    x, y = own.x + share * (other.x - own.x), own.y + share * (other.y - own.y)
+    return VehicleState(x, y, other.heading, other.speed)

@@ -1,0 +1,218 @@
+"""An intruder's own separation is kept by plans, and by all that judges them, as one of all is."""
+
+import dataclasses
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents import check
+from agents.assurance import bands
+from agents.assurance.monitor import Cause
+from agents.assurance.single import activate, begin, step
+from agents.assurance.thresholds import Thresholds
+from agents.planner.answer import Kind, Plan, RequestError
+from agents.planner.planner import plan
+from agents.planner.request import Altitude, Intruder, Options
+from agents.planner.sight import shares, shown
+from agents.planner.traffic import Requirement, Traffic
+from agents.planner.validator import validate
+from agents.policy.inference import Policy
+from envs.aircraft import PAPER
+from envs.kinematics import C208_PUBLISHED, VehicleState
+from envs.waypoints import RoutePoint, at, knots, legs
+from tests.agents.planner.test_validator import plans, traffic
+
+POLICY = Policy.load()
+OPTIONS = Options.for_aircraft(PAPER, deadline_s=math.inf)
+OWN = VehicleState(0.0, 0.0, 0.0, 80.0)
+ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
+SEPARATIONS = 300.0, 700.0, 1_600.0, 2_500.0
+
+
+def crossing(rng: np.random.Generator) -> VehicleState:
+    """Return an intruder that would come near the straight flight."""
+    when, course, speed = rng.uniform(50.0, 130.0), rng.uniform(-3.0, 3.0), rng.uniform(40.0, 110.0)
+    x, y = 80.0 * when + rng.uniform(-900.0, 900.0), rng.uniform(-900.0, 900.0)
+    back = speed * when
+    return VehicleState(x - back * math.cos(course), y - back * math.sin(course), course, speed)
+
+
+def scenes(count: int, seed: int) -> list[list[Intruder]]:
+    """Return intruders, each with a separation of its own, that begin beyond it."""
+    rng, found = np.random.default_rng(seed), []
+    while len(found) < count:
+        given = [
+            Intruder(crossing(rng), separation=float(rng.choice(SEPARATIONS)))
+            for _ in range(rng.integers(1, 4))
+        ]
+        if all(math.hypot(*one.state[:2]) > (one.separation or 0.0) + 500.0 for one in given):
+            found.append(given)
+    return found
+
+
+def nearest(answer: Plan, intruder: Intruder) -> float:
+    """Return the smallest sampled distance to a straight intruder, m."""
+    curves, end = legs(knots(OWN, answer.waypoints)), answer.waypoints[-1].time
+    other, least = intruder.state, math.inf
+    for time in np.arange(0.0, end, 0.25):
+        own = at(curves, np.array(time))
+        x = other.x + other.speed * time * math.cos(other.heading) - float(own.x)
+        y = other.y + other.speed * time * math.sin(other.heading) - float(own.y)
+        least = min(least, math.hypot(x, y))
+    return least
+
+
+def test_every_intruder_is_kept_as_far_as_it_asks_and_the_certificate_proves_it() -> None:
+    safe, least = 0, []
+    for given in scenes(16, 1):
+        answer = plan(OWN, given, ROUTE, POLICY, OPTIONS)
+        if not answer.safe:
+            continue
+        safe += 1
+        apart = [nearest(answer, one) for one in given]
+        for one, away in zip(given, apart, strict=True):
+            assert one.separation is not None and away >= one.separation
+        assert answer.min_separation == pytest.approx(min(apart), abs=15.0)
+        least.append(min(apart))
+        assert answer.certificate is not None
+        data = json.loads(answer.certificate)
+        assert [row[9] for row in data["intruders"]] == [one.separation for one in given]
+        check.accept(data)
+        # What is proven is the separation of each: a metre beyond its distance is refused.
+        closest = int(np.argmin(data["bounds"]))
+        data["intruders"][closest][9] = data["bounds"][closest] + 1.0
+        with pytest.raises(check.RefusedError, match=f"intruder {closest}"):
+            check.accept(data)
+    assert safe >= 14
+    assert min(least) < 1_000.0  # otherwise no small separation was ever used
+
+
+def test_the_aircrafts_separation_said_of_each_changes_no_bit() -> None:
+    for given in scenes(6, 2):
+        unsaid = [replace(one, separation=None) for one in given]
+        said = [replace(one, separation=1_000.0) for one in given]
+        one, two = (plan(OWN, each, ROUTE, POLICY, OPTIONS) for each in (unsaid, said))
+        assert one == two
+        if one.safe:
+            assert one.certificate == two.certificate
+
+
+@pytest.mark.parametrize("separation", SEPARATIONS)
+def test_one_separation_of_all_intruders_is_judged_like_that_of_the_requirement(
+    separation: float,
+) -> None:
+    flown, seen = plans(60, 5), traffic(60, 4, 6, turning=True)
+    own = seen._replace(separation=np.full(seen.mask.shape, separation))
+    one = validate(flown, own, Requirement(1_000.0, 5.0), C208_PUBLISHED)
+    two = validate(flown, seen, Requirement(separation, 5.0), C208_PUBLISHED)
+    for mine, others in zip(one, two, strict=True):
+        np.testing.assert_array_equal(mine, others)
+    assert 0 < one.safe.sum() < 60 or separation == 300.0
+
+
+def test_bands_and_planner_are_one_truth() -> None:
+    own = VehicleState(*(np.array([value]) for value in OWN))
+    for given in scenes(6, 3):
+        states = [VehicleState(*(np.array([[value]]) for value in one.state)) for one in given]
+        for one, state in zip(given, states, strict=True):
+            seen = Traffic.straight(state)
+            assert one.separation is not None
+            mine = seen._replace(separation=np.full((1, 1), one.separation))
+            asked = C208_PUBLISHED, 120.0
+            found = bands.heading_bands(own, mine, Requirement(1_000.0, 1.0), *asked)
+            same = bands.heading_bands(own, seen, Requirement(one.separation, 1.0), *asked)
+            np.testing.assert_array_equal(found.loss, same.loss)
+            np.testing.assert_array_equal(found.clearance < 0.0, same.clearance < 0.0)
+
+
+def told(separation: float | None, ahead: float) -> Any:
+    """Return the causes of a monitor whose plan passes an intruder at 2000 m, that many metres
+    nearer than was expected.
+    """
+    thresholds = Thresholds.for_plans(OPTIONS)
+    answer = plan(OWN, [], ROUTE, POLICY, OPTIONS)
+    expected = Intruder(VehicleState(9_000.0, 2_000.0, math.pi, 80.0), separation=separation)
+    watch = activate(begin(thresholds), answer, OWN, {"a": expected}, 0.0)
+    now = replace(expected, state=expected.state._replace(y=2_000.0 - ahead))
+    _, verdict = step(watch, 0.1, OWN._replace(x=8.0), {"a": now})
+    return verdict
+
+
+def test_the_monitor_watches_the_separation_of_each() -> None:
+    for separation, ahead, lost in (
+        (None, 900.0, False),
+        (None, 1_100.0, True),
+        (1_800.0, 100.0, False),
+        (1_800.0, 300.0, True),
+        (500.0, 1_400.0, False),
+        (500.0, 1_600.0, True),
+    ):
+        verdict = told(separation, ahead)
+        causes = {why.cause for why in verdict.reasons}
+        assert (Cause.SEPARATION in causes) is lost, (separation, ahead)
+        if verdict.ask is not None:
+            assert verdict.ask.intruders[0].separation == separation
+
+
+def test_a_reason_says_what_was_expected_of_that_intruder() -> None:
+    given = Intruder(VehicleState(1_500.0, 0.0, 0.0, 80.0), separation=2_000.0)
+    answer = plan(OWN, [given], ROUTE, POLICY, OPTIONS)
+    reasons = {reason.kind: reason.message for reason in answer.reasons}
+    assert reasons[Kind.START_IN_VIOLATION] == (
+        "intruders[0] is 1500.0 m away at the request, expected 2000.0 m or more"
+    )
+    assert "expected 2000.0 m or more" in reasons[Kind.SEPARATION]
+    assert plan(OWN, [replace(given, separation=1_000.0)], ROUTE, POLICY, OPTIONS).safe
+
+
+def test_far_aircraft_are_left_out_by_their_own_separation() -> None:
+    far = VehicleState(0.0, 160_000.0, math.pi / 2.0, 80.0)
+    usual = plan(OWN, [far], ROUTE, POLICY, OPTIONS)
+    assert len(usual.excluded) == 1
+    wide = plan(OWN, [Intruder(far, separation=60_000.0)], ROUTE, POLICY, OPTIONS)
+    assert wide.excluded == ()
+
+
+def test_a_vertical_separation_of_its_own_decides_who_is_left_out() -> None:
+    level = Altitude(2_000.0, "msl", 0.0)
+    above = Intruder(
+        VehicleState(9_000.0, 0.0, math.pi, 80.0), altitude=replace(level, value=2_500.0)
+    )
+    for vertical, out in ((None, False), (450.0, True), (700.0, False)):
+        given = replace(above, vertical_separation=vertical)
+        answer = plan(OWN, [given], ROUTE, POLICY, OPTIONS, own_altitude=level)
+        assert answer.safe and bool(answer.excluded) is out
+        assert answer.certificate is not None
+        data = json.loads(answer.certificate)
+        check.accept(data)
+        if out:
+            assert data["excluded"][0][5] == vertical
+            data["excluded"][0][5] = 501.0
+            with pytest.raises(check.RefusedError, match="above or below"):
+                check.accept(data)
+
+
+@pytest.mark.parametrize("name", ["separation", "vertical_separation"])
+@pytest.mark.parametrize("value", [0.0, -5.0, math.nan, math.inf, 1e9, "300", True])
+def test_a_separation_that_is_none_is_refused_by_name(name: str, value: Any) -> None:
+    given = [VehicleState(9_000.0, 0.0, math.pi, 80.0), Intruder(OWN._replace(x=5_000.0))]
+    given[1] = dataclasses.replace(given[1], **{name: value})
+    with pytest.raises(RequestError) as refused:
+        plan(OWN, given, ROUTE, POLICY, OPTIONS)
+    assert refused.value.field == f"intruders[1].{name}"
+    assert str(refused.value).count("expected") == 1
+
+
+def test_the_policy_is_shown_an_intruder_as_near_as_it_is_in_its_own_separation() -> None:
+    own, other = VehicleState(100.0, 200.0, 0.0, 80.0), VehicleState(3_100.0, 4_200.0, 1.0, 70.0)
+    seen = Traffic.straight(other)._replace(separation=np.array([2_000.0, 500.0, math.nan]))
+    share = shares(seen, Requirement(1_000.0))
+    view = shown(own, other, share)
+    np.testing.assert_allclose(np.hypot(view.x - 100.0, view.y - 200.0), [2_500.0, 1e4, 5_000.0])
+    np.testing.assert_allclose(np.arctan2(view.y - 200.0, view.x - 100.0), math.atan2(4.0, 3.0))
+    assert (view.heading, view.speed) == (1.0, 70.0)
+    assert shares(Traffic.straight(other), Requirement(1_000.0)) is None
