@@ -2,6 +2,7 @@
 """Runner, monitor and simulator together, faster than real time, without a ROS installation.
 
     python -m ros_bridge.demo [--aircraft uas] [--random 50] [--vehicle c208] [--record FILE]
+    python -m ros_bridge.demo --display --rate 4            watch it in the browser
 
 Starts runner and monitor as processes of their own on a domain of their own, flies encounters with
 the simulator and prints a table: the first answer, the smallest distance since the first SAFE plan
@@ -99,6 +100,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--record", type=Path, metavar="FILE.mcap", help="record the graph (default: no recording)"
+    )
+    parser.add_argument(
+        "--display",
+        action="store_true",
+        help="serve the traffic display meanwhile, at the address that it prints",
     )
     shown = "show what the nodes log"
     parser.add_argument(
@@ -211,6 +217,9 @@ def _flown(
                         f"ros_bridge.{name}", "--ros-args", "--log-level", options.level, *given
                     )
                 )
+            if options.display:
+                clock = ("--ros-args", "-p", "use_sim_time:=true", "--log-level", options.level)
+                processes.append(started("ros_bridge.display", *clock))
             for name, encounter, number in encounters:
                 simulator.begin(encounter, name, number)
                 while simulator.flying:
@@ -220,7 +229,7 @@ def _flown(
                     ]
                     if ended:
                         raise ValueError(
-                            f"runner or monitor ended with exit code {ended[0]} (--verbose shows "
+                            f"a node ended with exit code {ended[0]} (--verbose shows "
                             "why)"
                         )
                 print(".", end="", file=sys.stderr, flush=True)

@@ -135,6 +135,7 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
 
 # What pyproject.toml installs as rlcas-train and so on.
 compare = partial(run_cli, "eval.compare.run:main")
+display = partial(run_cli, "ros_bridge.display.run:main")
 evaluate = partial(run_cli, "eval.monte_carlo.run:main")
 hifi = partial(run_cli, "eval.hifi.run:main")
 report = partial(run_cli, "eval.report.run:main")

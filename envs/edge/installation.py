@@ -29,6 +29,7 @@ EXTRAS = {
     "onnx": ("jax2onnx", "onnx", "onnxruntime"),
     "peers": ("sbx", "stable_baselines3", "torch"),
     "bluesky": ("bluesky", "bluesky_gym"),
+    "display": ("websockets",),
     "ros": (
         "builtin_interfaces",
         "diagnostic_msgs",

@@ -165,8 +165,12 @@ class ListeningNode(LifecycleNode):
             level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
         if outside and level == DiagnosticStatus.OK:
             level, message = DiagnosticStatus.WARN, "; ".join(outside)
-        flown = aircraft_text(planning_options(self._value, self._aircraft))
-        values = {"aircraft": flown, "outside domain": "; ".join(outside)} | values
+        options = planning_options(self._value, self._aircraft)
+        values = {
+            "aircraft": aircraft_text(options),
+            "separation, m": f"{options.requirement.separation:g}",
+            "outside domain": "; ".join(outside),
+        } | values
         if rclpy.ok(context=self.context):
             self._health.publish(views.diagnostics(self, level, message, values))
 

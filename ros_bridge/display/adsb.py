@@ -1,0 +1,97 @@
+"""Live ADS-B for a display, without ROS: a receiver's traffic, one of which may be the ownship."""
+
+import queue
+import threading
+import time
+from dataclasses import replace
+from functools import partial
+from types import TracebackType
+
+from ros_bridge.core import adsb_live
+from ros_bridge.core.fields import FieldError
+from ros_bridge.core.reports import Report
+from ros_bridge.display.scene import Scene, note, take_report
+from ros_bridge.display.server import Board
+from ros_bridge.transport.adsb_receiver import Receiver
+
+__all__ = ["Receiving"]
+
+_LOOK = 0.5  # s between two looks at the connection
+_SILENCE = 10.0  # s without anything from the receiver
+
+
+class Receiving:
+    """Feeds a board while it is entered.
+
+    Args:
+        board: that is fed.
+        source: a checked one (:func:`ros_bridge.transport.adsb_receiver.checked_source`).
+        own: address of the ownship, hexadecimal; "": none of the aircraft is.
+    """
+
+    def __init__(self, board: Board, source: str, own: str) -> None:
+        self._board, self._own = board, own.strip().lower()
+        self._receiver = Receiver(source, time.time_ns)
+        kind = adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson
+        self._reader = kind(adsb_live.Traffic(""))
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._pass_on, name="display", daemon=True)
+
+    def __enter__(self) -> "Receiving":
+        """Begin to listen."""
+        self._receiver.start()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop listening."""
+        self._stopped.set()
+        self._receiver.stop()
+        self._receiver.join()
+        self._thread.join()
+
+    def _pass_on(self) -> None:
+        heard = looked = time.monotonic()
+        while not self._stopped.is_set():
+            try:
+                item = self._receiver.heard.get(timeout=_LOOK)
+            except queue.Empty:
+                item = ()
+            if item is None:
+                self._reader.begin()
+            elif item:
+                heard = time.monotonic()
+                self._read(*item)
+            if time.monotonic() - looked > _LOOK:
+                looked = time.monotonic()
+                silent = looked - heard
+                quiet = f"has sent nothing for {silent:.0f} s" if silent > _SILENCE else ""
+                self._board.feed(partial(_connected, problem=self._receiver.problem or quiet))
+
+    def _read(self, arrived: int, text: str) -> None:
+        try:
+            for found in self._reader.taken(text, arrived):
+                self._board.feed(
+                    partial(take_report, found=found, now=arrived, own=self._is_own(found))
+                )
+        except TimeoutError as late:
+            self._receiver.restart()
+            self._board.feed(partial(note, name="receiver", text=str(late), now=arrived))
+
+    def _is_own(self, found: Report | FieldError) -> bool:
+        seen = found.sighting
+        return seen is not None and seen.identifier == self._own != ""
+
+
+def _connected(scene: Scene, problem: str) -> Scene:
+    """Return the scene with the state of the connection, which is looked at now."""
+    now = max(time.time_ns(), scene.latest)
+    if problem:
+        return note(scene, "receiver", problem, now)
+    left = {name: what for name, what in scene.problems.items() if name != "receiver"}
+    return replace(scene, problems=left, arrived={**scene.arrived, "receiver": now})

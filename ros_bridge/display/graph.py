@@ -1,0 +1,98 @@
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+"""A display on the ROS graph: it subscribes to what runner and monitor hear and publish."""
+
+import threading
+from collections.abc import Callable
+from functools import partial
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from envs.edge.command import InputError
+from ros_bridge.display.scene import INPUTS, take
+from ros_bridge.display.server import Board
+from ros_bridge.transport import topics
+from ros_bridge.transport.discovery import configure_dds, reserved_ports
+
+__all__ = ["Listening"]
+
+_LOOK = 0.5  # s between two looks at whether to stop
+
+
+class Listening:
+    """A node that feeds a board from a thread of its own while it is entered.
+
+    Args:
+        arguments: ``--ros-args`` and what follows it; such as ``-r __ns:=/n123``,
+            ``-p use_sim_time:=true``.
+        centre: of the map where the ownship is unknown, degrees.
+        separation: that is drawn, m; None: as the nodes say.
+
+    Raises:
+        InputError: the arguments cannot be used.
+    """
+
+    def __init__(
+        self,
+        arguments: list[str],
+        centre: tuple[float, float] | None = None,
+        separation: float | None = None,
+    ) -> None:
+        configure_dds()
+        try:
+            # The server ends in order at a signal, and this with it.
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+            with reserved_ports():
+                self._node = Node("rlcas_display")
+        except (ValueError, RuntimeError) as error:
+            rclpy.try_shutdown()
+            raise InputError(f"ROS arguments cannot be used: {error}") from error
+        self.board = Board(self._now, centre, separation)
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name="graph", daemon=True)
+
+    def _now(self) -> int:
+        return self._node.get_clock().now().nanoseconds
+
+    def __enter__(self) -> "Listening":
+        """Begin to listen."""
+        for topic in topics.EVERY:
+            if topic is not topics.CLOCK and topic.name in INPUTS:
+                topic.heard(self._node, self._into(topic.name))
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop, and leave the graph."""
+        self._stopped.set()
+        self._thread.join()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def _into(self, name: str) -> Callable[[Any], None]:
+        def heard(message: Any) -> None:
+            now = self._now()
+            if now > 0:  # simulated time has begun
+                self.board.feed(partial(take, name=name, message=message, now=now))
+
+        return heard
+
+    def _spin(self) -> None:
+        executor = SingleThreadedExecutor()
+        executor.add_node(self._node)
+        try:
+            while not self._stopped.is_set():
+                executor.spin_once(timeout_sec=_LOOK)
+        except ExternalShutdownException:
+            pass
+        finally:
+            executor.shutdown()

@@ -1,0 +1,451 @@
+// The traffic display: draws the pictures that the server sends (docs/reference/display.md). Texts go in as text, never as markup.
+"use strict";
+
+const VERSION = 1; // of pictures
+const get = (id) => document.getElementById(id);
+const { arcs, bands, bug, circle, clip, compass, fitted, line, mark, onRing, plane, stroke, tape, text, tint } = airmap;
+const AHEAD = 60, TURNING = 15; // s of the lines ahead of aircraft, and of a turn in them
+const OLD = 2; // s after which a picture that is not followed by another is said to be old
+const NAMES = ["none", "preventive", "corrective", "warning"];
+const UNITS = {
+  aviation: { ranges: [1, 2, 5, 10, 20, 40], metres: 1852, far: "NM", speed: 1 / 0.514444, fast: "kt", high: 1 / 30.48, height: 100 / 30.48, tall: "ft", climb: 196.85, climbs: "ft/min", step: 10, span: 80 },
+  metric: { ranges: [2, 5, 10, 20, 40, 80], metres: 1000, far: "km", speed: 1, fast: "m/s", high: 0.01, height: 1, tall: "m", climb: 1, climbs: "m/s", step: 5, span: 40 },
+};
+
+const sky = { canvas: document.querySelector("#map canvas"), box: get("map") };
+const bar = { canvas: document.querySelector("#bar canvas"), box: get("bar") };
+const state = { picture: null, arrived: 0, hello: null, trackUp: true, range: 2, units: "aviation", sound: null, levels: new Map(), colours: {}, wish: null, asked: false };
+const replay = { at: 0, playing: false, waiting: false, length: 0, last: 0 };
+let socket = null, wait = 1000, scheduled = false;
+
+// ---- words ----
+
+const units = () => UNITS[state.units];
+const distance = (metres) => metres < 200 ? `${Math.round(metres)} m` : `${(metres / units().metres).toFixed(metres < 10 * units().metres ? 1 : 0)} ${units().far}`;
+const degrees = (value) => `${String(Math.round(value) % 360).padStart(3, "0")}°`;
+const speed = (value) => `${Math.round(value * units().speed)} ${units().fast}`;
+const seconds = (value) => (value < 100 ? `${Math.round(value)} s` : `${Math.floor(value / 60)} min ${String(Math.round(value % 60)).padStart(2, "0")} s`);
+const above = (metres) => (metres === null ? "?" : `${metres < 0 ? "−" : "+"}${String(Math.round(Math.abs(metres) * units().high)).padStart(2, "0")}`);
+const climbing = (rate) => (rate === null ? "" : rate * UNITS.aviation.climb > 400 ? "↑" : rate * UNITS.aviation.climb < -400 ? "↓" : "");
+
+function order({ do: what, turn, track_deg: track, speed: wanted, in: left }, own) {
+  const course = turn === "hold" ? `hold ${degrees(track)}` : `turn ${turn} to ${degrees(track)}`;
+  const faster = wanted - own.speed, pace = Math.abs(faster) > 1.5 ? `, ${faster > 0 ? "faster" : "slower"}: ${speed(wanted)}` : "";
+  const until = left === null ? "" : ` in ${seconds(left)}`;
+  return { plan: `Plan: ${course}${pace}${until}`, backup: `BACKUP: ${course}${pace}${until}`, free: `Free: ${course}`, recovery: `No way is free. Best: ${course}` }[what];
+}
+
+// The advisory: what to do, and why.
+function words(picture) {
+  const { advice, own, alerts, monitor } = picture, level = alerts.reduce((most, one) => Math.max(most, one.level), 0);
+  const reasons = [...(advice.reasons ?? [])];
+  if (advice.do === "recovery") reasons.push(`${advice.after === null ? "it does not open within the look-ahead" : `it opens after ${seconds(advice.after)}`}; ${distance(advice.shortfall)} less than required until then`);
+  if (picture.unresolved && !picture.plan) reasons.push("No safe plan is known; the best one is drawn dotted");
+  const worst = alerts[0];
+  if (worst) reasons.push(`${NAMES[worst.level]} alert: ${worst.id}${worst.loss === null ? "" : `, separation is lost in ${seconds(worst.loss)} on the present course`}`);
+  const nothing = !own ? "The ownship is not known" : monitor && monitor.fly === "nothing" ? "Own route" : level > 0 ? "Traffic" : "No advisory";
+  return { level: advice.do === "backup" || advice.do === "recovery" ? 3 : level, first: (own && order(advice, own)) || nothing, why: reasons.join(". ") };
+}
+
+// ---- lists; only what changes is touched ----
+
+function fill(list, rows, write) {
+  while (list.children.length > rows.length) list.lastChild.remove();
+  while (list.children.length < rows.length) list.append(document.createElement(list.tagName === "TBODY" ? "tr" : "li"));
+  rows.forEach((row, n) => write(list.children[n], row));
+}
+
+function put(element, value) {
+  if (element.textContent !== value) element.textContent = value;
+}
+
+function part(parent, tag, n) {
+  while (parent.children.length <= n) parent.append(document.createElement(tag));
+  return parent.children[n];
+}
+
+function tell(picture) {
+  const { level, first, why } = words(picture);
+  put(get("order"), first);
+  put(get("why"), why);
+  get("advice").dataset.level = level;
+  fill(get("alerts"), picture.alerts.length ? picture.alerts : [null], (item, alert) => {
+    item.dataset.level = alert ? alert.level : 0;
+    put(item, alert ? `${NAMES[alert.level]}: ${alert.id}${alert.loss === null ? "" : `, separation is lost in ${seconds(alert.loss)}`}` : "none");
+  });
+  put(get("plan"), planned(picture));
+  fill(get("health"), picture.health, (item, one) => {
+    item.dataset.level = one.level;
+    put(part(item, "b", 0), ["✓", "!", "✗", "…"][one.level]);
+    put(part(item, "span", 1), one.name);
+    put(part(item, "time", 2), one.age === null || one.age > 600 ? "" : `${one.age.toFixed(one.age < 10 ? 1 : 0)} s`);
+    put(part(item, "small", 3), one.text);
+  });
+  if (get("table").closest("details").open) table(picture);
+  hear(picture);
+}
+
+function planned({ plan, monitor, own }) {
+  const lines = [];
+  if (plan) {
+    const left = plan.points.filter((point) => point.in > 0);
+    lines.push(`Revision ${plan.revision}, ${left.length} waypoints to go${left.length ? `, the next in ${seconds(left[0].in)}` : ""}.`);
+  } else lines.push("None.");
+  if (monitor) {
+    lines.push(`Monitor: ${monitor.state}.`);
+    if (monitor.measured) lines.push(`${distance(Math.abs(monitor.cross_track))} ${monitor.cross_track < 0 ? "right" : "left"} of it, ${Math.abs(monitor.time_error).toFixed(1)} s ${monitor.time_error < 0 ? "early" : "late"}.`);
+    if (monitor.separation !== null) lines.push(`It keeps ${distance(monitor.separation)}.`);
+  }
+  if (own && own.altitude !== null) lines.push(`Own altitude ${Math.round(own.altitude * units().height)} ${units().tall} (${own.reference}).`);
+  return lines.join(" ");
+}
+
+function table({ traffic, own }) {
+  const rows = traffic.map((one) => ({ one, apart: own ? Math.hypot(one.x - own.x, one.y - own.y) : null })).sort((a, b) => a.apart - b.apart);
+  fill(get("table"), rows, (row, { one, apart }) => {
+    const bearing = own ? degrees((Math.atan2(one.x - own.x, one.y - own.y) * 180) / Math.PI + 360) : "";
+    const high = one.relative_altitude === null ? "?" : `${Math.round(one.relative_altitude * units().height)} ${units().tall}`;
+    const rate = one.climb === null ? "?" : `${Math.round(one.climb * units().climb)} ${units().climbs}`;
+    const cells = [one.id, apart === null ? "" : distance(apart), bearing, high, rate, one.fault || (one.state === "fresh" ? "" : `${one.state}, ${seconds(one.age)}`)];
+    cells.forEach((cell, n) => put(part(row, "td", n), cell));
+  });
+}
+
+function hear({ alerts }) { // a tone where a level is raised to corrective or more
+  let raised = 0;
+  const levels = new Map(alerts.map((one) => [one.id, one.level]));
+  for (const [id, level] of levels) if (level > (state.levels.get(id) ?? 0)) raised = Math.max(raised, level);
+  state.levels = levels;
+  if (!state.sound || raised < 2) return;
+  const now = state.sound.currentTime;
+  for (let n = 0; n < raised; n++) {
+    const tone = state.sound.createOscillator(), loud = state.sound.createGain();
+    tone.frequency.value = raised === 3 ? 880 : 620;
+    loud.gain.value = 0.15;
+    tone.connect(loud).connect(state.sound.destination);
+    tone.start(now + 0.22 * n);
+    tone.stop(now + 0.22 * n + 0.14);
+  }
+}
+
+// ---- the map ----
+
+function view(picture, width, height) {
+  const top = get("advice").offsetHeight, low = get("controls").offsetHeight + 14, { own, traffic } = picture;
+  const left = width < 620 ? 56 : 0; // of the tape
+  const room = Math.min(width - left, height - top - low), radius = room / 2 - 34;
+  const centre = [(left + width) / 2, top + (height - top - low) / 2];
+  const metres = units().ranges[state.range] * units().metres, scale = radius / metres;
+  const here = own ?? { x: 0, y: 0, vx: 0, vy: 1, track_deg: 0 };
+  const onMap = (Math.atan2(here.vx, here.vy) * 180) / Math.PI, up = state.trackUp && own ? own.track_deg : 0;
+  const turn = ((up - (own ? own.track_deg - onMap : 0)) * Math.PI) / 180, cosine = Math.cos(turn), sine = Math.sin(turn);
+  const place = (x, y) => {
+    const dx = (x - here.x) * scale, dy = (y - here.y) * scale;
+    return [centre[0] + dx * cosine - dy * sine, centre[1] - dx * sine - dy * cosine];
+  };
+  return { centre, radius, scale, up, turn, place, width, height, top, low, traffic };
+}
+
+// Where an aircraft will be, every 5 s: on in its turn for a while, then straight.
+function ahead({ x, y, vx, vy, turn_deg: rate }) {
+  const points = [[x, y]];
+  for (let time = 0; time < AHEAD; time += 5) {
+    const angle = time < TURNING ? (rate * 5 * Math.PI) / 180 : 0, half = angle / 2;
+    const cosine = Math.cos(half), sine = Math.sin(half), wx = vx * cosine - vy * sine, wy = vx * sine + vy * cosine;
+    points.push([(x += 5 * wx), (y += 5 * wy)]);
+    [vx, vy] = [wx * cosine - wy * sine, wx * sine + wy * cosine];
+  }
+  return points;
+}
+
+function draw() {
+  scheduled = false;
+  const { picture, colours } = state;
+  const { pen, width, height } = fitted(sky);
+  if (!picture || width < 60) return;
+  const at = view(picture, width, height), { centre: [cx, cy], radius, scale, place, up } = at, { own } = picture;
+  pen.lineCap = pen.lineJoin = "round";
+  drawAreas(pen, picture.areas, at);
+  const through = (points) => line(pen, points.map(([x, y]) => place(x, y)));
+  if (picture.route.length) (through(picture.route), stroke(pen, colours.route, 2, [2, 7]));
+  if (picture.goal) {
+    const [x, y, size] = picture.goal;
+    circle(pen, ...place(x, y), size * scale);
+    stroke(pen, colours.goal, 2);
+  }
+  compass(pen, cx, cy, radius, up, colours);
+  circle(pen, cx, cy, radius / 2);
+  stroke(pen, colours.line, 1, [2, 5]);
+  if (picture.bands) {
+    bands(pen, cx, cy, radius + 3, 22, up, picture.bands.track_deg, picture.bands.track_region, colours);
+    if (picture.bands.recovery) bug(pen, cx, cy, radius + 3, up, picture.bands.recovery.track_deg, colours.recovery, colours.paper);
+  }
+  if (picture.advice.track_deg !== undefined && picture.advice.track_deg !== null) bug(pen, cx, cy, radius + 3, up, picture.advice.track_deg, picture.advice.do === "backup" ? colours.backup : colours.plan, colours.paper);
+  if (picture.unresolved) (through(picture.unresolved.line), stroke(pen, colours.plan, 2, [1, 6]));
+  if (picture.plan) drawPlan(pen, picture.plan, picture.time, colours.plan, [], at);
+  if (picture.backup) drawPlan(pen, picture.backup, picture.time, colours.backup, [10, 5], at);
+  if (own) {
+    if (picture.separation) (circle(pen, cx, cy, picture.separation * scale), stroke(pen, colours.own, 1.4, [5, 5]));
+    through(ahead(own));
+    stroke(pen, colours.own, 2);
+  }
+  drawTraffic(pen, picture, at);
+  if (own) {
+    plane(pen, cx, cy, Math.PI / 2 - ((own.track_deg - up) * Math.PI) / 180, 1.35, colours.own, colours.paper);
+    if (own.state !== "fresh") text(pen, `ownship ${own.state} ${seconds(own.age)}`, cx, cy + 34, colours.bad, colours.paper);
+    const wanted = picture.advice.speed === undefined || picture.advice.speed === null ? null : picture.advice.speed * units().speed;
+    const box = { left: 6, top: at.top + 14, width: width < 620 ? 58 : 66, height: clip(height - at.top - at.low - 40, 90, 260) };
+    const row = picture.bands ?? { speed: [], speed_region: [] };
+    tape(pen, box, { value: own.speed * units().speed, span: units().span, step: units().step, words: String(Math.round(own.speed * units().speed)), targets: row.speed.map((one) => one * units().speed), regions: row.speed_region, wanted }, colours);
+    text(pen, units().fast, box.left + 4, box.top + box.height + 14, colours.soft, colours.paper, { size: 12, align: "left" });
+  }
+  drawWind(pen, picture.wind, at);
+  text(pen, `${degrees(up)} up`, cx, at.top + 16, colours.soft, colours.paper, { size: 12 });
+  document.dispatchEvent(new CustomEvent("drawn", { detail: picture }));
+}
+
+function drawAreas(pen, areas, { place, scale }) {
+  const { colours } = state;
+  for (const area of areas) {
+    pen.beginPath();
+    if (area.circle) {
+      const [x, y] = place(area.circle[0], area.circle[1]);
+      pen.arc(x, y, area.circle[2] * scale, 0, 2 * Math.PI);
+    } else for (const ring of area.rings) {
+      ring.forEach(([x, y], n) => pen[n ? "lineTo" : "moveTo"](...place(x, y)));
+      pen.closePath();
+    }
+    if (area.keep === "out" && area.valid) (pen.fillStyle = tint(colours.area, 0.16)), pen.fill("evenodd");
+    stroke(pen, colours.area, area.valid ? 2 : 1, area.keep === "in" ? [12, 5] : area.valid ? [] : [2, 5]);
+    const [x, y] = area.circle ?? area.rings[0][0];
+    const heights = [area.floor, area.ceiling].map((one) => (one === null ? "" : `${Math.round(one[0] * units().height)}`));
+    const between = heights.some(Boolean) ? ` ${heights[0] || "0"}–${heights[1] || "…"} ${units().tall}` : "";
+    text(pen, `${area.keep === "in" ? "stay in " : ""}${area.name}${between}`, ...place(x, y), colours.area, colours.paper, { size: 12 });
+  }
+}
+
+function drawPlan(pen, plan, now, colour, dash, { place, width, height }) {
+  const { colours } = state, coming = plan.line.filter(([, , time]) => time >= now - 4);
+  line(pen, plan.line.map(([x, y]) => place(x, y)));
+  stroke(pen, tint(colour, 0.35), 2, dash);
+  line(pen, coming.map(([x, y]) => place(x, y)));
+  stroke(pen, colours.paper, 6);
+  stroke(pen, colour, 3, dash);
+  let last = [Infinity, Infinity];
+  for (const point of plan.points) {
+    if (point.in <= 0) continue;
+    const [x, y] = place(point.x, point.y);
+    if (x < 0 || y < 0 || x > width || y > height) continue;
+    circle(pen, x, y, 4);
+    pen.fillStyle = colour;
+    pen.fill();
+    stroke(pen, colours.paper, 1.5);
+    if (Math.hypot(x - last[0], y - last[1]) < 64) continue; // times stand apart
+    text(pen, seconds(point.in), x + 9, y - 6, colour, colours.paper, { size: 12, align: "left" });
+    last = [x, y];
+  }
+}
+
+function drawTraffic(pen, { traffic, own }, { place, width, height, turn, centre }) {
+  const { colours } = state, taken = [];
+  const apart = (one) => (own ? Math.hypot(one.x - own.x, one.y - own.y) : 0);
+  const shown = traffic.map((one) => ({ one, at: place(one.x, one.y) })).filter(({ at: [x, y] }) => x > -40 && y > -40 && x < width + 40 && y < height + 40);
+  shown.sort((a, b) => b.one.level - a.one.level || apart(a.one) - apart(b.one));
+  for (const { one, at: [x, y] } of shown.toReversed()) {
+    const colour = one.level > 0 ? colours[NAMES[one.level]] : colours.traffic, late = one.state !== "fresh";
+    line(pen, ahead(one).map(([px, py]) => place(px, py)));
+    stroke(pen, tint(colour, late ? 0.45 : 0.9), one.level > 0 ? 2.4 : 1.5, late ? [3, 4] : []);
+    mark(pen, x, y, one.level, 8, colour, colours.paper, late);
+    if (one.state === "stale" || one.state === "faulty") {
+      line(pen, [[x - 10, y - 10], [x + 10, y + 10]]);
+      stroke(pen, colours.bad, 2.5);
+    }
+  }
+  for (const { one, at: [x, y] } of shown) {
+    const lines = [above(one.relative_altitude) + climbing(one.climb), one.id.length > 14 ? `${one.id.slice(0, 13)}…` : one.id];
+    if (one.state !== "fresh") lines.push(one.state === "faulty" ? "faulty" : `${one.state} ${seconds(one.age)}`);
+    const side = x < centre[0] ? -1 : 1, box = [side < 0 ? x - 76 : x + 12, y - 22, 64, 15 * lines.length];
+    const covered = taken.some(([bx, by, bw, bh]) => box[0] < bx + bw && bx < box[0] + box[2] && box[1] < by + bh && by < box[1] + box[3]);
+    if (covered && one.level === 0) continue; // the table has it
+    taken.push(box);
+    const colour = one.level > 0 ? colours[NAMES[one.level]] : colours.traffic;
+    lines.forEach((words, n) => text(pen, words, x + 13 * side, y - 8 + 14 * n, n === 2 ? colours.bad : colour, colours.paper, { size: n ? 12 : 15, weight: n ? 500 : 700, align: side < 0 ? "right" : "left" }));
+  }
+}
+
+function drawWind(pen, wind, { width, top, turn }) {
+  if (!wind || Math.hypot(...wind) < 0.25) return;
+  const { colours } = state, [x, y] = [width - 44, top + 40], angle = Math.atan2(wind[0], wind[1]) - turn;
+  line(pen, [onRing(x, y, 18, angle + Math.PI), onRing(x, y, 18, angle)]);
+  stroke(pen, colours.wind, 2.5);
+  line(pen, [onRing(x, y, 10, angle + 0.5), onRing(x, y, 18, angle), onRing(x, y, 10, angle - 0.5)]);
+  stroke(pen, colours.wind, 2.5);
+  const from = (Math.atan2(-wind[0], -wind[1]) * 180) / Math.PI + 360;
+  text(pen, `${degrees(from)} ${speed(Math.hypot(...wind))}`, width - 8, y + 34, colours.wind, colours.paper, { size: 12, align: "right" });
+}
+
+function drawBar() {
+  if (!state.hello || state.hello.live) return;
+  const { pen, width, height } = fitted(bar), marks = state.hello.marks, end = Math.max(replay.length, 0.001);
+  marks.forEach(([time, level], n) => {
+    if (!level) return;
+    const until = marks[n + 1]?.[0] ?? end, x = (time / end) * width;
+    pen.fillStyle = state.colours[NAMES[level]];
+    pen.fillRect(x, height - 6 - 4 * level, Math.max((until / end) * width - x, 2), 4 * level);
+  });
+}
+
+// ---- what comes and goes ----
+
+function redraw() {
+  if (scheduled) return;
+  scheduled = true;
+  requestAnimationFrame(draw);
+}
+
+function receive(message) {
+  const document_ = JSON.parse(message);
+  if (document_.version !== VERSION) return warn("The server is of another version: load this page again");
+  if (document_.type === "hello") return begin(document_);
+  state.picture = document_;
+  state.arrived = performance.now();
+  replay.waiting = false;
+  tell(document_);
+  redraw();
+  if (!state.hello.live) moment(document_.at);
+  document.documentElement.dataset.ready = "1";
+}
+
+function begin(hello) {
+  state.hello = hello;
+  put(get("source"), `Source: ${hello.source}`);
+  get("time").hidden = hello.live;
+  if (hello.live) return;
+  replay.length = hello.length;
+  get("seek").max = hello.length;
+  drawBar();
+  ask(replay.at);
+}
+
+function ask(time) {
+  replay.at = clip(time, 0, replay.length);
+  if (!socket || socket.readyState !== WebSocket.OPEN) return;
+  if (replay.waiting) return void (state.asked = true);
+  replay.waiting = true;
+  state.asked = false;
+  socket.send(JSON.stringify({ time: replay.at }));
+}
+
+function moment(shown) {
+  get("seek").value = replay.at;
+  put(get("clock"), seconds(replay.at));
+  get("seek").setAttribute("aria-valuetext", seconds(replay.at));
+  if (state.asked && shown !== replay.at) ask(replay.at);
+}
+
+function run(now) {
+  if (!replay.playing) return;
+  const passed = Math.min(now - replay.last, 250) / 1000;
+  replay.last = now;
+  if (!replay.waiting) ask(replay.at + passed * Number(get("pace").value));
+  else replay.at = Math.min(replay.at + passed * Number(get("pace").value), replay.length);
+  if (replay.at >= replay.length) play(false);
+  requestAnimationFrame(run);
+}
+
+function play(on) {
+  if (on && replay.at >= replay.length) replay.at = 0;
+  replay.playing = on;
+  replay.last = performance.now();
+  put(get("play"), on ? "Pause" : "Play");
+  if (on) requestAnimationFrame(run);
+}
+
+function warn(words) {
+  get("link").hidden = !words;
+  put(get("link"), words);
+}
+
+function connect() {
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/pictures`);
+  socket.onopen = () => ((wait = 1000), warn(""));
+  socket.onmessage = ({ data }) => receive(data);
+  socket.onclose = () => {
+    replay.waiting = false;
+    warn("No connection to the display's server: what is drawn is old. Trying again …");
+    setTimeout(connect, wait);
+    wait = Math.min(2 * wait, 10_000);
+  };
+}
+
+setInterval(() => { // a picture that stands still must not look as if it were new
+  if (!state.hello?.live || socket.readyState !== WebSocket.OPEN) return;
+  const old = (performance.now() - state.arrived) / 1000;
+  if (old > OLD) warn(`This picture is ${Math.round(old)} s old`);
+  else if (!get("link").hidden) warn("");
+}, 500);
+
+// ---- settings ----
+
+const dusk = matchMedia("(prefers-color-scheme: dark)");
+
+function theme() {
+  const night = state.wish === null ? dusk.matches : state.wish;
+  document.documentElement.dataset.theme = night ? "night" : "day";
+  put(get("theme"), night ? "Day" : "Night");
+  const style = getComputedStyle(document.documentElement);
+  for (const name of ["paper", "panel", "ink", "soft", "line", "own", "plan", "backup", "route", "area", "goal", "wind", "free", "preventive", "corrective", "warning", "recovery", "traffic", "ok", "bad"]) state.colours[name] = style.getPropertyValue(`--${name}`).trim();
+  for (const canvas of document.querySelectorAll(".sign")) {
+    const { pen, width, height } = fitted({ canvas, box: canvas });
+    const level = Number(canvas.dataset.level ?? 0), colour = state.colours[level ? NAMES[level] : "traffic"];
+    mark(pen, (width || 26) / 2, (height || 26) / 2, level, 7, colour, state.colours.panel, "late" in canvas.dataset);
+  }
+  drawBar();
+  redraw();
+}
+
+function show() {
+  put(get("range"), `${units().ranges[state.range]} ${units().far}`);
+  put(get("units"), state.units === "aviation" ? "Metric" : "Aviation");
+  put(get("up"), state.trackUp ? "Track up" : "North up");
+  get("up").setAttribute("aria-pressed", state.trackUp);
+  if (state.picture) tell(state.picture);
+  redraw();
+}
+
+const actions = {
+  up: () => (state.trackUp = !state.trackUp),
+  closer: () => (state.range = Math.max(state.range - 1, 0)),
+  farther: () => (state.range = Math.min(state.range + 1, units().ranges.length - 1)),
+  theme: () => ((state.wish = document.documentElement.dataset.theme !== "night"), theme()),
+  units: () => (state.units = state.units === "aviation" ? "metric" : "aviation"),
+  sound: () => {
+    if (state.sound) (state.sound.close(), (state.sound = null));
+    else state.sound = new AudioContext();
+    get("sound").setAttribute("aria-pressed", Boolean(state.sound));
+    put(get("sound"), state.sound ? "Sound on" : "Sound off");
+  },
+};
+const KEYS = { t: "up", "+": "closer", "=": "closer", "-": "farther", d: "theme", u: "units", s: "sound" };
+
+for (const [id, act] of Object.entries(actions)) get(id).addEventListener("click", () => (act(), show()));
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey || event.target.tagName === "SELECT") return;
+  const name = KEYS[event.key.toLowerCase()];
+  if (name) (actions[name](), show());
+  else if (state.hello && !state.hello.live && event.target.tagName !== "INPUT") {
+    const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (step) (play(false), ask(replay.at + step));
+    else if (event.key === " " && event.target.tagName !== "BUTTON" && event.target.tagName !== "SUMMARY") (play(!replay.playing), event.preventDefault());
+    else return;
+  } else return;
+});
+get("play").addEventListener("click", () => play(!replay.playing));
+get("seek").addEventListener("input", () => (play(false), ask(Number(get("seek").value))));
+for (const details of document.querySelectorAll("details")) details.addEventListener("toggle", () => (theme(), show()));
+dusk.addEventListener("change", theme);
+new ResizeObserver(() => (drawBar(), redraw())).observe(get("map"));
+
+theme();
+show();
+connect();

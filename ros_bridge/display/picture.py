@@ -1,0 +1,494 @@
+"""The picture: what the page draws, as one JSON document, from what is known and the time.
+
+``docs/reference/display.md`` documents the fields. Places are metres east and north of ``origin``
+on its map (:mod:`envs.formats.local_frame`); aircraft are carried on from their last report, with
+the turn that their reports show. Every picture is whole: one that is lost changes nothing.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from envs.areas import Area, AreaError, Circle, Keep
+from envs.formats.local_frame import LocalFrame
+from envs.kinematics import VehicleState
+from envs.waypoints import Legs, Waypoint, at, knots, legs
+from ros_bridge.core.areas import placed
+from ros_bridge.core.conversions import PlanPoint, Published, Route
+from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.reach import level
+from ros_bridge.core.reports import Report
+from ros_bridge.core.tracks import Track
+from ros_bridge.display.scene import Guidance, HeldAreas, Monitor, Scene
+
+VERSION = 1
+"""Of the document; it changes where a field changes its meaning or goes."""
+
+COASTING, STALE, OWN_STALE = 2.5, 5.0, 1.5
+"""Age, s, from which on an aircraft is marked: it is carried on without reports; nothing is planned
+with it any more; the same for the ownship (docs/reference/ros.md, timing).
+"""
+
+_TURN = 15.0  # s that an aircraft is expected to turn on after its report
+_STEP = 4.0  # s between the points of a drawn plan
+_NEAR = 100_000.0  # m from the ownship that areas are drawn
+_ALERT = 10.0  # s that an alert of another function holds
+_LATE = {"status": 1.0, "guidance": 5.0, "diagnostics": 3.0}  # s without a message
+_HELD_COURSE = math.radians(2.0)  # turns smaller than this are none
+_NO_CLIMB = 10.0  # m/s either way where it is unknown, as the nodes' parameter unknown_climb
+_NAMES = {
+    "ownship": "ownship",
+    "traffic": "traffic",
+    "alerts": "alerts",
+    "route": "route",
+    "geo_reference": "geo-reference",
+    "areas": "areas",
+    "trajectory": "plan",
+    "advisory": "advisory",
+    "status": "monitor",
+    "backup": "backup",
+    "guidance": "bands",
+    "diagnostics": "diagnostics",
+    "receiver": "receiver",
+}
+
+Document = dict[str, Any]
+
+
+def picture(scene: Scene, now: int, centre: tuple[float, float] | None = None) -> Document:
+    """Return the picture of a scene at a time, ns.
+
+    Args:
+        scene: what is known.
+        now: the time of the source's clock.
+        centre: latitude and longitude, degrees, that the map is drawn about where the ownship is
+            unknown; None: the first aircraft.
+    """
+    scene = scene.at(now)
+    situation, own = scene.situation, scene.situation.own.last
+    frame = _frame(scene, centre)
+    if frame is None:
+        return _empty(scene, now)
+    names = sorted(name for name, track in situation.traffic.items() if track.last is not None)
+    tracks = [situation.traffic[name] for name in names]
+    if own is not None:
+        tracks.append(situation.own)
+    planes = _planes(tracks, frame, now)
+    own_plane = planes.pop() if own is not None else None
+    undulation = None if situation.origin.value is None else situation.origin.value.undulation
+    levels = _levels(scene, now)
+    for name, plane, track in zip(names, planes, tracks, strict=False):
+        report = _last(track)
+        plane["level"], plane["loss"] = levels.get(name, (0, None))
+        plane["relative_altitude"] = _relative(own, report, now, undulation)
+    if own is not None and own_plane is not None:
+        own_plane["state"] = _state(situation.own, now, math.inf, OWN_STALE)
+    document = _empty(scene, now)
+    document.update(
+        origin=[frame.latitude, frame.longitude],
+        own=own_plane,
+        traffic=planes,
+        wind=None if own is None or own.wind is None else _rounded(own.wind),
+        plan=_trajectory(scene.plan, frame, now),
+        backup=_trajectory(_flown_backup(scene), frame, now),
+        unresolved=_trajectory(scene.unresolved, frame, now),
+        route=_route(situation.route.value, frame),
+        areas=_areas(scene, frame, now),
+        bands=_bands(scene.guidance, now),
+        alerts=[
+            {"id": name, "level": found, "loss": loss}
+            for name, (found, loss) in sorted(levels.items(), key=lambda one: -one[1][0])
+            if found > 0
+        ],
+    )
+    document["advice"] = advice(document)
+    return document
+
+
+def _empty(scene: Scene, now: int) -> Document:
+    """Return a picture without a map."""
+    return {
+        "type": "picture",
+        "version": VERSION,
+        "time": round(now / SECOND, 3),
+        "origin": None,
+        "own": None,
+        "traffic": [],
+        "separation": scene.separation,
+        "wind": None,
+        "plan": None,
+        "backup": None,
+        "unresolved": None,
+        "route": [],
+        "goal": None,
+        "areas": [],
+        "bands": None,
+        "monitor": _monitor(scene.monitor, now),
+        "alerts": [],
+        "advice": {"do": "nothing"},
+        "health": list(_health(scene, now)),
+    }
+
+
+def _frame(scene: Scene, centre: tuple[float, float] | None) -> LocalFrame | None:
+    """Return the map: about the ownship's place, in steps, so that the origin seldom moves."""
+    own = scene.situation.own.last
+    if own is not None:
+        # A grid of a fifth of a degree: everything that matters is within 60 km of its point.
+        step = 0.2
+        stretched = step / max(math.cos(math.radians(own.latitude)), 0.1)
+        return LocalFrame(
+            max(min(round(own.latitude / step) * step, 90.0), -90.0),
+            round(own.longitude / stretched) * stretched,
+        )
+    if centre is not None:
+        return LocalFrame(*centre)
+    for track in scene.situation.traffic.values():
+        if track.last is not None:
+            return LocalFrame(round(track.last.latitude), round(track.last.longitude))
+    return None
+
+
+def _last(track: Track) -> Report:
+    report = track.last if track.estimate is None else track.estimate
+    assert report is not None
+    return report
+
+
+def _planes(tracks: Sequence[Track], frame: LocalFrame, now: int) -> list[Document]:
+    """Return the aircraft at a time, ns; each has a report."""
+    if not tracks:
+        return []
+    reports = [_last(track) for track in tracks]
+    here = frame.place([one.latitude for one in reports], [one.longitude for one in reports])
+    east, north = (np.array([getattr(one, axis) for one in reports]) for axis in ("east", "north"))
+    along, across = here.velocity(east, north)
+    age = np.array([(now - one.time) / SECOND for one in reports])
+    # A turn from the report on, for some seconds, and straight on after it.
+    turn = np.array([track.turn_rate for track in tracks])
+    turning = np.clip(age, 0.0, _TURN)
+    angle = turn * turning
+    mean = 0.5 * angle
+    chord = np.sinc(mean / np.pi) * turning
+    later = age - turning
+    x = here.x + chord * _turned(along, across, mean)[0]
+    y = here.y + chord * _turned(along, across, mean)[1]
+    vx, vy = _turned(along, across, angle)
+    x, y = x + later * vx, y + later * vy
+    track_deg = np.degrees(np.arctan2(vx, vy) + here.convergence) % 360.0
+    found = []
+    for n, (track, report) in enumerate(zip(tracks, reports, strict=True)):
+        height = report.altitude
+        found.append(
+            {
+                "id": report.identifier,
+                "x": round(float(x[n]), 1),
+                "y": round(float(y[n]), 1),
+                "vx": round(float(vx[n]), 2),
+                "vy": round(float(vy[n]), 2),
+                "track_deg": round(float(track_deg[n]), 1),
+                "speed": round(report.speed, 1),
+                "turn_deg": round(math.degrees(track.turn_rate), 2) if age[n] < _TURN else 0.0,
+                "altitude": None if height is None else round(height.value, 1),
+                "reference": None if height is None else height.reference,
+                "climb": _tenths(None if height is None else height.vertical_speed),
+                "age": round(float(age[n]), 2),
+                "state": _state(track, now, COASTING, STALE),
+                "fault": "" if track.fault is None else track.fault.message,
+            }
+        )
+    return found
+
+
+def _turned(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return x * cosine - y * sine, x * sine + y * cosine
+
+
+def _state(track: Track, now: int, coasting: float, stale: float) -> str:
+    age = track.age(now)
+    if track.fault is not None:
+        return "faulty"
+    if age > stale:
+        return "stale"
+    return "coasting" if age > coasting else "fresh"
+
+
+def _relative(own: Report | None, other: Report, now: int, undulation: float | None) -> Any:
+    """Return by how much an aircraft is above the ownship, m; None: not comparable."""
+    if own is None:
+        return None
+    mine, theirs = (
+        level(one.altitude, now - one.time, undulation, _NO_CLIMB) for one in (own, other)
+    )
+    if mine is None or theirs is None or mine.reference != theirs.reference:
+        return None
+    return round(theirs.value - mine.value, 1)
+
+
+def _levels(scene: Scene, now: int) -> dict[str, tuple[int, float | None]]:
+    """Return alert levels and times to loss, s, by intruder: the monitor's bands and alerts of
+    other functions.
+    """
+    found: dict[str, tuple[int, float | None]] = {}
+    if scene.guidance is not None:
+        since = (now - scene.guidance.time) / SECOND
+        if since <= STALE:
+            for name, (value, loss) in scene.guidance.levels.items():
+                left = None if loss < 0.0 else round(max(loss - since, 0.0), 1)
+                found[name] = value, left
+    alert = scene.situation.alert.value
+    if alert is not None and (now - alert.time) / SECOND <= _ALERT:
+        for name in alert.identifiers:
+            before, loss = found.get(name, (0, None))
+            found[name] = max(before, alert.level), loss
+    return found
+
+
+def _bands(guidance: Guidance | None, now: int) -> Document | None:
+    if guidance is None or (now - guidance.time) / SECOND > STALE:
+        return None
+    way_out = None
+    if guidance.recovery >= 0:
+        since = (now - guidance.time) / SECOND
+        opens = guidance.recovery_time
+        way_out = {
+            "track_deg": guidance.tracks.target[guidance.recovery],
+            "after": None if opens < 0.0 else round(max(opens - since, 0.0), 1),
+            "shortfall": round(guidance.recovery_shortfall, 1),
+        }
+    return {
+        "age": round((now - guidance.time) / SECOND, 2),
+        "look_ahead": guidance.look_ahead,
+        "track_deg": guidance.tracks.target,
+        "track_region": guidance.tracks.region,
+        "speed": _rounded(guidance.speeds.target),
+        "speed_region": guidance.speeds.region,
+        "recovery": way_out,
+    }
+
+
+def _flown_backup(scene: Scene) -> Published | None:
+    """Return the backup while it is what is to be flown."""
+    flown = scene.monitor is not None and scene.monitor.fly == 2
+    return scene.backup if flown else None
+
+
+def _trajectory(one: Published | None, frame: LocalFrame, now: int) -> Document | None:
+    if one is None:
+        return None
+    line, points = _drawn(one, frame)
+    return {
+        "revision": one.revision,
+        "began": round(one.began / SECOND, 3),
+        "line": line,
+        "points": [
+            {
+                "index": point.index,
+                "x": place[0],
+                "y": place[1],
+                "in": round((point.time - now) / SECOND, 1),
+                "track_deg": round(point.track_deg, 1),
+                "speed": round(point.speed, 1),
+                "of_route": point.of_route,
+            }
+            for point, place in zip(one.points, points, strict=True)
+        ],
+    }
+
+
+@lru_cache(maxsize=8)
+def _drawn(one: Published, frame: LocalFrame) -> tuple[list[list[float]], list[list[float]]]:
+    """Return the curve of a plan, x, y in m and the time in s of the source's clock, and its
+    waypoints.
+    """
+    every = (one.start, *one.points)
+    here = frame.place([point.latitude for point in every], [point.longitude for point in every])
+    states = [
+        _on_map(point, float(here.x[n]), float(here.y[n]), float(here.convergence[n]), one.began)
+        for n, point in enumerate(every)
+    ]
+    first = states[0]
+    curve = legs(knots(VehicleState(first.x, first.y, first.heading, first.speed), states[1:]))
+    end = states[-1].time
+    times = np.append(np.arange(0.0, end, _STEP), end)
+    each = Legs(*(np.broadcast_to(part, (times.size, *np.shape(part))) for part in curve))
+    state, began = at(each, times), one.began / SECOND
+    line = [
+        [round(float(x), 1), round(float(y), 1), round(began + float(time), 2)]
+        for x, y, time in zip(state.x, state.y, times, strict=True)
+    ]
+    return line, [[round(point.x, 1), round(point.y, 1)] for point in states[1:]]
+
+
+def _on_map(point: PlanPoint, x: float, y: float, convergence: float, began: int) -> Waypoint:
+    heading = 0.5 * math.pi - math.radians(point.track_deg) + convergence
+    return Waypoint(point.index, x, y, heading, point.speed, (point.time - began) / SECOND)
+
+
+@lru_cache(maxsize=4)
+def _route(route: Route | None, frame: LocalFrame) -> list[list[float]]:
+    if not route:
+        return []
+    here = frame.place([one.latitude for one in route], [one.longitude for one in route])
+    return [_rounded(one) for one in zip(here.x.tolist(), here.y.tolist(), strict=True)]
+
+
+def _areas(scene: Scene, frame: LocalFrame, now: int) -> list[Document]:
+    held = scene.areas
+    if held is None:
+        return []
+    later, documents = (now - held.report.time) / SECOND, []
+    for area in _placed(held, frame):
+        # Only its place moves here: checking its shape anew at every picture would take too long.
+        x, y = (later * speed for speed in area.velocity)
+        shape: Document
+        if isinstance(area.shape, Circle):
+            circle = area.shape
+            radius = max(circle.radius + later * area.growth, 0.0)
+            shape = {"circle": _rounded((circle.x + x, circle.y + y, radius))}
+        else:
+            rings = area.shape.rings
+            shape = {"rings": [[_rounded((px + x, py + y)) for px, py in ring] for ring in rings]}
+        heights = {
+            side: None if limit is None else [round(limit.value, 1), limit.reference]
+            for side, limit in (("floor", area.floor), ("ceiling", area.ceiling))
+        }
+        documents.append(
+            {
+                "name": area.name,
+                "keep": "in" if area.keep is Keep.IN else "out",
+                "valid": area.valid_from <= later <= area.valid_until,
+                "clearance": round(area.clearance, 1),
+                "growth": round(area.growth, 1),
+                **shape,
+                **heights,
+            }
+        )
+    return documents
+
+
+@lru_cache(maxsize=2)
+def _placed(held: HeldAreas, frame: LocalFrame) -> tuple[Area, ...]:
+    """Return areas on a map as they are at their own time; none where the map cannot hold them."""
+    try:
+        return placed(held.report, frame, held.report.time, _NEAR)
+    except (FieldError, AreaError):
+        return ()
+
+
+def _monitor(monitor: Monitor | None, now: int) -> Document | None:
+    if monitor is None:
+        return None
+    return {
+        "age": round((now - monitor.time) / SECOND, 2),
+        "state": ("idle", "monitoring", "replan requested", "denied", "backup")[monitor.state],
+        "fly": ("nothing", "plan", "backup")[monitor.fly],
+        "reasons": list(monitor.reasons),
+        "measured": monitor.measured,
+        "cross_track": round(monitor.cross_track, 1),
+        "along_track": round(monitor.along_track, 1),
+        "time_error": round(monitor.time_error, 2),
+        "separation": round(monitor.separation, 1) if monitor.separation >= 0.0 else None,
+        "time_to_loss": round(monitor.time_to_loss, 1) if monitor.time_to_loss >= 0.0 else None,
+    }
+
+
+def advice(document: Document) -> Document:
+    """Return what to do by the rest of a picture, as a code and numbers that the page puts into
+    words.
+    """
+    own, said = document["own"], document["monitor"]
+    monitor = said if said is not None and said["age"] <= STALE else None
+    if own is None:
+        return {"do": "nothing"}
+    if monitor is not None:
+        flown = monitor["fly"]
+        if flown != "nothing" and document[flown] is not None:
+            return {"do": flown, **_next(document[flown], own), "reasons": monitor["reasons"]}
+    bands = document["bands"]
+    highest = max((one["level"] for one in document["alerts"]), default=0)
+    if bands is not None and highest > 0:
+        return _way_out(bands, own)
+    if monitor is not None:
+        return {"do": "own route", "reasons": monitor["reasons"]}
+    return {"do": "nothing"}
+
+
+def _next(trajectory: Document, own: Document) -> Document:
+    """Return what is to be flown at the next waypoint; after the last one as now."""
+    coming = next((point for point in trajectory["points"] if point["in"] > 0.0), None)
+    if coming is None:
+        return {"track_deg": own["track_deg"], "turn": "hold", "speed": own["speed"], "in": None}
+    turn = _turn(own["track_deg"], coming["track_deg"])
+    return {"turn": turn, **{name: coming[name] for name in ("track_deg", "speed", "in")}}
+
+
+def _way_out(bands: Document, own: Document) -> Document:
+    """Return the free direction that is nearest to the present one, or the way out."""
+    if bands["recovery"] is not None:
+        out = bands["recovery"]
+        turn = _turn(own["track_deg"], out["track_deg"])
+        return {"do": "recovery", "turn": turn, "speed": own["speed"], "in": None, **out}
+    free = [
+        target
+        for target, region in zip(bands["track_deg"], bands["track_region"], strict=True)
+        if region == 0
+    ]
+    if not free:
+        return {"do": "nothing"}
+    nearest = min(free, key=lambda target: abs(_apart(own["track_deg"], target)))
+    turn = _turn(own["track_deg"], nearest)
+    return {"do": "free", "track_deg": nearest, "turn": turn, "speed": own["speed"], "in": None}
+
+
+def _apart(track: float, other: float) -> float:
+    """Return the turn from one track to another, degrees, positive to the right."""
+    return (other - track + 180.0) % 360.0 - 180.0
+
+
+def _turn(track: float, other: float) -> str:
+    apart = _apart(track, other)
+    if abs(apart) <= math.degrees(_HELD_COURSE):
+        return "hold"
+    return "right" if apart > 0.0 else "left"
+
+
+def _health(scene: Scene, now: int) -> Iterator[Document]:
+    """Yield the inputs that were ever heard, or must be, and the nodes."""
+
+    def line(name: str, level: int, text: str, heard: int | None) -> Document:
+        age = None if heard is None else round((now - heard) / SECOND, 1)
+        return {"name": name, "level": level, "text": text, "age": age}
+
+    own = scene.situation.own
+    for short, called in _NAMES.items():
+        heard, problem = scene.arrived.get(short), scene.problems.get(short)
+        if problem is not None:
+            yield line(called, problem.level, problem.text, problem.time)
+            continue
+        if short == "ownship":
+            state = "never" if own.last is None else _state(own, now, math.inf, OWN_STALE)
+            text = {"never": "not heard yet", "stale": "silent", "fresh": ""}.get(state)
+            fault = "" if own.fault is None else own.fault.message
+            yield line(called, 0 if text == "" else 2, fault if text is None else text, heard)
+        elif heard is not None:
+            late = (now - heard) / SECOND > _LATE.get(short, math.inf)
+            yield line(called, 3 if late else 0, "silent" if late else "", heard)
+    for name, problem in sorted(scene.problems.items()):
+        if name not in _NAMES:
+            yield line(name, problem.level, problem.text, problem.time)
+    for name, said in sorted(scene.nodes.items()):
+        late = (now - said.time) / SECOND > _LATE["diagnostics"]
+        yield line(name, 3 if late else said.level, "silent" if late else said.text, said.time)
+
+
+def _tenths(value: float | None) -> float | None:
+    return None if value is None else round(value, 1)
+
+
+def _rounded(values: Sequence[float]) -> list[float]:
+    return [round(float(one), 1) for one in values]

@@ -1,0 +1,306 @@
+"""Recordings to look at again: MCAP files of the graph, and encounters that ``eval.report --save``
+wrote.
+"""
+
+import bisect
+import json
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from envs.edge.command import InputError
+from ros_bridge.core.fields import SECOND
+from ros_bridge.display.picture import VERSION, Document, advice, picture
+from ros_bridge.display.scene import INPUTS, Scene, clock_of, note, take
+
+__all__ = ["FlightRecording", "GraphRecording", "read"]
+
+_KEPT = 100  # scenes that are kept to begin from
+_VIEWS = ("/output/path", "/output/markers")  # the plan again, for other viewers
+_APART = 5.0  # s between two of them at least
+
+
+class _Message(NamedTuple):
+    time: float  # s from the beginning
+    name: str  # of INPUTS, or "" for one that is not shown
+    topic: str
+    kind: str
+    decode: Callable[[bytes], Any] | None
+    data: bytes
+
+
+class _Moment(NamedTuple):
+    """What is known after some messages."""
+
+    done: int  # messages
+    time: float  # of the last of them, s from the beginning
+    now: int  # of the clock at that time, ns
+    scene: Scene
+
+
+def read(path: Path, separation: float | None = None) -> "GraphRecording | FlightRecording":
+    """Return a recording, or raise ``InputError``; the separation, m, where the file has none."""
+    if not path.is_file():
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise InputError(f"{path} {what}, expected a recording (.mcap) or an encounter (.json)")
+    if path.suffix == ".json":
+        return FlightRecording(path)
+    return GraphRecording(path, separation)
+
+
+class GraphRecording:
+    """An MCAP file of the graph, in memory."""
+
+    def __init__(self, path: Path, separation: float | None = None) -> None:
+        self.name = path.name
+        self._messages = list(_messages(path))
+        if not any(one.name for one in self._messages):
+            raise InputError(f"{path} holds no message of {', '.join(INPUTS)}")
+        self.length = self._messages[-1].time
+        self._times = [one.time for one in self._messages]
+        self.marks: list[tuple[float, int]] = []
+        step = max(_APART, self.length / _KEPT)
+        moment = _Moment(0, 0.0, self._first_clock(), Scene(separation=separation))
+        self._kept = [moment]
+        before = 0
+        for count in range(1, len(self._messages) + 1):
+            moment = self._after(moment, count)
+            held = moment.scene.guidance
+            highest = (
+                0 if held is None else max((one[0] for one in held.levels.values()), default=0)
+            )
+            if highest != before:
+                before = highest
+                self.marks.append((round(moment.time, 3), highest))
+            if moment.time >= self._kept[-1].time + step:
+                self._kept.append(moment)
+
+    def _first_clock(self) -> int:
+        """Return what the recording's clock shows at its beginning, ns; 0: it has none."""
+        ticks = (one for one in self._messages if one.name == "/clock" and one.decode is not None)
+        first = next(ticks, None)
+        if first is None or first.decode is None:
+            return 0
+        return clock_of(first.decode(first.data)) - round(first.time * SECOND)
+
+    def player(self) -> Callable[[float], Document]:
+        """Return what gives the picture of a time, s from the beginning."""
+        moment = self._kept[0]
+
+        def show(time: float) -> Document:
+            nonlocal moment
+            count = bisect.bisect_right(self._times, time)
+            place = bisect.bisect_right(self._kept, count, key=lambda one: one.done) - 1
+            kept = self._kept[place]
+            if not kept.done <= moment.done <= count:
+                moment = kept
+            moment = self._after(moment, count)
+            now = moment.now + round((time - moment.time) * SECOND)
+            return picture(moment.scene, max(now, moment.scene.latest))
+
+        return show
+
+    def _after(self, moment: _Moment, count: int) -> _Moment:
+        """Return what is known after so many messages, as many or more as before."""
+        done, _, now, scene = moment
+        time = moment.time
+        for one in self._messages[done:count]:
+            # The clock of the recording goes on between its ticks.
+            now += round((one.time - time) * SECOND)
+            time = one.time
+            if one.topic.endswith(_VIEWS):
+                continue
+            if one.decode is None:
+                scene = note(scene, one.topic, f"{one.kind} is not shown", now)
+                continue
+            try:
+                message = one.decode(one.data)
+            except Exception as error:  # whatever a decoder makes of bytes that are no message
+                scene = note(scene, one.topic, f"cannot be read: {error or error!r}", now)
+                continue
+            if one.name == "/clock":
+                now = clock_of(message)
+            elif now == 0:
+                now = _stamp_of(message)
+            scene = take(scene, one.name, message, now)
+        return _Moment(count, time, now, scene)
+
+
+def _stamp_of(message: Any) -> int:
+    """Return the time of a message that comes before any clock, ns; 0 without one."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    return 0 if stamp is None else stamp.sec * SECOND + stamp.nanosec
+
+
+def _messages(path: Path) -> Iterator[_Message]:
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    factory, decoders, begin = DecoderFactory(), dict[int, Any](), None
+    with path.open("rb") as stream:
+        try:
+            for schema, channel, message in make_reader(stream).iter_messages():
+                begin = message.log_time if begin is None else begin
+                name = next((one for one in INPUTS if _is(channel.topic, one)), "")
+                kind = "a message without a type" if schema is None else schema.name
+                name = name if name and INPUTS[name].kind == kind else ""
+                if name and channel.id not in decoders:
+                    decoders[channel.id] = factory.decoder_for(channel.message_encoding, schema)
+                decode = decoders.get(channel.id)
+                time = (message.log_time - begin) / SECOND
+                yield _Message(time, name, channel.topic, kind, decode, message.data)
+        except (McapError, ValueError, EOFError) as problem:
+            raise InputError(
+                f"{path} is no whole MCAP file: {problem or type(problem).__name__}"
+            ) from problem
+
+
+def _is(topic: str, name: str) -> bool:
+    """Return whether a topic is that of an input, in any namespace."""
+    return topic == name or topic.endswith(f"/{name.lstrip('/')}")
+
+
+class FlightRecording:
+    """An encounter of an evaluation, as ``python -m eval.report --save`` writes it
+    (docs/reference/display.md).
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            document = json.loads(path.read_text(encoding="utf-8"))
+            kind = document["format"], document["version"]
+        except (ValueError, KeyError, TypeError, RecursionError):
+            document, kind = {}, None
+        if kind != ("rlcas-encounter", 1):
+            raise InputError(f"{path} is no encounter, expected a file of eval.report --save")
+        try:
+            self._load(document)
+        except (KeyError, TypeError, ValueError, IndexError) as problem:
+            raise InputError(f"{path} is no whole encounter: {problem!r}") from problem
+
+    def _load(self, document: Document) -> None:
+        self.name = str(document["name"])
+        self._dt = float(document["dt"])
+        self._document = document
+        own = document["own"]
+        self._planes = np.array([[one["x"], one["y"]] for one in (own, *document["intruders"])])
+        steps = self._planes.shape[2]
+        if steps < 2 or not (self._dt > 0.0 and np.isfinite(self._planes).all()):
+            raise ValueError("places are not finite, or fewer than two")
+        self.length = (steps - 1) * self._dt
+        self._separation, self._goal = float(document["separation"]), document["goal"]
+        self._bands = document["bands"]
+        for time in (0.0, self.length):
+            self._picture(time)
+        self.marks: list[tuple[float, int]] = []
+        before = 0
+        for step, levels in enumerate([] if self._bands is None else self._bands["level"]):
+            highest = max(levels, default=0)
+            if highest != before:
+                self.marks.append((step * self._dt, highest))
+                before = highest
+
+    def player(self) -> Callable[[float], Document]:
+        """Return what gives the picture of a time, s from the beginning."""
+        return self._picture
+
+    def _picture(self, time: float) -> Document:
+        step = min(int(time / self._dt), self._planes.shape[2] - 2)
+        before, after = self._planes[:, :, step], self._planes[:, :, step + 1]
+        speed = (after - before) / self._dt
+        place = before + speed * (time - step * self._dt)
+        bands = None if self._bands is None else self._bands_at(min(step, self._last_band()))
+        planes = [
+            _plane("ownship" if k == 0 else f"intruder {k}", place[k], speed[k])
+            for k in range(len(place))
+        ]
+        own, *traffic = planes
+        alerts = []
+        for k, one in enumerate(traffic):
+            one |= {"level": 0, "loss": None, "relative_altitude": None}
+            if self._bands is not None:
+                row = min(step, self._last_band())
+                level, loss = self._bands["level"][row][k], self._bands["loss"][row][k]
+                one |= {"level": level, "loss": loss}
+                if level > 0:
+                    alerts.append({"id": one["id"], "level": level, "loss": loss})
+        document: Document = {
+            "type": "picture",
+            "version": VERSION,
+            "time": round(time, 3),
+            "origin": None,
+            "own": own,
+            "traffic": traffic,
+            "separation": self._separation,
+            "wind": None,
+            "plan": self._plan(time),
+            "backup": None,
+            "unresolved": None,
+            "route": [],
+            "goal": [*self._goal, float(self._document["goal_radius"])],
+            "areas": [],
+            "bands": bands,
+            "monitor": None,
+            "alerts": sorted(alerts, key=lambda one: -one["level"]),
+            "health": [],
+        }
+        return document | {"advice": advice(document)}
+
+    def _last_band(self) -> int:
+        return len(self._bands["track_region"]) - 1
+
+    def _bands_at(self, row: int) -> Document:
+        held = self._bands
+        index, after, shortfall = held["recovery"][row]
+        way_out = {"track_deg": held["track_deg"][index], "after": after, "shortfall": shortfall}
+        return {
+            "age": 0.0,
+            "look_ahead": held["look_ahead"],
+            "track_deg": held["track_deg"],
+            "track_region": held["track_region"][row],
+            "speed": held["speed"],
+            "speed_region": held["speed_region"][row],
+            "recovery": None if index < 0 else way_out,
+        }
+
+    def _plan(self, time: float) -> Document | None:
+        plan = self._document["plan"]
+        if plan is None:
+            return None
+        every = list(zip(plan["x"], plan["y"], plan["time"], strict=True))
+        points = [
+            {
+                "index": n,
+                "x": x,
+                "y": y,
+                "in": round(at - time, 1),
+                "track_deg": None,
+                "speed": None,
+                "of_route": False,
+            }
+            for n, (x, y, at) in enumerate(every)
+        ]
+        return {"revision": 0, "began": 0.0, "line": [list(one) for one in every], "points": points}
+
+
+def _plane(name: str, place: np.ndarray, velocity: np.ndarray) -> Document:
+    return {
+        "id": name,
+        "x": round(float(place[0]), 1),
+        "y": round(float(place[1]), 1),
+        "vx": round(float(velocity[0]), 2),
+        "vy": round(float(velocity[1]), 2),
+        "track_deg": round(math.degrees(math.atan2(velocity[0], velocity[1])) % 360.0, 1),
+        "speed": round(float(np.hypot(*velocity)), 1),
+        "turn_deg": 0.0,
+        "altitude": None,
+        "reference": None,
+        "climb": None,
+        "age": 0.0,
+        "state": "fresh",
+        "fault": "",
+    }

@@ -1,0 +1,321 @@
+"""What a display knows at one moment: values, and one pure function for each input that changes
+them.
+
+Messages are read by their fields, checked as runner and monitor check them; nothing here imports
+ROS. What cannot be used leaves what was known, and its sentence goes to the state of health.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from envs.formats.local_frame import LocalFrame
+from ros_bridge.core import updates
+from ros_bridge.core.areas import AreaReport, areas, placed
+from ros_bridge.core.conversions import Published, trajectory
+from ros_bridge.core.fields import SECOND, FieldError, integer, nanoseconds, number, stamp, tried
+from ros_bridge.core.reports import Report
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tracks import UNKNOWN, Rules, forgotten, refused, taken
+
+FORGET = 30.0
+"""An aircraft without reports for so long, s, is forgotten."""
+
+_BACKWARD = SECOND // 2  # by how much the clock may step back before all is forgotten
+_RULES = Rules()
+_MOST = 1_024  # bands, reasons and intruders of a message
+_FAR = 1e6  # m
+_LONGEST = 1e9  # of a number that only has to be finite
+_SAFE, _UNRESOLVED, _WITHDRAWN, _BACKUP = 1, 2, 3, 5  # of Trajectory.status
+
+
+class Bands(NamedTuple):
+    """A row of GuidanceBands: targets, regions (codes of ``agents.assurance.alerts.Region``)."""
+
+    target: tuple[float, ...]
+    region: tuple[int, ...]
+    loss: tuple[float, ...]  # s from the message's time; -1: kept
+
+
+class Guidance(NamedTuple):
+    """A GuidanceBands message."""
+
+    time: int  # ns
+    look_ahead: float  # s
+    tracks: Bands  # targets in degrees clockwise from true north
+    speeds: Bands  # m/s
+    recovery: int  # number of the track that is the way out; -1: some is free
+    recovery_time: float  # s; -1: not within the look-ahead
+    recovery_shortfall: float  # m
+    levels: Mapping[str, tuple[int, float]]  # alert level and time to loss, s or -1, by intruder
+
+
+class Monitor(NamedTuple):
+    """An AssuranceStatus message."""
+
+    time: int  # ns
+    state: int
+    fly: int  # 0 nothing, 1 the plan, 2 the backup
+    reasons: tuple[str, ...]
+    measured: bool
+    cross_track: float  # m to the left of the plan
+    along_track: float  # m ahead of it
+    time_error: float  # s late
+    separation: float  # of the rest of the plan, m; -1: no intruder
+    time_to_loss: float  # s; -1: none
+    runner_silence: float  # s; -1: never heard
+
+
+@dataclass(frozen=True, eq=False)
+class HeldAreas:
+    """An Areas message; two are the same only if they are one."""
+
+    report: AreaReport
+
+
+class Health(NamedTuple):
+    """What a node, or this display of one of its inputs, says of itself."""
+
+    time: int  # ns
+    level: int  # 0 ok, 1 warning, 2 error, 3 stale, as of DiagnosticStatus
+    text: str
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that was received."""
+
+    situation: Situation = field(default_factory=Situation)
+    plan: Published | None = None
+    backup: Published | None = None
+    unresolved: Published | None = None  # the newest advisory: the best known, not safe
+    monitor: Monitor | None = None
+    guidance: Guidance | None = None
+    areas: HeldAreas | None = None
+    nodes: Mapping[str, Health] = field(default_factory=lambda: MappingProxyType({}))
+    problems: Mapping[str, Health] = field(default_factory=lambda: MappingProxyType({}))
+    """Why the newest message of an input cannot be used, by the last part of its topic's name."""
+    arrived: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    """When an input was last heard, ns, by the same."""
+    separation: float | None = None  # that is kept from others, m, where it is known
+    latest: int = 0  # ns
+
+    def at(self, now: int) -> "Scene":
+        """Return what is known at a time, ns: a clock that steps back begins anew, and aircraft
+        that are silent are forgotten.
+        """
+        if now < self.latest - _BACKWARD:
+            return Scene(separation=self.separation, nodes=self.nodes, latest=now)
+        traffic, silent = forgotten(self.situation.traffic, now, FORGET)
+        scene = replace(self, latest=max(now, self.latest))
+        if silent:
+            scene = replace(scene, situation=replace(self.situation, traffic=traffic))
+        return scene
+
+
+def take(scene: Scene, name: str, message: Any, now: int) -> Scene:
+    """Return the scene after a message of an input (:data:`INPUTS`) that arrives at ``now``, ns."""
+    short, scene = name.rpartition("/")[2], scene.at(now)
+    scene = replace(scene, arrived={**scene.arrived, short: now})
+    try:
+        found = tried(lambda: INPUTS[name].change(scene, message, now))
+    except AttributeError as error:  # another version of the message
+        found = FieldError(short, f"has no field {error.name}, expected {INPUTS[name].kind}")
+    if isinstance(found, FieldError):
+        return note(scene, short, str(found), now)
+    if short in found.problems:
+        left = {one: what for one, what in found.problems.items() if one != short}
+        found = replace(found, problems=left)
+    return found
+
+
+def take_report(scene: Scene, found: Report | FieldError, now: int, *, own: bool = False) -> Scene:
+    """Return the scene after a report of a source that has no messages, such as a receiver.
+
+    Args:
+        scene: what was known.
+        found: the report, or why it cannot be used.
+        now: when it arrived, ns.
+        own: whether it is about the ownship.
+    """
+    scene = scene.at(now)
+    name = "ownship" if own else "traffic"
+    scene = replace(scene, arrived={**scene.arrived, name: now})
+    situation = scene.situation
+    if isinstance(found, FieldError) and found.sighting is None:
+        return note(scene, name, str(found), now)
+    seen = found.sighting
+    assert seen is not None
+    before = situation.own if own else situation.traffic.get(seen.identifier, UNKNOWN)
+    called = "ownship" if own else f"intruder {seen.identifier}"
+    if isinstance(found, FieldError):
+        after = refused(before, found, now, _RULES)
+    else:
+        after = taken(before, found, called, now, _RULES)
+    if own:
+        return replace(scene, situation=replace(situation, own=after))
+    traffic = {**situation.traffic, seen.identifier: after}
+    return replace(scene, situation=replace(situation, traffic=traffic))
+
+
+def note(scene: Scene, name: str, text: str, now: int) -> Scene:
+    """Return the scene with a problem of an input."""
+    return replace(scene, problems={**scene.problems, name: Health(now, 2, text)})
+
+
+def _situation(update: Callable[..., Situation]) -> Callable[[Scene, Any, int], Scene]:
+    def change(scene: Scene, message: Any, now: int) -> Scene:
+        after = update(scene.situation, message, now, _RULES)
+        for held in (after.origin, after.route, after.alert):
+            if held.fault is not None and held.fault.arrived == now:
+                raise FieldError(held.fault.field, held.fault.problem)
+        return replace(scene, situation=after)
+
+    return change
+
+
+def _plan(scene: Scene, message: Any, now: int) -> Scene:
+    if message.status == _WITHDRAWN:
+        return replace(scene, plan=None)
+    _expect("trajectory", message, _SAFE)
+    return replace(scene, plan=trajectory(message), unresolved=None)
+
+
+def _advisory(scene: Scene, message: Any, now: int) -> Scene:
+    _expect("advisory", message, _UNRESOLVED)
+    # The runner publishes the best known trajectory; without any there is nothing to draw.
+    found = trajectory(message, "advisory") if len(message.waypoints) else None
+    return replace(scene, unresolved=found)
+
+
+def _backup(scene: Scene, message: Any, now: int) -> Scene:
+    _expect("backup", message, _BACKUP)
+    return replace(scene, backup=trajectory(message, "backup"))
+
+
+def _expect(name: str, message: Any, status: int) -> None:
+    if message.status != status:
+        raise FieldError(f"{name}.status", f"is {message.status}, expected {status}")
+
+
+def _status(scene: Scene, message: Any, now: int) -> Scene:
+    def real(name: str) -> float:
+        return number(f"status.{name}", getattr(message, name), -_LONGEST, _LONGEST, "")
+
+    found = Monitor(
+        time=stamp("status.header.stamp", message.header.stamp),
+        state=integer("status.state", message.state, 0, 4),
+        fly=integer("status.fly", message.fly, 0, 2),
+        reasons=tuple(str(one) for one in message.reasons[:_MOST]),
+        measured=bool(message.measured),
+        cross_track=real("cross_track"),
+        along_track=real("along_track"),
+        time_error=real("time_error"),
+        separation=real("separation"),
+        time_to_loss=real("time_to_loss"),
+        runner_silence=real("runner_silence"),
+    )
+    return replace(scene, monitor=found)
+
+
+def _guidance(scene: Scene, message: Any, now: int) -> Scene:
+    names, ids = ("intruder_level", "intruder_loss"), list(message.intruder_ids)
+    for name in names:
+        if len(getattr(message, name)) != len(ids):
+            what = f"has {len(getattr(message, name))} values, expected {len(ids)} as intruder_ids"
+            raise FieldError(f"guidance.{name}", what)
+    tracks, speeds = _bands(message, "track_deg", "track"), _bands(message, "speed", "speed")
+    levels = {
+        str(one): (
+            integer("guidance.intruder_level", int(level), 0, 3),
+            number("guidance.intruder_loss", loss, -1.0, _LONGEST, "s"),
+        )
+        for one, level, loss in zip(ids, message.intruder_level, message.intruder_loss, strict=True)
+    }
+    found = Guidance(
+        time=stamp("guidance.header.stamp", message.header.stamp),
+        look_ahead=number("guidance.look_ahead", message.look_ahead, 0.0, _LONGEST, "s"),
+        tracks=tracks,
+        speeds=speeds,
+        recovery=integer("guidance.recovery", message.recovery, -1, len(tracks.target) - 1),
+        recovery_time=number("guidance.recovery_time", message.recovery_time, -1.0, _LONGEST, "s"),
+        recovery_shortfall=number(
+            "guidance.recovery_shortfall", message.recovery_shortfall, -_LONGEST, _LONGEST, "m"
+        ),
+        levels=levels,
+    )
+    return replace(scene, guidance=found)
+
+
+def _bands(message: Any, target: str, kind: str) -> Bands:
+    columns = [getattr(message, name) for name in (target, f"{kind}_region", f"{kind}_loss")]
+    lengths = {len(column) for column in columns}
+    if len(lengths) != 1 or max(lengths) > _MOST:
+        what = f"and its regions and losses have {sorted(lengths)} values"
+        raise FieldError(f"guidance.{target}", f"{what}, expected as many of each, {_MOST} at most")
+    targets, regions, losses = columns
+    return Bands(
+        tuple(number(f"guidance.{target}", one, 0.0, _LONGEST, "") for one in targets),
+        tuple(integer(f"guidance.{kind}_region", int(one), 0, 4) for one in regions),
+        tuple(number(f"guidance.{kind}_loss", one, -1.0, _LONGEST, "s") for one in losses),
+    )
+
+
+def _areas(scene: Scene, message: Any, now: int) -> Scene:
+    found = areas(message)
+    for one in found.areas:  # what no map can hold is refused now
+        centre = one.centre or one.rings[0][0]
+        placed(AreaReport(found.time, (one,)), LocalFrame(*centre), found.time, _FAR)
+    return replace(scene, areas=HeldAreas(found))
+
+
+def _diagnostics(scene: Scene, message: Any, now: int) -> Scene:
+    nodes, separation = dict(scene.nodes), scene.separation
+    for one in message.status[:_MOST]:
+        level = one.level[0] if isinstance(one.level, bytes) else int(one.level)
+        nodes[str(one.name)] = Health(now, min(level, 3), str(one.message))
+        values = {pair.key: pair.value for pair in one.values}
+        if "separation, m" in values:
+            separation = number("separation", values["separation, m"], 0.0, _LONGEST, "m")
+    if len(nodes) > _MOST:  # names that are made up anew each time
+        nodes = {}
+    return replace(scene, nodes=nodes, separation=separation)
+
+
+def _clock(scene: Scene, message: Any, now: int) -> Scene:
+    return scene
+
+
+class Input(NamedTuple):
+    """An input of a display."""
+
+    kind: str  # of its messages
+    change: Callable[[Scene, Any, int], Scene]
+
+
+_AIRCRAFT, _TRAJECTORY = "rlcas_msgs/msg/AircraftState", "rlcas_msgs/msg/Trajectory"
+
+INPUTS: Mapping[str, Input] = {
+    "/clock": Input("rosgraph_msgs/msg/Clock", _clock),
+    "rlcas_runner/input/ownship": Input(_AIRCRAFT, _situation(updates.ownship)),
+    "rlcas_runner/input/traffic": Input(_AIRCRAFT, _situation(updates.traffic)),
+    "rlcas_runner/input/alerts": Input("rlcas_msgs/msg/TrafficAlert", _situation(updates.alert)),
+    "rlcas_runner/input/route": Input(_TRAJECTORY, _situation(updates.route)),
+    "rlcas_runner/input/geo_reference": Input(
+        "rlcas_msgs/msg/GeoReference", _situation(updates.geo_reference)
+    ),
+    "rlcas_runner/input/areas": Input("rlcas_msgs/msg/Areas", _areas),
+    "rlcas_runner/output/trajectory": Input(_TRAJECTORY, _plan),
+    "rlcas_runner/output/advisory": Input(_TRAJECTORY, _advisory),
+    "rlcas_monitor/output/status": Input("rlcas_msgs/msg/AssuranceStatus", _status),
+    "rlcas_monitor/output/backup": Input(_TRAJECTORY, _backup),
+    "rlcas_monitor/output/guidance": Input("rlcas_msgs/msg/GuidanceBands", _guidance),
+    "/diagnostics": Input("diagnostic_msgs/msg/DiagnosticArray", _diagnostics),
+}
+"""What takes in a message, by the name of its topic (docs/reference/ros.md)."""
+
+
+def clock_of(message: Any) -> int:
+    """Return the time that a message of ``/clock`` tells, ns."""
+    return nanoseconds(message.clock)

@@ -1,0 +1,160 @@
+"""What the tests of the display share: scenes, and a server of a board on a free port."""
+
+import asyncio
+import math
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import SimpleNamespace
+from typing import Any
+
+from ros_bridge.display.scene import Scene, take
+from ros_bridge.display.server import Board, Recording, Screen, bound, served
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, stamp
+
+__all__ = [
+    "NOW",
+    "PREFIX",
+    "SECOND",
+    "Served",
+    "guidance",
+    "known",
+    "plan",
+    "serving",
+    "status",
+]
+
+PREFIX = "rlcas_runner/input/"
+
+
+def known(*traffic: Any, own: Any = None, now: int = NOW) -> Scene:
+    """Return what is known after reports of an ownship that flies east and of these aircraft."""
+    scene = take(
+        Scene(separation=1_000.0),
+        f"{PREFIX}ownship",
+        own or aircraft(0.0, 0.0, 0.0, 80.0, id="own"),
+        now,
+    )
+    for message in traffic:
+        scene = take(scene, f"{PREFIX}traffic", message, now)
+    return scene
+
+
+def guidance(closed: range = range(0), *, region: int = 2, recovery: int = -1, **more: Any) -> Any:
+    """Return a GuidanceBands message whose tracks of these numbers have a region."""
+    fields = {
+        "header": SimpleNamespace(stamp=stamp(NOW)),
+        "look_ahead": 120.0,
+        "track_deg": [5.0 * n for n in range(72)],
+        "track_region": [region if n in closed else 0 for n in range(72)],
+        "track_loss": [30.0 if n in closed else -1.0 for n in range(72)],
+        "speed": [50.0, 75.0, 100.0],
+        "speed_region": [0, 2, 3],
+        "speed_loss": [-1.0, 40.0, 20.0],
+        "recovery": recovery,
+        "recovery_time": 12.0,
+        "recovery_shortfall": 250.0,
+        "intruder_ids": [],
+        "intruder_level": [],
+        "intruder_loss": [],
+    }
+    return SimpleNamespace(**(fields | more))
+
+
+def status(fly: int = 1, **more: Any) -> Any:
+    """Return an AssuranceStatus message."""
+    fields = {
+        "header": SimpleNamespace(stamp=stamp(NOW)),
+        "state": 4 if fly == 2 else 1,
+        "fly": fly,
+        "reasons": [],
+        "measured": fly == 1,
+        "cross_track": 3.0,
+        "along_track": -2.0,
+        "time_error": 0.1,
+        "separation": 1_100.0,
+        "time_to_loss": -1.0,
+        "runner_silence": 0.1,
+    }
+    return SimpleNamespace(**(fields | more))
+
+
+def plan(status: int = 1, *, north: float = 3_000.0) -> Any:
+    """Return a Trajectory that leaves to the north (left of the ownship of :func:`known`)."""
+
+    def at(index: int, x: float, y: float, track: float, time: float) -> Any:
+        place = FRAME.geodetic(x, y)
+        return SimpleNamespace(
+            index=index,
+            origin=1,
+            valid=0x0E,
+            latitude=float(place.latitude),
+            longitude=float(place.longitude),
+            altitude=0.0,
+            altitude_reference=0,
+            track_deg=track,
+            ground_speed=80.0,
+            time_of_arrival=stamp(NOW + round(time * SECOND)),
+        )
+
+    far = math.hypot(4_000.0, north) / 80.0
+    return SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp(NOW)),
+        id=SimpleNamespace(uuid=[0] * 16),
+        revision=7,
+        status=status,
+        intruder_ids=[],
+        start=at(0, 0.0, 0.0, 90.0, 0.0),
+        waypoints=[at(1, 4_000.0, north, 30.0 if north > 0.0 else 150.0, far)],
+    )
+
+
+class Served:
+    """A server in a thread."""
+
+    def __init__(self, source: Board | Recording) -> None:
+        self.said: list[str] = []
+        self.screen = Screen(source, "a test", self.said.append)
+        self.source = source
+        self.listener: socket.socket = bound("127.0.0.1", 0)
+        self.port = int(self.listener.getsockname()[1])
+        self._loop = asyncio.new_event_loop()
+        self._task: Any = None
+        self._thread = threading.Thread(target=self._run)
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}/"
+
+    def _run(self) -> None:
+        new_loop = asyncio.Runner(loop_factory=lambda: self._loop)
+        with self.listener, new_loop as runner, suppress(asyncio.CancelledError):
+            runner.run(self._serve())
+
+    async def _serve(self) -> None:
+        self._task = asyncio.current_task()
+        async with asyncio.TaskGroup() as group:
+            if isinstance(self.source, Board):
+                self.source.begin()
+                group.create_task(self.screen.broadcast())
+            group.create_task(served(self.screen, self.listener, self.said.append))
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._task.cancel)
+            self._thread.join()
+
+
+@contextmanager
+def serving(source: Board | Recording) -> Iterator[Served]:
+    """Serve a source until the block ends."""
+    server = Served(source)
+    server.start()
+    try:
+        yield server
+    finally:
+        server.stop()

@@ -1,0 +1,446 @@
+"""The picture of a display, and the server that gives it to whoever asks, well or badly."""
+
+import http.client
+import json
+import math
+import re
+import socket
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("websockets", reason="websockets is not installed")
+
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from envs.edge.command import InputError
+from envs.formats.local_frame import LocalFrame, carried, distance
+from ros_bridge.core.fields import FieldError
+from ros_bridge.core.reports import Report, Sighting
+from ros_bridge.display.picture import OWN_STALE, STALE, VERSION, picture
+from ros_bridge.display.recording import read
+from ros_bridge.display.run import main
+from ros_bridge.display.scene import FORGET, INPUTS, Scene, take, take_report
+from ros_bridge.display.server import Board
+from tests.ros_bridge.displays import (
+    NOW,
+    PREFIX,
+    SECOND,
+    guidance,
+    known,
+    plan,
+    serving,
+    status,
+)
+from tests.ros_bridge.scenes import aircraft, alert, stamp
+
+STATUS, GUIDANCE = "rlcas_monitor/output/status", "rlcas_monitor/output/guidance"
+PLAN, BACKUP = "rlcas_runner/output/trajectory", "rlcas_monitor/output/backup"
+
+
+def after(seconds: float) -> int:
+    return NOW + round(seconds * SECOND)
+
+
+# The picture.
+
+
+@given(st.floats(-30e3, 30e3), st.floats(-30e3, 30e3), st.floats(-3.1, 3.1), st.floats(0.0, 20.0))
+def test_aircraft_are_drawn_where_they_are_to_be_expected(x, y, heading, seconds):
+    message = aircraft(x, y, heading, 80.0)
+    shown = picture(known(message), after(seconds))
+    one = shown["traffic"][0]
+    place = LocalFrame(*shown["origin"]).geodetic(one["x"], one["y"])
+    velocity = message.velocity
+    expected = carried(message.latitude, message.longitude, velocity.x, velocity.y, seconds)
+    assert distance(float(place.latitude), float(place.longitude), *expected) < 3.0
+    track = math.degrees(math.atan2(velocity.x, velocity.y)) % 360.0
+    assert abs((one["track_deg"] - track + 180.0) % 360.0 - 180.0) < 0.2
+    assert one["age"] == pytest.approx(seconds, abs=0.01)
+
+
+def test_what_is_old_is_marked_and_then_forgotten():
+    scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    states = [
+        [one["state"] for one in picture(scene, after(age))["traffic"]]
+        for age in (0.0, STALE - 0.1, STALE + 0.1, FORGET + 0.1)
+    ]
+    assert states == [["fresh"], ["coasting"], ["stale"], []]
+    assert picture(scene, after(OWN_STALE + 0.1))["own"]["state"] == "stale"
+    lines = picture(scene, after(OWN_STALE + 0.1))["health"]
+    assert next(one for one in lines if one["name"] == "ownship")["level"] == 2
+
+
+def test_a_clock_that_steps_back_begins_anew():
+    scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    assert picture(scene, after(-0.4))["traffic"]
+    assert not picture(scene, after(-1.0))["traffic"]
+
+
+def test_heights_are_compared_only_where_they_are_comparable():
+    def level(value: float, reference: int) -> dict[str, Any]:
+        return {"altitude": value, "altitude_reference": reference, "valid": 0xC5 | 2}
+
+    own = aircraft(0.0, 0.0, 0.0, 80.0, id="own", **level(1_000.0, 1))
+    for other, reference, above in ((1_300.0, 1, 300.0), (1_300.0, 2, None), (900.0, 1, -100.0)):
+        scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0, **level(other, reference)), own=own)
+        assert picture(scene, NOW)["traffic"][0]["relative_altitude"] == above
+
+
+def test_alerts_of_the_monitor_and_of_others_are_joined():
+    scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0), aircraft(0.0, 9e3, 0.0, 80.0, id="b"))
+    levels = {"intruder_ids": ["4b1a2c"], "intruder_level": [1], "intruder_loss": [40.0]}
+    scene = take(scene, GUIDANCE, guidance(**levels), NOW)
+    scene = take(scene, f"{PREFIX}alerts", alert("b", level=3), NOW)
+    shown = picture(scene, after(2.0))
+    assert [(one["id"], one["level"], one["loss"]) for one in shown["alerts"]] == [
+        ("b", 3, None),
+        ("4b1a2c", 1, 38.0),
+    ]
+    assert picture(scene, after(20.0))["alerts"] == []
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_advice_turns_to_the_nearer_free_side(side: int):
+    """The ownship flies east, track 90: number 18. Mirrored bands give mirrored advice."""
+    closed = [(18 + side * n) % 72 for n in range(-8, 5)]
+    bands = guidance()
+    bands.track_region = [2 if n in closed else 0 for n in range(72)]
+    bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [2], [30.0]
+    scene = take(known(aircraft(5_000.0, 0.0, 0.0, 80.0)), GUIDANCE, bands, NOW)
+    advice = picture(scene, NOW)["advice"]
+    assert advice["do"] == "free" and advice["turn"] == ("right" if side > 0 else "left")
+    assert advice["track_deg"] == 90.0 + side * 25.0
+
+
+def test_advice_is_what_the_monitor_says_is_to_be_flown():
+    scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    scene = take(take(scene, PLAN, plan(), NOW), STATUS, status(1), NOW)
+    shown = picture(scene, NOW)
+    assert shown["advice"]["do"] == "plan" and shown["advice"]["turn"] == "left"
+    assert shown["backup"] is None
+    scene = take(take(scene, BACKUP, plan(5, north=-3_000.0), NOW), STATUS, status(2), NOW)
+    shown = picture(scene, NOW)
+    assert shown["advice"]["do"] == "backup" and shown["advice"]["turn"] == "right"
+    scene = take(scene, PLAN, SimpleNamespace(status=3), NOW)
+    assert picture(scene, NOW)["plan"] is None
+
+
+def test_where_nothing_is_free_the_way_out_is_said():
+    bands = guidance(range(72), region=3, recovery=30)
+    bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [3], [9.0]
+    scene = take(known(aircraft(5_000.0, 0.0, 0.0, 80.0)), GUIDANCE, bands, NOW)
+    advice = picture(scene, after(2.0))["advice"]
+    assert advice["do"] == "recovery" and advice["track_deg"] == 150.0
+    assert advice["after"] == 10.0 and advice["shortfall"] == 250.0
+
+
+def test_a_plan_is_drawn_through_its_waypoints_and_over_its_times():
+    shown = picture(take(known(), PLAN, plan(), NOW), after(10.0))["plan"]
+    line, point = shown["line"], shown["points"][0]
+    assert line[-1][:2] == pytest.approx([point["x"], point["y"]], abs=0.2)
+    times = [time for *_, time in line]
+    assert times == sorted(times) and times[0] == pytest.approx(NOW / SECOND, abs=0.01)
+    assert point["in"] == pytest.approx(62.5 - 10.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "message", "says"),
+    [
+        (STATUS, status(separation=math.nan), "status.separation is nan"),
+        (STATUS, status(state=9), "status.state is 9, expected an integer from 0 to 4"),
+        (STATUS, SimpleNamespace(state=0), "status has no field header, expected rlcas_msgs"),
+        (GUIDANCE, guidance(track_loss=[1.0]), "guidance.track_deg and its regions and losses"),
+        (GUIDANCE, guidance(recovery=72), "guidance.recovery is 72"),
+        (GUIDANCE, guidance(speed_region=[0, 0, 9]), "guidance.speed_region is 9"),
+        (PLAN, SimpleNamespace(status=2), "trajectory.status is 2, expected 1"),
+    ],
+)
+def test_a_message_that_cannot_be_used_is_named_and_changes_nothing(name, message, says):
+    scene = take(take(known(), STATUS, status(), NOW), GUIDANCE, guidance(), NOW)
+    before = picture(scene, NOW)
+    shown = picture(take(scene, name, message, NOW), NOW)
+    told = [one["text"] for one in shown["health"] if one["level"] == 2]
+    assert len(told) == 1 and told[0].startswith(says)
+    differing = {key for key in before if before[key] != shown[key]}
+    assert differing == {"health"}
+    good = status() if name == STATUS else guidance() if name == GUIDANCE else plan()
+    healed = picture(take(take(scene, name, message, NOW), name, good, NOW), NOW)
+    assert not [one for one in healed["health"] if one["level"] == 2]
+
+
+def test_a_receivers_reports_make_a_picture_without_ros():
+    scene = take_report(Scene(), Report("own", NOW, 47.0, 8.0, 60.0, 0.0), NOW, own=True)
+    scene = take_report(scene, Report("4b1a2c", NOW, 47.1, 8.0, 0.0, -60.0), NOW)
+    wrong = FieldError("adsb 4b0000.speed", "has not been received")
+    wrong.sighting = Sighting("4b0000", NOW, (47.2, 8.0))
+    scene = take_report(scene, wrong, NOW)
+    shown = picture(scene, NOW)
+    assert [one["id"] for one in shown["traffic"]] == ["4b1a2c"]
+    assert shown["traffic"][0]["y"] - shown["own"]["y"] == pytest.approx(11_119.0, abs=20.0)
+
+
+@given(st.lists(st.sampled_from(sorted(INPUTS)), max_size=6), st.floats(0.0, 100.0))
+def test_every_picture_is_plain_json(names: list[str], seconds: float):
+    scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0, id="<b>'\"&"))
+    for name in names:
+        scene = take(scene, name, SimpleNamespace(), NOW)  # a message without any field
+    text = json.dumps(picture(scene, after(seconds)), allow_nan=False)
+    assert json.loads(text)["version"] == VERSION
+
+
+def test_names_of_the_inputs_are_those_of_the_graph():
+    topics = pytest.importorskip("ros_bridge.transport.topics", reason="rclpy is not installed")
+    for topic in topics.EVERY:
+        if topic not in (topics.PATH, topics.MARKERS):
+            package = topic.kind.__module__.split(".")[0]
+            assert INPUTS[topic.name].kind == f"{package}/msg/{topic.kind.__name__}"
+
+
+# The server.
+
+
+def board(*traffic: Any) -> Board:
+    made = Board(clock=lambda: NOW)
+    made.scene = known(*traffic)
+    return made
+
+
+def opened(port: int, **more: Any) -> Any:
+    return connect(f"ws://127.0.0.1:{port}/pictures", compression=None, **more)
+
+
+def pictures(client: Any, count: int) -> list[dict[str, Any]]:
+    return [json.loads(client.recv(timeout=10.0)) for _ in range(count)]
+
+
+def test_twenty_clients_get_pictures_and_what_one_sends_is_refused():
+    source = board(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    with serving(source) as server, ExitStack() as stack:
+        clients = [stack.enter_context(opened(server.port)) for _ in range(20)]
+        for client in clients:
+            hello, first = pictures(client, 2)
+            assert hello["type"] == "hello" and hello["live"]
+            assert first["traffic"][0]["id"] == "4b1a2c"
+        for sent, code in (("fly left", 1008), (b"\x00\xff", 1008), ("x" * 100_000, 1009)):
+            client = clients.pop()
+            client.send(sent)
+            with pytest.raises(ConnectionClosed) as caught:
+                pictures(client, 99)
+            assert caught.value.rcvd.code == code
+        assert any(
+            "sent 'fly left', expected nothing: this display is read" in one for one in server.said
+        )
+        assert len([one for one in server.said if "expected nothing" in one]) == 2
+        for client in clients:
+            assert pictures(client, 2)
+
+
+def test_a_client_that_does_not_read_loses_pictures_and_nobody_else_does():
+    many = [
+        aircraft(500.0 * n, 9_000.0, 0.0, 80.0, id=f"{n:03d}-{'x' * 50}") for n in range(-100, 100)
+    ]
+    source = board(*many)
+    with serving(source) as server:
+        slow = socket.create_connection(("127.0.0.1", server.port))
+        slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_096)
+        slow.sendall(
+            f"GET /pictures HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\n"
+            "Connection: Upgrade\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
+            "Sec-WebSocket-Version: 13\r\n\r\n".encode()
+        )
+        with opened(server.port, max_size=None) as quick:
+            got = 0
+            while server.screen.missed() < 5:  # the buffers of the system come first
+                source.feed(lambda scene: scene)
+                got += len(pictures(quick, 1))
+                assert got < 2_000, "no picture was dropped"
+        slow.close()
+
+
+def test_only_four_files_are_served_and_only_to_this_machines_names():
+    cases = [
+        ("/", {}, 200),
+        ("/airmap.js", {}, 200),
+        ("/display.js?x=1", {}, 200),
+        ("/../server.py", {}, 404),
+        ("/page/index.html", {}, 404),
+        ("/", {"Host": "evil.example"}, 403),
+        ("/", {"Host": "[junk"}, 403),
+        ("/", {"Host": "localhost:1"}, 200),
+    ]
+    with serving(board()) as server:
+        for path, headers, code in cases:
+            connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10.0)
+            connection.request("GET", path, headers=headers)
+            answer = connection.getresponse()
+            assert answer.status == code, path
+            assert answer.read()
+            if code == 200:
+                policy = answer.headers["Content-Security-Policy"]
+                assert policy.startswith("default-src 'none'; script-src 'self';")
+            connection.close()
+
+
+def test_another_page_may_not_read_the_traffic():
+    with serving(board()) as server:
+        for origin in ("http://evil.example", "null", f"http://127.0.0.1:{server.port + 1}"):
+            with pytest.raises(InvalidStatus) as caught, opened(server.port, origin=origin):
+                pass
+            assert caught.value.response.status_code == 403
+        with opened(server.port, origin=server.url[:-1]) as client:
+            assert pictures(client, 2)
+
+
+def test_junk_instead_of_http_leaves_a_line_and_the_server():
+    with serving(board()) as server:
+        for junk in (b"\x16\x03\x01\x00\xff" * 40, b"GET / HTTP/1.1\r\n" + b"a" * 100_000, b""):
+            with socket.create_connection(("127.0.0.1", server.port)) as one:
+                one.sendall(junk)
+        with opened(server.port) as client:
+            assert pictures(client, 2)
+        end = time.monotonic() + 10.0
+        while not server.said and time.monotonic() < end:
+            time.sleep(0.05)
+        assert server.said and all("\n" not in one for one in server.said)
+
+
+# Recordings.
+
+
+def encounter(folder: Path, **more: Any) -> Path:
+    """Write an encounter of two aircraft that meet, 60 s, with bands that close after 20 s."""
+    steps, count = 61, 72
+    late = [step >= 20 for step in range(steps)]
+    document = {
+        "format": "rlcas-encounter",
+        "version": 1,
+        "name": "head_on 3",
+        "dt": 1.0,
+        "separation": 1_000.0,
+        "goal_radius": 500.0,
+        "goal": [8_000.0, 0.0],
+        "own": {"x": [80.0 * n for n in range(steps)], "y": [0.0] * steps},
+        "intruders": [{"x": [9_000.0 - 80.0 * n for n in range(steps)], "y": [100.0] * steps}],
+        "plan": {"x": [0.0, 8_000.0], "y": [0.0, 0.0], "time": [0.0, 100.0]},
+        "bands": {
+            "look_ahead": 120.0,
+            "track_deg": [5.0 * n for n in range(count)],
+            "track_region": [[2 * one] * count for one in late],
+            "speed": [50.0, 100.0],
+            "speed_region": [[2 * one] * 2 for one in late],
+            "level": [[2 * one] for one in late],
+            "loss": [[40.0 if one else None] for one in late],
+            "recovery": [[-1, None, 0.0] for _ in late],
+        },
+    }
+    path = folder / "encounter.json"
+    path.write_text(json.dumps(document | more), encoding="utf-8")
+    return path
+
+
+def test_an_encounter_is_shown_at_the_time_that_a_client_asks_for(tmp_path: Path):
+    recording = read(encounter(tmp_path))
+    assert recording.length == 60.0 and recording.marks == [(20.0, 2)]
+    with serving(recording) as server, opened(server.port) as client:
+        hello = pictures(client, 1)[0]
+        assert not hello["live"] and hello["length"] == 60.0
+        for asked, shown, level in ((10.5, 10.5, 0), (59.0, 59.0, 2), (1e9, 60.0, 2), (-5, 0.0, 0)):
+            client.send(json.dumps({"time": asked}))
+            found = pictures(client, 1)[0]
+            assert found["at"] == shown and found["own"]["x"] == pytest.approx(80.0 * shown)
+            assert max((one["level"] for one in found["alerts"]), default=0) == level
+        client.send('{"time": true}')
+        with pytest.raises(ConnectionClosed):
+            pictures(client, 1)
+        assert "expected a time" in server.said[0]
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("{", "is no encounter"),
+        ('{"format": "rlcas-encounter", "version": 2}', "is no encounter"),
+        ('{"format": "rlcas-encounter", "version": 1}', "is no whole encounter"),
+        ("[1]", "is no encounter"),
+    ],
+)
+def test_a_file_that_is_no_encounter_is_refused_in_a_sentence(tmp_path: Path, content, says):
+    path = tmp_path / "x.json"
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(InputError, match=says):
+        read(path)
+
+
+def test_a_file_that_is_no_recording_is_refused_in_a_sentence(tmp_path: Path):
+    pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
+    pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
+    path = tmp_path / "x.mcap"
+    for content in (b"", b"no recording", b"\x89MCAP0\r\n" + b"\x00" * 50):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="is no whole MCAP file"):
+            read(path)
+
+
+def test_unknown_topics_and_bytes_of_a_recording_are_named(tmp_path: Path):
+    writer = pytest.importorskip("mcap_ros2.writer", reason="mcap-ros2-support is not installed")
+    path = tmp_path / "x.mcap"
+    with path.open("wb") as stream:
+        made = writer.Writer(stream)
+        text = made.register_msgdef("std_msgs/msg/String", "string data")
+        clock = made.register_msgdef(
+            "rosgraph_msgs/msg/Clock",
+            "builtin_interfaces/Time clock\n" + "=" * 80 + "\nMSG: builtin_interfaces/Time\n"
+            "int32 sec\nuint32 nanosec",
+        )
+        for n in range(3):
+            told = {"log_time": n * SECOND, "publish_time": n * SECOND}
+            tick = {"clock": {"sec": 1_000 + n, "nanosec": 0}}
+            made.write_message(topic="/clock", schema=clock, message=tick, **told)
+            for topic in ("/chatter", "/rlcas_runner/input/ownship"):
+                made.write_message(topic=topic, schema=text, message={"data": "<b>"}, **told)
+        made.finish()
+    recording = read(path)
+    told = {one["name"]: one["text"] for one in recording.player()(2.0)["health"]}
+    assert told["/chatter"] == "std_msgs/msg/String is not shown"
+    assert told["/rlcas_runner/input/ownship"] == "std_msgs/msg/String is not shown"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["/nowhere.mcap"], "does not exist"),
+        (["--adsb", "ftp://x"], "expected tcp://HOST:30003"),
+        (["--adsb", "tcp://x:1", "flight.mcap"], "are both given"),
+        (["--own", "4b1a2c"], "--own goes with --adsb"),
+        (["--centre", "91,0"], "expected latitude and longitude"),
+        (["--port", "70000"], "expected a port"),
+        (["--separation", "nan"], "expected metres"),
+        (["flight.mcap", "--ros-args"], "goes with the ROS graph only"),
+    ],
+)
+def test_bad_arguments_are_refused_in_a_sentence(arguments: list[str], says: str):
+    with pytest.raises(InputError, match=re.escape(says)):
+        main(arguments)
+
+
+def test_a_port_that_is_taken_is_refused(tmp_path: Path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        with pytest.raises(InputError, match=f"--port {port} cannot be used"):
+            main([str(encounter(tmp_path)), "--port", port])
+
+
+def test_stamps_are_not_made_up():
+    """A report without a time is refused as everywhere."""
+    message = aircraft(5_000.0, 0.0, 0.0, 80.0)
+    message.header.stamp = stamp(0)
+    shown = picture(known(message), NOW)
+    assert shown["traffic"] == []

@@ -1,0 +1,181 @@
+"""The display's page in a real browser: it draws what it is told, by day and night, and obeys the
+keyboard.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("websockets", reason="websockets is not installed")
+
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+from playwright.sync_api import expect
+
+from ros_bridge.display.recording import read
+from ros_bridge.display.scene import take
+from ros_bridge.display.server import Board
+from tests.ros_bridge.displays import NOW, Served, guidance, known, plan, serving, status
+from tests.ros_bridge.scenes import aircraft
+from tests.ros_bridge.test_display import GUIDANCE, PLAN, STATUS, encounter
+
+HOSTILE = "<img src=x onerror=alert(1)>"
+SIZES = {"desk": (1280, 800), "tablet": (1024, 768), "phone": (390, 844)}
+
+
+def alarming() -> Board:
+    """Return a board with a warning, a plan, and an aircraft whose name is markup."""
+    scene = known(
+        aircraft(6_000.0, 0.0, 3.1, 80.0, id=HOSTILE, valid=0xC5),
+        aircraft(3_000.0, 4_000.0, 0.0, 80.0, id="late", time=NOW - 4_000_000_000),
+    )
+    bands = guidance(range(12, 26), region=3, intruder_ids=[HOSTILE])
+    bands.intruder_level, bands.intruder_loss = [3], [12.0]
+    for name, message in ((GUIDANCE, bands), (PLAN, plan()), (STATUS, status())):
+        scene = take(scene, name, message, NOW)
+    made = Board(clock=lambda: NOW)
+    made.scene = scene
+    return made
+
+
+class Page:
+    def __init__(self, new_page: Any, url: str, size: str = "desk", scheme: str = "light") -> None:
+        width, height = SIZES[size]
+        self.page = new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
+        self.asked: list[str] = []
+        self.wrong: list[str] = []
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.on("pageerror", lambda problem: self.wrong.append(str(problem)))
+        self.page.on("console", lambda message: self.wrong.append(message.text))
+        self.page.goto(url)
+        self.page.wait_for_selector("html[data-ready]")
+
+    def text(self, selector: str) -> str:
+        return self.page.inner_text(selector)
+
+    def drawn(self) -> int:
+        """Return how many pixels of the map are not empty, after the next picture was drawn."""
+        self.page.evaluate(
+            "new Promise((done) => document.addEventListener('drawn', done, { once: true })).then(() => 1)"
+        )
+        return self.page.evaluate(
+            "(() => { const { width, height } = sky.canvas; const data = sky.canvas.getContext('2d')"
+            ".getImageData(0, 0, width, height).data; let count = 0;"
+            " for (let i = 3; i < data.length; i += 4) count += data[i] > 0; return count; })()"
+        )
+
+
+@pytest.fixture
+def alarmed(new_page: Any) -> Iterator[tuple[Page, Served]]:
+    with serving(alarming()) as server:
+        page = Page(new_page, server.url)
+        yield page, server
+        assert page.wrong == []
+        assert all(one.startswith((server.url, "data:")) for one in page.asked)
+        page.page.close()
+
+
+def test_alert_advice_and_health_are_said_in_words(alarmed: tuple[Page, Served]) -> None:
+    page, _ = alarmed
+    assert page.text("#order").startswith("Plan: turn left to 030°")
+    assert HOSTILE in page.text("#alerts") and "lost in 12 s" in page.text("#alerts")
+    assert page.page.get_attribute("#advice", "data-level") == "3"
+    assert "Revision 7" in page.text("#plan")
+    page.page.click("summary >> nth=0")
+    rows = page.page.locator("#table tr")
+    page.page.wait_for_selector("#table tr")
+    assert [rows.nth(n).locator("td").nth(0).inner_text() for n in range(2)] == ["late", HOSTILE]
+    assert "coasting, 4 s" in rows.nth(0).inner_text()
+    assert page.page.locator("#table img, #alerts img").count() == 0
+    assert page.drawn() > 20_000
+
+
+def test_the_keyboard_does_what_the_buttons_do(alarmed: tuple[Page, Served]) -> None:
+    page, _ = alarmed
+    before = page.text("#range")
+    assert before == "5 NM"
+    for key, selector, shown in (
+        ("t", "#up", "North up"),
+        ("+", "#range", "2 NM"),
+        ("-", "#range", "5 NM"),
+        ("u", "#range", "10 km"),
+        ("s", "#sound", "Sound on"),
+        ("s", "#sound", "Sound off"),
+    ):
+        page.page.keyboard.press(key)
+        assert page.text(selector) == shown
+    assert page.page.evaluate("document.documentElement.dataset.theme") == "day"
+    page.page.keyboard.press("d")
+    assert page.page.evaluate("document.documentElement.dataset.theme") == "night"
+    reached = set()
+    for _ in range(12):
+        page.page.keyboard.press("Tab")
+        reached.add(page.page.evaluate("document.activeElement.id"))
+    assert {"up", "closer", "farther", "theme", "units", "sound"} <= reached
+
+
+def test_track_up_turns_the_map_about_the_ownship(alarmed: tuple[Page, Served]) -> None:
+    """The ownship flies east: what is ahead of it is up, and to the right with north up."""
+    page, _ = alarmed
+    where = "(() => { const at = view(state.picture, 800, 600), one = state.picture.traffic.find((t) => t.level); const [x, y] = at.place(one.x, one.y); return [x - at.centre[0], at.centre[1] - y]; })()"
+    right, up = page.page.evaluate(where)
+    assert abs(right) < 2.0 and up > 50.0
+    page.page.keyboard.press("t")
+    right, up = page.page.evaluate(where)
+    assert right > 50.0 and abs(up) < 2.0
+
+
+def test_a_picture_that_stands_still_is_said_to_be_old(new_page: Any) -> None:
+    with serving(alarming()) as server:
+        page = Page(new_page, server.url)
+        server.stop()
+        page.page.wait_for_selector("#link:not([hidden])")
+        assert "what is drawn is old" in page.text("#link")
+        page.page.close()
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_texts_have_contrast_and_fit_at_every_size(new_page: Any, size: str) -> None:
+    contrast = """() => {
+      const channel = (v) => (v /= 255) <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
+      const light = (colour) => { const [r, g, b] = colour.match(/[0-9a-f]{2}/gi).map((h) => channel(parseInt(h, 16))); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
+      const { colours } = state, ratio = (a, b) => { const [x, y] = [light(a), light(b)].sort((p, q) => q - p); return (x + 0.05) / (y + 0.05); };
+      const names = ["ink", "soft", "own", "plan", "backup", "route", "area", "goal", "free", "preventive", "corrective", "warning", "recovery", "traffic", "bad"];
+      return Object.fromEntries(names.map((name) => [name, Math.min(ratio(colours[name], colours.paper), ratio(colours[name], colours.panel))]));
+    }"""
+    with serving(alarming()) as server:
+        for scheme in ("light", "dark"):
+            page = Page(new_page, server.url, size, scheme)
+            ratios = page.page.evaluate(contrast)
+            assert ratios["ink"] >= 7.0 and ratios["soft"] >= 7.0
+            assert {name: ratio for name, ratio in ratios.items() if ratio < 4.5} == {}
+            width = page.page.evaluate("document.documentElement.scrollWidth")
+            assert width <= SIZES[size][0]
+            small = page.page.evaluate(
+                "[...document.querySelectorAll('button')].filter((b) => b.offsetParent && (b.offsetWidth < 44 || b.offsetHeight < 44)).map((b) => b.id)"
+            )
+            assert small == []
+            assert page.drawn() > 10_000
+            assert page.wrong == []
+            page.page.close()
+
+
+def test_a_recording_is_played_stepped_and_sought(new_page: Any, tmp_path: Path) -> None:
+    with serving(read(encounter(tmp_path))) as server:
+        page = Page(new_page, server.url)
+        clock = page.page.locator("#clock")
+        assert page.page.is_visible("#seek")
+        assert clock.inner_text() == "0 s" and page.text("#alerts") == "none"
+        page.page.keyboard.press("ArrowRight")
+        expect(clock).to_have_text("1 s")
+        page.page.evaluate("get('seek').value = 40; get('seek').dispatchEvent(new Event('input'))")
+        expect(page.page.locator("#alerts")).to_contain_text("corrective: intruder 1")
+        assert page.page.evaluate("state.picture.at") == 40
+        page.page.select_option("#pace", "16")
+        page.page.click("#play")
+        expect(clock).to_have_text("60 s", timeout=60_000.0)
+        assert page.text("#play") == "Play"
+        assert page.wrong == []
+        page.page.close()
