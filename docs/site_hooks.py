@@ -7,7 +7,8 @@
   as in a checkout.
 - A contents page for every folder that is linked to, or stands in ``nav``, and has none.
 - In ``nav`` a folder stands for all its pages.
-- The numbers of the shipped policy, for the page that flies it (``docs/fly/make.py``).
+- The numbers of the shipped policy, and the drawing code of all pages, for the page that flies it
+  (``docs/fly/make.py``).
 - Roles of our docstrings (``:func:`size```) are links, and double backticks code: an extension of
   griffe.
 - A comment on the line of a class's annotated field is the field's text where it has no docstring:
@@ -51,6 +52,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, name, content=text))
     weights = runpy.run_path(str(docs / "fly" / "make.py"))["weights"]()
     files.append(File.generated(config, "fly/weights.js", content=weights))
+    drawing = (docs.parent / "envs" / "edge" / "airmap.js").read_text(encoding="utf-8")
+    files.append(File.generated(config, "fly/airmap.js", content=drawing))
     waiting = [docs.parent / name for name in ALWAYS_OUTSIDE]
     for file in files.documentation_pages():
         waiting += _links_outside(file.content_string, docs / file.src_uri, docs)

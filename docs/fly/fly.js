@@ -5,8 +5,6 @@
 const get = (id) => document.getElementById(id);
 const MOST = 8, STEPS = 300, ACROSS = 16; // D across the shorter side of the map
 const BUDGET = { future: 6, search: 8, map: 10 }; // ms of a frame until which each may work
-const PLANE = new Path2D(["", "-"].map((side) => // seen from above, nose to the right, both sides of it
-  `M10 0C9.4 ${side}1 6 ${side}1.2 3 ${side}1.3L-2.2 ${side}9.2-4.4 ${side}9.2-1.8 ${side}1.3-6.4 ${side}.9-8.4 ${side}3.6-9.8 ${side}3.6-8.9 0Z`).join(""));
 const ICONS = { play: "M5 2.5v13l10.5-6.5z", pause: "M4 3h3.6v12H4zM10.4 3H14v12h-3.6z" };
 
 const sky = { canvas: document.querySelector("#sky canvas"), box: get("sky") };
@@ -212,37 +210,14 @@ function view() {
   return { width, height, scale: Math.min(width, height) / ACROSS };
 }
 
-function fitted({ canvas, box }) {
-  const ratio = Math.min(window.devicePixelRatio || 1, 2), width = box.clientWidth, height = box.clientHeight;
-  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-  }
-  const pen = canvas.getContext("2d");
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.clearRect(0, 0, width, height);
-  return { pen, width, height };
-}
-
-const tint = (name, alpha) => `color-mix(in srgb, ${colours[name]} ${Math.round(100 * alpha)}%, transparent)`;
+const tint = (name, alpha) => airmap.tint(colours[name], alpha);
 
 function draw() {
-  const { pen, width, height } = fitted(sky), { scale } = view(), state = now();
+  const { pen, width, height } = airmap.fitted(sky), { scale } = view(), state = now();
   const place = (x, y) => [width / 2 + x * scale, height / 2 - y * scale];
-  const stroke = (colour, thickness, dash = []) => {
-    pen.strokeStyle = colour;
-    pen.lineWidth = thickness;
-    pen.setLineDash(dash);
-    pen.stroke();
-  };
-  const circle = (x, y, radius) => {
-    pen.beginPath();
-    pen.arc(...place(x, y), radius * scale, 0, 2 * Math.PI);
-  };
-  const path = (points) => {
-    pen.beginPath();
-    for (const [x, y] of points) pen.lineTo(...place(x, y));
-  };
+  const stroke = (colour, thickness, dash = []) => airmap.stroke(pen, colour, thickness, dash);
+  const circle = (x, y, radius) => airmap.circle(pen, ...place(x, y), radius * scale);
+  const path = (points) => airmap.line(pen, points.map(([x, y]) => place(x, y)));
   pen.lineCap = pen.lineJoin = "round";
 
   pen.beginPath(); // a grid of two separations
@@ -298,14 +273,10 @@ function draw() {
     stroke(tint(colour, 0.8), 1.2);
     pen.font = "600 13px system-ui, 'Liberation Sans', sans-serif";
     pen.textAlign = "center";
-    pen.lineWidth = 4;
-    pen.setLineDash([]);
-    pen.strokeStyle = colours.sky;
     const around = [a, b, ...state.planes.filter((_, i) => !state.gone[i])].map((one) => place(one.x, one.y));
-    const [tx, ty] = clearPlace(place((a.x + b.x) / 2, (a.y + b.y) / 2), pen.measureText(metres(least.distance)).width, around);
-    pen.strokeText(metres(least.distance), tx, ty);
-    pen.fillStyle = colours[colour];
-    pen.fillText(metres(least.distance), tx, ty);
+    const across = pen.measureText(metres(least.distance)).width;
+    const [tx, ty] = airmap.clearPlace(place((a.x + b.x) / 2, (a.y + b.y) / 2), across, around, { width, height, disc: 0.5 * scale + 4 });
+    airmap.text(pen, metres(least.distance), tx, ty, colours[colour], colours.sky);
   }
 
   const pairs = (i) => state.planes.map((_, k) => k).filter((k) => k !== i && !state.gone[k] && (everyone() || i === 0 || k === 0));
@@ -331,17 +302,7 @@ function draw() {
       pen.fill();
       stroke(colours[colourOf(i)], 2);
     }
-    pen.save();
-    pen.translate(x, y);
-    pen.rotate(-one.heading);
-    pen.scale(size, size);
-    pen.lineWidth = 2.5;
-    pen.setLineDash([]);
-    pen.strokeStyle = colours.sky;
-    pen.stroke(PLANE);
-    pen.fillStyle = colours[colourOf(i)];
-    pen.fill(PLANE);
-    pen.restore();
+    airmap.plane(pen, x, y, one.heading, size, colours[colourOf(i)], colours.sky);
     if (i > 0 && start.length > 2) {
       pen.font = "11px system-ui, 'Liberation Sans', sans-serif";
       pen.textAlign = "center";
@@ -354,23 +315,6 @@ function draw() {
   return state;
 }
 
-// Where a text of some width stands clear of the discs around some points: near a place, and on the map.
-function clearPlace([x, y], across, points) {
-  const { width, height, scale } = view(), disc = 0.5 * scale + 4, half = across / 2 + 4;
-  let best = { room: -Infinity };
-  for (const reach of [1.2, 1.8, 2.6]) {
-    for (const way of [90, -90, 0, 180, 45, 135, -45, -135]) {
-      const radians = (way * Math.PI) / 180;
-      const tx = clip(x + Math.cos(radians) * (reach * disc + half), half, width - half);
-      const ty = clip(y - Math.sin(radians) * (reach * disc + 10), 18, height - 34);
-      const room = Math.min(...points.map(([px, py]) => Math.hypot(Math.max(Math.abs(px - tx) - half, 0), Math.max(Math.abs(py - ty + 5) - 9, 0))));
-      if (room >= disc) return [tx, ty];
-      if (room > best.room) best = { room, at: [tx, ty] };
-    }
-  }
-  return best.at;
-}
-
 function tipOf(one, place) { // the end of an aircraft's arrow: farther where it is faster
   const [x, y] = place(one.x, one.y), reach = 34 + 34 * one.speed;
   return [x + reach * Math.cos(one.heading), y - reach * Math.sin(one.heading)];
@@ -378,7 +322,7 @@ function tipOf(one, place) { // the end of an aircraft's arrow: farther where it
 
 // The distance to the nearest aircraft over time. The axis is that of the square root, so that what is near is seen.
 function drawChart() {
-  const { pen, width, height } = fitted(chart), { frames } = shown, count = Math.max(frames.length - 1, 1);
+  const { pen, width, height } = airmap.fitted(chart), { frames } = shown, count = Math.max(frames.length - 1, 1);
   const far = Math.max(4, ...frames.map((frame) => frame.distance).filter(Number.isFinite));
   const left = 48, right = width - 8, top = 22, bottom = height - 18;
   const x = (step) => left + ((right - left) * step) / count;

@@ -81,6 +81,7 @@ def write(folder: Path, path: Path = SHIPPED) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("index.html", "fly.js", "policy.js", "search.js"):
         shutil.copyfile(HERE / name, folder / name)
+    shutil.copyfile(ROOT / "envs" / "edge" / "airmap.js", folder / "airmap.js")
     (folder / "weights.js").write_text(script, encoding="utf-8")
     return folder / "index.html"
 
