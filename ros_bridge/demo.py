@@ -229,8 +229,7 @@ def _flown(
                     ]
                     if ended:
                         raise ValueError(
-                            f"a node ended with exit code {ended[0]} (--verbose shows "
-                            "why)"
+                            f"a node ended with exit code {ended[0]} (--verbose shows why)"
                         )
                 print(".", end="", file=sys.stderr, flush=True)
             print(file=sys.stderr)

@@ -34,7 +34,7 @@
 
   function readColours() {
     const style = getComputedStyle(document.documentElement);
-    const names = ["paper", "ink", "soft", "line", "grid", "accent", "own", "other", "goal", "plan", "witness", "route"];
+    const names = ["paper", "ink", "soft", "line", "grid", "accent", "own", "other", "goal", "plan", "witness", "route", ...airmap.REGIONS];
     colour = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
     colour.kinds = data.kinds.map((_, i) => style.getPropertyValue(`--kind-${i}`).trim());
   }
@@ -287,8 +287,37 @@
     flight.witnessTrack = stored.witness ? track(stored.witness.points) : null;
     flight.turn = next(stored.steps, 1e-3);
     flight.acceleration = next(stored.steps, 1e-3);
+    const { bands } = stored;
+    flight.bands = bands ? { speed: bands.speed, tracks: rowsOf(bands.tracks, data.tracks_deg.length), speeds: rowsOf(bands.speeds, bands.speed.length) } : null;
     flight.closest = 1 + flight.separation.indexOf(Math.min(...flight.separation));
     return flight;
+  }
+
+  // Runs of a code and how often it follows, as rows of codes.
+  function rowsOf(runs, width) {
+    const flat = [];
+    for (let i = 0; i < runs.length; i += 2) for (let n = 0; n < runs[i + 1]; n++) flat.push(runs[i]);
+    return Array.from({ length: flat.length / width }, (_, row) => flat.slice(row * width, (row + 1) * width));
+  }
+
+  // The bands of this moment, north up: the ring of the display, and its tape.
+  function drawBands() {
+    const bands = state.flight?.bands;
+    $("bands").hidden = !bands;
+    if (!bands) return;
+    const tracks = bands.tracks[state.time], speeds = bands.speeds[state.time], own = state.flight.own;
+    const canvas = document.querySelector("#bands canvas"), box = canvas.parentElement;
+    const { pen, width, height } = airmap.fitted({ canvas, box }), radius = Math.min(width - 80, height) / 2 - 26;
+    const x = width - radius - 28, y = height / 2, at = Math.max(0, Math.min(state.time, own.x.length - 2));
+    const vx = own.x[at + 1] - own.x[at], vy = own.y[at + 1] - own.y[at], speed = Math.hypot(vx, vy) / data.dt;
+    airmap.compass(pen, x, y, radius, 0, colour, 11);
+    airmap.bands(pen, x, y, radius + 2, 18, 0, data.tracks_deg, tracks, colour);
+    airmap.plane(pen, x, y, Math.atan2(vy, vx), 1.2, colour.own, colour.paper);
+    const tape = { value: speed, span: 40, step: 10, words: speed.toFixed(0), targets: bands.speed, regions: speeds };
+    airmap.tape(pen, { left: 4, top: 8, width: 62, height: height - 28 }, tape, colour);
+    airmap.text(pen, "m/s", 8, height - 6, colour.soft, colour.paper, { size: 11, align: "left" });
+    const free = (codes) => codes.filter((code) => code === 0).length;
+    $("free").textContent = `${free(tracks)} of ${tracks.length} directions and ${free(speeds)} of ${speeds.length} speeds are free.`;
   }
 
   const line = (track, until) => track.x.slice(0, until).map((x, i) => [x / 1000, track.y[i] / 1000]);
@@ -450,6 +479,7 @@
     $("time").value = String(time);
     $("clock").textContent = `${time} s`;
     $("time").setAttribute("aria-valuetext", `${time} seconds`);
+    drawBands();
     if (!flight) { $("moment").textContent = ""; return; }
     const k = Math.min(time, flight.steps - 1), close = nearest(flight, time);
     const apart = Math.hypot(flight.others[close].x[time] - flight.own.x[time], flight.others[close].y[time] - flight.own.y[time]);

@@ -15,6 +15,7 @@ import numpy as np
 
 from envs.edge.command import visible
 from eval.plots.style import MARKERS, spread
+from eval.report.bands import TRACKS, bands_data
 from eval.report.flights import Replayed
 from eval.report.folder import Run
 
@@ -123,6 +124,8 @@ def page_data(
         "goal_radius": rules.goal_radius,
         "kinds": kinds,
         "commanded": run.config.mode == "policy",
+        "dt": run.rules.dt,
+        "tracks_deg": TRACKS.tolist(),
         "count": len(shown),
         "number": _packed(shown.astype("<i4")),
         "kind": _packed(codes),
@@ -166,6 +169,8 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
         found["plan"] = [np.round(row, 1).tolist() for row in (x - origin[0], y - origin[1], time)]
     if flight.plan_status is not None:
         found["plan_status"] = flight.plan_status
+    if flight.bands is not None:
+        found["bands"] = bands_data(flight.bands)
     if witness is not None:
         found["witness"] = {
             "points": witness.path.shape[1],

@@ -2,7 +2,7 @@
 how each ended.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from eval.flights.optimal import ROUNDS
 from eval.flights.plan_mode import STATUSES
 from eval.flights.recorded import Track, fly_recorded
 from eval.flights.simulate import OUTCOMES
+from eval.report.bands import FlightBands, flight_bands, states
 from eval.report.folder import Run
 from eval.runner.options import named_evaluation
 
@@ -47,6 +48,7 @@ class Replayed(NamedTuple):
     plan: np.ndarray | None  # first plan: east, north, m, and time, s, [3, W]; None without one
     plan_status: str | None
     witness: Witness | None
+    bands: FlightBands | None = None  # at T + 1 times; None where none were asked for
 
 
 def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
@@ -65,19 +67,25 @@ def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
 
 
 def fly_again(
-    run: Run, evaluation: Evaluation, numbers: Sequence[int], witnesses: set[int]
+    run: Run,
+    evaluation: Evaluation,
+    numbers: Sequence[int],
+    witnesses: set[int],
+    banded: Collection[int] = (),
 ) -> Iterator[Replayed]:
     """Yield the flights of some encounters in their order, some of them with a witness: a flight
-    that resolves them.
+    that resolves them, and some with bands.
     """
     # One thread, as when they were flown for the table: BLAS rounds differently with several.
     with threadpool_limits(1):
         pilot = Pilot.load(evaluation)
         for begin in range(0, len(numbers), _BATCH):
-            yield from _batch(run, pilot, numbers[begin : begin + _BATCH], witnesses)
+            yield from _batch(run, pilot, numbers[begin : begin + _BATCH], witnesses, banded)
 
 
-def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> Iterator[Replayed]:
+def _batch(
+    run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int], banded: Collection[int]
+) -> Iterator[Replayed]:
     aircraft, batch = pilot.evaluation.aircraft, fly_recorded(pilot, numbers)
     starts, plans, flights, flown = batch
     found = _witnesses(
@@ -104,8 +112,14 @@ def _batch(run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int]) -> 
             status = STATUSES[int(made.safe[i])]
             knots = np.stack([made.knots.x[i], made.knots.y[i], made.knots.time[i]])
             plan = knots if np.isfinite(knots).all() else None
+        bands = None
+        if number in banded:
+            whole, count = batch.trajectories, track.separation.size + 1
+            present = starts.mask[i]
+            intruders = take(states(whole.intruders, count, i), (slice(None), present))
+            bands = flight_bands(states(whole.own, count, i), intruders, pilot.evaluation.options)
         yield Replayed(
-            number, track, acceleration, yaw_rate, bool(same), plan, status, found.get(i)
+            number, track, acceleration, yaw_rate, bool(same), plan, status, found.get(i), bands
         )
 
 

@@ -1,7 +1,7 @@
 """The page: one file with everything inside, to which a browser need not, and may not, add
 anything.
 
-Its content security policy allows the two scripts that stand in it, by their digests, and no
+Its content security policy allows the three scripts that stand in it, by their digests, and no
 connection at all.
 """
 
@@ -41,7 +41,8 @@ class Filled(Template):
 def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -> str:
     """Return the page's HTML, with data for its script and what made it, with its version."""
     library, script, style = (asset(name) for name in ("echarts.min.js", "report.js", "report.css"))
-    allowed = " ".join(f"'sha256-{_digest(code)}'" for code in (library, script))
+    drawing = (files("envs.edge") / "airmap.js").read_text(encoding="utf-8")
+    allowed = " ".join(f"'sha256-{_digest(code)}'" for code in (library, drawing, script))
     summary = run.summary
     lines = headline(summary, _lost_causes(run))
     scenario = escape(visible(summary["scenario"]))
@@ -79,6 +80,7 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
         style=style,
         data=json_text(data),
         library=library,
+        drawing=drawing,
         script=script,
     )
 

@@ -3,6 +3,7 @@
 """
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,10 +13,12 @@ import numpy as np
 
 from agents.config.load import ConfigError, Parser
 from agents.config.progress import Progress
-from envs.edge.files import written
+from envs.edge.files import write_file, written
 from envs.edge.installation import versions
+from eval.flights.chunks import Evaluation
+from eval.report.bands import encounter_data
 from eval.report.data import Choice, choose, flight_data, page_data, points
-from eval.report.flights import evaluation_of, fly_again
+from eval.report.flights import Replayed, evaluation_of, fly_again
 from eval.report.folder import Run, read_run
 from eval.report.page import page
 from eval.runner.options import extension_option, load_extensions, whole
@@ -30,9 +33,11 @@ _EPILOG = """\
 examples:
   python -m eval.report runs/circle
   python -m eval.report runs/circle --show 4711,4712      with tracks of these encounters too
+  python -m eval.report runs/circle --save 4711      and encounters/4711.json for rlcas-display
   python -m eval.report runs/circle --tracks 0       nothing is flown: no policy is needed"""
 
 _MOST_WITNESSES = 100
+_BANDS = 200  # encounters with bands, unless it is said
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,10 +47,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     load_extensions(options.extension)
     run = read_run(options.folder)
-    for number in options.show:
+    for option, number in [
+        *(("--show", number) for number in options.show),
+        *(("--save", number) for number in options.save),
+    ]:
         if number >= len(run.kinds):
             raise ConfigError(
-                f"--show: {number}; expected numbers of encounters, 0 to {len(run.kinds) - 1}"
+                f"{option}: {number}; expected numbers of encounters, 0 to {len(run.kinds) - 1}"
             )
     try:
         with written(options.folder / "report.html") as temporary:
@@ -71,6 +79,20 @@ def _parser() -> argparse.ArgumentParser:
         help="numbers of encounters to replay in any case",
     )
     add(
+        "--bands",
+        type=whole(0, 100_000),
+        default=_BANDS,
+        metavar="N",
+        help=f"most encounters with guidance bands in their replay (default: {_BANDS})",
+    )
+    add(
+        "--save",
+        type=_numbers,
+        default=[],
+        metavar="N,...",
+        help="write these encounters into DIR/encounters, for rlcas-display",
+    )
+    add(
         "--policy",
         type=Path,
         metavar="FILE",
@@ -90,29 +112,41 @@ def _numbers(text: str) -> list[int]:
 
 
 def _made(run: Run, options: argparse.Namespace) -> str:
-    if len(options.show) > options.tracks:
+    wanted = list(dict.fromkeys([*options.show, *options.save]))
+    if len(wanted) > options.tracks:
         raise ConfigError(
-            f"--show: {len(options.show)} encounters; expected at most --tracks {options.tracks}"
+            f"--show, --save: {len(wanted)} encounters; expected at most --tracks {options.tracks}"
         )
-    chosen = choose(run, options.tracks, options.show)
-    flights = _flights(run, chosen, options.policy) if options.tracks else {}
+    chosen = choose(run, options.tracks, wanted)
+    evaluation = evaluation_of(run, options.policy) if options.tracks else None
+    flights = {} if evaluation is None else _flights(run, evaluation, chosen, options)
     shown = points(run, np.array(sorted(flights), dtype=int))
     made = versions("numpy")
     by = ", ".join(f"{name} {made[name]}" for name in ("rlcas-toolkit", "numpy"))
     return page(run, chosen, page_data(run, shown, flights), by)
 
 
-def _flights(run: Run, chosen: Sequence[Choice], policy: Path | None) -> dict[int, dict[str, Any]]:
-    """Fly the chosen encounters and return what the page shows of each, by number."""
+def _flights(
+    run: Run, evaluation: Evaluation, chosen: Sequence[Choice], options: argparse.Namespace
+) -> dict[int, dict[str, Any]]:
+    """Fly the chosen encounters and return what the page shows of each, by number; those to be
+    saved are.
+    """
     numbers = [int(number) for choice in chosen for number in choice.numbers]
     resolvable = run.table["verdict"] != "unresolvable"
     failed = [number for number in numbers if run.kinds[number] != "success" and resolvable[number]]
-    evaluation = evaluation_of(run, policy)
+    saved = set(options.save)
+    banded = saved | set(numbers[: options.bands])
     flights: dict[int, dict[str, Any]] = {}
+    flying = fly_again(run, evaluation, numbers, set(failed[:_MOST_WITNESSES]), banded)
     with Progress("encounters").start(len(numbers)) as progress:
-        for flight in fly_again(run, evaluation, numbers, set(failed[:_MOST_WITNESSES])):
+        for flight in flying:
             flights[flight.number] = flight_data(flight)
+            if flight.number in saved:
+                _save(run, evaluation, flight)
             progress.show(len(flights), "flown again", 0.0)
+    for number in sorted(saved - set(flights)):
+        print(f"warning: --save: encounter {number} has no flight, not saved", file=sys.stderr)
     differing = sum("differs" in flight for flight in flights.values())
     if differing:
         why = "another machine or other versions; they are marked on the page"
@@ -122,3 +156,30 @@ def _flights(run: Run, chosen: Sequence[Choice], policy: Path | None) -> dict[in
             file=sys.stderr,
         )
     return flights
+
+
+def _save(run: Run, evaluation: Evaluation, flight: Replayed) -> None:
+    """Write a flight as an encounter for the traffic display (docs/reference/display.md)."""
+    track, rules = flight.track, run.rules
+    places = np.concatenate([track.own[None], track.intruders]).round(2)
+    own, *intruders = ({"x": x.tolist(), "y": y.tolist()} for x, y in places)
+    plan = None
+    if flight.plan is not None:
+        plan = dict(zip(("x", "y", "time"), flight.plan.round(2).tolist(), strict=True))
+    assert flight.bands is not None
+    document = {
+        "format": "rlcas-encounter",
+        "version": 1,
+        "name": f"{run.summary['scenario']} {flight.number}",
+        "dt": rules.dt,
+        "separation": rules.separation,
+        "goal": list(track.goal),
+        "goal_radius": rules.goal_radius,
+        "own": own,
+        "intruders": intruders,
+        "plan": plan,
+        "bands": encounter_data(flight.bands, evaluation.options),
+    }
+    folder = run.folder / "encounters"
+    folder.mkdir(exist_ok=True)
+    write_file(folder / f"{flight.number}.json", json.dumps(document, allow_nan=False))

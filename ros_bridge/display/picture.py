@@ -195,7 +195,7 @@ def _planes(tracks: Sequence[Track], frame: LocalFrame, now: int) -> list[Docume
                 "altitude": None if height is None else round(height.value, 1),
                 "reference": None if height is None else height.reference,
                 "climb": _tenths(None if height is None else height.vertical_speed),
-                "age": round(float(age[n]), 2),
+                "age": round(float(age[n]), 3),
                 "state": _state(track, now, COASTING, STALE),
                 "fault": "" if track.fault is None else track.fault.message,
             }

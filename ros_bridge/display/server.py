@@ -9,6 +9,7 @@ host that are not its own, because a page of the network might use them to read 
 
 import asyncio
 import ipaddress
+import itertools
 import json
 import logging
 import math
@@ -143,10 +144,10 @@ class Screen:
     async def broadcast(self) -> None:
         """Send pictures of a live source until cancelled."""
         assert isinstance(self._source, Board)
-        while True:
+        for number in itertools.count():
             document = await self._source.next_picture()
             if self._clients:
-                text = _text(document)
+                text = _text(document | {"number": number})
                 for client in self._clients:
                     client.offer(text)
 

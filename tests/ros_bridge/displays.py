@@ -1,16 +1,12 @@
 """What the tests of the display share: scenes, and a server of a board on a free port."""
 
-import asyncio
 import math
-import socket
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from types import SimpleNamespace
 from typing import Any
 
+from ros_bridge.display.beside import Beside
 from ros_bridge.display.scene import Scene, take
-from ros_bridge.display.server import Board, Recording, Screen, bound, served
+from ros_bridge.display.server import Board, Recording
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, stamp
 
 __all__ = [
@@ -110,51 +106,18 @@ def plan(status: int = 1, *, north: float = 3_000.0) -> Any:
     )
 
 
-class Served:
-    """A server in a thread."""
+class Served(Beside):
+    """A server in a thread, which tells :attr:`said`."""
 
     def __init__(self, source: Board | Recording) -> None:
         self.said: list[str] = []
-        self.screen = Screen(source, "a test", self.said.append)
-        self.source = source
-        self.listener: socket.socket = bound("127.0.0.1", 0)
-        self.port = int(self.listener.getsockname()[1])
-        self._loop = asyncio.new_event_loop()
-        self._task: Any = None
-        self._thread = threading.Thread(target=self._run)
+        super().__init__(source, "a test", self.said.append)
 
     @property
     def url(self) -> str:
         return f"http://127.0.0.1:{self.port}/"
 
-    def _run(self) -> None:
-        new_loop = asyncio.Runner(loop_factory=lambda: self._loop)
-        with self.listener, new_loop as runner, suppress(asyncio.CancelledError):
-            runner.run(self._serve())
 
-    async def _serve(self) -> None:
-        self._task = asyncio.current_task()
-        async with asyncio.TaskGroup() as group:
-            if isinstance(self.source, Board):
-                self.source.begin()
-                group.create_task(self.screen.broadcast())
-            group.create_task(served(self.screen, self.listener, self.said.append))
-
-    def start(self) -> None:
-        self._thread.start()
-
-    def stop(self) -> None:
-        if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._task.cancel)
-            self._thread.join()
-
-
-@contextmanager
-def serving(source: Board | Recording) -> Iterator[Served]:
+def serving(source: Board | Recording) -> Served:
     """Serve a source until the block ends."""
-    server = Served(source)
-    server.start()
-    try:
-        yield server
-    finally:
-        server.stop()
+    return Served(source)

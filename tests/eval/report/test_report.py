@@ -21,10 +21,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
+from envs.angles import wrap
+from envs.kinematics import VehicleState
 from eval.flights.recorded import Track
 from eval.metrics.summary import headline
 from eval.plots.style import MARKERS, kinds_of
 from eval.report import run as report
+from eval.report.bands import bands_data, flight_bands
 from eval.report.data import (
     NEAREST,
     OTHERS,
@@ -38,6 +41,7 @@ from eval.report.data import (
 from eval.report.flights import Replayed, Witness, evaluation_of, fly_again
 from eval.report.folder import read_run
 from eval.report.page import page
+from ros_bridge.display.recording import read
 from tests.eval.conftest import TRACKS
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -169,6 +173,57 @@ def test_flights_come_out_as_the_table_says(report_run: Path) -> None:
             assert flight.witness.separation >= run.rules.separation
             to_goal = np.hypot(*(flight.witness.path[:, -1] - track.goal))
             assert to_goal <= run.rules.goal_radius + 1e-6
+
+
+def test_the_bands_of_a_flight_are_those_of_its_single_moments(report_run: Path) -> None:
+    """Row after row of a flight, and of its mirror image, where left and right change places."""
+    run = read_run(report_run)
+    evaluation = evaluation_of(run)
+    options = evaluation.options
+    number = int(np.flatnonzero(run.kinds == "violation")[0])
+    flight = next(fly_again(run, evaluation, [number], set(), {number}))
+    found, track = flight.bands, flight.track
+    assert found is not None and found.tracks.shape == (track.own.shape[1], 72)
+    assert found.level.shape == (track.own.shape[1], len(track.intruders))
+    # It loses the separation: the alert was a warning before, and nothing was free at the end.
+    assert found.level[-1].max() == 3
+    assert not (found.tracks[-1] == 0).any() and found.way_out[-1] >= 0
+    runs = np.array(bands_data(found)["tracks"]).reshape(-1, 2)
+    assert np.array_equal(np.repeat(runs[:, 0], runs[:, 1]), found.tracks.ravel())
+    at = len(found.tracks) // 2
+    heading = np.arctan2(*np.diff(track.own[::-1, at : at + 2], axis=1)[:, 0])
+    own = VehicleState(track.own[0, at], track.own[1, at], heading, 80.0)
+    intruder = VehicleState(
+        *(np.array([[value]]) for value in (*track.intruders[0, :, at], 1.0, 80.0))
+    )
+    own = VehicleState(*(np.array([float(value)]) for value in own))
+    plain = flight_bands(own, intruder, options)
+    mirrored = [
+        state._replace(x=-state.x, heading=wrap(np.pi - state.heading, np))
+        for state in (own, intruder)
+    ]
+    image = flight_bands(*mirrored, options)
+    swapped = np.roll(image.tracks[0][::-1], 1)  # track n degrees becomes -n
+    assert np.mean(plain.tracks[0] == swapped) > 0.97  # ties of turns to 180 degrees
+    assert np.array_equal(plain.speeds, image.speeds)
+
+
+def test_a_saved_encounter_is_what_the_display_opens(copy: Path) -> None:
+    run = read_run(copy)
+    number = int(np.flatnonzero(run.kinds == "violation")[0])
+    report.main([str(copy), "--tracks", "1", "--save", str(number), "--bands", "0"])
+    recording = read(copy / "encounters" / f"{number}.json")
+    assert recording.length == run.table["duration_s"][number]
+    assert recording.marks[-1][1] == 3
+    shown = recording.player()(recording.length)
+    apart = [
+        np.hypot(one["x"] - shown["own"]["x"], one["y"] - shown["own"]["y"])
+        for one in shown["traffic"]
+    ]
+    assert min(apart) < 1.2 * run.rules.separation
+    assert shown["bands"]["recovery"] is not None and shown["advice"]["do"] == "recovery"
+    with pytest.raises(ConfigError, match="--save: 999; expected numbers of encounters"):
+        report.main([str(copy), "--save", "999"])
 
 
 def test_a_flight_that_differs_from_the_table_is_marked(report_run: Path) -> None:

@@ -125,6 +125,25 @@ def test_goal_tracks_and_separation_differ_in_the_legend(opened: Opened) -> None
     assert len({shapes["goal"], shapes["intruder"], shapes[disc]}) == 3
 
 
+def test_the_replay_shows_which_ways_are_free(opened: Opened, report_page: Path) -> None:
+    runs = np.array(stored(report_page)["flights"][str(opened.chosen())]["bands"]["tracks"])
+    rows = np.repeat(runs[::2], runs[1::2]).reshape(-1, 72)
+    for time in (0, len(rows) - 1):
+        opened.page.evaluate(
+            "(time) => { const at = document.getElementById('time'); at.value = time;"
+            " at.dispatchEvent(new Event('input')); }",
+            time,
+        )
+        assert f"{np.sum(rows[time] == 0)} of 72 directions" in opened.text("#free")
+    colours = opened.page.evaluate(
+        "(() => { const canvas = document.querySelector('#bands canvas');"
+        " const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;"
+        " const seen = new Set(); for (let i = 0; i < data.length; i += 4) if (data[i + 3] === 255)"
+        " seen.add((data[i] << 16) | (data[i + 1] << 8) | data[i + 2]); return [...seen]; })()"
+    )
+    assert 0xA8002D in colours  # it is a violation: warnings at the end
+
+
 def test_the_keyboard_is_enough(opened: Opened) -> None:
     first = opened.chosen()
     opened.page.focus("#list")

@@ -1,0 +1,117 @@
+"""The guidance bands and alerts of a flight, at each of its times, as a pilot would have seen them.
+
+Of the true states, with straight intruders: what noise or a turn that nobody can see would have
+changed is not in them (docs/explanation/alerts.md).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.assurance.alerts import Alerting, no_alerts, regions, update
+from agents.assurance.bands import (
+    HEADINGS,
+    SPEEDS,
+    heading_bands,
+    losses_on_course,
+    recovery,
+    speed_bands,
+)
+from agents.planner.options import Options
+from agents.planner.traffic import Traffic
+from envs.angles import wrap
+from envs.kinematics import VehicleState
+from envs.trees import take
+
+TRACKS = np.arange(HEADINGS) * (360.0 / HEADINGS)
+"""Directions, degrees clockwise from north, ascending."""
+
+
+class FlightBands(NamedTuple):
+    """What is shown at T times of a flight among K intruders."""
+
+    speed: np.ndarray  # that are looked at, m/s, ascending, [S]
+    tracks: np.ndarray  # regions of TRACKS, codes of Region, int8, [T, 72]
+    speeds: np.ndarray  # regions of the speeds, [T, S]
+    level: np.ndarray  # of each intruder, codes of Level, int8, [T, K]
+    loss: np.ndarray  # of the separation on the present course, s; inf: none, [T, K]
+    way_out: np.ndarray  # number of the direction that is the way out; -1: some is free, [T]
+    opens: np.ndarray  # when that keeps the separation, s; inf: not within the look-ahead, [T]
+    shortfall: np.ndarray  # m until then, [T]
+
+
+def flight_bands(own: VehicleState, intruders: VehicleState, options: Options) -> FlightBands:
+    """Return the bands of a flight: an ownship ``[T]`` and intruders ``[T, K]``, a time step
+    apart.
+    """
+    aircraft, requirement = options.aircraft, options.requirement
+    alerting = Alerting.for_aircraft(aircraft)
+    traffic, ahead = Traffic.straight(intruders), alerting.look_ahead
+    limits = options.limits
+    headings = wrap(0.5 * np.pi - np.radians(TRACKS), np)
+    speeds = np.linspace(limits.speed_min, limits.speed_max, SPEEDS)
+    of_tracks = heading_bands(own, traffic, requirement, limits, ahead, headings)
+    of_speeds = speed_bands(own, traffic, requirement, limits, ahead, speeds)
+    loss = losses_on_course(own, traffic, requirement, ahead)
+    out = recovery(of_tracks, aircraft.separation)
+    shown, level = no_alerts(1, loss.shape[1], alerting), np.zeros(loss.shape, np.int8)
+    for step in range(len(loss)):
+        now = np.array([step * aircraft.dt])
+        shown = update(shown, now, loss[step : step + 1], traffic.mask[step : step + 1], alerting)
+        level[step] = shown.level[0]
+    return FlightBands(
+        speeds,
+        regions(of_tracks, alerting, aircraft.separation),
+        regions(of_speeds, alerting, aircraft.separation),
+        level,
+        loss,
+        out.index,
+        out.opens,
+        -out.clearance,
+    )
+
+
+def bands_data(found: FlightBands) -> dict[str, Any]:
+    """Return the bands as the page reads them: runs of equal regions, row after row."""
+    return {
+        "speed": found.speed.round(2).tolist(),
+        "tracks": _runs(found.tracks),
+        "speeds": _runs(found.speeds),
+    }
+
+
+def encounter_data(found: FlightBands, options: Options) -> dict[str, Any]:
+    """Return the bands as an encounter's file has them (docs/reference/display.md)."""
+    way_out = [
+        [index, _finite(opens), round(shortfall, 1) if index >= 0 else 0.0]
+        for index, opens, shortfall in zip(
+            found.way_out.tolist(), found.opens.tolist(), found.shortfall.tolist(), strict=True
+        )
+    ]
+    return {
+        "look_ahead": Alerting.for_aircraft(options.aircraft).look_ahead,
+        "track_deg": TRACKS.tolist(),
+        "track_region": found.tracks.tolist(),
+        "speed": found.speed.round(2).tolist(),
+        "speed_region": found.speeds.tolist(),
+        "level": found.level.tolist(),
+        "loss": [[_finite(one) for one in row] for row in found.loss.tolist()],
+        "recovery": way_out,
+    }
+
+
+def _runs(codes: np.ndarray) -> list[int]:
+    """Return a code and how often it follows, and so on."""
+    flat = codes.ravel()
+    begins = np.flatnonzero(np.append(True, flat[1:] != flat[:-1]))
+    counts = np.diff(np.append(begins, flat.size))
+    return np.stack([flat[begins], counts], axis=-1).ravel().tolist()
+
+
+def _finite(time: float) -> float | None:
+    return round(time, 2) if np.isfinite(time) else None
+
+
+def states(whole: VehicleState, count: int, row: int) -> VehicleState:
+    """Return the first states ``[count, ...]`` of one flight of those recorded ``[T, N, ...]``."""
+    return take(whole, (slice(0, count), row))

@@ -1,0 +1,164 @@
+"""A display beside a program with a loop of its own, such as the one that speaks MAVLink."""
+
+import asyncio
+import math
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from types import TracebackType
+
+from agents.assurance.single import Verdict, reasons
+from agents.assurance.state import State
+from ros_bridge.core import guidance
+from ros_bridge.core.assurance import Supervision, backup, to_fly
+from ros_bridge.core.conversions import Published
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.situation import Situation
+from ros_bridge.display.scene import Bands, Guidance, Monitor, Scene
+from ros_bridge.display.server import Board, Recording, Screen, bound, served
+
+__all__ = ["Beside", "supervised"]
+
+
+class Beside:
+    """Serves a source from a thread while it is entered; OSError where the address is not free."""
+
+    def __init__(
+        self,
+        source: Board | Recording,
+        name: str,
+        say: Callable[[str], None],
+        host: str = "127.0.0.1",
+        port: int = 0,
+    ) -> None:
+        self.screen = Screen(source, name, say)
+        self._source, self._say = source, say
+        self._listener: socket.socket = bound(host, port)
+        self.port = int(self._listener.getsockname()[1])
+        self._begun = threading.Event()
+        self._end: Callable[[], object] = self._begun.is_set
+        self._thread = threading.Thread(target=self._run, name="display", daemon=True)
+
+    def __enter__(self) -> "Beside":
+        """Begin to serve."""
+        self._thread.start()
+        self._begun.wait()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop serving."""
+        self.stop()
+
+    def stop(self) -> None:
+        """Stop serving; a second time changes nothing."""
+        if self._thread.is_alive():
+            self._end()
+            self._thread.join()
+
+    def _run(self) -> None:
+        with self._listener, suppress(asyncio.CancelledError):
+            asyncio.run(self._serve())
+
+    async def _serve(self) -> None:
+        here, loop = asyncio.current_task(), asyncio.get_running_loop()
+        assert here is not None
+        self._end = lambda: loop.call_soon_threadsafe(here.cancel)
+        async with asyncio.TaskGroup() as group:
+            if isinstance(self._source, Board):
+                self._source.begin()
+                group.create_task(self.screen.broadcast())
+            group.create_task(served(self.screen, self._listener, self._say))
+            self._begun.set()
+
+
+def supervised(
+    scene: Scene,
+    situation: Situation,
+    supervision: Supervision,
+    verdict: Verdict | None,
+    shown: guidance.Shown,
+    now: int,
+) -> tuple[Scene, guidance.Shown]:
+    """Return the scene of a program that supervises a plan by the monitor's core, at a time, ns.
+
+    Args:
+        scene: before.
+        situation: what the program has received.
+        supervision: its monitor.
+        verdict: the monitor's last one.
+        shown: the alerts of the last time (:func:`ros_bridge.core.guidance.blank`: none).
+        now: the program's clock, ns.
+    """
+    limits = supervision.watch.thresholds
+    arrived = {**scene.arrived, "ownship": now, "status": now}
+    scene = replace(
+        scene.at(now),
+        situation=situation,
+        plan=supervision.held,
+        separation=limits.requirement.separation,
+        arrived=arrived,
+    )
+    if verdict is None:
+        return replace(scene, monitor=None), shown
+    watched, measured = supervision.watch.monitor, verdict.measured
+    flown = int(to_fly(supervision))
+    kept = float(measured.separation[0])
+    lost = float(measured.loss[0])
+    monitor = Monitor(
+        time=now,
+        state=int(State(int(watched.state[0]))),
+        fly=flown,
+        reasons=tuple(one.message for one in reasons(measured, limits)),
+        measured=flown == 1,
+        cross_track=float(measured.cross_track[0]),
+        along_track=float(measured.along_track[0]),
+        time_error=float(measured.time_error[0]),
+        separation=max(kept, 0.0) if math.isfinite(kept) else -1.0,
+        time_to_loss=max(lost, 0.0) if math.isfinite(lost) else -1.0,
+        runner_silence=0.0,
+    )
+    scene = replace(scene, monitor=monitor, backup=_backup(supervision, situation, flown, scene))
+    if supervision.frame is None:
+        return scene, shown
+    names = supervision.watch.names
+    shown, found = guidance.guidance(shown, names, verdict, now / SECOND, supervision.frame, limits)
+    if found is None:
+        return scene, shown
+    return replace(scene, guidance=_guidance(found, now)), shown
+
+
+def _backup(
+    supervision: Supervision, situation: Situation, flown: int, scene: Scene
+) -> Published | None:
+    begun = math.isfinite(float(supervision.watch.monitor.backup.started[0]))
+    if flown != 2 or not begun:
+        return None
+    own = situation.own.last
+    began, (start, *points) = backup(supervision, None if own is None else own.altitude)
+    revision = 0 if scene.backup is None else scene.backup.revision
+    return Published(b"", revision, began, start, tuple(points), ())
+
+
+def _guidance(found: guidance.Guidance, now: int) -> Guidance:
+    tracks, speeds = (
+        Bands(tuple(row.target), tuple(row.region), tuple(row.loss))
+        for row in (found.tracks, found.speeds)
+    )
+    levels = zip(found.levels, found.losses, strict=True)
+    return Guidance(
+        now,
+        found.look_ahead,
+        tracks,
+        speeds,
+        found.recovery,
+        found.recovery_time,
+        found.recovery_shortfall,
+        dict(zip(found.intruders, levels, strict=True)),
+    )
