@@ -54,13 +54,15 @@ def redraw_pool(
     """
     total = rows * count
     most = max(scenario.intruders[1] for scenario in scenarios)
-    keys = jax.random.split(key, len(scenarios) + 1)
-    choice = jax.random.uniform(keys[0], (total,))
+    choice_key, draws_key = jax.random.split(key)
+    choice = jax.random.uniform(choice_key, (total,))
+    # One scenario of each start is chosen, so that all may share its draws.
+    dimensions = max(scenario.dimensions for scenario in scenarios)
+    draws = jax.random.uniform(draws_key, (1, total, dimensions))
     mixed: Any = None
     threshold = 0.0
-    for scenario, weight, component_key in zip(scenarios, weights, keys[1:], strict=True):
-        draws = jax.random.uniform(component_key, (1, total, scenario.dimensions))
-        drawn, accepted = encounters.sample(scenario, draws, jnp)
+    for scenario, weight in zip(scenarios, weights, strict=True):
+        drawn, accepted = encounters.sample(scenario, draws[..., : scenario.dimensions], jnp)
         drawn = encounters.padded(_accepted_only(drawn, accepted), most, jnp)
         mixed = drawn if mixed is None else choose(choice < threshold, mixed, drawn, jnp)
         threshold += weight

@@ -149,6 +149,9 @@ class _Runner:
         self._training, self._reporter, self._interrupt = training, reporter, interrupt
         self._callback = callback
         self._began = self._last_saved = time.monotonic()
+        # The tasks whose update and whose evaluation have been compiled last.
+        self._compiled: Task | None = None
+        self._evaluates: Task | None = None
         self._writes = first()
         # Updates and environment steps before each phase, and of all.
         self._updates = [0, *accumulate(task.updates for task in training.tasks)]
@@ -239,8 +242,11 @@ class _Runner:
             }
             if self._log is not None:
                 if (step - per_update) // every_steps != step // every_steps:
-                    row |= rates(outcomes(task, state, self._evaluated), task.rules)
+                    row |= self._evaluate(task, state)
                 self._log.write(row)
+            if task is not self._compiled:
+                self._compiled = task
+                self._reporter.leave_out(per_update / row["steps_per_s"])
             self._reporter.update(row)
             if self._callback is not None:
                 self._callback(row)
@@ -254,6 +260,15 @@ class _Runner:
             if due:
                 self._save(number, state)
         return state, False
+
+    def _evaluate(self, task: Task, state: TrainState) -> dict[str, float]:
+        """Return the deterministic policy's rates; the first evaluation of a phase compiles."""
+        tick = time.monotonic()
+        found = rates(outcomes(task, state, self._evaluated), task.rules)
+        if task is not self._evaluates:
+            self._evaluates = task
+            self._reporter.leave_out(time.monotonic() - tick)
+        return found
 
     def _save(self, number: int, state: TrainState) -> None:
         whole = everywhere(state)

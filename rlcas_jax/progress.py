@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Mapping
-from typing import TextIO
+from typing import Self, TextIO
 
 from agents.config.progress import Progress, spaced
 
@@ -28,6 +28,13 @@ class Reporter(Progress):
         self._name = name
         self._evaluated: float | None = None
         self._compiled = False
+
+    def start(self, total: int, done: float = 0, word: str = "") -> Self:
+        """Begin; the word, such as ``compiling``, is shown at once."""
+        super().start(total, done, word)
+        if word and self._live is None:
+            self.note(word)
+        return self
 
     def update(self, row: Mapping[str, float]) -> None:
         """Take the figures of an update (names as in :data:`rlcas_jax.metrics.METRICS`).

@@ -26,7 +26,7 @@ from envs.world import perceived
 from rlcas_jax.algorithm import actor_of, algorithm_of
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import NetworkConfig, TrainConfig
-from rlcas_jax.devices import AXIS, Devices
+from rlcas_jax.devices import AXIS, Devices, compiler_options
 from rlcas_jax.metrics import OF_REWARDS, logged_name
 from rlcas_jax.ownships import Ownships, ownships
 from rlcas_jax.starts import draw, noisy
@@ -62,7 +62,7 @@ class Task(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Parts:
+class Parts:
     """What the functions of a task are made of."""
 
     config: TrainConfig
@@ -79,7 +79,7 @@ class _Parts:
         return max(1, self.config.steps // self.config.ppo.samples)
 
 
-class _Draws(NamedTuple):
+class Draws(NamedTuple):
     """What is drawn for an update, and the ownships, which are split over the devices alike."""
 
     pool: surrogate.State  # starts, [rows, N]
@@ -92,7 +92,7 @@ class _Draws(NamedTuple):
 _Flying = tuple[Any, surrogate.State]
 """The algorithm's state, and that of the encounters."""
 
-_Iteration = Callable[[_Flying, _Draws, Float[Array, ""]], tuple[_Flying, Figures]]
+_Iteration = Callable[[_Flying, Draws, Float[Array, ""]], tuple[_Flying, Figures]]
 """One rollout and what is learned from it, with a learning rate."""
 
 
@@ -105,15 +105,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     """
     devices = Devices(None) if devices is None else devices
     _check_split(config, devices.count)
-    parts = _Parts(
-        config=config,
-        phase=phase,
-        algorithm=algorithm_of(config, devices.axis),
-        world=surrogate.World(config.rules(), config.aircraft.aircraft()),
-        scenarios=config.drawn(),
-        ownships=ownships(config),
-        axis=devices.axis,
-    )
+    parts = parts_of(config, devices.axis, phase)
     iterate = _split_over(devices, partial(_iterate, parts))
     placed = _placement(devices)
     return Task(
@@ -122,8 +114,9 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
             partial(_update, parts, iterate),
             donate_argnums=0,
             out_shardings=None if placed is None else (placed, devices.whole()),
+            compiler_options=compiler_options(),
         ),
-        evaluate=jax.jit(partial(_evaluate, parts)),
+        evaluate=jax.jit(partial(_evaluate, parts), compiler_options=compiler_options()),
         updates=parts.updates,
         steps_per_update=config.ppo.samples,
         rules=parts.world.rules,
@@ -131,7 +124,20 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     )
 
 
-def _initial(parts: _Parts) -> TrainState:
+def parts_of(config: TrainConfig, axis: str | None = None, phase: int = 0) -> Parts:
+    """Return what the task of a configuration is made of, on the devices of an axis."""
+    return Parts(
+        config=config,
+        phase=phase,
+        algorithm=algorithm_of(config, axis),
+        world=surrogate.World(config.rules(), config.aircraft.aircraft()),
+        scenarios=config.drawn(),
+        ownships=ownships(config),
+        axis=axis,
+    )
+
+
+def _initial(parts: Parts) -> TrainState:
     """Return the state at the start of a phase."""
     config = parts.config
     key = jax.random.key(config.seed)
@@ -145,9 +151,9 @@ def _initial(parts: _Parts) -> TrainState:
     return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
 
 
-def _update(parts: _Parts, iterate: _Iteration, state: TrainState) -> tuple[TrainState, Figures]:
+def _update(parts: Parts, iterate: _Iteration, state: TrainState) -> tuple[TrainState, Figures]:
     """Draw, fly and learn once."""
-    draws, key = _draw(parts, state.key)
+    draws, key = draw_update(parts, state.key)
     rate = _learning_rate(parts, state.update)
     (learner, flying), figures = iterate((state.learner, state.environment), draws, rate)
     std = jnp.exp(learner.actor["params"]["log_std"])
@@ -160,7 +166,7 @@ def _update(parts: _Parts, iterate: _Iteration, state: TrainState) -> tuple[Trai
     return TrainState(learner, flying, jax.random.key_data(key), state.update + 1), figures
 
 
-def _draw(parts: _Parts, key_data: UInt32[Array, " W"]) -> tuple[_Draws, PRNGKeyArray]:
+def draw_update(parts: Parts, key_data: UInt32[Array, " W"]) -> tuple[Draws, PRNGKeyArray]:
     """Draw what an update needs; return it and the key of the next one."""
     config = parts.config
     pool_key, rollout_key, shuffle_key, key = jax.random.split(
@@ -170,10 +176,10 @@ def _draw(parts: _Parts, key_data: UInt32[Array, " W"]) -> tuple[_Draws, PRNGKey
     pool = draw(pool_key, config, parts.scenarios, config.pool_rows)
     noise = jax.random.normal(noise_key, (config.ppo.rollout, config.ppo.environments, 2))
     flying = jax.tree.map(jnp.asarray, parts.ownships)
-    return _Draws(pool, noise, observe_key, shuffle_key, flying), key
+    return Draws(pool, noise, observe_key, shuffle_key, flying), key
 
 
-def _learning_rate(parts: _Parts, update: Int32[Array, ""]) -> Float[Array, ""]:
+def _learning_rate(parts: Parts, update: Int32[Array, ""]) -> Float[Array, ""]:
     """Return the learning rate of an update: it changes linearly over the phase."""
     first, final = parts.config.ppo.learning_rate, parts.config.ppo.learning_rate_final
     done = update.astype(jnp.float32) / parts.updates
@@ -188,13 +194,11 @@ def _finite(learner: Any, figures: Figures) -> Bool[Array, ""]:
 
 
 def _iterate(
-    parts: _Parts, state: _Flying, draws: _Draws, rate: Float[Array, ""]
+    parts: Parts, state: _Flying, draws: Draws, rate: Float[Array, ""]
 ) -> tuple[_Flying, Figures]:
     """Roll out and learn; on several devices with the encounters of one of them."""
     learner, flying = state
-    environment = _training_environment(
-        parts.config, _training_world(parts, draws.ownships), draws.pool, parts.scenarios
-    )
+    environment = environment_of(parts, draws)
     key = draws.observe_key
     if parts.axis is not None:
         key = jax.random.fold_in(key, jax.lax.axis_index(parts.axis))
@@ -209,7 +213,13 @@ def _iterate(
     return (learner, flying), figures
 
 
-def _training_world(parts: _Parts, flying: Ownships) -> surrogate.World:
+def environment_of(parts: Parts, draws: Draws) -> Environment:
+    """Return the environment in which an update flies."""
+    world = _training_world(parts, draws.ownships)
+    return _training_environment(parts.config, world, draws.pool, parts.scenarios)
+
+
+def _training_world(parts: Parts, flying: Ownships) -> surrogate.World:
     """Return the world in which training flies: with less time, and the ownships of the
     environments.
     """
@@ -220,7 +230,7 @@ def _training_world(parts: _Parts, flying: Ownships) -> surrogate.World:
     return parts.world._replace(rules=rules, aircraft=aircraft)
 
 
-def _evaluate(parts: _Parts, actor_variables: Any, starts: Encounter) -> Outcome:
+def _evaluate(parts: Parts, actor_variables: Any, starts: Encounter) -> Outcome:
     """Return how encounters ``[N]`` end by the actor's mean action."""
     network, aircraft = parts.config.network, parts.world.aircraft
     actor = actor_of(network)
@@ -239,7 +249,7 @@ def _split_over(devices: Devices, iterate: _Iteration) -> _Iteration:
     if devices.mesh is None:
         return iterate
     whole, split, second = PartitionSpec(), PartitionSpec(AXIS), PartitionSpec(None, AXIS)
-    draws = _Draws(
+    draws = Draws(
         pool=cast(Any, second),
         noise=cast(Any, second),
         observe_key=cast(Any, whole),

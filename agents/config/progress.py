@@ -58,6 +58,13 @@ class Progress:
         self._origin = done, self._clock()
         self._unsaid = f"{self._done(done)}, {figures}"
 
+    def leave_out(self, seconds: float) -> None:
+        """Do not count time since the measuring began that says nothing of the time left, such as
+        that of another compilation, s.
+        """
+        if self._origin is not None:
+            self._origin = self._origin[0], self._origin[1] + seconds
+
     def show(self, done: float, figures: str, rate: float) -> None:
         """Take how far it has come, with figures, and how many units a second are done at
         present.

@@ -3,11 +3,12 @@ from the observation of one intruder.
 """
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from agents.policy.features import features, mirror_sign
 from agents.policy.set_features import SetInputs
@@ -27,6 +28,64 @@ def derive(observation: NetworkInput, feature_set: str) -> SetInputs:
     inputs = jnp.stack(features(components, feature_set, jnp), axis=-1)
     sign = jnp.broadcast_to(mirror_sign(components, feature_set, jnp), inputs.shape[:-1])
     return SetInputs(inputs, None, None, sign)
+
+
+@jax.custom_vjp
+def greatest_products(
+    each: Float[Array, "... K E"], kernel: Float[Array, "E W"], present: Bool[Array, "... K"]
+) -> Float[Array, "... W"]:
+    """Return the greatest of the products ``each @ kernel`` over those of K that are present, minus
+    infinity where none is.
+
+    The gradient of each goes to the first that is the greatest.
+    """
+    return _greatest(each, kernel, present, jnp.max)
+
+
+def _greatest(each: jax.Array, kernel: jax.Array, present: jax.Array, of: Any) -> jax.Array:
+    return of(jnp.where(present[..., None], each @ kernel, -jnp.inf), axis=-2)
+
+
+def _with_places(
+    each: jax.Array, kernel: jax.Array, present: jax.Array
+) -> tuple[jax.Array, tuple[jax.Array, jax.Array, jax.Array]]:
+    places = _greatest(each, kernel, present, jnp.argmax)
+    return _greatest(each, kernel, present, jnp.max), (each, kernel, places)
+
+
+def _backward(
+    kept: tuple[jax.Array, jax.Array, jax.Array], gradient: jax.Array
+) -> tuple[jax.Array, jax.Array, None]:
+    each, kernel, places = kept
+    numbers = jnp.arange(each.shape[-2])[:, None]
+    of_each = jnp.where(places[..., None, :] == numbers, gradient[..., None, :], 0.0)
+    rows, of_rows = each.reshape(-1, each.shape[-1]), of_each.reshape(-1, kernel.shape[-1])
+    return of_each @ kernel.T, rows.T @ of_rows, None
+
+
+greatest_products.defvjp(_with_places, _backward)
+
+
+class Pooled(nn.Module):
+    """A layer with tanh that each of K intruders passes, and the greatest of each of its outputs;
+    -1 where there is no intruder.
+
+    Tanh and bias keep the order of the values, so that they are left for the greatest alone: with
+    ten intruders, a tenth of the work.
+    """
+
+    width: int
+
+    @nn.compact
+    def __call__(
+        self, each: Float[Array, "... K E"], present: Bool[Array, "... K"]
+    ) -> Float[Array, "... width"]:
+        """Map intruders to the pooled outputs."""
+        kernel = self.param(
+            "kernel", nn.initializers.orthogonal(math.sqrt(2.0)), (each.shape[-1], self.width)
+        )
+        bias = self.param("bias", nn.initializers.zeros, (self.width,))
+        return jnp.tanh(greatest_products(each, kernel, present) + bias)
 
 
 class Trunk(nn.Module):
@@ -57,9 +116,10 @@ class Trunk(nn.Module):
 
         x, each = seen.own, seen.each
         if each is not None:
-            for i, width in enumerate(self.encoder):
+            *before, last = self.encoder
+            for i, width in enumerate(before):
                 each = layer(each, width, f"each_{i}")
-            pooled = jnp.max(jnp.where(seen.present[..., None], each, -1.0), axis=-2)
+            pooled = Pooled(last, name=f"each_{len(before)}")(each, seen.present)
             x = jnp.concatenate([x, pooled], axis=-1)
         for i, width in enumerate(self.hidden):
             x = layer(x, width, f"hidden_{i}")

@@ -4,6 +4,7 @@ from any loop.
 Time runs along the first axis of a rollout, encounters along the second: ``[T, N]``.
 """
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -18,6 +19,9 @@ from agents.learning.algorithm import Rollout, Setup
 from agents.learning.networks import Actor, Critic, NetworkInput
 
 _LOG_SQRT_TWO_PI = 0.9189385332046727
+
+TILE = 2048
+"""Samples that pass the networks at a time where they are many, on a CPU."""
 
 
 @dataclass(frozen=True)
@@ -164,10 +168,10 @@ def samples(
     mean, log_std = rollout.kept, state.actor["params"]["log_std"]
     action = mean + jnp.exp(log_std) * rollout.noise
     log_prob = gaussian_log_prob(action, mean, log_std)
-    # One wide product over the whole rollout instead of a narrow one per step.
-    value = parts.value(state.critic, rollout.observations)
-    value_t, value_tp1 = value[:-1], value[1:]
-    terminated = rollout.terminated.astype(value.dtype)
+    value_t = _values(state.critic, rollout.observation, parts)
+    last = parts.value(state.critic, rollout.last)
+    value_tp1 = jnp.concatenate([value_t[1:], last[None]])
+    terminated = rollout.terminated.astype(value_t.dtype)
     estimate = advantages(
         rollout.reward, value_t, value_tp1, terminated, settings.discount, settings.gae_lambda
     )
@@ -175,6 +179,18 @@ def samples(
     batch = Batch(rollout.observation, action, log_prob, estimate, target)
     batch = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), batch)
     return batch, {"explained_variance": explained_variance(value_t, target, parts.axis)}
+
+
+def _values(critic: Any, observation: NetworkInput, parts: Learner) -> Float[Array, "T N"]:
+    """Return the values of a rollout's observations ``[T, N]``: by wide products instead of
+    a narrow one per step.
+    """
+    shape = jax.tree.leaves(observation)[0].shape[:2]
+    rows = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), observation)
+    tiles = in_tiles(rows, math.prod(shape))
+    if tiles is None:
+        return parts.value(critic, rows).reshape(shape)
+    return jax.lax.map(partial(parts.value, critic), tiles).reshape(shape)
 
 
 def gaussian_log_prob(
@@ -270,6 +286,37 @@ def losses(
     }
 
 
+def gradient_of(
+    parameters: tuple[Any, Any], batch: Batch, parts: Learner, settings: PpoSettings
+) -> tuple[Any, dict[str, Float[Array, ""]]]:
+    """Return the gradient of :func:`losses` of a minibatch ``[M, ...]``, and the losses' parts: the
+    means of those of its tiles (:func:`in_tiles`).
+    """
+    gradient = jax.grad(partial(losses, parts=parts, settings=settings), has_aux=True)
+    tiles = in_tiles(batch, len(batch.log_prob))
+    if tiles is None:
+        return gradient(parameters, batch)
+
+    def add(total: Any, tile: Batch) -> tuple[Any, None]:
+        return jax.tree.map(jnp.add, total, gradient(parameters, tile)), None
+
+    shapes = jax.eval_shape(gradient, parameters, batch)
+    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
+    total, _ = jax.lax.scan(add, nothing, tiles)
+    return jax.tree.map(lambda a: a / len(tiles.log_prob), total)
+
+
+def in_tiles(tree: Any, rows: int) -> Any:
+    """Return arrays ``[rows, ...]`` as ``[tiles, TILE, ...]``, or None where they are not to be cut
+    up.
+
+    On a CPU the layers of a tile stay in its cache. Other devices take all rows at once.
+    """
+    if jax.default_backend() != "cpu" or rows <= TILE or rows % TILE:
+        return None
+    return jax.tree.map(lambda a: a.reshape(-1, TILE, *a.shape[1:]), tree)
+
+
 def update(
     state: LearnerState,
     rollout: Batch,
@@ -298,8 +345,7 @@ def update(
         batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)._replace(
             advantage=advantage
         )
-        gradient_of = jax.grad(partial(losses, parts=parts, settings=settings), has_aux=True)
-        gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch)
+        gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch, parts, settings)
         if parts.axis is not None:
             gradient, parts_of_loss = mean_of_devices((gradient, parts_of_loss), parts.axis)
         direction, optimizer = parts.optimizer.update(gradient, carry.optimizer)

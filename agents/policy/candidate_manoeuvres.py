@@ -122,12 +122,29 @@ def min_separation(seen: Scene, xp: Any) -> Any:
         rows = np.ascontiguousarray(np.moveaxis(np.stack(intruders), -1, 0))  # [K, 4, ...]
         nearest = (_squares(row, path, np).min(axis=1) for row in rows)
         return np.sqrt(reduce(np.minimum, nearest))
-    # The path is computed once, before what follows is computed for every intruder. Arrays of jax
-    # come with jax, which is loaded then; where numpy flies it is not imported.
-    path = sys.modules["jax"].lax.optimization_barrier(path)
-    path = Paths(*(field[:, :, None] for field in path))
-    intruders = [xp.moveaxis(field, -1, 0) for field in intruders]
-    return xp.sqrt(xp.min(_squares(intruders, path, xp), axis=(1, 2)))
+    # Arrays of jax come with jax, which is loaded then; where numpy flies it is not imported.
+    return xp.sqrt(_least_squares(path, intruders, xp, sys.modules["jax"].lax))
+
+
+def _least_squares(path: Paths, intruders: Any, xp: Any, lax: Any) -> Any:
+    """Return the square of the least separation, D^2, ``[22, ...]``, compiled: one chord after the
+    other, so that a running minimum is all that is kept of the separations from K intruders.
+    """
+    # Without the barrier the compiler would compute the path again for every intruder.
+    path, intruders = lax.optimization_barrier((path, intruders))
+    count = intruders[0].shape[-1]
+
+    def nearer(chord: Any, nearest: Any) -> Any:
+        here = Paths(
+            *(lax.dynamic_index_in_dim(field, chord, axis=1, keepdims=False) for field in path)
+        )
+        for number in range(count):
+            row = [field[..., number] for field in intruders]
+            nearest = xp.minimum(nearest, _squares(row, here, xp))
+        return nearest
+
+    farthest = xp.full_like(path.x[:, 0], xp.inf)
+    return lax.fori_loop(0, _PIECES, nearer, farthest)
 
 
 def _squares(intruders: Any, path: Paths, xp: Any) -> Any:

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from agents.learning import ppo
-from agents.learning.networks import Actor, Critic
+from agents.learning.networks import Actor, Critic, greatest_products
 from agents.learning.ppo import Batch, Learner, LearnerState, PpoSettings
 from tests.probes import Probe, trained
 
@@ -454,3 +454,40 @@ def test_policy_and_value_together() -> None:
     assert action(state, -1.0, 0.0) == pytest.approx(-0.5, abs=0.1)
     assert value(state, 1.0, 0.0) == pytest.approx(1.0 - std[0] ** 2, abs=0.1)
     assert value(state, -1.0, 0.0) == pytest.approx(-1.0 - std[0] ** 2, abs=0.1)
+
+
+def test_a_gradient_in_tiles_is_that_of_the_whole_minibatch(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settings = PpoSettings(action_bound_coef=0.3, entropy=0.01)
+    parts = ppo.learner(Actor((8,), "none"), Critic((8,), "none"), settings)
+    state = ppo.initial_state(parts, jax.random.key(0), jnp.zeros((1, 8)))
+    draws = np.random.default_rng(3).normal(size=(13, 24)).astype(np.float32)
+    batch = Batch(
+        jnp.asarray(draws[:8].T), jnp.asarray(draws[8:10].T), *map(jnp.asarray, draws[10:])
+    )
+    networks = state.actor, state.critic
+    whole = ppo.gradient_of(networks, batch, parts, settings)
+    monkeypatch.setattr(ppo, "TILE", 8)
+    tiled = ppo.gradient_of(networks, batch, parts, settings)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=2e-5, atol=1e-6), whole, tiled)
+    monkeypatch.setattr(ppo, "TILE", 7)  # does not divide 24: nothing is cut up
+    again = ppo.gradient_of(networks, batch, parts, settings)
+    jax.tree.map(np.testing.assert_array_equal, whole, again)
+
+
+def test_greatest_products_have_the_gradient_of_their_definition() -> None:
+    draws = np.random.default_rng(4)
+    each, kernel = draws.normal(size=(5, 6, 3)), draws.normal(size=(3, 4))
+    present = draws.random((5, 6)) < 0.5
+    present[:, 0], present[2] = True, False  # nobody in one row
+
+    def defined(each: jax.Array, kernel: jax.Array) -> jax.Array:
+        return jnp.max(jnp.where(present[..., None], each @ kernel, -jnp.inf), axis=-2)
+
+    def loss(function: Any) -> Any:
+        return jax.value_and_grad(lambda *of: jnp.sum(jnp.tanh(function(*of))), argnums=(0, 1))
+
+    found = loss(lambda *of: greatest_products(*of, jnp.asarray(present)))(each, kernel)
+    expected = loss(defined)(each, kernel)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), found, expected)

@@ -16,7 +16,7 @@ from agents.config.load import ConfigError, dump, load
 from agents.policy import features
 from agents.policy.inference import Policy
 from agents.policy.set_features import TABLE, SetInputs
-from benchmarks import deadline, gemm, measure, monte_carlo, training
+from benchmarks import deadline, gemm, measure, monte_carlo, training, training_parts
 from benchmarks.learning import run as learning
 from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning import sides as learning_sides
@@ -149,6 +149,24 @@ def test_training_says_how_to_get_the_peer(
     )
     training.main([])
     assert sb3_task.INSTALL in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_parts_of_an_update_are_measured_beside_their_limit():
+    config = load(TrainConfig, None, [*TINY, "network.feature_set=set", "network.encoder=[4]"])
+    figures = training_parts.measure(config, 0.001)
+    (phase,) = figures["phases"]
+    costs = phase["us_per_step"]
+    assert {"whole update", "inputs", "gradients", "limit: products"} <= set(costs)
+    assert all(cost["wall"] > 0.0 for cost in costs.values())
+    whole = costs["whole update"]
+    assert figures["all_phases_wall_s"] == pytest.approx(config.steps * 1e-6 * whole["wall"])
+    json.dumps(figures)
+
+
+def test_parts_are_measured_of_ppo_on_sets_alone():
+    with pytest.raises(ConfigError, match="trains by ppo on cpa; expected ppo on a set"):
+        training_parts.main(["--config", "configs/paper.yaml", "--set", "network.feature_set=cpa"])
 
 
 def test_bad_repeats_are_refused():

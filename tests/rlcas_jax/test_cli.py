@@ -356,6 +356,21 @@ def test_the_first_line_is_of_an_update_that_was_not_compiled():
     assert stream.getvalue().endswith("100 steps/s, score +12.3, success 61.2 %, 1 min 38 s left\n")
 
 
+def test_what_is_compiled_later_is_left_out_of_the_time_left():
+    """A phase that begins after half of the updates, and takes 50 s to compile."""
+    stream, clock = io.StringIO(), Clock()
+    reporter = Reporter(stream=stream, clock=clock)
+    reporter.start(10_000, 0, "compiling")
+    assert stream.getvalue() == "compiling\n"
+    for update in range(1, 51):
+        clock.now += 1.0
+        reporter.update(row(100 * update))
+    clock.now += 51.0
+    reporter.leave_out(51.0)
+    reporter.update(row(5100))
+    assert stream.getvalue().endswith("success 61.2 %, 48 s left\n")
+
+
 def test_a_run_of_one_update_shows_it():
     stream = io.StringIO()
     reporter = Reporter(stream=stream, clock=Clock())

@@ -22,6 +22,7 @@ from envs.kinematics import Limits
 from rlcas_jax import metrics
 from rlcas_jax.cli import Processes, parse
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.devices import compiler_options
 from rlcas_jax.finish import set_of
 from rlcas_jax.ownships import ownships
 from rlcas_jax.starts import draw
@@ -289,3 +290,14 @@ def test_a_policy_file_says_which_aircraft_were_trained() -> None:
 def test_a_family_that_cannot_be_is_refused(wrong: str) -> None:
     with pytest.raises(ConfigError, match=wrong.split(":", maxsplit=1)[0]):
         tiny(f"family={{share: 0.5, {wrong}}}")
+
+
+def test_a_gpu_compiles_with_the_options_that_the_user_has_not_set(monkeypatch: pytest.MonkeyPatch):
+    assert compiler_options() is None  # on a CPU
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    monkeypatch.setenv("XLA_FLAGS", "--xla_gpu_autotune_level=4")
+    options = compiler_options()
+    assert options == {"xla_gpu_enable_triton_gemm": False}
+    # The compiler knows them, whatever the device: an unknown name is an error.
+    compiled = jax.jit(lambda x: x + 1.0, compiler_options=options)
+    assert float(compiled(1.0)) == 2.0
