@@ -104,6 +104,7 @@ class TracksConfig(Strict):
 
 
 _Pair = tuple[float, float]
+_STRONGEST = 30.0  # m/s of wind
 
 
 class TrafficConfig(Strict):
@@ -209,6 +210,9 @@ class MonteCarloConfig(Strict):
     """
     planner: PlannerConfig = PlannerConfig()
     tracks: TracksConfig = TracksConfig()
+    wind_mps: _Pair = (0.0, 0.0)
+    """Range of the wind's speed, m/s, within 0 to 30, in modes plan and assured: encounters are
+    drawn in the air mass and carried by a wind of any direction, the goal lies over the ground."""
     figures: bool = True
     """Whether figures are drawn."""
 
@@ -253,6 +257,20 @@ class MonteCarloConfig(Strict):
         if self.backend == "jax" and (self.mode != "policy" or self.baseline != "none"):
             raise ConfigError(
                 "backend is 'jax'; expected auto or numpy where not the policy alone decides"
+            )
+        low, high = self.wind_mps
+        if not 0.0 <= low <= high <= _STRONGEST:
+            raise ConfigError(
+                f"wind_mps is [{low:g}, {high:g}]; expected a range within 0 to {_STRONGEST:g}"
+            )
+        if high > 0.0 and self.mode not in ("plan", "assured"):
+            raise ConfigError(
+                f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] in mode {self.mode}"
+            )
+        if high > 0.0 and self.prefix not in (None, FILE):
+            raise ConfigError(
+                f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] for {self.scenario}, whose "
+                "aircraft are recorded over the ground"
             )
         if self.file is None and self.scenario_sha256 is not None:
             wanted = ", ".join(f"{each}PATH" for each in self.files)

@@ -2,6 +2,9 @@
 
 Intruders go by name and have the same place as long as they exist. One that is not reported any
 more is missing, which is a reason; it is forgotten only where the caller says that it is gone.
+
+States, plans and backups are over the ground. Inside, the monitor works in the air mass of the wind
+that its plan is flown in.
 """
 
 import math
@@ -11,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agents.assurance import monitor as monitors
+from agents.assurance.backup import resting
+from agents.assurance.frames import STILL, Frame, carried
 from agents.assurance.inputs import Inputs
 from agents.assurance.state import Decision, Flown, Monitor, State, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
@@ -20,6 +25,7 @@ from agents.planner.traffic import advanced
 from envs.kinematics import VehicleState
 from envs.trees import mapped, take
 from envs.waypoints import Knots, Waypoint, knots
+from envs.wind import NO_WIND
 
 _ONE = np.array([0])
 _MISSING, _NOWHERE = VehicleState(*[float("nan")] * 4), VehicleState(0.0, 0.0, 0.0, 0.0)
@@ -73,6 +79,7 @@ class Watch:
     names: tuple[str, ...]  # of the intruders, by place
     thresholds: Thresholds
     ask: Ask | None = None  # the last request
+    frame: Frame = STILL  # that the monitor works in
 
 
 def begin(thresholds: Thresholds) -> Watch:
@@ -87,12 +94,15 @@ def activate(
     backup is flown.
     """
     watch = _placed(watch, (*watch.names, *(name for name in intruders if name not in watch.names)))
-    given, age = reported([intruders.get(name, Intruder(_NOWHERE)) for name in watch.names])
+    watch = _in_air_of(watch, plan, time)
+    frame = watch.frame
+    reports = [intruders.get(name, Intruder(_NOWHERE)) for name in watch.names]
+    given, age = reported([frame.report(one, time) for one in reports])
     traffic = advanced(
         given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)),
         age,
     )
-    knots, thresholds = _knots(own, plan, watch.thresholds), watch.thresholds
+    knots, thresholds = _knots(own, plan, frame, watch.thresholds), watch.thresholds
     safe = np.array([plan.safe])
     return replace(
         watch,
@@ -117,8 +127,10 @@ def step(
         *(n for n in intruders if n not in watch.names),
     )
     watch = _placed(watch, names)
-    seen, age = reported([intruders.get(name, Intruder(_MISSING)) for name in names])
-    here = VehicleState(*(np.array([value], dtype=float) for value in (own or _MISSING)))
+    frame, reports = watch.frame, [intruders.get(name, Intruder(_MISSING)) for name in names]
+    seen, age = reported([frame.report(one, time) for one in reports])
+    own = frame.seen(own or _MISSING, time - own_age)
+    here = VehicleState(*(np.array([value], dtype=float) for value in own))
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
     given = Inputs(
         now,
@@ -132,8 +144,8 @@ def step(
         seen.separation,
     )
     monitor, decision = monitors.step(watch.monitor, given, watch.thresholds)
-    asked = _ask(monitor, decision, watch.thresholds) if decision.replan[0] else None
-    backup = _waypoints(monitor) if np.isfinite(monitor.backup.started[0]) else ()
+    asked = _ask(monitor, decision, frame, watch.thresholds) if decision.replan[0] else None
+    backup = _waypoints(monitor, frame) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
     fly, state = Flown(int(decision.fly[0])), State(int(decision.state[0]))
     return watch, Verdict(state, fly, asked, reasons(decision, watch.thresholds), backup, decision)
@@ -143,12 +155,31 @@ def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
     """Hand in what the planner answered to a request; return also whether the plan is flown now."""
     if watch.ask is None or number != watch.ask.number:
         return watch, False
-    given = _knots(watch.ask.own, plan, watch.thresholds)
-    safe = np.array([plan.safe])
-    monitor, taken_up = monitors.answer(
-        watch.monitor, _ONE, np.array([number]), given, safe, watch.thresholds
+    asked = float(watch.monitor.requested_at[0])
+    moved = _in_air_of(watch, plan, asked)
+    given = _knots(watch.ask.own, plan, moved.frame, watch.thresholds)
+    which, safe = np.array([number]), np.array([plan.safe])
+    monitor, taken_up = monitors.answer(moved.monitor, _ONE, which, given, safe, watch.thresholds)
+    if taken_up[0] or moved.frame == watch.frame:
+        return replace(moved, monitor=monitor), bool(taken_up[0])
+    # The active plan goes on, in its own air mass.
+    monitor, _ = monitors.answer(
+        watch.monitor, _ONE, which, given, np.array([False]), watch.thresholds
     )
-    return replace(watch, monitor=monitor), bool(taken_up[0])
+    return replace(watch, monitor=monitor), False
+
+
+def _in_air_of(watch: Watch, plan: Plan, time: float) -> Watch:
+    """Return the monitor in the air mass that lies over the ground at a time, s, and in which a
+    plan that begins then is flown; the old one where there is none.
+    """
+    wind = plan.wind or NO_WIND
+    frame = Frame(wind, time) if wind.speed > 0.0 else STILL
+    if not plan.waypoints or frame == watch.frame:
+        return watch
+    monitor = carried(watch.monitor, watch.frame, frame)
+    monitor = monitor._replace(backup=resting(1, watch.thresholds))
+    return replace(watch, monitor=monitor, frame=frame)
 
 
 def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
@@ -185,14 +216,17 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
     )
 
 
-def _ask(monitor: Monitor, decision: Decision, thresholds: Thresholds) -> Ask:
+def _ask(monitor: Monitor, decision: Decision, frame: Frame, thresholds: Thresholds) -> Ask:
     """Return the request of one second: the last good reports with their ages, as the planner takes
     them.
     """
-    memory, own = monitor.memory, VehicleState(*(float(field[0]) for field in decision.own))
+    memory = monitor.memory
+    own = frame.told(
+        VehicleState(*(float(field[0]) for field in decision.own)), float(memory.time[0])
+    )
     turns = memory.turn_rate, np.where(memory.turn_rate == 0.0, 0.0, thresholds.turn_time)
     fields = (
-        *memory.intruders,
+        *frame.told(memory.intruders, np.where(np.isfinite(memory.seen), memory.seen, 0.0)),
         memory.time - memory.seen,
         *turns,
         memory.position_std,
@@ -220,16 +254,31 @@ def reasons(decision: Decision, thresholds: Thresholds) -> tuple[Why, ...]:
     )
 
 
-def _knots(own: VehicleState, plan: Plan, thresholds: Thresholds) -> Knots:
-    """Return a plan's knots, ``[1, W + 1]``; nan where it has no trajectory, or not as many
-    waypoints as expected.
+def _knots(own: VehicleState, plan: Plan, frame: Frame, thresholds: Thresholds) -> Knots:
+    """Return a plan's knots in its air mass, ``[1, W + 1]``; nan where it has no trajectory, or not
+    as many waypoints as expected.
     """
     count = thresholds.options.waypoints
     if len(plan.waypoints) != count:
         return Knots(*(np.full((1, count + 1), np.nan) for _ in range(5)))
-    return Knots(*(field[None] for field in knots(own, plan.waypoints)))
+    wind = frame.wind if frame.moves else None
+    return Knots(*(field[None] for field in knots(own, plan.waypoints, wind=wind)))
 
 
-def _waypoints(monitor: Monitor) -> tuple[Waypoint, ...]:
-    rows = np.stack([field[0] for field in monitor.backup.knots], axis=-1)[1:].tolist()
+def backup_knots(watch: Watch) -> Knots:
+    """Return the knots of the backup at hand over the ground, ``[B]``, their times from when it was
+    refreshed.
+    """
+    return _on_ground(watch.monitor, watch.frame)
+
+
+def _on_ground(monitor: Monitor, frame: Frame) -> Knots:
+    knots_in_air = Knots(*(field[0] for field in monitor.backup.knots))
+    began = float(monitor.backup.started[0])
+    state = frame.told(VehicleState(*knots_in_air[:4]), knots_in_air.time + began)
+    return Knots(*state, knots_in_air.time)
+
+
+def _waypoints(monitor: Monitor, frame: Frame) -> tuple[Waypoint, ...]:
+    rows = np.stack(_on_ground(monitor, frame), axis=-1)[1:].tolist()
     return tuple(Waypoint(index, *row) for index, row in enumerate(rows))

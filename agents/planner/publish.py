@@ -128,10 +128,10 @@ def _outlasting(one: Excluded, end: Waypoint) -> Reason:
     return Reason.of(Kind.SEPARATION, f"intruders[{one.number}]", what, end.time, end.x, end.y)
 
 
-def received(waypoints: tuple[Waypoint, ...]) -> Plan:
-    """Return a plan as a receiver of its waypoints has it: only SAFE ones have any."""
+def received(waypoints: tuple[Waypoint, ...], wind: Wind | None = None) -> Plan:
+    """Return a plan as a receiver of its waypoints and its wind has it: only SAFE ones have any."""
     status = Status.SAFE if waypoints else Status.UNRESOLVED
-    return Plan(status, Source.NONE, (), np.nan, np.nan, None, np.nan, (), waypoints)
+    return Plan(status, Source.NONE, (), np.nan, np.nan, None, np.nan, (), waypoints, wind=wind)
 
 
 def rechecked(

@@ -13,14 +13,16 @@ from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow
 from agents.planner.candidates import Proposals
 from agents.planner.planner import Plans, plan_many
-from agents.planner.request import Options, Request
+from agents.planner.request import Options, Request, drifted
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.trees import take
+from envs.wind import Wind
 from envs.world import State, begin, perceived
+from eval.flights.in_wind import drift_of
 from eval.flights.plan_flight import SUBSTEPS, Air, Flown, Tally, fly_step, request_of, route_of
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -35,7 +37,7 @@ class Assured(NamedTuple):
     backup: np.ndarray  # time on the backup, s
 
 
-def fly_assured(
+def fly_assured(  # noqa: PLR0913 - all that a flight needs
     encounters: Encounter,
     plans: Plans,
     policy: Policy,
@@ -45,21 +47,24 @@ def fly_assured(
     noise: Callable[[int], np.ndarray] | None = None,
     recorder: TrajectoryRecorder | None = None,
     endless: bool = False,
+    wind: Wind | None = None,
 ) -> Assured:
     """Fly encounters ``[N]``, float64, planned at their start, with the monitor until the time
     limit or a violation.
 
     With noise of the sensors by step, ``[4, N, K]``, monitor and planner see tracks of such
     reports. The limits of the options are those of the vehicle. A recorder takes the trajectories;
-    endless flights lose nothing.
+    endless flights lose nothing. In a wind all of it is in its air mass, through which goals and
+    routes drift.
     """
     count, dt = len(encounters.goal_x), aircraft.dt
     thresholds = Thresholds.for_plans(options)
-    asked = request_of(encounters, aircraft)
+    asked = request_of(encounters, aircraft)._replace(drift=drift_of(wind))
     tally = Tally(count, aircraft, endless=endless)
     replans, backup = np.zeros(count, np.int32), np.zeros(count, np.int32)
     rows, reached = np.arange(count), np.zeros(count, dtype=bool)
-    air = Air(begin(encounters, np, history_dt=dt), np.zeros(count), np.full(count, aircraft.t_max))
+    ends = np.full(count, aircraft.t_max)
+    air = Air(begin(encounters, np, history_dt=dt), np.zeros(count), ends, asked.drift)
     first = Traffic.straight(
         perceived(air.state, None if noise is None else noise(0), dt, np), encounters.mask
     )
@@ -77,7 +82,7 @@ def fly_assured(
             seen, known = tracks.state, tracks.errors
         given = assurance.inputs(time, state.own, seen, state.mask, **known)
         monitor, decision = assurance.step(monitor, given, thresholds)
-        make = _planner(asked, decision, state, aircraft, policy)
+        make = _planner(asked, decision, state, time, aircraft, policy)
         left = aircraft.t_max - time
         monitor, short[rows], new = renewed(
             monitor, decision, short[rows], reached[rows], left, make, thresholds
@@ -99,16 +104,27 @@ def fly_assured(
 
 
 def _planner(
-    asked: Request, decision: Decision, state: State, aircraft: Aircraft, policy: Policy
+    asked: Request,
+    decision: Decision,
+    state: State,
+    time: float,
+    aircraft: Aircraft,
+    policy: Policy,
 ) -> Planner:
-    """Return what plans from the middle of flights: to the goal from where they are, or along the
-    route.
+    """Return what plans from the middle of flights, at a time, s: to the goal from where they are,
+    or along the route.
     """
 
     def plans(rows: Any, options: Options, kind: int) -> Proposals:
         own, traffic = take((decision.own, decision.traffic), rows)
-        direct = own, state.goal_x[rows], state.goal_y[rows], aircraft
-        route = take(asked[2:], rows) if kind == ALONG else route_of(*direct)
-        return plan_many(Request(own, traffic, *route), policy, options, floats=True).proposals
+        route = take(asked, rows)
+        drift = route.drift
+        if kind == ALONG:
+            x, y = drifted((route.route_x, route.route_y), drift, time)
+            request = route._replace(own=own, traffic=traffic, route_x=x, route_y=y)
+        else:
+            goal = drifted((state.goal_x[rows], state.goal_y[rows]), drift, time)
+            request = Request(own, traffic, *route_of(own, *goal, aircraft), drift)
+        return plan_many(request, policy, options, floats=True).proposals
 
     return plans

@@ -20,9 +20,11 @@ from agents.resolvability.classify import Method, Verdict
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.starts import joined
+from envs.wind import Wind
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions, verdicts
+from eval.flights.in_wind import carried, winds
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
 from eval.flights.sources import Source, drawn
@@ -42,6 +44,11 @@ class Evaluation(NamedTuple):
     )
     baseline: str = "none"
     backend: str = "numpy"
+    wind_mps: tuple[float, float] = (0.0, 0.0)  # span of the wind's speed in the other modes
+
+    def wind(self, numbers: np.ndarray) -> Wind | None:
+        """Return the winds of encounters with these numbers, ``[M]``; None: still air."""
+        return winds(self.wind_mps, self.seed, numbers)
 
     @property
     def options(self) -> Options:
@@ -98,7 +105,11 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     beside = (
         {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
     )
-    flown, more = (alone, {}) if evaluation.mode == "policy" else _planned(pilot, starts, noise)
+    number = np.arange(first, first + count)
+    wind = evaluation.wind(number)
+    flown, more = alone, {}
+    if evaluation.mode != "policy":
+        flown, more = _planned(pilot, carried(starts, wind), noise, wind)
     reached = flown.outcome == OUTCOMES.index("reached")
     solved = reduce(
         np.logical_or,
@@ -111,7 +122,6 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     # straight.
     route = np.maximum(begun["route_length_m"], 1.0)  # a start on the goal has none
     excess = np.maximum((flown.path_length + flown.goal_distance) / route - 1.0, 0.0)
-    number = np.arange(first, first + count)
     names = evaluation.names or ()
     return {
         "encounter": number,
@@ -135,14 +145,17 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
 
 
 def _planned(
-    pilot: Pilot, starts: Encounter, noise: Callable[[int], np.ndarray] | None
+    pilot: Pilot,
+    starts: Encounter,
+    noise: Callable[[int], np.ndarray] | None,
+    wind: Wind | None,
 ) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return the flights of a mode that plans, and the columns that only it has."""
     evaluation = pilot.evaluation
     options, aircraft = evaluation.options, evaluation.aircraft
     first = None if noise is None else noise(0)
-    plans = plan_at_start(starts, pilot.policy, aircraft, options, first)
-    flown = fly_once(starts, plans, aircraft, options)
+    plans = plan_at_start(starts, pilot.policy, aircraft, options, first, wind=wind)
+    flown = fly_once(starts, plans, aircraft, options, wind=wind)
     made = plans.proposals
     lost = made.safe & (flown.flights.outcome == OUTCOMES.index("violation"))
     promised = promised_separation(starts, plans, aircraft, options, lost, first)
@@ -161,9 +174,11 @@ def _planned(
         "whole_min_separation_m": flown.whole_separation,
         "follower_error_m": flown.error,
     }
+    if wind is not None:
+        more |= {"wind_east_m_s": wind.east, "wind_north_m_s": wind.north}
     if evaluation.mode == "plan":
         return flown.flights, more
-    assured = fly_assured(starts, plans, pilot.policy, aircraft, options, noise=noise)
+    assured = fly_assured(starts, plans, pilot.policy, aircraft, options, noise=noise, wind=wind)
     more |= _beside({"plan": flown.flights}) | {"plan_min_separation_m": made.min_separation}
     more |= {"replans": assured.replans, "backup_s": assured.backup}
     return assured.flown.flights, more

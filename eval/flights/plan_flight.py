@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.request import Request
+from agents.planner.request import Request, drifted
 from agents.planner.traffic import Traffic
 from envs import intruder
 from envs.aircraft import Aircraft
@@ -41,6 +41,8 @@ class Air(NamedTuple):
     state: State
     side: Any  # of the last turn: -1, 0 or 1
     ends: Any  # what comes later than this is not judged, s after the start
+    # of the goal through the air, m/s, [M] each; None: it stands still
+    drift: tuple[Any, Any] | None = None
 
 
 class Step(NamedTuple):
@@ -114,11 +116,13 @@ def fly_step(
         # Over a step the intruder's controller holds its yaw rate.
         other_next = advance(other, other.speed * 0.0, turn / dt, period, intruder.COASTING, np)
         apart = leg_separation(column(own), column(moved), other, other_next, period, np)
-        flown = ((state.steps + (step + 1) * PERIOD) * dt <= air.ends + 1e-6)[:, None]
+        clock = (state.steps + (step + 1) * PERIOD) * dt
+        flown = (clock <= air.ends + 1e-6)[:, None]
         separation = np.minimum(
             separation, np.min(np.where(state.mask & flown, apart, np.inf), axis=-1, initial=np.inf)
         )
-        to_goal = distance(state.goal_x - moved.x, state.goal_y - moved.y, np)
+        goal_x, goal_y = drifted((state.goal_x, state.goal_y), air.drift, clock)
+        to_goal = distance(goal_x - moved.x, goal_y - moved.y, np)
         entered = np.isnan(reached) & (to_goal <= aircraft.goal_radius)
         reached = np.where(entered, (step + 1) * PERIOD * dt, reached)
         nearest = np.minimum(nearest, to_goal)
@@ -129,7 +133,8 @@ def fly_step(
         own, other = moved, other_next
     previous = None if state.previous is None else (state.intruders.vehicle, state.previous[0])
     state = state._replace(own=own, intruders=following, steps=state.steps + 1.0, previous=previous)
-    return Air(state, side, air.ends), Step(separation, nearest, reached, path, error, reversals)
+    air = Air(state, side, air.ends, air.drift)
+    return air, Step(separation, nearest, reached, path, error, reversals)
 
 
 class Tally:

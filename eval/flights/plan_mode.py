@@ -14,7 +14,9 @@ from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import at, legs
+from envs.wind import Wind
 from envs.world import begin, perceived
+from eval.flights.in_wind import drift_of
 from eval.flights.plan_flight import SUBSTEPS, Air, Flown, Tally, fly_step, request_of
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -30,11 +32,20 @@ def perceived_at_start(encounters: Encounter, dt: float, noise: Any = None) -> V
 
 
 def plan_at_start(
-    encounters: Encounter, policy: Policy, aircraft: Aircraft, options: Options, noise: Any = None
+    encounters: Encounter,
+    policy: Policy,
+    aircraft: Aircraft,
+    options: Options,
+    noise: Any = None,
+    *,
+    wind: Wind | None = None,
 ) -> Plans:
-    """Plan at the start of encounters ``[N]``; noise as of :func:`perceived_at_start`."""
+    """Plan at the start of encounters ``[N]``, in a wind in its air mass; noise as of
+    :func:`perceived_at_start`.
+    """
     seen = perceived_at_start(encounters, aircraft.dt, noise)
-    return plan_many(request_of(encounters, aircraft, seen), policy, options)
+    request = request_of(encounters, aircraft, seen)._replace(drift=drift_of(wind))
+    return plan_many(request, policy, options)
 
 
 def fly_once(
@@ -45,9 +56,10 @@ def fly_once(
     recorder: TrajectoryRecorder | None = None,
     *,
     endless: bool = False,
+    wind: Wind | None = None,
 ) -> Flown:
     """Fly the plans of encounters, ``[N]`` both, float64, once, to their ends; recorded until the
-    time limit.
+    time limit. In a wind all of it is in its air mass, through which the goals drift.
 
     An encounter counts as reached if the goal was by the time limit and the separation kept until
     then (in endless flights it need not be). An unresolved plan is flown as an advisory trajectory,
@@ -57,7 +69,8 @@ def fly_once(
     tally, dt, count = Tally(len(encounters.goal_x), aircraft, endless=endless), aircraft.dt, 0
     rows = np.flatnonzero(plans.proposals.last >= 0)
     begun, knots = take((encounters, plans.proposals.knots), rows)
-    air, curves = Air(begin(begun, np), np.zeros(rows.size), knots.time[:, -1]), legs(knots)
+    drift, curves = take(drift_of(wind), rows), legs(knots)
+    air = Air(begin(begun, np), np.zeros(rows.size), knots.time[:, -1], drift)
     while rows.size:
         states = (at(curves, (count + step * PERIOD) * dt) for step in range(SUBSTEPS + 1))
         references = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))

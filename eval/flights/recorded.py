@@ -8,8 +8,11 @@ import numpy as np
 from agents.planner.planner import Plans
 from envs.encounters import Encounter
 from envs.trees import take
+from envs.waypoints import on_ground
+from envs.wind import Wind
 from eval.flights.assured_mode import fly_assured
 from eval.flights.chunks import Pilot, noise_of, picked
+from eval.flights.in_wind import carried, seen_from_ground
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
@@ -25,7 +28,7 @@ class Track(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """Flights of M encounters."""
+    """Flights of M encounters, over the ground."""
 
     starts: Encounter  # ``[M]``
     plans: Plans | None  # made at the start, ``[M]``; None in mode policy
@@ -54,8 +57,15 @@ def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
     given = [each for each in noises if each is not None]  # all of them or none
     noise = (lambda step: np.concatenate([each(step) for each in given], axis=1)) if given else None
     recorder = TrajectoryRecorder(starts)
-    plans, flights = fly_in_mode(pilot, starts, noise, recorder)
-    return Recorded(starts, plans, flights, recorder.stack())
+    wind = pilot.evaluation.wind(np.asarray(numbers))
+    starts = carried(starts, wind)
+    plans, flights = fly_in_mode(pilot, starts, noise, recorder, wind=wind)
+    seen = seen_from_ground(recorder.stack(), wind, pilot.evaluation.aircraft.dt)
+    if wind is not None and plans is not None:
+        each = Wind(wind.east[:, None], wind.north[:, None])
+        knots = on_ground(plans.proposals.knots, each)
+        plans = plans._replace(proposals=plans.proposals._replace(knots=knots))
+    return Recorded(starts, plans, flights, seen)
 
 
 def fly_in_mode(
@@ -65,12 +75,13 @@ def fly_in_mode(
     recorder: TrajectoryRecorder | None,
     *,
     endless: bool = False,
+    wind: Wind | None = None,
 ) -> tuple[Plans | None, Flights]:
     """Plan where the evaluation's mode does, and fly encounters ``[M]``; a recorder takes the
     trajectories.
 
     The noise of the sensors is by step, ``[4, M, K]``, None for perfect knowledge; endless flights
-    lose nothing.
+    lose nothing. Where the mode plans, a wind carries all of it.
     """
     evaluation, policy = pilot.evaluation, pilot.policy
     aircraft, options = evaluation.aircraft, evaluation.options
@@ -78,8 +89,10 @@ def fly_in_mode(
         return None, fly(
             starts, pilot.decider, aircraft, noise=noise, recorder=recorder, endless=endless
         )
-    plans = plan_at_start(starts, policy, aircraft, options, None if noise is None else noise(0))
+    first = None if noise is None else noise(0)
+    plans = plan_at_start(starts, policy, aircraft, options, first, wind=wind)
+    how: Any = {"recorder": recorder, "endless": endless, "wind": wind}
     if evaluation.mode == "plan":
-        return plans, fly_once(starts, plans, aircraft, options, recorder, endless=endless).flights
-    how: Any = {"noise": noise, "recorder": recorder, "endless": endless}
-    return plans, fly_assured(starts, plans, policy, aircraft, options, **how).flown.flights
+        return plans, fly_once(starts, plans, aircraft, options, **how).flights
+    flown = fly_assured(starts, plans, policy, aircraft, options, noise=noise, **how).flown
+    return plans, flown.flights

@@ -143,6 +143,8 @@ class HifiConfig(MonteCarloConfig):
 
     @model_validator(mode="after")
     def _whole(self) -> "HifiConfig":
+        if self.wind_mps != (0.0, 0.0):
+            raise ConfigError("wind_mps is of eval.monte_carlo; expected condition.wind_mps here")
         dt = 1.0 if self.aircraft is None else self.aircraft.aircraft().dt
         if dt != 1.0:
             raise ConfigError(

@@ -67,6 +67,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     config, mode = _config(options)
+    if config.wind_mps != (0.0, 0.0):
+        low, high = config.wind_mps
+        raise ConfigError(f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] for rare losses")
     evaluation, policy, resolved = named_evaluation(config)
     config = config.model_copy(update={"backend": resolved["backend"]})
     how = {"resolvable_only": options.resolvable_only, "closer_than": options.closer_than}

@@ -88,9 +88,10 @@ def _batch(
 ) -> Iterator[Replayed]:
     aircraft, batch = pilot.evaluation.aircraft, fly_recorded(pilot, numbers)
     starts, plans, flights, flown = batch
-    found = _witnesses(
-        aircraft, starts, [i for i, number in enumerate(numbers) if number in wanted]
-    )
+    # A witness is one of still air.
+    still = pilot.evaluation.wind_mps == (0.0, 0.0)
+    witnessed = [i for i, number in enumerate(numbers) if still and number in wanted]
+    found = _witnesses(aircraft, starts, witnessed)
     for i, number in enumerate(numbers):
         track = batch.track(i)
         if not track.separation.size:

@@ -290,6 +290,7 @@ def named_evaluation(config: MonteCarloConfig) -> tuple[Evaluation, Policy, dict
     if unproven and not config.allow_outside_domain:
         policy.check_intruders(most_intruders(source))
     backend = config.backend_for(policy, resolved["encounters"])
-    how = (config.mode, config.planner.options(aircraft), config.baseline, backend)
+    planner = config.planner.options(aircraft)
+    how = (config.mode, planner, config.baseline, backend, config.wind_mps)
     evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, *how)
     return evaluation, policy, resolved | {"policy_sha256": policy.sha256, "backend": backend}

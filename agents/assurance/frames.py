@@ -1,0 +1,92 @@
+"""The air mass that a monitor works in, and how what it remembers goes into another.
+
+Reports and waypoints are over the ground. A monitor in a wind sees all of them as the air mass
+does, so that limits are those in the air and a turn is one through it. A plan brings the wind that
+its legs are flown in, and with that the air mass.
+"""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.assurance.inputs import Memory
+from agents.assurance.state import Monitor
+from agents.planner.request import Intruder
+from agents.planner.traffic import Traffic
+from envs.kinematics import VehicleState
+from envs.trees import mapped
+from envs.wind import NO_WIND, Wind, over_ground, through_air
+
+
+class Frame(NamedTuple):
+    """An air mass."""
+
+    wind: Wind = NO_WIND
+    since: float = 0.0  # when it lies over the ground, on the monitor's clock, s
+
+    @property
+    def moves(self) -> bool:
+        """Whether it does not stand still over the ground."""
+        return bool(self.wind.speed > 0.0)
+
+    def seen(self, state: VehicleState, time: Any) -> VehicleState:
+        """Return a state over the ground at a time, s, as the air mass sees it."""
+        return through_air(state, self.wind, time - self.since) if self.moves else state
+
+    def told(self, state: VehicleState, time: Any) -> VehicleState:
+        """Return a state in the air mass at a time, s, as the ground sees it."""
+        return over_ground(state, self.wind, time - self.since) if self.moves else state
+
+    def report(self, given: Intruder, time: float) -> Intruder:
+        """Return a report over the ground, as it is known at a time, s, as the air mass sees it."""
+        return replace(given, state=self.seen(given.state, time - given.age))
+
+
+STILL = Frame()
+"""Still air."""
+
+
+def carried(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
+    """Return a monitor with its memory, and the intruders that it expects, in another air mass.
+
+    Its active plan and its backup are of the old one: they are to be replaced.
+    """
+    if old == new:
+        return monitor
+
+    def state(given: VehicleState, time: Any) -> VehicleState:
+        known = np.isfinite(time)
+        time = np.where(known, time, 0.0)
+        there = new.seen(old.told(given, time), time)
+        return mapped(lambda a, b: np.where(known, a, b), there, given)
+
+    def traffic(given: Traffic, time: Any) -> Traffic:
+        return given._replace(state=state(given.state, time[:, None]))
+
+    memory = monitor.memory
+    return monitor._replace(
+        memory=memory._replace(
+            own=state(memory.own, memory.own_time),
+            intruders=state(memory.intruders, memory.seen),
+            drift=_drift(memory, old, new),
+        ),
+        expected=traffic(monitor.expected, monitor.started),
+        request_traffic=traffic(monitor.request_traffic, monitor.requested_at),
+    )
+
+
+def _drift(memory: Memory, old: Frame, new: Frame) -> Any:
+    """Return the comparison of the intruders' places with their velocities in another air mass."""
+    drift = memory.drift
+    known = np.isfinite(drift.began) & np.isfinite(memory.seen)
+    began, seen = (np.where(known, time, 0.0) for time in (drift.began, memory.seen))
+    at = VehicleState(drift.x, drift.y, np.zeros(began.shape), np.ones(began.shape))
+    there = new.seen(old.told(at, began), began)
+    length = np.where(known, seen - began, 0.0)
+    return drift._replace(
+        x=np.where(known, there.x, drift.x),
+        y=np.where(known, there.y, drift.y),
+        flown_x=drift.flown_x + (old.wind.east - new.wind.east) * length,
+        flown_y=drift.flown_y + (old.wind.north - new.wind.north) * length,
+    )

@@ -1,0 +1,148 @@
+"""A monitor in a wind judges a flight as one in still air judges the same flight through the air."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.assurance import single
+from agents.assurance.frames import Frame, carried
+from agents.assurance.monitor import Thresholds
+from agents.assurance.single import Verdict, Watch
+from agents.assurance.state import State
+from agents.planner.answer import Plan
+from agents.planner.options import Options
+from agents.planner.publish import received
+from agents.planner.request import Intruder
+from envs.aircraft import PAPER
+from envs.kinematics import VehicleState
+from envs.trees import mapped
+from envs.waypoints import Waypoint
+from envs.wind import NO_WIND, Wind, over_ground
+
+THRESHOLDS = Thresholds.for_plans(Options.for_aircraft(PAPER))
+SPEED, RATE = 75.0, math.radians(3.0)
+WINDS = [Wind(15.0, -8.0), Wind(-20.0, 5.0)]
+
+
+def own_at(time: float) -> VehicleState:
+    """Return where the ownship is in the air mass: a little left of the plan from 6 s on."""
+    return VehicleState(SPEED * time, 8.0 * max(time - 6.0, 0.0), 0.0, SPEED)
+
+
+def other_at(time: float) -> VehicleState:
+    """Return an intruder in the air mass, which begins to turn towards the ownship after 4 s."""
+    turned = RATE * max(time - 4.0, 0.0)
+    straight, radius = min(time, 4.0), 70.0 / RATE
+    x = 4_000.0 + 70.0 * straight + radius * math.sin(turned)
+    y = 3_000.0 - radius * (1.0 - math.cos(turned))
+    return VehicleState(x, y, -turned, 70.0)
+
+
+def plan_in(wind: Wind) -> Plan:
+    """Return a straight plan through the air mass that lies over the ground at 0 s."""
+    points = []
+    for n in range(1, 21):
+        state = VehicleState(SPEED * 20.0 * n, 0.0, 0.0, SPEED)
+        points.append(Waypoint(n, *over_ground(state, wind, 20.0 * n), 20.0 * n))
+    return received(tuple(points), wind)
+
+
+def reports(wind: Wind, time: float) -> dict[str, Intruder]:
+    """Return a report as old as a quarter of a second."""
+    state = over_ground(other_at(time - 0.25), wind, time - 0.25)
+    return {"a": Intruder(state, 0.25)}
+
+
+def watched(wind: Wind) -> tuple[Watch, list[Verdict]]:
+    """Return the monitor after 14 s of the flight in a wind, and its verdicts."""
+    own = over_ground(own_at(0.0), wind, 0.0)
+    watch = single.activate(single.begin(THRESHOLDS), plan_in(wind), own, reports(wind, 0.0), 0.0)
+    told = []
+    for second in range(15):
+        time = float(second)
+        own = over_ground(own_at(time), wind, time)
+        watch, verdict = single.step(watch, time, own, reports(wind, time))
+        told.append(verdict)
+    return watch, told
+
+
+@pytest.fixture(scope="module")
+def calm() -> list[Verdict]:
+    return watched(NO_WIND)[1]
+
+
+@pytest.mark.parametrize("wind", WINDS)
+def test_verdicts_are_those_of_still_air(wind: Wind, calm: list[Verdict]) -> None:
+    watch, told = watched(wind)
+    assert watch.frame == Frame(wind, 0.0)
+    assert {State.MONITORING, State.REPLAN_REQUESTED} <= {verdict.state for verdict in told}
+    for still, blown in zip(calm, told, strict=True):
+        assert (still.state, still.fly) == (blown.state, blown.fly)
+        for name in ("cross_track", "along_track", "intruder_position", "separation"):
+            mine, other = getattr(still.measured, name), getattr(blown.measured, name)
+            np.testing.assert_allclose(mine, other, atol=1e-5)
+
+
+@pytest.mark.parametrize("wind", WINDS)
+def test_what_is_asked_and_backed_up_is_over_the_ground(wind: Wind, calm: list[Verdict]) -> None:
+    _, told = watched(wind)
+    asked = 0
+    for second, (still, blown) in enumerate(zip(calm, told, strict=True)):
+        time = float(second)
+        pairs: list[tuple[Any, Any, float]] = [
+            (point, other, time + point.time)
+            for point, other in zip(still.backup, blown.backup, strict=True)
+        ]
+        if still.ask is not None and blown.ask is not None:
+            asked += 1
+            pairs.append((still.ask.own, blown.ask.own, time))
+            one, same = still.ask.intruders[0], blown.ask.intruders[0]
+            assert same.turn_rate == pytest.approx(one.turn_rate)
+            pairs.append((one.state, same.state, time - one.age))
+        for mine, other, when in pairs:
+            state = VehicleState(mine.x, mine.y, mine.heading, mine.speed)
+            there = over_ground(state, wind, when)
+            assert (other.x, other.y) == pytest.approx((there.x, there.y), abs=1e-5)
+            assert other.speed == pytest.approx(there.speed)
+    assert asked > 0
+
+
+def test_memory_goes_into_another_air_mass_and_back() -> None:
+    watch, _ = watched(WINDS[0])
+    other = Frame(Wind(-3.0, 11.0), 7.0)
+    there = carried(watch.monitor, watch.frame, other)
+    assert not np.allclose(there.memory.intruders.speed, watch.monitor.memory.intruders.speed)
+    back = carried(there, other, watch.frame)
+
+    def same(a: Any, b: Any) -> None:
+        np.testing.assert_allclose(a, b, atol=1e-6)
+
+    mapped(same, back.memory, watch.monitor.memory)
+    mapped(same, back.expected, watch.monitor.expected)
+
+
+def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
+    first, second = WINDS[0], Wind(14.0, -7.0)
+    watch, told = watched(first)
+    asked = max(n for n, verdict in enumerate(told) if verdict.ask is not None)
+    ask = watch.ask
+    assert ask is not None
+    vx = ask.own.speed * math.cos(ask.own.heading)
+    vy = ask.own.speed * math.sin(ask.own.heading)
+    points = []
+    for n in range(1, 21):
+        place = ask.own.x + 20.0 * n * vx, ask.own.y + 20.0 * n * vy
+        points.append(Waypoint(n, *place, ask.own.heading, ask.own.speed, 20.0 * n))
+    moved, taken = single.answer(watch, ask.number, received(tuple(points), second))
+    assert taken
+    assert moved.frame == Frame(second, float(asked))
+    seconds = 15.0 - asked
+    here = ask.own._replace(x=ask.own.x + vx * seconds, y=ask.own.y + vy * seconds)
+    _, verdict = single.step(moved, 15.0, here, reports(first, 15.0))
+    assert verdict.measured.along_track.item() == pytest.approx(0.0, abs=1e-6)
+    assert verdict.measured.cross_track.item() == pytest.approx(0.0, abs=1e-6)
+    # An answer that cannot be flown leaves the active plan where it is.
+    kept, refused = single.answer(watch, ask.number, received((), second))
+    assert not refused and kept.frame == watch.frame
