@@ -12,6 +12,7 @@ import numpy as np
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
 from envs.waypoints import Legs, at
+from envs.wind import Wind
 
 PERIOD = 0.1
 """Control period, s."""
@@ -71,14 +72,20 @@ class KinematicVehicle:
 
 
 def guidance(
-    legs: Legs, state: VehicleState, time: Any, dt: float = PERIOD, gains: Gains = GAINS
+    legs: Legs,
+    state: VehicleState,
+    time: Any,
+    dt: float = PERIOD,
+    gains: Gains = GAINS,
+    wind: Wind | None = None,
 ) -> tuple[Any, Any]:
     """Return the acceleration (m/s^2) and yaw rate (rad/s) for the coming period of ``dt`` s,
     ``[...]`` each.
 
-    The plan's legs are ``[..., L]``, the time is on its clock, s.
+    The plan's legs are ``[..., L]``, the time is on its clock, s. With the wind whose air mass the
+    legs are in, state and commands are over the ground.
     """
-    return steer(at(legs, time), at(legs, time + dt), state, dt, gains)
+    return steer(at(legs, time, wind), at(legs, time + dt, wind), state, dt, gains)
 
 
 def steer(

@@ -61,6 +61,21 @@ def _carried(state: VehicleState, east: Any, north: Any, time: Any) -> VehicleSt
     return VehicleState(x, y, wrap(np.arctan2(vy, vx), np), np.hypot(vx, vy))
 
 
+def turn_through_air(state: VehicleState, turn_rate: float, wind: Wind) -> float:
+    """Return the turn rate of an aircraft through the air whose track over the ground turns at a
+    rate, both rad/s; the state is over the ground, in plain floats.
+
+    What turns at a rate r through the air accelerates by r u across its velocity u there; its
+    ground velocity v turns by the part of that across itself, r (u v) / v^2. Where the wind is so
+    strong that the track says nothing of the turn, the rate of the track is returned.
+    """
+    air = through_air(state, wind, 0.0)
+    both = air.speed * state.speed * math.cos(air.heading - state.heading)
+    if both <= 0.25 * state.speed * state.speed:
+        return turn_rate
+    return turn_rate * state.speed * state.speed / both
+
+
 def aimed_at(
     own: VehicleState,
     goal: tuple[Any, Any],

@@ -26,7 +26,7 @@ from envs.waypoints import Waypoint
 from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reach import Reach, out_of_reach, vertically_apart
-from ros_bridge.core.replies import flown, geodetic_points
+from ros_bridge.core.replies import flown, geodetic_points, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Situation, placed
 from ros_bridge.core.tracks import Track
@@ -99,7 +99,11 @@ def activated(supervision: Supervision, situation: Situation, published: Publish
         if track is not None and track.estimate is not None
     }
     began = watch.activate(
-        supervision.watch, received(waypoints), own, intruders, _clock(zero, published.began)
+        supervision.watch,
+        received(waypoints, wind_of(frame, published)),
+        own,
+        intruders,
+        _clock(zero, published.began),
     )
     return replace(supervision, watch=began, held=published, revision=published.revision)
 
@@ -178,7 +182,8 @@ def answered(
     # The runner began when the request arrived; the monitor counts from when it asked.
     late = (published.began - supervision.asked) / SECOND
     shifted = tuple(replace(point, time=point.time + late) for point in waypoints)
-    after, taken_up = watch.answer(supervision.watch, number, received(shifted))
+    plan = received(shifted, wind_of(frame, published))
+    after, taken_up = watch.answer(supervision.watch, number, plan)
     revision = max(supervision.revision, published.revision)
     held = published if taken_up else supervision.held
     return replace(supervision, watch=after, held=held, revision=revision), taken_up
@@ -198,7 +203,7 @@ def backup(
     at_hand, frame = supervision.watch.monitor.backup, supervision.frame
     assert frame is not None, "a backup has a frame"
     began = supervision.zero + round(float(at_hand.started[0]) * SECOND)
-    rows = np.stack([values[0] for values in at_hand.knots], axis=-1).tolist()
+    rows = np.stack(watch.backup_knots(supervision.watch), axis=-1).tolist()
     return began, geodetic_points(
         frame, [Waypoint(n, *row) for n, row in enumerate(rows)], began, altitude
     )

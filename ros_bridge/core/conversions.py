@@ -95,6 +95,7 @@ class Published(NamedTuple):
     start: PlanPoint
     points: tuple[PlanPoint, ...]
     identifiers: tuple[str, ...]  # of the intruders that it takes account of
+    wind: tuple[float, float] = (0.0, 0.0)  # that it is flown in, east and north at its start, m/s
 
 
 def report(
@@ -318,9 +319,13 @@ def trajectory(message: Any, name: str = "trajectory") -> Published:
         if after <= before:
             at = f"{name}.waypoints[{number_}].time_of_arrival"
             raise FieldError(at, "is not after the one before, expected later")
-    return Published(
-        bytes(message.id.uuid), message.revision, began, start, points, tuple(message.intruder_ids)
+    east, north = (
+        number(f"{name}.wind.{axis}", getattr(message.wind, axis), -_WIND, _WIND, "m/s")
+        for axis in "xy"
     )
+    identifiers = tuple(message.intruder_ids)
+    unique = bytes(message.id.uuid)
+    return Published(unique, message.revision, began, start, points, identifiers, (east, north))
 
 
 def _once(values: Sequence[Any], field: str) -> None:

@@ -12,9 +12,10 @@ from envs.angles import wrap
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
+from envs.wind import Wind
 from ros_bridge.core.conversions import PlanPoint, Published
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.situation import Task
+from ros_bridge.core.situation import Task, wind_in
 
 
 def plan_points(plan: Plan, task: Task) -> tuple[PlanPoint, ...]:
@@ -32,6 +33,11 @@ def start_point(
     return geodetic_points(
         frame, [Waypoint(0, own.x, own.y, own.heading, own.speed, 0.0)], time, altitude
     )[0]
+
+
+def wind_of(frame: LocalFrame, plan: Published) -> Wind | None:
+    """Return the wind that a published plan is flown in, in a frame; None: still air."""
+    return wind_in(frame, plan.start.latitude, plan.start.longitude, plan.wind)
 
 
 def flown(frame: LocalFrame, plan: Published) -> tuple[VehicleState, tuple[Waypoint, ...]]:

@@ -7,7 +7,7 @@ codes of GenerateTrajectory, the field that is meant and a sentence.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -20,6 +20,7 @@ from envs.angles import wrap
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
+from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND, Code, Refusal
 from ros_bridge.core.reach import Reach, level, out_of_reach
@@ -51,6 +52,7 @@ _INVALID = {
     Subject.OWN_ALTITUDE: Code.INVALID_OWNSHIP,
     Subject.INTRUDERS: Code.INVALID_INTRUDER,
     Subject.ROUTE: Code.INVALID_ROUTE,
+    Subject.WIND: Code.INVALID_OWNSHIP,
 }
 """Status codes by what the planner refuses; others are INVALID_TASK."""
 
@@ -75,6 +77,7 @@ class Settings:
     request_max_age: float = 1.0  # oldest request, s
     future_tolerance: float = 0.5  # by how much a stamp may lie ahead of the clock, s
     wind_max: float = 20.0  # strongest wind that is planned in, m/s
+    wind_std: float = 0.0  # one sigma of the reported wind's components, m/s
     unknown: Unknown = USUAL  # what is taken for standard deviations that reports lack
 
 
@@ -116,6 +119,7 @@ class Task:
     points: tuple[RoutePoint, ...]
     options: Options
     notes: tuple[Advisory, ...]  # what was assumed
+    wind: Wind | None = None  # in the frame; None: taken as calm
 
 
 def task(
@@ -137,30 +141,35 @@ def task(
         situation.own, "ownship", now, settings.ownship_max_age, settings.future_tolerance
     )
     _check_turn(situation.own, "ownship", settings)
+    wind, notes = _wind(frame, report, settings)
     own = _now(
-        placed(frame, report), turn_of(situation.own, settings), (now - report.time) / SECOND
+        placed(frame, report), turn_of(situation.own, settings), (now - report.time) / SECOND, wind
     )
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(far))
-    options, notes = _in_wind(report, settings)
+    options = settings.options
     alerted = _alerted(situation, now, settings)
     route, points = _route(situation, frame, asked_route)
     separation = options.requirement.separation + options.requirement.margin
     x, y = (np.array([getattr(point, axis) for point in points]) for axis in "xy")
     climb = options.unknown_climb
+    # Over the ground both are faster by the wind at most.
+    blows = 0.0 if wind is None else float(wind.speed)
+    airspeed = own.speed if wind is None else through_air(own, wind, 0.0).speed
     reach = Reach(
         own=report,
         now=now,
-        horizon=float(options.latest_end(own.speed, x, y)),
+        horizon=float(options.latest_end(airspeed, x, y, wind=blows)),
         separation=separation,
         vertical=options.vertical_filter,
-        speed=options.limits.speed_max,
-        traffic=options.aircraft.traffic_speed_max,
+        speed=options.limits.speed_max + blows,
+        traffic=options.aircraft.traffic_speed_max + blows,
         undulation=undulation,
         unknown_climb=climb,
     )
-    identifiers, intruders, excluded = _intruders(situation, frame, now, settings, alerted, reach)
+    frames = frame, wind
+    identifiers, intruders, excluded = _intruders(situation, frames, now, settings, alerted, reach)
     for number, (name, one) in enumerate(zip(identifiers, intruders, strict=True)):
         notes += tuple(_assumed(number, situation.traffic[name], settings.unknown))
         if _like(own, one.state):
@@ -168,9 +177,8 @@ def task(
             copy = Field(Subject.INTRUDERS, number=number)
             notes += (Advisory(AdvisoryCode.POSSIBLE_COPY, copy, what),)
     height = level(report.altitude, now - report.time, undulation, climb)
-    return Task(
-        frame, now, own, height, identifiers, intruders, excluded, route, points, options, notes
-    )
+    traffic = identifiers, intruders, excluded
+    return Task(frame, now, own, height, *traffic, route, points, options, notes, wind)
 
 
 def refusal_of(error: RequestError, task: Task) -> Refusal:
@@ -281,8 +289,14 @@ def _check_turn(track: Track, name: str, settings: Settings) -> None:
         raise Refusal(Code[f"INVALID_{_kind(name)}"], f"{name}.velocity", what)
 
 
-def _now(state: VehicleState, rate: float, seconds: float) -> VehicleState:
-    """Return a state some seconds later, along a turn (rad/s)."""
+def _now(state: VehicleState, rate: float, seconds: float, wind: Wind | None) -> VehicleState:
+    """Return a state over the ground some seconds later, along a turn of its track (rad/s), which
+    is one through the air.
+    """
+    if wind is not None:
+        rate = turn_through_air(state, rate, wind)
+        air = _now(through_air(state, wind, 0.0), rate, seconds, None)
+        return over_ground(air, wind, seconds)
     turn = rate * seconds
     # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
     reach, course = (
@@ -319,13 +333,14 @@ def _like(own: VehicleState, other: VehicleState) -> bool:
 
 def _intruders(
     situation: Situation,
-    frame: LocalFrame,
+    frames: tuple[LocalFrame, Wind | None],
     now: int,
     settings: Settings,
     alerted: frozenset[str],
     reach: Reach,
 ) -> tuple[tuple[str, ...], tuple[Intruder, ...], tuple[tuple[str, str], ...]]:
     names, intruders, excluded = [], [], []
+    frame, wind = frames
     for name, track in sorted(situation.traffic.items()):
         try:
             called = f"intruder {name}"
@@ -346,6 +361,8 @@ def _intruders(
         height = level(report.height(climb), 0, reach.undulation, climb)
         age = (now - report.time) / SECOND
         turn = turn_of(track, settings)
+        if wind is not None and turn:
+            turn = turn_through_air(state, turn, wind)
         lasts = settings.turn_time if turn else 0.0
         spread = report.spread(settings.unknown)
         intruders.append(Intruder(state, age, turn, lasts, *spread, height))
@@ -371,31 +388,32 @@ def _too_far(far: float) -> str:
     return f"is {far / 1e3:.0f} km from the geo-reference, expected {ACCURATE / 1e3:.0f} km at most"
 
 
-def _in_wind(report: Report, settings: Settings) -> tuple[Options, tuple[Advisory, ...]]:
-    """Return the planner's options in the ownship's wind: ground speeds that keep the airspeed in
-    its envelope.
-
-    Airspeed and ground speed differ by the wind's speed at most, in whatever direction the aircraft
-    turns.
+def wind_in(
+    frame: LocalFrame, latitude: float, longitude: float, blows: tuple[float, float]
+) -> Wind | None:
+    """Return the wind at a place in a frame from its components east and north there, m/s; None:
+    still air.
     """
-    options = settings.options
+    if blows == (0.0, 0.0):
+        return None
+    east, north = blows
+    turn = float(frame.place(latitude, longitude).convergence)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    return Wind(east * cosine - north * sine, north * cosine + east * sine)
+
+
+def _wind(
+    frame: LocalFrame, report: Report, settings: Settings
+) -> tuple[Wind | None, tuple[Advisory, ...]]:
+    """Return the wind that the ownship reports, in a frame; None where it reports none, with what
+    is said of that.
+    """
     if report.wind is None:
         calm = "is unknown and taken as calm"
-        return options, (Advisory(AdvisoryCode.WIND_UNKNOWN, "ownship.wind", calm),)
-    wind = math.hypot(*report.wind)
-    legs, flown = options.limits, options.manoeuvre
-    legs = legs._replace(speed_min=legs.speed_min + wind, speed_max=legs.speed_max - wind)
-    flown = flown._replace(
-        speed_min=max(flown.speed_min, legs.speed_min),
-        speed_max=min(flown.speed_max - wind, legs.speed_max),
-    )
-    what = ""
-    if wind > settings.wind_max:
-        what = f"expected {settings.wind_max:g} m/s at most"
-    elif flown.speed_min >= flown.speed_max:
-        what = (
-            f"which leaves no ground speed between {legs.speed_min:g} and {flown.speed_max:g} m/s"
-        )
-    if what:
-        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", f"is {wind:.1f} m/s, {what}")
-    return replace(options, limits=legs, manoeuvre=flown), ()
+        return None, (Advisory(AdvisoryCode.WIND_UNKNOWN, "ownship.wind", calm),)
+    speed = math.hypot(*report.wind)
+    if speed > settings.wind_max:
+        what = f"is {speed:.1f} m/s, expected {settings.wind_max:g} m/s at most"
+        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", what)
+    wind = wind_in(frame, report.latitude, report.longitude, report.wind) or NO_WIND
+    return wind._replace(std=settings.wind_std), ()

@@ -53,7 +53,7 @@ from ros_bridge.core.assurance import (
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.guidance import Guidance, blank, guidance
 from ros_bridge.transport import process, topics
-from ros_bridge.transport.messages import header, point_message, trajectory_message
+from ros_bridge.transport.messages import add_wind, header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import aircraft_text, monitor_thresholds, unknown_spread
 
@@ -213,6 +213,9 @@ class Monitor(ListeningNode):
                 point_message(start),
                 [point_message(point) for point in points],
             )
+            watched = self._supervision.watch.frame
+            if watched.moves and self._supervision.frame is not None:
+                add_wind(message, self._supervision.frame, watched.wind)
             self._backup.publish(message)
 
     def _guide(self, now: int, judged: Supervision) -> None:

@@ -28,12 +28,11 @@ from rlcas_msgs.msg import AircraftState
 
 from envs.follower import PERIOD, guidance
 from envs.formats.local_frame import LocalFrame
-from envs.waypoints import Legs
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.situation import Situation, placed
 from ros_bridge.core.tracks import Rules
-from ros_bridge.sim.guidance import Guidance, curve
+from ros_bridge.sim.guidance import Flying, Guidance, curve
 from ros_bridge.transport import process, qos, topics
 from ros_bridge.transport.settings import declare, limits_of
 
@@ -50,7 +49,7 @@ class Pilot(Node):
         declare(self, "pilot")
         self._guidance = Guidance(monitored=bool(self.get_parameter("monitor").value))
         self._situation = Situation()
-        self._line: tuple[bytes, LocalFrame, Legs, int] | None = None
+        self._line: tuple[bytes, LocalFrame, Flying] | None = None
         self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
         topics.OWNSHIP.heard(self, self._on_ownship)
         topics.PLAN.heard(self, self._guidance.add_plan)
@@ -81,7 +80,7 @@ class Pilot(Node):
         if self._line is None or self._line[0] != name:
             frame = LocalFrame(wanted.start.latitude, wanted.start.longitude)
             try:
-                self._line = name, frame, *curve(frame, wanted)
+                self._line = name, frame, curve(frame, wanted)
             except FieldError as error:
                 self.get_logger().error(f"cannot be flown: {error}", throttle_duration_sec=5.0)
                 return
@@ -92,19 +91,23 @@ class Pilot(Node):
             self.get_logger().error(
                 f"the monitor has been silent for {silent:.1f} s", throttle_duration_sec=1.0
             )
-        _, frame, legs, began = self._line
+        _, frame, line = self._line
         state = placed(frame, own)
         reach = state.speed * age
         state = state._replace(
             x=state.x + reach * math.cos(state.heading), y=state.y + reach * math.sin(state.heading)
         )
-        acceleration, turn = guidance(legs, state, np.float64((now - began) / SECOND))
+        time = np.float64((now - line.began) / SECOND)
+        acceleration, turn = guidance(line.legs, state, time, wind=line.wind)
         limits = limits_of(lambda name: self.get_parameter(name).value)
         acceleration = min(
             max(float(acceleration), limits.acceleration_min), limits.acceleration_max
         )
         turn = min(max(float(turn), -limits.yaw_rate_max), limits.yaw_rate_max)
-        speed = min(max(state.speed + acceleration * PERIOD, limits.speed_min), limits.speed_max)
+        # The limits are those of the air speed.
+        blows = 0.0 if line.wind is None else float(line.wind.speed)
+        low, high = max(limits.speed_min - blows, 0.0), limits.speed_max + blows
+        speed = min(max(state.speed + acceleration * PERIOD, low), high)
         command = Twist()
         command.linear.x, command.angular.z = speed, turn
         self._commands.publish(command)

@@ -59,6 +59,7 @@ def planned(wanted: Task, policy: Policy, *, exhaustive: bool) -> Plan:
         policy,
         options,
         own_altitude=wanted.own_altitude,
+        wind=wanted.wind,
     )
 
 

@@ -249,9 +249,9 @@ class Runner(ListeningNode):
         # SAFE only if it still is from the present states on.
         then = task(self._situation, now, planning_settings(self._value, self._aircraft), asked)
         late = (then.time - wanted.time) / SECOND
-        return rechecked(
-            found, late, then.own, then.intruders, then.points, then.options, then.own_altitude
-        )
+        there = then.own, then.intruders, then.points, then.options, then.own_altitude
+        # The plan is flown in the wind that it was made in.
+        return rechecked(found, late, *there, found.wind)
 
     def _wake(self, done: Future) -> None:
         """Let the node go on with an answer; called from the other thread."""

@@ -318,12 +318,12 @@ class Simulator(Node):
             return
         self._following = bytes(wanted.id.uuid)
         try:
-            curves, began = curve(self._frame, wanted)
+            line = curve(self._frame, wanted)  # no wind is reported, so none is planned in
         except FieldError as error:
             self.get_logger().error(f"cannot be flown: {error}")
             return
         plan = wanted.status == Trajectory.STATUS_SAFE
-        flight.fly(curves, (began - self._zero) / SECOND, plan=plan)
+        flight.fly(line.legs, (line.began - self._zero) / SECOND, plan=plan)
         if plan and self._log.safe_at is None:
             self._log.safe_at, self._log.source = flight.time, _SOURCES.get(wanted.source, "none")
             flight.truth = Truth()  # what counts from here on is what the plan promises

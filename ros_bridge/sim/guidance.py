@@ -4,13 +4,14 @@ Nothing but a SAFE plan that the monitor names, or the monitor's backup; without
 newest SAFE plan until it is withdrawn. Messages are read by their fields; nothing here needs ROS.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
 from envs.waypoints import Legs, knots, legs
+from envs.wind import Wind
 from ros_bridge.core.conversions import STATUS_SAFE, trajectory
 from ros_bridge.core.fields import FieldError
-from ros_bridge.core.replies import flown
+from ros_bridge.core.replies import flown, wind_of
 
 STATUS_WITHDRAWN = 3
 FLY_PLAN, FLY_BACKUP = 1, 2
@@ -53,11 +54,18 @@ class Guidance:
         return None
 
 
-def curve(frame: LocalFrame, message: Any) -> tuple[Legs, int]:
-    """Return the legs of a plan or backup in a local frame and when they begin, ns, or raise
-    :class:`FieldError`.
-    """
+class Flying(NamedTuple):
+    """What is flown."""
+
+    legs: Legs  # through the air, which lies over the ground when they begin
+    began: int  # when that is, ns
+    wind: Wind | None  # None: still air
+
+
+def curve(frame: LocalFrame, message: Any) -> Flying:
+    """Return what a plan or a backup is in a local frame, or raise :class:`FieldError`."""
     plan = trajectory(message)
     if not plan.points:
         raise FieldError("trajectory.waypoints", "has 0 points, expected 1 or more")
-    return legs(knots(*flown(frame, plan))), plan.began
+    wind = wind_of(frame, plan)
+    return Flying(legs(knots(*flown(frame, plan), wind=wind)), plan.began, wind)

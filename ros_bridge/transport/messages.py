@@ -3,6 +3,7 @@
 :mod:`ros_bridge.core.conversions`.
 """
 
+import math
 import uuid
 from array import array
 from typing import Any
@@ -16,6 +17,8 @@ from unique_identifier_msgs.msg import UUID
 
 from agents.planner.answer import Advisory, Plan
 from agents.planner.request import Altitude
+from envs.formats.local_frame import LocalFrame
+from envs.wind import Wind
 from ros_bridge.core.conversions import ALTITUDE_CODES, PlanPoint
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.replies import plan_points, start_point
@@ -89,12 +92,22 @@ def plan_message(
         # An array of bytes is taken as it is; other sequences are looked at byte by byte.
         certificate=array("B", proof or b""),
     )
+    if plan.wind is not None:
+        add_wind(message, task.frame, plan.wind)
     closest = float(plan.min_separation), float(plan.time_of_min_separation)
     if all(map(np.isfinite, closest)):
         message.min_separation, message.time_of_min_separation = closest
     if plan.goal_index is not None:
         message.rejoin_index = plan.goal_index
     return message
+
+
+def add_wind(message: Trajectory, frame: LocalFrame, wind: Wind) -> None:
+    """Write the wind that a trajectory's legs are flown in, in a frame, into its message."""
+    turn = float(frame.place(message.start.latitude, message.start.longitude).convergence)
+    east, north = float(wind.east), float(wind.north)
+    message.wind.x = east * math.cos(turn) + north * math.sin(turn)
+    message.wind.y = north * math.cos(turn) - east * math.sin(turn)
 
 
 def advisory_message(advisory: Advisory) -> AdvisoryMessage:

@@ -95,7 +95,7 @@ PARAMETERS = (
         400.0,
         "m/s",
     ),
-    Parameter(_ALL, "speed_max", "speed_max", "highest; wind narrows both", 1.0, 400.0, "m/s"),
+    Parameter(_ALL, "speed_max", "speed_max", "highest", 1.0, 400.0, "m/s"),
     Parameter(
         _ALL, "acceleration_min", "acceleration_min", "hardest braking", -40.0, -1e-4, "m/s^2"
     ),
@@ -218,6 +218,15 @@ PARAMETERS = (
         "m/s",
     ),
     Parameter("runner", "wind_max", 0.2, "strongest wind that is planned in", 0.0, 1.0, "V"),
+    Parameter(
+        "runner",
+        "wind_std",
+        0.01,
+        "standard deviation of the wind that the ownship reports, per axis",
+        0.0,
+        0.2,
+        "V",
+    ),
     Parameter(
         f"{_BOTH} pilot",
         "ownship_max_age",

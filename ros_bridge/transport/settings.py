@@ -150,6 +150,7 @@ def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settin
         "request_max_age",
         "future_tolerance",
         "wind_max",
+        "wind_std",
     )
     turns = usual.turn_time, (usual.turn_rate_min, usual.turn_rate_max)
     given = {name: value(name) for name in names}

@@ -101,10 +101,11 @@ def diagnostics(
 
 
 def _line(plan: Plan, task: Task) -> list[tuple[float, float]]:
-    curve, end = legs(knots(task.own, plan.waypoints)), plan.waypoints[-1].time
+    curve = legs(knots(task.own, plan.waypoints, wind=plan.wind))
+    end = plan.waypoints[-1].time
     times = np.append(np.arange(0.0, end, _STEP), end)
     each = Legs(*(np.broadcast_to(field, (times.size, *np.shape(field))) for field in curve))
-    state = at(each, times)
+    state = at(each, times, plan.wind)
     return list(zip(state.x.tolist(), state.y.tolist(), strict=True))
 
 

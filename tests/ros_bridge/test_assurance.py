@@ -6,6 +6,7 @@ import functools
 import itertools
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from agents.planner.request import Altitude
 from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
 from envs.waypoints import at, knots, legs
+from envs.wind import Wind
 from ros_bridge.core import updates
 from ros_bridge.core.assurance import (
     Supervision,
@@ -33,7 +35,7 @@ from ros_bridge.core.assurance import (
 )
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.reach import Reach, vertically_apart
-from ros_bridge.core.replies import flown, plan_points, start_point
+from ros_bridge.core.replies import flown, plan_points, start_point, wind_of
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation, task
 from ros_bridge.core.tracks import Rules
@@ -63,12 +65,14 @@ def published(situation: Situation, revision: int = 1, seconds: float = 0.0) -> 
     wanted = task(situation, NOW + round(seconds * SECOND), SETTINGS)
     # A busy machine may not find a plan in time.
     options = replace(wanted.options, deadline_s=math.inf)
-    result = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), options)
+    result = plan(
+        wanted.own, wanted.intruders, wanted.points, Policy.load(), options, wind=wanted.wind
+    )
     assert result.safe
     start = start_point(wanted.frame, wanted.own, wanted.time, None)
-    return Published(
-        bytes(16), revision, wanted.time, start, plan_points(result, wanted), wanted.identifiers
-    )
+    points, wind = plan_points(result, wanted), wanted.wind or Wind()
+    blows = float(wind.east), float(wind.north)
+    return Published(bytes(16), revision, wanted.time, start, points, wanted.identifiers, blows)
 
 
 @functools.cache
@@ -76,6 +80,42 @@ def begun() -> tuple[Supervision, Situation]:
     """Return a monitor that has just begun to watch a plan, and what was heard."""
     situation = traffic(heard(), 0.0)
     return activated(initial(THRESHOLDS), situation, published(situation)), situation
+
+
+def test_a_plan_in_a_wind_is_monitored_in_it():
+    blows = SimpleNamespace(x=12.0, y=-9.0, z=0.0)
+
+    def situation_at(seconds: float, place: VehicleState) -> Situation:
+        message = aircraft(
+            *(float(value) for value in place),
+            id="own",
+            time=NOW + round(seconds * SECOND),
+            valid=0xE5,
+            wind=blows,
+        )
+        before = traffic(heard(own=message), 0.0) if seconds == 0.0 else situation
+        after = updates.ownship(before, message, NOW + round(seconds * SECOND), RULES)
+        return traffic(after, seconds)
+
+    situation = situation_at(0.0, VehicleState(0.0, 0.0, 0.5, 75.0))
+    held = published(situation)
+    assert held.wind == pytest.approx((12.0, -9.0))
+    supervision = activated(initial(THRESHOLDS), situation, held)
+    assert supervision.frame is not None
+    wind = wind_of(supervision.frame, held)
+    curves = legs(knots(*flown(supervision.frame, held), wind=wind))
+    for second in range(1, 13):
+        place = at(curves, np.float64(second), wind)
+        situation = situation_at(float(second), place)
+        supervision, verdict = stepped(supervision, situation, NOW + second * SECOND)
+        assert verdict is not None
+        assert verdict.state is State.MONITORING, verdict.reasons
+        assert abs(verdict.measured.cross_track.item()) < 0.1
+    # In still air the same flight is not the plan.
+    calm = activated(initial(THRESHOLDS), situation, held._replace(wind=(0.0, 0.0), revision=9))
+    _, verdict = stepped(calm, situation, NOW + 12 * SECOND)
+    assert verdict is not None
+    assert abs(verdict.measured.cross_track.item()) > 0.2
 
 
 def test_there_is_no_verdict_before_the_first_plan():

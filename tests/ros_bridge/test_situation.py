@@ -26,6 +26,7 @@ from ros_bridge.core.reports import Unknown
 from ros_bridge.core.situation import NOTHING, Code, Situation, Task, named, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
+    FRAME,
     NOW,
     RULES,
     SECOND,
@@ -267,25 +268,51 @@ def test_msl_heights_are_comparable_with_the_undulation_only():
     )
 
 
-@given(st.floats(-14.0, 14.0), st.floats(-14.0, 14.0), st.floats(-math.pi, math.pi))
-def test_planned_ground_speeds_keep_the_airspeed_in_its_limits(
-    east: float, north: float, way: float
-):
-    calm, wind = SETTINGS, SimpleNamespace(x=east, y=north, z=0.0)
-    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=wind)
-    options = task(heard(own=own), NOW, calm).options
-    for limits, free in (
-        (options.limits, calm.options.limits),
-        (options.manoeuvre, calm.options.manoeuvre),
-    ):
-        for speed in (limits.speed_min, limits.speed_max):
-            air = math.hypot(speed * math.cos(way) - east, speed * math.sin(way) - north)
-            assert (
-                min(free.speed_min, calm.options.limits.speed_min) - 1e-9
-                <= air
-                <= free.speed_max + 1e-9
-            )
-        assert limits.speed_min < limits.speed_max
+@given(st.floats(-12.0, 12.0), st.floats(-12.0, 12.0))
+def test_the_wind_is_planned_in_and_narrows_nothing(east: float, north: float):
+    settings = replace(SETTINGS, wind_std=0.7)
+    blows = SimpleNamespace(x=east, y=north, z=0.0)
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=blows)
+    wanted = task(heard(own=own), NOW, settings)
+    assert wanted.options == settings.options
+    assert wanted.wind == pytest.approx((east, north, 0.7))
+    assert wanted.notes == ()
+
+
+def test_the_wind_turns_with_true_north_into_the_frame():
+    far = LocalFrame(FRAME.latitude, FRAME.longitude - 1.2)
+    blows = SimpleNamespace(x=10.0, y=0.0, z=0.0)
+    at = far.place(FRAME.latitude, FRAME.longitude)
+    own = aircraft(float(at.x), float(at.y), 0.0, 75.0, id="own", valid=0x25, wind=blows, frame=far)
+    wanted = task(heard(own=own, frame=far), NOW, SETTINGS)
+    turn = float(at.convergence)
+    assert abs(turn) > 0.01
+    assert wanted.wind is not None
+    assert (wanted.wind.east, wanted.wind.north) == pytest.approx(
+        (10.0 * math.cos(turn), 10.0 * math.sin(turn)), abs=1e-9
+    )
+
+
+def test_a_turn_of_the_track_is_planned_as_one_through_the_air():
+    blows = SimpleNamespace(x=-20.0, y=0.0, z=0.0)
+    own = aircraft(0.0, 0.0, 0.0, 55.0, id="own", valid=0x25, wind=blows)
+    situation = heard(own=own)
+    rate = math.radians(2.0)
+    # Through the air it flies 20 m/s faster than over the ground, and turns less quickly.
+    for second in range(-2, 1):
+        moment = NOW + second * SECOND
+        heading = rate * second
+        radius = 50.0 / rate
+        message = aircraft(
+            8_000.0 + radius * math.sin(heading),
+            -8_000.0 - radius * math.cos(heading),
+            heading,
+            50.0,
+            time=moment,
+        )
+        situation = updates.traffic(situation, message, moment, RULES)
+    turning = task(situation, NOW, SETTINGS).intruders[0]
+    assert turning.turn_rate == pytest.approx(rate * 50.0 / 70.0, rel=0.03)
 
 
 def test_too_strong_a_wind_is_refused():
