@@ -209,6 +209,15 @@ class Heights(NamedTuple):
     vertical: float  # separation that is to be kept, m
 
 
+class Apart(NamedTuple):
+    """A time in which an intruder stays above or below."""
+
+    number: int  # of the intruder
+    begin: float  # s after the request
+    end: float
+    heights: Heights
+
+
 class Origin(NamedTuple):
     """Which flight the certificate belongs to, as far as its request said so."""
 
@@ -226,6 +235,7 @@ class Certificate(NamedTuple):
     controls: list[list[float]]  # of each leg: ten turn rates, then ten accelerations
     reports: list[Report]
     excluded: list[Heights]
+    apart: list[Apart]
     requirement: Requirement
     limits: Limits  # of the flight through the air
     wind: Wind
@@ -241,6 +251,7 @@ _FIELDS = {
     "controls",
     "intruders",
     "excluded",
+    "apart",
     "requirement",
     "limits",
     "wind",
@@ -258,12 +269,16 @@ def read(data: Any) -> Certificate:
     controls = table("controls", data["controls"], 2 * ARCS)
     intruders = table("intruders", data["intruders"], len(Report._fields))
     excluded = table("excluded", data["excluded"], len(Heights._fields))
+    apart = table("apart", data["apart"], 3 + len(Heights._fields))
+    for row in apart:
+        demand(row[0] in range(len(intruders)), "a row of apart is of no intruder")
     found = Certificate(
         request=origin(data["request"]),
         knots=[Knot(*own, time=0.0), *(Knot(*row) for row in waypoints)],
         controls=controls,
         reports=[Report(*row) for row in intruders],
         excluded=[Heights(*row) for row in excluded],
+        apart=[Apart(int(row[0]), row[1], row[2], Heights(*row[3:])) for row in apart],
         requirement=Requirement(*numbers("requirement", data["requirement"], Requirement._fields)),
         limits=Limits(*numbers("limits", data["limits"], Limits._fields)),
         wind=Wind(*numbers("wind", data["wind"], Wind._fields)),
@@ -280,7 +295,7 @@ def read(data: Any) -> Certificate:
     demand(min(sizes) >= 0.0, "a size is negative")
     kept = [found.requirement.separation, *(one.separation for one in found.reports)]
     demand(min(kept) > 0.0, "a separation is not positive")
-    levels = [one.vertical for one in found.excluded]
+    levels = [one.vertical for one in (*found.excluded, *(time.heights for time in found.apart))]
     demand(min(levels, default=0.0) >= 0.0, "a vertical separation is negative")
     return found
 
@@ -586,12 +601,20 @@ def chord_bound(first: Ball, last: Ball, sagitta: int) -> int:
 
 
 def check_separation(
-    number: int, other: Track, arcs: list[Arc], requirement: Requirement, claim: float, parts: int
+    number: int,
+    other: Track,
+    arcs: list[Arc],
+    requirement: Requirement,
+    claim: float,
+    parts: int,
+    apart: list[Apart],
 ) -> None:
     """Check that intruder ``number`` stays as far as it has to, and as the certificate claims.
 
-    Arcs that are not clear are cut in two, ``parts`` times at most.
+    Arcs that are not clear are cut in two, ``parts`` times at most. In times ``apart`` nothing is
+    asked of it.
     """
+    times = [(ball(time.begin), ball(time.end)) for time in apart]
     separation = other.separation
     margin, sigmas = ball(requirement.margin), ball(requirement.sigmas)
     age = Ball(max(other.age.x, -other.age.x), 0, other.age.r)
@@ -599,7 +622,9 @@ def check_separation(
     away = (other.place_at(ZERO) - arcs[0].place).size()
     # A plan that begins inside the margin keeps its own distance, but never less than separation.
     wanted = (separation + margin + sigmas * at_request).hi
-    keep = max(separation.hi, min(wanted, away.hi))
+    # Where it does not count at the request, its distance then says nothing.
+    counts_later = any(begin.hi <= 0 < end.lo for begin, end in times)
+    keep = wanted if counts_later else max(separation.hi, min(wanted, away.hi))
     near = away.lo  # the distance at the beginning of an arc is this at least
     for arc in arcs:
         relative = arc.own_acceleration + other.acceleration()
@@ -608,6 +633,10 @@ def check_separation(
         while todo:
             i, n = todo.pop()
             later = arc.begin + arc.length * ball(i + 1) / ball(n)
+            if times:
+                now = arc.begin + arc.length * ball(i) / ball(n)
+                if any(begin.hi <= now.lo and later.hi <= end.lo for begin, end in times):
+                    continue
             growth = (sigmas * (other.uncertainty(age + later) - at_request)).hi
             required = max(
                 keep + growth - ball(_MARGIN).lo,
@@ -644,13 +673,22 @@ def relative_place(other: Track, arc: Arc, k: int, n: int) -> Ball:
 
 def check_excluded(heights: Heights, end: float) -> None:
     """Check that an excluded intruder stays above or below until the plan's end, s."""
+    demand(stays_apart(heights, 0.0, end), "an excluded intruder does not stay above or below")
+
+
+def stays_apart(heights: Heights, begin: float, end: float) -> bool:
+    """Return whether two altitudes at their worst stay apart from a time to another, s.
+
+    They change evenly, so that both ends decide (theorem ``apart_vertically``).
+    """
     own, climb, other, rise, age, vertical = map(ball, heights)
-    now = other + rise * age - own
-    then = now + (rise - climb) * ball(end)
+    above_it = other + rise * age - own
+    now = above_it + (rise - climb) * ball(begin)
+    then = above_it + (rise - climb) * ball(end)
     apart = vertical.hi
     above = min(now.lo, then.lo) >= apart
     below = max(now.hi, then.hi) <= -apart
-    demand(above or below, "an excluded intruder does not stay above or below")
+    return above or below
 
 
 def accept(data: Any) -> Certificate:
@@ -659,6 +697,9 @@ def accept(data: Any) -> Certificate:
     arcs = flight(certificate)
     for heights in certificate.excluded:
         check_excluded(heights, certificate.knots[-1].time)
+    for time in certificate.apart:
+        sentence = f"intruder {time.number} does not stay above or below from {time.begin:.2f} s on"
+        demand(stays_apart(time.heights, time.begin, time.end), sentence)
     claims = zip(certificate.reports, certificate.bounds, strict=True)
     for number, (report, claim) in enumerate(claims):
         check_separation(
@@ -668,6 +709,7 @@ def accept(data: Any) -> Certificate:
             certificate.requirement,
             claim,
             certificate.parts,
+            [time for time in certificate.apart if time.number == number],
         )
     return certificate
 
@@ -679,11 +721,16 @@ def summary(certificate: Certificate) -> list[str]:
     """Return what is proven, in sentences."""
     end = certificate.knots[-1].time
     limits, wanted, about = certificate.limits, certificate.requirement, certificate.request
+    # Of an intruder that never counts nothing is claimed.
+    least = min((bound for bound in certificate.bounds if bound > 0.0), default=0.0)
     if certificate.reports:
         separation = (
-            f"intruders: {len(certificate.reports)}; none comes closer than "
-            f"{min(certificate.bounds):.3f} m until {end:.1f} s after the request"
+            f"intruders: {len(certificate.reports)}; none comes closer than {least:.3f} m until "
+            f"{end:.1f} s after the request"
         )
+        timed = sorted({time.number for time in certificate.apart})
+        if timed:
+            separation += f", but while above or below: {', '.join(map(str, timed))}"
     else:
         separation = f"intruders: none; the flight is proven until {end:.1f} s after the request"
     own = [

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.assurance.lookahead import ANY, chord, growth
 from agents.assurance.thresholds import Thresholds
-from agents.planner.traffic import Traffic, predicted, required
+from agents.planner.traffic import Traffic, counted, predicted, required
 from agents.planner.validator import Findings, validate
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
@@ -166,6 +166,8 @@ def _estimate(
     times, wide = (np.arange(steps + 1) * stride)[:, None], column(traffic)
     tracks = predicted(wide, times)
     required_range = np.broadcast_to(base[:, None] + growth(wide, times, sigmas), tracks.x.shape)
+    counts = counted(wide, times - stride, times)
+    required_range = np.where(counts, required_range, -np.inf)
     least = np.full(own.x.size, np.inf)
     state, to_turn, step = own, wrap(course - own.heading, np), 0
 

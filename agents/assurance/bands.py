@@ -21,12 +21,19 @@ import numpy as np
 
 from agents.assurance.lookahead import growth
 from agents.manoeuvres.direct_to_goal import arc_end
-from agents.planner.traffic import Requirement, Traffic, predicted, required, separations
+from agents.planner.traffic import (
+    Requirement,
+    Traffic,
+    counted,
+    predicted,
+    required,
+    separations,
+)
 from agents.planner.validator import CLOSE, ROUNDING
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState
 from envs.relative import RelativeMotion, step_separation
-from envs.trees import column, take
+from envs.trees import column, mapped, take
 
 HEADINGS = 72
 """Headings that are looked at where none are asked for: one every 5 degrees."""
@@ -374,6 +381,20 @@ def _judge_steps(path: RelativeMotion, times: Any, need: Any, axis: int) -> _Fou
     )
 
 
+def _while_counted(found: _Found, traffic: Traffic, begin: Any, end: Any) -> _Found:
+    """Return what parts of manoeuvres from some times to others, s, hold, but for those in which an
+    intruder is above or below.
+    """
+    if traffic.window is None:
+        return found
+    counts = counted(traffic, begin, end)
+    return _Found(
+        np.where(counts, found.loss, np.inf),
+        np.where(counts, found.until, -np.inf),
+        np.where(counts, found.clearance, np.inf),
+    )
+
+
 def _judge_ramp(
     own: VehicleState, ramp: _Ramp, arrival: VehicleState, reached: Any, against: _Against
 ) -> _Found:
@@ -394,6 +415,8 @@ def _judge_ramp(
     path = RelativeMotion(*(np.stack(pair, axis=1) for pair in zip(*paths, strict=True)))
     both = np.broadcast_to(need[:, None], path.x.shape)
     each = _judge_steps(path, np.broadcast_to(times[:, None], path.x.shape), both, axis=2)
+    wide, ends = mapped(lambda field: field[:, None], against.traffic), times[:, None]
+    each = _while_counted(each, wide, ends[:, :, :-1], ends[:, :, 1:])
     so_far = _Found(
         _accumulate(np.minimum, each.loss, np.inf),
         _accumulate(np.maximum, each.until, -np.inf),
@@ -413,6 +436,7 @@ def _judge_ramp(
         need[rows, number],
         against.required_at(end),
     )
+    last = _while_counted(last, against.traffic, nodes[number][..., None], end)
     return _combine(take(so_far, chosen), last)
 
 
@@ -463,11 +487,8 @@ def _judge_among_turning(own: VehicleState, reached: Any, until: Any, against: _
     since = np.linspace(0.0, 1.0, steps + 1) * lasts[which][:, None]
     times = reached[n, band, None] + since
     path = _relative(_straight_on(take(own, (n, band)), since), one.intruders_at(times))
-    _write(
-        found,
-        which,
-        _judge_steps(path, times, np.broadcast_to(one.required_at(times), times.shape), 1),
-    )
+    steps_of = _judge_steps(path, times, np.broadcast_to(one.required_at(times), times.shape), 1)
+    _write(found, which, _while_counted(steps_of, one.traffic, times[:, :-1], times[:, 1:]))
     return found
 
 
@@ -477,11 +498,15 @@ def _judge_straight(
     """Judge straight flight of both, from ``begin``, s, to the end of the look-ahead, in closed
     form, ``[N, B, K]``.
     """
+    window, over = against.traffic.window, look_ahead
+    if window is not None:
+        begin, over = np.maximum(begin, window.begin), np.minimum(look_ahead, window.end)
     far = _relative(_straight_on(own, begin - reached[..., None]), against.intruders_at(begin))
-    lasts = np.maximum(look_ahead - begin, 0.0)
+    lasts = np.maximum(over - begin, 0.0)
     found = _judge_piece(
         far, begin, lasts, against.required_at(begin), against.required_at(begin + lasts)
     )
+    found = _while_counted(found, against.traffic, begin, over)
     if not (against.traffic.velocity_std.any() and against.requirement.sigmas):
         return found
     # Growth is convex: a straight line between its ends requires more. What is clear of that is

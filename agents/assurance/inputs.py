@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.assurance.plausible import SIGMAS, Drift, followed, greatest_change, unknown
 from agents.assurance.thresholds import Cause, Thresholds
-from agents.planner.traffic import Traffic, advanced
+from agents.planner.traffic import Traffic, Window, advanced
 from agents.policy.domain import excess
 from envs.angles import wrap
 from envs.kinematics import FASTEST, VehicleState, velocity
@@ -45,6 +45,7 @@ class Inputs(NamedTuple):
     position_std: Any  # one sigma per axis, m, [N, K]
     velocity_std: Any  # one sigma per axis, m/s, [N, K]
     separation: Any = None  # to be kept from each, m, [N, K]; nan, None: the requirement's
+    window: Window | None = None  # when each counts, s from now, [N, K]; None: always
 
 
 class Memory(NamedTuple):
@@ -59,6 +60,7 @@ class Memory(NamedTuple):
     position_std: Any
     velocity_std: Any
     separation: Any  # to be kept from each, m, [N, K]; nan: the requirement's
+    window: Window  # when each counts, on the monitor's clock, s, [N, K]
     drift: Drift  # [N, K]
 
 
@@ -69,7 +71,7 @@ def inputs(
     and fresh, and every intruder exists.
     """
     each, pairs = np.shape(own.x), np.shape(intruders.x)
-    given = {
+    given: dict[str, Any] = {
         "own_age": np.zeros(each),
         "age": np.zeros(pairs),
         "position_std": np.zeros(pairs),
@@ -96,6 +98,7 @@ def blank(count: int, intruders: int, speed: Any) -> Memory:
         np.full(pairs, -np.inf),
         *(np.zeros(pairs) for _ in range(3)),
         separation=np.full(pairs, np.nan),
+        window=Window(np.full(pairs, -np.inf), np.full(pairs, np.inf)),
         drift=unknown(pairs),
     )
 
@@ -136,6 +139,8 @@ def updated(
     separation = memory.separation
     if given.separation is not None:
         separation = np.where(good, given.separation, separation)
+    ends = given.window or Window(-np.inf, np.inf)
+    window = mapped(lambda had, new: np.where(good, now[:, None] + new, had), memory.window, ends)
     seen = np.where(good, np.fmax(reported, known), known)
     outside |= excess(thresholds.traffic["intruder_speed"], intruders.speed) > SIGMAS * velocity_std
     for name, values in (("position_std", position_std), ("velocity_std", velocity_std)):
@@ -159,6 +164,7 @@ def updated(
         position_std,
         velocity_std,
         separation,
+        window,
         drift,
     )
     return memory, *present(memory, given.mask, thresholds), causes
@@ -181,6 +187,7 @@ def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleS
         memory.velocity_std,
         0.0 * age,
         memory.separation,
+        mapped(lambda when: when - memory.time[:, None], memory.window),
     )
     vx, vy = velocity(memory.own, np)
     x, y = memory.own.x + vx * own_age, memory.own.y + vy * own_age

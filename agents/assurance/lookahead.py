@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.planner.separation import FINE
-from agents.planner.traffic import Traffic, predicted, uncertainty
+from agents.planner.traffic import Traffic, counted, predicted, uncertainty
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance
 from envs.trees import column, take
@@ -32,8 +32,8 @@ class Course(NamedTuple):
 class Outlook(NamedTuple):
     """What the rest of a plan holds; fields ``[N, K]``."""
 
-    # Smallest distance less what uncertainty grows to, m: a lower bound, exact to 5 mm below the
-    # level of interest; inf for absent intruders and after the plan's end.
+    # Smallest distance less what uncertainty grows to while an intruder counts, m: a lower bound,
+    # exact to 5 mm below the level of interest; inf for absent intruders and after the plan's end.
     separation: Any
     # when the separation first falls below the level of interest, s from now; inf where it does not
     loss: Any
@@ -77,7 +77,8 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
     sagitta = course.sagitta[..., None] + 0.125 * turn * length * length
     near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - sagitta
     near = near - growth(wide, ended[..., None], sigmas)
-    ahead = (ended > 0.0)[..., None] & wide.mask
+    counts = counted(wide, began[..., None], ended[..., None])
+    ahead = (ended > 0.0)[..., None] & wide.mask & counts
     near = np.where(ahead, near, np.inf)
     unclear = near < level[:, None]
     found.separation[...] = np.min(np.where(unclear, np.inf, near), axis=1)
@@ -120,7 +121,8 @@ def _arcs(
         - arcs.miss[:, None]
     )
     near = near - growth(one, times[:, 1:], sigmas)
-    near = np.where(times[:, 1:] > 0.0, near, np.inf)
+    counts = counted(one, times[:, :-1], times[:, 1:])
+    near = np.where((times[:, 1:] > 0.0) & counts, near, np.inf)
     unclear = near < level[n, k, None]
     np.minimum.at(found.separation, (n, k), np.min(np.where(unclear, np.inf, near), axis=1))
     m, arc = np.nonzero(unclear)
@@ -140,6 +142,7 @@ def _arcs(
         - 0.125 * relative_acceleration[m, arc][:, None] * length * length
     )
     near = near - arcs.miss[m, None] - growth(one, parts[:, 1:], sigmas)
+    near = np.where(counted(one, parts[:, :-1], parts[:, 1:]), near, np.inf)
     pair = n[m], k[m]
     lost = np.min(np.where(near < level[pair][:, None], parts[:, :-1], np.inf), axis=1)
     np.minimum.at(found.separation, pair, near.min(axis=1))

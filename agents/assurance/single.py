@@ -9,7 +9,7 @@ that its plan is flown in.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,13 +20,14 @@ from agents.assurance.inputs import Inputs
 from agents.assurance.state import Decision, Flown, Monitor, State, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.planner.answer import Plan
-from agents.planner.request import Intruder, reported
+from agents.planner.request import Altitude, Intruder, reported, windows
 from agents.planner.traffic import advanced
 from envs.kinematics import VehicleState
 from envs.trees import mapped, take
 from envs.waypoints import Knots, Waypoint, knots
 from envs.wind import NO_WIND
 
+_SAME = 1e-6  # s by which the times of one report may differ
 _ONE = np.array([0])
 _MISSING, _NOWHERE = VehicleState(*[float("nan")] * 4), VehicleState(0.0, 0.0, 0.0, 0.0)
 
@@ -49,6 +50,7 @@ class Ask:
     number: int
     own: VehicleState
     intruders: tuple[Intruder, ...]
+    own_altitude: Altitude | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +82,8 @@ class Watch:
     thresholds: Thresholds
     ask: Ask | None = None  # the last request
     frame: Frame = STILL  # that the monitor works in
+    # The last reports of each with an altitude: when they held, s, and what they said of it.
+    levels: Mapping[str, tuple[float, Intruder]] = field(default_factory=dict)
 
 
 def begin(thresholds: Thresholds) -> Watch:
@@ -88,10 +92,16 @@ def begin(thresholds: Thresholds) -> Watch:
 
 
 def activate(
-    watch: Watch, plan: Plan, own: VehicleState, intruders: Mapping[str, Intruder], time: float
+    watch: Watch,
+    plan: Plan,
+    own: VehicleState,
+    intruders: Mapping[str, Intruder],
+    time: float,
+    *,
+    own_altitude: Altitude | None = None,
 ) -> Watch:
-    """Begin to watch a plan, with states and time, s, of its request; of one that is not SAFE the
-    backup is flown.
+    """Begin to watch a plan, with states, altitude and time, s, of its request; of one that is not
+    SAFE the backup is flown.
     """
     watch = _placed(watch, (*watch.names, *(name for name in intruders if name not in watch.names)))
     watch = _in_air_of(watch, plan, time)
@@ -102,6 +112,8 @@ def activate(
         given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)),
         age,
     )
+    window = windows(reports, own_altitude, watch.thresholds.options)
+    traffic = traffic._replace(window=window)
     knots, thresholds = _knots(own, plan, frame, watch.thresholds), watch.thresholds
     safe = np.array([plan.safe])
     return replace(
@@ -117,10 +129,11 @@ def step(
     intruders: Mapping[str, Intruder],
     *,
     own_age: float = 0.0,
+    own_altitude: Altitude | None = None,
     gone: Sequence[str] = (),
 ) -> tuple[Watch, Verdict]:
     """Judge one second, s, by the last reports; ``own`` is None where it is missing, ``gone`` do
-    not count any more.
+    not count any more. The own altitude is as of now.
     """
     names = (
         *(name for name in watch.names if name not in gone),
@@ -142,9 +155,14 @@ def step(
         seen.position_std,
         seen.velocity_std,
         seen.separation,
+        windows(reports, own_altitude, watch.thresholds.options),
     )
     monitor, decision = monitors.step(watch.monitor, given, watch.thresholds)
-    asked = _ask(monitor, decision, frame, watch.thresholds) if decision.replan[0] else None
+    levels = {name: at for name, at in watch.levels.items() if name in names} | {
+        name: (time - one.age, one) for name, one in intruders.items() if one.altitude is not None
+    }
+    watch = replace(watch, levels=levels)
+    asked = _ask(watch, monitor, decision, own_altitude) if decision.replan[0] else None
     backup = _waypoints(monitor, frame) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
     fly, state = Flown(int(decision.fly[0])), State(int(decision.state[0]))
@@ -204,6 +222,7 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
             "position_std",
             "velocity_std",
             "separation",
+            "window",
             "drift",
         )
     }
@@ -216,11 +235,11 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
     )
 
 
-def _ask(monitor: Monitor, decision: Decision, frame: Frame, thresholds: Thresholds) -> Ask:
+def _ask(watch: Watch, monitor: Monitor, decision: Decision, own_altitude: Altitude | None) -> Ask:
     """Return the request of one second: the last good reports with their ages, as the planner takes
     them.
     """
-    memory = monitor.memory
+    memory, frame, thresholds = monitor.memory, watch.frame, watch.thresholds
     own = frame.told(
         VehicleState(*(float(field[0]) for field in decision.own)), float(memory.time[0])
     )
@@ -233,15 +252,29 @@ def _ask(monitor: Monitor, decision: Decision, frame: Frame, thresholds: Thresho
         memory.velocity_std,
         memory.separation,
     )
-    rows = np.stack(fields, axis=-1)[decision.traffic.mask].tolist()
+    rows = np.stack(fields, axis=-1)[0].tolist()
     known = tuple(
-        Intruder(
-            VehicleState(*state), *rest, separation=None if math.isnan(separation) else separation
+        _at_its_level(
+            Intruder(
+                VehicleState(*row[:4]), *row[4:9], separation=None if math.isnan(row[9]) else row[9]
+            ),
+            float(seen),
+            watch.levels.get(name),
         )
-        for *both, separation in rows
-        for state, rest in [(both[:4], both[4:])]
+        for name, row, seen, there in zip(
+            watch.names, rows, memory.seen[0], decision.traffic.mask[0], strict=True
+        )
+        if there
     )
-    return Ask(int(decision.number[0]), own, known)
+    return Ask(int(decision.number[0]), own, known, own_altitude)
+
+
+def _at_its_level(one: Intruder, seen: float, said: tuple[float, Intruder] | None) -> Intruder:
+    """Return a report with the altitude of the same time, s; without one it counts as level."""
+    if said is None or abs(said[0] - seen) > _SAME:
+        return one
+    _, report = said
+    return replace(one, altitude=report.altitude, vertical_separation=report.vertical_separation)
 
 
 def reasons(decision: Decision, thresholds: Thresholds) -> tuple[Why, ...]:

@@ -111,9 +111,10 @@ def clear(
     time: Any,
     task: Task,
     xp: Any,
+    window: tuple[Any, Any] | None = None,
 ) -> Any:
     """Return whether turning onto the goal now and flying there keeps clear of an intruder that
-    flies straight on.
+    flies straight on, while it counts: in a window of times, s; None: always.
 
     The turn is judged on the chords of its quarters, less what the arcs can leave them by, the
     straight line until the goal's disc. A goal inside the turning circle, behind a turn of more
@@ -137,9 +138,13 @@ def clear(
     aside = side * half_sine
     ahead_x, ahead_y = cosine * half_cosine - sine * aside, sine * half_cosine + cosine * aside
     part_sine, part_cosine = side * 2.0 * half_sine * half_cosine, 1.0 - 2.0 * half_sine * half_sine
-    for _ in range(_PARTS):
+    for number in range(_PARTS):
         step_x, step_y = other_vx * seconds - chord * ahead_x, other_vy * seconds - chord * ahead_y
-        near = _nearest(x, y, step_x, step_y, xp)
+        if window is None:
+            near = _nearest(x, y, step_x, step_y, xp)
+        else:
+            begin = time + number * seconds
+            near = _nearest_within(x, y, step_x, step_y, begin, seconds, window, xp)
         possible = xp.logical_and(possible, near >= least_square)
         x, y = x + step_x, y + step_y
         ahead_x, ahead_y = (
@@ -154,15 +159,40 @@ def clear(
         other_vx * flight - straight * course_cosine,
         other_vy * flight - straight * course_sine,
     )
-    return xp.logical_and(
-        possible, _nearest(x, y, step_x, step_y, xp) >= required * xp.abs(required)
-    )
+    if window is None:
+        near = _nearest(x, y, step_x, step_y, xp)
+    else:
+        near = _nearest_within(x, y, step_x, step_y, time + turning, flight, window, xp)
+    return xp.logical_and(possible, near >= required * xp.abs(required))
 
 
-def _nearest(x: Any, y: Any, step_x: Any, step_y: Any, xp: Any) -> Any:
-    """Return the squared distance from the origin to the line from (x, y) along a step, m^2."""
+def _nearest_within(
+    x: Any,
+    y: Any,
+    step_x: Any,
+    step_y: Any,
+    begin: Any,
+    lasts: Any,
+    window: tuple[Any, Any],
+    xp: Any,
+) -> Any:
+    """Return what :func:`_nearest` does for the part of a step that lies in a window; inf: none
+    does.
+    """
+    length = xp.maximum(lasts, 1e-9)
+    low, high = (xp.clip((when - begin) / length, 0.0, 1.0) for when in window)
+    inside = xp.logical_and(window[0] <= begin + lasts, begin <= window[1])
+    return xp.where(inside, _nearest(x, y, step_x, step_y, xp, low, high), xp.inf)
+
+
+def _nearest(
+    x: Any, y: Any, step_x: Any, step_y: Any, xp: Any, low: Any = 0.0, high: Any = 1.0
+) -> Any:
+    """Return the squared distance from the origin to the line from (x, y) along a step, from one
+    share of it to another, m^2.
+    """
     s = xp.clip(
-        -(x * step_x + y * step_y) / xp.maximum(step_x * step_x + step_y * step_y, 1e-9), 0.0, 1.0
+        -(x * step_x + y * step_y) / xp.maximum(step_x * step_x + step_y * step_y, 1e-9), low, high
     )
     x, y = x + s * step_x, y + s * step_y
     return x * x + y * y

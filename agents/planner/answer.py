@@ -166,6 +166,14 @@ class Excluded:
     apart: Apart = Apart.VERTICALLY
 
 
+class Counts(NamedTuple):
+    """When an intruder counts that is above or below at other times."""
+
+    number: int  # its place in the request
+    begin: float  # s after the request
+    end: float  # inf: for good
+
+
 class Flight(NamedTuple):
     """Which flight a certificate belongs to, as far as that is known."""
 
@@ -188,7 +196,7 @@ class Plan:
     reasons: tuple[Reason, ...]
     """Why the plan is not safe; empty for a safe one."""
     min_separation: float
-    """Smallest distance to any intruder on the whole plan, m, whatever separation each has; inf
+    """Smallest distance to any intruder while it counts, m, whatever separation each has; inf
     without intruders, nan without a trajectory.
     """
     time_of_min_separation: float
@@ -209,6 +217,10 @@ class Plan:
     unsearched: tuple[str, ...] = ()
     """What the deadline left out or cut short: ``policy``, ``fallback``, ``refinement``, ``goal
     2``, ...
+    """
+    windows: tuple[Counts, ...] = ()
+    """When those intruders count that do so for a while only: until then, and after, they are above
+    or below by their vertical separation.
     """
     policy_sha256: str | None = None
     """Of the policy that was asked."""

@@ -55,14 +55,18 @@ class Beyond(NamedTuple):
         ``required`` is the separation before uncertainty grows, m, ``[R, K]``.
         """
         flown = self._flown(own, goal, owner, time, task)
-        first, last = flown.first[..., None], flown.last[..., None]
+        begin = first = flown.first[..., None]
+        last = flown.last[..., None]
+        if self.traffic.window is not None:
+            counts = take(self.traffic.window, (owner, None))
+            first, last = np.maximum(first, counts.begin), np.minimum(last, counts.end)
         other = take(self.straight, (owner, None))
         vx, vy = velocity(other, np)
-        x = other.x + vx * first - flown.x[..., None]
-        y = other.y + vy * first - flown.y[..., None]
+        x = other.x + vx * begin - flown.x[..., None]
+        y = other.y + vy * begin - flown.y[..., None]
         vx, vy = vx - flown.vx[..., None], vy - flown.vy[..., None]
         nearest = -(x * vx + y * vy) / np.maximum(vx * vx + vy * vy, 1e-9)
-        nearest = np.clip(nearest, 0.0, np.maximum(last - first, 0.0))
+        nearest = np.clip(nearest, first - begin, np.maximum(last - begin, first - begin))
         x, y = x + vx * nearest, y + vy * nearest
         needed = required[:, None]
         if self.traffic.velocity_std.any():

@@ -9,20 +9,14 @@ in rad, times in s after the request (docs/explanation/safe-theorem.md lists the
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from agents.planner.answer import UNKNOWN_FLIGHT, Apart, Excluded, Flight
+from agents.planner.levels import Altitude, Heights, apart, vertical_gap, worst
 from agents.planner.options import Options
-from agents.planner.request import (
-    Altitude,
-    Intruder,
-    approaching,
-    in_wind,
-    report_in_air,
-    reported,
-)
+from agents.planner.request import Intruder, in_wind, report_in_air, reported, windows
 from agents.planner.separation import FINE
 from agents.planner.traffic import advanced
 from agents.planner.validator import validate
@@ -34,6 +28,7 @@ from envs.wind import NO_WIND, Wind
 
 FORMAT = "RLCAS plan certificate 3"
 
+_BEYOND = 1.0  # s by which the times in which an intruder is apart go on after a plan
 _STEP = 1e-5  # to whose multiples the bounds of distances are rounded down, m
 
 
@@ -49,8 +44,8 @@ def certificate(
 ) -> bytes:
     """Return the certificate of a plan for a state of floats and reports, all over the ground.
 
-    Intruders that stay above or below stand there by their altitudes; those that are out of reach
-    are proven like all others.
+    Intruders that stay above or below stand there by their altitudes, as do the times in which
+    others do; those that are out of reach are proven like all others.
     """
     out = {one.number for one in excluded if one.apart is Apart.VERTICALLY}
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
@@ -88,32 +83,63 @@ def certificate(
             for one in kept
         ],
         "excluded": [_heights(own_altitude, reports[number], options) for number in sorted(out)],
+        "apart": [
+            row
+            for number, report in enumerate(kept)
+            for row in _apart(number, own_altitude, report, published[-1].time + _BEYOND, options)
+        ],
         "requirement": options.requirement._asdict(),
         "limits": {name: float(limit) for name, limit in options.limits._asdict().items()},
         "wind": {name: float(value) for name, value in (wind or NO_WIND)._asdict().items()},
         "parts": FINE,
-        "bounds": _bounds(knots, seen, in_air),
+        "bounds": _bounds(knots, seen, own_altitude, in_air),
     }
     return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
 
 
 def _heights(own: Altitude | None, report: Intruder, options: Options) -> list[float]:
-    """Return both altitudes with their vertical speeds, m and m/s, what is unknown as bad as it may
-    be, the report's age, s, and the vertical separation, m.
+    """Return both altitudes at their worst, m and m/s, the report's age, s, and the vertical
+    separation, m.
     """
     other = report.altitude
     assert own is not None and other is not None  # nobody is excluded otherwise
-    mine, theirs = approaching(own, other, report.age, options.unknown_climb)
-    assert mine.vertical_speed is not None and theirs.vertical_speed is not None
-    values = mine.value, mine.vertical_speed, theirs.value, theirs.vertical_speed, report.age
-    return [*(float(value) for value in values), float(report.vertical(options))]
+    age, unknown = report.age, options.unknown_climb
+    above = vertical_gap(own, other, age, 0.0, unknown) > 0.0
+    return _row(worst(own, other, age, above, unknown), report.vertical(options))
 
 
-def _bounds(knots: waypoints.Knots, reports: Sequence[Intruder], options: Options) -> list[float]:
-    """Return a lower bound of the distance from each intruder, m."""
+def _apart(
+    number: int, own: Altitude | None, report: Intruder, end: float, options: Options
+) -> Iterator[list[float]]:
+    """Yield the times in which an intruder stays above or below until a plan's end, with the
+    altitudes that say so.
+    """
+    other, vertical = report.altitude, report.vertical(options)
+    if own is None or other is None or own.reference != other.reference:
+        return
+    for time in apart(own, other, report.age, vertical, options.unknown_climb, end):
+        yield [number, float(time.begin), float(time.end), *_row(time.heights, vertical)]
+
+
+def _row(heights: Heights, vertical: float) -> list[float]:
+    return [*(float(value) for value in heights), float(vertical)]
+
+
+def _bounds(
+    knots: waypoints.Knots,
+    reports: Sequence[Intruder],
+    own_altitude: Altitude | None,
+    options: Options,
+) -> list[float]:
+    """Return a lower bound of the distance from each intruder while it counts, m; 0: never."""
     if not reports:
         return []
-    traffic = mapped(lambda field: np.asarray(field).T, advanced(*reported(reports)))
+    traffic = advanced(*reported(reports))
+    traffic = traffic._replace(window=windows(reports, own_altitude, options))
+    traffic = mapped(lambda field: np.asarray(field).T, traffic)
     plans = mapped(lambda field: np.repeat(field[None], len(reports), axis=0), knots)
     found = validate(plans, traffic, options.requirement, options.limits)
-    return [math.floor(least / _STEP - 1.0) * _STEP for least in found.min_separation.tolist()]
+    return [
+        math.floor(least / _STEP - 1.0) * _STEP if math.isfinite(least) else 0.0
+        for least in found.min_separation.tolist()
+    ]

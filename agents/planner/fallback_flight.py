@@ -15,7 +15,7 @@ from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drifted
 from agents.planner.rollout import Rollout
-from agents.planner.traffic import predicted, required, uncertainty
+from agents.planner.traffic import Window, counted, predicted, required, uncertainty
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance, leg_separation
@@ -133,6 +133,8 @@ class _Scene(NamedTuple):
     order: Any  # numbers of the intruders, those nearest to the straight flight to the goal first
     enough: float  # clearance, m, beyond which more is not told where there are many intruders
     rest: Beyond | None  # of the routes, where there are many intruders
+    window: Window | None  # when each counts, [N, K]; None: always
+    counted: Any  # whether each may in each stride, bool, [S, N, K]; None: always
 
     def way_back(
         self, own: VehicleState, to: tuple[Any, Any], there: Any, owner: Any, slack: Any, task: Task
@@ -156,7 +158,9 @@ class _Scene(NamedTuple):
             state, goal = column(take((own, to), rows))
             seen = take(self.others, (at, of, each))
             time = at * self.stride
-            found[rows] = np.all(clear(state, goal, seen, required, time, task, np), axis=-1)
+            window = take(self.window, (of, each))
+            kept = clear(state, goal, seen, required, time, task, np, window)
+            found[rows] = np.all(kept, axis=-1)
             rows = rows[found[rows]]
             if self.rest is not None and some.start == 0 and rows.size:
                 found[rows] = self._clear_beyond(*take((own, to, there, owner, slack), rows), task)
@@ -190,6 +194,8 @@ class _Scene(NamedTuple):
         )
         if self.growth is not None:
             clearance = clearance - self.growth[first : first + count, of]
+        if self.counted is not None:
+            clearance = np.where(self.counted[first : first + count, of], clearance, np.inf)
         return np.min(clearance, axis=-1, initial=np.inf)
 
     def _clearance_of_near(self, flown: VehicleState, first: int, of: Any) -> Any:
@@ -215,6 +221,8 @@ class _Scene(NamedTuple):
         )
         if self.growth is not None:
             clearance = clearance - self.growth[first : first + count, owner, k]
+        if self.counted is not None:
+            clearance = np.where(self.counted[first : first + count, owner, k], clearance, np.inf)
         begins = np.flatnonzero(np.diff(flight, prepend=-1))
         least = np.minimum.reduceat(clearance, begins, axis=1)
         found[:, flight[begins]] = np.minimum(least, self.enough)
@@ -236,16 +244,32 @@ def _scene(request: Request, goal: Any, options: Options, last: int) -> _Scene:
     number = np.arange(goal.size)
     to = request.route_x[number, goal], request.route_y[number, goal]
     to = aimed_at(request.own, to, request.drift, task_of(options).until, np)
-    order = _order(request.own, to, others, required_range, times)
+    counts = None if traffic.window is None else counted(traffic, times[:-1], times[1:])
+    order = _order(request.own, to, others, required_range, times, counts)
     rest = beyond(request, goal, options) if required_range.shape[-1] > CROWD else None
-    return _Scene(others, required_range, stride, growth, order, options.aircraft.separation, rest)
+    return _Scene(
+        others,
+        required_range,
+        stride,
+        growth,
+        order,
+        options.aircraft.separation,
+        rest,
+        traffic.window,
+        counts,
+    )
 
 
 def _order(
-    own: VehicleState, goal: tuple[Any, Any], others: VehicleState, required_range: Any, times: Any
+    own: VehicleState,
+    goal: tuple[Any, Any],
+    others: VehicleState,
+    required_range: Any,
+    times: Any,
+    counts: Any,
 ) -> Any:
-    """Return the numbers of intruders by how near they come to the straight flight to the goal,
-    ``[N, K]``.
+    """Return the numbers of intruders by how near they come to the straight flight to the goal
+    while they count, ``[N, K]``.
     """
     if required_range.shape[-1] <= CROWD:
         return np.broadcast_to(np.arange(required_range.shape[-1]), required_range.shape)
@@ -253,6 +277,8 @@ def _order(
     dx, dy = goal[0][:, None] - x, goal[1][:, None] - y
     share = np.minimum(speed * times / np.maximum(distance(dx, dy, np), 1e-9), 1.0)
     away = distance(others.x - x - share * dx, others.y - y - share * dy, np)
+    if counts is not None:
+        away[:-1] = np.where(counts, away[:-1], 1e9)
     return np.argsort(away.min(axis=0) - required_range, axis=-1, kind="stable")
 
 

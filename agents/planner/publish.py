@@ -5,6 +5,7 @@ SAFE is decided here and nowhere else: by the validator for the plan's knots, by
 is published.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -14,6 +15,7 @@ import numpy as np
 from agents.planner.answer import (
     Advisory,
     AdvisoryCode,
+    Counts,
     Excluded,
     Kind,
     Plan,
@@ -26,7 +28,7 @@ from agents.planner.audit import audit
 from agents.planner.candidates import Proposals
 from agents.planner.options import Options, check
 from agents.planner.request import Altitude, Intruder, Request, checked, eligible, in_wind
-from agents.planner.traffic import separations
+from agents.planner.traffic import counted, separations
 from agents.planner.validator import CHECKS, Findings, validate
 from envs.kinematics import VehicleState
 from envs.trees import take
@@ -110,6 +112,7 @@ def published(
         float(best.cost) if waypoints else np.nan,
         advisory,
         skipped,
+        windows=_windows(request, kept),
     )
 
 
@@ -118,6 +121,19 @@ def _on_ground(best: Proposals, wind: Wind) -> Proposals:
     found = best.findings
     x, y = found.x + wind.east * found.time, found.y + wind.north * found.time
     return best._replace(knots=on_ground(best.knots, wind), findings=found._replace(x=x, y=y))
+
+
+def _windows(request: Request, kept: list[int]) -> tuple[Counts, ...]:
+    """Return which intruders of one request ``[1]`` count for a while only."""
+    window = request.traffic.window
+    if window is None:
+        return ()
+    each = zip(kept, window.begin[0].tolist(), window.end[0].tolist(), strict=True)
+    return tuple(
+        Counts(number, max(begin, 0.0), end)
+        for number, begin, end in each
+        if begin > 0.0 or end < math.inf
+    )
 
 
 def _outlasting(one: Excluded, end: Waypoint) -> Reason:
@@ -204,8 +220,9 @@ def _reasons(
     own, traffic = request.own, request.traffic
     apart = np.hypot(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None])[0]
     least = np.broadcast_to(separations(traffic, requirement), (1, apart.size))[0]
-    for number, far, wanted in zip(kept, apart, least, strict=True):
-        if far < wanted:
+    counts = np.broadcast_to(counted(traffic, 0.0, 0.0), (1, apart.size))[0]
+    for number, far, wanted, now in zip(kept, apart, least, counts, strict=True):
+        if now and far < wanted:
             what = f"is {far:.1f} m away at the request, expected {wanted:.1f} m or more"
             place = 0.0, float(own.x[0]), float(own.y[0])
             reasons.append(Reason.of(Kind.START_IN_VIOLATION, f"intruders[{number}]", what, *place))

@@ -17,9 +17,10 @@ from agents.planner.answer import (
     Subject,
 )
 from agents.planner.fields import real, sequence, shown
+from agents.planner.levels import ALWAYS, Altitude, vertical_gap, window
 from agents.planner.options import Options, speed_range
 from agents.planner.separation import same_flight
-from agents.planner.traffic import Traffic, advanced
+from agents.planner.traffic import Traffic, Window, advanced
 from envs.kinematics import FASTEST, VehicleState
 from envs.waypoints import RoutePoint
 from envs.wind import Wind, narrowed, through_air
@@ -32,21 +33,6 @@ _STRONGEST = 150.0  # m/s of wind, beyond any on earth
 _MOST_TURN = (
     32.0  # rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Altitude:
-    """A height, comparable only with others of the same reference."""
-
-    value: float
-    """m."""
-    reference: str
-    """Such as ``"wgs84"``, ``"msl"``, ``"pressure"``."""
-    vertical_speed: float | None = None
-    """m/s, positive upwards; None: unknown, which counts as ``Options.unknown_climb`` either way.
-    """
-    error: float = 0.0
-    """By how much the value may be off either way, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +63,12 @@ class Intruder:
     separation: float | None = None
     """To be kept from it horizontally, m; None: ``Options.requirement``'s."""
     vertical_separation: float | None = None
-    """Predicted vertical separation beyond which it is left out, m; None:
+    """Predicted vertical separation beyond which it does not count, m; None:
     ``Options.vertical_filter``.
     """
 
     def vertical(self, options: Options) -> float:
-        """Return the vertical separation beyond which it is left out, m."""
+        """Return the vertical separation beyond which it does not count, m."""
         own = self.vertical_separation
         return options.vertical_filter if own is None else own
 
@@ -165,6 +151,8 @@ def checked(
             Field(Subject.INTRUDERS, number=kept[number]),
             "cannot be advanced from its report to the request",
         )
+    count = windows([reports[number] for number in kept], own_altitude, options)
+    traffic = traffic._replace(window=count)
     one = VehicleState(*(np.array([value]) for value in state))
     drift = None if wind is None else (np.array([-wind.east]), np.array([-wind.north]))
     request = Request(one, traffic, x[None], y[None], np.array([x.size]), drift)
@@ -241,6 +229,22 @@ def reported(reports: Sequence[Intruder]) -> tuple[Traffic, Any]:
     ), age
 
 
+def windows(
+    reports: Sequence[Intruder], own_altitude: Altitude | None, options: Options
+) -> Window | None:
+    """Return when checked reports count, ``[1, K]``; None: all of them always."""
+    each = [
+        window(own_altitude, one.altitude, one.age, one.vertical(options), options.unknown_climb)
+        for one in reports
+    ]
+    # What is known to never count was left out; where rounding says otherwise it counts.
+    each = [one if one[0] <= one[1] else ALWAYS for one in each]
+    if all(begin <= 0.0 and end == math.inf for begin, end in each):
+        return None
+    begin, end = np.array(each, dtype=float).T[:, None, :]
+    return Window(begin, end)
+
+
 def finite(request: Request) -> None:
     """Refuse, by a RequestError, requests ``[N]`` with a number of what exists that is not
     finite.
@@ -248,7 +252,7 @@ def finite(request: Request) -> None:
     traffic, exists = request.traffic, np.arange(request.route_x.shape[1]) < request.points[:, None]
     fields = {f"own.{name}": (values, True) for name, values in request.own._asdict().items()}
     seen = traffic.state._asdict() | traffic._asdict()
-    del seen["state"], seen["mask"], seen["separation"]
+    del seen["state"], seen["mask"], seen["separation"], seen["window"]
     if traffic.separation is not None:
         seen["separation"] = np.nan_to_num(traffic.separation, posinf=np.inf)
     fields |= {f"intruders.{name}": (values, traffic.mask) for name, values in seen.items()}
@@ -303,43 +307,6 @@ def drifted(points: tuple[Any, Any], drift: tuple[Any, Any] | None, time: Any) -
     return x + east * time, y + north * time
 
 
-def approaching(
-    own: Altitude, other: Altitude, age: float, unknown_climb: float
-) -> tuple[Altitude, Altitude]:
-    """Return two altitudes with what is unknown of them as bad as it may be: each is off by its
-    error towards the other, and where its vertical speed is unknown it goes that way.
-
-    Where they may be level already, both are returned at the value of the first.
-
-    Args:
-        own: as of now.
-        other: as of ``age`` seconds ago.
-        unknown_climb: vertical speed either way of an aircraft whose own is unknown, m/s.
-    """
-    gap, error = other.value - own.value, own.error + other.error
-    if other.vertical_speed is None:
-        error += unknown_climb * abs(age)
-    else:
-        gap += other.vertical_speed * age
-    up = 1.0 if gap > 0.0 else -1.0
-    if abs(gap) <= error:
-        level = Altitude(own.value, own.reference, 0.0)
-        return level, level
-    climb = up * unknown_climb
-    return (
-        Altitude(
-            own.value + up * own.error,
-            own.reference,
-            climb if own.vertical_speed is None else own.vertical_speed,
-        ),
-        Altitude(
-            other.value - up * other.error,
-            other.reference,
-            -climb if other.vertical_speed is None else other.vertical_speed,
-        ),
-    )
-
-
 def assumptions(
     own: Altitude | None, intruders: Sequence[VehicleState | Intruder], options: Options
 ) -> list[Advisory]:
@@ -386,6 +353,7 @@ def _altitude(name: Field, altitude: Any) -> None:
     if altitude.vertical_speed is not None:
         real(name.part("vertical_speed"), altitude.vertical_speed, -100.0, 100.0, "m/s")
     real(name.part("error"), altitude.error, 0.0, 30_000.0, "m")
+    real(name.part("climb_error"), altitude.climb_error, 0.0, 100.0, "m/s")
     if not isinstance(altitude.reference, str) or not altitude.reference:
         what = f"is {shown(altitude.reference)}, expected a name"
         raise RequestError(name.part("reference"), what)
@@ -466,23 +434,6 @@ def least_distance(own: VehicleState, other: VehicleState) -> float:
     farthest = max(math.hypot(own.x, own.y), math.hypot(other.x, other.y))
     stretch = 1.0 + (farthest / _EARTH) ** 2 / 5.0
     return math.hypot(other.x - own.x, other.y - own.y) / stretch
-
-
-def vertical_gap(
-    own: Altitude, other: Altitude, age: float, horizon: float, unknown_climb: float
-) -> float:
-    """Return by how much another aircraft stays above the ownship for a time, s, or below it where
-    negative, m; 0 where they may pass each other or cannot be compared.
-
-    Arguments are as of :func:`approaching`, ``horizon`` is in s.
-    """
-    if own.reference != other.reference:
-        return 0.0
-    mine, theirs = approaching(own, other, age, unknown_climb)
-    assert mine.vertical_speed is not None and theirs.vertical_speed is not None
-    now = theirs.value + theirs.vertical_speed * age - mine.value
-    later = now + (theirs.vertical_speed - mine.vertical_speed) * horizon
-    return min(now, later, key=abs) if now * later > 0.0 else 0.0
 
 
 def _route(route: Any) -> tuple[Any, Any]:

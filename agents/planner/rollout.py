@@ -18,8 +18,8 @@ from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drifted
-from agents.planner.sight import shares, shown
-from agents.planner.traffic import Traffic, predicted, required
+from agents.planner.sight import shares, shown, visible
+from agents.planner.traffic import Traffic, Window, predicted, required
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
@@ -136,7 +136,7 @@ def roll(
             break
         if now.share is not None:
             seen = shown(column(now.state), seen, now.share)
-        looked_at = seen, now.traffic.mask
+        looked_at = seen, now.traffic.mask & visible(now.traffic.window, time)
         if traffic.mask.shape[-1] > policy.most:
             if step % EVERY == 0:
                 now = now._replace(chosen=policy.most_critical(now.state, *looked_at))
@@ -182,7 +182,7 @@ def _roll_one(
     flown, knots = list[list[VehicleState]](), list[VehicleState]()
     far, every = required_range.tolist(), predicted(traffic, np.zeros((1, 1)))
     at = shares(traffic, options.requirement)
-    at_each = None if at is None else at.tolist()
+    at_each, window = None if at is None else at.tolist(), traffic.window
     state, (begin, drift) = VehicleState(*map(float, own)), mapped(float, goal)
     (goal_x, goal_y), aim = begin, begin
     many, present = len(far) > policy.most, np.ones(len(far), dtype=bool)
@@ -195,11 +195,15 @@ def _roll_one(
         if step % EVERY == 0:
             first = step % _AHEAD
             ahead = take(every, slice(first, first + EVERY))
-            if many:
+            if many or window is not None:
                 first_seen = take(ahead, 0)
                 if at is not None:
                     first_seen = shown(state, first_seen, at)
-                chosen = policy.most_critical(state, first_seen, present)
+                there = present & visible(window, step * dt)
+                chosen = np.arange(len(present))
+                if many:
+                    chosen = policy.most_critical(state, first_seen, there)
+                chosen = chosen[there[chosen]]
                 ahead, far = take(ahead, (slice(None), chosen)), required_range[chosen].tolist()
                 at_each = None if at is None else at[chosen].tolist()
             flown = _in_floats(ahead)
@@ -216,17 +220,21 @@ def _roll_one(
         if arrived or (
             options.direct
             and step % EVERY == 0
-            and all(
-                clear(state, aim, other, least, step * dt, task, FLOATS)
-                for other, least in zip(seen or [state], far or [-math.inf], strict=True)
+            and (
+                window is not None
+                or all(
+                    clear(state, aim, other, least, step * dt, task, FLOATS)
+                    for other, least in zip(seen or [state], far or [-math.inf], strict=True)
+                )
             )
             and (
-                not many
+                not (many or window is not None)
                 or _clear_of_others(
                     state,
                     aim,
                     take(every, step % _AHEAD),
                     required_range,
+                    window,
                     step * dt,
                     task,
                     rest,
@@ -256,12 +264,15 @@ def _clear_of_others(
     goal: tuple[float, float],
     others: VehicleState,
     required_range: Any,
+    window: Window | None,
     time: float,
     task: Task,
     rest: Beyond | None,
 ) -> bool:
-    """Return whether the direct way is clear of many intruders ``[K]``, and the route beyond it."""
-    if not np.all(clear(state, goal, others, required_range, time, task, np)):
+    """Return whether the direct way is clear of intruders ``[K]``, and among many the route beyond
+    it.
+    """
+    if not np.all(clear(state, goal, others, required_range, time, task, np, window)):
         return False
     if rest is None:
         return True
@@ -290,7 +301,7 @@ def _clear_beyond(
     beyond it, bool ``[M]``.
     """
     mask, required_range = now.traffic.mask, now.required_range
-    found = _all_clear(now.state, aim, seen, mask, required_range, time, task)
+    found = _all_clear(now.state, aim, seen, now.traffic, required_range, time, task)
     if rest is not None:
         some = np.flatnonzero(found)
         least = np.where(mask, required_range, -np.inf)
@@ -304,16 +315,18 @@ def _all_clear(
     state: VehicleState,
     goal: tuple[Any, Any],
     seen: VehicleState,
-    mask: Any,
+    traffic: Traffic,
     required_range: Any,
     time: float,
     task: Task,
 ) -> Any:
     """Return whether the direct way is clear of all intruders, ``[N]``."""
+    mask, own = traffic.mask, column((state, goal))
     if mask.shape[-1] == 0:
         return clear(state, goal, state, -np.inf, time, task, np)
     required_range = np.where(mask, required_range, -np.inf)
-    return np.all(clear(*column((state, goal)), seen, required_range, time, task, np), axis=-1)
+    kept = clear(*own, seen, required_range, time, task, np, traffic.window)
+    return np.all(kept, axis=-1)
 
 
 def _empty(count: int, points: int) -> Rollout:

@@ -1,13 +1,14 @@
-"""What the policy is shown of intruders that have a separation of their own.
+"""What the policy is shown of intruders that have a separation of their own, or count for a while.
 
 A policy sees distances in the separation that it was trained with. An intruder with another one is
-shown as near as its distance is in its own: twice as near where twice as much must be kept. Plans
-are validated against the intruders as they are. Why so: docs/explanation/planner.md.
+shown as near as its distance is in its own: twice as near where twice as much must be kept. One
+that is above or below for a while is shown while it counts. Plans are validated against the
+intruders as they are. Why so: docs/explanation/planner.md.
 """
 
 from typing import Any
 
-from agents.planner.traffic import Requirement, Traffic, separations
+from agents.planner.traffic import Requirement, Traffic, Window, separations
 from envs.kinematics import VehicleState
 
 
@@ -24,3 +25,8 @@ def shown(own: VehicleState, other: VehicleState, share: Any) -> VehicleState:
     """Return an intruder at a share of its distance, on the same bearing; all ``[...]``."""
     x, y = own.x + share * (other.x - own.x), own.y + share * (other.y - own.y)
     return VehicleState(x, y, other.heading, other.speed)
+
+
+def visible(window: Window | None, time: float) -> Any:
+    """Return which intruders the policy is shown at a time, s, bool ``[..., K]``; True: all."""
+    return True if window is None else (window.begin <= time) & (window.end >= time)

@@ -8,6 +8,15 @@ from agents.manoeuvres.direct_to_goal import arc_end
 from envs.angles import wrap
 from envs.kinematics import VehicleState
 
+_EDGE = 1e-6  # s by which a window may be wider, for the rounding of times
+
+
+class Window(NamedTuple):
+    """When each of some intruders counts, s after the request; fields ``[..., K]``."""
+
+    begin: Any  # -inf: from the request on at least
+    end: Any
+
 
 class Traffic(NamedTuple):
     """Intruders of one or many requests; fields ``[..., K]``."""
@@ -22,6 +31,8 @@ class Traffic(NamedTuple):
     # already
     age: Any
     separation: Any = None  # to be kept from each, m; nan: the requirement's; None: so for all
+    # when each counts; else it is above or below. None: all of them always
+    window: Window | None = None
 
     @classmethod
     def straight(cls, state: VehicleState, mask: Any = None) -> "Traffic":
@@ -42,9 +53,22 @@ def whole(traffic: Traffic) -> Traffic:
     """Return the intruders with an array in every field, which rows of others can be written
     into.
     """
-    if traffic.separation is not None:
-        return traffic
-    return traffic._replace(separation=np.full(np.shape(traffic.mask), np.nan))
+    shape = np.shape(traffic.mask)
+    if traffic.separation is None:
+        traffic = traffic._replace(separation=np.full(shape, np.nan))
+    if traffic.window is None:
+        traffic = traffic._replace(window=Window(np.full(shape, -np.inf), np.full(shape, np.inf)))
+    return traffic
+
+
+def counted(traffic: Traffic, begin: Any, end: Any) -> Any:
+    """Return which intruders ``[..., K]`` may count in parts from some times to others, s, that
+    broadcast; all of them where nobody has a window.
+    """
+    window = traffic.window
+    if window is None:
+        return True
+    return (end >= window.begin - _EDGE) & (begin <= window.end + _EDGE)
 
 
 class Requirement(NamedTuple):
@@ -106,9 +130,12 @@ def required(traffic: Traffic, own: VehicleState, requirement: Requirement) -> A
     """Return the separation required from each intruder before uncertainty grows, m, ``[..., K]``.
 
     Where the request begins inside the margin, the present distance from the ownship ``[...]`` must
-    not decrease; it is never less than the separation.
+    not decrease; it is never less than the separation. Of an intruder that counts later only the
+    present distance says nothing.
     """
     away = np.hypot(traffic.state.x - own.x[..., None], traffic.state.y - own.y[..., None])
+    if traffic.window is not None:
+        away = np.where(traffic.window.begin > 0.0, np.inf, away)
     separation = separations(traffic, requirement)
     wanted = separation + requirement.margin + requirement.sigmas * uncertainty(traffic, 0.0)
     return np.maximum(separation, np.minimum(wanted, away))

@@ -19,9 +19,9 @@ from agents.planner.separation import (
     growth,
     position_error_bound,
 )
-from agents.planner.traffic import Requirement, Traffic, required, separations
+from agents.planner.traffic import Requirement, Traffic, counted, required, separations
 from envs.kinematics import Limits, VehicleState
-from envs.trees import column, take
+from envs.trees import column, mapped, take
 from envs.waypoints import ARCS, CLOSED, Knots, Legs, legs
 
 TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
@@ -222,11 +222,14 @@ def _separation(
     )
     bound, upper = bound[..., 0] - error, upper[..., 0]
     need = wanted + growth(one, begin + length, requirement)[..., 0]
+    counts = _counts(one, begin, begin + length)
+    if other.window is not None:
+        upper = np.where(_inside(one, begin, begin + length), upper, np.inf)
     # What could be too close, or the closest of all, is looked at more closely.
     nearest = np.full(rows.size, np.inf)
     np.minimum.at(nearest, n, upper.min(axis=1))
-    unclear = ~(bound >= need) | (bound <= nearest[n, None])
-    clearance = np.where(unclear, np.inf, bound - need)
+    unclear = (~(bound >= need) | (bound <= nearest[n, None])) & counts
+    clearance = np.where(unclear | ~counts, np.inf, bound - need)
     np.minimum.at(found.clearance, rows[n], clearance.min(axis=1))
 
     pair, arc = np.nonzero(unclear)
@@ -244,12 +247,24 @@ def _separation(
     begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])
     close, _ = chords(began, finer, begins, ends, one, relative_acceleration[pair, arc, None, None])
     close = close[..., 0] - error[pair]
+    close = np.where(_counts(one, began, began + finer), close, np.inf)
     needed = wanted[pair] + growth(one, began + finer, requirement)[..., 0]
     # The tolerance is for the margin; the separation itself is kept but for rounding.
     separation = separations(one, requirement)
     needed = np.maximum(needed - CLOSE, separation - ROUNDING)
     which = n[pair], leg[pair], k[pair]
     _note_fine(found, rows, which, began, begins, close, needed)
+
+
+def _counts(one: Traffic, begin: Any, end: Any) -> Any:
+    """Return in which parts ``[p, A]`` an intruder each, ``[p, 1]``, may count, bool."""
+    return np.broadcast_to(counted(one, begin, end), np.shape(begin))
+
+
+def _inside(one: Traffic, begin: Any, end: Any) -> Any:
+    """Return in which parts ``[p, A]`` an intruder each, ``[p, 1]``, counts all the time, bool."""
+    assert one.window is not None
+    return (begin >= one.window.begin) & (end <= one.window.end)
 
 
 def _own_acceleration(own: Legs) -> Any:
@@ -278,8 +293,14 @@ def _near(
     proofs/Safe.v, arc by arc). A leg is left out only where that leaves more than what is required
     and more than the smallest distance and clearance of the plan, so that no finding depends on it.
     """
+    counts, told = True, True
+    if seen.window is not None:
+        wide, begin = mapped(lambda field: field[:, None], seen), own.time[..., None]
+        counts = counted(wide, begin, begin + own.duration[..., None])
+        told = counted(wide, begin, begin)
     if seen.mask.shape[-1] <= _FEW:
-        return np.ones((*own.time.shape, seen.mask.shape[-1]), dtype=bool)
+        every = np.ones((*own.time.shape, seen.mask.shape[-1]), dtype=bool)
+        return every & counts
     away = distances(own.time, own.x[..., 0], own.y[..., 0], seen)
     away = np.where(seen.mask[:, None], away, np.inf)
     quickest = np.maximum(own.speed, own.speed + own.acceleration * own.duration[..., None] / ARCS)
@@ -291,8 +312,10 @@ def _near(
     )
     now = base[:, None] + growth(seen, own.time, requirement)
     later = base[:, None] + growth(seen, own.time + own.duration, requirement)
+    # Where an intruder does not count at the beginning of a leg, its distance there is no finding.
+    away = np.where(told, away, np.inf)
     least, clearance = (np.min(each, axis=(1, 2), keepdims=True) for each in (away, away - now))
-    return (left <= np.maximum(later, least)) | (left - later <= clearance + _SLIP)
+    return ((left <= np.maximum(later, least)) | (left - later <= clearance + _SLIP)) & counts
 
 
 def _note_fine(

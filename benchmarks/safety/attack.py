@@ -271,9 +271,9 @@ def judge(
 def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, options: Options) -> None:
     """Ask ``plan`` for each of some requests ``[N]`` and judge its SAFE answers."""
     judged: list[tuple[Knots, int, Request]] = []
-    places = []
+    places, unit = [], options.aircraft.separation
     for row, number in enumerate(requests.number):
-        question = published.question(seed, int(number), take(requests.request, row))
+        question = published.question(seed, int(number), take(requests.request, row), unit)
         try:
             answer = question.asked(policy, options)
         except RequestError:
@@ -286,7 +286,7 @@ def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, option
         for check in published.faults(question, answer, options):
             _blame(tally, check, requests, row)
         if answer.safe and len(answer.waypoints) == WAYPOINTS:
-            judged.append(published.as_arrays(question, answer))
+            judged.append(published.as_arrays(question, answer, options))
             places.append(row)
     if judged:
         knots, last, request = mapped(lambda *fields: np.stack(fields), *judged)

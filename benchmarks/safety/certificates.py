@@ -32,6 +32,7 @@ from agents.planner.certificate import certificate
 from agents.planner.options import check as check_options
 from agents.planner.planner import plan_many
 from agents.planner.request import Request, checked
+from agents.planner.traffic import whole
 from benchmarks.measure import report
 from benchmarks.safety import adversary, published
 from benchmarks.safety.judgement import wrong
@@ -72,7 +73,7 @@ def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
     requests = adversary.scaled(adversary.drawn(seed, first, BLOCK).request, one)
     asked = []
     for row in range(BLOCK):
-        question = published.question(seed, first + row, take(requests, row))
+        question = published.question(seed, first + row, take(requests, row), one.separation)
         try:
             check_options(options)
             request, excluded, _ = checked(
@@ -80,6 +81,7 @@ def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
             )
         except RequestError:
             continue
+        request = request._replace(traffic=whole(request.traffic))
         asked.append(_Asked(first + row, question, request, excluded))
     plans = plan_many(_side_by_side([each.request for each in asked]), policy, options).proposals
     found = []
@@ -111,7 +113,10 @@ def _side_by_side(requests: list[Request]) -> Request:
         ]
         return np.concatenate(wide)
 
-    return mapped(joined, *requests)
+    every: Request = mapped(joined, *requests)
+    traffic = every.traffic
+    own = np.where(traffic.mask, traffic.separation, np.nan)
+    return every._replace(traffic=traffic._replace(separation=own))
 
 
 def _refused(data: dict[str, Any]) -> str:

@@ -85,8 +85,10 @@ def wrong(certificates: list[dict[str, Any]]) -> list[str]:
             found[row].append("negative")
         if not (np.diff(times[row]) > 0.0).all():
             found[row].append("times")
-        if any(not _above_or_below(one, times[row, -1]) for one in data["excluded"]):
+        if any(not _above_or_below(one, 0.0, times[row, -1]) for one in data["excluded"]):
             found[row].append("excluded")
+        if any(not _above_or_below(one[3:], *one[1:3]) for one in data["apart"]):
+            found[row].append("apart")
     rows = [row for row, names in enumerate(found) if not {"negative", "times"} & set(names)]
     sound = [certificates[row] for row in rows]
     if not sound:
@@ -143,10 +145,10 @@ def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Any]:
     return {name: bad.any(axis=1) for name, bad in checks.items()}
 
 
-def _above_or_below(row: list[float], end: float) -> bool:
+def _above_or_below(row: list[float], begin: float, end: float) -> bool:
     own, climb, height, rise, age, apart = row
-    now = height + rise * age - own
-    then = now + (rise - climb) * end
+    above = height + rise * age - own
+    now, then = above + (rise - climb) * begin, above + (rise - climb) * end
     return now * then > 0.0 and min(abs(now), abs(then)) >= apart - _OUR_OWN
 
 
@@ -162,13 +164,17 @@ def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Any:
         return bad
     traffic = np.array([one for data in certificates for one in data["intruders"]]).T
     claim = np.array([bound for data in certificates for bound in data["bounds"]])
-    needs = kept(certificates, flight, owner, traffic, claim)
+    levels = _apart_times(certificates)
+    needs = kept(certificates, flight, owner, traffic, claim, levels)
     quick = np.maximum(flight.speed, flight.speed + flight.acceleration * flight.length)
 
     def clearance(pair: Any, arc: Any, seconds: Any) -> Any:
         row = owner[pair]
-        away = apart(flight, traffic[:, pair], row, arc, seconds)
-        return away - needs.at(pair, flight.begin[row, arc] + seconds)
+        time = flight.begin[row, arc] + seconds
+        away = apart(flight, traffic[:, pair], row, arc, seconds) - needs.at(pair, time)
+        begin, end = np.moveaxis(levels[pair], -1, 0)
+        above_or_below = (begin < time[..., None]) & (time[..., None] < end)
+        return np.where(above_or_below.any(axis=-1), np.inf, away)
 
     # Legs apart, because the last can be far longer than the others.
     for leg in range(flight.begin.shape[1] // ARCS):
@@ -198,6 +204,16 @@ def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Any:
     return bad
 
 
+def _apart_times(certificates: list[dict[str, Any]]) -> Any:
+    """Return in which times, two at most, each intruder is above or below, s, ``[P, 2, 2]``."""
+    found = []
+    for data in certificates:
+        for number in range(len(data["intruders"])):
+            times = [one[1:3] for one in data["apart"] if one[0] == number]
+            found.append((times + [[np.inf, -np.inf]] * 2)[:2])
+    return np.array(found)
+
+
 class _Needs(NamedTuple):
     """What pairs of a plan and an intruder must keep; fields ``[P]``."""
 
@@ -221,10 +237,15 @@ class _Needs(NamedTuple):
 
 
 def kept(
-    certificates: list[dict[str, Any]], flight: Flight, owner: Any, traffic: Any, claim: Any
+    certificates: list[dict[str, Any]],
+    flight: Flight,
+    owner: Any,
+    traffic: Any,
+    claim: Any,
+    levels: Any,
 ) -> _Needs:
     """Return what pairs must keep; ``owner``: row of each one's plan ``[P]``, ``traffic``: ``[10,
-    P]``.
+    P]``, ``levels``: times in which they are above or below, s, ``[P, 2, 2]``.
     """
     margin, sigmas = (
         np.array([data["requirement"][name] for data in certificates])[owner]
@@ -234,6 +255,8 @@ def kept(
     std = np.hypot(traffic[7], traffic[8] * age)
     zero = np.zeros(len(owner), dtype=int)
     away = np.abs(apart(flight, traffic, owner, zero, 0.0 * separation))
+    later = ((levels[..., 0] <= 0.0) & (levels[..., 1] > 0.0)).any(axis=-1)
+    away = np.where(later, np.inf, away)
     base = np.maximum(separation, np.minimum(separation + margin + sigmas * std, away))
     return _Needs(base, sigmas, traffic[7], traffic[8], age, separation, claim)
 

@@ -34,6 +34,7 @@ def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any
         *_KINDS,
         *(_TRAFFIC_KINDS if data["intruders"] else ()),
         *(["excluded"] if data["excluded"] else []),
+        *(["apart"] if data["apart"] else []),
     ]
     kind = kinds[int(rng.integers(len(kinds)))]
     if kind == "own":
@@ -64,6 +65,10 @@ def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any
     elif kind == "excluded":
         row = data["excluded"][int(rng.integers(len(data["excluded"])))]
         _level(data, row, row[5] + size)
+    elif kind == "apart":
+        row = data["apart"][int(rng.integers(len(data["apart"])))]
+        # An end of the time, an altitude or the vertical separation.
+        row[(1, 2, 3, 5, 8)[part]] += size * (0.1 if part < 2 else 1.0)
     else:
         data["requirement"][("margin", "sigmas")[part % 2]] += abs(size) * (1.0, 0.01)[part % 2]
     return data, kind

@@ -8,6 +8,7 @@ where that leads, by this package's own arithmetic.
 """
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,9 +16,9 @@ import numpy as np
 from agents.planner.answer import WAYPOINTS, Plan
 from agents.planner.planner import plan
 from agents.planner.request import Altitude, Intruder, Options, Request
-from agents.planner.traffic import Traffic
+from agents.planner.traffic import Traffic, Window
 from agents.policy.inference import Policy
-from benchmarks.safety.resimulation import travelled
+from benchmarks.safety.resimulation import CLOSE, travelled
 from envs import waypoints
 from envs.kinematics import VehicleState
 from envs.trees import take
@@ -44,8 +45,8 @@ class Question(NamedTuple):
         )
 
 
-def question(seed: int, number: int, request: Request) -> Question:
-    """Return a request ``[]`` of the attack as ``plan`` takes it."""
+def question(seed: int, number: int, request: Request, unit: float) -> Question:
+    """Return a request ``[]`` of the attack as ``plan`` takes it; ``unit``: the separation, m."""
     rng = np.random.default_rng([seed, number])
     traffic = request.traffic
     ages = np.array(traffic.age)
@@ -71,6 +72,8 @@ def question(seed: int, number: int, request: Request) -> Question:
                 state, age, rate, lasts, float(one.position_std), float(one.velocity_std), height
             )
         )
+    intruders, own_separations = _separated(seed, number, intruders, len(order), unit)
+    traffic = traffic._replace(separation=own_separations[np.argsort(order)])
     count = int(request.points)
     indices = rng.permutation(2 * count)[:count].tolist()
     points = zip(
@@ -80,6 +83,28 @@ def question(seed: int, number: int, request: Request) -> Question:
     altitude = Altitude(2_000.0, "msl", float(rng.normal(0.0, 3.0))) if rng.random() < 0.7 else None
     truth = request._replace(traffic=take(traffic._replace(age=ages), order))
     return Question(own, intruders, [RoutePoint(*point) for point in points], altitude, truth)
+
+
+def _separated(
+    seed: int, number: int, intruders: list[Intruder], places: int, unit: float
+) -> tuple[list[Intruder], Any]:
+    """Return the intruders, a third of them with separations of their own, and those of all places,
+    m, ``[K]``; nan: the requirement's.
+    """
+    rng, found, own = np.random.default_rng([seed, number, 53]), [], np.full(places, np.nan)
+    for place, one in enumerate(intruders):
+        share, vertical = rng.choice([0.3, 0.7, 1.5, 2.5]), float(rng.choice([150.0, 900.0]))
+        changes: dict[str, Any] = {}
+        if rng.random() < 1.0 / 3.0:
+            own[place] = share * unit
+            changes["separation"] = float(own[place])
+        if rng.random() < 1.0 / 3.0:
+            changes["vertical_separation"] = vertical
+        if one.altitude is not None and rng.random() < 0.5:
+            error = float(rng.uniform(0.0, 200.0))
+            changes["altitude"] = replace(one.altitude, error=error, climb_error=0.3)
+        found.append(replace(one, **changes))
+    return found, own
 
 
 def _reported(
@@ -121,25 +146,34 @@ def faults(question: Question, answer: Plan, options: Options) -> list[str]:
     if fresh is not indices and indices[-1] not in taken:
         wrong.append("last index")
     end = answer.waypoints[-1].time
-    if any(not _apart(question, one.number, end, options) for one in answer.excluded):
+    times = np.arange(0.0, end, CLOSE)
+    if any(_level(question, one.number, times, options).any() for one in answer.excluded):
         wrong.append("vertical")
     return wrong
 
 
-def _apart(question: Question, number: int, end: float, options: Options) -> bool:
-    """Return whether an intruder that was left out stays vertically apart until the plan's end."""
+def _level(question: Question, number: int, times: Any, options: Options) -> Any:
+    """Return at which times, s, an intruder may be nearer above or below than its vertical
+    separation, bool.
+    """
     own, report = question.altitude, question.intruders[number]
     other = report.altitude
     if own is None or other is None or own.reference != other.reference:
-        return False
-    # Every question is drawn with known vertical speeds.
-    assert own.vertical_speed is not None and other.vertical_speed is not None
-    now = other.value + other.vertical_speed * report.age - own.value
-    later = now + (other.vertical_speed - own.vertical_speed) * end
-    return now * later > 0.0 and min(abs(now), abs(later)) > options.vertical_filter
+        return np.ones(len(times), dtype=bool)
+    heights = []
+    for one, since in ((own, times), (other, times + report.age)):
+        climb, off = one.vertical_speed, one.climb_error
+        if climb is None:
+            climb, off = 0.0, options.unknown_climb
+        middle, width = one.value + climb * since, one.error + off * np.abs(since)
+        heights.append((middle - width, middle + width))
+    (low, high), (low_other, high_other) = heights
+    away = np.maximum(low_other - high, low - high_other)
+    own_least = report.vertical_separation
+    return away <= (options.vertical_filter if own_least is None else own_least)
 
 
-def as_arrays(question: Question, answer: Plan) -> tuple[Knots, Any, Request]:
+def as_arrays(question: Question, answer: Plan, options: Options) -> tuple[Knots, Any, Request]:
     """Return a plan's knots ``[21]``, the number of its last point of the route, and the request as
     it was planned for.
 
@@ -151,6 +185,12 @@ def as_arrays(question: Question, answer: Plan) -> tuple[Knots, Any, Request]:
     mask = np.zeros(np.shape(question.truth.traffic.mask), dtype=bool)
     mask[: len(question.intruders)] = True
     mask[[one.number for one in answer.excluded]] = False
-    traffic = question.truth.traffic._replace(mask=mask)
+    times = np.arange(0.0, answer.waypoints[-1].time + CLOSE, CLOSE)
+    begin, end = np.full((2, mask.size), np.inf)
+    for k in np.flatnonzero(mask):
+        level = times[_level(question, int(k), times, options)]
+        begin[k], end[k] = (level[0], level[-1]) if level.size else (np.inf, -np.inf)
+        begin[k] = begin[k] if begin[k] > 0.0 else -np.inf
+    traffic = question.truth.traffic._replace(mask=mask, window=Window(begin, end))
     knots = waypoints.knots(question.own, answer.waypoints)
     return knots, np.array(number), question.truth._replace(traffic=traffic)

@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.planner.options import default_margin
 from agents.planner.request import Request
-from agents.planner.traffic import Requirement
+from agents.planner.traffic import Requirement, Traffic
 from benchmarks.safety.resimulation import VehicleColumns, kept
 from envs.aircraft import PAPER
 from envs.follower import PERIOD, steer
@@ -72,7 +72,8 @@ def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limi
         )[..., 0]
         # Beyond its last waypoint a plan promises nothing.
         flying = ends >= time + PERIOD
-        apart = np.where(mask & flying[:, None], apart, np.inf)
+        counts = counted(traffic, rows, time)
+        apart = np.where(mask & flying[:, None] & counts, apart, np.inf)
         separation[rows] = np.minimum(separation[rows], np.min(apart, axis=1, initial=np.inf))
         n, k = np.nonzero(apart < _LOOK)
         if n.size:
@@ -97,6 +98,14 @@ def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limi
             )
     floor = np.minimum(1_000.0, nearest - _MARGIN)
     return Reflight(separation, error, separation < floor - 1e-3, error > _ALLOWED)
+
+
+def counted(traffic: Traffic, rows: Any, time: float) -> Any:
+    """Return which intruders of some plans count at a time, s, bool ``[n, K]``."""
+    if traffic.window is None:
+        return True
+    begin, end = (field[rows] for field in traffic.window)
+    return (begin <= time) & (time <= end)
 
 
 def _commanded(

@@ -114,7 +114,8 @@ def kept(own: Any, traffic: Traffic, requirement: Requirement) -> Any:
     std = np.hypot(traffic.position_std, traffic.velocity_std * traffic.age)
     least = least_of(traffic, requirement)
     wanted = least + requirement.margin + requirement.sigmas * std
-    return np.where(away < wanted, np.maximum(away, least), wanted)
+    now: Any = True if traffic.window is None else traffic.window.begin <= 0.0
+    return np.where((away < wanted) & now, np.maximum(away, least), wanted)
 
 
 def least_of(traffic: Traffic, requirement: Requirement) -> Any:
@@ -279,10 +280,13 @@ def _distances(
         other = VehicleColumns(
             *(field[rows, k][:, None, None] for field in (*state, *traffic[2:7]))
         )
-        apart = np.abs(other.place(time[rows]) - place[rows])
+        first, last = ends_of(traffic, rows, k)
+        level = (time[rows] >= first) & (time[rows] <= last)
+        apart = np.where(level, np.abs(other.place(time[rows]) - place[rows]), np.inf)
         fast = np.maximum(speed[rows, :, 1:], speed[rows, :, :-1]) + other.speed
         # Nobody comes nearer between two samples than both fly in that time.
-        floor = 0.5 * (apart[..., 1:] + apart[..., :-1] - fast * h[rows])
+        there = np.abs(other.place(time[rows]) - place[rows])
+        floor = 0.5 * (there[..., 1:] + there[..., :-1] - fast * h[rows])
         required_range = need[rows, k][:, None, None]
         later = required_range + other.grown(time[rows], sigmas)
         nearest[rows] = np.minimum(nearest[rows], apart.min(axis=(1, 2)))
@@ -307,11 +311,22 @@ def _distances(
         length = np.maximum(np.abs(chord) ** 2, 1e-12)
         share = np.clip(-(away[:, :-1] * np.conj(chord)).real / length, 0.0, 1.0)
         close = np.abs(away[:, :-1] + share * chord)
+        first, last = (when_[n, 0] for when_ in ends_of(traffic, rows, k))
+        close = np.where((when[:, :-1] >= first) & (when[:, 1:] <= last), close, np.inf)
         clearance = close - need[row, k][:, None] - one.grown(when[:, :-1], sigmas)
         np.minimum.at(nearest, row, close.min(axis=1))
         np.minimum.at(short, row, clearance.min(axis=1))
         np.minimum.at(spare, row, close.min(axis=1) - least[row, k])
     return nearest, short, spare
+
+
+def ends_of(traffic: Traffic, rows: Any, k: int) -> tuple[Any, Any]:
+    """Return from when and until when one intruder of some plans counts, s, ``[n, 1, 1]`` each."""
+    zero = np.zeros((len(rows), 1, 1))
+    if traffic.window is None:
+        return zero - np.inf, zero + np.inf
+    begin, end = (field[rows, k][:, None, None] for field in traffic.window)
+    return begin, end
 
 
 class VehicleColumns(NamedTuple):

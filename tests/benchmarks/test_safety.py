@@ -199,7 +199,7 @@ def test_the_follower_does_not_judge_beyond_the_plan(plans: Plans) -> None:
 def test_what_plan_publishes_is_judged_too(policy: Policy) -> None:
     requests = take(drawn(0, 0, 12), slice(0, 12))
     for row in range(12):
-        asked = published.question(0, row, take(requests.request, row))
+        asked = published.question(0, row, take(requests.request, row), 1_000.0)
         answer = asked.asked(policy, OPTIONS)
         if answer.safe and asked.intruders and not answer.excluded:
             break
@@ -223,7 +223,11 @@ def test_what_plan_publishes_is_judged_too(policy: Policy) -> None:
 
     def above(height: float, climb: float) -> list[Intruder]:
         return [
-            replace(asked.intruders[0], altitude=Altitude(height, "msl", climb)),
+            replace(
+                asked.intruders[0],
+                altitude=Altitude(height, "msl", climb),
+                vertical_separation=None,
+            ),
             *asked.intruders[1:],
         ]
 

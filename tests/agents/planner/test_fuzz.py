@@ -189,7 +189,7 @@ def assert_confirmed(question: dict[str, Any], answer: Plan) -> None:
     truth = Request(VehicleState(*map(np.array, own)), traffic, x, y, np.array(len(x)))
     asked = published.Question(own, reports, question["route"], question["own_altitude"], truth)
     assert published.faults(asked, answer, options) == []
-    knots, last, arrays = take(published.as_arrays(asked, answer), None)
+    knots, last, arrays = take(published.as_arrays(asked, answer, options), None)
     limits = options.limits
     limits = limits._replace(
         speed_max=max(limits.speed_max, own.speed) + 1e-6,

@@ -1,0 +1,262 @@
+"""An intruder counts while it may be level, no longer and no shorter: by dense simulation in three
+dimensions.
+"""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agents import check
+from agents.assurance import bands
+from agents.assurance.monitor import Cause
+from agents.assurance.single import activate, begin, step
+from agents.assurance.thresholds import Thresholds
+from agents.planner.levels import ALWAYS, Altitude, vertical_gap, window
+from agents.planner.planner import plan
+from agents.planner.request import Intruder, checked
+from agents.planner.traffic import Requirement, Traffic, Window
+from agents.planner.validator import validate
+from benchmarks.levels import OWN_ALTITUDE, question
+from envs.aircraft import PAPER
+from envs.kinematics import C208_PUBLISHED, VehicleState
+from envs.trees import take
+from envs.waypoints import at, knots, legs
+from tests.agents.planner.test_separations import OPTIONS, OWN, POLICY, ROUTE
+from tests.agents.planner.test_validator import plans, sampled, traffic
+
+UNKNOWN = 10.0
+heights = st.builds(
+    Altitude,
+    st.floats(1_000.0, 5_000.0),
+    st.just("msl"),
+    st.one_of(st.none(), st.sampled_from([0.0, -5.0, 5.0]), st.floats(-20.0, 20.0)),
+    st.sampled_from([0.0, 10.0, 200.0]),
+    st.sampled_from([0.0, 0.5, 3.0]),
+)
+ages = st.sampled_from([0.0, 2.0, -0.5])
+verticals = st.sampled_from([150.0, 600.0])
+
+
+def least_gap(own: Altitude, other: Altitude, age: float, time: np.ndarray) -> np.ndarray:
+    """Return how near two altitudes may be at some times, m: all that is possible, by its ends."""
+    mine = [] if own.vertical_speed is None else [own.vertical_speed]
+    theirs = [] if other.vertical_speed is None else [other.vertical_speed]
+    near = np.full(time.shape, np.inf)
+    ranges = []
+    for known, one in ((mine, own), (theirs, other)):
+        low, high = (
+            (known[0] - one.climb_error, known[0] + one.climb_error)
+            if known
+            else (-UNKNOWN, UNKNOWN)
+        )
+        ranges.append((low, high))
+    gaps = []
+    for climb in ranges[0]:
+        for rise in ranges[1]:
+            for off in (-1.0, 1.0):
+                for away in (-1.0, 1.0):
+                    a = own.value + off * own.error + climb * time
+                    b = other.value + away * other.error + rise * (age + time)
+                    gaps.append(b - a)
+    low, high = np.min(gaps, axis=0), np.max(gaps, axis=0)
+    near = np.minimum(np.abs(low), np.abs(high))
+    return np.where((low <= 0.0) & (high >= 0.0), 0.0, near)
+
+
+@given(heights, heights, ages, verticals)
+def test_a_window_holds_all_times_at_which_two_may_be_level_and_no_others(
+    own: Altitude, other: Altitude, age: float, vertical: float
+) -> None:
+    first, last = window(own, other, age, vertical, UNKNOWN)
+    times = np.linspace(0.0, 500.0, 2_001)
+    near = least_gap(own, other, age, times)
+    inside = (first <= times) & (times <= last)
+    assert (near[~inside] > vertical).all()
+    # A report from the future is worse by what it may have climbed until then either way.
+    assert (near[inside] <= vertical + 1e-3 + 2.0 * 23.0 * max(-age, 0.0)).all()
+    gap = abs(vertical_gap(own, other, age, 500.0, UNKNOWN))
+    assert (gap > vertical + 2e-6) <= (not inside.any())
+    if age >= 0.0:
+        assert gap == pytest.approx(near.min(), abs=1e-6)
+
+
+@given(heights, heights, ages, verticals, st.floats(0.0, 300.0), st.integers(0, 5))
+def test_a_wider_uncertainty_never_makes_a_window_smaller(
+    own: Altitude, other: Altitude, age: float, vertical: float, more: float, which: int
+) -> None:
+    first, last = window(own, other, age, vertical, UNKNOWN)
+    known = own.vertical_speed is None or abs(own.vertical_speed) <= UNKNOWN
+    wider = [
+        (replace(own, error=own.error + more), other, vertical),
+        (own, replace(other, error=other.error + more), vertical),
+        (own, replace(other, climb_error=other.climb_error + 0.02 * more), vertical),
+        (replace(own, climb_error=own.climb_error + 0.02 * more), other, vertical),
+        (own, other, vertical + more),
+        (replace(own, vertical_speed=None) if own.vertical_speed == 0.0 else own, other, vertical),
+    ][which]
+    begins, ends = window(wider[0], wider[1], age, wider[2], UNKNOWN)
+    assert known or which != 5
+    if first <= last:
+        assert begins <= first and ends >= last
+
+
+def test_what_cannot_be_compared_always_counts() -> None:
+    low, high = Altitude(1_000.0, "msl", 0.0), Altitude(9_000.0, "wgs84", 0.0)
+    for own, other in ((low, high), (None, high), (low, None)):
+        assert window(own, other, 0.0, 600.0, UNKNOWN) == ALWAYS
+
+
+def test_windows_of_the_validator_are_two_sided() -> None:
+    flown, seen = plans(40, 7), traffic(40, 4, 8, turning=True)
+    rng, shape = np.random.default_rng(9), seen.mask.shape
+    first = rng.uniform(-100.0, 200.0, shape)
+    when = Window(first, first + rng.uniform(0.0, 120.0, shape))
+    timed = seen._replace(window=when)
+    found = validate(flown, timed, Requirement(300.0), C208_PUBLISHED)
+    times = np.arange(0.0, flown.time[0, -1] + 1e-9, 0.05)
+    apart = sampled(flown, seen, 0.05)
+    counts = (when.begin <= times[:, None, None]) & (times[:, None, None] <= when.end)
+    least = np.where(counts, apart, np.inf).min(axis=(0, 2))
+    assert (found.min_separation <= least + 1e-9).all()
+    # A part at an end of a window counts whole, in 0.06 s of which both fly 15 m at most.
+    close = np.isfinite(least)
+    assert (found.min_separation[close] >= least[close] - 15.0).all()
+    assert np.median(least[close] - found.min_separation[close]) < 1.0
+    safe = least > 315.0
+    assert found.safe[safe].all() and not found.safe[least < 299.0].any()
+
+
+def test_a_window_that_covers_all_is_judged_like_none() -> None:
+    flown, seen = plans(40, 7), traffic(40, 6, 8, turning=True)
+    always = seen._replace(window=Window(seen.age - np.inf, seen.age + np.inf))
+    for mine, other in zip(
+        validate(flown, seen, Requirement(300.0), C208_PUBLISHED),
+        validate(flown, always, Requirement(300.0), C208_PUBLISHED),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(mine, other)
+    vague = Altitude(3_000.0, "msl", 0.0, error=25_000.0)
+    for seed in range(4):
+        asked = question(seed, PAPER)
+        level = [replace(one, altitude=vague) for one in asked.intruders]
+        unknown = [replace(one, altitude=None) for one in asked.intruders]
+        one, two = (
+            plan(asked.own, each, asked.route, POLICY, OPTIONS, own_altitude=OWN_ALTITUDE)
+            for each in (level, unknown)
+        )
+        assert one == two
+
+
+def test_plans_keep_all_intruders_away_in_three_dimensions_and_prove_it() -> None:
+    timed = safe = 0
+    for seed in range(24):
+        asked = question(seed, PAPER)
+        answer = plan(*asked, POLICY, OPTIONS, own_altitude=OWN_ALTITUDE)
+        if not answer.safe:
+            continue
+        safe += 1
+        timed += bool(answer.windows)
+        curves, end = legs(knots(asked.own, answer.waypoints)), answer.waypoints[-1].time
+        for time in np.arange(0.0, end, 0.5):
+            own = at(curves, np.array(time))
+            for one in asked.intruders:
+                other, level = one.state, one.altitude
+                assert level is not None
+                x = other.x + other.speed * time * math.cos(other.heading) - float(own.x)
+                y = other.y + other.speed * time * math.sin(other.heading) - float(own.y)
+                near = least_gap(OWN_ALTITUDE, level, 0.0, np.array([time]))[0]
+                assert math.hypot(x, y) >= 1_000.0 or near >= 600.0
+        assert answer.certificate is not None
+        data = json.loads(answer.certificate)
+        check.accept(data)
+        if data["apart"]:
+            kept = data["apart"]
+            for edited in (
+                [[one[0], one[1], one[2] + 30.0, *one[3:]] for one in kept],
+                [[one[0], one[1], one[2], *one[3:8], one[8] + 5_000.0] for one in kept],
+                [[99, *one[1:]] for one in kept],
+            ):
+                ends_with_plan = all(one[2] > end for one in kept)
+                if edited[0][2] > kept[0][2] and ends_with_plan:
+                    continue
+                with pytest.raises(check.RefusedError):
+                    check.accept(data | {"apart": edited})
+    assert safe >= 20 and timed >= 8
+
+
+def descending() -> Intruder:
+    """Return an aircraft that meets the ownship at 40 s, 800 m above, and is level from 60 s on."""
+    altitude = Altitude(2_000.0 + 600.0 + 600.0, "msl", -10.0)
+    return Intruder(VehicleState(3_200.0, -4_000.0, math.pi / 2.0, 100.0), altitude=altitude)
+
+
+LEVEL = Altitude(2_000.0, "msl", 0.0)
+
+
+def test_an_intruder_counts_between_two_times_and_the_answer_says_which() -> None:
+    answer = plan(OWN, [descending()], ROUTE, POLICY, OPTIONS, own_altitude=LEVEL)
+    (when,) = answer.windows
+    assert (when.number, when.begin, when.end) == pytest.approx((0, 60.0, 180.0), abs=1e-3)
+    assert answer.excluded == ()
+    # Where they meet it is above: nothing has to turn.
+    assert answer.safe and answer.cost < 100.0 and answer.min_separation > 1_000.0
+    later = replace(descending(), altitude=replace(LEVEL, value=2_600.0, vertical_speed=-10.0))
+    turned = plan(OWN, [later], ROUTE, POLICY, OPTIONS, own_altitude=LEVEL)
+    assert turned.windows[0].begin == 0.0 and turned.cost > 100.0
+    assert "apart" in json.loads(turned.certificate or b"")
+
+
+def test_the_start_margin_is_no_matter_of_an_intruder_that_counts_later() -> None:
+    near = Intruder(
+        VehicleState(0.0, 400.0, math.pi / 2.0, 80.0),
+        altitude=Altitude(3_200.0, "msl", -10.0),
+        velocity_std=5.0,
+    )
+    answer = plan(OWN, [near], ROUTE, POLICY, OPTIONS, own_altitude=LEVEL)
+    assert answer.safe  # 400 m away, but 1200 m above
+
+
+def test_bands_are_closed_by_an_intruder_while_it_is_level() -> None:
+    own = VehicleState(*(np.array([value]) for value in OWN))
+    one = VehicleState(*(np.array([[value]]) for value in (8_000.0, 0.0, math.pi, 80.0)))
+    for first, last, lost in ((0.0, 20.0, False), (60.0, 200.0, False), (40.0, 50.0, True)):
+        seen = Traffic.straight(one)._replace(
+            window=Window(np.array([[first]]), np.array([[last]]))
+        )
+        # The range is below 1 km from 43.75 s until 56.25 s.
+        found = bands.losses_on_course(own, seen, Requirement(1_000.0), 120.0)
+        assert np.isfinite(found[0, 0]) == lost
+        ahead = bands.heading_bands(
+            own, seen, Requirement(1_000.0), C208_PUBLISHED, 120.0, np.array([0.0])
+        )
+        assert bool(ahead.closed[0, 0]) is lost
+
+
+def test_the_monitor_knows_when_an_intruder_counts() -> None:
+    answer = plan(OWN, [descending()], ROUTE, POLICY, OPTIONS, own_altitude=LEVEL)
+    thresholds = Thresholds.for_plans(OPTIONS)
+    given = {"a": descending()}
+    for levels_off, lost in ((False, False), (True, True)):
+        watch = activate(begin(thresholds), answer, OWN, given, 0.0, own_altitude=LEVEL)
+        now = given["a"]
+        if levels_off:  # at once it is level: the plan passes in front of it
+            now = replace(now, altitude=replace(LEVEL, value=2_100.0))
+        _, verdict = step(watch, 0.5, OWN._replace(x=40.0), {"a": now}, own_altitude=LEVEL)
+        causes = {why.cause for why in verdict.reasons}
+        assert (Cause.SEPARATION in causes) is lost
+        if verdict.ask is not None:
+            assert verdict.ask.own_altitude == LEVEL
+            assert verdict.ask.intruders[0].altitude == now.altitude
+
+
+def test_a_request_among_others_counts_its_own_windows() -> None:
+    asked = question(3, PAPER)
+    request, _, _ = checked(*asked, OPTIONS, OWN_ALTITUDE)
+    assert request.traffic.window is not None
+    begin = take(request.traffic.window, 0).begin
+    assert begin.shape == request.traffic.mask.shape[1:]
