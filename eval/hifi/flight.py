@@ -165,13 +165,41 @@ def fly(
     )
 
 
+def straight_separation(
+    flight: Flight, intruders: VehicleState, mask: Any, seconds: int
+) -> np.ndarray:
+    """Return how near the aircraft would have come to intruders that fly straight on, m, ``[S]``.
+
+    The aircraft flies as it did. The intruders are states over the ground at its start,
+    ``[1, K]``; the result is the smallest distance to any of them in each of the first seconds.
+    """
+    periods = SUBSTEPS * seconds + 1
+    own = take(flight.own, slice(periods))
+    times = PERIOD * np.arange(own.x.size)[:, None]
+    straight = VehicleState(
+        intruders.x + intruders.speed * np.cos(intruders.heading) * times,
+        intruders.y + intruders.speed * np.sin(intruders.heading) * times,
+        intruders.heading + 0.0 * times,
+        intruders.speed + 0.0 * times,
+    )
+    apart = _apart_by_period(own, straight, mask)
+    whole = apart.size // SUBSTEPS
+    return apart[: whole * SUBSTEPS].reshape(whole, SUBSTEPS).min(axis=1)
+
+
 def _apart(states: list[VehicleState], others: VehicleState, mask: Any) -> float:
     """Return the smallest distance to any intruder over a second, m."""
-    own = VehicleState(
-        *(np.array(field, dtype=float)[:, None] for field in zip(*states, strict=True))
-    )
+    own = VehicleState(*(np.array(field, dtype=float) for field in zip(*states, strict=True)))
+    return float(_apart_by_period(own, others, mask).min(initial=np.inf))
+
+
+def _apart_by_period(own: VehicleState, others: VehicleState, mask: Any) -> np.ndarray:
+    """Return the smallest distance of states ``[P + 1]`` to any of ``[P + 1, K]`` in each of the
+    periods between them, m, ``[P]``.
+    """
+    own = VehicleState(*(field[:, None] for field in own))
     (before, first), (after, last) = (
         take((own, others), part) for part in (slice(None, -1), slice(1, None))
     )
     apart = leg_separation(before, after, first, last, PERIOD, np)
-    return float(np.min(np.where(mask, apart, np.inf), initial=np.inf))
+    return np.min(np.where(mask, apart, np.inf), axis=1, initial=np.inf)

@@ -148,13 +148,17 @@ def flown(campaign: Campaign, policy: Policy, number: int) -> Flown:
     return Flown(scene, made, curves, flight, errors, problem, pilot)
 
 
+def reported_at_start(campaign: Campaign, scene: Scene) -> VehicleState:
+    """Return the intruders over the ground as reported at the start, ``[1, K]``."""
+    noise = None if scene.noise is None else scene.noise(0)
+    seen = perceived_at_start(scene.encounter, campaign.aircraft.dt, noise)
+    return over_ground(seen, scene.wind, 0.0)
+
+
 def _planned(campaign: Campaign, scene: Scene, policy: Policy) -> tuple[Made, Known]:
     """Return the plan made at the start, and the intruders that it was made with."""
-    noise = None if scene.noise is None else scene.noise(0)
-    ground = over_ground(
-        perceived_at_start(scene.encounter, campaign.aircraft.dt, noise), scene.wind, 0.0
-    )
-    known = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
+    reported = reported_at_start(campaign, scene)
+    known = Known.straight(through_air(reported, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
     return plan_for(own, known, scene.route, 0.0, scene.frame, policy, campaign.options), known
 

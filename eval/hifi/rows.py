@@ -16,7 +16,8 @@ from eval.flights.conditions import conditions
 from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.plan_mode import SOURCES, STATUSES
 from eval.hifi.config import HifiConfig
-from eval.hifi.flights import Campaign, Flown, flown
+from eval.hifi.flight import straight_separation
+from eval.hifi.flights import Campaign, Flown, flown, reported_at_start
 from eval.hifi.pilots import Assured
 from eval.runner.outputs import RunFolder
 
@@ -42,6 +43,15 @@ class PlanErrors(NamedTuple):
     total_error_max_m: float = _NAN
     altitude_error_max_m: float = _NAN
 
+
+class PlanLoss(NamedTuple):
+    """Whether a SAFE plan that lost the separation had promised it, by the names of columns."""
+
+    plan_loss: str
+    promised_min_separation_m: float
+
+
+_NO_LOSS = PlanLoss("", _NAN)
 
 ERRORS = PlanErrors._fields
 """Columns of the errors against the plan."""
@@ -69,6 +79,9 @@ def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
     row |= _verdict(one, campaign.aircraft.rules())
     row |= _plan(campaign, one)
     row |= _errors(one)._asdict()
+    if campaign.mode == "plan":
+        lost = row["outcome"] == "violation" and row["plan_status"] == "safe"
+        row |= (_loss(campaign, one) if lost else _NO_LOSS)._asdict()
     if campaign.mode == "assured":
         pilot = one.pilot if isinstance(one.pilot, Assured) else None
         row["replans"] = pilot.replans if pilot else 0
@@ -148,6 +161,23 @@ def _plan(campaign: Campaign, one: Flown) -> dict[str, Any]:
     }
 
 
+def _loss(campaign: Campaign, one: Flown) -> PlanLoss:
+    """Say whether a SAFE plan that lost the separation had promised it.
+
+    SAFE promises a separation from intruders that go on straight from the report that the plan was
+    made with. Where the flight as it was flown keeps it from those, an intruder left its reported
+    motion (or its report was wrong), which no plan promises to survive.
+    """
+    rules, flight = campaign.aircraft.rules(), one.flight
+    assert flight is not None
+    reported = reported_at_start(campaign, one.scene)
+    seconds = round(rules.t_max)
+    apart = straight_separation(flight, reported, one.scene.encounter.mask, seconds)
+    promised = float(apart.min(initial=np.inf))
+    kind = "not_promised" if promised >= rules.separation else "broken"
+    return PlanLoss(kind, promised)
+
+
 def _bound(campaign: Campaign, one: Flown) -> str:
     """Say whether the separation that the plan must keep can be kept at all, within the limits of
     its manoeuvres.
@@ -224,4 +254,4 @@ class HifiFolder(RunFolder):
 
     model = HifiConfig
     table = "flights.parquet"
-    schema = b"hifi 1"
+    schema = b"hifi 2"

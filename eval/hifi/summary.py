@@ -30,6 +30,12 @@ _RATES = {
     "backup_used_rate": "flights that used the backup",
 }
 """What the rates are called in the table."""
+_LOSSES = {"safe_plans_broken": "broken", "safe_plans_not_promised": "not_promised"}
+_SAFE_PLANS = {
+    "safe_plans_broken": "of these: the promise of SAFE broken",
+    "safe_plans_not_promised": "of these: not promised, an intruder left its reported motion",
+}
+"""What the parts of the violations of SAFE plans are called in the table, below their rate."""
 _LARGEST = {
     "cross_track_rms_m": ("cross-track, root mean square", "m"),
     "cross_track_max_m": ("cross-track", "m"),
@@ -82,6 +88,9 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
             ).most_common()
         ),
     }
+    if "plan_loss" in table:
+        for key, kind in _LOSSES.items():
+            summary[key] = int(np.count_nonzero(table["plan_loss"] == kind))
     if "replans" in table:
         summary["replans_mean"] = float(np.mean(table["replans"]))
         summary["backup_used_rate"] = rate(table["backup_s"] > 0)
@@ -98,6 +107,9 @@ def rate_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
         low, high = (f"{100.0 * rate[end]:.2f} %" for end in ("low", "high"))
         count = f"{spaced(rate['count'])} of {spaced(rate['total'])}"
         rows.append((label, f"{100.0 * rate['value']:.2f} %", f"{low} to {high}", count))
+    for key, label in _SAFE_PLANS.items():
+        if key in summary:
+            rows.append((label, spaced(summary[key]), "", ""))
     closest = summary["min_separation_m_quantiles"]
     for label, at in (("smallest separation of all flights", "0"), ("its median", "0.5")):
         rows.append((label, _metres(closest[at]), "", ""))

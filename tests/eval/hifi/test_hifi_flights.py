@@ -222,6 +222,44 @@ def test_an_aircraft_that_is_lost_is_a_failed_flight(
     assert math.isnan(row["position_error_max_m"])
 
 
+class _Straight:
+    """Flies straight on whatever is commanded."""
+
+    altitude = 2500.0
+
+    def __init__(self, own: VehicleState) -> None:
+        self.state = own
+
+    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+        east = self.state.speed * math.cos(self.state.heading) * dt
+        north = self.state.speed * math.sin(self.state.heading) * dt
+        self.state = self.state._replace(x=self.state.x + east, y=self.state.y + north)
+
+
+def test_a_safe_plan_promised_what_an_aircraft_that_leaves_it_loses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(hifi_flights, "begin", lambda _, own, *rest: _Straight(own))
+    one, row = fly(campaign("scenario=head_on"), 0)
+    assert row["plan_status"] == "safe" and row["outcome"] == "violation"
+    assert row["plan_loss"] == "broken"
+    assert one.flight is not None
+    # Among intruders that do fly straight, both separations are the same.
+    assert row["promised_min_separation_m"] == pytest.approx(row["min_separation_m"], abs=0.05)
+
+
+def test_no_safe_plan_promised_what_an_intruder_that_turns_costs() -> None:
+    turning = campaign("scenario=maneuvering", "planner.margin=30")._replace(vehicle="surrogate")
+    rows = [fly(turning, number)[1] for number in range(12)]
+    lost = [row for row in rows if row["outcome"] == "violation" and row["plan_status"] == "safe"]
+    assert lost
+    for row in lost:
+        assert row["plan_loss"] == "not_promised"
+        assert row["promised_min_separation_m"] >= 1_000.0 > row["min_separation_m"]
+    kept = [row for row in rows if row not in lost]
+    assert kept and all(row["plan_loss"] == "" for row in kept)
+
+
 def test_a_start_that_the_aircraft_cannot_fly_is_refused() -> None:
     flying = campaign(
         "changes.own_speed=[50,50]", "condition.altitude_m=[6500,6500]", "mode=closed"
@@ -511,6 +549,7 @@ def test_the_table_names_every_rate_and_error_of_a_summary() -> None:
         "min_separation_m": np.array([1_200.0, 1_100.0, 900.0]),
         "whole_min_separation_m": np.array([1_200.0, 1_100.0, np.nan]),
         "separation_loss_m": np.array([-3.0, 4.0, np.nan]),
+        "plan_loss": np.array(["", "", ""], dtype=object),
         **{name: np.array([1.0, 2.0, np.nan]) for name in ERRORS},
     }
     summary = summarise(table, 0.95)
@@ -519,7 +558,7 @@ def test_the_table_names_every_rate_and_error_of_a_summary() -> None:
         ("33.33 %", "0.84 % to 90.57 %", "1 of 3")
     ]
     shares = [name for name, one in summary.items() if isinstance(one, dict) and "total" in one]
-    assert len(rates) == len(shares) + 2 and ("its median", "1100.0 m", "", "") in rates
+    assert len(rates) == len(shares) + 4 and ("its median", "1100.0 m", "", "") in rates
     errors = error_rows(summary)
     assert len(errors) == len(summary["errors"])
     assert ("arrival", "1.5 s", "1.95 s", "2 s") in errors
