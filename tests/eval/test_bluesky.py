@@ -244,6 +244,16 @@ def test_rotorcraft_and_switches_in_bluesky(tmp_path: Path):
     assert "RLCASPLAN is" not in by_line[4][1], "a wrong word is refused"
 
 
+def test_the_window_s_scenario_is_the_encounter_of_the_headless_one():
+    def encounter(name: str) -> list[str]:
+        lines = (ROOT / "eval" / "bluesky" / name).read_text(encoding="utf-8").splitlines()
+        return [line for line in lines if line.startswith("00:00:00.00>")][:7]
+
+    both = encounter("head_on.scn"), encounter("head_on_headless.scn")
+    assert both[0] == both[1]
+    assert sum(">CRE " in line for line in both[0]) == 3
+
+
 def test_the_page_s_scenario_flies_in_a_new_home(tmp_path: Path):
     """The commands of docs/howto/bluesky.md, on a machine on which BlueSky was never started."""
     page = (ROOT / "docs" / "howto" / "bluesky.md").read_text(encoding="utf-8")
