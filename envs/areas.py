@@ -5,6 +5,7 @@ and grow from there on, as a weather cell does, and counts for some time and som
 must hold is measured in :mod:`envs.area_geometry`.
 """
 
+import copy
 import itertools
 import math
 from collections.abc import Iterable, Sequence
@@ -15,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.edge.command import InputError
+from envs.wind import Wind
 
 MOST_POINTS = 1_024
 """Points of an area at most, all rings together."""
@@ -214,6 +216,15 @@ def after(area: Area, seconds: float) -> Area:
         valid_from=area.valid_from - seconds,
         valid_until=area.valid_until - seconds,
     )
+
+
+def in_air(area: Area, wind: Wind) -> Area:
+    """Return an area as the air mass sees it that lies over the ground at the request."""
+    east, north = area.velocity
+    seen = copy.copy(area)
+    # Not by replace: in the air an area may be faster than one may be over the ground.
+    object.__setattr__(seen, "velocity", (east - float(wind.east), north - float(wind.north)))
+    return seen
 
 
 def _real(name: str, value: object, low: float, high: float, unit: str) -> float:

@@ -1,20 +1,29 @@
 """Nested tuples of arrays, such as encounters, states and manoeuvres, handled as one."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 T = TypeVar("T")
 
 
+class Shared(Generic[T]):
+    """Something without rows in a tree: every row has the same, and it stays as it is."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: T) -> None:
+        self.value = value
+
+
 def mapped(function: Callable[..., Any], *trees: Any) -> Any:
     """Apply a function to the arrays at the same place of nested tuples of one structure; None
-    stays None.
+    and what is shared stay.
     """
     first = trees[0]
-    if first is None:
-        return None
+    if first is None or isinstance(first, Shared):
+        return first
     if isinstance(first, tuple):
         parts = [mapped(function, *same) for same in zip(*trees, strict=True)]
         return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
@@ -29,7 +38,7 @@ def take(tree: T, index: Any) -> T:
     if isinstance(tree, tuple):  # not by mapped: a plan takes rows thirty times
         parts = [take(field, index) for field in tree]
         taken = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
-    elif tree is not None:
+    elif tree is not None and not isinstance(tree, Shared):
         taken = np.asarray(tree)[index]
     return taken
 

@@ -40,6 +40,7 @@ class Kind(Enum):
     ACCELERATION = "acceleration"
     TURN_RATE = "turn_rate"
     SEPARATION = "separation"  # the plan comes closer to an intruder than required
+    AREA = "area"  # the plan does not keep the clearance from an area
     NO_REJOIN = "no_rejoin"  # the route was not rejoined in time
     GOAL_BEHIND = "goal_behind"  # no point of the route lies ahead
     GOAL_TOO_FAR = "goal_too_far"  # no point of the route can be reached in time
@@ -48,7 +49,9 @@ class Kind(Enum):
     )
     DEADLINE = "deadline"  # the computation ended before everything was searched
     START_IN_VIOLATION = (
-        "start_in_violation"  # an intruder is closer than the separation at the request already
+        # an intruder is closer than the separation at the request already, or an area forbids the
+        # place of the ownship
+        "start_in_violation"
     )
 
 
@@ -60,6 +63,7 @@ class Subject(Enum):
     INTRUDERS = "intruders"
     ROUTE = "route"
     WIND = "wind"
+    AREAS = "areas"
     OPTIONS = "options"
 
 
@@ -71,7 +75,7 @@ class Field:
     name: str = ""
     """Of the part of the subject, such as ``altitude.value``; empty: the whole of it."""
     number: int | None = None
-    """Of the intruder or of the route's point; None: the subject is not one of several."""
+    """Of the intruder, the area or the route's point; None: the subject is not one of several."""
 
     def part(self, name: str) -> "Field":
         """Return a part of this field."""
@@ -109,6 +113,7 @@ class AdvisoryCode(IntEnum):
     TIME_UNCERTAIN = 4  # when a report held is known to within some time only
     WIND_UNKNOWN = 5  # the wind is unknown and taken as calm
     POSSIBLE_COPY = 6  # an intruder may be a copy of the ownship
+    PASSED_OVER = 7  # a point of the route lies in an area and is left out
 
 
 class Advisory(NamedTuple):
@@ -132,7 +137,7 @@ class Reason:
 
     kind: Kind
     field: str
-    """What it is about: ``waypoints[3]``, ``intruders[0]``, ``route``."""
+    """What it is about: ``waypoints[3]``, ``intruders[0]``, ``areas[1]``, ``route``."""
     message: str
     time: float | None = None
     """s after the request."""

@@ -122,6 +122,12 @@ def counted(
     return tuple(found)
 
 
+def label(one: Counted) -> str:
+    """Return what messages call an area, such as ``areas[2] (north field)``."""
+    name = f" ({one.area.name})" if one.area.name else ""
+    return f"areas[{one.number}]{name}"
+
+
 def window(area: Area, altitude: Altitude | None, unknown_climb: float) -> tuple[float, float]:
     """Return from when and until when an area counts, s after the request; the first is greater
     where it never does.

@@ -6,13 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.planner.areas import judge
 from agents.planner.completion import complete
 from agents.planner.options import Options
 from agents.planner.request import Request
 from agents.planner.rollout import Rollout
-from agents.planner.validator import Findings, validate
+from agents.planner.validator import CHECKS, Findings, validate
 from envs.trees import scatter, take
-from envs.waypoints import Knots
+from envs.waypoints import Knots, legs
 from envs.wind import aimed_at
 
 TIME_WEIGHT = 0.25
@@ -20,6 +21,9 @@ TIME_WEIGHT = 0.25
 
 REVERSAL_WEIGHT = 0.1
 """Cost of a change of the turn's side, separations."""
+
+_AREA = CHECKS.index("area")
+_ORDER = CHECKS.index("leg")  # so many checks are of finite numbers and of the order of times
 
 
 class Proposals(NamedTuple):
@@ -57,6 +61,28 @@ def empty(count: int, waypoints: int) -> Proposals:
     return Proposals(knots, none, none.copy(), Findings.empty(count), no, nan, nan.copy(), never)
 
 
+def judged(knots: Knots, request: Request, options: Options) -> Findings:
+    """Return what is wrong with plans ``[N]`` of requests: what the validator finds, and what they
+    do not keep of the clearance from areas.
+    """
+    if request.areas is None:
+        return validate(knots, request.traffic, options.requirement, options.limits)
+    times = np.diff(knots.time, axis=-1)
+    sound = np.isfinite(np.stack(knots)).all() and bool(np.all(times > 0.0))
+    curves = legs(knots) if sound else None
+    found = validate(knots, request.traffic, options.requirement, options.limits, curves)
+    # Plans that are none are not judged further.
+    rows = np.flatnonzero(~found.wrong[:, :_ORDER].any(axis=-1))
+    some = take(knots, rows)
+    part = curves if curves is not None and rows.size == len(knots.time) else legs(some)
+    kept = judge(some, part, request.areas.value, options.requirement.margin)
+    found.wrong[rows, _AREA], found.leg[rows, _AREA] = kept.wrong, kept.leg
+    found.time[rows, _AREA], found.x[rows, _AREA], found.y[rows, _AREA] = kept.time, kept.x, kept.y
+    found.area[rows] = kept.area
+    found.clearance[rows] = np.minimum(found.clearance[rows], kept.clearance)
+    return found
+
+
 def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) -> Proposals:
     """Complete the manoeuvres ``[M]`` of requests to plans for the goals numbered ``[M]``, and
     validate them.
@@ -66,7 +92,7 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     if rows.size == 0:
         return empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
     knots = take(whole.knots, rows)
-    findings = validate(knots, take(request.traffic, rows), options.requirement, options.limits)
+    findings = judged(knots, take(request, rows), options)
     to = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
     own, drift = take((request.own, request.drift), rows)
     goal_x, goal_y = aimed_at(own, to, drift, options.rejoin_by, np)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from agents.planner import fallback
+from agents.planner.airspace import amid
 from agents.planner.answer import Advisory, AdvisoryCode, Plan
 from agents.planner.beyond import CROWD
 from agents.planner.budget import Budget
@@ -35,6 +36,7 @@ from agents.planner.request import (
 from agents.planner.rollout import roll
 from agents.policy.domain import departures
 from agents.policy.inference import Policy
+from envs.areas import Area
 from envs.kinematics import VehicleState
 from envs.trees import mapped, scatter, take
 from envs.waypoints import RoutePoint
@@ -52,6 +54,7 @@ def plan(
     *,
     own_altitude: Altitude | None = None,
     wind: Wind | None = None,
+    areas: Sequence[Area] = (),
 ) -> Plan:
     """Plan one request.
 
@@ -68,6 +71,8 @@ def plan(
         own_altitude: for the vertical filter; None: unknown, all intruders count. Vertical speeds
             that are unknown are taken as ``options.unknown_climb`` towards the other aircraft.
         wind: in which the aircraft fly; None: still air. A turning intruder turns through it.
+        areas: that must not be entered, or not be left (:mod:`envs.areas`). Points of the route
+            that lie in them are passed over; an advisory names each.
 
     Returns:
         A plan, SAFE or UNRESOLVED with the reasons and the trajectory of greatest separation that
@@ -81,6 +86,7 @@ def plan(
     options = options or Options.for_aircraft(policy.aircraft)
     in_air = options if wind is None else in_wind(options, wind)
     request, excluded, kept = checked(own, intruders, route, in_air, own_altitude, wind)
+    request, notes = amid(request, areas, own_altitude, in_air, wind)
     budget, goals = Budget(options.deadline_s), eligible(request, in_air)
     plans = _planned(request, goals, policy, in_air, budget, floats=True)
     goal, skipped = int(goals[0, 0]), tuple(budget.skipped)
@@ -108,11 +114,11 @@ def plan(
         advisory=(
             *answer.advisory,
             *(Advisory(AdvisoryCode.OUTSIDE_DOMAIN, *departure) for departure in outside),
-            *assumptions(own_altitude, intruders, options),
+            *dict.fromkeys((*assumptions(own_altitude, intruders, options), *notes)),
         ),
         policy_sha256=policy.sha256,
         wind=wind,
-        certify=certify if answer.safe else None,
+        certify=certify if answer.safe and request.areas is None else None,
     )
 
 

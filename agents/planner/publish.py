@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.planner.airspace import amid
 from agents.planner.answer import (
     Advisory,
     AdvisoryCode,
@@ -24,12 +25,15 @@ from agents.planner.answer import (
     Source,
     Status,
 )
+from agents.planner.areas import Counted, label
 from agents.planner.audit import audit
-from agents.planner.candidates import Proposals
+from agents.planner.candidates import Proposals, judged
 from agents.planner.options import Options, check
 from agents.planner.request import Altitude, Intruder, Request, checked, eligible, in_wind
 from agents.planner.traffic import counted, separations
-from agents.planner.validator import CHECKS, Findings, validate
+from agents.planner.validator import CHECKS, Findings
+from envs.area_geometry import signed_distance
+from envs.areas import Area, Keep
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import Knots, RoutePoint, Waypoint, on_ground
@@ -73,6 +77,7 @@ def published(
     if request.drift is not None:
         east, north = (-float(part[0]) for part in request.drift)
         best = _on_ground(best, Wind(east, north))
+    best = _numbered(best, request)
     waypoints = _waypoints(best, route)
     slips = (
         audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
@@ -116,6 +121,14 @@ def published(
     )
 
 
+def _numbered(best: Proposals, request: Request) -> Proposals:
+    """Return a plan ``[]`` with its points numbered as in the route that was asked for."""
+    if request.of_route is None or best.last < 0:
+        return best
+    number = request.of_route[0]
+    return best._replace(goal=number[int(best.goal)], last=number[int(best.last)])
+
+
 def _on_ground(best: Proposals, wind: Wind) -> Proposals:
     """Return a plan ``[]`` with its knots, and the places of its findings, over the ground."""
     found = best.findings
@@ -150,7 +163,7 @@ def received(waypoints: tuple[Waypoint, ...], wind: Wind | None = None) -> Plan:
     return Plan(status, Source.NONE, (), np.nan, np.nan, None, np.nan, (), waypoints, wind=wind)
 
 
-def rechecked(
+def rechecked(  # noqa: PLR0913 - a plan, and all of a request
     plan: Plan,
     late: float,
     own: VehicleState,
@@ -159,9 +172,11 @@ def rechecked(
     options: Options,
     own_altitude: Altitude | None = None,
     wind: Wind | None = None,
+    *,
+    areas: Sequence[Area] = (),
 ) -> Plan:
-    """Return a plan as checked ``late`` seconds after its request, by what is there then: SAFE only
-    if it still is.
+    """Return a plan as checked ``late`` seconds after its request, by what is there then, areas
+    as of then: SAFE only if it still is.
     """
     if not plan.safe or late <= 0.0:
         return plan
@@ -175,10 +190,11 @@ def rechecked(
         check(options)
         options = options if wind is None else in_wind(options, wind)
         request, excluded, _ = checked(own, intruders, route, options, own_altitude, wind)
+        request, _ = amid(request, areas, own_altitude, options, wind)
     except RequestError as error:
         return _void(plan, late, str(error))
     curve = Knots(*(field[None] for field in knots_of(own, left, wind=wind)))
-    found = validate(curve, request.traffic, options.requirement, options.limits)
+    found = judged(curve, request, options)
     outlasted = [
         _outlasting(one, left[-1]).message
         for one in excluded
@@ -226,6 +242,7 @@ def _reasons(
             what = f"is {far:.1f} m away at the request, expected {wanted:.1f} m or more"
             place = 0.0, float(own.x[0]), float(own.y[0])
             reasons.append(Reason.of(Kind.START_IN_VIOLATION, f"intruders[{number}]", what, *place))
+    reasons += _begins_inside(request)
     if next_goal < 0:
         return [*reasons, _no_goal(request, options)]
     if best.last < 0 and best.too_short:
@@ -236,7 +253,46 @@ def _reasons(
         return [*reasons, Reason.of(Kind.NO_REJOIN, "route", what)]
     close, wrong = int(best.findings.intruder), np.flatnonzero(best.findings.wrong)
     wanted = float(least[close]) + requirement.margin if close >= 0 else np.nan
-    return reasons + [_finding(best.findings, number, kept, wanted) for number in wrong.tolist()]
+    if request.areas is not None and best.findings.area >= 0:
+        reasons.append(_area_finding(best.findings, request.areas.value, requirement.margin))
+    return reasons + [
+        _finding(best.findings, number, kept, wanted)
+        for number in wrong.tolist()
+        if CHECKS[number] != Kind.AREA.value
+    ]
+
+
+def _begins_inside(request: Request) -> list[Reason]:
+    """Return the areas that forbid the place of the ownship at the request."""
+    reasons, x, y = [], float(request.own.x[0]), float(request.own.y[0])
+    for one in () if request.areas is None else request.areas.value:
+        if one.begin > 0.0 or float(signed_distance(one.area, x, y)) >= 0.0:
+            continue
+        what = "is left by" if one.area.keep is Keep.IN else "holds"
+        what = f"{what} the ownship at the request, expected it {_side(one)}"
+        reasons.append(_of_area(Kind.START_IN_VIOLATION, one, what, 0.0, x, y))
+    return reasons
+
+
+def _area_finding(found: Findings, areas: Sequence[Counted], margin: float) -> Reason:
+    """Return where the clearance from an area is lost first."""
+    number = CHECKS.index(Kind.AREA.value)
+    time, x, y = (float(field[number]) for field in (found.time, found.x, found.y))
+    one = next(one for one in areas if one.number == found.area)
+    what = (
+        f"is not kept clear of from {time:.1f} s on, at {x:.0f} m east and {y:.0f} m north; "
+        f"expected the ownship {_side(one)} and {one.area.clearance + margin:.1f} m or more from it"
+    )
+    return _of_area(Kind.AREA, one, what, time, x, y)
+
+
+def _side(one: Counted) -> str:
+    return "inside" if one.area.keep is Keep.IN else "outside"
+
+
+def _of_area(kind: Kind, one: Counted, what: str, *place: float) -> Reason:
+    """Return a reason that tells an area by its number and its name."""
+    return Reason(kind, f"areas[{one.number}]", f"{label(one)} {what}", *place)
 
 
 def _no_goal(request: Request, options: Options) -> Reason:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,12 @@ from agents.planner.options import Options, speed_range
 from agents.planner.separation import same_flight
 from agents.planner.traffic import Traffic, Window, advanced
 from envs.kinematics import FASTEST, VehicleState
+from envs.trees import Shared
 from envs.waypoints import RoutePoint
 from envs.wind import Wind, narrowed, through_air
+
+if TYPE_CHECKING:
+    from agents.planner.areas import Counted
 
 _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whatever the aircraft
 _LEAST = 1.0  # m of a separation
@@ -87,6 +91,10 @@ class Request(NamedTuple):
     points: Any  # how many points each route has
     # velocity of the route's points towards east and north, m/s, [N] each; None: they stand still
     drift: tuple[Any, Any] | None = None
+    # what of the areas a plan may meet, the same for all N; None: nothing
+    areas: Shared[tuple["Counted", ...]] | None = None
+    # numbers of the points in the route that was asked for, [N, R]; None: they are all of it
+    of_route: Any = None
 
 
 def checked(

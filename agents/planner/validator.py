@@ -42,10 +42,12 @@ LONGEST = 16_384.0
 (proofs/Rounding.g).
 """
 
-CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "separation")
+CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "separation", "area")
 """What is checked, in the order of the findings' last axis; names of
-:class:`agents.planner.answer.Kind`.
+:class:`agents.planner.answer.Kind`. Areas are judged in :mod:`agents.planner.areas`.
 """
+
+_OF_FLIGHT = CHECKS.index("separation")  # so many checks are of the flight alone
 
 
 class Findings(NamedTuple):
@@ -57,11 +59,13 @@ class Findings(NamedTuple):
     x: Any  # where that is, m, [N, C]
     y: Any
     intruder: Any  # number of the intruder that is too close first, [N]; -1 where none is
+    area: Any  # number of the area whose clearance is lost first, [N]; -1 where none is
     # Smallest distance to any intruder, m, [N]; inf without any, nan if not finite. Never too
     # large; too small by at most 5 mm on legs of 20 s, and by what longer turns in longer legs add.
     min_separation: Any
     time_of_min_separation: Any  # s, [N]; nan without one
-    # smallest distance less the required one at the time, m, [N]; negative where that check fails
+    # smallest distance to an intruder or an area less the required one at the time, m, [N];
+    # negative where one of these checks fails
     clearance: Any
 
     @property
@@ -71,8 +75,8 @@ class Findings(NamedTuple):
 
     @property
     def legal(self) -> Any:
-        """Whether nothing is wrong but the separation, ``[N]``."""
-        return ~self.wrong[:, :-1].any(axis=-1)
+        """Whether nothing is wrong but the distances to intruders and areas, ``[N]``."""
+        return ~self.wrong[:, :_OF_FLIGHT].any(axis=-1)
 
     @classmethod
     def blank(cls, count: int) -> "Findings":
@@ -87,6 +91,7 @@ class Findings(NamedTuple):
             x,
             y,
             none,
+            none.copy(),
             inf,
             nan,
             inf.copy(),

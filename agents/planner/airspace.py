@@ -1,0 +1,168 @@
+"""The areas of a request: which of them a plan may meet, and what they leave of the route."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
+from agents.planner.areas import Counted, counted, label
+from agents.planner.fields import sequence
+from agents.planner.options import Options
+from agents.planner.request import Altitude, Request, drifted
+from envs.area_geometry import signed_distance
+from envs.areas import Area, in_air
+from envs.kinematics import VehicleState
+from envs.trees import Shared
+from envs.wind import Wind
+
+MOST = 1_000
+"""Areas of a request at most."""
+
+_SPEED_TOLERANCE = 1e-3  # m/s; far more than a leg may pass its limit by
+
+
+class Amid(NamedTuple):
+    """A request among areas."""
+
+    request: Request
+    notes: tuple[Advisory, ...]  # what is assumed of the altitudes, and what is passed over
+
+
+def amid(
+    request: Request,
+    areas: Sequence[Area],
+    altitude: Altitude | None,
+    options: Options,
+    wind: Wind | None = None,
+) -> Amid:
+    """Return one request ``[1]`` with the areas that a plan of it may meet.
+
+    Points of the route that lie in an area when they would be reached are left out.
+
+    Args:
+        request: in the air mass, without areas.
+        areas: over the ground.
+        altitude: of the ownship; None: unknown, which counts as level with every area.
+        options: of the flight in the air mass.
+        wind: which the air mass moves with.
+
+    Raises:
+        RequestError: something is no area, or there are too many.
+    """
+    given = sequence(Field(Subject.AREAS), areas)
+    for number, one in enumerate(given):
+        if not isinstance(one, Area):
+            what = f"is {type(one).__name__}, expected an Area"
+            raise RequestError(Field(Subject.AREAS, number=number), what)
+    if len(given) > MOST:
+        raise RequestError(Field(Subject.AREAS), f"are {len(given)}, expected {MOST} at most")
+    if not given:
+        return Amid(request, ())
+    seen = given if wind is None else [in_air(one, wind) for one in given]
+    own = VehicleState(*(float(field[0]) for field in request.own))
+    near = _met(seen, request, own, altitude, options)
+    left, notes = _without_points_in(near, request, own, options)
+    if left is not request:  # its legs may be longer, and plans of it last longer
+        near = _met(seen, left, own, altitude, options)
+    if near:
+        left = left._replace(areas=Shared(near))
+    return Amid(left, (*_assumed_climb(given, altitude, options), *notes))
+
+
+def _assumed_climb(
+    areas: Sequence[Area], altitude: Altitude | None, options: Options
+) -> list[Advisory]:
+    """Return that the ownship's vertical speed is unknown, where heights of areas ask for it."""
+    if altitude is None or altitude.vertical_speed is not None:
+        return []
+    levels = [level for one in areas for level in (one.floor, one.ceiling) if level is not None]
+    if all(level.reference != altitude.reference for level in levels):
+        return []
+    what = f"is unknown and taken as up to {options.unknown_climb:g} m/s either way"
+    return [Advisory(AdvisoryCode.ASSUMED, Field(Subject.OWN_ALTITUDE, "vertical_speed"), what)]
+
+
+def _met(
+    areas: Sequence[Area],
+    request: Request,
+    own: VehicleState,
+    altitude: Altitude | None,
+    options: Options,
+) -> tuple[Counted, ...]:
+    """Return the areas that some plan of a request may meet."""
+    blows = 0.0 if request.drift is None else np.hypot(*request.drift)
+    route = request.route_x, request.route_y, request.points
+    end = float(np.max(options.latest_end(request.own.speed, *route, blows)))
+    fastest = max(own.speed, options.limits.speed_max) + _SPEED_TOLERANCE
+    climb = options.unknown_climb
+    return counted(areas, own, altitude, fastest=fastest, horizon=end, unknown_climb=climb)
+
+
+def _without_points_in(
+    areas: Sequence[Counted], request: Request, own: VehicleState, options: Options
+) -> tuple[Request, list[Advisory]]:
+    """Return a request without the points of its route that lie in areas."""
+    x, y = request.route_x[0], request.route_y[0]
+    time = _reached(request, own)
+    there = drifted((x[None], y[None]), request.drift, time)
+    holder = _holders(areas, there[0][0], there[1][0], time, options.requirement.margin)
+    inside = np.flatnonzero(holder >= 0)
+    if inside.size == 0:
+        return request, []
+    names = {one.number: label(one) for one in areas}
+    notes = [
+        Advisory(
+            AdvisoryCode.PASSED_OVER,
+            Field(Subject.ROUTE, number=int(number)),
+            f"lies in {names[int(holder[number])]} or its clearance and is passed over",
+        )
+        for number in inside
+    ]
+    free = np.flatnonzero(holder < 0)
+    if free.size < 2:
+        what = (
+            f"has {inside.size} of its {x.size} points in areas or their clearances, expected 2 or "
+            "more outside"
+        )
+        raise RequestError(Field(Subject.ROUTE), what)
+    left = request._replace(
+        route_x=x[None, free],
+        route_y=y[None, free],
+        points=np.array([free.size]),
+        of_route=free[None],
+    )
+    return left, notes
+
+
+def _reached(request: Request, own: VehicleState) -> Any:
+    """Return when the points of a route would be reached at the present airspeed, s, ``[R]``."""
+    x, y = (
+        np.concatenate([[begin], field[0]])
+        for begin, field in ((own.x, request.route_x), (own.y, request.route_y))
+    )
+    speed = max(own.speed, 1.0)
+    if request.drift is None:
+        return np.cumsum(np.hypot(np.diff(x), np.diff(y))) / speed
+    # Against the drift of its points a route is as much longer as they get away.
+    times, at = [], 0.0
+    east, north = (float(part[0]) for part in request.drift)
+    for dx, dy in zip(np.diff(x), np.diff(y), strict=True):
+        length = max(float(np.hypot(dx, dy)), 1e-9)
+        along, across = (dx * east + dy * north) / length, (dx * north - dy * east) / length
+        pace = np.sqrt(max(speed * speed - across * across, 0.0)) - along
+        at += length / max(pace, 1.0)
+        times.append(at)
+    return np.array(times)
+
+
+def _holders(areas: Sequence[Counted], x: Any, y: Any, time: Any, margin: float) -> Any:
+    """Return the number of the first area in which places lie at some times, s, or nearer to it
+    than its clearance; -1: none; ``[M]``.
+    """
+    found = np.full(np.shape(x), -1)
+    for one in reversed(areas):
+        away = signed_distance(one.area, x, y, time)
+        inside = (away < one.area.clearance + margin) & (one.begin <= time) & (time <= one.end)
+        found[inside] = one.number
+    return found
