@@ -219,7 +219,7 @@ def _flown(
                 )
             if options.display:
                 clock = ("--ros-args", "-p", "use_sim_time:=true", "--log-level", options.level)
-                processes.append(started("ros_bridge.display", *clock))
+                processes.append(started("ros_bridge.display", "--port", "0", *clock))
             for name, encounter, number in encounters:
                 simulator.begin(encounter, name, number)
                 while simulator.flying:

@@ -76,6 +76,7 @@ class GraphRecording:
                 before = highest
                 self.marks.append((round(moment.time, 3), highest))
             if moment.time >= self._kept[-1].time + step:
+                moment = moment._replace(scene=moment.scene.at(moment.now))
                 self._kept.append(moment)
 
     def _first_clock(self) -> int:

@@ -108,16 +108,22 @@ class Scene:
         if now < self.latest - _BACKWARD:
             return Scene(separation=self.separation, nodes=self.nodes, latest=now)
         traffic, silent = forgotten(self.situation.traffic, now, FORGET)
-        scene = replace(self, latest=max(now, self.latest))
-        if silent:
-            scene = replace(scene, situation=replace(self.situation, traffic=traffic))
-        return scene
+        situation = replace(self.situation, traffic=traffic) if silent else self.situation
+        return replace(self, latest=max(now, self.latest), situation=situation)
+
+
+def _heard(scene: Scene, name: str, now: int) -> Scene:
+    """Return the scene in which something of an input has just arrived."""
+    if now < scene.latest - _BACKWARD:
+        scene = scene.at(now)
+    arrived = {**scene.arrived, name: now}
+    return replace(scene, latest=max(now, scene.latest), arrived=arrived)
 
 
 def take(scene: Scene, name: str, message: Any, now: int) -> Scene:
     """Return the scene after a message of an input (:data:`INPUTS`) that arrives at ``now``, ns."""
-    short, scene = name.rpartition("/")[2], scene.at(now)
-    scene = replace(scene, arrived={**scene.arrived, short: now})
+    short = name.rpartition("/")[2]
+    scene = _heard(scene, short, now)
     try:
         found = tried(lambda: INPUTS[name].change(scene, message, now))
     except AttributeError as error:  # another version of the message
@@ -139,9 +145,8 @@ def take_report(scene: Scene, found: Report | FieldError, now: int, *, own: bool
         now: when it arrived, ns.
         own: whether it is about the ownship.
     """
-    scene = scene.at(now)
     name = "ownship" if own else "traffic"
-    scene = replace(scene, arrived={**scene.arrived, name: now})
+    scene = _heard(scene, name, now)
     situation = scene.situation
     if isinstance(found, FieldError) and found.sighting is None:
         return note(scene, name, str(found), now)

@@ -104,7 +104,9 @@ class Board:
         except TimeoutError:
             pass
         self._changed.clear()
-        return picture(self.scene, self.clock(), self._centre)
+        now = self.clock()
+        self.scene = self.scene.at(now)
+        return picture(self.scene, now, self._centre)
 
 
 class _Client:

@@ -120,3 +120,18 @@ def test_a_receiver_alone_makes_a_picture():
                 process.send_signal(signal.SIGINT)
                 _, errors = process.communicate(timeout=60.0)
             assert process.returncode == 0 and errors == ""
+
+
+@pytest.mark.slow
+def test_the_demo_shows_its_plan_and_bands_while_it_flies():
+    pytest.importorskip("tests.ros_bridge.graph")
+    command = [sys.executable, "-m", "ros_bridge.demo", "--scenarios", "head_on", "--display"]
+    with subprocess.Popen([*command, "--rate", "20"], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        with watching(process.stdout.readline()) as seen:
+            shown = seen(lambda picture: picture if picture["plan"] and picture["bands"] else None)
+            assert shown["separation"] == 1_000.0
+            assert shown["monitor"]["fly"] == "plan" and shown["advice"]["do"] == "plan"
+            assert {one["name"] for one in shown["health"]} >= {"/rlcas_runner", "/rlcas_monitor"}
+        output, _ = process.communicate(timeout=300.0)
+        assert process.returncode == 0 and "SAFE" in output, output
