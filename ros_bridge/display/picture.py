@@ -20,6 +20,7 @@ from ros_bridge.core.areas import placed
 from ros_bridge.core.conversions import PlanPoint, Published, Route
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reach import level
+from ros_bridge.core.replies import wind_of
 from ros_bridge.core.reports import Report
 from ros_bridge.core.tracks import Track
 from ros_bridge.display.scene import Guidance, HeldAreas, Monitor, Scene
@@ -86,6 +87,7 @@ def picture(scene: Scene, now: int, centre: tuple[float, float] | None = None) -
         plane["relative_altitude"] = _relative(own, report, now, undulation)
     if own is not None and own_plane is not None:
         own_plane["state"] = _state(situation.own, now, math.inf, OWN_STALE)
+        own_plane["air"] = _through_air(own)
     document = _empty(scene, now)
     document.update(
         origin=[frame.latitude, frame.longitude],
@@ -203,6 +205,16 @@ def _planes(tracks: Sequence[Track], frame: LocalFrame, now: int) -> list[Docume
     return found
 
 
+def _through_air(own: Report) -> Document:
+    """Return direction, degrees, and speed, m/s, through the air; over the ground where the wind is
+    unknown.
+    """
+    east, north = own.wind or (0.0, 0.0)
+    x, y = own.east - east, own.north - north
+    track = math.degrees(math.atan2(x, y)) % 360.0
+    return {"track_deg": round(track, 1), "speed": round(math.hypot(x, y), 1)}
+
+
 def _turned(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     cosine, sine = np.cos(angle), np.sin(angle)
     return x * cosine - y * sine, x * sine + y * cosine
@@ -312,11 +324,13 @@ def _drawn(one: Published, frame: LocalFrame) -> tuple[list[list[float]], list[l
         for n, point in enumerate(every)
     ]
     first = states[0]
-    curve = legs(knots(VehicleState(first.x, first.y, first.heading, first.speed), states[1:]))
+    wind = wind_of(frame, one)
+    start = VehicleState(first.x, first.y, first.heading, first.speed)
+    curve = legs(knots(start, states[1:], wind=wind))
     end = states[-1].time
     times = np.append(np.arange(0.0, end, _STEP), end)
     each = Legs(*(np.broadcast_to(part, (times.size, *np.shape(part))) for part in curve))
-    state, began = at(each, times), one.began / SECOND
+    state, began = at(each, times, wind), one.began / SECOND
     line = [
         [round(float(x), 1), round(float(y), 1), round(began + float(time), 2)]
         for x, y, time in zip(state.x, state.y, times, strict=True)
@@ -428,11 +442,14 @@ def _next(trajectory: Document, own: Document) -> Document:
 
 
 def _way_out(bands: Document, own: Document) -> Document:
-    """Return the free direction that is nearest to the present one, or the way out."""
+    """Return the free direction that is nearest to the present one, or the way out; bands are
+    through the air.
+    """
+    now, speed = own["air"]["track_deg"], own["air"]["speed"]
     if bands["recovery"] is not None:
         out = bands["recovery"]
-        turn = _turn(own["track_deg"], out["track_deg"])
-        return {"do": "recovery", "turn": turn, "speed": own["speed"], "in": None, **out}
+        turn = _turn(now, out["track_deg"])
+        return {"do": "recovery", "turn": turn, "speed": speed, "in": None, **out}
     free = [
         target
         for target, region in zip(bands["track_deg"], bands["track_region"], strict=True)
@@ -440,9 +457,9 @@ def _way_out(bands: Document, own: Document) -> Document:
     ]
     if not free:
         return {"do": "nothing"}
-    nearest = min(free, key=lambda target: abs(_apart(own["track_deg"], target)))
-    turn = _turn(own["track_deg"], nearest)
-    return {"do": "free", "track_deg": nearest, "turn": turn, "speed": own["speed"], "in": None}
+    nearest = min(free, key=lambda target: abs(_apart(now, target)))
+    turn = _turn(now, nearest)
+    return {"do": "free", "track_deg": nearest, "turn": turn, "speed": speed, "in": None}
 
 
 def _apart(track: float, other: float) -> float:

@@ -220,6 +220,7 @@ class FlightRecording:
             for k in range(len(place))
         ]
         own, *traffic = planes
+        own["air"] = {name: own[name] for name in ("track_deg", "speed")}
         alerts = []
         for k, one in enumerate(traffic):
             one |= {"level": 0, "loss": None, "relative_altitude": None}

@@ -444,3 +444,16 @@ def test_stamps_are_not_made_up():
     message.header.stamp = stamp(0)
     shown = picture(known(message), NOW)
     assert shown["traffic"] == []
+
+
+def test_in_a_wind_bands_are_compared_with_the_direction_through_the_air():
+    """Over the ground it flies east at 80 m/s; in 80 m/s of southerly wind it points south-east."""
+    own = aircraft(
+        0.0, 0.0, 0.0, 80.0, id="own", valid=0xC5 | 32, wind=SimpleNamespace(x=0.0, y=80.0, z=0.0)
+    )
+    bands = guidance(range(18, 28))  # tracks 90 to 135: what it points at is closed
+    bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [2], [30.0]
+    scene = take(known(aircraft(5_000.0, 0.0, 0.0, 80.0), own=own), GUIDANCE, bands, NOW)
+    shown = picture(scene, NOW)
+    assert shown["own"]["air"]["track_deg"] == pytest.approx(135.0, abs=0.1)
+    assert shown["advice"]["turn"] == "right" and shown["advice"]["track_deg"] == 140.0

@@ -30,7 +30,7 @@ const climbing = (rate) => (rate === null ? "" : rate * UNITS.aviation.climb > 4
 
 function order({ do: what, turn, track_deg: track, speed: wanted, in: left }, own) {
   const course = turn === "hold" ? `hold ${degrees(track)}` : `turn ${turn} to ${degrees(track)}`;
-  const faster = wanted - own.speed, pace = Math.abs(faster) > 1.5 ? `, ${faster > 0 ? "faster" : "slower"}: ${speed(wanted)}` : "";
+  const faster = wanted - (what === "free" || what === "recovery" ? own.air : own).speed, pace = Math.abs(faster) > 1.5 ? `, ${faster > 0 ? "faster" : "slower"}: ${speed(wanted)}` : "";
   const until = left === null ? "" : ` in ${seconds(left)}`;
   return { plan: `Plan: ${course}${pace}${until}`, backup: `BACKUP: ${course}${pace}${until}`, free: `Free: ${course}`, recovery: `No way is free. Best: ${course}` }[what];
 }
@@ -186,6 +186,7 @@ function draw() {
   if (picture.backup) drawPlan(pen, picture.backup, picture.time, colours.backup, [10, 5], at);
   if (own) {
     if (picture.separation) (circle(pen, cx, cy, picture.separation * scale), stroke(pen, colours.own, 1.4, [5, 5]));
+    if (picture.wind) (line(pen, [onRing(cx, cy, radius, ((own.air.track_deg - up) * Math.PI) / 180), [cx, cy]]), stroke(pen, tint(colours.own, 0.5), 1.2, [2, 6]));
     through(ahead(own));
     stroke(pen, colours.own, 2);
   }
@@ -196,8 +197,9 @@ function draw() {
     const wanted = picture.advice.speed === undefined || picture.advice.speed === null ? null : picture.advice.speed * units().speed;
     const box = { left: 6, top: at.top + 14, width: width < 620 ? 58 : 66, height: clip(height - at.top - at.low - 40, 90, 260) };
     const row = picture.bands ?? { speed: [], speed_region: [] };
-    tape(pen, box, { value: own.speed * units().speed, span: units().span, step: units().step, words: String(Math.round(own.speed * units().speed)), targets: row.speed.map((one) => one * units().speed), regions: row.speed_region, wanted }, colours);
-    text(pen, units().fast, box.left + 4, box.top + box.height + 14, colours.soft, colours.paper, { size: 12, align: "left" });
+    const now = own.air.speed * units().speed;
+    tape(pen, box, { value: now, span: units().span, step: units().step, words: String(Math.round(now)), targets: row.speed.map((one) => one * units().speed), regions: row.speed_region, wanted }, colours);
+    text(pen, picture.wind ? `${units().fast} air` : units().fast, box.left + 4, box.top + box.height + 14, colours.soft, colours.paper, { size: 12, align: "left" });
   }
   drawWind(pen, picture.wind, at);
   text(pen, `${degrees(up)} up`, cx, at.top + 16, colours.soft, colours.paper, { size: 12 });
