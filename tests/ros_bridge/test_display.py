@@ -457,3 +457,38 @@ def test_in_a_wind_bands_are_compared_with_the_direction_through_the_air():
     shown = picture(scene, NOW)
     assert shown["own"]["air"]["track_deg"] == pytest.approx(135.0, abs=0.1)
     assert shown["advice"]["turn"] == "right" and shown["advice"]["track_deg"] == 140.0
+
+
+def test_areas_move_to_the_time_of_the_picture_and_say_when_they_hold():
+    circle = SimpleNamespace(
+        id="<i>storm",
+        keep=0,
+        valid=2 | 8,  # ceiling, until
+        rings=[],
+        latitude=47.0,
+        longitude=8.0,
+        radius=2_000.0,
+        velocity=SimpleNamespace(x=10.0, y=0.0, z=0.0),
+        growth=5.0,
+        floor=0.0,
+        floor_reference=0,
+        ceiling=3_000.0,
+        ceiling_reference=2,
+        valid_from=stamp(0),
+        valid_until=stamp(NOW + 60 * SECOND),
+        clearance=100.0,
+    )
+    message = SimpleNamespace(header=SimpleNamespace(stamp=stamp(NOW)), areas=[circle])
+    scene = take(known(), f"{PREFIX}areas", message, NOW)
+    before, later = (picture(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
+    assert before["name"] == "<i>storm" and before["keep"] == "out"
+    assert before["floor"] is None and before["ceiling"] == [3_000.0, "msl"]
+    moved = [b - a for a, b in zip(before["circle"], later["circle"], strict=True)]
+    assert moved == pytest.approx([300.0, 0.0, 150.0], abs=0.2)
+    assert later["valid"] and not picture(scene, after(61.0))["areas"][0]["valid"]
+    circle.radius = math.nan
+    told = picture(take(scene, f"{PREFIX}areas", message, NOW), NOW)
+    assert "areas.areas[0].radius is nan" in next(
+        one["text"] for one in told["health"] if one["name"] == "areas"
+    )
+    assert told["areas"] == picture(scene, NOW)["areas"]
