@@ -1,0 +1,45 @@
+"""A display beside a program that supervises a plan by the monitor's core, without ROS."""
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("websockets", reason="websockets is not installed")
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from envs.waypoints import at, knots, legs
+from ros_bridge.core import updates
+from ros_bridge.core.assurance import activated, initial, stepped
+from ros_bridge.core.guidance import blank
+from ros_bridge.core.replies import flown
+from ros_bridge.display.beside import supervised
+from ros_bridge.display.picture import picture
+from ros_bridge.display.scene import Scene
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, THRESHOLDS, aircraft, heard
+from tests.ros_bridge.test_assurance import published, traffic
+from tests.ros_bridge.test_guidance import RULES, with_report
+
+
+def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
+    before = traffic(heard(), 0.0)
+    plan = published(before)
+    supervision = activated(initial(THRESHOLDS), before, plan)
+    start, points = flown(FRAME, plan)
+    own = at(legs(knots(start, points)), np.float64(1.0))
+    message = aircraft(*(float(value) for value in own), id="own", time=NOW + SECOND)
+    now = NOW + SECOND
+    situation = with_report(traffic(before, 1.0), "new001", 7_000.0, 0.0, math.pi)
+    situation = updates.ownship(situation, message, now, RULES)
+    supervision, verdict = stepped(supervision, situation, now)
+    scene, shown = supervised(Scene(), situation, supervision, verdict, blank(THRESHOLDS), now)
+    found = picture(scene, now)
+    assert found["separation"] == THRESHOLDS.requirement.separation
+    assert found["plan"]["revision"] == plan.revision
+    assert [point["index"] for point in found["plan"]["points"]] == [p.index for p in plan.points]
+    assert found["monitor"]["cross_track"] == pytest.approx(0.0, abs=0.2)
+    assert {one["id"]: one["level"] for one in found["alerts"]}["new001"] == 2
+    east = found["bands"]["track_deg"].index(90.0)
+    assert found["bands"]["track_region"][east] == 2
+    later, _ = supervised(scene, situation, supervision, None, shown, now + SECOND)
+    assert picture(later, now + SECOND)["monitor"] is None
