@@ -22,6 +22,7 @@ from envs.edge.command import InputError
 from envs.kinematics import Limits, VehicleState, commands
 from envs.trees import mapped, take
 from envs.waypoints import Legs, RoutePoint, at, knots, legs
+from envs.wind import Wind, aimed_at, over_ground, through_air
 
 __all__ = ["RLCAS", "init_plugin"]
 
@@ -38,6 +39,7 @@ _AHEAD = 20.0  # required separations; where the goal of an aircraft without a w
 _APART = 1.5
 _ACCELERATION = 0.5  # m/s^2; the least that BlueSky grants every aircraft in flight
 _SHARPEST = 0.11  # required separations; a tighter turn takes more than 1 rad in a time step
+_LONGEST = 3_600.0  # s, for which a goal is aimed at in a wind
 _PLANNED = 10.0  # s, after which an aircraft plans again: the others decide, too
 _SEARCH = {"exhaustive": False, "deadline_s": math.inf}  # no clock decides: a run can be repeated
 
@@ -61,6 +63,12 @@ def _speeds(index: int) -> tuple[float, float]:
     return slowest, fastest
 
 
+def _wind_at(flown: np.ndarray) -> Wind | None:
+    """Return the wind about aircraft ``[N]``, m/s; None: still air about all of them."""
+    east, north = (np.asarray(part)[flown] for part in (bs.traf.windeast, bs.traf.windnorth))
+    return Wind(east, north, np.zeros(len(flown))) if east.any() or north.any() else None
+
+
 class RLCAS(_Resolution):
     """Conflict resolution by the policy: every aircraft in conflict, one call for all of equal
     limits.
@@ -81,9 +89,8 @@ class RLCAS(_Resolution):
         self._known: dict[tuple[float, ...], Policy | str] = {}
         self._said: set[str] = set()
         self._lasting: dict[str, float] = {}  # s, for how long an aircraft has been in conflict
-        self.plans: dict[
-            str, tuple[float, Legs | None]
-        ] = {}  # when it was planned, and the plan if SAFE
+        # When it was planned, the plan if SAFE, and the wind that it is flown in.
+        self.plans: dict[str, tuple[float, Legs | None, Wind | None]] = {}
 
     @property
     def altactive(self) -> np.ndarray:
@@ -152,12 +159,9 @@ class RLCAS(_Resolution):
                 f"{flown}",
             )
         slowest, fastest = _speeds(index)
-        # Beside the wind the limits hold through the air: they move with the air, as far as it goes
-        # along the course.
-        along = float(traffic.gs[index] - traffic.tas[index])
         phi = traffic.ap.turnphi[index]
         bank = phi if phi > traffic.eps[index] ** 2 else traffic.ap.bankdef[index]
-        low, high = np.ceil(slowest + along), np.floor(fastest + along)
+        low, high = np.ceil(slowest), np.floor(fastest)  # through the air, as all that follows
         # As BlueSky's own methods: the larger zone of two aircraft counts.
         zone = conf.rpz[index] if conf.global_rpz else conf.rpz.max()
         separation = np.round(zone * self.resofach)
@@ -227,24 +231,40 @@ class RLCAS(_Resolution):
         goal_x = np.where(follows, waypoint[0][:, 0], ahead * np.cos(bearing))
         goal_y = np.where(follows, waypoint[1][:, 0], ahead * np.sin(bearing))
         zeros = np.zeros(len(flown))
-        own = VehicleState(zeros, zeros, heading, ownship.gs[flown])
+        ground = own = VehicleState(zeros, zeros, heading, ownship.gs[flown])
+        seen_over_ground, goal = others, (goal_x, goal_y)
+        wind = _wind_at(flown)
+        if wind is not None:
+            # Decisions are made in the air mass about each aircraft, through which the goal drifts.
+            each = Wind(wind.east[:, None], wind.north[:, None])
+            own, others = through_air(ground, wind, 0.0), through_air(others, each, 0.0)
+            drift = (-wind.east, -wind.north)
+            goal = aimed_at(own, goal, drift, _LONGEST, np)
         critical = policy.most_critical(own, others, present)
         seen, exists = mapped(
             lambda field: np.take_along_axis(field, critical, axis=-1), (others, present)
         )
-        action = policy.command(own, seen, exists, goal_x, goal_y)
+        action = policy.command(own, seen, exists, *goal)
         acceleration, yaw_rate = commands(action.T, policy.limits, np)
-        self.trk[flown] = (ownship.trk[flown] - np.degrees(yaw_rate * dt)) % 360.0
-        self.tas[flown] = np.clip(
-            ownship.gs[flown] + acceleration * dt, policy.limits.speed_min, policy.limits.speed_max
-        )
+        low, high = policy.limits[:2]
+        speed = np.clip(own.speed + acceleration * dt, low, high)
+        track = (ownship.trk[flown] - np.degrees(yaw_rate * dt)) % 360.0
+        if wind is not None:
+            # BlueSky takes a track and a speed over the ground.
+            later = VehicleState(zeros, zeros, own.heading + yaw_rate * dt, speed)
+            later = over_ground(later, wind, 0.0)
+            speed, track = later.speed, (90.0 - np.degrees(later.heading)) % 360.0
+        self.trk[flown], self.tas[flown] = track, speed
         for row, index in enumerate(flown if self.planning else ()):
             traffic = [
                 VehicleState(*each)
-                for each in zip(*(field[row, present[row]] for field in others), strict=True)
+                for each in zip(
+                    *(field[row, present[row]] for field in seen_over_ground), strict=True
+                )
             ]
-            goal = complex(goal_x[row], goal_y[row])
-            planned = self._planned(ownship.id[index], policy, take(own, row), traffic, goal, dt)
+            to = complex(goal_x[row], goal_y[row])
+            request = take(ground, row), traffic, to, None if wind is None else take(wind, row)
+            planned = self._planned(ownship.id[index], policy, request, dt)
             if planned is not None:
                 self.trk[index] = (90.0 - np.degrees(planned.heading)) % 360.0
                 self.tas[index] = planned.speed
@@ -253,16 +273,15 @@ class RLCAS(_Resolution):
         self,
         name: str,
         policy: Policy,
-        own: VehicleState,
-        traffic: list[VehicleState],
-        goal: complex,
+        request: tuple[VehicleState, list[VehicleState], complex, Wind | None],
         dt: float,
     ) -> VehicleState | None:
-        """Return where an aircraft's plan has it after the next ``dt`` seconds; None: it has no
-        safe one.
+        """Return where an aircraft's plan has it after the next ``dt`` seconds, over the ground;
+        None: it has no safe one. A request is own state, others, goal and wind.
         """
         now, far = float(bs.sim.simt), _AHEAD * policy.aircraft.separation
-        made, curves = self.plans.get(name, (-np.inf, None))
+        own, traffic, goal, wind = request
+        made, curves, flown_in = self.plans.get(name, (-np.inf, None, None))
         if now - made >= _PLANNED:
             goal *= min(1.0, far / max(abs(goal), 1.0))
             route = [
@@ -271,7 +290,7 @@ class RLCAS(_Resolution):
             ]
             options = Options.for_aircraft(policy.aircraft, extend_route=True, **_SEARCH)
             try:
-                answer = plan(own, traffic, route, policy, options)
+                answer = plan(own, traffic, route, policy, options, wind=wind)
             except RequestError as problem:
                 self._say(
                     f"{name} plan",
@@ -279,6 +298,7 @@ class RLCAS(_Resolution):
                 )
                 curves = None
             else:
-                curves = legs(knots(own, answer.waypoints)) if answer.safe else None
-            made, self.plans[name] = now, (now, curves)
-        return None if curves is None else at(curves, now + dt - made)
+                there = knots(own, answer.waypoints, wind=wind)
+                curves = legs(there) if answer.safe else None
+            made, flown_in, self.plans[name] = now, wind, (now, curves, wind)
+        return None if curves is None else at(curves, now + dt - made, flown_in)

@@ -31,11 +31,13 @@ said = []
 bs.stack.echo = said.append
 
 
-def fly(method, kind, seconds=700, more="OP", crowd=0, crossing=0.9):
+def fly(method, kind, seconds=700, more="OP", crowd=0, crossing=0.9, wind=None):
     bs.sim.reset()
     said.clear()
     for command in ("DT 1", "PLUGIN LOAD RLCAS", "ASAS ON", f"RESO {method}", more):
         bs.stack.stack(command)
+    if wind is not None:
+        bs.traf.wind.addpoint(0.0, 0.0, *wind)  # where it comes from, degrees, and m/s
     # Two aircraft meet head on, a third crosses; a fourth flies far below. In an exactly mirrored scene those that meet
     # would decide in mirrored ways, so that neither could pass first.
     starts = (0, 0, 90, 0), (0, 1.9, 270, 0), (-0.95, crossing, 0, 0), (0, 0, 90, 9_000)
@@ -50,15 +52,18 @@ def fly(method, kind, seconds=700, more="OP", crowd=0, crossing=0.9):
         y, x = (np.radians(each[:3]) * 6_371_000 for each in (bs.traf.lat, bs.traf.lon))
         least = min(least, np.hypot(x[:, None] - x, y[:, None] - y)[np.triu_indices(3, 1)].min() / 1852)
         resolving = max(resolving, int(bs.traf.cr.active.sum()))
-        planned = max(planned, sum(curves is not None for _, curves in getattr(bs.traf.cr, "plans", {}).values()))
+        planned = max(planned, sum(curves is not None for _, curves, _ in getattr(bs.traf.cr, "plans", {}).values()))
         turned = max(turned, abs(bs.traf.hdg[3] - 90.0))
         level_off = max(level_off, np.abs(bs.traf.vs).max())
     return {"least": float(least), "turned_below": float(turned), "climb": float(level_off), "said": list(said),
-            "course": float(bs.traf.hdg[0]), "resolving": resolving, "planned": planned}
+            "course": float(bs.traf.hdg[0]), "resolving": resolving, "planned": planned,
+            "track": float(bs.traf.trk[0]), "blown": float(np.hypot(bs.traf.windeast[0], bs.traf.windnorth[0]))}
 
 
 found = {"OFF": fly("OFF", "A320", 500), "RLCAS": fly("RLCAS", "A320")}
 found["plans"] = fly("RLCAS", "A320", more="RLCASPLAN ON")
+found["policy in wind"] = fly("RLCAS", "A320", wind=(60.0, 42.0))
+found["plans in wind"] = fly("RLCAS", "A320", more="RLCASPLAN ON", wind=(60.0, 42.0))
 found["unknown"] = fly("RLCAS", "XQ99", 200)
 found["outside"] = fly("RLCAS", "A320", 200, "ZONER 1")
 found["allowed"] = fly("RLCAS", "A320", 200, "ZONER 1;RLCASOUTSIDE ON", crossing=0.95)
@@ -192,6 +197,14 @@ def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
     assert by_plan["planned"] >= 2
     assert by_plan["least"] >= 5.0
     assert abs(by_plan["course"] - 90.0) < 5.0
+
+    for method in ("policy in wind", "plans in wind"):
+        flown = found[method]
+        assert flown["blown"] > 40.0
+        assert flown["least"] >= 5.0, method
+        assert abs(flown["course"] - 90.0) < 5.0
+        assert abs(flown["course"] - flown["track"]) > 5.0, "the wind carries it"
+    assert found["plans in wind"]["planned"] >= 2
 
     unknown = [text for text in found["unknown"]["said"] if text.startswith("RLCAS")]
     assert len(unknown) == 1
