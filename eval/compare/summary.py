@@ -15,7 +15,7 @@ from eval.flights.aircraft import lines_about
 from eval.metrics.summary import print_table
 from eval.metrics.volumes import VOLUMES
 from eval.metrics.weighted import ratio
-from eval.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION, tidy
+from eval.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION, scenario_title, tidy
 from eval.stats.intervals import interval, mean_interval, number, percent, share
 from eval.stats.paired import mcnemar_exact, pairs, tango
 
@@ -221,8 +221,8 @@ def draw(summary: Mapping[str, Any]) -> Figure:
     for axes in (ends, apart, cost):
         tidy(axes, "x")
     title = (
-        f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed "
-        f"{summary['seed']}"
+        f"{summary['encounters']} encounters, scenario {scenario_title(summary['scenario'])}, "
+        f"seed {summary['seed']}"
     )
     figure.suptitle(f"{title}; bars: {100.0 * summary['confidence']:g} % intervals", fontsize=11)
     return figure

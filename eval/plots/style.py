@@ -7,6 +7,7 @@ own marker too.
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import PurePath
 from typing import Any, Literal
 
 import numpy as np
@@ -40,6 +41,12 @@ def kinds_of(table: Mapping[str, np.ndarray]) -> np.ndarray:
     kinds = np.array([words[outcome] for outcome in table["outcome"]], dtype=object)
     kinds[table["verdict"] == "unresolvable"] = "proven unresolvable"
     return kinds
+
+
+def scenario_title(scenario: str) -> str:
+    """Return a scenario's name as a title has room for: of a file its name without its folder."""
+    kind, colon, path = scenario.partition(":")
+    return f"{kind}:{PurePath(path).name}" if colon else scenario
 
 
 def spread(found: np.ndarray, count: int) -> np.ndarray:

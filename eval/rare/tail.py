@@ -52,23 +52,27 @@ def tail_figure(found: Mapping[str, Any]) -> Figure:
     quantiles.
     """
     made, rate = found["tail"], found["rate"]
-    figure = Figure((11.0, 3.4), layout="constrained")
+    figure = Figure((10.0, 3.8), layout="constrained")
+    figure.suptitle("Extreme-value fit to the smallest separations, by its threshold", fontsize=11)
     rates, shapes, quantiles = figure.subplots(1, 3)
     place = [one["threshold_m"] for one in made]
     rates.plot(place, [one["rate"] for one in made], "o-", color=BLUE, label="fit")
     rates.axhspan(rate["low"], rate["high"], color=ORANGE, alpha=0.3, label="splitting")
     rates.set(xlabel="threshold, m", ylabel="losses an encounter")
+    rates.set_title("must not depend on the threshold", fontsize=9)
     rates.legend(frameon=False)
     shapes.plot(place, [one["shape"] for one in made], "o-", color=BLUE)
     shapes.set(xlabel="threshold, m", ylabel="shape of the fit")
+    shapes.set_title("must settle", fontsize=9)
     for one in made:
         quantiles.plot(
             one["fitted_quantiles_m"], one["quantiles_m"], ".-", label=f"{one['threshold_m']:.0f} m"
         )
     most = max((one["quantiles_m"][-1] for one in made), default=1.0)
     quantiles.plot([0.0, most], [0.0, most], color=VERMILION, linewidth=0.8)
-    quantiles.set(xlabel="below the threshold: fitted, m", ylabel="sampled, m")
-    quantiles.legend(frameon=False, fontsize=7)
+    quantiles.set(xlabel="fitted, m below the threshold", ylabel="sampled, m below the threshold")
+    quantiles.set_title("must follow the line", fontsize=9)
+    quantiles.legend(title="threshold", frameon=False, fontsize=8)
     for axes in (rates, shapes, quantiles):
         tidy(axes, "both")
     return figure

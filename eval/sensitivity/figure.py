@@ -21,7 +21,10 @@ _STYLES = {
 }
 _OTHER = {"color": VERMILION, "marker": "o"}
 _LEAST_SPAN = 4.0  # points of success that an axis shows at least
-_SCALE_FROM = 50  # encounters from which on a bin has a say in how far down an axis reaches
+_SCALE_FROM = 50  # encounters from which on a bin's interval lies inside the axis
+_SHOWN_FROM = 10  # encounters from which on a bin's mark lies inside the axis
+_CROWDED = 40  # characters of labels from which on they are turned
+_ACROSS = 2  # panels of the overview in a row: a page shows them at some 400 pixels each
 _APART = 0.11  # of a bin's width, between the marks in it
 
 
@@ -48,15 +51,17 @@ def detailed(found: Mapping[str, Any], title: str) -> Figure:
 
 def overview(found: Sequence[Mapping[str, Any]], title: str) -> Figure:
     """Return all quantities and sweeps side by side, on one scale of success each."""
-    columns = min(len(found), 3)
+    columns = min(len(found), _ACROSS)
     rows = math.ceil(len(found) / columns)
-    figure = Figure(figsize=(5.0 * columns, 3.4 * rows + 0.8), layout="constrained")
+    # One panel alone leaves room for the title and the legend, too.
+    width = max(4.6 * columns, 7.0)
+    figure = Figure(figsize=(width, 3.4 * rows + 1.0), layout="constrained")
     for number, one in enumerate(found):
         axes = figure.add_subplot(rows, columns, number + 1)
         _success(axes, points_of(one), full=False)
         _name_axis(axes, one, fontsize=9)
-    _legend(figure, points_of(found[0]))
-    figure.suptitle(title, fontsize=12)
+    _legend(figure, points_of(found[0]), columns=2)
+    figure.suptitle(title, fontsize=11)
     return figure
 
 
@@ -97,6 +102,7 @@ def _success(axes: Any, points: Sequence[Mapping[str, Any]], *, full: bool) -> N
     # A bin with a handful of encounters must not flatten all others.
     counts = np.array([point["encounters"] for point in points])
     weighty = counts >= min(_SCALE_FROM, counts.max())
+    shown = counts >= min(_SHOWN_FROM, counts.max())
     least = min(float(bound[weighty].min()), 100.0 - _LEAST_SPAN)
     hollow = {"markerfacecolor": "white", "alpha": 0.8}
     style = {
@@ -116,6 +122,8 @@ def _success(axes: Any, points: Sequence[Mapping[str, Any]], *, full: bool) -> N
                 if heavy and one["value"] is not None
             )
             least = min([least, *(100.0 * one["low"] for one in known)])
+            seen = (one["value"] for one, enough in zip(shares, shown, strict=True) if enough)
+            least = min([least, *(100.0 * value for value in seen if value is not None)])
     floor = math.floor(least / 2.0) * 2.0
     top = 100.0 + 0.04 * (100.0 - floor)
     first = np.arange(len(points))
@@ -135,7 +143,12 @@ def _bars(axes: Any, places: np.ndarray, shares: Sequence[Mapping[str, Any]], **
     axes.errorbar(places, value, np.maximum([value - low, high - value], 0.0), **style)
 
 
-def _legend(figure: Figure, points: Sequence[Mapping[str, Any]], more: Sequence[Any] = ()) -> None:
+def _legend(
+    figure: Figure,
+    points: Sequence[Mapping[str, Any]],
+    more: Sequence[Any] = (),
+    columns: int = 4,
+) -> None:
     handles: list[Any] = []
     for mode in points[0]["success"]:
         style = {"linestyle": "", **_style(mode)}
@@ -145,7 +158,7 @@ def _legend(figure: Figure, points: Sequence[Mapping[str, Any]], more: Sequence[
         Patch(facecolor="#E3E3E3", edgecolor="#555555", label="proven unresolvable (the bound)"),
         *more,
     ]
-    legend(figure, handles, min(len(handles), 4))
+    legend(figure, handles, min(len(handles), columns))
 
 
 def _style(mode: str) -> dict[str, Any]:
@@ -168,7 +181,9 @@ def _name_axis(axes: Any, found: Mapping[str, Any], **style: Any) -> None:
         inner = [
             high if high == low else f"{high} | {low}" for (_, high), (low, _) in pairwise(ends)
         ]
-        axes.set_xticks(range(len(points) + 1), [ends[0][0], *inner, ends[-1][1]], fontsize=8)
+        names = [ends[0][0], *inner, ends[-1][1]]
+        crowded = sum(map(len, names)) > _CROWDED
+        axes.set_xticks(range(len(names)), names, fontsize=8, rotation=45 if crowded else 0)
     else:
         names = [one["word"] if "word" in one else f"{one['value']:g}" for one in points]
         axes.set_xticks(np.arange(len(points)) + 0.5, names)

@@ -15,6 +15,7 @@ from agents.config.progress import spaced
 from envs.edge.installation import versions
 from eval.config import PREFIXES
 from eval.plots import save as picture_folder
+from eval.plots.style import scenario_title
 from eval.runner.options import confidence_option, extension_option, new_folder_option, whole
 from eval.sensitivity.bins import Run, binned, quantities, read_run
 from eval.sensitivity.figure import detailed, overview, points_of
@@ -223,13 +224,13 @@ def _draw(options: argparse.Namespace, found: dict[str, Any]) -> list[str]:
         (found["sweeps_settings"], "sweeps", " a value"),
     ):
         if said is not None:
-            what = f"scenario {said.get('scenario')}, mode {said.get('mode')}"
+            what = f"scenario {scenario_title(str(said.get('scenario')))}, mode {said.get('mode')}"
             titles.append(
                 f"{said.get('folder', name)}: {spaced(said['encounters'])} encounters{each}, {what}"
             )
             for one in found[name]:
                 figures[f"{'vary_' if each else ''}{one['name']}"] = detailed(
-                    one, f"{titles[-1]}; {bars}"
+                    one, f"{titles[-1]}\n{bars}"
                 )
     figures["overview"] = overview(
         [*found["quantities"], *found["sweeps"]], "\n".join([*titles, bars])

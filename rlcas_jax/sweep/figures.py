@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _ENOUGH = 8  # complete trials from which on importances say something
 _ACROSS = 3  # panels in a row
 _BLUE, _ORANGE = "#0072b2", "#d55e00"
+_LEAST_SPAN = 2.0  # points of success that an axis shows at least
 _LONGEST = 12  # characters of a choice on an axis
 
 
@@ -87,6 +88,10 @@ def _slices(complete: list[FrozenTrial]) -> "Figure":
             axes.set_axis_off()
     for row in panels:
         row[0].set_ylabel("success, %")
+    reached = [_percent(trial) for trial in complete]
+    low, high = min(reached), max(reached)
+    middle, half = 0.5 * (low + high), 0.55 * max(high - low, _LEAST_SPAN)
+    panels[0, 0].set_ylim(max(middle - half, -1.0), min(middle + half, 101.0))
     return figure
 
 
