@@ -1,15 +1,18 @@
 """The areas of a request: which of them a plan may meet, and what they leave of the route."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
 from agents.planner.areas import Counted, counted, label
+from agents.planner.completion import points_beyond
+from agents.planner.detours import Place, airspace
 from agents.planner.fields import sequence
 from agents.planner.options import Options
-from agents.planner.request import Altitude, Request, drifted
+from agents.planner.request import Altitude, Request, drifted, eligible
 from envs.area_geometry import signed_distance
 from envs.areas import Area, in_air
 from envs.kinematics import VehicleState
@@ -19,6 +22,10 @@ from envs.wind import Wind
 MOST = 1_000
 """Areas of a request at most."""
 
+_PAD = 0.06
+"""By how much farther than required ways go round areas, separations: what turns take of it."""
+
+_LATER = 100.0  # s after the last free waypoint until which ways round areas are looked for
 _SPEED_TOLERANCE = 1e-3  # m/s; far more than a leg may pass its limit by
 
 
@@ -62,7 +69,8 @@ def amid(
     seen = given if wind is None else [in_air(one, wind) for one in given]
     own = VehicleState(*(float(field[0]) for field in request.own))
     near = _met(seen, request, own, altitude, options)
-    left, notes = _without_points_in(near, request, own, options)
+    left, notes = _without_points_in(near, request, own, options) if near else (request, [])
+    left = _round(near, left, own, options) if near else left
     if left is not request:  # its legs may be longer, and plans of it last longer
         near = _met(seen, left, own, altitude, options)
     if near:
@@ -133,6 +141,59 @@ def _without_points_in(
         of_route=free[None],
     )
     return left, notes
+
+
+def _round(
+    areas: tuple[Counted, ...], request: Request, own: VehicleState, options: Options
+) -> Request:
+    """Return a request with points round areas in its route where those lie in its way.
+
+    Points that are passed are left out, and a route that may be extended is, as far as a plan goes.
+    """
+    first = int(eligible(request, replace(options, rejoin_by=1e9))[0, 0])
+    if first < 0:
+        return request
+    x, y, number = _ahead(request, first, options)
+    drift = (0.0, 0.0) if request.drift is None else tuple(float(each[0]) for each in request.drift)
+    unit, latest = options.aircraft.separation, options.finished_by + _LATER
+    sky = airspace(areas, own, options.requirement.margin, _PAD * unit, latest)
+    here, found, bent = Place(own.x, own.y, 0.0), list[tuple[float, float, int]](), False
+    for to_x, to_y, of in zip(x.tolist(), y.tolist(), number.tolist(), strict=True):
+        way = sky.way(here, to_x, to_y, drift) if here.time < latest else []
+        bent |= len(way) > 1
+        found += [(at.x - drift[0] * at.time, at.y - drift[1] * at.time, -1) for at in way[:-1]]
+        found.append((to_x, to_y, of))
+        here = way[-1] if way else _arrival(here, to_x, to_y, drift, sky.speed)
+    if not bent:
+        return request
+    route_x, route_y, of_route = (np.array([each]) for each in zip(*found, strict=True))
+    return request._replace(
+        route_x=route_x, route_y=route_y, points=np.array([len(found)]), of_route=of_route
+    )
+
+
+def _ahead(request: Request, first: int, options: Options) -> tuple[Any, Any, Any]:
+    """Return the points of a route that are ahead, m, and their numbers in the one asked for."""
+    x, y = request.route_x[0], request.route_y[0]
+    number = np.arange(x.size) if request.of_route is None else request.of_route[0]
+    last = int(number[-1])
+    if options.extend_route:
+        wind = 0.0 if request.drift is None else float(np.hypot(*request.drift)[0])
+        dx, dy = x[-1] - x[-2], y[-1] - y[-2]
+        step = np.arange(1, points_beyond(options, wind) + 1) * options.extension
+        step = step / max(float(np.hypot(dx, dy)), 1e-9)
+        x, y = np.append(x, x[-1] + step * dx), np.append(y, y[-1] + step * dy)
+        number = np.append(number, last + 1 + np.arange(step.size))
+    return x[first:], y[first:], number[first:]
+
+
+def _arrival(here: Place, x: float, y: float, drift: tuple[float, ...], speed: float) -> Place:
+    """Return where a point would be reached on the straight way, whatever is in it."""
+    time = here.time
+    for _ in range(3):
+        away = np.hypot(x + drift[0] * time - here.x, y + drift[1] * time - here.y)
+        time = here.time + float(away) / speed
+    return Place(x + drift[0] * time, y + drift[1] * time, time)
 
 
 def _reached(request: Request, own: VehicleState) -> Any:

@@ -75,7 +75,7 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     now, time = take(rollout.end, rows), rollout.time[rows]
     target = goal[rows] + np.where(rollout.direct[rows], 0, 1)
     left, pieces = np.arange(rows.size), []
-    for step in range(most + 1 + _points_beyond(options, np.max(blows, initial=0.0))):
+    for step in range(most + 1 + points_beyond(options, np.max(blows, initial=0.0))):
         if not options.extend_route:
             ended = target[left] >= request.points[rows[left]]
             whole.too_short[rows[left[ended]]] = True
@@ -96,6 +96,9 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
         there = VehicleState(legs.x, legs.y, wrap(legs.course, np), legs.speed)
         scatter((now, time), legs.tail, (there, arrived))
         done = arrived >= options.finished_by
+        if request.of_route is not None:  # a plan ends at a point of the route itself
+            asked = request.of_route[rows[legs.tail], np.minimum(legs.point, most - 1)]
+            done &= (asked >= 0) | (legs.point >= most)
         in_time = done & (arrived <= latest[rows[legs.tail]])
         whole.last[rows[legs.tail[in_time]]] = legs.point[in_time]
         left = np.sort(np.concatenate([passed_by, legs.tail[~done]]))
@@ -109,7 +112,7 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     return whole
 
 
-def _points_beyond(options: Options, wind: float) -> int:
+def points_beyond(options: Options, wind: float) -> int:
     """Return how many points beyond the end of its route a plan may fly over in some wind, m/s."""
     if not options.extend_route:
         return 0

@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.manoeuvres.direct_to_goal import EVERY, Task, clear
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_away, takeoff
+from agents.planner import areas_ahead
 from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
@@ -75,6 +76,10 @@ def fly_out(
         strides = np.arange(first, first + count)
         flown, flight = fly_away(flight, manoeuvre, first, count, stride, task.limits)
         clearance = scene.clearance(flown, first, of)
+        if request.areas is not None:
+            times = np.arange(first, first + count + 1) * stride
+            amid = request.areas.value, request.own, flown, times, of, options.requirement.margin
+            clearance = np.minimum(clearance, areas_ahead.clearance(*amid))
         # At the beginning of each stride, and after the last.
         nearest = np.minimum.accumulate(np.concatenate([closest[None], clearance]), axis=0)
         closest, nearest = nearest[-1], nearest[:-1]
@@ -85,14 +90,22 @@ def fly_out(
         from_there = take(flown, (at, asking))
         drift = take(request.drift, owner)
         to = drifted((goal_x[owner], goal_y[owner]), drift, there * stride)
-        returning[at, asking] = scene.way_back(
-            from_there,
-            aimed_at(from_there, to, drift, task.until, np),
-            there,
-            owner,
-            manoeuvre.slack[asking],
-            task,
-        )
+        aim = aimed_at(from_there, to, drift, task.until, np)
+        clear_way = scene.way_back(from_there, aim, there, owner, manoeuvre.slack[asking], task)
+        if request.areas is not None and clear_way.any():
+            rows_of = np.flatnonzero(clear_way)
+            from_there, aim, time = take((from_there, aim, there * stride), rows_of)
+            clear_way[rows_of] = areas_ahead.way_clear(
+                request.areas.value,
+                request.own,
+                from_there,
+                aim,
+                time,
+                owner[rows_of],
+                options.requirement.margin,
+                task,
+            )
+        returning[at, asking] = clear_way
 
         end, ended = _first(returning | ~hopeful)
         each = np.arange(rows.size)

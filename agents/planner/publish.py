@@ -126,7 +126,10 @@ def _numbered(best: Proposals, request: Request) -> Proposals:
     if request.of_route is None or best.last < 0:
         return best
     number = request.of_route[0]
-    return best._replace(goal=number[int(best.goal)], last=number[int(best.last)])
+    # Round an area it goes on to the next point of the route. The last point may be beyond it.
+    goal = number[int(best.goal) :]
+    last = np.append(number, 2**31)[min(int(best.last), number.size)]
+    return best._replace(goal=goal[goal >= 0][0], last=last)
 
 
 def _on_ground(best: Proposals, wind: Wind) -> Proposals:

@@ -93,7 +93,8 @@ class Request(NamedTuple):
     drift: tuple[Any, Any] | None = None
     # what of the areas a plan may meet, the same for all N; None: nothing
     areas: Shared[tuple["Counted", ...]] | None = None
-    # numbers of the points in the route that was asked for, [N, R]; None: they are all of it
+    # numbers of the points in the route that was asked for, [N, R], what is passed left out; -1: a
+    # point round an area; None: they are all of the route
     of_route: Any = None
 
 
@@ -278,7 +279,7 @@ def eligible(request: Request, options: Options) -> Any:
 
     A point counts as passed when the ownship is within the goal radius of it, or beyond it in the
     direction in which the route goes on there. Points that cannot be reached in time at the
-    greatest speed are left out.
+    greatest speed are left out. Of points round areas only the next one is rejoined at.
     """
     x, y, points = request.route_x, request.route_y, request.points
     number = np.arange(x.shape[1])
@@ -297,7 +298,11 @@ def eligible(request: Request, options: Options) -> Any:
         later_x, later_y = drifted((x, y), request.drift, options.rejoin_by)
         later = np.hypot(request.own.x[:, None] - later_x, request.own.y[:, None] - later_y)
         near = later - options.aircraft.goal_radius <= fastest * options.rejoin_by
-    chosen = first[:, None] + np.arange(options.goals)
+    if request.of_route is None:
+        chosen = first[:, None] + np.arange(options.goals)
+    else:  # of one request
+        ahead = np.flatnonzero((request.of_route[0] >= 0) | (number == 0))
+        chosen = np.append(ahead, np.full(options.goals, x.shape[1]))[None, : options.goals]
     inside = chosen < points[:, None]
     chosen = np.where(inside, chosen, 0)
     return np.where(inside & (near & exists)[rows, chosen], chosen, -1)

@@ -124,3 +124,46 @@ def test_in_a_wind_areas_stand_over_the_ground() -> None:
         assert answer.safe == (away > area.clearance - 0.1) or not answer.safe
         lost = [one for one in answer.reasons if one.kind is Kind.AREA]
         assert bool(lost) == (away < area.clearance)
+
+
+@pytest.mark.parametrize(
+    "area",
+    [
+        Area(Circle(14e3, 300.0, 2e3), clearance=150.0, name="disc"),
+        Area(Polygon(((20e3, -6e3), (21e3, -6e3), (21e3, 4e3), (20e3, 2e3)))),
+        Area(Circle(16e3, 5e3, 2e3), velocity=(-4.0, -25.0), growth=2.0),
+        Area(Polygon(((-2e3, -2e3), (6e4 - 2e3, -2e3), (6e4 - 2e3, 2e3), (-2e3, 2e3))), Keep.IN),
+        Area(
+            Polygon(
+                (
+                    (-1e3, -9e3),
+                    (5e4, -9e3),
+                    (5e4, 9e3),
+                    (15e3, 9e3),
+                    (15e3, -2e3),
+                    (14e3, -2e3),
+                    (14e3, 9e3),
+                    (-1e3, 9e3),
+                )
+            ),
+            Keep.IN,
+        ),
+    ],
+)
+@pytest.mark.parametrize("wind", [None, Wind(3.0, -8.0)])
+def test_plans_go_round_what_lies_in_the_way(area: Area, wind: Wind | None) -> None:
+    intruders = [] if wind is None else [CROSSING]
+    answer = plan(OWN, intruders, ROUTE, POLICY, OPTIONS, wind=wind, areas=[area])
+    assert answer.safe, answer.reasons
+    assert least(answer, area, wind=wind) >= area.clearance - 0.01
+    assert answer.waypoints[-1].index in {point.index for point in ROUTE}
+    assert answer.goal_index in {point.index for point in ROUTE}
+
+
+def test_a_route_that_may_be_extended_goes_on_round_an_area() -> None:
+    options = replace(OPTIONS, extend_route=True)
+    area = Area(Circle(14.5e3, 100.0, 1.2e3))
+    answer = plan(OWN, [], ROUTE[:2], POLICY, options, areas=[area])
+    assert answer.safe, answer.reasons
+    assert least(answer, area) >= -0.01
+    assert answer.waypoints[-1].y == pytest.approx(0.0, abs=1e-3)

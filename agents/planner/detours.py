@@ -1,0 +1,200 @@
+"""Ways round areas, from point to point of a route: the shortest over rings about the areas.
+
+Nothing here decides whether a plan keeps clear; :mod:`agents.planner.areas` does. Everything moves
+on straight lines in the air mass: the points of the route with their drift, the rings with their
+areas. A way is a row of straight flights at the present airspeed, each to where its end will be.
+"""
+
+import heapq
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.planner.areas import Counted, required
+from envs.area_geometry import Parts, chord_distances, gain, own_frame
+from envs.areas import Circle, Keep, Polygon
+from envs.kinematics import VehicleState
+from envs.wind import aimed_at
+
+RING = 12
+"""Points about an area."""
+
+_MOST_TRIED = 40  # places that are looked at from, a way
+
+
+class Place(NamedTuple):
+    """Where a way has got to, in the air mass."""
+
+    x: float  # m
+    y: float
+    time: float  # s after the request
+
+
+class Rings(NamedTuple):
+    """Points about areas, in the air mass at the request; fields ``[P]``."""
+
+    x: Any  # m
+    y: Any
+    east: Any  # velocity, m/s
+    north: Any
+
+
+class Airspace(NamedTuple):
+    """What a way must keep clear of."""
+
+    areas: tuple[Counted, ...]
+    need: tuple[float, ...]  # signed distance to be kept from each, m
+    rings: Rings
+    speed: float  # of the flight, m/s
+    latest: float  # s; ways that last longer are not looked for
+
+    def way(self, begin: Place, x: float, y: float, drift: tuple[float, float]) -> list[Place]:
+        """Return the places over which to fly to a point given at the request, itself the last; an
+        empty list where no way is found.
+        """
+        rings = self.rings
+        to_x, to_y = np.append(rings.x, x), np.append(rings.y, y)
+        east, north = np.append(rings.east, drift[0]), np.append(rings.north, drift[1])
+        goal, best = to_x.size - 1, {-1: begin.time}
+        came, places = dict[int, int](), {-1: begin}
+        queue, done = [(begin.time, -1)], set[int]()
+        while queue and len(done) < _MOST_TRIED:
+            _, at = heapq.heappop(queue)
+            if at in done:
+                continue
+            done.add(at)
+            if at == goal:
+                return _back(at, came, places)
+            here = places[at]
+            there_x, there_y, arrival = self._reached(here, (to_x, to_y), (east, north))
+            promising = np.array(
+                [n not in done and arrival[n] < best.get(n, self.latest) for n in range(goal + 1)]
+            )
+            free = np.flatnonzero(promising)
+            free = free[self.clear(here, there_x[free], there_y[free], arrival[free])]
+            for n in free.tolist():
+                best[n], came[n] = float(arrival[n]), at
+                places[n] = Place(float(there_x[n]), float(there_y[n]), best[n])
+                left = math.hypot(
+                    x + drift[0] * best[n] - places[n].x, y + drift[1] * best[n] - places[n].y
+                )
+                heapq.heappush(queue, (best[n] + left / self.speed, n))
+        return []
+
+    def _reached(
+        self, here: Place, to: tuple[Any, Any], velocity: tuple[Any, Any]
+    ) -> tuple[Any, Any, Any]:
+        """Return where moving points are met from a place, m, and when, s, ``[M]`` each."""
+        same = np.ones_like(to[0])
+        own = VehicleState(here.x * same, here.y * same, 0.0 * same, self.speed * same)
+        now = to[0] + velocity[0] * here.time, to[1] + velocity[1] * here.time
+        x, y = aimed_at(own, now, velocity, self.latest - here.time, np)
+        return x, y, here.time + np.hypot(x - here.x, y - here.y) / self.speed
+
+    def clear(self, here: Place, x: Any, y: Any, arrival: Any) -> Any:
+        """Return whether straight flights from a place keep clear of all areas, ``[M]``."""
+        found = np.ones(x.shape, dtype=bool)
+        for one, need in zip(self.areas, self.need, strict=True):
+            rows = np.flatnonzero(found & (arrival >= one.begin) & (here.time <= one.end))
+            if rows.size == 0:
+                continue
+            start = own_frame(one.area, here.x, here.y, here.time)
+            parts = Parts(
+                *(np.full(rows.size, value) for value in start),
+                *own_frame(one.area, x[rows], y[rows], arrival[rows]),
+            )
+            grown = np.minimum(gain(one.area) * here.time, gain(one.area) * arrival[rows])
+            found[rows] = chord_distances(one.area, parts, need - grown).bound + grown >= need
+        return found
+
+
+def airspace(
+    areas: Sequence[Counted], own: VehicleState, margin: float, pad: float, latest: float
+) -> Airspace:
+    """Return what ways of an ownship keep clear of.
+
+    Args:
+        areas: that may be met, in the air mass.
+        own: state at the request.
+        margin: what is kept beyond the clearance from each, m.
+        pad: by how much farther the rings are, m.
+        latest: time of the last waypoint at most, s.
+    """
+    need = [float(required(one, own.x, own.y, margin)) for one in areas]
+    rings = [_points(one, own, one.area.clearance + margin + pad) for one in areas]
+    x, y = (np.concatenate([part[axis] for part in rings]) for axis in (0, 1))
+    east, north = (
+        np.concatenate(
+            [
+                np.full(part[0].size, one.area.velocity[axis])
+                for part, one in zip(rings, areas, strict=True)
+            ]
+        )
+        for axis in (0, 1)
+    )
+    return Airspace(
+        tuple(areas),
+        tuple(least + 0.5 * pad if least > margin else least for least in need),
+        Rings(x, y, east, north),
+        max(own.speed, 1.0),
+        latest,
+    )
+
+
+def _back(at: int, came: dict[int, int], places: dict[int, Place]) -> list[Place]:
+    """Return the places of a way, the first one after its beginning."""
+    way = []
+    while at >= 0:
+        way.append(places[at])
+        at = came[at]
+    return way[::-1]
+
+
+def _points(one: Counted, own: VehicleState, away: float) -> tuple[Any, Any]:
+    """Return points about an area from which its edges can be gone round, m."""
+    shape = one.area.shape
+    if isinstance(shape, Circle):
+        ring = np.array([[shape.x, shape.y]])
+        away += shape.radius
+    else:
+        ring = np.array(shape.outer)
+    # As large as it will be when it can be reached.
+    centre = ring.mean(axis=0)
+    soon = math.hypot(centre[0] - own.x, centre[1] - own.y) / max(own.speed, 1.0)
+    away += max(abs(gain(one.area)) * min(max(soon, one.begin), one.end), 0.0)
+    if one.area.keep is Keep.OUT:
+        return _around(ring, away)
+    if isinstance(shape, Circle):  # within a disc the straight way stays within
+        return np.empty(0), np.empty(0)
+    found = [_corners(shape, away), *(_around(np.array(hole), away) for hole in shape.holes)]
+    return np.concatenate([x for x, _ in found]), np.concatenate([y for _, y in found])
+
+
+def _around(points: Any, away: float) -> tuple[Any, Any]:
+    """Return the corners of a polygon of :data:`RING` equal angles about points ``[P, 2]`` that is
+    so far away, m.
+    """
+    angle = np.arange(RING) * (2.0 * math.pi / RING)
+    far = (points @ np.stack([np.cos(angle), np.sin(angle)])).max(axis=0) + away
+    next_far, step = np.roll(far, -1), 2.0 * math.pi / RING
+    # Where two neighbouring sides meet, in the frame of the first.
+    across = (next_far - far * math.cos(step)) / math.sin(step)
+    return (
+        far * np.cos(angle) - across * np.sin(angle),
+        far * np.sin(angle) + across * np.cos(angle),
+    )
+
+
+def _corners(shape: Polygon, away: float) -> tuple[Any, Any]:
+    """Return points inside a polygon beside the corners of its outer ring that point inwards."""
+    ring = np.array(shape.outer)
+    before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
+    turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    length = [np.maximum(np.hypot(*side.T), 1e-9)[:, None] for side in (before, after)]
+    ahead = before / length[0] - after / length[1]  # from the corner into the inside
+    off = ahead / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
+    inwards = np.flatnonzero(turn < 0.0)[:RING]
+    corner = ring[inwards] + away * off[inwards]
+    return corner[:, 0], corner[:, 1]
