@@ -30,6 +30,7 @@ EXTRAS = {
     "peers": ("sbx", "stable_baselines3", "torch"),
     "bluesky": ("bluesky", "bluesky_gym"),
     "display": ("websockets",),
+    "mavlink": ("pymavlink",),
     "ros": (
         "builtin_interfaces",
         "diagnostic_msgs",

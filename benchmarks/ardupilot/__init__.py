@@ -1,0 +1,1 @@
+"""Encounters flown by ArduPlane itself: its mission alone, its own avoidance, and ours."""

@@ -1,0 +1,254 @@
+"""One encounter flown by ArduPlane's simulation, and what came of it.
+
+The simulation stands still while a plan is sought, so that a loaded machine changes nothing.
+"""
+
+import argparse
+import itertools
+import math
+import signal
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from envs.formats.local_frame import LocalFrame
+from ros_bridge.mavlink.link import Link
+from ros_bridge.mavlink.program import Program, options_of
+from ros_bridge.mavlink.sitl import HOME, Leg, Sitl
+
+SEPARATION, VERTICAL = 200.0, 50.0
+"""m: closer than both at once is a loss."""
+
+AVOIDANCE = {
+    "ADSB_TYPE": 1,
+    "AVD_ENABLE": 1,
+    "AVD_F_ACTION": 3,  # horizontally
+    "AVD_F_RCVRY": 1,  # back to what was flown before
+    "AVD_F_TIME": 40,
+    "AVD_F_DIST_XY": 250,
+    "AVD_F_DIST_Z": 60,
+    "AVD_W_TIME": 60,
+    "AVD_W_DIST_XY": 500,
+}
+"""ArduPilot's own avoidance: away horizontally, and back to the mission."""
+
+_BEGIN, _GOAL = 1_000.0, 6_000.0  # m east of home: the clock begins, the mission ends
+_LONGEST = 420.0  # s
+_STILL = 15.0  # s of real time without a message, after which a flight has failed
+_ABOVE = 620.0  # m above mean sea level
+
+
+class Intruder(NamedTuple):
+    """An intruder: where it would be in the conflict, and how it comes there."""
+
+    course: float  # rad counter-clockwise from east, at the conflict
+    speed: float  # m/s
+    cpa: float  # s after the start, at which it is nearest to the mission's aircraft
+    miss: float  # m to the left of its own course, by which it passes
+    turn_at: float = math.inf  # s after the start
+    turn: float = 0.0  # rad
+    turn_rate: float = 0.1  # rad/s
+
+
+class Encounter(NamedTuple):
+    """What is flown."""
+
+    number: int
+    intruders: tuple[Intruder, ...]
+    wind: float  # m/s
+    wind_from: float  # degrees
+    turbulence: float = 0.0  # m/s
+    fence: tuple[tuple[float, float], ...] = ()  # m east and north of home, to be kept out of
+
+
+class Row(NamedTuple):
+    """The state at a moment, s after the start; m and m/s."""
+
+    time: float
+    x: float
+    y: float
+    above: float
+    airspeed: float
+    speed: float
+    mode: int
+
+
+class Result(NamedTuple):
+    """What came of a flight."""
+
+    rows: tuple[Row, ...]
+    separation: float  # smallest horizontal distance at the same height, m
+    lost: bool
+    arrived: float | None  # s; None: not in time
+    on_mission: float  # s in AUTO
+    path: float  # m
+    steered: tuple[Any, ...]  # what our follower was at and told, each period
+    taken_over: int  # how often
+    texts: tuple[str, ...]
+
+
+def place_of(one: Intruder, time: float, cruise: float) -> tuple[float, float, float]:
+    """Return x, y, m, and the course of an intruder, rad, at a time."""
+    x, y = _BEGIN + cruise * one.cpa, 0.0
+    cosine, sine = math.cos(one.course), math.sin(one.course)
+    x, y = x - one.miss * sine, y + one.miss * cosine
+    if time <= one.turn_at:
+        way = one.speed * (time - one.cpa)
+        return x + way * cosine, y + way * sine, one.course
+    begun = one.speed * (one.turn_at - one.cpa)
+    x, y = x + begun * cosine, y + begun * sine
+    turned = math.copysign(min(abs(one.turn), one.turn_rate * (time - one.turn_at)), one.turn)
+    radius = math.copysign(one.speed / one.turn_rate, one.turn)
+    course = one.course + turned
+    x += radius * (math.sin(course) - sine)
+    y -= radius * (math.cos(course) - cosine)
+    left = one.speed * max(time - one.turn_at - abs(one.turn) / one.turn_rate, 0.0)
+    return x + left * math.cos(course), y + left * math.sin(course), course
+
+
+def fly(
+    encounter: Encounter,
+    method: str,
+    *,
+    instance: int = 7,
+    speedup: float = 20.0,
+    cruise: float = 22.0,
+    until: float = _LONGEST,
+    more: Sequence[str] = (),
+    watch: Callable[[Sitl, float, Row], None] | None = None,
+) -> Result:
+    """Fly an encounter by ``mission``, ``avoidance`` or ``ours``."""
+    parameters = {
+        "SIM_WIND_SPD": encounter.wind,
+        "SIM_WIND_DIR": encounter.wind_from,
+        "SIM_WIND_TURB": encounter.turbulence,
+        **(AVOIDANCE if method == "avoidance" else {}),
+    }
+    frame = LocalFrame(HOME[0], HOME[1])
+    with Sitl(instance, speedup, parameters) as sitl:
+        sitl.upload(
+            [Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(_GOAL, 0.0), Leg(9e3, 0.0)]
+        )
+        if encounter.fence:
+            sitl.upload_fence(encounter.fence, keep_in=False)
+        sitl.take_off()
+        sitl.rate(33, 1e5)
+        sitl.rate(74, 1e5)
+        sitl.rate(0, 2e5)
+        program = _program(sitl, more) if method == "ours" else None
+        try:
+            return _flown(encounter, sitl, program, frame, cruise, until, watch)
+        finally:
+            if program is not None:
+                program.close()
+
+
+def _program(sitl: Sitl, more: Sequence[str]) -> Program:
+    given = [
+        *("--connect", sitl.address, "--simulated", "--fly", "--separation", f"{SEPARATION:g}"),
+        *("--unknown-position-std", "5", "--unknown-velocity-std", "0.2"),
+        *("--traffic-altitude", "msl", "--deadline", "0.5", "--quiet", *more),
+    ]
+    options: argparse.Namespace = options_of(given)
+    link = Link(options.connect, system=options.system, simulated=True)
+    return Program(link, options)
+
+
+def _advance(sitl: Sitl) -> list[Any]:
+    """Let the simulation go on until it has reported its position, and return what it has sent."""
+    sitl.signal(signal.SIGCONT)
+    try:
+        found = [sitl.station.recv_match(blocking=True, timeout=0.05)]
+        until = time.monotonic() + 0.2
+        while time.monotonic() < until:
+            message = sitl.station.recv_match(blocking=True, timeout=0.005)
+            found.append(message)
+            if message is not None and message.get_type() == "GLOBAL_POSITION_INT":
+                break
+    finally:
+        sitl.signal(signal.SIGSTOP)
+    while (message := sitl.station.recv_match()) is not None:
+        found.append(message)
+    return [message for message in found if message is not None]
+
+
+def _flown(
+    encounter: Encounter,
+    sitl: Sitl,
+    program: Program | None,
+    frame: LocalFrame,
+    cruise: float,
+    until: float,
+    watch: Callable[[Sitl, float, Row], None] | None,
+) -> Result:
+    rows: list[Row] = []
+    began: float | None = None
+    told, heard = -1.0, time.monotonic()
+    airspeed, mode, texts = 0.0, -1, []
+    arrived = None
+    while True:
+        sitl.beat()
+        if program is not None:
+            program.turn(0.0)
+        for message in _advance(sitl):
+            heard = time.monotonic()
+            kind = message.get_type()
+            if kind == "VFR_HUD":
+                airspeed = message.airspeed
+            elif kind == "HEARTBEAT" and message.get_srcComponent() == 1:
+                mode = message.custom_mode
+            elif kind == "STATUSTEXT":
+                texts.append(message.text)
+            elif kind == "GLOBAL_POSITION_INT":
+                at = frame.place(1e-7 * message.lat, 1e-7 * message.lon)
+                clock = 1e-3 * message.time_boot_ms
+                x, y = float(at.x), float(at.y)
+                if began is None and x >= _BEGIN:
+                    began = clock
+                if began is not None:
+                    seconds = clock - began
+                    fast = 0.01 * math.hypot(message.vx, message.vy)
+                    rows.append(Row(seconds, x, y, 1e-3 * message.alt, airspeed, fast, mode))
+                    if arrived is None and x >= _GOAL - 60.0:
+                        arrived = seconds
+                    if seconds - told >= 1.0:
+                        told = seconds
+                        _traffic(encounter, sitl, seconds, cruise)
+                    if watch is not None:
+                        watch(sitl, seconds, rows[-1])
+        if rows and (rows[-1].time > until or arrived is not None):
+            break
+        if time.monotonic() - heard > _STILL:
+            raise RuntimeError(f"encounter {encounter.number}: the simulation says nothing")
+    return _judged(encounter, rows, arrived, cruise, program, texts)
+
+
+def _traffic(encounter: Encounter, sitl: Sitl, seconds: float, cruise: float) -> None:
+    for number, one in enumerate(encounter.intruders):
+        x, y, course = place_of(one, seconds, cruise)
+        track = 90.0 - math.degrees(course)
+        sitl.traffic(0xA00001 + number, x, y, track, one.speed, _ABOVE)
+
+
+def _judged(
+    encounter: Encounter,
+    rows: Sequence[Row],
+    arrived: float | None,
+    cruise: float,
+    program: Program | None,
+    texts: Sequence[str],
+) -> Result:
+    least, lost = math.inf, False
+    for row in rows:
+        for one in encounter.intruders:
+            x, y, _ = place_of(one, row.time, cruise)
+            away = math.hypot(row.x - x, row.y - y)
+            if abs(row.above - _ABOVE) < VERTICAL:
+                least = min(least, away)
+                lost = lost or away < SEPARATION
+    pairs = list(itertools.pairwise(rows))
+    path = sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in pairs)
+    auto = sum(b.time - a.time for a, b in pairs if a.mode == 10)
+    taken = sum(a.mode != 15 and b.mode == 15 for a, b in pairs)
+    steered = () if program is None else tuple(program.steered)
+    return Result(tuple(rows), least, lost, arrived, auto, path, steered, taken, tuple(texts))

@@ -1,0 +1,166 @@
+"""Who flies: a state machine of pure functions.
+
+    WATCHING --conflict and a safe plan--> TAKING --GUIDED seen--> GUIDING --rejoined--> RETURNING
+        ^                                                                                    |
+        +---------------------------------- AUTO seen ---------------------------------------+
+
+A mode that somebody else has set ends all of it at once (YIELDED): nothing is commanded any more,
+not even the way back to AUTO. It watches again where AUTO flies and no conflict has been there for
+a while, so that it never takes over again from an operator who decided otherwise.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import NamedTuple
+
+from ros_bridge.mavlink.messages import Mode, mode_name
+
+ANSWER = 3.0
+"""Within which the autopilot must have changed its mode, s."""
+
+AGAIN = 0.5
+"""Between two requests to change the mode, s."""
+
+CLEAR = 10.0
+"""For how long there must be no conflict before it may take over again after it has yielded, s."""
+
+CROSSING = 5.0
+"""For how long after it has yielded a request of ours may still arrive, whose mode is undone, s."""
+
+
+class Phase(Enum):
+    """Of taking over and giving back."""
+
+    WATCHING = "watching"
+    TAKING = "taking over"
+    GUIDING = "guiding"
+    RETURNING = "handing back"
+    YIELDED = "yielded"
+
+
+class Order(Enum):
+    """What is to be sent."""
+
+    TAKE_OVER = "take over"  # GUIDED with the rejoin waypoint as its target
+    STEER = "steer"  # roll and airspeed of the plan
+    GIVE_BACK = "give back"  # AUTO at the item after the rejoin waypoint
+    RESTORE = "restore"  # the operator's mode that a request of ours crossed
+
+
+class Seen(NamedTuple):
+    """What is known at a moment."""
+
+    time: float  # s
+    mode: int  # of the autopilot, by its last heartbeat
+    armed: bool
+    fresh: bool  # whether link and own state are
+    conflict: bool  # whether the mission loses the separation
+    flyable: bool  # whether there is something safe to fly, or a backup
+    rejoined: bool  # whether the plan has reached its rejoin waypoint
+
+
+@dataclass(frozen=True)
+class Control:
+    """The state; never changed in place."""
+
+    phase: Phase = Phase.WATCHING
+    since: float = 0.0  # when the phase began, s
+    asked: float = 0.0  # when the last request to change the mode went out, s
+    conflict_at: float = 0.0  # when there was a conflict last, s
+    restore: int | None = None  # the operator's mode that a request of ours may yet overwrite
+
+    @property
+    def flies(self) -> bool:
+        """Whether the autopilot does, or is about to do, what is sent."""
+        return self.phase in (Phase.TAKING, Phase.GUIDING, Phase.RETURNING)
+
+
+class Step(NamedTuple):
+    """The state after a moment, what is to be sent, and what is to be said; "": nothing."""
+
+    control: Control
+    orders: tuple[Order, ...] = ()
+    text: str = ""
+
+
+def step(control: Control, seen: Seen, *, fly: bool) -> Step:
+    """Return what follows from a moment; with ``fly`` false nothing is ever ordered."""
+    if seen.conflict:
+        control = replace(control, conflict_at=seen.time)
+    if not fly:
+        return Step(control)
+    return _STEPS[control.phase](control, seen)
+
+
+def _watch(control: Control, seen: Seen) -> Step:
+    wanted = seen.conflict and seen.flyable and seen.fresh
+    if not (wanted and seen.armed and seen.mode == Mode.AUTO):
+        return Step(control)
+    return Step(_enter(control, Phase.TAKING, seen, asks=True), (Order.TAKE_OVER,))
+
+
+def _take(control: Control, seen: Seen) -> Step:
+    if seen.mode == Mode.GUIDED:
+        return Step(_enter(control, Phase.GUIDING, seen), (), "guiding round the traffic")
+    if seen.mode != Mode.AUTO:
+        return _yield(control, seen, crossed=True)
+    if seen.time - control.since > ANSWER:
+        why = "the autopilot has not changed to GUIDED"
+        return _yield(control, seen, why, crossed=True)
+    return _ask_again(control, seen, Order.TAKE_OVER)
+
+
+def _guide(control: Control, seen: Seen) -> Step:
+    if seen.mode != Mode.GUIDED:
+        return _yield(control, seen)
+    if seen.rejoined or not seen.flyable:
+        back = _enter(control, Phase.RETURNING, seen, asks=True)
+        why = "clear of traffic" if seen.rejoined else "there is no plan to fly"
+        return Step(back, (Order.GIVE_BACK,), f"{why}: back to AUTO")
+    return Step(control, (Order.STEER,) if seen.fresh else ())
+
+
+def _return(control: Control, seen: Seen) -> Step:
+    if seen.mode == Mode.AUTO:
+        return Step(_enter(control, Phase.WATCHING, seen))
+    if seen.mode != Mode.GUIDED:
+        return _yield(control, seen, crossed=True)
+    return _ask_again(control, seen, Order.GIVE_BACK)
+
+
+def _rest(control: Control, seen: Seen) -> Step:
+    if control.restore is not None and seen.mode != control.restore:
+        crossing = seen.time - control.since <= CROSSING
+        ours = seen.mode in (Mode.GUIDED, Mode.AUTO)
+        if crossing and ours:
+            return Step(replace(control, restore=None), (Order.RESTORE,))
+        control = replace(control, restore=None)
+    if seen.mode == Mode.AUTO and seen.time - control.conflict_at > CLEAR:
+        return Step(_enter(control, Phase.WATCHING, seen), (), "watching again")
+    return Step(control)
+
+
+def _yield(control: Control, seen: Seen, why: str = "", *, crossed: bool = False) -> Step:
+    text = why or f"{mode_name(seen.mode)} set by others, commanding ends"
+    restore = seen.mode if crossed else None
+    return Step(replace(_enter(control, Phase.YIELDED, seen), restore=restore), (), text)
+
+
+def _ask_again(control: Control, seen: Seen, order: Order) -> Step:
+    if seen.time - control.asked < AGAIN:
+        return Step(control)
+    return Step(replace(control, asked=seen.time), (order,))
+
+
+def _enter(control: Control, phase: Phase, seen: Seen, *, asks: bool = False) -> Control:
+    asked = seen.time if asks else control.asked
+    return replace(control, phase=phase, since=seen.time, asked=asked, restore=None)
+
+
+_STEPS = {
+    Phase.WATCHING: _watch,
+    Phase.TAKING: _take,
+    Phase.GUIDING: _guide,
+    Phase.RETURNING: _return,
+    Phase.YIELDED: _rest,
+}

@@ -1,0 +1,168 @@
+"""What has been received: one pure function that takes in a message of any kind."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+from envs.formats.local_frame import LocalFrame
+from ros_bridge.core.conversions import Origin
+from ros_bridge.core.fields import SECOND, FieldError, tried
+from ros_bridge.core.reports import Report
+from ros_bridge.core.situation import Held, Situation
+from ros_bridge.core.tracks import UNKNOWN, Rules, Track, forgotten, refused, taken
+from ros_bridge.mavlink import messages
+from ros_bridge.mavlink.messages import Heartbeat
+
+_FAR = 50_000.0  # m from the frame's origin, beyond which it moves
+_FORGET = 60.0  # s of silence, after which an aircraft is forgotten
+_OLD = 5.0  # s, for which wind and airspeed hold
+_RULES = Rules()
+
+
+@dataclass(frozen=True)
+class Received:
+    """Everything that is known of autopilot and traffic; never changed in place."""
+
+    situation: Situation = field(default_factory=Situation)
+    heartbeat: Heartbeat | None = None
+    heard: int = 0  # when the autopilot's heartbeat came last, ns
+    wind: tuple[float, float] | None = None
+    wind_at: int = 0
+    airspeed: float | None = None
+    airspeed_at: int = 0
+    estimate: str = ""  # why the estimate of the own state cannot be used
+    fix: str = ""  # why the satellite fix cannot be relied on
+    current: int = 0  # item of the mission that is flown to
+    unix: int | None = None  # s since 1970 at the start of the autopilot's clock
+    parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def problem(self) -> str:
+        """Why the own state is not to be planned with; "": it is."""
+        return self.estimate or self.fix
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How messages are read."""
+
+    references: Mapping[int, str]  # of altitudes of ADS-B, by their type
+    rules: Rules = _RULES
+
+
+def take(received: Received, message: Any, now: int, reading: Reading) -> Received:
+    """Return what is known after a message of the autopilot or through it; ``now`` is its clock,
+    ns. Kinds that play no part are passed over.
+    """
+    read = _KINDS.get(message.get_type())
+    return received if read is None else read(received, message, now, reading)
+
+
+def forget(received: Received, now: int) -> Received:
+    """Return what is known without aircraft that have long been silent."""
+    left, silent = forgotten(received.situation.traffic, now, _FORGET)
+    if not silent:
+        return received
+    return replace(received, situation=replace(received.situation, traffic=left))
+
+
+def take_traffic(
+    received: Received, name: str, found: Report | FieldError, now: int, reading: Reading
+) -> Received:
+    """Return what is known after a report of traffic, whoever brought it."""
+    before = received.situation.traffic.get(name, UNKNOWN)
+    track = _follow(before, found, f"intruder {name}", now, reading.rules)
+    traffic = {**received.situation.traffic, name: track}
+    return replace(received, situation=replace(received.situation, traffic=traffic))
+
+
+def _heartbeat(received: Received, message: Any, now: int, _: Reading) -> Received:
+    return replace(received, heartbeat=messages.heartbeat(message), heard=now)
+
+
+def _position(received: Received, message: Any, now: int, reading: Reading) -> Received:
+    wind = received.wind if now - received.wind_at <= _OLD * SECOND else None
+    fast = received.airspeed if now - received.airspeed_at <= _OLD * SECOND else None
+    before = received.situation
+    found = tried(lambda: messages.ownship(message, wind, fast))
+    if received.problem:
+        found = FieldError(f"{messages.OWN}.position", f"is not to be used: {received.problem}")
+    own = _follow(before.own, found, messages.OWN, now, reading.rules)
+    origin = before.origin
+    if isinstance(found, Report) and own.last is not None and _needs_origin(origin, found):
+        origin = Held(Origin(LocalFrame(found.latitude, found.longitude), None))
+    return replace(received, situation=replace(before, own=own, origin=origin))
+
+
+def _needs_origin(origin: Held[Origin], report: Report) -> bool:
+    if origin.value is None:
+        return True
+    at = origin.value.frame.place(report.latitude, report.longitude)
+    return max(abs(float(at.x)), abs(float(at.y))) > _FAR
+
+
+def _hud(received: Received, message: Any, now: int, _: Reading) -> Received:
+    fast = tried(lambda: messages.airspeed(message))
+    if isinstance(fast, FieldError):
+        return received
+    return replace(received, airspeed=fast, airspeed_at=now)
+
+
+def _wind(received: Received, message: Any, now: int, _: Reading) -> Received:
+    found = tried(lambda: messages.wind(message))
+    if isinstance(found, FieldError):
+        return replace(received, wind=None)
+    return replace(received, wind=found, wind_at=now)
+
+
+def _estimate(received: Received, message: Any, _: int, __: Reading) -> Received:
+    return replace(received, estimate=messages.estimate_problem(message))
+
+
+def _fix(received: Received, message: Any, _: int, __: Reading) -> Received:
+    return replace(received, fix=messages.fix_problem(message))
+
+
+def _traffic(received: Received, message: Any, now: int, reading: Reading) -> Received:
+    name = messages.traffic_name(message)
+    found = tried(lambda: messages.traffic(message, now, reading.references))
+    if found is None:
+        return received
+    return take_traffic(received, name, found, now, reading)
+
+
+def _current(received: Received, message: Any, _: int, __: Reading) -> Received:
+    return replace(received, current=int(message.seq))
+
+
+def _clock(received: Received, message: Any, _: int, __: Reading) -> Received:
+    begun = int(message.time_unix_usec) // 1_000_000 - int(message.time_boot_ms) // 1_000
+    return replace(received, unix=begun if message.time_unix_usec else None)
+
+
+def _parameter(received: Received, message: Any, _: int, __: Reading) -> Received:
+    held = {**received.parameters, message.param_id: float(message.param_value)}
+    return replace(received, parameters=MappingProxyType(held))
+
+
+def _follow(before: Track, found: Report | FieldError, name: str, now: int, rules: Rules) -> Track:
+    if isinstance(found, FieldError):
+        return refused(before, found, now, rules)
+    return taken(before, found, name, now, rules)
+
+
+_KINDS: dict[str, Callable[[Received, Any, int, Reading], Received]] = {
+    "HEARTBEAT": _heartbeat,
+    "GLOBAL_POSITION_INT": _position,
+    "VFR_HUD": _hud,
+    "WIND": _wind,
+    "EKF_STATUS_REPORT": _estimate,
+    "ESTIMATOR_STATUS": _estimate,
+    "GPS_RAW_INT": _fix,
+    "ADSB_VEHICLE": _traffic,
+    "MISSION_CURRENT": _current,
+    "SYSTEM_TIME": _clock,
+    "PARAM_VALUE": _parameter,
+}
+"""Where each kind of message goes."""

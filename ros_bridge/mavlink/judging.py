@@ -1,0 +1,328 @@
+"""What is watched and planned: the runner's and the monitor's core on what MAVLink brings.
+
+Pure: a :class:`Judgement` follows from the one before, the situation and the time.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.assurance.alerts import Alerting
+from agents.assurance.single import Verdict
+from agents.assurance.state import Flown
+from agents.assurance.thresholds import Thresholds
+from agents.planner.answer import Plan, RequestError
+from agents.planner.options import Options
+from agents.planner.planner import plan
+from agents.planner.request import checked, in_wind
+from agents.planner.traffic import Requirement, predicted, uncertainty
+from agents.policy.inference import Policy
+from envs.aircraft import Aircraft
+from envs.formats.local_frame import LocalFrame
+from envs.kinematics import VehicleState
+from envs.waypoints import Waypoint
+from envs.wind import NO_WIND, Wind
+from ros_bridge.core.assurance import Supervision, activated, answered, backup, stepped, to_fly
+from ros_bridge.core.conversions import Published, Station
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.replies import flown, plan_points, start_point, wind_of
+from ros_bridge.core.reports import Unknown
+from ros_bridge.core.situation import Refusal, Settings, Situation, Task, refusal_of, task
+from ros_bridge.mavlink.mission import SUB
+
+SPACING = 4.0
+"""Between the points of a mission's legs that a route may be rejoined at, separations."""
+
+_BEHIND = 2.0  # separations beyond the loss before which no leg is rejoined
+_SAMPLES = 0.5  # of a time step, between two looks along the mission
+
+
+class Conflict(NamedTuple):
+    """The first loss of the required separation where the mission is flown on."""
+
+    name: str  # of the intruder
+    time: float  # until then, s
+    required: float  # m
+
+
+class Rules(NamedTuple):
+    """How it is watched and planned; the same throughout a flight."""
+
+    policy: Policy
+    settings: Settings
+    thresholds: Thresholds
+    engage: float  # a loss that is nearer than this, s, is planned round
+    look_ahead: float  # s
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What holds: the plan, its monitor and the conflict."""
+
+    supervision: Supervision
+    conflict: Conflict | None = None
+    plan: Plan | None = None  # the last answer, safe or not
+    rejoin: int | None = None  # index of the route's point at which the plan rejoins
+    rejoined_at: int | None = None  # when, ns
+    revision: int = 0
+    problem: str = ""  # why nothing can be planned; "": it can
+    verdict: Verdict | None = None
+
+    @property
+    def safe(self) -> bool:
+        """Whether the last answer was a SAFE plan."""
+        return self.plan is not None and self.plan.safe
+
+
+def rules(
+    aircraft: Aircraft,
+    policy: Policy,
+    *,
+    margin: float,
+    vertical: float,
+    unknown: Unknown,
+    deadline: float,
+    sigmas: float = 2.0,
+) -> Rules:
+    """Return the rules of an aircraft; lengths in m, the margin for what the follower leaves of a
+    plan.
+    """
+    options = Options.for_aircraft(
+        aircraft,
+        requirement=Requirement(aircraft.separation, margin, sigmas),
+        extend_route=True,
+        goals=4,
+        deadline_s=deadline,
+        vertical_filter=vertical,
+        max_age=max(5.0, 5.0 * aircraft.dt),
+    )
+    limits = Thresholds.for_plans(
+        options,
+        cross_track=max(margin, 0.025 * aircraft.separation),
+        along_track=max(margin, 0.05 * aircraft.separation),
+        time_error=max(margin / aircraft.limits.speed_min, aircraft.dt),
+        own_age=1.5,
+        intruder_age=max(5.0, 5.0 * aircraft.dt),
+    )
+    settings = Settings(
+        options,
+        limits.turn_time,
+        (limits.turn_rate_min, limits.turn_rate_max),
+        intruder_max_age=limits.intruder_age,
+        unknown=unknown,
+    )
+    times = Alerting.for_aircraft(aircraft)
+    return Rules(policy, settings, limits, times.reached.corrective, times.look_ahead)
+
+
+def watch(
+    judgement: Judgement,
+    situation: Situation,
+    route: tuple[Station, ...],
+    now: int,
+    rules: Rules,
+) -> Judgement:
+    """Look along the mission for a conflict, and plan round it where it is near; ``now`` in ns."""
+    try:
+        wanted = task(situation, now, rules.settings, route)
+        wanted = _ahead(wanted, 0.0)
+        found = conflict(wanted, rules.look_ahead)
+        if found is None or found.time > rules.engage:
+            return replace(judgement, conflict=found, plan=None, problem="")
+        reach = wanted.own.speed * found.time
+        beyond = reach + _BEHIND * wanted.options.aircraft.separation
+        wanted = _ahead(wanted, beyond)
+        return _taken_up(replace(judgement, conflict=found), situation, wanted, rules)
+    except Refusal as refusal:
+        return replace(judgement, conflict=None, plan=None, problem=str(refusal))
+
+
+def supervise(
+    judgement: Judgement,
+    situation: Situation,
+    route: tuple[Station, ...],
+    now: int,
+    rules: Rules,
+) -> Judgement:
+    """Check the plan that is flown, and plan anew where the monitor asks for it."""
+    supervision, verdict = stepped(judgement.supervision, situation, now)
+    judgement = replace(judgement, supervision=supervision, verdict=verdict)
+    if verdict is None or verdict.ask is None:
+        return judgement
+    number = verdict.ask.number
+    try:
+        wanted = task(situation, now, rules.settings, route)
+        wanted = _not_before(wanted, judgement.rejoin)
+        answer = _answer(wanted, rules.policy)
+    except Refusal as refusal:
+        after, _ = answered(supervision, number, None)
+        return replace(judgement, supervision=after, problem=str(refusal))
+    revision = judgement.revision + 1
+    sent = published(answer, wanted, revision) if answer.safe else None
+    after, taken_up = answered(supervision, number, sent)
+    judgement = replace(judgement, supervision=after, revision=revision, problem="")
+    if not taken_up:
+        why = "; ".join(reason.message for reason in answer.reasons)
+        return replace(judgement, problem=why or "the plan came too late")
+    return replace(
+        judgement, plan=answer, rejoin=answer.goal_index, rejoined_at=_rejoined(answer, wanted)
+    )
+
+
+def conflict(wanted: Task, look_ahead: float) -> Conflict | None:
+    """Return the first loss of the required separation within some seconds where the ownship flies
+    its route at its speed over the ground; None: none. Both are compared in the air mass.
+    """
+    options, own = wanted.options, wanted.own
+    try:
+        in_air = options if wanted.wind is None else in_wind(options, wanted.wind)
+        request, _, kept = checked(
+            own, wanted.intruders, wanted.points, in_air, wanted.own_altitude, wanted.wind
+        )
+    except RequestError as error:
+        raise refusal_of(error, wanted) from error
+    if not kept:
+        return None
+    times = np.arange(0.0, look_ahead, _SAMPLES * options.aircraft.dt)
+    x = np.array([own.x, *(point.x for point in wanted.points)])
+    y = np.array([own.y, *(point.y for point in wanted.points)])
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    wind = wanted.wind or NO_WIND
+    here_x = np.interp(own.speed * times, way, x) - wind.east * times
+    here_y = np.interp(own.speed * times, way, y) - wind.north * times
+    others = predicted(request.traffic, times[:, None])
+    away = np.hypot(others.x - here_x[:, None], others.y - here_y[:, None])
+    keep = options.requirement
+    spread = keep.sigmas * uncertainty(request.traffic, times[:, None])
+    need = keep.separation + keep.margin + spread
+    lost = away < need
+    if not lost.any():
+        return None
+    row = int(np.argmax(lost.any(axis=1)))
+    column = int(np.argmax(lost[row]))
+    name = wanted.identifiers[kept[column]]
+    return Conflict(name, float(times[row]), float(need[row, column]))
+
+
+def published(answer: Plan, wanted: Task, revision: int) -> Published:
+    """Return a plan as the monitor takes it."""
+    left_out = {one.number for one in answer.excluded}
+    names = (name for n, name in enumerate(wanted.identifiers) if n not in left_out)
+    start = start_point(wanted.frame, wanted.own, wanted.time, wanted.own_altitude)
+    return Published(
+        revision.to_bytes(16, "big"),
+        revision,
+        wanted.time,
+        start,
+        plan_points(answer, wanted),
+        tuple(names),
+        _true_wind(answer.wind, wanted.frame, start.latitude, start.longitude),
+    )
+
+
+def _true_wind(
+    wind: Wind | None, frame: LocalFrame, latitude: float, longitude: float
+) -> tuple[float, float]:
+    """Return a frame's wind by true east and north at a place, m/s."""
+    if wind is None:
+        return 0.0, 0.0
+    turn = float(frame.place(latitude, longitude).convergence)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    return wind.east * cosine + wind.north * sine, wind.north * cosine - wind.east * sine
+
+
+class ToFly(NamedTuple):
+    """A plan or backup in a local frame."""
+
+    key: tuple[str, int]  # changes with every other plan or backup
+    frame: LocalFrame
+    began: int  # ns
+    own: VehicleState
+    waypoints: tuple[Waypoint, ...]
+    wind: Wind | None  # that its legs are flown in
+
+
+def to_follow(judgement: Judgement) -> ToFly | None:
+    """Return what is to be flown now; None: nothing."""
+    supervision = judgement.supervision
+    frame, held, kind = supervision.frame, supervision.held, to_fly(supervision)
+    if frame is None or held is None:
+        return None
+    wind = wind_of(frame, held)
+    if kind is Flown.PLAN:
+        return ToFly(("plan", held.revision), frame, held.began, *flown(frame, held), wind)
+    if kind is Flown.BACKUP and math.isfinite(supervision.watch.monitor.backup.started[0]):
+        began, (start, *points) = backup(supervision, None)
+        made = Published(bytes(16), 0, began, start, tuple(points), ())
+        return ToFly(("backup", began), frame, began, *flown(frame, made), wind)
+    return None
+
+
+def _answer(wanted: Task, policy: Policy) -> Plan:
+    options = replace(wanted.options, exhaustive=False)
+    try:
+        return plan(
+            wanted.own,
+            wanted.intruders,
+            wanted.points,
+            policy,
+            options,
+            own_altitude=wanted.own_altitude,
+            wind=wanted.wind,
+        )
+    except RequestError as error:
+        raise refusal_of(error, wanted) from error
+
+
+def _taken_up(judgement: Judgement, situation: Situation, wanted: Task, rules: Rules) -> Judgement:
+    answer = _answer(wanted, rules.policy)
+    if not answer.safe:
+        return replace(judgement, plan=answer, problem="")
+    revision = judgement.revision + 1
+    supervision = activated(judgement.supervision, situation, published(answer, wanted, revision))
+    return replace(
+        judgement,
+        supervision=supervision,
+        plan=answer,
+        rejoin=answer.goal_index,
+        rejoined_at=_rejoined(answer, wanted),
+        revision=revision,
+        problem="",
+    )
+
+
+def _rejoined(answer: Plan, wanted: Task) -> int:
+    return wanted.time + round(answer.rejoin_time * SECOND)
+
+
+def _not_before(wanted: Task, rejoin: int | None) -> Task:
+    """Return the task without the points of the first leg before the one that was to be rejoined;
+    a waypoint of the mission always stays.
+    """
+    found = _ahead(wanted, _BEHIND * wanted.options.aircraft.separation)
+    if rejoin is None:
+        return found
+    leg = rejoin // SUB
+    points = tuple(one for one in found.points if one.index // SUB != leg or one.index >= rejoin)
+    return replace(found, points=points)
+
+
+def _ahead(wanted: Task, beyond: float) -> Task:
+    """Return the task without the points of the first leg that are not farther ahead than
+    ``beyond``, m; a waypoint of the mission always stays.
+    """
+    points = wanted.points
+    leg = points[0].index // SUB
+    last = next((n for n, one in enumerate(points) if one.index // SUB != leg), len(points)) - 1
+    end = points[last]
+    x, y = end.x - wanted.own.x, end.y - wanted.own.y
+    length = max(math.hypot(x, y), 1e-6)
+    own = wanted.own
+    kept = tuple(
+        one
+        for n, one in enumerate(points)
+        if n >= last or ((one.x - own.x) * x + (one.y - own.y) * y) / length > beyond
+    )
+    return replace(wanted, points=kept)

@@ -1,0 +1,491 @@
+"""Watches an autopilot's mission for traffic, plans round it, and advises or flies.
+
+    python -m ros_bridge.mavlink --connect udp:0.0.0.0:14550 --separation 610 [--fly]
+
+Reads state, mission, fence, parameters and ADS-B traffic from ArduPlane over MAVLink, and watches
+and plans as the ROS nodes do, by the same core. By default it advises: STATUSTEXT to the ground
+station, and with --plan-file the plan as GeoJSON. With --fly it changes from AUTO to GUIDED while a
+conflict lasts, flies the plan in place and time, and gives AUTO back where the plan rejoins the
+mission. A mode that anybody else sets ends that at once; it takes over again only after AUTO has
+flown 10 s without a conflict.
+
+It stops commanding where the autopilot's state is older than 1.5 s. What the autopilot does where
+this program or the link dies: docs/howto/mavlink.md.
+"""
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO
+
+from agents.assurance.state import Flown
+from agents.assurance.thresholds import Cause
+from agents.planner.planner import plan
+from agents.policy.domain import OutsideDomainError
+from envs.edge.command import InputError, Parser, run_cli
+from envs.edge.files import write_file
+from envs.kinematics import VehicleState
+from envs.waypoints import RoutePoint
+from ros_bridge.core.aircraft import loaded
+from ros_bridge.core.assurance import initial, to_fly
+from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.reports import USUAL, Unknown
+from ros_bridge.core.situation import placed
+from ros_bridge.mavlink import messages, mission
+from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
+from ros_bridge.mavlink.intake import Reading, Received, forget, take
+from ros_bridge.mavlink.judging import (
+    SPACING,
+    Judgement,
+    Rules,
+    ToFly,
+    rules,
+    supervise,
+    to_follow,
+    watch,
+)
+from ros_bridge.mavlink.link import Link
+from ros_bridge.mavlink.steering import PERIOD, Air, Command, command, errors, guide, sense
+from ros_bridge.mavlink.vehicle import Vehicle, check_flyable, failsafe_notes, vehicle_of
+
+MARGIN = 25.0
+"""Added to the separation for what the autopilot leaves of its plan, m (docs/howto/mavlink.md)."""
+
+STALE = 1.5
+"""Age of the own state beyond which nothing is commanded, s."""
+
+_JUDGE = 0.25  # s between two judgements
+_BEAT = 0.5  # s between our heartbeats
+_SPEED = 0.5  # s between two airspeeds
+_AGAIN = 5.0  # s between two texts of the same kind
+_BANK_MAX = math.radians(50.0)
+_RANGES = {
+    "separation": (10.0, 10_000.0, "m"),
+    "margin": (0.0, 1_000.0, "m"),
+    "vertical_filter": (0.0, 10_000.0, "m"),
+    "unknown_position_std": (0.0, 1_000.0, "m"),
+    "unknown_velocity_std": (0.0, 50.0, "m/s"),
+    "deadline": (0.01, 10.0, "s"),
+    "wait": (1.0, 3_600.0, "s"),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Watch until Ctrl-C, or for --seconds, and return the exit code."""
+    options = options_of(arguments)
+    link = Link(
+        options.connect, baud=options.baud, system=options.system, simulated=options.simulated
+    )
+    try:
+        program = Program(link, options)
+        program.run()
+    finally:
+        link.close()
+    return 0
+
+
+def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return the options of a command line, or raise :class:`InputError`."""
+    options = _parser().parse_args(arguments)
+    for name, (low, high, unit) in _RANGES.items():
+        value = getattr(options, name)
+        if not low <= value <= high:
+            called = name.replace("_", "-")
+            raise InputError(f"--{called} is {value:g} {unit}; expected {low:g} to {high:g} {unit}")
+    if not 1 <= options.system <= 255:
+        raise InputError(f"--system is {options.system}; expected 1 to 255")
+    if options.seconds is not None and not options.seconds > 0.0:
+        raise InputError(f"--seconds is {options.seconds:g} s; expected more than 0 s")
+    return options
+
+
+class Steered(NamedTuple):
+    """A period of the follower."""
+
+    time: float  # s
+    cross_track: float  # m
+    along_track: float
+    late: float  # s
+    speed: float  # over the ground, m/s
+    airspeed: float
+    told: Command
+
+
+class Program:
+    """The program between messages: what is known, judged and flown."""
+
+    def __init__(self, link: Link, options: argparse.Namespace) -> None:
+        self._link, self._options, self._fly = link, options, bool(options.fly)
+        self._out: TextIO | None = None if options.quiet else sys.stdout
+        self.steered: deque[Steered] = deque(maxlen=20_000)
+        self._told: dict[str, float] = {}
+        link.find(options.wait)
+        parameters = link.parameters()
+        if self._fly:
+            check_flyable(parameters)
+        self._vehicle = vehicle_of(parameters, options.separation)
+        self._rules = _rules(self._vehicle, options)
+        references = {0: "msl", 1: "msl"} if options.traffic_altitude == "msl" else {}
+        self._reading = Reading(references)
+        self._items = link.mission()
+        self._received = Received(parameters=parameters)
+        self._judgement = Judgement(initial(self._rules.thresholds, self._rules.settings.unknown))
+        self._control = Control()
+        self._guide: Any = None
+        self._air = Air()
+        self._flown: ToFly | None = None
+        self._beaten = self._judged = self._steered = self._sped = 0.0
+        self._leg: tuple[int, tuple[float, float]] | None = None
+        self._causes: set[Cause] = set()
+        self._mission = self._downloaded = (0, 0)  # its size and number by MISSION_CURRENT
+        self.log(f"autopilot {link.system}/{link.component}, mission of {len(self._items)} items")
+        for note in self._vehicle.notes:
+            self.log(note)
+        for note in failsafe_notes(parameters, options.system) if self._fly else ():
+            self.log(f"warning: {note}")
+        _rehearse(self._rules)
+        link.ask_rates()
+
+    def close(self) -> None:
+        """End the connection."""
+        self._link.close()
+
+    # The loop.
+
+    def run(self) -> None:
+        """Receive, judge and steer, until the end."""
+        began = time.monotonic()
+        while self._options.seconds is None or time.monotonic() - began < self._options.seconds:
+            self.turn()
+
+    def turn(self, seconds: float = 0.02) -> None:
+        """Receive for so long, and do what is due."""
+        ours = time.monotonic()
+        if ours - self._beaten >= (0.05 if self._options.simulated else _BEAT):
+            self._beaten = ours
+            self._link.beat()
+        for message, now in self._link.receive(ours + seconds):
+            self._take(message, now)
+        now = self._link.clock.now(time.monotonic())
+        if now and not 0.0 <= now / SECOND - self._judged < _JUDGE:
+            self._judged = now / SECOND
+            self._judge(now)
+
+    def _take(self, message: Any, now: int) -> None:
+        kind = message.get_type()
+        before = self._received
+        self._received = take(before, message, now, self._reading)
+        if kind == "PARAM_VALUE" and message.param_id == "AVD_ENABLE" and message.param_value:
+            self._refuse("AVD_ENABLE was set: the autopilot's own avoidance is on")
+        if kind == "MISSION_CURRENT":
+            self._mission = int(message.total), int(getattr(message, "mission_id", 0))
+        if kind == "HEARTBEAT" and before.heartbeat != self._received.heartbeat:
+            assert self._received.heartbeat is not None
+            self.log(f"mode {self._received.heartbeat.mode_name}", now)
+            self._control_step(now)
+        if kind == "GLOBAL_POSITION_INT" and self._control.phase is Phase.GUIDING:
+            seconds = now / SECOND
+            if not 0.0 <= seconds - self._steered < 0.9 * PERIOD:
+                self._steered = seconds
+                self._control_step(now)
+
+    def _refuse(self, why: str) -> None:
+        if self._fly:
+            self._fly = False
+            self.log(f"{why}; nothing is flown any more")
+            self._link.say("RLCAS: off, AVD_ENABLE is set")
+
+    # Judging.
+
+    def _judge(self, now: int) -> None:
+        self._received = forget(self._received, now)
+        phase = self._control.phase
+        if self._mission != self._downloaded and not self._control.flies:
+            self._download()
+        try:
+            route = self._route()
+        except FieldError as error:
+            route = None
+            self._tell("mission", f"{error}", now, send=False)
+        if route is not None:
+            if phase in (Phase.TAKING, Phase.GUIDING):
+                self._judgement = supervise(
+                    self._judgement, self._received.situation, route, now, self._rules
+                )
+                self._explain(now)
+            elif phase is not Phase.RETURNING and self._mode == messages.Mode.AUTO:
+                self._judgement = watch(
+                    self._judgement, self._received.situation, route, now, self._rules
+                )
+                self._advise(now)
+        self._control_step(now)
+
+    def _download(self) -> None:
+        """Download the mission anew where MISSION_CURRENT says that it is another."""
+        if self._downloaded != (0, 0):
+            self._items, self._leg = self._link.mission(), None
+            self.log(f"the mission has changed: {len(self._items)} items")
+        self._downloaded = self._mission
+
+    @property
+    def _mode(self) -> int:
+        return -1 if self._received.heartbeat is None else self._received.heartbeat.mode
+
+    def _route(self) -> Any:
+        """Return the mission from the current item on, its first leg from where it began."""
+        current = self._received.current
+        own = self._received.situation.own.last
+        left = mission.left(self._items, current)
+        if not left or own is None:
+            raise FieldError("mission", f"is at item {current}, where no waypoint is flown to")
+        if self._leg is None or self._leg[0] != current:
+            came_from = mission.before(self._items, current)
+            self._leg = current, own.place if came_from is None else came_from.place
+        spacing = SPACING * self._vehicle.aircraft.separation
+        return mission.route(self._leg[1], left, spacing)
+
+    def _explain(self, now: int) -> None:
+        """Log why the monitor is not content, where that changes."""
+        verdict = self._judgement.verdict
+        reasons = () if verdict is None else verdict.reasons
+        causes = {why.cause for why in reasons}
+        if causes != self._causes:
+            self._causes = causes
+            state = "" if verdict is None else verdict.state.name
+            self.log(f"{state}: {'; '.join(why.message for why in reasons) or 'no remark'}", now)
+        problem = self._judgement.problem
+        if problem:
+            self._tell(
+                f"replan {'' if verdict is None else verdict.state.name}",
+                f"no plan: {problem}",
+                now,
+                send=False,
+            )
+
+    def _advise(self, now: int) -> None:
+        found, answer = self._judgement.conflict, self._judgement.plan
+        if self._judgement.problem:
+            self._tell("problem", self._judgement.problem, now, send=True)
+        if found is None or answer is None:
+            return
+        kind = f"conflict {found.name} {answer.safe}"
+        text = f"{found.name} in {found.time:.0f} s: "
+        if not answer.safe:
+            reasons = "; ".join(reason.message for reason in answer.reasons)
+            self._tell(kind, f"{text}no plan is safe", now, send=True, more=reasons)
+            return
+        first = answer.waypoints[0]
+        turn = f"{math.degrees(0.5 * math.pi - first.heading) % 360.0:.0f} deg"
+        text += f"plan by {turn}, {first.speed:.0f} m/s"
+        if self._tell(kind, text, now, send=True, more=f"rejoins {answer.goal_index}"):
+            self._write_plan()
+
+    def _write_plan(self) -> None:
+        """Write what is flown or advised as GeoJSON; a full disk stops nothing."""
+        if self._options.plan_file is None:
+            return
+        held = self._judgement.supervision.held
+        if held is None:
+            return
+        places = [[one.longitude, one.latitude] for one in (held.start, *held.points)]
+        document = {
+            "type": "Feature",
+            "geometry": {"type": "LineString", "coordinates": places},
+            "properties": {
+                "name": f"plan {held.revision}",
+                "times_ns": [p.time for p in held.points],
+            },
+        }
+        try:
+            write_file(self._options.plan_file, json.dumps(document))
+        except OSError as error:
+            self.log(f"{self._options.plan_file}: cannot be written: {error}")
+
+    # Flying.
+
+    def _control_step(self, now: int) -> None:
+        seen = self._seen(now)
+        before, was = self._control, self._control.phase
+        done = step(self._control, seen, fly=self._fly)
+        self._control = done.control
+        if done.text:
+            self.log(done.text, now)
+            self._link.say(f"RLCAS: {done.text}")
+        if was is not self._control.phase:
+            self.log(f"{was.value} -> {self._control.phase.value}", now)
+            if self._control.phase is Phase.WATCHING:
+                fresh = initial(self._rules.thresholds, self._rules.settings.unknown)
+                revision = self._judgement.revision
+                supervision = replace(fresh, revision=revision)
+                self._judgement = Judgement(supervision, revision=revision)
+        for order in done.orders:
+            self._obey(order, now, before)
+
+    def _seen(self, now: int) -> Seen:
+        judged, received = self._judgement, self._received
+        track = received.situation.own
+        fresh = track.fault is None and track.age(now) <= STALE
+        rejoin = judged.rejoined_at
+        on_plan = to_fly(judged.supervision) is Flown.PLAN
+        return Seen(
+            now / SECOND,
+            self._mode,
+            received.heartbeat is not None and received.heartbeat.armed,
+            fresh,
+            judged.conflict is not None and judged.conflict.time <= self._rules.engage,
+            judged.safe if self._control.phase is Phase.WATCHING else to_follow(judged) is not None,
+            on_plan and rejoin is not None and now >= rejoin,
+        )
+
+    def _obey(self, order: Order, now: int, before: Control) -> None:
+        if order is Order.TAKE_OVER:
+            self._take_over()
+        elif order is Order.STEER:
+            self._steer(now)
+        elif order is Order.GIVE_BACK:
+            if self._judgement.rejoin is not None:
+                self._link.set_current(mission.resumed(self._judgement.rejoin, self._items))
+            self._link.set_mode(messages.Mode.AUTO)
+        elif before.restore is not None:
+            self._link.set_mode(before.restore)
+
+    def _take_over(self) -> None:
+        held = self._judgement.supervision.held
+        own = self._received.situation.own.last
+        if held is None or own is None or own.altitude is None:
+            return
+        point = next(
+            (one for one in held.points if one.index == self._judgement.rejoin), held.points[-1]
+        )
+        self._link.reposition(messages.target(point.latitude, point.longitude, own.altitude))
+
+    def _steer(self, now: int) -> None:
+        followed = to_follow(self._judgement)
+        report = self._received.situation.own.last
+        if followed is None or report is None:
+            return
+        if self._flown is None or self._flown.key != followed.key:
+            self._flown = followed
+            self._guide = guide(followed.own, followed.waypoints, followed.wind)
+            self.log(f"flying {followed.key[0]} {followed.key[1]}", now)
+        state = placed(followed.frame, report)
+        late = (now - report.time) / SECOND
+        state = _carried(state, late)
+        clock = (now - followed.began) / SECOND
+        speeds = self._vehicle.airspeed_min, self._vehicle.airspeed_max
+        airspeed = self._received.airspeed
+        self._air = sense(self._air, state, report.wind, airspeed)
+        told = command(self._guide, state, clock, self._air, speeds, _BANK_MAX)
+        seconds = now / SECOND
+        off = errors(self._guide, state, clock)
+        self.steered.append(Steered(seconds, *off, state.speed, airspeed or math.nan, told))
+        speed = not 0.0 <= seconds - self._sped < _SPEED
+        if speed:
+            self._sped = seconds
+        self._link.steer(told, now // 1_000_000, speed=speed)
+
+    # Texts.
+
+    def _tell(self, kind: str, text: str, now: int, *, send: bool, more: str = "") -> bool:
+        """Log a text, and send it, unless one of its kind has just been; return whether it has."""
+        seconds = now / SECOND
+        if 0.0 <= seconds - self._told.get(kind, -math.inf) < _AGAIN:
+            return False
+        self._told[kind] = seconds
+        self.log(f"{text}{' (' * bool(more)}{more}{')' * bool(more)}", now)
+        if send:
+            self._link.say(f"RLCAS: {text}")
+        return True
+
+    def log(self, text: str, now: int | None = None) -> None:
+        """Write a line; where it cannot be written, as on a full disk, nothing stops for it."""
+        if self._out is None:
+            return
+        moment = "" if now is None else f"{now / SECOND:8.2f} "
+        try:
+            print(f"{moment}{text}", file=self._out, flush=True)
+        except OSError:
+            self._out = None
+
+
+def _carried(state: VehicleState, seconds: float) -> VehicleState:
+    way = state.speed * seconds
+    return state._replace(
+        x=state.x + way * math.cos(state.heading), y=state.y + way * math.sin(state.heading)
+    )
+
+
+def _rehearse(rules: Rules) -> None:
+    """Plan once for traffic ahead, so that the first plan comes as fast as the others."""
+    options = rules.settings.options
+    far, speed = options.aircraft.separation, 0.75 * options.aircraft.limits.speed_max
+    route = [RoutePoint(index, 5.0 * far * (index + 1), 0.0) for index in range(10)]
+    own, other = VehicleState(0.0, 0.0, 0.0, speed), VehicleState(9.0 * far, 0.0, 3.1, speed)
+    plan(own, [other], route, rules.policy, options)
+
+
+def _rules(vehicle: Vehicle, options: argparse.Namespace) -> Rules:
+    try:
+        policy = loaded(options.policy).for_aircraft(vehicle.aircraft)
+    except OutsideDomainError as problem:
+        raise InputError(
+            f"--separation {options.separation:g} m with the autopilot's parameters: {problem}"
+        ) from None
+    except ValueError as problem:
+        raise InputError(str(problem)) from None
+    return rules(
+        vehicle.aircraft,
+        policy,
+        margin=options.margin,
+        vertical=options.vertical_filter,
+        unknown=Unknown(options.unknown_position_std, options.unknown_velocity_std),
+        deadline=options.deadline,
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m ros_bridge.mavlink", description=__doc__)
+    add = parser.add_argument
+    add(
+        "--connect",
+        required=True,
+        metavar="ADDRESS",
+        help="udp:HOST:PORT (listens), udpout:HOST:PORT, tcp:HOST:PORT or a serial port",
+    )
+    add("--baud", type=int, default=57_600, help="of a serial port (default 57600)")
+    add("--system", type=int, default=245, help="our number, 1 to 255 (default 245)")
+    add("--fly", action="store_true", help="take over in GUIDED while a conflict lasts")
+    numbers = (
+        ("separation", 610.0, "m to be kept from traffic"),
+        ("margin", MARGIN, "m added for what the autopilot leaves of a plan"),
+        ("vertical-filter", 600.0, "m above or below, beyond which traffic does not count"),
+        ("unknown-position-std", USUAL.position_std, "m one sigma of traffic that states none"),
+        ("unknown-velocity-std", USUAL.velocity_std, "m/s one sigma of traffic that states none"),
+        ("deadline", 0.2, "s of computation in which a plan must be found"),
+        ("wait", 30.0, "s for the first heartbeat"),
+    )
+    for name, default, what in numbers:
+        add(f"--{name}", type=float, default=default, help=f"{what} (default {default:g})")
+    add(
+        "--traffic-altitude",
+        choices=("unknown", "msl"),
+        default="unknown",
+        help="what altitudes of ADS-B are above (default unknown: every aircraft counts)",
+    )
+    add("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
+    add("--plan-file", type=Path, metavar="FILE", help="write every plan there as GeoJSON")
+    add("--seconds", type=float, help="end after so many s (default: never)")
+    add("--quiet", action="store_true", help="print nothing")
+    simulated = "the autopilot is a simulation, whose time may run faster than real time"
+    add("--simulated", action="store_true", help=simulated)
+    return parser
+
+
+if __name__ == "__main__":
+    run_cli("ros_bridge.mavlink.program:main")

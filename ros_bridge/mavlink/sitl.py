@@ -1,0 +1,299 @@
+"""ArduPlane's own simulation (SITL): the real autopilot's program with a simulated airframe.
+
+For the demonstration, the tests and the benchmarks. The program is no part of the project:
+``RLCAS_SITL`` names the folder that holds ``arduplane`` and ``plane.parm``; without it the folder
+``shared/sitl`` beside the repository is used where there is one.
+"""
+
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+from envs.edge.command import InputError
+
+HOME = (47.4, 8.5, 520.0)
+"""Latitude, longitude, degrees, and height, m, of the simulated airfield."""
+
+_FIRST_PORT = 5_760
+_BEGINS = 20.0  # s
+_BESIDE = Path(__file__).resolve().parents[3] / "shared" / "sitl"
+_RELATIVE = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+_CRUISE = 100.0  # m above home
+
+
+class SitlError(InputError):
+    """A simulation that is not there, or that did not do what was asked of it."""
+
+
+class Leg(NamedTuple):
+    """A waypoint of a mission, m east and north of home and above it."""
+
+    east: float
+    north: float
+    above: float = _CRUISE
+    command: int = 16
+    parameter: float = 0.0
+
+
+def folder() -> Path:
+    """Return the folder of the program, or raise :class:`SitlError`."""
+    named = os.environ.get("RLCAS_SITL", "")
+    found = Path(named) if named else _BESIDE
+    if not (found / "arduplane").is_file() or not (found / "plane.parm").is_file():
+        raise SitlError(
+            f"RLCAS_SITL is {named!r} and {found} holds no arduplane with plane.parm; expected the "
+            "folder of ArduPlane's SITL (docs/howto/mavlink.md)"
+        )
+    return found
+
+
+def place(east: float, north: float) -> tuple[float, float]:
+    """Return latitude and longitude, degrees, m east and north of home."""
+    from envs.formats.local_frame import LocalFrame
+
+    at = LocalFrame(HOME[0], HOME[1]).geodetic(east, north)
+    return float(at.latitude), float(at.longitude)
+
+
+class Sitl:
+    """A running simulation with a connection of its own, as a ground station has it.
+
+    Args:
+        instance: which ports it uses: 5760 + 10 times this, and 2 and 3 above.
+        speedup: times real time.
+        parameters: set before the start.
+    """
+
+    def __init__(
+        self,
+        instance: int = 0,
+        speedup: float = 10.0,
+        parameters: Mapping[str, float] | None = None,
+    ) -> None:
+        self.port = _FIRST_PORT + 10 * instance
+        self._folder = tempfile.TemporaryDirectory(prefix="rlcas-sitl-", ignore_cleanup_errors=True)
+        where = Path(self._folder.name)
+        program = folder()
+        extra = where / "extra.parm"
+        extra.write_text("".join(f"{k} {v}\n" for k, v in (parameters or {}).items()))
+        home = ",".join(map(str, (*HOME, 90)))
+        self._log = (where / "output").open("wb")
+        # A group of its own: nothing that ends the test ends it half.
+        self._process = subprocess.Popen(
+            [
+                str(program / "arduplane"),
+                *("--model", "plane", "--speedup", f"{speedup:g}", "--home", home, "-w"),
+                *("--defaults", f"{program / 'plane.parm'},{extra}", "-I", str(instance)),
+            ],
+            cwd=where,
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            self.station: Any = self._connected()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def address(self) -> str:
+        """Where another station connects."""
+        return f"tcp:127.0.0.1:{self.port + 2}"
+
+    @property
+    def third_address(self) -> str:
+        """Where one more station connects."""
+        return f"tcp:127.0.0.1:{self.port + 3}"
+
+    def __enter__(self) -> Self:
+        """Return the running simulation."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End it."""
+        self.close()
+
+    def close(self) -> None:
+        """End the simulation and remove its folder."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGKILL)
+        self._process.wait()
+        station = getattr(self, "station", None)
+        if station is not None:
+            station.close()
+        self._log.close()
+        self._folder.cleanup()
+
+    def signal(self, number: int) -> None:
+        """Send a signal to the simulation, such as to stop it and let it go on."""
+        self._process.send_signal(number)
+
+    def _connected(self) -> Any:
+        os.environ.setdefault("MAVLINK20", "1")
+        from pymavlink import mavutil
+
+        until = time.monotonic() + _BEGINS
+        while time.monotonic() < until:
+            if self._process.poll() is not None:
+                raise SitlError(f"arduplane ended with exit code {self._process.returncode}")
+            try:
+                station = mavutil.mavlink_connection(
+                    f"tcp:127.0.0.1:{self.port}", source_system=255, retries=1
+                )
+            except OSError:
+                time.sleep(0.1)
+                continue
+            if station.wait_heartbeat(timeout=_BEGINS) is not None:
+                return station
+        raise SitlError(f"arduplane sent no heartbeat within {_BEGINS:g} s")
+
+    # What a ground station does.
+
+    def wait(self, kind: str, seconds: float = 20.0, **fields: Any) -> Any:
+        """Return the next message of a kind, whose fields are such, or raise :class:`SitlError`
+        after so many seconds of real time.
+        """
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self.beat()
+            message = self.station.recv_match(type=kind, blocking=True, timeout=0.5)
+            if message is not None and all(
+                getattr(message, name) == value for name, value in fields.items()
+            ):
+                return message
+        raise SitlError(f"no {kind} with {fields} came within {seconds:g} s")
+
+    _beaten = 0.0
+
+    def beat(self) -> None:
+        """Send the ground station's heartbeat, at most every tenth of a second."""
+        if time.monotonic() - self._beaten > 0.1:
+            self._beaten = time.monotonic()
+            self.station.mav.heartbeat_send(6, 8, 0, 0, 0)
+
+    def set(self, name: str, value: float) -> None:
+        """Set a parameter and wait for it."""
+        for _ in range(5):
+            self.station.mav.param_set_send(1, 1, name.encode(), value, 9)
+            try:
+                self.wait("PARAM_VALUE", 2.0, param_id=name)
+            except SitlError:
+                continue
+            return
+        raise SitlError(f"{name} could not be set")
+
+    def rate(self, kind: int, interval_us: float) -> None:
+        """Ask for a message by its number every so many microseconds."""
+        self.command(511, kind, interval_us)
+
+    def command(self, number: int, *values: float) -> None:
+        """Send a COMMAND_LONG."""
+        padded = [*values, *[0.0] * (7 - len(values))]
+        self.station.mav.command_long_send(1, 1, number, 0, *padded)
+
+    def mode(self, number: int) -> None:
+        """Ask for a mode until the heartbeat has it."""
+        for _ in range(20):
+            self.command(176, 1.0, float(number))
+            try:
+                self.wait("HEARTBEAT", 1.0, custom_mode=number)
+            except SitlError:
+                continue
+            return
+        raise SitlError(f"mode {number} was not taken")
+
+    def upload(self, legs: Sequence[Leg]) -> None:
+        """Upload a mission; item 0 is home."""
+        items: list[tuple[Any, ...]] = [(0, 16, 0.0, *HOME[:2], HOME[2])]
+        items += [
+            (_RELATIVE, one.command, one.parameter, *place(one.east, one.north), one.above)
+            for one in legs
+        ]
+        self._upload(items, 0)
+
+    def upload_fence(self, polygon: Sequence[tuple[float, float]], *, keep_in: bool) -> None:
+        """Upload a fence of one polygon, m east and north of home."""
+        command = 5001 if keep_in else 5002
+        corners = [place(*corner) for corner in polygon]
+        self._upload([(0, command, float(len(corners)), *corner, 0.0) for corner in corners], 1)
+
+    def _upload(self, items: Sequence[tuple[Any, ...]], kind: int) -> None:
+        mav = self.station.mav
+        mav.mission_count_send(1, 1, len(items), kind)
+        until = time.monotonic() + _BEGINS
+        while time.monotonic() < until:
+            self.beat()
+            asked = self.station.recv_match(
+                type=["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"],
+                blocking=True,
+                timeout=1.0,
+            )
+            if asked is None:
+                mav.mission_count_send(1, 1, len(items), kind)
+                continue
+            if asked.get_type() == "MISSION_ACK":
+                if asked.type == 0:
+                    return
+                # Right after its start there is no room for one yet.
+                time.sleep(0.2)
+                mav.mission_count_send(1, 1, len(items), kind)
+                continue
+            row: Any = items[asked.seq]
+            frame, command, first, latitude, longitude, above = row
+            mav.mission_item_int_send(
+                *(1, 1, asked.seq, frame, command, 0, 1),
+                *(first, 0.0, 0.0, 0.0),
+                *(round(1e7 * latitude), round(1e7 * longitude), above, kind),
+            )
+        raise SitlError("the mission was not taken")
+
+    def take_off(self) -> None:
+        """Arm, fly the mission in AUTO, and wait until it has left its first item behind."""
+        self.wait("GLOBAL_POSITION_INT")
+        self.mode(10)
+        for _ in range(60):
+            self.command(400, 1.0, 2989.0)
+            try:
+                if self.wait("COMMAND_ACK", 1.0, command=400).result == 0:
+                    break
+            except SitlError:
+                continue
+            time.sleep(0.2)
+        else:
+            raise SitlError("the aircraft could not be armed")
+        until = time.monotonic() + 60.0
+        while time.monotonic() < until:
+            if self.wait("MISSION_CURRENT").seq > 1:
+                return
+        raise SitlError("the aircraft has not taken off")
+
+    def traffic(
+        self, number: int, east: float, north: float, course: float, speed: float, above: float
+    ) -> None:
+        """Send an ADSB_VEHICLE, as a receiver does.
+
+        Args:
+            number: its address.
+            east: m of home; with ``north``.
+            course: degrees clockwise from north.
+            speed: m/s.
+            above: m above mean sea level.
+        """
+        latitude, longitude = place(east, north)
+        self.station.mav.adsb_vehicle_send(
+            *(number, round(1e7 * latitude), round(1e7 * longitude), 1, round(1000 * above)),
+            *(round(100 * (course % 360.0)), round(100 * speed), 0, f"T{number}".encode(), 14, 0),
+            *(0x00FF & ~64, 0),
+        )

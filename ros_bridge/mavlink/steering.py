@@ -1,0 +1,115 @@
+"""From a plan and where the aircraft is to the roll and airspeed that the autopilot is told.
+
+The guidance is that of the true aircraft of the evaluation (:mod:`envs.c208.guidance`): the plan is
+looked up as far ahead as the aircraft lags, across the path and along it in time. What it asks for
+is a turn rate and an acceleration; an autopilot takes a roll angle, and an airspeed that it reaches
+with a lag of its own.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.c208.guidance import Guide, Lookahead, Path
+from envs.follower import deviation, offset
+from envs.kinematics import VehicleState
+from envs.waypoints import Legs, Waypoint, at, knots, legs
+from envs.wind import NO_WIND, Wind, through_air
+from ros_bridge.mavlink.vehicle import GRAVITY
+
+PERIOD = 0.1
+"""Between two commands, s."""
+
+SPEED_LAG = 3.0
+"""How much later than demanded an airspeed is flown, s (docs/howto/mavlink.md has the measurement).
+"""
+
+GAINS = Lookahead(turn=0.5, across=0.30, heading=1.1)
+_ALONG = 0.15  # speed per distance behind, 1/s
+_SHARE = 0.02  # of a new offset that is taken over each period: in 5 s
+
+
+class Command(NamedTuple):
+    """What the autopilot is told."""
+
+    roll: float  # rad, positive to the right
+    airspeed: float  # m/s
+
+
+class Air(NamedTuple):
+    """The air that the aircraft flies in."""
+
+    wind: tuple[float, float] = (0.0, 0.0)  # its velocity, m/s east and north
+    offset: float = 0.0  # of the airspeed that is indicated from the true one, m/s
+
+
+def sense(
+    air: Air, state: VehicleState, wind: tuple[float, float] | None, airspeed: float | None
+) -> Air:
+    """Return the air after one more period: the airspeed's offset follows slowly."""
+    wind = wind or (0.0, 0.0)
+    if airspeed is None:
+        return Air(wind, air.offset)
+    east = state.speed * math.cos(state.heading) - wind[0]
+    north = state.speed * math.sin(state.heading) - wind[1]
+    off = airspeed - math.hypot(east, north)
+    return Air(wind, air.offset + _SHARE * (off - air.offset))
+
+
+class Follower(NamedTuple):
+    """A plan that is followed."""
+
+    legs: Legs
+    guide: Guide  # it remembers how late the aircraft is
+    wind: Wind  # in whose air mass the legs are
+
+
+def guide(own: VehicleState, waypoints: tuple[Waypoint, ...], wind: Wind | None) -> Follower:
+    """Return the follower of a plan from its first state and its waypoints, times from its
+    request, and the wind that it is flown in.
+    """
+    found = legs(knots(own, waypoints, wind=wind))
+    return Follower(found, Guide(Path(found, wind or NO_WIND), GAINS), wind or NO_WIND)
+
+
+def errors(follower: Follower, state: VehicleState, time: float) -> tuple[float, float, float]:
+    """Return how far a state over the ground is from the plan at a time, s: across it and along
+    it, m, and in time, s, all in the air mass.
+    """
+    in_air = through_air(state, follower.wind, time)
+    off = deviation(follower.legs, in_air, np.float64(time))
+    return float(off.cross_track), float(off.along_track), float(off.time)
+
+
+def command(
+    follower: Follower,
+    state: VehicleState,
+    time: float,
+    air: Air,
+    speeds: tuple[float, float],
+    bank_max: float,
+) -> Command:
+    """Return roll and airspeed for the coming period.
+
+    Args:
+        follower: of the plan.
+        state: over the ground, now.
+        time: on the plan's clock, s.
+        air: that the aircraft flies in.
+        speeds: least and greatest airspeed that the autopilot takes, m/s.
+        bank_max: rad.
+    """
+    _, turn = follower.guide.commands(state, time, PERIOD)
+    roll = -math.atan(turn * state.speed / GRAVITY)
+    ahead = at(follower.legs, np.float64(time + SPEED_LAG), follower.wind)
+    now = at(follower.legs, np.float64(time), follower.wind)
+    late = offset(state, now)[0]
+    gain = -_ALONG * float(late) / max(float(ahead.speed), 1.0)
+    east = float(ahead.speed * np.cos(ahead.heading)) * (1.0 + gain) - air.wind[0]
+    north = float(ahead.speed * np.sin(ahead.heading)) * (1.0 + gain) - air.wind[1]
+    wanted = math.hypot(east, north) + air.offset
+    return Command(
+        min(max(roll, -bank_max), bank_max),
+        min(max(wanted, speeds[0]), speeds[1]),
+    )

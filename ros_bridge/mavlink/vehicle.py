@@ -1,0 +1,144 @@
+"""The aircraft that an autopilot's parameters describe, and what in them forbids to fly it."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from envs.aircraft import Aircraft, AircraftError, new_aircraft
+from envs.edge.command import InputError
+from envs.kinematics import Limits
+
+GRAVITY = 9.80665  # m/s^2
+
+_MOST_BANK = math.radians(40.0)  # of plans, whatever the autopilot may bank
+_STALL = 1.2  # least speed of plans, in the autopilot's own
+_RESERVE = 0.93  # greatest speed of plans, in the autopilot's own
+_SLOWEST, _FASTEST_RATIO = 0.41, 0.74  # speeds of the policy's family, in the greatest
+_ACCELERATION = 0.7  # of what the autopilot's total energy allows in level flight
+_MOST = 0.6  # m/s^2, whatever the energy allows: TECS takes seconds to change the speed
+_LIMIT = 0.38  # of the accelerations of the policy's family, V^2 / D
+_LEAST_RADIUS = 0.31  # of the turns of the policy's family, D
+_OLD_NAMES = {
+    "AIRSPEED_MIN": "ARSPD_FBW_MIN",
+    "AIRSPEED_MAX": "ARSPD_FBW_MAX",
+    "ROLL_LIMIT_DEG": "LIM_ROLL_CD",
+}
+
+
+class Vehicle(NamedTuple):
+    """An aircraft with what was assumed of it, and the airspeeds that its autopilot takes, m/s."""
+
+    aircraft: Aircraft
+    airspeed_min: float
+    airspeed_max: float
+    notes: tuple[str, ...]
+
+
+class ParameterError(InputError):
+    """A parameter of the autopilot that is missing, impossible or against being flown."""
+
+
+def value_of(parameters: Mapping[str, float], name: str) -> float | None:
+    """Return a parameter under its name of ArduPlane 4.5 or later, or the one before; None where
+    there is neither.
+    """
+    found = parameters.get(name)
+    if found is None and name in _OLD_NAMES:
+        found = parameters.get(_OLD_NAMES[name])
+        if found is not None and name == "ROLL_LIMIT_DEG":
+            found *= 0.01
+    return found
+
+
+def vehicle_of(parameters: Mapping[str, float], separation: float) -> Vehicle:
+    """Return the aircraft of an autopilot's parameters for a separation to be kept, m.
+
+    Raises:
+        ParameterError: a speed is missing or impossible, or no aircraft follows.
+    """
+    slow, fast = (_needed(parameters, name) for name in ("AIRSPEED_MIN", "AIRSPEED_MAX"))
+    if not 0.0 < slow < fast:
+        raise ParameterError(
+            f"AIRSPEED_MIN, AIRSPEED_MAX are {slow:g}, {fast:g} m/s; expected 0 < min < max"
+        )
+    notes: list[str] = []
+    top = _RESERVE * fast
+    low = max(_STALL * slow, _SLOWEST * top)
+    notes.append(f"plans fly {low:.1f} to {top:.1f} m/s of AIRSPEED_MIN, MAX {slow:g}, {fast:g}")
+    if low > _FASTEST_RATIO * top:
+        notes.append(f"the speeds are closer together than the policy's family has them ({top:g})")
+    given = value_of(parameters, "ROLL_LIMIT_DEG")
+    if given is None:
+        given = 45.0
+        notes.append("ROLL_LIMIT_DEG is unknown and taken as 45 degrees")
+    bank = min(math.radians(given), _MOST_BANK)
+    able = 0.8 * GRAVITY * math.tan(bank) / top
+    climb, sink = (
+        _assumed(parameters, name, usual, notes)
+        for name, usual in (("TECS_CLMB_MAX", 3.0), ("TECS_SINK_MIN", 1.0))
+    )
+    # TECS trades the specific power of its greatest climb and least sink rate against speed.
+    gain, loss = (_ACCELERATION * rate * GRAVITY / top for rate in (climb, sink))
+    unit = top * top / separation
+    vehicle = Limits(low, top, -min(loss, _MOST), min(gain, _MOST), able)
+    decided = Limits(
+        low,
+        top,
+        max(-_LIMIT * unit, 0.75 * vehicle.acceleration_min),
+        min(_LIMIT * unit, 0.75 * vehicle.acceleration_max),
+        min(0.75 * able, top / (_LEAST_RADIUS * separation)),
+    )
+    notes.append(
+        f"turns of {math.degrees(able):.1f} deg/s at most (bank {math.degrees(bank):.0f} degrees at"
+        f" {top:.1f} m/s), plans decide with {math.degrees(decided.yaw_rate_max):.1f}"
+    )
+    notes.append(
+        f"accelerations {vehicle.acceleration_min:.2f} to {vehicle.acceleration_max:.2f} m/s^2 of "
+        f"TECS_SINK_MIN {sink:g} and TECS_CLMB_MAX {climb:g} m/s"
+    )
+    try:
+        aircraft = new_aircraft(decided, separation, vehicle=vehicle)
+    except AircraftError as problem:
+        raise ParameterError(f"the autopilot's parameters make no aircraft: {problem}") from None
+    return Vehicle(aircraft, slow, fast, tuple(notes))
+
+
+def check_flyable(parameters: Mapping[str, float]) -> None:
+    """Raise :class:`ParameterError` where the autopilot's own avoidance is on: both must not fly
+    at once.
+    """
+    if parameters.get("AVD_ENABLE", 0.0) != 0.0:
+        raise ParameterError(
+            "AVD_ENABLE is 1; expected 0 with --fly: the autopilot's own avoidance ignores guided "
+            "commands, and both must not fly at once"
+        )
+
+
+def failsafe_notes(parameters: Mapping[str, float], system: int) -> tuple[str, ...]:
+    """Return what of the autopilot's settings leaves it in GUIDED where this program dies."""
+    watched = parameters.get("FS_GCS_ENABL", 0.0) != 0.0
+    ours = parameters.get("MAV_GCS_SYSID", parameters.get("SYSID_MYGCS", 255.0))
+    if not watched or round(ours) != system:
+        return (
+            f"FS_GCS_ENABL, MAV_GCS_SYSID do not watch this program (system {system}): where it "
+            "dies while it flies, the autopilot stays in GUIDED at the rejoin waypoint until "
+            "somebody changes the mode",
+        )
+    if parameters.get("FS_LONG_ACTN", 0.0) == 0.0:
+        return ("FS_LONG_ACTN is 0: where this program dies the autopilot stays in GUIDED",)
+    return ()
+
+
+def _needed(parameters: Mapping[str, float], name: str) -> float:
+    found = value_of(parameters, name)
+    if found is None:
+        raise ParameterError(f"{name} is not among the autopilot's parameters; expected m/s")
+    return found
+
+
+def _assumed(parameters: Mapping[str, float], name: str, usual: float, notes: list[str]) -> float:
+    found = value_of(parameters, name)
+    if found is None or found <= 0.0:
+        notes.append(f"{name} is unknown and taken as {usual:g} m/s")
+        return usual
+    return found

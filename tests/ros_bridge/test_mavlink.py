@@ -1,0 +1,409 @@
+"""MAVLink's messages, missions and parameters as domain values, and who flies: with pymavlink's own
+messages, packed and parsed in both versions of the protocol."""
+
+import importlib
+import itertools
+import math
+import socket
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
+
+from envs.areas import Keep
+from envs.edge.command import ConfigError, InputError
+from envs.formats.local_frame import distance
+from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.reports import Report
+from ros_bridge.mavlink import messages, mission, vehicle
+from ros_bridge.mavlink.control import CLEAR, Control, Order, Phase, Seen, Step, step
+from ros_bridge.mavlink.intake import Reading, Received, take
+from ros_bridge.mavlink.link import Clock, Link, checked_address
+from ros_bridge.mavlink.messages import Mode
+from ros_bridge.mavlink.mission import SUB, Item
+from ros_bridge.mavlink.program import main, options_of
+
+READING = Reading({})
+PARAMETERS = {
+    "AIRSPEED_MIN": 10.0,
+    "AIRSPEED_MAX": 30.0,
+    "ROLL_LIMIT_DEG": 65.0,
+    "TECS_CLMB_MAX": 5.0,
+    "TECS_SINK_MIN": 2.0,
+}
+
+
+@pytest.fixture(params=["v10", "v20"])
+def wire(request: pytest.FixtureRequest) -> Callable[..., Any]:
+    """Return a function that sends a message of a version over a wire of bytes."""
+    dialect = importlib.import_module(f"pymavlink.dialects.{request.param}.ardupilotmega")
+
+    def sent(name: str, **fields: Any) -> Any:
+        sender, receiver = dialect.MAVLink(None, 1, 1), dialect.MAVLink(None)
+        kind = getattr(dialect, f"MAVLink_{name.lower()}_message")
+        message = kind(**fields)
+        (parsed,) = receiver.parse_buffer(message.pack(sender))
+        return parsed
+
+    return sent
+
+
+def position(wire: Callable[..., Any], **changes: Any) -> Any:
+    """Return a GLOBAL_POSITION_INT."""
+    usual = {"time_boot_ms": 12_345, "lat": 474_000_000, "lon": 85_000_000, "alt": 600_000}
+    usual |= {"relative_alt": 100_000, "vx": 300, "vy": -400, "vz": -150, "hdg": 0}
+    return wire("GLOBAL_POSITION_INT", **(usual | changes))
+
+
+def vehicle_message(wire: Callable[..., Any], **changes: Any) -> Any:
+    """Return an ADSB_VEHICLE with every flag of a field that is read."""
+    usual: dict[str, Any] = {"ICAO_address": 0xABC123, "lat": 474_000_000, "lon": 85_000_000}
+    usual |= {"altitude_type": 1, "altitude": 650_000, "heading": 9_000, "hor_velocity": 3_000}
+    usual |= {"ver_velocity": 200, "callsign": b"ABC", "emitter_type": 14, "tslc": 2}
+    usual |= {"flags": 0x8F, "squawk": 0}
+    return wire("ADSB_VEHICLE", **(usual | changes))
+
+
+def test_the_own_state_keeps_place_velocity_and_the_autopilots_time(wire: Any) -> None:
+    found = messages.ownship(position(wire), (1.0, 2.0), 5.0)
+    assert found.place == pytest.approx((47.4, 8.5))
+    assert (found.east, found.north) == pytest.approx((-4.0, 3.0))
+    assert found.altitude is not None
+    assert (found.altitude.value, found.altitude.vertical_speed) == pytest.approx((600.0, 1.5))
+    assert (found.time, found.wind) == (12_345 * SECOND // 1000, (1.0, 2.0))
+
+
+@pytest.mark.parametrize("bad", [{"lat": 2**31 - 1}, {"alt": 2**31 - 1}])
+def test_a_place_that_there_is_not_is_refused_by_its_field(wire: Any, bad: dict[str, int]) -> None:
+    with pytest.raises(FieldError, match=f"ownship.{'latitude' if 'lat' in bad else 'altitude'}"):
+        messages.ownship(position(wire, **bad))
+
+
+@given(st.floats(0.0, 60.0), st.floats(-180.0, 360.0))
+def test_the_winds_velocity_points_away_from_where_it_comes_from(
+    speed: float, direction: float
+) -> None:
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+    east, north = messages.wind(dialect.MAVLink_wind_message(direction, speed, 0.0))
+    away = math.radians(direction + 180.0)
+    assert (east, north) == pytest.approx(
+        (speed * math.sin(away), speed * math.cos(away)), abs=1e-9
+    )
+
+
+def test_an_aircrafts_report_is_as_old_as_its_last_communication(wire: Any) -> None:
+    found = messages.traffic(vehicle_message(wire), 100 * SECOND, {1: "msl"})
+    assert isinstance(found, Report)
+    assert found.time == 98 * SECOND
+    assert (found.east, found.north) == pytest.approx((30.0, 0.0), abs=1e-9)
+    assert found.position_std is None
+    assert found.altitude is not None
+    assert (found.altitude.value, found.altitude.vertical_speed) == (650.0, 2.0)
+
+
+def test_what_an_aircrafts_flags_do_not_vouch_for_is_unknown(wire: Any) -> None:
+    without_height = messages.traffic(vehicle_message(wire, flags=0x8D), 100 * SECOND, {1: "msl"})
+    without_climb = messages.traffic(vehicle_message(wire, flags=0x0F), 100 * SECOND, {1: "msl"})
+    of_unknown_reference = messages.traffic(vehicle_message(wire), 100 * SECOND)
+    assert without_height is not None
+    assert without_height.altitude is None
+    assert without_climb is not None
+    assert without_climb.altitude is not None
+    assert without_climb.altitude.vertical_speed is None
+    assert of_unknown_reference is not None
+    assert of_unknown_reference.altitude is None
+
+
+@pytest.mark.parametrize("bit", [1, 4, 8])
+def test_an_aircraft_without_place_heading_or_velocity_is_a_fault_and_not_forgotten(
+    wire: Any, bit: int
+) -> None:
+    message = vehicle_message(wire, flags=0x8F & ~bit)
+    received = take(Received(), message, 100 * SECOND, READING)
+    (track,) = received.situation.traffic.values()
+    assert track.fault is not None
+    assert "adsb.flags" in track.fault.field
+
+
+def test_vehicles_on_the_ground_are_no_traffic(wire: Any) -> None:
+    received = take(Received(), vehicle_message(wire, emitter_type=17), 100 * SECOND, READING)
+    assert not received.situation.traffic
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [(831, ""), (831 | 128, "constant"), (831 & ~16, "absolute"), (1024, "begun")],
+)
+def test_an_estimate_without_a_position_stops_planning(wire: Any, flags: int, said: str) -> None:
+    spread = dict.fromkeys(
+        ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance"), 0.1
+    )
+    message = wire("EKF_STATUS_REPORT", flags=flags, terrain_alt_variance=0.0, **spread)
+    assert said in messages.estimate_problem(message)
+    received = take(Received(), message, SECOND, READING)
+    received = take(received, position(wire), 13 * SECOND, READING)
+    assert (received.situation.own.fault is None) == (said == "")
+
+
+def test_a_clock_follows_the_quickest_message_and_begins_anew_with_the_autopilot() -> None:
+    clock = Clock()
+    assert clock.now(5.0) == 0
+    clock.hear(10 * SECOND, 100.0)
+    clock.hear(11 * SECOND, 101.4)  # late by 0.4 s
+    assert clock.now(102.0) == pytest.approx(12 * SECOND, abs=SECOND // 100)
+    assert clock.hear(SECOND // 2, 103.0)
+    assert clock.now(103.5) == pytest.approx(SECOND, abs=SECOND // 100)
+
+
+@given(st.lists(st.tuples(st.floats(0.01, 2.0), st.floats(0.0, 1.0)), max_size=20))
+def test_a_clock_never_goes_back(steps: list[tuple[float, float]]) -> None:
+    clock, ours, last = Clock(), 0.0, 0
+    for seconds, late in steps:
+        ours += seconds
+        clock.hear(round((ours + 7.0) * SECOND), ours + late)
+        now = clock.now(ours + late)
+        assert now >= last
+        last = now
+
+
+# Missions and fences.
+
+
+def waypoint(number: int, east: float, command: int = 16, parameter: float = 0.0) -> Item:
+    """Return an item so many km to the east."""
+    return Item(number, command, 47.4, 8.5 + east / 75.0, 100.0, parameter)
+
+
+def test_a_route_goes_through_waypoints_until_something_else_is_flown() -> None:
+    items = [waypoint(0, 0), waypoint(1, 1, 22), waypoint(2, 2), waypoint(3, 3, 178)]
+    items += [waypoint(4, 5), waypoint(5, 7, 21), waypoint(6, 9)]
+    assert [one.number for one in mission.left(items, 2)] == [2, 4]
+    assert [one.number for one in mission.left(items, 4)] == [4]
+    assert mission.left(items, 5) == ()
+    before = mission.before(items, 4)
+    assert before is not None
+    assert before.number == 2
+
+
+@given(st.lists(st.floats(0.3, 9.0), min_size=1, max_size=4), st.floats(100.0, 2000.0))
+def test_a_routes_points_lie_on_its_legs_and_say_where_the_mission_goes_on(
+    lengths: list[float], spacing: float
+) -> None:
+    items, east = [waypoint(0, 0.0)], 0.0
+    for number, length in enumerate(lengths, 1):
+        east += length
+        items.append(waypoint(number, east))
+    route = mission.route((47.4, 8.5), items[1:], spacing)
+    assert len({one.index for one in route}) == len(route) >= 2
+    places = [(47.4, 8.5), *((one.latitude, one.longitude) for one in route)]
+    gaps = [distance(*a, *b) for a, b in itertools.pairwise(places)]
+    if len(lengths) > 1:  # a lone waypoint's leg may be doubled
+        assert max(gaps) < 1.6 * spacing
+    for one in route:
+        number = mission.resumed(one.index, items)
+        assert 1 <= number <= len(lengths) + 1
+        if one.index % SUB not in (0, SUB - 1):
+            assert number == one.index // SUB
+
+
+def test_a_mission_without_a_waypoint_left_is_said_so() -> None:
+    with pytest.raises(FieldError, match="no waypoint left"):
+        mission.route((47.4, 8.5), [], 100.0)
+
+
+def test_fences_become_areas_on_the_side_that_they_mean() -> None:
+    corners = [
+        Item(n, 5002, 47.4 + a, 8.5 + b, 0.0, 3.0)
+        for n, (a, b) in enumerate([(0.0, 0.0), (0.01, 0.0), (0.0, 0.01)])
+    ]
+    circle = Item(3, 5003, 47.4, 8.5, 0.0, 900.0)
+    out, inside = mission.fence([*corners, circle, Item(4, 5000, 47.4, 8.5, 0.0)], 30.0)
+    assert (out.keep, len(out.rings[0]), out.more["clearance"]) == (Keep.OUT, 3, 30.0)
+    assert (inside.keep, inside.radius) == (Keep.IN, 900.0)
+    with pytest.raises(FieldError, match="begins 3 corners"):
+        mission.fence(corners[:2], 0.0)
+
+
+# The aircraft.
+
+
+@given(st.floats(8.0, 20.0), st.floats(1.5, 3.5), st.floats(15.0, 80.0), st.floats(50.0, 1500.0))
+def test_an_aircraft_stays_inside_what_its_autopilot_flies(
+    slow: float, ratio: float, bank: float, separation: float
+) -> None:
+    given = PARAMETERS | {
+        "AIRSPEED_MIN": slow,
+        "AIRSPEED_MAX": ratio * slow,
+        "ROLL_LIMIT_DEG": bank,
+    }
+    try:
+        found = vehicle.vehicle_of(given, separation)
+    except vehicle.ParameterError as problem:
+        assert "no aircraft" in str(problem)
+        return
+    able = found.aircraft.vehicle_limits
+    assert slow <= able.speed_min < able.speed_max <= ratio * slow
+    assert math.atan(able.yaw_rate_max * able.speed_max / 9.81) <= math.radians(bank) + 1e-9
+    decided = found.aircraft.limits
+    assert decided.yaw_rate_max <= able.yaw_rate_max
+    assert decided.acceleration_max <= able.acceleration_max
+
+
+def test_what_was_assumed_is_said_and_what_is_missing_is_refused() -> None:
+    left = {name: PARAMETERS[name] for name in ("AIRSPEED_MIN", "AIRSPEED_MAX")}
+    notes = " ".join(vehicle.vehicle_of(left, 200.0).notes)
+    assert all(name in notes for name in ("ROLL_LIMIT_DEG", "TECS_CLMB_MAX", "TECS_SINK_MIN"))
+    with pytest.raises(vehicle.ParameterError, match="AIRSPEED_MAX is not among"):
+        vehicle.vehicle_of({"AIRSPEED_MIN": 10.0}, 200.0)
+    with pytest.raises(vehicle.ParameterError, match="0 < min < max"):
+        vehicle.vehicle_of(PARAMETERS | {"AIRSPEED_MIN": 40.0}, 200.0)
+
+
+def test_names_of_older_autopilots_are_read() -> None:
+    old = {"ARSPD_FBW_MIN": 10.0, "ARSPD_FBW_MAX": 30.0, "LIM_ROLL_CD": 6500.0}
+    old |= {name: PARAMETERS[name] for name in ("TECS_CLMB_MAX", "TECS_SINK_MIN")}
+    assert vehicle.vehicle_of(old, 200.0) == vehicle.vehicle_of(PARAMETERS, 200.0)
+
+
+def test_both_avoidances_at_once_are_refused() -> None:
+    vehicle.check_flyable(PARAMETERS | {"AVD_ENABLE": 0.0})
+    with pytest.raises(vehicle.ParameterError, match="AVD_ENABLE is 1; expected 0 with --fly"):
+        vehicle.check_flyable(PARAMETERS | {"AVD_ENABLE": 1.0})
+
+
+# Who flies.
+
+
+def seen(time: float = 0.0, mode: int = Mode.AUTO, **changes: Any) -> Seen:
+    """Return a moment with a conflict and a plan."""
+    usual = {"armed": True, "fresh": True, "conflict": True, "flyable": True, "rejoined": False}
+    return Seen(time, mode, **(usual | changes))
+
+
+def after(*moments: Seen, fly: bool = True) -> Step:
+    """Return the last step of some moments."""
+    done = Step(Control())
+    for moment in moments:
+        done = step(done.control, moment, fly=fly)
+    return done
+
+
+def test_a_conflict_is_flown_and_the_mission_given_back() -> None:
+    moments = [seen(0.0), seen(0.2, Mode.GUIDED), seen(0.4, Mode.GUIDED)]
+    assert after(*moments[:1]).orders == (Order.TAKE_OVER,)
+    assert after(*moments).orders == (Order.STEER,)
+    back = after(*moments, seen(60.0, Mode.GUIDED, rejoined=True))
+    assert back.orders == (Order.GIVE_BACK,)
+    again = step(back.control, seen(60.2, Mode.AUTO, conflict=False), fly=True)
+    assert (again.control.phase, again.orders) == (Phase.WATCHING, ())
+
+
+_MOMENTS = st.builds(
+    seen,
+    mode=st.sampled_from([*Mode, 5, 0]),
+    armed=st.booleans(),
+    fresh=st.booleans(),
+    conflict=st.booleans(),
+    flyable=st.booleans(),
+    rejoined=st.booleans(),
+)
+
+
+@given(st.lists(_MOMENTS, max_size=40))
+def test_nothing_is_ordered_in_advice_nor_in_a_mode_of_the_operators(moments: list[Seen]) -> None:
+    advised = flown = Control()
+    for number, moment in enumerate(moments):
+        now = moment._replace(time=0.2 * number)
+        done = step(advised, now, fly=False)
+        advised = done.control
+        assert done.orders == ()
+        done = step(flown, now, fly=True)
+        flown = done.control
+        if moment.mode not in (Mode.AUTO, Mode.GUIDED):
+            assert done.orders == ()
+            assert done.control.phase in (Phase.WATCHING, Phase.YIELDED)
+        if Order.TAKE_OVER in done.orders:
+            assert moment.mode == Mode.AUTO
+            assert moment.armed
+        if Order.STEER in done.orders:
+            assert moment.mode == Mode.GUIDED
+            assert moment.fresh
+
+
+@pytest.mark.parametrize("mode", [Mode.RTL, Mode.LOITER, Mode.AVOID_ADSB, Mode.AUTO, 5])
+def test_a_mode_of_somebody_elses_ends_it_until_the_mission_flies_in_peace(mode: int) -> None:
+    ended = after(seen(0.0), seen(0.2, Mode.GUIDED), seen(0.4, mode))
+    assert (ended.control.phase, ended.orders) == (Phase.YIELDED, ())
+    assert "set by others" in ended.text
+    for time in (1.0, 5.0, 30.0):
+        ended = step(ended.control, seen(time), fly=True)
+        assert ended.orders == ()
+    peace = step(ended.control, seen(31.0 + CLEAR, conflict=False), fly=True)
+    assert peace.control.phase is Phase.WATCHING
+    assert step(peace.control, seen(50.0), fly=True).orders == (Order.TAKE_OVER,)
+
+
+def test_an_operators_mode_that_our_request_crossed_is_restored() -> None:
+    crossed = after(seen(0.0), seen(0.1, Mode.RTL))
+    assert crossed.control.restore == Mode.RTL
+    assert step(crossed.control, seen(0.2, Mode.GUIDED), fly=True).orders == (Order.RESTORE,)
+    assert step(crossed.control, seen(0.2, Mode.RTL), fly=True).orders == ()
+
+
+def test_an_autopilot_that_does_not_change_is_not_left_in_guided() -> None:
+    late = after(seen(0.0), seen(3.1))
+    assert late.control.phase is Phase.YIELDED
+    assert step(late.control, seen(3.4, Mode.GUIDED), fly=True).orders == (Order.RESTORE,)
+
+
+def test_a_stale_state_is_not_steered_by() -> None:
+    moments = [seen(0.0), seen(0.2, Mode.GUIDED), seen(0.4, Mode.GUIDED, fresh=False)]
+    assert after(*moments).orders == ()
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize(
+    "text", ["", "nonsense", "udp:", "tcp:host", "udp:0.0.0.0:0", "tcp:h:99999"]
+)
+def test_an_address_that_cannot_be_is_refused_in_a_sentence(text: str) -> None:
+    with pytest.raises(InputError, match=r"--connect is .*: expected udp:HOST:PORT"):
+        checked_address(text)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--separation", "1"], "--separation is 1 m; expected 10 to 10000 m"),
+        (["--margin", "nan"], "--margin is nan m"),
+        (["--system", "0"], "--system is 0; expected 1 to 255"),
+        (["--seconds", "-1"], "--seconds is -1 s"),
+    ],
+)
+def test_an_option_out_of_its_range_is_refused(given: list[str], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        options_of(["--connect", "tcp:h:1", *given])
+
+
+def test_an_address_is_needed() -> None:
+    with pytest.raises(ConfigError, match="--connect"):
+        options_of([])
+
+
+def test_a_closed_port_and_a_silent_one_are_said_so() -> None:
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        port = server.getsockname()[1]
+        with pytest.raises(InputError, match=f"--connect tcp:127.0.0.1:{port}: cannot be opened"):
+            main(["--connect", f"tcp:127.0.0.1:{port}"])
+        server.listen()
+        link = Link(f"tcp:127.0.0.1:{port}")
+        with pytest.raises(InputError, match=r"no autopilot was found within 0.5 s: no heartbeat"):
+            link.find(0.5)
+        link.close()

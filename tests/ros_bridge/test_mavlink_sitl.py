@@ -1,0 +1,173 @@
+"""The program beside ArduPlane's own simulation: it resolves an encounter, never fights an
+operator, and where it dies the autopilot flies on."""
+
+import math
+import subprocess
+import sys
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
+
+from benchmarks.ardupilot.flight import SEPARATION, Encounter, Intruder, fly
+from envs.edge.command import InputError
+from ros_bridge.mavlink.link import Link
+from ros_bridge.mavlink.messages import Mode
+from ros_bridge.mavlink.sitl import Leg, Sitl, SitlError, folder
+
+ROOT = Path(__file__).parents[2]
+try:
+    folder()
+except SitlError as problem:
+    pytest.skip(str(problem), allow_module_level=True)
+
+pytestmark = pytest.mark.slow
+ONCOMING, EAST_OF_HOME = 0xABC123, 1_000.0
+# The failsafe that brings the mission back where the program dies (docs/howto/mavlink.md).
+FAILSAFE = {"FS_GCS_ENABL": 1, "MAV_GCS_SYSID": 245, "FS_LONG_ACTN": 4, "FS_LONG_TIMEOUT": 10}
+
+
+class Sky:
+    """An aircraft on its mission, and another that comes towards it; reports once a second."""
+
+    def __init__(self, sitl: Sitl) -> None:
+        self.sitl, self.mode, self.texts = sitl, -1, []
+        self.time = self.east = self.north = 0.0
+        self.least = float("inf")
+        self._began: float | None = None
+        self._told = 0.0
+
+    def turn(self, seconds: float = 0.05) -> None:
+        """Take in what the autopilot sends for so long, and send the other's reports."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self.sitl.beat()
+            message = self.sitl.station.recv_match(blocking=True, timeout=0.02)
+            if message is None:
+                continue
+            kind = message.get_type()
+            if kind == "HEARTBEAT" and message.get_srcComponent() == 1:
+                self.mode = message.custom_mode
+            elif kind == "STATUSTEXT":
+                self.texts.append(message.text)
+            elif kind == "LOCAL_POSITION_NED":
+                self.time = 1e-3 * message.time_boot_ms
+                self.east, self.north = message.y, message.x
+                self._meet()
+
+    def _meet(self) -> None:
+        if self._began is None:
+            if self.east < EAST_OF_HOME:
+                return
+            self._began = self.time
+        passed = self.time - self._began
+        there = EAST_OF_HOME + 22.0 * 60.0, 25.0 * (60.0 - passed)
+        apart = ((self.east - there[0]) ** 2 + (self.north - there[1]) ** 2) ** 0.5
+        self.least = min(self.least, apart)
+        if self.time - self._told >= 1.0:
+            self._told = self.time
+            self.sitl.traffic(ONCOMING, *there, 180.0, 25.0, 620.0)
+
+    def until(self, mode: int, seconds: float) -> float:
+        """Wait for a mode, for so many seconds of the autopilot's at most, and return how long."""
+        began, limit = self.time, time.monotonic() + 60.0
+        while self.mode != mode:
+            self.turn()
+            if self.time - began > seconds or time.monotonic() > limit:
+                pytest.fail(f"mode {mode} did not come, it is {self.mode}: {self.texts}")
+        return self.time - began
+
+
+@contextmanager
+def encounter(*options: str, **parameters: float) -> Generator[tuple[Sky, Any]]:
+    """Give an aircraft on its mission and the program beside it."""
+    with Sitl(3, 4.0, FAILSAFE | parameters) as sitl:
+        sitl.upload([Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(6_000.0, 0.0)])
+        sitl.take_off()
+        sitl.rate(32, 1e5)
+        sitl.rate(0, 2e5)
+        command = [sys.executable, "-m", "ros_bridge.mavlink", "--connect", sitl.address]
+        command += ["--simulated", "--separation", "200", "--deadline", "0.2"]
+        command += ["--unknown-position-std", "5", "--unknown-velocity-std", "0.2", *options]
+        process = subprocess.Popen(
+            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        try:
+            yield Sky(sitl), process
+        finally:
+            process.kill()
+            process.communicate()
+
+
+def test_an_encounter_is_resolved_and_the_mission_flown_on() -> None:
+    crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
+    # The simulation stands still while the program computes: a loaded machine changes nothing.
+    flight = fly(Encounter(0, (crossing,), 4.0, 300.0), "ours", instance=3, until=150.0)
+    assert flight.separation >= SEPARATION
+    assert flight.taken_over == 1
+    assert flight.rows[-1].mode == Mode.AUTO
+    assert any("back to AUTO" in text for text in flight.texts)
+
+
+def test_a_foreign_mode_ends_it_at_once_and_a_killed_program_leaves_the_mission_to_fly() -> None:
+    with encounter("--fly") as (sky, process):
+        sky.until(Mode.GUIDED, 150.0)
+        sky.turn(1.0)
+        sky.sitl.command(176, 1.0, float(Mode.LOITER))
+        assert sky.until(Mode.LOITER, 5.0) < 5.0
+        began = time.monotonic()
+        while not any("commanding ends" in text for text in sky.texts):
+            sky.turn(0.02)
+            assert time.monotonic() - began < 1.0
+        sky.turn(2.0)
+        assert sky.mode == Mode.LOITER
+        assert process.poll() is None
+
+
+@pytest.mark.parametrize("how", ["kill"])
+def test_where_the_program_dies_the_autopilots_failsafe_brings_the_mission_back(how: str) -> None:
+    with encounter("--fly") as (sky, process):
+        sky.until(Mode.GUIDED, 150.0)
+        sky.turn(0.5)
+        getattr(process, how)()
+        assert sky.until(Mode.AUTO, 30.0) < 20.0
+        sky.turn(1.0)
+        assert sky.mode == Mode.AUTO
+
+
+def test_it_advises_without_being_told_to_fly_and_refuses_to_fly_beside_another_avoidance() -> None:
+    with encounter(ADSB_TYPE=1, AVD_ENABLE=1, AVD_F_ACTION=0) as (sky, process):
+        refused = subprocess.run(
+            [*process.args[:3], "--connect", sky.sitl.third_address, "--fly", "--simulated"],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+        assert "AVD_ENABLE is 1; expected 0 with --fly" in refused.stderr
+        limit = time.monotonic() + 40.0
+        while not any("plan by" in text for text in sky.texts):
+            sky.turn()
+            assert time.monotonic() < limit
+            assert sky.mode in (-1, Mode.AUTO)
+
+
+def test_a_link_that_is_cut_is_noticed() -> None:
+    with Sitl(3, 4.0) as sitl:
+        link = Link(sitl.address, simulated=True)
+        link.find(10.0)
+        assert link.parameters()["AIRSPEED_MIN"] == 10.0
+        sitl.close()
+        began = time.monotonic()
+        assert list(link.receive(time.monotonic() + 0.5)) is not None
+        assert time.monotonic() - began < 2.0
+        with pytest.raises(InputError, match="the autopilot has not sent"):
+            link.parameters()
+        link.close()
