@@ -16,7 +16,7 @@ from envs.edge.command import InputError
 from envs.edge.extension import is_extension
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
-from envs.perception import Sensor
+from envs.perception import Coverage, Sensor
 from envs.relative import distance, straight_cpa
 from envs.trees import choose, mapped
 
@@ -35,6 +35,9 @@ class Encounter(NamedTuple):
     mask: Any  # which of the K intruders exist, bool [..., K]
     intent: Intent
     sensor: Sensor  # quality of the intruders' reports, [..., 1] each
+    coverage: Coverage | None = None  # [..., K]; None: reports of all intruders at any time
+    separation: Any = None
+    """To be kept from each intruder, m, ``[..., K]``; None: the aircraft's, from all."""
 
 
 MOST_INTRUDERS = 64
@@ -235,7 +238,11 @@ def padded(encounter: Encounter, count: int, xp: Any) -> Encounter:
 
     intruders, intent, mask = mapped(more, (encounter.intruders, encounter.intent, encounter.mask))
     return encounter._replace(
-        intruders=intruders, intent=intent, mask=mask & (xp.arange(count) < present)
+        intruders=intruders,
+        intent=intent,
+        mask=mask & (xp.arange(count) < present),
+        coverage=mapped(more, encounter.coverage),
+        separation=mapped(more, encounter.separation),
     )
 
 
@@ -275,6 +282,8 @@ def _check_shapes(scenario: Scenario, made: Any, count: int) -> None:
     found |= {"goal_y": (encounter.goal_y, (count,)), "accepted": (accepted, (count,))}
     found |= {"intruders": (encounter.intruders, wide), "mask": (encounter.mask, wide)}
     found |= {"intent": (encounter.intent, wide), "sensor": (encounter.sensor, narrow)}
+    optional = {"coverage": encounter.coverage, "separation": encounter.separation}
+    found |= {name: (tree, wide) for name, tree in optional.items() if tree is not None}
     for name, (tree, expected) in found.items():
         fields = tree._asdict().items() if hasattr(tree, "_fields") else [("", tree)]
         for key, value in fields:

@@ -5,9 +5,10 @@ over their age. What remains is the noise, grown by the velocity error times the
 intruder's manoeuvres since.
 """
 
+import math
 from typing import Any, NamedTuple
 
-from envs.angles import atan2
+from envs.angles import atan2, wrap
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 
@@ -18,6 +19,36 @@ class Sensor(NamedTuple):
     position_std: Any = 0.0  # one sigma per axis, m
     velocity_std: Any = 0.0  # one sigma per axis, m/s
     latency: Any = 0.0  # age of a report when it is used, s, at most two time steps
+
+
+class Coverage(NamedTuple):
+    """Of which intruders there are reports at all; fields ``[..., K]``."""
+
+    reach: Any  # farthest intruder that is reported, m
+    half_angle: Any  # greatest bearing to either side, rad; pi: all round
+    onset: Any  # of the time without reports, s after the start
+    silence: Any  # how long it lasts, s
+
+
+EVERYTHING = Coverage(math.inf, math.pi, 0.0, 0.0)
+"""Reports of all intruders at any time."""
+
+
+def reported(
+    own: VehicleState, intruders: VehicleState, coverage: Coverage, time: Any, xp: Any
+) -> Any:
+    """Return of which intruders ``[..., K]`` there is a report, bool.
+
+    Args:
+        own: ``[..., 1]``.
+        intruders: as they truly are.
+        time: s after the start, ``[..., 1]``.
+    """
+    x, y = intruders.x - own.x, intruders.y - own.y
+    bearing = wrap(atan2(y, x, xp) - own.heading, xp)
+    within = (distance(x, y, xp) <= coverage.reach) & (xp.abs(bearing) <= coverage.half_angle)
+    silent = (time >= coverage.onset) & (time < coverage.onset + coverage.silence)
+    return within & xp.logical_not(silent)
 
 
 def carried_back(state: VehicleState, seconds: float, xp: Any) -> VehicleState:

@@ -19,12 +19,19 @@ from envs.encounters import (
 from envs.trees import mapped
 
 
-def numbered(scenario: Scenario, seed: int, first: int, count: int) -> Encounter:
+def numbered(
+    scenario: Scenario, seed: int, first: int, count: int, *, whole: bool = False
+) -> Encounter:
     """Return the encounters ``first .. first + count - 1`` of a seed, float64 fields ``[count]``
     and ``[count, K]``.
 
+    Args:
+        whole: whether the caller heeds the encounters' optional fields, separations of intruders'
+            own and the reports' coverage.
+
     Raises:
-        EncounterError: seed or number are out of range, or the scenario's conditions are never met.
+        EncounterError: seed or number are out of range, the scenario's conditions are never met, or
+            it has optional fields that the caller would not heed.
     """
     check_number(seed, first)
     uniform = draws.uniforms(seed, first, count, (scenario.attempts, scenario.dimensions))
@@ -40,7 +47,25 @@ def numbered(scenario: Scenario, seed: int, first: int, count: int) -> Encounter
             f"encounter {number} of seed {seed} {unmet}; allow more, or other conditions"
         )
     check_sampled(scenario, encounter)
+    if not whole:
+        check_plain(encounter, f"scenario {scenario.name!r}")
     return encounter
+
+
+def check_plain(encounter: Encounter, what: str) -> None:
+    """Refuse encounters with optional fields; ``what`` names them.
+
+    Raises:
+        EncounterError: intruders have separations of their own, or are reported in part.
+    """
+    for name, said in (
+        ("separation", "intruders with separations of their own"),
+        ("coverage", "intruders that are not always reported"),
+    ):
+        if getattr(encounter, name) is not None:
+            raise EncounterError(
+                f"{what} has {said}; expected a training, or eval.monte_carlo in mode policy"
+            )
 
 
 def check_sampled(scenario: Scenario, encounter: Encounter) -> None:
@@ -114,6 +139,10 @@ def checked(encounter: Encounter, aircraft: Aircraft, batch: tuple[int, ...] = (
         "sensor.position_std": (0.0, math.inf),
         "sensor.velocity_std": (0.0, math.inf),
         "sensor.latency": (0.0, 2.0 * aircraft.dt),
+        "coverage.reach": (0.0, math.inf),
+        "coverage.half_angle": (0.0, math.pi),
+        "coverage.silence": (0.0, math.inf),
+        "separation": (0.01 * aircraft.separation, 100.0 * aircraft.separation),
     }
 
     def numbers(name: str, value: Any, shape: tuple[int, ...]) -> Any:
@@ -135,7 +164,11 @@ def checked(encounter: Encounter, aircraft: Aircraft, batch: tuple[int, ...] = (
         numbers("goal_y", encounter.goal_y, batch),
     )
     others = part("intruders", wide), present, part("intent", wide), part("sensor", narrow)
-    return Encounter(part("own", batch), goal_x, goal_y, *others)
+    coverage = None if encounter.coverage is None else part("coverage", wide)
+    separation = encounter.separation
+    if separation is not None:
+        separation = numbers("separation", separation, wide)
+    return Encounter(part("own", batch), goal_x, goal_y, *others, coverage, separation)
 
 
 def _numbers(name: str, value: Any, shape: tuple[int, ...], low: float, high: float) -> np.ndarray:

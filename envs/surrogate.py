@@ -12,7 +12,9 @@ import jax
 import jax.numpy as jnp
 
 from envs import encounters, world
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
+from envs.perception import EVERYTHING
 from envs.trees import choose
 from envs.world import State, StepResult, World
 
@@ -59,14 +61,32 @@ def redraw_pool(
     # One scenario of each start is chosen, so that all may share its draws.
     dimensions = max(scenario.dimensions for scenario in scenarios)
     draws = jax.random.uniform(draws_key, (1, total, dimensions))
+    parts = []
+    for scenario in scenarios:
+        drawn, accepted = encounters.sample(scenario, draws[..., : scenario.dimensions], jnp)
+        parts.append(encounters.padded(_accepted_only(drawn, accepted), most, jnp))
     mixed: Any = None
     threshold = 0.0
-    for scenario, weight in zip(scenarios, weights, strict=True):
-        drawn, accepted = encounters.sample(scenario, draws[..., : scenario.dimensions], jnp)
-        drawn = encounters.padded(_accepted_only(drawn, accepted), most, jnp)
+    for drawn, weight in zip(_alike(parts, scenarios[0].aircraft), weights, strict=True):
         mixed = drawn if mixed is None else choose(choice < threshold, mixed, drawn, jnp)
         threshold += weight
     return jax.tree.map(lambda field: field.reshape(rows, count, *field.shape[1:]), mixed)
+
+
+def _alike(parts: list[Encounter], aircraft: Aircraft) -> list[Encounter]:
+    """Return encounters ``[N]`` with K intruders each with the same optional fields: what some of
+    them have, the others have with its usual values.
+    """
+    usual = {"coverage": EVERYTHING, "separation": aircraft.separation}
+    wanted = [name for name in usual if any(getattr(one, name) is not None for one in parts)]
+
+    def filled(one: Encounter) -> Encounter:
+        place = one.intruders.x
+        missing = {name: usual[name] for name in wanted if getattr(one, name) is None}
+        values = jax.tree.map(lambda value: jnp.full_like(place, value), missing)
+        return one._replace(**values)
+
+    return [filled(one) for one in parts]
 
 
 def _accepted_only(drawn: Encounter, accepted: jax.Array) -> Encounter:

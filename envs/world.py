@@ -15,7 +15,7 @@ from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.observation import SetObservation, beside
 from envs.outcome import Outcome, Rules
-from envs.perception import Sensor, carried_back, perceive
+from envs.perception import Coverage, Sensor, carried_back, perceive, reported
 from envs.relative import distance, leg_separation
 
 
@@ -47,6 +47,10 @@ class State(NamedTuple):
     steps: Any  # steps taken since the start
     ended: Any  # whether the last step ended the encounter, bool
     required_separation: Any = None  # by which each encounter is judged, m; None: that of the rules
+    coverage: Coverage | None = None  # [..., K]; None: reports of all intruders at any time
+    separation: Any = None
+    """To be kept from each intruder, m, ``[..., K]``; None: that of the rules, from all. Distances
+    to an intruder count in it: twice as near where twice as much must be kept."""
 
 
 class StepResult(NamedTuple):
@@ -54,7 +58,9 @@ class StepResult(NamedTuple):
 
     outcome: Outcome
     reward: Any
-    separations: Any  # smallest distance to each intruder during the step, m, [..., K]
+    separations: Any
+    """Smallest distance to each intruder during the step, m, ``[..., K]``; to one with a separation
+    of its own in shares of it, times the aircraft's."""
     separation: Any  # smallest distance to any intruder during the step, m
     goal_distance: Any  # at the end of the step, m
 
@@ -92,6 +98,8 @@ def begin(
         steps,
         steps > 0.0,
         required_separation,
+        encounter.coverage,
+        encounter.separation,
     )
 
 
@@ -109,7 +117,7 @@ def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[
     own = advance(state.own, acceleration, yaw_rate, world.rules.dt, world.limits, xp)
 
     # Evaluate the state: conflict, termination, score.
-    return evaluate(state, own, intruders, world.rules, xp)
+    return evaluate(state, own, intruders, world.rules, xp, usual=world.aircraft.separation)
 
 
 def move_intruders(state: State, dt: float, xp: Any) -> Any:
@@ -124,11 +132,22 @@ def move_intruders(state: State, dt: float, xp: Any) -> Any:
 
 
 def evaluate(
-    state: State, own: VehicleState, intruders: Any, rules: Rules, xp: Any
+    state: State,
+    own: VehicleState,
+    intruders: Any,
+    rules: Rules,
+    xp: Any,
+    *,
+    usual: Any = None,
 ) -> tuple[State, StepResult]:
     """Return the state ``[...]`` before a step with the vehicles that it has moved, and the
     evaluation of the step.
+
+    Args:
+        usual: the aircraft's separation, m, in which distances count to intruders with one of their
+            own; None: that of the rules.
     """
+    usual = rules.separation if usual is None else usual
     if state.required_separation is not None:
         rules = rules._replace(separation=state.required_separation)
     before, after, dt = beside((state.own, own, rules.dt))
@@ -138,6 +157,9 @@ def evaluate(
         state.intruders,
         intruders,
     )
+    if state.separation is not None:
+        shares = _shares(state.separation, usual, xp)
+        separations = _each(lambda one, share: one * share, xp, separations, shares)
     separation = smallest(separations, state.mask, xp)
     goal_distance = distance(state.goal_x - own.x, state.goal_y - own.y, xp)
     steps = state.steps + 1.0
@@ -175,12 +197,43 @@ def perceived(state: State, noise: Any, dt: Any, xp: Any) -> Any:
     )
 
 
+def seen_intruders(state: State, noise: Any, aircraft: Aircraft, xp: Any) -> Any:
+    """Return the intruders as a policy is shown them, ``[..., K]``: as :func:`perceived`, and those
+    with a separation of their own at their distance in it, on the same bearing.
+    """
+    seen = perceived(state, noise, aircraft.dt, xp)
+    if state.separation is None:
+        return seen
+    own = beside(state.own)
+
+    def shown(one: VehicleState, share: Any) -> VehicleState:
+        x, y = own.x + share * (one.x - own.x), own.y + share * (one.y - own.y)
+        return one._replace(x=x, y=y)
+
+    return _each(shown, xp, seen, _shares(state.separation, aircraft.separation, xp))
+
+
+def _shares(separation: Any, usual: Any, xp: Any) -> Any:
+    """Return how much of its distance each intruder counts at, ``[..., K]``."""
+    return _each(lambda own: usual / own, xp, separation)
+
+
+def known(state: State, aircraft: Aircraft, xp: Any) -> Any:
+    """Return of which intruders the ownship knows, bool ``[..., K]``: those that exist and are
+    reported.
+    """
+    if state.coverage is None:
+        return state.mask
+    own, time = beside((state.own, state.steps * aircraft.dt))
+    return state.mask & reported(own, _vehicles(state.intruders, xp), state.coverage, time, xp)
+
+
 def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: Any) -> Any:
     """Return the observation of the most critical intruder and the goal, ``[..., 8]``; see
     :func:`perceived`.
     """
-    seen = perceived(state, noise, aircraft.dt, xp)
-    chosen = observation.most_critical(state.own, seen, state.mask, aircraft, xp)
+    seen = seen_intruders(state, noise, aircraft, xp)
+    chosen = observation.most_critical(state.own, seen, known(state, aircraft, xp), aircraft, xp)
     return observation.observe(state.own, chosen, state.goal_x, state.goal_y, aircraft, xp)
 
 
@@ -192,7 +245,7 @@ def observe_set(
 
     Seen are the ``count`` most critical ones, in their order; None: all K as they come.
     """
-    seen, mask = perceived(state, noise, aircraft.dt, xp), state.mask
+    seen, mask = seen_intruders(state, noise, aircraft, xp), known(state, aircraft, xp)
     if count is not None:
         seen, mask = observation.ranked(state.own, seen, mask, count, aircraft, xp)
     return observation.observe_set(state.own, seen, mask, state.goal_x, state.goal_y, aircraft, xp)

@@ -22,7 +22,7 @@ from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.outcome import Outcome, Rules
 from envs.rewards import TERMS, Transition, learning_reward
-from envs.world import perceived
+from envs.world import known, seen_intruders
 from rlcas_jax.algorithm import actor_of, algorithm_of
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import NetworkConfig, TrainConfig
@@ -303,10 +303,11 @@ def network_input(
     """
     if network.feature_set != "set":
         return derive(surrogate.observe(state, aircraft, noise), network.feature_set)
-    intruders = perceived(state, noise, aircraft.dt, jnp)
+    intruders = seen_intruders(state, noise, aircraft, jnp)
     where = (state.goal_x, state.goal_y, aircraft.limits, aircraft.separation)
     inputs = network.input_table()
-    return set_inputs(scene(state.own, intruders, state.mask, *where, jnp), jnp, inputs)
+    present = known(state, aircraft, jnp)
+    return set_inputs(scene(state.own, intruders, present, *where, jnp), jnp, inputs)
 
 
 def fly(

@@ -19,6 +19,7 @@ from envs.kinematics import VehicleState
 from envs.observation import SetObservation
 from envs.relative import distance
 from envs.rewards import Transition
+from envs.starts import check_plain
 from envs.trees import mapped
 from envs.world import State, StepResult
 
@@ -35,6 +36,7 @@ def begin(encounter: Encounter, dt: float) -> State:
     own, goal_x, goal_y = mapped(float, (encounter.own, encounter.goal_x, encounter.goal_y))
     sensor = mapped(lambda field: float(field[0]), encounter.sensor)
     mask = (True,) * len(present)
+    check_plain(encounter, "the encounter")
     plain = Encounter(
         own, goal_x, goal_y, each(encounter.intruders), mask, each(encounter.intent), sensor
     )

@@ -86,9 +86,12 @@ def picked(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
     """Return the encounters with these numbers, at least one, ``[M]``; raises as
     :func:`eval.flights.sources.drawn`.
     """
-    return reduce(
-        joined, (drawn(evaluation.source, evaluation.seed, int(number), 1)[0] for number in numbers)
+    takes = evaluation.mode == "policy"
+    each = (
+        drawn(evaluation.source, evaluation.seed, int(number), 1, whole=takes)[0]
+        for number in numbers
     )
+    return reduce(joined, each)
 
 
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
@@ -97,7 +100,8 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     """
     evaluation = pilot.evaluation
     aircraft = evaluation.aircraft
-    starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
+    alone_flies = evaluation.mode == "policy"
+    starts, weights = drawn(evaluation.source, evaluation.seed, first, count, whole=alone_flies)
     begun = conditions(starts, aircraft)
     noise = noise_of(evaluation, starts, first)
     alone = fly(starts, pilot.decider, aircraft, noise=noise)

@@ -53,6 +53,14 @@ def verdicts(encounters: Encounter, aircraft: Aircraft, solved: np.ndarray) -> R
     where it is farther off than :data:`LARGEST_OFF`, such an encounter is undecided.
     """
     rules, limits = aircraft.rules(), aircraft.limits
+    if encounters.separation is not None:
+        # Searches and proofs know of one separation: what nothing has solved is undecided.
+        found = classify(encounters, rules, limits, solved=solved)
+        return found._replace(
+            verdict=np.where(solved, found.verdict, Verdict.UNDECIDED).astype(np.int8),
+            method=np.where(solved, found.method, Method.NONE).astype(np.int8),
+            proof_time=np.where(solved, found.proof_time, np.nan),
+        )
     if not isinstance(encounters.intent, Recording):
         return classify(encounters, rules, limits, solved=solved)
     found = classify(encounters, rules, limits, solved=solved, reserve=LARGEST_OFF)

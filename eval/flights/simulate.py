@@ -21,7 +21,7 @@ from envs.kinematics import Limits, commands
 from envs.outcome import Outcome
 from envs.relative import bearing, distance
 from envs.trees import scatter, take
-from envs.world import State, World, begin, perceived, smallest
+from envs.world import State, World, begin, known, seen_intruders, smallest
 from envs.world import step as advance
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -150,9 +150,15 @@ def fly(
     step = 0
     while len(air.number):
         state = air.state
-        seen = perceived(state, None if noise is None else noise(step)[:, air.number], dt, np)
+        draws = None if noise is None else noise(step)[:, air.number]
+        seen = seen_intruders(state, draws, aircraft, np)
         sight = Sight(
-            state.own, seen, state.mask, state.goal_x, state.goal_y, rules.t_max - step * dt
+            state.own,
+            seen,
+            known(state, aircraft, np),
+            state.goal_x,
+            state.goal_y,
+            rules.t_max - step * dt,
         )
         action, memory = decider.decide(sight, air.memory)
         controls = action[:, 0], action[:, 1]

@@ -107,9 +107,11 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
     return replay(encounters, aircraft, how.ahead, weights=weights, repairs=repairs)
 
 
-def drawn(source: Source, seed: int, first: int, count: int) -> tuple[Encounter, np.ndarray]:
+def drawn(
+    source: Source, seed: int, first: int, count: int, *, whole: bool = False
+) -> tuple[Encounter, np.ndarray]:
     """Return the encounters ``first .. first + count - 1`` and their weights, 1 where there are
-    none.
+    none; ``whole`` as of :func:`envs.starts.numbered`.
 
     One that meets the scenario's conditions in none of its attempts raises ``EncounterError``.
     """
@@ -118,7 +120,8 @@ def drawn(source: Source, seed: int, first: int, count: int) -> tuple[Encounter,
     if isinstance(source, Replay):
         return take((source.starts, source.weights), slice(first, first + count))
     if isinstance(source, Scenario):
-        return numbered(source, seed, first, count), np.ones(count)
+        starts = numbered(source, seed, first, count, whole=whole)
+        return starts, np.ones(count)
     return take(source, slice(first, first + count)), np.ones(count)
 
 

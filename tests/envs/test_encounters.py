@@ -18,8 +18,7 @@ from envs import surrogate
 from envs.aircraft import PAPER
 from envs.draws import normals, uniforms
 from envs.encounters import SCENARIOS, Encounter, EncounterError, Scenario, padded, sample, scenario
-from envs.kinematics import VehicleState
-from envs.trees import choose
+from envs.trees import choose, take
 from tests.support import angle_between
 
 CONFLICTS = ("crossing_left", "crossing_right", "head_on", "same_course")
@@ -35,17 +34,11 @@ def drawn(scenario: Scenario, count: int, seed: int = 0) -> Encounter:
 
 
 def only(encounter: Encounter, rows: np.ndarray) -> Encounter:
-    return Encounter(
-        VehicleState(*(field[rows] for field in encounter.own)),
-        encounter.goal_x[rows],
-        encounter.goal_y[rows],
-        *(type(part)(*(field[rows] for field in part)) if isinstance(part, tuple) else part[rows]
-          for part in encounter[3:]),
-    )  # fmt: skip
+    return take(encounter, rows)
 
 
 def leaves(encounter: Encounter) -> list[np.ndarray]:
-    return [field for part in encounter for field in (part if isinstance(part, tuple) else (part,))]
+    return jax.tree.leaves(encounter)
 
 
 def gaps(encounter: Encounter) -> np.ndarray:

@@ -1,0 +1,110 @@
+"""Separations of intruders of their own: how they are drawn, judged and shown, in numpy and jax
+alike, and who refuses them.
+"""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from envs import own_separations as module
+from envs import surrogate, world
+from envs.aircraft import PAPER
+from envs.encounters import Encounter, EncounterError, Scenario, registered, scenario
+from envs.outcome import RULES
+from envs.scenarios import resolve
+from envs.starts import cast, checked, numbered
+from envs.surrogate import World, redraw_pool
+from envs.trees import mapped
+
+NAME = "envs.own_separations:separations"
+WORLD = World(RULES, PAPER)
+
+
+@pytest.fixture(scope="module")
+def chosen() -> Any:
+    resolve(NAME)
+    yield scenario(NAME, PAPER)
+    registered.pop(NAME)
+
+
+@pytest.fixture(scope="module")
+def drawn(chosen: Scenario) -> Encounter:
+    return numbered(chosen, 3, 0, 300, whole=True)
+
+
+def flown(start: Encounter, xp: Any, steps: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Return the separations of each step ``[T, N, K]`` and whether it was lost, ``[T, N]``."""
+    state = world.begin(mapped(xp.asarray, start), xp)
+    nothing = xp.zeros_like(start.goal_x)
+    kept, lost = [], []
+    step: Any = jax.jit(surrogate.step) if xp is jnp else partial(world.step, xp=np)
+    for _ in range(steps):
+        state, result = step(state, (nothing, nothing), WORLD)
+        kept.append(np.asarray(result.separations))
+        lost.append(np.asarray(result.outcome.violation))
+    return np.array(kept), np.array(lost)
+
+
+def test_separations_are_within_their_range_and_kept_at_the_start(drawn: Encounter):
+    shares = drawn.separation / PAPER.separation
+    assert shares.min() >= module.LEAST
+    assert shares.max() <= module.GREATEST
+    apart = np.hypot(
+        drawn.intruders.x - drawn.own.x[:, None], drawn.intruders.y - drawn.own.y[:, None]
+    )
+    assert (apart >= drawn.separation)[drawn.mask].all()
+    checked(drawn, PAPER, drawn.goal_x.shape)
+
+
+def test_an_encounter_is_lost_where_any_intruder_comes_nearer_than_its_own(drawn: Encounter):
+    """Against the distances of the same flights, judged without separations of their own."""
+    counted, lost = flown(drawn, np)
+    plain, _ = flown(drawn._replace(separation=None), np)
+    np.testing.assert_allclose(counted, plain * PAPER.separation / drawn.separation)
+    expected = (np.where(drawn.mask, plain - drawn.separation, np.inf) < 0.0).any(axis=2)
+    np.testing.assert_array_equal(lost, expected)
+    assert 0.1 < expected.any(axis=0).mean() < 0.99
+
+
+def test_the_usual_separation_of_each_changes_nothing(drawn: Encounter):
+    usual = drawn._replace(separation=np.full_like(drawn.separation, PAPER.separation))
+    same = [flown(one, np) for one in (usual, drawn._replace(separation=None))]
+    (separations, lost), (plain, plain_lost) = same
+    np.testing.assert_array_equal(separations, plain)
+    np.testing.assert_array_equal(lost, plain_lost)
+
+
+def test_numpy_and_jax_judge_alike(drawn: Encounter):
+    single = cast(drawn, np.float32)
+    (ours, ours_lost), (theirs, theirs_lost) = flown(single, np), flown(single, jnp)
+    np.testing.assert_allclose(ours, theirs, atol=1.0)
+    assert (ours_lost == theirs_lost).mean() > 0.999
+
+
+def test_an_intruder_is_shown_at_its_distance_in_its_own_separation(drawn: Encounter):
+    state = world.begin(drawn, np)
+    shown = world.seen_intruders(state, None, PAPER, np)
+    own, true = drawn.own, drawn.intruders
+    there = (shown.x - own.x[:, None]) + 1j * (shown.y - own.y[:, None])
+    here = (true.x - own.x[:, None]) + 1j * (true.y - own.y[:, None])
+    np.testing.assert_allclose(there / here, PAPER.separation / drawn.separation, atol=1e-9)
+    np.testing.assert_array_equal(shown.speed, true.speed)
+
+
+def test_a_pool_fills_in_the_usual_separation(chosen: Scenario):
+    mixture = [scenario("circle", PAPER), chosen]
+    pool = redraw_pool(jax.random.key(0), mixture, [0.5, 0.5], 2, 200)
+    found = np.asarray(pool.separation)
+    usual = (found == PAPER.separation).all(axis=-1)
+    assert found.shape == pool.mask.shape
+    assert usual.mean() == pytest.approx(0.5, abs=0.1)
+    assert redraw_pool(jax.random.key(0), mixture[:1], [1.0], 2, 8).separation is None
+
+
+def test_who_would_not_keep_them_is_refused(chosen: Scenario):
+    with pytest.raises(EncounterError, match="separations of their own; expected a training"):
+        numbered(chosen, 3, 0, 4)

@@ -1,0 +1,115 @@
+"""Coverage of reports: range, field of view and silence, in numpy and jax alike; nothing of it
+changes the world itself.
+"""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from agents.inference import Policy
+from envs import surrogate, world
+from envs.aircraft import PAPER
+from envs.encounters import Encounter, EncounterError, Scenario, registered, scenario
+from envs.kinematics import VehicleState
+from envs.outcome import RULES
+from envs.perception import EVERYTHING, Coverage, reported
+from envs.scenarios import resolve
+from envs.starts import cast, checked, numbered
+from envs.surrogate import World, redraw_pool
+from envs.trees import mapped
+
+NAME = "envs.partly_seen:partly_seen"
+WORLD = World(RULES, PAPER)
+
+
+@pytest.fixture(scope="module")
+def chosen() -> Any:
+    resolve(NAME)
+    yield scenario(NAME, PAPER, intruders=(1, 4))
+    registered.pop(NAME)
+
+
+@pytest.fixture(scope="module")
+def drawn(chosen: Scenario) -> Encounter:
+    return numbered(chosen, 3, 0, 300, whole=True)
+
+
+def test_what_is_far_abaft_or_silent_is_not_reported():
+    own = VehicleState(*np.array([[0.0], [0.0], [math.pi / 2], [80.0]]))  # northwards
+    north = np.array([5000.0, 5000.0, -2000.0, -2000.0])
+    east = np.array([0.0, 4000.0, 0.0, 3000.0])
+    others = VehicleState(east, north, 0.0 * east, 0.0 * east)
+    coverage = Coverage(6000.0, math.radians(130.0), 10.0, 5.0)
+    # Ahead; farther than the range; abaft; 124 degrees to the right.
+    for time, seen in ((9.0, True), (10.0, False), (14.9, False), (15.0, True)):
+        found = reported(own, others, coverage, time, np)
+        assert found.tolist() == [seen, False, False, seen]
+    assert reported(own, others, EVERYTHING, 0.0, np).all()
+
+
+def known_over_time(start: Encounter, xp: Any, steps: int = 25) -> np.ndarray:
+    state = world.begin(mapped(xp.asarray, start), xp)
+    nothing = xp.zeros_like(start.goal_x)
+
+    def advance(state: Any) -> Any:
+        return world.step(state, (nothing, nothing), WORLD, xp)[0], world.known(state, PAPER, xp)
+
+    step = jax.jit(advance) if xp is jnp else advance
+    found = []
+    for _ in range(steps):
+        state, seen = step(state)
+        found.append(np.asarray(seen))
+    return np.array(found)
+
+
+def test_numpy_and_jax_know_of_the_same(drawn: Encounter):
+    single = cast(drawn, np.float32)
+    ours, theirs = known_over_time(single, np), known_over_time(single, jnp)
+    assert (ours == theirs).mean() > 0.999
+    share = ours.sum() / (len(ours) * drawn.mask.sum())
+    assert 0.2 < share < 0.95
+    assert not ours[:, ~drawn.mask].any()
+
+
+def test_coverage_changes_nothing_but_what_is_known(drawn: Encounter):
+    nothing = np.zeros_like(drawn.goal_x)
+    plain = drawn._replace(coverage=None)
+    results = [
+        world.step(world.begin(one, np), (nothing, nothing), WORLD, np)[1] for one in (drawn, plain)
+    ]
+    mapped(np.testing.assert_array_equal, *results)
+    np.testing.assert_array_equal(known_over_time(plain, np)[0], drawn.mask)
+    checked(drawn, PAPER, drawn.goal_x.shape)
+
+
+def test_what_is_not_known_changes_no_decision(drawn: Encounter):
+    """The shipped policy decides alike wherever an intruder of which it knows nothing is."""
+    state, policy = world.begin(drawn, np), Policy.load()
+    present = world.known(state, PAPER, np)
+    seen = world.seen_intruders(state, None, PAPER, np)
+    moved = seen._replace(x=np.where(present, seen.x, seen.x + 777.0))
+    action, other = (
+        policy.command(drawn.own, one, present, drawn.goal_x, drawn.goal_y) for one in (seen, moved)
+    )
+    assert (drawn.mask & ~present).any()
+    np.testing.assert_array_equal(action, other)
+
+
+def test_a_pool_covers_the_others_wholly(chosen: Scenario):
+    pool = redraw_pool(jax.random.key(0), [scenario("circle", PAPER), chosen], [0.5, 0.5], 2, 200)
+    assert pool.coverage is not None
+    everything: Any = np.isinf(np.asarray(pool.coverage.reach)).all(axis=-1)
+    assert everything.mean() == pytest.approx(0.5, abs=0.1)
+    state = jax.vmap(surrogate.reset)(pool)
+    first = mapped(lambda field: field[0], state)
+    known = np.asarray(world.known(first, PAPER, jnp))
+    np.testing.assert_array_equal(known[everything[0]], np.asarray(pool.mask)[0][everything[0]])
+
+
+def test_who_would_know_of_all_is_refused(chosen: Scenario):
+    with pytest.raises(EncounterError, match="not always reported; expected a training"):
+        numbered(chosen, 3, 0, 4)
