@@ -31,6 +31,7 @@ _FINE = 2e-6  # of speeds (m/s), accelerations (m/s^2) and headings (rad)
 _TURN = 2e-9  # of turn rates, rad/s
 _CONTROLS = 1e-8  # by which stated controls may differ from those of the curve
 _TINY = 1e-12  # least sagitta, m
+_NEARER = 0.01  # by which a plan that begins inside a clearance may come nearer to the area, m
 _SHORTEST = 1e-3  # least duration of a leg, s
 _LARGEST = 1e8  # numbers of a certificate are below this
 
@@ -218,6 +219,28 @@ class Apart(NamedTuple):
     heights: Heights
 
 
+class Area(NamedTuple):
+    """What must not be entered, or not be left, as it is at the request over the ground."""
+
+    keep: str  # "out" or "in"
+    circle: list[float]  # x, y, radius, m; empty: a polygon
+    rings: list[list[list[float]]]  # of x and y, m; the outer one first
+    velocity: list[float]  # towards the east and the north, m/s
+    growth: float  # to all sides, m/s
+    clearance: float  # m
+    valid: list[float | None]  # from and until when, s; null: always
+    heights: list[float | None]  # floor and ceiling, m; null: none, or not comparable
+
+
+class Levels(NamedTuple):
+    """Between which the ownship is, by a time t after the request."""
+
+    low: float  # m
+    low_climb: float  # m/s
+    high: float
+    high_climb: float
+
+
 class Origin(NamedTuple):
     """Which flight the certificate belongs to, as far as its request said so."""
 
@@ -239,6 +262,8 @@ class Certificate(NamedTuple):
     requirement: Requirement
     limits: Limits  # of the flight through the air
     wind: Wind
+    areas: list[Area]
+    levels: Levels | None  # of the ownship; None: unknown
     parts: int  # into which an arc is cut at most
     bounds: list[float]  # of the distance from each intruder, m
 
@@ -255,6 +280,8 @@ _FIELDS = {
     "requirement",
     "limits",
     "wind",
+    "areas",
+    "levels",
     "parts",
     "bounds",
 }
@@ -282,6 +309,10 @@ def read(data: Any) -> Certificate:
         requirement=Requirement(*numbers("requirement", data["requirement"], Requirement._fields)),
         limits=Limits(*numbers("limits", data["limits"], Limits._fields)),
         wind=Wind(*numbers("wind", data["wind"], Wind._fields)),
+        areas=[read_area(f"areas[{n}]", one) for n, one in enumerate(listed(data["areas"]))],
+        levels=None
+        if data["levels"] is None
+        else Levels(*table("levels", [data["levels"]], len(Levels._fields))[0]),
         parts=data["parts"],
         bounds=table("bounds", [data["bounds"]], len(intruders))[0],
     )
@@ -298,6 +329,39 @@ def read(data: Any) -> Certificate:
     levels = [one.vertical for one in (*found.excluded, *(time.heights for time in found.apart))]
     demand(min(levels, default=0.0) >= 0.0, "a vertical separation is negative")
     return found
+
+
+def listed(given: Any) -> list[Any]:
+    """Return a list."""
+    demand(isinstance(given, list), "areas is no list")
+    return list(given)
+
+
+def read_area(name: str, given: Any) -> Area:
+    """Return an area; refuse one that is none."""
+    right = isinstance(given, dict) and set(given) == set(Area._fields)
+    demand(right, f"{name} has other fields than expected")
+    demand(given["keep"] in ("out", "in"), f"{name}.keep is neither out nor in")
+    for field in ("valid", "heights"):
+        pair = given[field]
+        demand(isinstance(pair, list) and len(pair) == 2, f"{name}.{field} is no pair")
+        table(f"{name}.{field}", [[value] for value in pair if value is not None], 1)
+    rings = [table(f"{name}.rings", ring, 2) for ring in listed(given["rings"])]
+    circle = given["circle"]
+    if circle == []:
+        demand(bool(rings) and min(map(len, rings)) >= 3, f"{name} has no rings of 3 points")
+    else:
+        demand(not rings, f"{name} is both a circle and a polygon")
+        circle = table(f"{name}.circle", [circle], 3)[0]
+        demand(circle[2] > 0.0, f"{name} has no radius")
+    (growth, clearance), (velocity,) = (
+        table(name, [[given["growth"], given["clearance"]]], 2)[0],
+        table(name, [given["velocity"]], 2),
+    )
+    demand(clearance >= 0.0, f"{name} has a negative clearance")
+    return Area(
+        given["keep"], circle, rings, velocity, growth, clearance, given["valid"], given["heights"]
+    )
 
 
 def origin(given: Any) -> Origin:
@@ -671,6 +735,152 @@ def relative_place(other: Track, arc: Arc, k: int, n: int) -> Ball:
     return other.place_at(arc.begin + t) - own
 
 
+# The clearance from an area.
+
+
+class Ground(NamedTuple):
+    """An area in the air mass."""
+
+    area: Area
+    edges: list[tuple[Ball, Ball]]  # of a polygon, x + iy, m
+    velocity: Ball  # m/s
+
+    def seen(self, place: Ball, t: Ball) -> Ball:
+        """Return a place at a time where the area stands still."""
+        return place - self.velocity * t
+
+    def inside(self, place: Ball) -> bool:
+        """Return whether a place is inside: a ray from it crosses the edges an odd number of times.
+
+        It holds for all of the ball where no edge meets the ball.
+        """
+        if self.area.circle:
+            x, y, radius = self.area.circle
+            return (place - ball(x, y)).size().x < ball(radius).x
+        odd = False
+        for a, b in self.edges:
+            if (a.y > place.y) != (b.y > place.y):
+                turn = (b.x - a.x) * (place.y - a.y) - (b.y - a.y) * (place.x - a.x)
+                odd ^= (turn > 0) == (b.y > a.y)
+        return odd
+
+    def from_edges(self, place: Ball) -> int:
+        """Return a lower bound of the distance of a place from the edges, units."""
+        if self.area.circle:
+            x, y, radius = self.area.circle
+            off = (place - ball(x, y)).size() - ball(radius)
+            return max(off.lo, -off.hi)
+        tiny = ball(_TINY).hi
+        return min(chord_bound(a - place, b - place, tiny) for a, b in self.edges)
+
+    def on_part(self, first: Ball, last: Ball, sagitta: int) -> int:
+        """Return a lower bound of the distance from the edges on a part of a curve, units."""
+        if self.area.circle:
+            x, y, radius = self.area.circle
+            centre = ball(x, y)
+            if not self.inside(first):
+                near = chord_bound(first - centre, last - centre, sagitta)
+                return near - ball(radius).hi
+            far = max((first - centre).size().hi, (last - centre).size().hi)
+            return ball(radius).lo - far - sagitta
+        return min(edge_bound(first, last, a, b) for a, b in self.edges) - sagitta
+
+
+def edge_bound(p: Ball, q: Ball, a: Ball, b: Ball) -> int:
+    """Return a lower bound of the distance between a chord and an edge, units (theorem
+    ``edge_distance_sound``); far below 0 where they may cross.
+    """
+    tiny = ball(_TINY).hi
+    ends = chord_bound(a - p, b - p, tiny), chord_bound(a - q, b - q, tiny)
+    apart = on_one_side(a, b, p, q) or on_one_side(p, q, a, b)
+    if not apart:
+        beyond = ends[0] - (q - p).size().hi
+        return beyond if beyond > 0 else -1 << (BITS + 30)
+    return min(*ends, chord_bound(p - a, q - a, tiny), chord_bound(p - b, q - b, tiny))
+
+
+def on_one_side(a: Ball, b: Ball, p: Ball, q: Ball) -> bool:
+    """Return whether p and q are certainly on one side of the line through a and b."""
+    sides = [(b - a).conjugate() * (end - a) for end in (p, q)]
+    signs = {(side.y > side.r) - (side.y < -side.r) for side in sides}
+    return signs in ({1}, {-1})
+
+
+def counts(area: Area, levels: Levels | None, begin: Ball, end: Ball) -> bool:
+    """Return whether an area may count at some time between two, s after the request."""
+    start, last = area.valid
+    if (start is not None and end.hi < ball(start).lo) or (
+        last is not None and begin.lo > ball(last).hi
+    ):
+        return False
+    if levels is None or area.keep == "in":
+        return True
+    floor, ceiling = area.heights
+    low, low_climb, high, high_climb = map(ball, levels)
+    highest = max((high + high_climb * t).hi for t in (begin, end))
+    lowest = min((low + low_climb * t).lo for t in (begin, end))
+    return not (
+        (floor is not None and highest < ball(floor).lo)
+        or (ceiling is not None and lowest > ball(ceiling).hi)
+    )
+
+
+def check_area(
+    number: int, area: Area, arcs: list[Arc], certificate: Certificate, levels: Levels | None
+) -> None:
+    """Check that the plan keeps the clearance from area ``number`` while it counts."""
+    corners = [[ball(*place) for place in ring] for ring in area.rings]
+    edges = [(ring[n - 1], ring[n]) for ring in corners for n in range(len(ring))]
+    wind = certificate.wind
+    velocity = ball(*area.velocity) - ball(wind.east, wind.north)
+    ground = Ground(area, edges, velocity)
+    growth = ball(area.growth) if area.keep == "out" else ball(-area.growth)
+    wanted = (ball(area.clearance) + ball(certificate.requirement.margin)).hi
+    if counts(area, levels, ZERO, ZERO):
+        # A plan that begins inside the clearance must not come nearer, but for some millimetres.
+        at_request = ground.from_edges(arcs[0].place)
+        allowed = ground.inside(arcs[0].place) == (area.keep == "in")
+        own = at_request - ball(_NEARER).lo if allowed else 0
+        wanted = min(wanted, max(own, 0))
+    need = max(wanted - ball(_MARGIN).lo, -ball(_ROUNDING).lo)
+    quickest = velocity.size()
+    near: int | None = None  # the distance from the edges at the beginning of an arc at least
+    for arc in arcs:
+        if near is not None:
+            near -= (arc.length * (arc.quickest + quickest)).hi
+        todo = [(0, 1)]
+        while todo:
+            i, n = todo.pop()
+            begin, later = (arc.begin + arc.length * ball(k) / ball(n) for k in (i, i + 1))
+            if not counts(area, levels, begin, later):
+                near = None
+                continue
+            required = need + max((growth * begin).hi, (growth * later).hi)
+            if n == 1 and near is not None and near >= max(required, 0):
+                continue  # and the side stays
+            length = arc.length / ball(n)
+            sagitta = max((arc.own_acceleration * length * length / ball(8)).hi, ball(_TINY).hi)
+            first = ground.seen(own_place(arc, i, n), begin)
+            last = ground.seen(own_place(arc, i + 1, n), later)
+            allowed = ground.inside(first) == (area.keep == "in")
+            bound = ground.on_part(first, last, sagitta)
+            # Inside of what is forbidden nothing is kept, unless the area shrinks from there.
+            if not (allowed and bound >= max(required, -ball(_ROUNDING).lo)):
+                sentence = f"area {number} may not be kept clear of before"
+                demand(n < certificate.parts, f"{sentence} {later.hi / (1 << BITS):.2f} s")
+                todo += [(2 * i, 2 * n), (2 * i + 1, 2 * n)]
+            near = ground.from_edges(last) if n == 1 else None
+        if near is not None:
+            near -= ball(_JOINT).hi
+
+
+def own_place(arc: Arc, k: int, n: int) -> Ball:
+    """Return the ownship's place after k of n equal parts of an arc."""
+    if k == 0:
+        return arc.place
+    return arc.end if k == n else arc.place_after(arc.length * ball(k) / ball(n))
+
+
 def check_excluded(heights: Heights, end: float) -> None:
     """Check that an excluded intruder stays above or below until the plan's end, s."""
     demand(stays_apart(heights, 0.0, end), "an excluded intruder does not stay above or below")
@@ -711,6 +921,8 @@ def accept(data: Any) -> Certificate:
             certificate.parts,
             [time for time in certificate.apart if time.number == number],
         )
+    for number, area in enumerate(certificate.areas):
+        check_area(number, area, arcs, certificate, certificate.levels)
     return certificate
 
 
@@ -752,6 +964,8 @@ def summary(certificate: Certificate) -> list[str]:
         f"{limits.acceleration_min:g} to {limits.acceleration_max:g} m/s^2, "
         f"{math.degrees(limits.yaw_rate_max):g} deg/s",
     ]
+    if certificate.areas:
+        lines.append(f"areas: {len(certificate.areas)}; their clearances are kept while they count")
     if certificate.wind != Wind(0.0, 0.0, 0.0):
         wind = certificate.wind
         lines.append(

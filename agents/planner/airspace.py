@@ -154,7 +154,8 @@ def _round(
     if first < 0:
         return request
     x, y, number = _ahead(request, first, options)
-    drift = (0.0, 0.0) if request.drift is None else tuple(float(each[0]) for each in request.drift)
+    east, north = (0.0, 0.0) if request.drift is None else request.drift
+    drift = float(np.sum(east)), float(np.sum(north))
     unit, latest = options.aircraft.separation, options.finished_by + _LATER
     sky = airspace(areas, own, options.requirement.margin, _PAD * unit, latest)
     here, found, bent = Place(own.x, own.y, 0.0), list[tuple[float, float, int]](), False

@@ -10,6 +10,7 @@ in rad, times in s after the request (docs/explanation/safe-theorem.md lists the
 import json
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from agents.planner.separation import FINE
 from agents.planner.traffic import advanced
 from agents.planner.validator import validate
 from envs import waypoints
+from envs.areas import Area, Circle
 from envs.kinematics import VehicleState
 from envs.trees import mapped
 from envs.waypoints import Waypoint
@@ -32,7 +34,7 @@ _BEYOND = 1.0  # s by which the times in which an intruder is apart go on after 
 _STEP = 1e-5  # to whose multiples the bounds of distances are rounded down, m
 
 
-def certificate(
+def certificate(  # noqa: PLR0913, PLR0917 - all of a request
     own: VehicleState,
     intruders: Sequence[VehicleState | Intruder],
     published: Sequence[Waypoint],
@@ -40,6 +42,7 @@ def certificate(
     own_altitude: Altitude | None,
     options: Options,
     wind: Wind | None = None,
+    areas: Sequence[Area] = (),
     flight: Flight = UNKNOWN_FLIGHT,
 ) -> bytes:
     """Return the certificate of a plan for a state of floats and reports, all over the ground.
@@ -91,10 +94,44 @@ def certificate(
         "requirement": options.requirement._asdict(),
         "limits": {name: float(limit) for name, limit in options.limits._asdict().items()},
         "wind": {name: float(value) for name, value in (wind or NO_WIND)._asdict().items()},
+        "areas": [_area(one, own_altitude) for one in areas],
+        "levels": _levels(own_altitude, options.unknown_climb),
         "parts": FINE,
         "bounds": _bounds(knots, seen, own_altitude, in_air),
     }
     return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
+
+
+def _area(one: Area, own: Altitude | None) -> dict[str, Any]:
+    """Return an area, with those of its heights that the ownship's can be compared with."""
+    disc = one.shape if isinstance(one.shape, Circle) else None
+    return {
+        "keep": one.keep.value,
+        "circle": [] if disc is None else [disc.x, disc.y, disc.radius],
+        "rings": [] if isinstance(one.shape, Circle) else [list(ring) for ring in one.shape.rings],
+        "velocity": list(one.velocity),
+        "growth": one.growth,
+        "clearance": one.clearance,
+        "valid": [
+            float(time) if math.isfinite(time) else None
+            for time in (one.valid_from, one.valid_until)
+        ],
+        "heights": [
+            level.value
+            if level is not None and own is not None and level.reference == own.reference
+            else None
+            for level in (one.floor, one.ceiling)
+        ],
+    }
+
+
+def _levels(own: Altitude | None, unknown_climb: float) -> list[float] | None:
+    """Return between which altitudes the ownship is at the request, m, and how they change, m/s."""
+    if own is None:
+        return None
+    known, widens = own.vertical_speed, own.climb_error
+    low, high = (-unknown_climb, unknown_climb) if known is None else (known, known)
+    return [own.value - own.error, low - widens, own.value + own.error, high + widens]
 
 
 def _heights(own: Altitude | None, report: Intruder, options: Options) -> list[float]:

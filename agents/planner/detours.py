@@ -101,10 +101,9 @@ class Airspace(NamedTuple):
             if rows.size == 0:
                 continue
             start = own_frame(one.area, here.x, here.y, here.time)
-            parts = Parts(
-                *(np.full(rows.size, value) for value in start),
-                *own_frame(one.area, x[rows], y[rows], arrival[rows]),
-            )
+            end_x, end_y = own_frame(one.area, x[rows], y[rows], arrival[rows])
+            begin_x, begin_y = (np.full(rows.size, value) for value in start)
+            parts = Parts(begin_x, begin_y, end_x, end_y)
             grown = np.minimum(gain(one.area) * here.time, gain(one.area) * arrival[rows])
             found[rows] = chord_distances(one.area, parts, need - grown).bound + grown >= need
         return found

@@ -108,6 +108,7 @@ def plan(
         own_altitude,
         options,
         wind,
+        tuple(areas),
     )
     return replace(
         answer,
@@ -118,7 +119,7 @@ def plan(
         ),
         policy_sha256=policy.sha256,
         wind=wind,
-        certify=certify if answer.safe and request.areas is None else None,
+        certify=certify if answer.safe else None,
     )
 
 

@@ -1,0 +1,117 @@
+"""The independent checker accepts what keeps clear of areas and refuses what does not."""
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents import check
+from agents.planner.planner import plan
+from agents.planner.request import Altitude
+from envs.areas import Area, Circle, Keep, Level, Polygon
+from envs.wind import Wind
+from tests.agents.planner.test_airspace import CROSSING, OPTIONS, OWN, POLICY, ROUTE, least
+
+CORNERS = ((20e3, -6e3), (21e3, -6e3), (21e3, 4e3), (20e3, 2e3))
+
+
+def accepted(data: Any) -> bool:
+    """Return whether the checker accepts a certificate."""
+    try:
+        check.accept(data)
+    except check.RefusedError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    "area",
+    [
+        Area(Circle(14e3, 300.0, 2e3), clearance=150.0),
+        Area(Polygon(CORNERS), velocity=(-3.0, 1.0), growth=0.5),
+        Area(Circle(20e3, 0.0, 28e3), Keep.IN, growth=-5.0),
+    ],
+)
+@pytest.mark.parametrize("wind", [None, Wind(3.0, -8.0)], ids=["calm", "wind"])
+def test_moved_areas_are_refused_exactly_where_samples_lose_the_clearance(
+    area: Area, wind: Wind | None
+) -> None:
+    answer = plan(OWN, [CROSSING], ROUTE, POLICY, OPTIONS, wind=wind, areas=[area])
+    assert answer.safe and answer.certificate is not None
+    data = json.loads(answer.certificate)
+    assert accepted(data)
+    room = least(answer, area, wind=wind) - area.clearance
+    rng, verdicts = np.random.default_rng(3), set[bool]()
+    for more in (0.5 * room, room - 10.0, room + 40.0):
+        changed = json.loads(answer.certificate)
+        changed["areas"][0]["clearance"] = max(area.clearance + more, 0.0)
+        kept = least(answer, replace(area, clearance=0.0), wind=wind)
+        kept -= changed["areas"][0]["clearance"]
+        if abs(kept) > 7.0:  # samples may miss the nearest place by so much
+            assert accepted(changed) == (kept > 0.0), more
+            verdicts.add(accepted(changed))
+    for _ in range(4):
+        dx, dy = rng.normal(0.0, 1_500.0, 2)
+        shape: Any = (
+            Circle(area.shape.x + dx, area.shape.y + dy, area.shape.radius)
+            if isinstance(area.shape, Circle)
+            else Polygon(tuple((x + dx, y + dy) for x, y in area.shape.outer))
+        )
+        moved = replace(area, shape=shape)
+        changed = json.loads(answer.certificate)
+        if isinstance(shape, Circle):
+            changed["areas"][0]["circle"] = [shape.x, shape.y, shape.radius]
+        else:
+            changed["areas"][0]["rings"] = [[list(place) for place in shape.outer]]
+        kept = least(answer, moved, wind=wind) - area.clearance
+        if abs(kept) > 7.0:
+            assert accepted(changed) == (kept > 0.0)
+            verdicts.add(accepted(changed))
+    assert verdicts == {True, False}
+
+
+def test_heights_and_times_stand_in_the_certificate() -> None:
+    low = Area(Circle(6e3, 0.0, 2e3), ceiling=Level(300.0, "msl"))
+    late = Area(Circle(6e3, 0.0, 2e3), valid_from=250.0)
+    high = Altitude(900.0, "msl", 0.0)
+    answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, own_altitude=high, areas=[low, late])
+    assert answer.safe and answer.certificate is not None
+    data = json.loads(answer.certificate)
+    assert accepted(data)
+    for change in ({"levels": [200.0, 0.0, 200.0, 0.0]}, {"levels": None}):
+        assert not accepted(data | change)
+    data["areas"][1]["valid"] = [10.0, None]
+    assert not accepted(data)
+
+
+def test_a_climb_that_is_not_exact_widens_the_times() -> None:
+    above = Area(Circle(6e3, 0.0, 2e3), floor=Level(1_000.0, "msl"))
+    for error, clear in ((0.0, True), (8.0, False)):
+        height = Altitude(500.0, "msl", 0.0, climb_error=error)
+        answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, own_altitude=height, areas=[above])
+        assert answer.safe
+        assert (least(answer, above) < 0.0) == clear
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("keep", "off"),
+        ("rings", [[[0.0, 0.0], [1.0, 1.0]]]),
+        ("circle", [0.0, 0.0, 0.0]),
+        ("clearance", -1.0),
+        ("growth", math.nan),
+        ("valid", [0.0]),
+        ("velocity", [0.0]),
+    ],
+)
+def test_what_is_no_area_is_refused(name: str, value: Any) -> None:
+    area = Area(Polygon(CORNERS))
+    answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, areas=[area])
+    assert answer.certificate is not None
+    data = json.loads(answer.certificate)
+    data["areas"][0][name] = value
+    assert not accepted(data)
