@@ -217,7 +217,10 @@ def _reach(
     separation = limits.requirement.separation + limits.requirement.margin
     left = 0.0 if held is None else (held.points[-1].time - now) / SECOND
     horizon = max(left, _HORIZON * options.waypoints * options.interval)
-    fast = options.aircraft.traffic_speed_max
+    # Over the ground all are faster by the wind at most: the reported one, or the plan's.
+    winds = (own.wind or (0.0, 0.0), (0.0, 0.0) if held is None else held.wind)
+    blows = max(math.hypot(*wind) for wind in winds)
+    fast = options.aircraft.traffic_speed_max + blows
     undulation = None if origin is None else origin.undulation
     return Reach(
         own,
@@ -225,7 +228,7 @@ def _reach(
         horizon,
         separation,
         options.vertical_filter,
-        limits.limits.speed_max,
+        limits.limits.speed_max + blows,
         fast,
         undulation,
         options.unknown_climb,
