@@ -35,6 +35,7 @@ with it any more; the same for the ownship (docs/reference/ros.md, timing).
 
 _TURN = 15.0  # s that an aircraft is expected to turn on after its report
 _STEP = 4.0  # s between the points of a drawn plan
+_POINTS = 400  # of a drawn plan at most
 _NEAR = 100_000.0  # m from the ownship that areas are drawn
 _ALERT = 10.0  # s that an alert of another function holds
 _LATE = {"status": 1.0, "guidance": 5.0, "diagnostics": 3.0}  # s without a message
@@ -326,11 +327,16 @@ def _drawn(one: Published, frame: LocalFrame) -> tuple[list[list[float]], list[l
     first = states[0]
     wind = wind_of(frame, one)
     start = VehicleState(first.x, first.y, first.heading, first.speed)
-    curve = legs(knots(start, states[1:], wind=wind))
-    end = states[-1].time
-    times = np.append(np.arange(0.0, end, _STEP), end)
-    each = Legs(*(np.broadcast_to(part, (times.size, *np.shape(part))) for part in curve))
-    state, began = at(each, times, wind), one.began / SECOND
+    end, began = states[-1].time, one.began / SECOND
+    times = np.linspace(0.0, end, 1 + min(math.ceil(end / _STEP), _POINTS))
+    with np.errstate(all="ignore"):
+        curve = legs(knots(start, states[1:], wind=wind))
+        each = Legs(*(np.broadcast_to(part, (times.size, *np.shape(part))) for part in curve))
+        state = at(each, times, wind)
+    if not (np.isfinite(state.x).all() and np.isfinite(state.y).all()):
+        # No aircraft flies it; what was said is drawn all the same.
+        straight = [[round(s.x, 1), round(s.y, 1), round(began + s.time, 2)] for s in states]
+        return straight, [place[:2] for place in straight[1:]]
     line = [
         [round(float(x), 1), round(float(y), 1), round(began + float(time), 2)]
         for x, y, time in zip(state.x, state.y, times, strict=True)

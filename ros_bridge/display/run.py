@@ -5,6 +5,8 @@ ADS-B or a recording.
     python -m ros_bridge.display flight.mcap             a recording of the demo
     python -m ros_bridge.display --adsb tcp://HOST:30003 --centre 47.46,8.55
 
+    python -m ros_bridge.display --ros-args -r __ns:=/n123 -p use_sim_time:=true
+
 It prints the address to open. The page is read only: nothing that a browser sends reaches an
 aircraft, a node or a file.
 """

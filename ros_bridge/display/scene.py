@@ -184,19 +184,26 @@ def _plan(scene: Scene, message: Any, now: int) -> Scene:
     if message.status == _WITHDRAWN:
         return replace(scene, plan=None)
     _expect("trajectory", message, _SAFE)
-    return replace(scene, plan=trajectory(message), unresolved=None)
+    return replace(scene, plan=_with_points(message, "trajectory"), unresolved=None)
 
 
 def _advisory(scene: Scene, message: Any, now: int) -> Scene:
     _expect("advisory", message, _UNRESOLVED)
     # The runner publishes the best known trajectory; without any there is nothing to draw.
-    found = trajectory(message, "advisory") if len(message.waypoints) else None
+    found = _with_points(message, "advisory") if len(message.waypoints) else None
     return replace(scene, unresolved=found)
 
 
 def _backup(scene: Scene, message: Any, now: int) -> Scene:
     _expect("backup", message, _BACKUP)
-    return replace(scene, backup=trajectory(message, "backup"))
+    return replace(scene, backup=_with_points(message, "backup"))
+
+
+def _with_points(message: Any, name: str) -> Published:
+    count = len(message.waypoints)
+    if not 1 <= count <= _MOST:
+        raise FieldError(f"{name}.waypoints", f"has {count} points, expected 1 to {_MOST}")
+    return trajectory(message, name)
 
 
 def _expect(name: str, message: Any, status: int) -> None:

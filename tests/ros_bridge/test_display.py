@@ -151,6 +151,37 @@ def test_a_plan_is_drawn_through_its_waypoints_and_over_its_times():
     assert point["in"] == pytest.approx(62.5 - 10.0, abs=0.1)
 
 
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([1e-6, 0.1, 20.0, 1e8]),
+            st.floats(-90.0, 90.0),
+            st.floats(-180.0, 180.0),
+            st.sampled_from([0.0, 80.0, 400.0]),
+        ),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_a_plan_that_nobody_can_fly_is_drawn_all_the_same(steps):
+    """At any places and times, within a bounded number of points."""
+    message, first, time = plan(), vars(plan().waypoints[0]), 0.0
+    message.waypoints = []
+    for number, (seconds, latitude, longitude, speed) in enumerate(steps):
+        time += seconds
+        more = {
+            "index": number + 1,
+            "latitude": latitude,
+            "longitude": longitude,
+            "ground_speed": speed,
+            "time_of_arrival": stamp(NOW + round(time * SECOND) + number + 1),
+        }
+        message.waypoints.append(SimpleNamespace(**(first | more)))
+    shown = picture(take(known(), PLAN, message, NOW), NOW)
+    assert json.dumps(shown, allow_nan=False)
+    assert len(shown["plan"]["points"]) == len(steps) and 2 <= len(shown["plan"]["line"]) <= 500
+
+
 @pytest.mark.parametrize(
     ("name", "message", "says"),
     [
