@@ -20,6 +20,8 @@ from agents.planner.request import checked, in_wind
 from agents.planner.traffic import Requirement, predicted, uncertainty
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
+from envs.areas import Area, AreaError
+from envs.formats.areas.geodetic import GeodeticArea, on_plane
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
@@ -29,7 +31,16 @@ from ros_bridge.core.conversions import Published, Station
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.replies import flown, plan_points, start_point, wind_of
 from ros_bridge.core.reports import Unknown
-from ros_bridge.core.situation import Refusal, Settings, Situation, Task, refusal_of, task
+from ros_bridge.core.situation import (
+    ACCURATE,
+    Code,
+    Refusal,
+    Settings,
+    Situation,
+    Task,
+    refusal_of,
+    task,
+)
 from ros_bridge.mavlink.mission import SUB
 
 SPACING = 4.0
@@ -55,6 +66,7 @@ class Rules(NamedTuple):
     thresholds: Thresholds
     engage: float  # a loss that is nearer than this, s, is planned round
     look_ahead: float  # s
+    fence: tuple[GeodeticArea, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,6 +96,7 @@ def rules(
     vertical: float,
     unknown: Unknown,
     deadline: float,
+    fence: tuple[GeodeticArea, ...] = (),
     sigmas: float = 2.0,
 ) -> Rules:
     """Return the rules of an aircraft; lengths in m, the margin for what the follower leaves of a
@@ -114,7 +127,7 @@ def rules(
         unknown=unknown,
     )
     times = Alerting.for_aircraft(aircraft)
-    return Rules(policy, settings, limits, times.reached.corrective, times.look_ahead)
+    return Rules(policy, settings, limits, times.reached.corrective, times.look_ahead, fence)
 
 
 def watch(
@@ -155,7 +168,7 @@ def supervise(
     try:
         wanted = task(situation, now, rules.settings, route)
         wanted = _not_before(wanted, judgement.rejoin)
-        answer = _answer(wanted, rules.policy)
+        answer = _answer(wanted, rules)
     except Refusal as refusal:
         after, _ = answered(supervision, number, None)
         return replace(judgement, supervision=after, problem=str(refusal))
@@ -260,24 +273,35 @@ def to_follow(judgement: Judgement) -> ToFly | None:
     return None
 
 
-def _answer(wanted: Task, policy: Policy) -> Plan:
+def _areas(wanted: Task, rules: Rules) -> tuple[Area, ...]:
+    """Return the fence in the frame of a task."""
+    try:
+        found = (on_plane(one, wanted.frame, None, ACCURATE) for one in rules.fence)
+        return tuple(area for area in found if area is not None)
+    except AreaError as error:
+        raise Refusal(Code.INVALID_TASK, "fence", str(error)) from error
+
+
+def _answer(wanted: Task, rules: Rules) -> Plan:
+    areas = _areas(wanted, rules)
     options = replace(wanted.options, exhaustive=False)
     try:
         return plan(
             wanted.own,
             wanted.intruders,
             wanted.points,
-            policy,
+            rules.policy,
             options,
             own_altitude=wanted.own_altitude,
             wind=wanted.wind,
+            areas=areas,
         )
     except RequestError as error:
         raise refusal_of(error, wanted) from error
 
 
 def _taken_up(judgement: Judgement, situation: Situation, wanted: Task, rules: Rules) -> Judgement:
-    answer = _answer(wanted, rules.policy)
+    answer = _answer(wanted, rules)
     if not answer.safe:
         return replace(judgement, plan=answer, problem="")
     revision = judgement.revision + 1

@@ -30,6 +30,7 @@ from agents.planner.planner import plan
 from agents.policy.domain import OutsideDomainError
 from envs.edge.command import InputError, Parser, run_cli
 from envs.edge.files import write_file
+from envs.formats.areas.geodetic import GeodeticArea
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge.core.aircraft import loaded
@@ -130,7 +131,8 @@ class Program:
         if self._fly:
             check_flyable(parameters)
         self._vehicle = vehicle_of(parameters, options.separation)
-        self._rules = _rules(self._vehicle, options)
+        fence = _fence(link, options.margin)
+        self._rules = _rules(self._vehicle, options, fence)
         references = {0: "msl", 1: "msl"} if options.traffic_altitude == "msl" else {}
         self._reading = Reading(references)
         self._items = link.mission()
@@ -145,6 +147,7 @@ class Program:
         self._causes: set[Cause] = set()
         self._mission = self._downloaded = (0, 0)  # its size and number by MISSION_CURRENT
         self.log(f"autopilot {link.system}/{link.component}, mission of {len(self._items)} items")
+        self.log(f"fence of {len(fence)} areas")
         for note in self._vehicle.notes:
             self.log(note)
         for note in failsafe_notes(parameters, options.system) if self._fly else ():
@@ -430,7 +433,14 @@ def _rehearse(rules: Rules) -> None:
     plan(own, [other], route, rules.policy, options)
 
 
-def _rules(vehicle: Vehicle, options: argparse.Namespace) -> Rules:
+def _fence(link: Link, clearance: float) -> tuple[GeodeticArea, ...]:
+    try:
+        return mission.fence(link.fence(), clearance)
+    except FieldError as error:
+        raise InputError(f"the autopilot's fence: {error}") from None
+
+
+def _rules(vehicle: Vehicle, options: argparse.Namespace, fence: tuple[GeodeticArea, ...]) -> Rules:
     try:
         policy = loaded(options.policy).for_aircraft(vehicle.aircraft)
     except OutsideDomainError as problem:
@@ -446,6 +456,7 @@ def _rules(vehicle: Vehicle, options: argparse.Namespace) -> Rules:
         vertical=options.vertical_filter,
         unknown=Unknown(options.unknown_position_std, options.unknown_velocity_std),
         deadline=options.deadline,
+        fence=fence,
     )
 
 

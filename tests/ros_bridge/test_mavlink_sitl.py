@@ -14,8 +14,8 @@ import pytest
 
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 
-from benchmarks.ardupilot.flight import SEPARATION, Encounter, Intruder, fly
 from envs.edge.command import InputError
+from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, fly
 from ros_bridge.mavlink.link import Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.sitl import Leg, Sitl, SitlError, folder
@@ -104,10 +104,13 @@ def encounter(*options: str, **parameters: float) -> Generator[tuple[Sky, Any]]:
             process.communicate()
 
 
-def test_an_encounter_is_resolved_and_the_mission_flown_on() -> None:
+def test_an_encounter_is_resolved_beside_a_fence_and_the_mission_flown_on() -> None:
     crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
     # The simulation stands still while the program computes: a loaded machine changes nothing.
-    flight = fly(Encounter(0, (crossing,), 4.0, 300.0), "ours", instance=3, until=150.0)
+    fence = ((1_300.0, 150.0), (2_600.0, 150.0), (2_600.0, 700.0), (1_300.0, 700.0))
+    flight = fly(Encounter(0, (crossing,), 0.0, 300.0, 0.0, fence), "ours", instance=3, until=140.0)
+    # Without the fence the plan leads through it.
+    assert not [row for row in flight.rows if 1_300.0 < row.x < 2_600.0 and row.y > 150.0]
     assert flight.separation >= SEPARATION
     assert flight.taken_over == 1
     assert flight.rows[-1].mode == Mode.AUTO

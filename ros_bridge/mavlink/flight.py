@@ -32,7 +32,7 @@ AVOIDANCE = {
 }
 """ArduPilot's own avoidance: away horizontally, and back to the mission."""
 
-_BEGIN, _GOAL = 1_000.0, 6_000.0  # m east of home: the clock begins, the mission ends
+_BEGIN, _GOAL = 1_100.0, 6_000.0  # m east of home: the clock begins, the mission ends
 _LONGEST = 420.0  # s
 _STILL = 15.0  # s of real time without a message, after which a flight has failed
 _ABOVE = 620.0  # m above mean sea level

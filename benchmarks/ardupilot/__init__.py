@@ -1,1 +1,0 @@
-"""Encounters flown by ArduPlane itself: its mission alone, its own avoidance, and ours."""

@@ -1,0 +1,93 @@
+"""One encounter flown by ArduPlane's own simulation, and a picture of it, within two minutes.
+
+    python -m ros_bridge.mavlink.demo [--wind 4] [--out encounter.png]
+
+Starts the simulation that RLCAS_SITL names, flies a mission towards a crossing aircraft whose
+reports go to the autopilot as a receiver's do, and lets the program fly round it. The simulation
+stands still while the program computes.
+
+Exit code: 0 if the separation was kept and the mission flown on, 1 if not, 2 for bad input.
+"""
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from envs.edge.command import InputError, Parser, run_cli
+from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, Result, fly, place_of
+from ros_bridge.mavlink.messages import Mode
+
+_CRUISE = 22.0  # m/s of the mission
+_UNTIL = 160.0  # s
+_STRONGEST = 8.0  # m/s of wind
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly the encounter and return the exit code."""
+    options = _parser().parse_args(arguments)
+    if not 0.0 <= options.wind <= _STRONGEST:
+        raise InputError(f"--wind is {options.wind:g} m/s; expected 0 to {_STRONGEST:g} m/s")
+    crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
+    encounter = Encounter(0, (crossing,), options.wind, 300.0)
+    flight = fly(encounter, "ours", instance=options.instance, until=_UNTIL)
+    for text in flight.texts:
+        if text.startswith("RLCAS"):
+            print(text)
+    good = not flight.lost and flight.taken_over > 0 and flight.rows[-1].mode == Mode.AUTO
+    print(
+        f"smallest distance {flight.separation:.0f} m, to be kept {SEPARATION:g} m; "
+        f"{flight.on_mission:.0f} of {flight.rows[-1].time:.0f} s in AUTO"
+    )
+    draw(encounter, flight, options.out)
+    print(f"picture: {options.out}")
+    return 0 if good else 1
+
+
+def draw(encounter: Encounter, flight: Result, file: Path) -> None:
+    """Draw the tracks from above, and the distance over time, into a file."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, (above, over) = plt.subplots(1, 2, figsize=(11.0, 4.5), layout="constrained")
+    for mode, colour, name in ((Mode.AUTO, "0.5", "AUTO"), (Mode.GUIDED, "C0", "GUIDED")):
+        rows = [row for row in flight.rows if row.mode == mode]
+        above.plot([r.x for r in rows], [r.y for r in rows], ".", ms=2.0, color=colour, label=name)
+    times = [row.time for row in flight.rows]
+    for one in encounter.intruders:
+        places = [place_of(one, time, _CRUISE) for time in times]
+        above.plot(
+            [p[0] for p in places], [p[1] for p in places], "--", color="C3", label="traffic"
+        )
+        apart = [
+            math.hypot(row.x - p[0], row.y - p[1])
+            for row, p in zip(flight.rows, places, strict=True)
+        ]
+        over.plot(times, apart, color="C0")
+        nearest = apart.index(min(apart))
+        ends = flight.rows[nearest], places[nearest]
+        above.plot([ends[0].x, ends[1][0]], [ends[0].y, ends[1][1]], "o-", color="k", lw=1.0, ms=4)
+    over.axhline(SEPARATION, color="C3", ls=":", label="to be kept")
+    above.set(xlabel="east, m", ylabel="north, m", aspect="equal", title="from above")
+    above.set_ylim(-1_200, 1_200)
+    over.set(xlabel="time, s", ylabel="distance, m", ylim=(0, None), title="distance")
+    above.legend()
+    over.legend()
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m ros_bridge.mavlink.demo", description=__doc__)
+    parser.add_argument("--wind", type=float, default=0.0, help="m/s from 300 degrees (default 0)")
+    picture = Path("encounter.png")
+    parser.add_argument("--out", type=Path, default=picture, help=f"picture (default {picture})")
+    ports = "10 times this is added to the simulation's ports (default 0)"
+    parser.add_argument("--instance", type=int, default=0, help=ports)
+    return parser
+
+
+if __name__ == "__main__":
+    run_cli("ros_bridge.mavlink.demo:main")
