@@ -17,12 +17,15 @@ from agents.assurance.plausible import greatest_change
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
 from agents.planner.request import Altitude, Intruder, Options
 from envs.angles import wrap
+from envs.areas import Area
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
+from ros_bridge.core.areas import AreaReport
+from ros_bridge.core.areas import placed as placed_areas
 from ros_bridge.core.conversions import Alert, Origin, Route
-from ros_bridge.core.fields import SECOND, Code, Refusal
+from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
 from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
@@ -100,6 +103,7 @@ class Situation:
     traffic: Mapping[str, Track] = field(default_factory=lambda: MappingProxyType({}))
     alert: Held[Alert] = NOTHING
     route: Held[Route] = NOTHING
+    areas: Held[AreaReport] = NOTHING
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,7 @@ class Task:
     options: Options
     notes: tuple[Advisory, ...]  # what was assumed
     wind: Wind | None = None  # in the frame; None: taken as calm
+    areas: tuple[Area, ...] = ()  # as of the request
 
 
 def task(
@@ -176,9 +181,20 @@ def task(
             what = "is at the ownship's place and velocity; a copy of it (TIS-B) is not recognised"
             copy = Field(Subject.INTRUDERS, number=number)
             notes += (Advisory(AdvisoryCode.POSSIBLE_COPY, copy, what),)
+    areas = _areas(situation.areas, frame, now)
     height = level(report.altitude, now - report.time, undulation, climb)
     traffic = identifiers, intruders, excluded
-    return Task(frame, now, own, height, *traffic, route, points, options, notes, wind)
+    return Task(frame, now, own, height, *traffic, route, points, options, notes, wind, areas)
+
+
+def _areas(held: Held[AreaReport], frame: LocalFrame, now: int) -> tuple[Area, ...]:
+    """Return the areas that were received, as of a moment, ns; none where none were."""
+    try:
+        if held.fault is not None:
+            raise Refusal(Code.INVALID_TASK, held.fault.field, held.fault.problem)
+        return () if held.value is None else placed_areas(held.value, frame, now, ACCURATE)
+    except FieldError as error:
+        raise Refusal(Code.INVALID_TASK, error.field, error.problem) from error
 
 
 def refusal_of(error: RequestError, task: Task) -> Refusal:

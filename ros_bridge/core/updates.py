@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from ros_bridge.core import conversions
+from ros_bridge.core.areas import areas as read_areas
 from ros_bridge.core.fields import FieldError, identifier, not_ahead, readable, tried
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.core.situation import Held, Situation
@@ -77,6 +78,11 @@ def geo_reference(situation: Situation, message: Any, now: int, rules: Rules) ->
     return replace(
         situation, origin=_held(situation.origin, lambda: conversions.geo_reference(message), now)
     )
+
+
+def areas(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
+    """Take in an Areas message, which holds all areas that there are."""
+    return replace(situation, areas=_held(situation.areas, lambda: read_areas(message), now))
 
 
 def _near(own: Report, seen: Sighting | None, rules: Rules) -> bool:

@@ -60,6 +60,7 @@ def planned(wanted: Task, policy: Policy, *, exhaustive: bool) -> Plan:
         options,
         own_altitude=wanted.own_altitude,
         wind=wanted.wind,
+        areas=wanted.areas,
     )
 
 

@@ -104,6 +104,7 @@ class Runner(ListeningNode):
         self.get_logger().info(f"policy {policy.sha256}; aircraft {aircraft_text(options)}")
         self._listen(self._on_health, private=True)
         self._subscribe(topics.ALERTS.private, self._into(updates.alert))
+        self._subscribe(topics.AREAS.private, self._into(updates.areas))
         self._subscribe(
             topics.ROUTE.private._replace(quality=qos.ROUTE[durability]), self._into(updates.route)
         )
@@ -154,7 +155,7 @@ class Runner(ListeningNode):
 
     def _stepped_back(self) -> None:
         before = self._situation  # route and geo-reference have no age
-        self._situation = Situation(origin=before.origin, route=before.route)
+        self._situation = Situation(origin=before.origin, route=before.route, areas=before.areas)
         self._era += 1
         self._withdraw()
 
@@ -251,7 +252,7 @@ class Runner(ListeningNode):
         late = (then.time - wanted.time) / SECOND
         there = then.own, then.intruders, then.points, then.options, then.own_altitude
         # The plan is flown in the wind that it was made in.
-        return rechecked(found, late, *there, found.wind)
+        return rechecked(found, late, *there, found.wind, areas=then.areas)
 
     def _wake(self, done: Future) -> None:
         """Let the node go on with an answer; called from the other thread."""

@@ -9,6 +9,7 @@ from nav_msgs.msg import Path
 from rclpy.qos import QoSProfile
 from rlcas_msgs.msg import (
     AircraftState,
+    Areas,
     AssuranceStatus,
     GeoReference,
     GuidanceBands,
@@ -47,6 +48,7 @@ TRAFFIC = Topic(AircraftState, f"{RUNNER}/input/traffic", qos.TRAFFIC)
 ALERTS = Topic(TrafficAlert, f"{RUNNER}/input/alerts", qos.EVENTS)
 ROUTE = Topic(Trajectory, f"{RUNNER}/input/route", qos.LATCHED)
 GEO_REFERENCE = Topic(GeoReference, f"{RUNNER}/input/geo_reference", qos.LATCHED)
+AREAS = Topic(Areas, f"{RUNNER}/input/areas", qos.LATCHED)
 PLAN = Topic(Trajectory, f"{RUNNER}/output/trajectory", qos.LATCHED)
 ADVISORY = Topic(Trajectory, f"{RUNNER}/output/advisory", qos.EVENTS)
 PATH = Topic(Path, f"{RUNNER}/output/path", qos.LATCHED)
@@ -57,4 +59,16 @@ GUIDANCE = Topic(GuidanceBands, f"{MONITOR}/output/guidance", qos.LATCHED)
 DIAGNOSTICS = Topic(DiagnosticArray, "/diagnostics", qos.EVENTS)
 
 INPUTS = (OWNSHIP, TRAFFIC, ALERTS, ROUTE, GEO_REFERENCE)
-EVERY = (CLOCK, *INPUTS, PLAN, ADVISORY, PATH, MARKERS, STATUS, BACKUP, GUIDANCE, DIAGNOSTICS)
+EVERY = (
+    CLOCK,
+    *INPUTS,
+    AREAS,
+    PLAN,
+    ADVISORY,
+    PATH,
+    MARKERS,
+    STATUS,
+    BACKUP,
+    GUIDANCE,
+    DIAGNOSTICS,
+)

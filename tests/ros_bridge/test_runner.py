@@ -33,10 +33,14 @@ from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
 
 from agents.policy.inference import Policy
+from envs.area_geometry import signed_distance
+from envs.areas import Area, Circle
 from ros_bridge.core.conversions import trajectory
 from ros_bridge.core.situation import Code
 from ros_bridge.transport import qos
+from ros_bridge.transport.area_messages import areas_message
 from ros_bridge.transport.messages import identity, time_message
+from ros_bridge.transport.topics import AREAS
 
 SERVICE = f"{NODE}/generate_trajectory"
 
@@ -173,6 +177,38 @@ def test_trajectory_carries_the_certificate_that_proves_it(
     assert set_to(client, "certificate", True).successful
     assert response.trajectory.min_separation >= 1000.0
     assert 0.0 < response.computation_time < 5.0
+
+
+def test_areas_are_kept_clear_of_and_a_faulty_message_is_refused(client: Client, world: World):
+    # Without areas the plan goes straight on; with one in its way, round it.
+    ahead = Area(Circle(12_000.0, 100.0, 1_500.0), clearance=100.0, name="cell")
+    message = areas_message([ahead], time.time_ns(), FRAME, "map")
+    publisher = client.node.create_publisher(*AREAS)
+
+    def meanwhile() -> None:
+        encounter(world)
+        publisher.publish(message)
+
+    def away(response: GenerateTrajectory.Response) -> float:
+        points = trajectory(response.trajectory).points
+        at = FRAME.place([one.latitude for one in points], [one.longitude for one in points])
+        return float(signed_distance(ahead, at.x, at.y).min())
+
+    end = time.monotonic() + PATIENCE
+    while away(answer(client, Code.SAFE, meanwhile)) < 99.0 and time.monotonic() < end:
+        meanwhile()
+    response = answer(client, Code.SAFE, meanwhile)
+    assert away(response) >= 99.0
+    assert len(json.loads(bytes(response.trajectory.certificate))["areas"]) == 1
+    good = message.areas[0].radius
+    message.areas[0].radius = math.nan
+    publisher.publish(message)
+    refused = answer(client, Code.INVALID_TASK, meanwhile)
+    assert refused.field == "areas.areas[0].radius"
+    message.areas[0].radius = good
+    message.areas.clear()
+    publisher.publish(message)
+    answer(client, Code.SAFE, meanwhile)
 
 
 def test_new_plan_has_a_greater_revision_and_replaces_the_current_one(client: Client, world: World):
