@@ -131,13 +131,17 @@ IN_FOLDER = "policy.safetensors"
 """Name of the policy file in the folder of a training."""
 
 
+def locate(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a policy file, given itself or the folder of a training."""
+    source = Path(path)
+    return source / IN_FOLDER if source.is_dir() else source
+
+
 def read(path: str | os.PathLike[str]) -> PolicyFile:
     """Return a policy file, or that of a training's folder; raises a PolicyFileError where it is
     missing, unreadable, too large or not right.
     """
-    source = Path(path)
-    if source.is_dir():
-        source /= IN_FOLDER
+    source = locate(path)
     try:
         check_regular(source)
         size = source.stat().st_size

@@ -11,13 +11,12 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import resources
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents.policy.file import PolicyFileError, parse
+from agents.policy.file import PolicyFileError, locate, parse
 from agents.policy.inference import Policy, input_table
 from agents.policy.inputs import Input
 from envs.edge.command import InputError
@@ -75,9 +74,8 @@ def packed(name: str, task: Task, work: Any, sha256: str) -> bytes:
 
     ``PolicyFileError``: the file cannot be read again, or is no longer the one with this digest.
     """
-    path = (
-        resources.files("agents").joinpath(_SHIPPED) if work.policy is None else Path(work.policy)
-    )
+    shipped = work.policy is None
+    path = resources.files("agents").joinpath(_SHIPPED) if shipped else locate(work.policy)
     try:
         content = path.read_bytes()
     except OSError as problem:

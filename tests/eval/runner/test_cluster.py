@@ -298,7 +298,9 @@ def test_strangers_are_no_schedulers(cluster: Processes, tmp_path: Path) -> None
     assert not (tmp_path / "run").exists()
 
 
-def test_a_worker_that_joins_later_is_held_to_the_run_too(policy_path: Path) -> None:
+def test_a_worker_that_joins_later_is_held_to_the_run_too(
+    policy_path: Path, tmp_path: Path
+) -> None:
     """What it is sent is checked there before it flies: versions and the policy's digest."""
     from agents.policy.inference import Policy
     from eval.flights.chunks import Evaluation, Pilot, columns
@@ -321,6 +323,13 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(policy_path: Path) -> 
         PolicyFileError, match=f"has changed since it was loaded: its SHA-256 is {policy.sha256}"
     ):
         packed("run", Task(Pilot, columns), evaluation, "0" * 64)
+    folder = tmp_path / "trained"
+    folder.mkdir()
+    (folder / "policy.safetensors").write_bytes(policy_path.read_bytes())
+    in_folder = packed(
+        "run", Task(Pilot, columns), evaluation._replace(policy=folder), policy.sha256
+    )
+    assert unpacked(in_folder).policy == payload.policy
     with pytest.raises(PolicyFileError, match="cannot be read again: No such file"):
         packed(
             "run",
