@@ -12,6 +12,7 @@ from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 from agents.planner.request import Altitude
+from ros_bridge.core.categories import LAST
 from ros_bridge.core.conversions import altitude, report, velocity
 from ros_bridge.core.fields import SECOND, FieldError, identifier, integer, number, place, stamp
 from ros_bridge.core.reports import FASTEST, Report
@@ -203,7 +204,13 @@ def adsb_vehicle(
         )
 
     name = f"{message.icao_address:06x}"
-    return report(name, when, at, over_ground, height, time_std=lambda: _CUT_OFF)
+
+    def category() -> int:
+        # The codes of MAVLink are the numbers of the categories; those beyond are none.
+        code = integer("adsb.emitter_type", message.emitter_type, 0, 255)
+        return code if code <= LAST else 0
+
+    return report(name, when, at, over_ground, height, time_std=lambda: _CUT_OFF, category=category)
 
 
 def _stamped(message: Any, name: str) -> Callable[[], int]:

@@ -15,6 +15,7 @@ from typing import Any
 from agents.planner.request import Altitude
 from envs.edge.json_text import RepeatedKeyError, parse_json
 from envs.traffic.track_units import FOOT, KNOT
+from ros_bridge.core.categories import number_of
 from ros_bridge.core.conversions import report
 from ros_bridge.core.fields import SECOND, FieldError, number, place, tried
 from ros_bridge.core.reports import FASTEST, Report
@@ -112,6 +113,7 @@ class Traffic:
             lambda: self._altitude(f"{name}.altitude", row),
             position_std=lambda: _sigma(_EPU, row.get("nac_p")),
             velocity_std=lambda: _sigma(_EPV, row.get("nac_v")),
+            category=lambda: number_of(row.get("category")),
         )
 
     def _altitude(self, name: str, row: Mapping[str, Any]) -> Altitude | None:

@@ -23,9 +23,10 @@ from agents.planner.request import Altitude, Intruder
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
+from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.reach import Reach, out_of_reach, vertically_apart
+from ros_bridge.core.reach import Reach, level, out_of_reach, vertically_apart
 from ros_bridge.core.replies import flown, geodetic_points, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Situation, placed
@@ -50,6 +51,7 @@ class Supervision:
 
     watch: Watch
     unknown: Unknown = USUAL
+    categories: Categories = NO_CATEGORIES
     frame: LocalFrame | None = None
     zero: int = 0  # of the monitor's clock, ns
     held: Published | None = None  # the plan that is monitored; None: none, or it was withdrawn
@@ -71,9 +73,11 @@ def published(message: Any, count: int, name: str = "trajectory") -> Published:
     return trajectory(message, name)
 
 
-def initial(thresholds: Thresholds, unknown: Unknown = USUAL) -> Supervision:
+def initial(
+    thresholds: Thresholds, unknown: Unknown = USUAL, categories: Categories = NO_CATEGORIES
+) -> Supervision:
     """Return a monitor without a plan; ``unknown`` is taken for what reports lack."""
-    return Supervision(watch.begin(thresholds), unknown)
+    return Supervision(watch.begin(thresholds), unknown, categories)
 
 
 def activated(supervision: Supervision, situation: Situation, published: Published) -> Supervision:
@@ -94,7 +98,7 @@ def activated(supervision: Supervision, situation: Situation, published: Publish
     own, waypoints = flown(frame, published)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
     intruders = {
-        name: _intruder(frame, track.estimate, zero, published.began, supervision.unknown)
+        name: _intruder(supervision, situation, track.estimate, published.began)
         for name, track in tracks
         if track is not None and track.estimate is not None
     }
@@ -104,6 +108,7 @@ def activated(supervision: Supervision, situation: Situation, published: Publish
         own,
         intruders,
         _clock(zero, published.began),
+        own_altitude=_own_altitude(supervision, situation, published.began),
     )
     return replace(supervision, watch=began, held=published, revision=published.revision)
 
@@ -138,15 +143,17 @@ def stepped(
     limits = supervision.watch.thresholds
     reach = None
     if track.last is not None:
-        reach = _reach(track.last, now, limits, situation, supervision.held)
+        reach = _reach(track.last, now, supervision, situation)
     left_out = frozenset() if reach is None else _left_out(situation, reach, limits)
     for name, other in situation.traffic.items():
-        if name in left_out or (reach is not None and _vertically_apart(other, reach)):
+        if name in left_out:
+            continue
+        if reach is not None and _vertically_apart(other, reach, supervision):
             continue
         report = _due(supervision.reported.get(name), other, limits)
         if report is not None:
             reported[name] = report
-            intruders[name] = _intruder(frame, report, supervision.zero, now, supervision.unknown)
+            intruders[name] = _intruder(supervision, situation, report, now)
         elif name not in supervision.watch.names:
             # An aircraft without any good report must be missed all the same.
             intruders[name] = Intruder(_UNKNOWN)
@@ -158,7 +165,13 @@ def stepped(
     }
     gone = [name for name in known if name not in intruders and name not in silent]
     after, verdict = watch.step(
-        supervision.watch, _clock(supervision.zero, now), own, intruders, own_age=own_age, gone=gone
+        supervision.watch,
+        _clock(supervision.zero, now),
+        own,
+        intruders,
+        own_age=own_age,
+        own_altitude=_own_altitude(supervision, situation, now),
+        gone=gone,
     )
     asked = now if verdict.ask is not None else supervision.asked
     return replace(
@@ -209,39 +222,56 @@ def backup(
     )
 
 
-def _reach(
-    own: Report, now: int, limits: Thresholds, situation: Situation, held: Published | None
-) -> Reach:
+def _reach(own: Report, now: int, supervision: Supervision, situation: Situation) -> Reach:
     """Return what matters to the ownship while the plan that is held lasts."""
-    options, origin = limits.options, situation.origin.value
-    separation = limits.requirement.separation + limits.requirement.margin
+    limits, held = supervision.watch.thresholds, supervision.held
+    options = limits.options
+    separation, vertical = supervision.categories.greatest(
+        limits.requirement.separation, options.vertical_filter
+    )
+    separation += limits.requirement.margin
     left = 0.0 if held is None else (held.points[-1].time - now) / SECOND
     horizon = max(left, _HORIZON * options.waypoints * options.interval)
     # Over the ground all are faster by the wind at most: the reported one, or the plan's.
     winds = (own.wind or (0.0, 0.0), (0.0, 0.0) if held is None else held.wind)
     blows = max(math.hypot(*wind) for wind in winds)
     fast = options.aircraft.traffic_speed_max + blows
-    undulation = None if origin is None else origin.undulation
     return Reach(
         own,
         now,
         horizon,
         separation,
-        options.vertical_filter,
+        vertical,
         limits.limits.speed_max + blows,
         fast,
-        undulation,
+        _undulation(situation),
         options.unknown_climb,
     )
 
 
-def _vertically_apart(other: Track, reach: Reach) -> bool:
+def _undulation(situation: Situation) -> float | None:
+    origin = situation.origin.value
+    return None if origin is None else origin.undulation
+
+
+def _own_altitude(supervision: Supervision, situation: Situation, now: int) -> Altitude | None:
+    """Return the ownship's altitude at a time, ns, by its last good report."""
+    last = situation.own.last
+    if last is None:
+        return None
+    climb = supervision.watch.thresholds.options.unknown_climb
+    return level(last.altitude, now - last.time, _undulation(situation), climb)
+
+
+def _vertically_apart(other: Track, reach: Reach, supervision: Supervision) -> bool:
     """Return whether an aircraft stays above or below the ownship by its last good report."""
     last = other.last
     if last is None:
         return False
     altitude = last.height(reach.unknown_climb)
-    return abs(vertically_apart(reach.own, altitude, last.time, reach)) > reach.vertical
+    usual = supervision.watch.thresholds.options.vertical_filter
+    kept = supervision.categories.vertical.get(last.category, usual)
+    return abs(vertically_apart(reach.own, altitude, last.time, reach)) > kept
 
 
 def _left_out(situation: Situation, reach: Reach, limits: Thresholds) -> frozenset[str]:
@@ -268,11 +298,20 @@ def _age(zero: int, time: int, now: int) -> float:
     return _clock(zero, now) - _clock(zero, time)
 
 
-def _intruder(frame: LocalFrame, report: Report, zero: int, now: int, unknown: Unknown) -> Intruder:
-    age = _age(zero, report.time, now)
-    position_std, velocity_std = report.spread(unknown)
+def _intruder(supervision: Supervision, situation: Situation, report: Report, now: int) -> Intruder:
+    """Return a report in the monitor's frame, with its separations and its altitude."""
+    frame, categories = supervision.frame, supervision.categories
+    assert frame is not None, "reports are placed in a frame"
+    position_std, velocity_std = report.spread(supervision.unknown)
+    climb = supervision.watch.thresholds.options.unknown_climb
     return Intruder(
-        placed(frame, report), age, position_std=position_std, velocity_std=velocity_std
+        placed(frame, report),
+        _age(supervision.zero, report.time, now),
+        position_std=position_std,
+        velocity_std=velocity_std,
+        altitude=level(report.height(climb), 0, _undulation(situation), climb),
+        separation=categories.separations.get(report.category),
+        vertical_separation=categories.vertical.get(report.category),
     )
 
 

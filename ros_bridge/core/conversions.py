@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from agents.planner.request import Altitude
 from envs.formats.local_frame import LocalFrame
+from ros_bridge.core.categories import LAST
 from ros_bridge.core.fields import (
     FieldError,
     flags,
@@ -226,6 +227,7 @@ def aircraft(message: Any, name: str) -> Report:
         time_std=lambda: std(TIME_STD, "time_std", 60.0, "s") or 0.0,
         wind=wind,
         true_airspeed=airspeed,
+        category=lambda: integer(f"{name}.category", message.category, 0, LAST),
     )
 
 

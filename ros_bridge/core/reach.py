@@ -7,7 +7,7 @@ what the aircraft may have flown since, must lie beyond what both can fly until 
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from agents.planner.request import Altitude, vertical_gap
 from envs.formats.local_frame import distance
@@ -45,16 +45,13 @@ def level(
     """
     if altitude is None:
         return None
-    seconds, climb = age / SECOND, altitude.vertical_speed
-    value, error = altitude.value, altitude.error
-    if climb is None:
-        error += unknown_climb * abs(seconds)
-    else:
-        value += climb * seconds
+    seconds = age / SECOND
+    climb, spread = altitude.climb(unknown_climb)
+    value, error = altitude.value + climb * seconds, altitude.error + spread * abs(seconds)
     reference = altitude.reference
     if reference == "msl" and undulation is not None:
         value, reference = value + undulation, "wgs84"
-    return Altitude(value, reference, climb, error)
+    return replace(altitude, value=value, reference=reference, error=error)
 
 
 def vertically_apart(own: Report, other: Altitude | None, time: int, reach: Reach) -> float:

@@ -57,6 +57,7 @@ class Report:
     wind: tuple[float, float] | None = (
         None  # velocity of the air, true east and north, m/s; None: unknown
     )
+    category: int = 0  # emitter category (:mod:`ros_bridge.core.categories`); 0: unknown
 
     @property
     def place(self) -> tuple[float, float]:

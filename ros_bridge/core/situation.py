@@ -24,6 +24,7 @@ from envs.waypoints import RoutePoint
 from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
 from ros_bridge.core.areas import AreaReport
 from ros_bridge.core.areas import placed as placed_areas
+from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
 from ros_bridge.core.reach import Reach, level, out_of_reach
@@ -82,6 +83,7 @@ class Settings:
     wind_max: float = 20.0  # strongest wind that is planned in, m/s
     wind_std: float = 0.0  # one sigma of the reported wind's components, m/s
     unknown: Unknown = USUAL  # what is taken for standard deviations that reports lack
+    categories: Categories = NO_CATEGORIES  # separations by emitter category
 
 
 class Held(NamedTuple, Generic[_T]):
@@ -156,7 +158,10 @@ def task(
     options = settings.options
     alerted = _alerted(situation, now, settings)
     route, points = _route(situation, frame, asked_route)
-    separation = options.requirement.separation + options.requirement.margin
+    # Who may matter is judged by the greatest separations of all.
+    separation, vertical = settings.categories.greatest(
+        options.requirement.separation, options.vertical_filter
+    )
     x, y = (np.array([getattr(point, axis) for point in points]) for axis in "xy")
     climb = options.unknown_climb
     # Over the ground both are faster by the wind at most.
@@ -166,8 +171,8 @@ def task(
         own=report,
         now=now,
         horizon=float(options.latest_end(airspeed, x, y, wind=blows)),
-        separation=separation,
-        vertical=options.vertical_filter,
+        separation=separation + options.requirement.margin,
+        vertical=vertical,
         speed=options.limits.speed_max + blows,
         traffic=options.aircraft.traffic_speed_max + blows,
         undulation=undulation,
@@ -381,7 +386,11 @@ def _intruders(
             turn = turn_through_air(state, turn, wind)
         lasts = settings.turn_time if turn else 0.0
         spread = report.spread(settings.unknown)
-        intruders.append(Intruder(state, age, turn, lasts, *spread, height))
+        own = (
+            kept.get(report.category)
+            for kept in (settings.categories.separations, settings.categories.vertical)
+        )
+        intruders.append(Intruder(state, age, turn, lasts, *spread, height, *own))
         names.append(name)
     return tuple(names), tuple(intruders), tuple(excluded)
 

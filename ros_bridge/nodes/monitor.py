@@ -55,7 +55,12 @@ from ros_bridge.core.guidance import Guidance, blank, guidance
 from ros_bridge.transport import process, topics
 from ros_bridge.transport.messages import add_wind, header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
-from ros_bridge.transport.settings import aircraft_text, monitor_thresholds, unknown_spread
+from ros_bridge.transport.settings import (
+    aircraft_text,
+    monitor_thresholds,
+    separations_by_category,
+    unknown_spread,
+)
 
 _ERRORS = ("cross_track", "along_track", "time_error")
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
@@ -71,7 +76,9 @@ class Monitor(ListeningNode):
     def _start(self) -> None:
         super()._start()
         self._supervision = initial(
-            monitor_thresholds(self._value, self._aircraft), unknown_spread(self._value)
+            monitor_thresholds(self._value, self._aircraft),
+            unknown_spread(self._value),
+            separations_by_category(self._value),
         )
         self._verdict: Verdict | None = None
         self._heard_runner = 0

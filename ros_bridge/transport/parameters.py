@@ -192,6 +192,19 @@ PARAMETERS = (
     ),
     Parameter(
         _BOTH,
+        "category_separations",
+        "",
+        "separations from aircraft of emitter categories, m, such as A5:2000,B6:300; empty: the "
+        "same from all",
+    ),
+    Parameter(
+        _BOTH,
+        "category_vertical_separations",
+        "",
+        "vertical separations likewise, beyond which they do not count; empty: vertical_filter",
+    ),
+    Parameter(
+        _BOTH,
         "unknown_climb",
         10.0,
         "climb or descent at most that is taken for an aircraft that reports none",

@@ -14,6 +14,7 @@ from agents.planner.traffic import Requirement
 from envs.aircraft import Aircraft
 from envs.kinematics import Limits
 from ros_bridge.core.aircraft import aircraft_of, load_extensions
+from ros_bridge.core.categories import Categories, separations_of
 from ros_bridge.core.reports import Unknown
 from ros_bridge.core.situation import Settings
 from ros_bridge.core.tracks import Rules
@@ -106,6 +107,7 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
         ValueError: the values contradict each other; the message begins with a parameter's name.
     """
     legs = limits_of(value)
+    separations_by_category(value)  # refused here, where a node looks at all of its values
     given = {name: value(parameter) for name, parameter in _OPTIONS.items()}
     # A false "rejoin_by" or what a node does not have leaves the usual value.
     given = {
@@ -154,7 +156,23 @@ def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settin
     )
     turns = usual.turn_time, (usual.turn_rate_min, usual.turn_rate_max)
     given = {name: value(name) for name in names}
-    return Settings(options, *turns, **given, unknown=unknown_spread(value))
+    return Settings(
+        options,
+        *turns,
+        **given,
+        unknown=unknown_spread(value),
+        categories=separations_by_category(value),
+    )
+
+
+def separations_by_category(value: Callable[[str], Any]) -> Categories:
+    """Return the separations by emitter category, from a node's parameters.
+
+    Raises:
+        ValueError: one is none; the message begins with the parameter's name.
+    """
+    names = "category_separations", "category_vertical_separations"
+    return Categories(*(separations_of(name, value(name) or "") for name in names))
 
 
 def unknown_spread(value: Callable[[str], Any]) -> Unknown:

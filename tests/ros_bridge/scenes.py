@@ -85,6 +85,7 @@ def aircraft(
         "wind": SimpleNamespace(x=0.0, y=0.0, z=0.0),
         "position_std": 0.0,
         "velocity_std": 0.0,
+        "category": 0,
     }
     return SimpleNamespace(**(fields | more))
 
