@@ -11,7 +11,7 @@ from eval.plots.style import scenario_title
 from eval.rare.tail import tail_figure
 from eval.sensitivity.figure import overview
 
-PATH = "/home/somebody/with/a/long/path/to/many/encounters/of/a/year/recorded.json"
+PATH = "data/of/somebody/with/a/long/path/to/many/encounters/of/a/year/recorded.json"
 SHARE = {"value": 0.9, "low": 0.8, "high": 0.95, "count": 9, "total": 10}
 
 
