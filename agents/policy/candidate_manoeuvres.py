@@ -133,6 +133,9 @@ def _least_squares(path: Paths, intruders: Any, xp: Any, lax: Any) -> Any:
     # Without the barrier the compiler would compute the path again for every intruder.
     path, intruders = lax.optimization_barrier((path, intruders))
     count = intruders[0].shape[-1]
+    if not isinstance(count, int):  # exported for any number of intruders: all of them at once
+        each = Paths(*(field[..., None] for field in path))
+        return xp.min(_squares(intruders, each, xp), axis=(1, -1))
 
     def nearer(chord: Any, nearest: Any) -> Any:
         here = Paths(

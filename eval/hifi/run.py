@@ -124,7 +124,7 @@ def _show(summary: Mapping[str, Any]) -> None:
         f"seed {summary['seed']}"
     )
     interval = f"{100.0 * summary['confidence']:g} % interval"
-    notes = [f"{count} refused or failed: {why}" for why, count in summary["reasons"].items()]
+    notes = [f"Not resolved, {count}: {why}" for why, count in summary["reasons"].items()]
     print_table(title, ("", "value", interval, "count"), rate_rows(summary), notes)
     errors = error_rows(summary)
     if errors:

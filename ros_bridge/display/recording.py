@@ -3,7 +3,6 @@ wrote.
 """
 
 import bisect
-import json
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.edge.command import InputError
+from envs.edge.json_text import parse_json
 from ros_bridge.core.fields import SECOND
 from ros_bridge.display.picture import VERSION, Document, advice, picture
 from ros_bridge.display.scene import INPUTS, Scene, clock_of, note, take
@@ -172,7 +172,7 @@ class FlightRecording:
 
     def __init__(self, path: Path) -> None:
         try:
-            document = json.loads(path.read_text(encoding="utf-8"))
+            document = parse_json(path.read_text(encoding="utf-8"))
             kind = document["format"], document["version"]
         except (ValueError, KeyError, TypeError, RecursionError):
             document, kind = {}, None

@@ -144,7 +144,8 @@ async def _serve(source: Board | Recording, name: str, listener: socket.socket) 
     screen = Screen(source, visible(name), _say)
     here = asyncio.current_task()
     assert here is not None
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, here.cancel)
+    for ending in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(ending, here.cancel)
     address, port, *_ = listener.getsockname()
     shown = f"[{address}]" if ":" in address else address
     async with asyncio.TaskGroup() as group:

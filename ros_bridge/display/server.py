@@ -29,6 +29,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from envs.edge.json_text import parse_json
 from ros_bridge.display.picture import VERSION, Document, picture
 from ros_bridge.display.scene import Scene
 
@@ -366,7 +367,7 @@ def _file(path: str) -> tuple[bytes, str]:
 def _time_of(message: Any) -> float | None:
     """Return the time that a client asks for, s; None where it asks for something else."""
     try:
-        asked = json.loads(message)
+        asked = parse_json(message)
         value = asked["time"] if set(asked) == {"time"} else None
     except (ValueError, TypeError, KeyError, RecursionError):
         return None

@@ -211,8 +211,8 @@ def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
 
 
 def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    def hopeless(*given: Any) -> Any:
-        plans = made(*given)
+    def hopeless(*given: Any, **more: Any) -> Any:
+        plans = made(*given, **more)
         proposals = plans.proposals._replace(
             last=np.full_like(plans.proposals.last, -1), findings=Findings.empty(len(plans.source))
         )

@@ -13,7 +13,7 @@ from agents.assurance.lookahead import ANY
 from agents.planner.options import Options
 from agents.planner.planner import plan_many
 from agents.planner.traffic import Requirement, Traffic, predicted, required, uncertainty
-from agents.planner.validator import validate
+from agents.planner.validator import CHECKS, validate
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.angles import wrap
@@ -99,7 +99,7 @@ def test_a_band_is_closed_where_the_validator_finds_its_manoeuvre_too_close(
         np.testing.assert_allclose(clearance[lost], bound[lost], atol=GOOD)
         clear = rows[np.abs(clearance) > GOOD]
         closed = bands.closed[clear, number]
-        assert (closed == found.wrong[clear, -1]).all()
+        assert (closed == found.wrong[clear, CHECKS.index("separation")]).all()
         lost = clear[closed]
         # The validator names the leg's part in which the loss begins.
         first = found.time[lost, -1]

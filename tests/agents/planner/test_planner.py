@@ -535,11 +535,16 @@ def test_an_intruder_far_above_is_left_out_and_said_so(policy: Policy) -> None:
         (Altitude(3_500.0, "msl"), here),
         (Altitude(3_500.0, "msl", 0.0), Altitude(2_500.0, "msl")),
         (Altitude(3_500.0, "msl", 0.0, error=500.0), here),
-        (Altitude(3_500.0, "msl", vertical_speed=-5.0), here),
+        (Altitude(3_500.0, "msl", vertical_speed=-10.0), here),
     ):
         kept = answer(level, own)
         assert kept.excluded == ()
         assert max(abs(point.y) for point in kept.waypoints) > 100.0
+    # It is level only once both have passed each other.
+    late = answer(Altitude(3_500.0, "msl", vertical_speed=-5.0), here)
+    assert late.excluded == ()
+    assert late.windows[0].begin == pytest.approx(80.0)
+    assert max(abs(point.y) for point in late.waypoints) < 1e-6
 
 
 def test_no_plan_outlasts_what_an_intruder_was_left_out_for(
