@@ -102,7 +102,7 @@ def test_a_band_is_closed_where_the_validator_finds_its_manoeuvre_too_close(
         assert (closed == found.wrong[clear, CHECKS.index("separation")]).all()
         lost = clear[closed]
         # The validator names the leg's part in which the loss begins.
-        first = found.time[lost, -1]
+        first = found.time[lost, CHECKS.index("separation")]
         assert np.abs(bands.loss[lost, number] - first).max(initial=0.0) < 1.1
         assert (bands.intruder[lost, number] >= 0).all()
         both += closed.tolist()
