@@ -238,9 +238,7 @@ def judge(
                 rows[row],
                 separation=float(verdict.min_separation[row]),
             )
-        tally.clearance = min(
-            tally.clearance, float(verdict.min_separation.min()) - options.requirement.separation
-        )
+        tally.clearance = min(tally.clearance, float(verdict.clearance.min()))
         for name, value in _use(plans, own_limits).items():
             tally.use[name] = max(tally.use.get(name, 0.0), value)
         # ... but no vehicle of ours gets back to a speed beyond it that it has left

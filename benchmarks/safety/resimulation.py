@@ -74,6 +74,8 @@ class Verdict(NamedTuple):
     """bool, ``[C, N]`` over :data:`CHECKS`."""
     min_separation: Any
     """Smallest sampled distance to any intruder, m, ``[N]``; inf without any."""
+    clearance: Any
+    """Smallest sampled distance less the separation of the intruder, m, ``[N]``."""
 
 
 def travelled(heading: Any, speed: Any, rate: Any, lasts: Any, time: Any) -> Any:
@@ -146,7 +148,8 @@ def resimulate(
         limits: of the vehicle.
     """
     count = len(knots.time)
-    verdict = Verdict(np.zeros((len(CHECKS), count), dtype=bool), np.full(count, np.inf))
+    far = np.full(count, np.inf)
+    verdict = Verdict(np.zeros((len(CHECKS), count), dtype=bool), far, far.copy())
     for first in range(0, count, _ROWS):
         rows = np.arange(first, min(first + _ROWS, count))
         part = take((knots, own, traffic, route), rows)
@@ -155,9 +158,10 @@ def resimulate(
         ).all(axis=1)
         verdict.wrong[CHECKS.index("not finite"), rows[~finite]] = True
         rows, (knots_, own_, traffic_, route_) = rows[finite], take(part, finite)
-        wrong, nearest = _judge(knots_, own_, traffic_, options, limits)
+        wrong, nearest, clearance = _judge(knots_, own_, traffic_, options, limits)
         wrong[CHECKS.index("last")] = _off_route(knots_, route_, options.extend_route)
         verdict.wrong[:, rows], verdict.min_separation[rows] = wrong, nearest
+        verdict.clearance[rows] = clearance
     return verdict
 
 
@@ -181,14 +185,15 @@ def _off_route(knots: Knots, route: Route, extend: bool) -> Any:
 
 def _judge(
     knots: Knots, own: Any, traffic: Traffic, options: Options, limits: Limits
-) -> tuple[Any, Any]:
-    """Return what is wrong, ``[C, n]``, and the smallest distances, ``[n]``, of plans with
-    increasing times.
+) -> tuple[Any, Any, Any]:
+    """Return what is wrong, ``[C, n]``, the smallest distances, and the smallest distances less the
+    separations, ``[n]``, of plans with increasing times.
     """
     count, requirement, fixed = len(knots.time), options.requirement, options.waypoints - 1
     wrong, nearest = np.zeros((len(CHECKS), count), dtype=bool), np.full(count, np.inf)
+    clearance = nearest.copy()
     if count == 0:
-        return wrong, nearest
+        return wrong, nearest, clearance
 
     def found(name: str, where: Any) -> None:
         wrong[CHECKS.index(name)] |= where.reshape(count, -1).any(axis=1)
@@ -223,10 +228,10 @@ def _judge(
             (flight[3] < limits.speed_min - _EXACT) | (flight[3] > limits.speed_max + _EXACT),
         )
         closest, short, spare = _distances(flight, one, step, traffic, need, requirement)
-        nearest = np.minimum(nearest, closest)
+        nearest, clearance = np.minimum(nearest, closest), np.minimum(clearance, spare)
         found("required", short < -TOLERANCE)
         found("separation", spare < -TOLERANCE)
-    return wrong, nearest
+    return wrong, nearest, clearance
 
 
 def _integrated(begin: Knots, curves: Legs, step: int) -> tuple[Any, Any, Any, Any]:

@@ -80,8 +80,8 @@ def _meet(client: Client, world: World) -> None:
     end = (plan.points[-1].time - plan.began) / 1e9
     assert end > 3_400.0
 
-    # Head-on at the end of the last leg, and within 600 m of height only then.
-    met = end - 1.0
+    # Head-on near the end of the last leg, and within 600 m of height only from then on.
+    met = end - 300.0
     x = ROUTE[-1] - (end - met) * plan.points[-1].speed + INTRUDER * met
     late = ask(client, lambda: with_intruder("4b0001", x, VERTICAL - CLIMB * met), "4b0001")
     assert list(late.trajectory.intruder_ids) == ["4b0001"]
