@@ -11,6 +11,12 @@ def distance(x: Any, y: Any, xp: Any) -> Any:
     return xp.sqrt(x * x + y * y)
 
 
+def at_share(own: VehicleState, other: VehicleState, share: Any) -> VehicleState:
+    """Return an intruder at a share of its distance, on the same bearing; all ``[...]``."""
+    x, y = own.x + share * (other.x - own.x), own.y + share * (other.y - own.y)
+    return VehicleState(x, y, other.heading, other.speed)
+
+
 def bearing(own: VehicleState, x: Any, y: Any, xp: Any) -> Any:
     """Return the direction of the point (x, y) relative to the ownship's heading, rad in [-pi, pi),
     left positive.

@@ -6,6 +6,7 @@ along the last axis, plain floats keep them in a tuple of K.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 from envs import intruder, observation, outcome
@@ -16,7 +17,7 @@ from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.observation import SetObservation, beside
 from envs.outcome import Outcome, Rules
 from envs.perception import Coverage, Sensor, carried_back, perceive, reported
-from envs.relative import distance, leg_separation
+from envs.relative import at_share, distance, leg_separation
 
 
 class World(NamedTuple):
@@ -206,11 +207,9 @@ def seen_intruders(state: State, noise: Any, aircraft: Aircraft, xp: Any) -> Any
         return seen
     own = beside(state.own)
 
-    def shown(one: VehicleState, share: Any) -> VehicleState:
-        x, y = own.x + share * (one.x - own.x), own.y + share * (one.y - own.y)
-        return one._replace(x=x, y=y)
-
-    return _each(shown, xp, seen, _shares(state.separation, aircraft.separation, xp))
+    return _each(
+        partial(at_share, own), xp, seen, _shares(state.separation, aircraft.separation, xp)
+    )
 
 
 def _shares(separation: Any, usual: Any, xp: Any) -> Any:

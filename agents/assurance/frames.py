@@ -30,17 +30,17 @@ class Frame(NamedTuple):
         """Whether it does not stand still over the ground."""
         return bool(self.wind.speed > 0.0)
 
-    def seen(self, state: VehicleState, time: Any) -> VehicleState:
+    def to_air(self, state: VehicleState, time: Any) -> VehicleState:
         """Return a state over the ground at a time, s, as the air mass sees it."""
         return through_air(state, self.wind, time - self.since) if self.moves else state
 
-    def told(self, state: VehicleState, time: Any) -> VehicleState:
+    def to_ground(self, state: VehicleState, time: Any) -> VehicleState:
         """Return a state in the air mass at a time, s, as the ground sees it."""
         return over_ground(state, self.wind, time - self.since) if self.moves else state
 
     def report(self, given: Intruder, time: float) -> Intruder:
         """Return a report over the ground, as it is known at a time, s, as the air mass sees it."""
-        return replace(given, state=self.seen(given.state, time - given.age))
+        return replace(given, state=self.to_air(given.state, time - given.age))
 
 
 STILL = Frame()
@@ -58,7 +58,7 @@ def carried(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
     def state(given: VehicleState, time: Any) -> VehicleState:
         known = np.isfinite(time)
         time = np.where(known, time, 0.0)
-        there = new.seen(old.told(given, time), time)
+        there = new.to_air(old.to_ground(given, time), time)
         return mapped(lambda a, b: np.where(known, a, b), there, given)
 
     def traffic(given: Traffic, time: Any) -> Traffic:
@@ -82,7 +82,7 @@ def _drift(memory: Memory, old: Frame, new: Frame) -> Any:
     known = np.isfinite(drift.began) & np.isfinite(memory.seen)
     began, seen = (np.where(known, time, 0.0) for time in (drift.began, memory.seen))
     at = VehicleState(drift.x, drift.y, np.zeros(began.shape), np.ones(began.shape))
-    there = new.seen(old.told(at, began), began)
+    there = new.to_air(old.to_ground(at, began), began)
     length = np.where(known, seen - began, 0.0)
     return drift._replace(
         x=np.where(known, there.x, drift.x),

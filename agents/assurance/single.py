@@ -142,7 +142,7 @@ def step(
     watch = _placed(watch, names)
     frame, reports = watch.frame, [intruders.get(name, Intruder(_MISSING)) for name in names]
     seen, age = reported([frame.report(one, time) for one in reports])
-    own = frame.seen(own or _MISSING, time - own_age)
+    own = frame.to_air(own or _MISSING, time - own_age)
     here = VehicleState(*(np.array([value], dtype=float) for value in own))
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
     given = Inputs(
@@ -240,12 +240,12 @@ def _ask(watch: Watch, monitor: Monitor, decision: Decision, own_altitude: Altit
     them.
     """
     memory, frame, thresholds = monitor.memory, watch.frame, watch.thresholds
-    own = frame.told(
+    own = frame.to_ground(
         VehicleState(*(float(field[0]) for field in decision.own)), float(memory.time[0])
     )
     turns = memory.turn_rate, np.where(memory.turn_rate == 0.0, 0.0, thresholds.turn_time)
     fields = (
-        *frame.told(memory.intruders, np.where(np.isfinite(memory.seen), memory.seen, 0.0)),
+        *frame.to_ground(memory.intruders, np.where(np.isfinite(memory.seen), memory.seen, 0.0)),
         memory.time - memory.seen,
         *turns,
         memory.position_std,
@@ -308,7 +308,7 @@ def backup_knots(watch: Watch) -> Knots:
 def _on_ground(monitor: Monitor, frame: Frame) -> Knots:
     knots_in_air = Knots(*(field[0] for field in monitor.backup.knots))
     began = float(monitor.backup.started[0])
-    state = frame.told(VehicleState(*knots_in_air[:4]), knots_in_air.time + began)
+    state = frame.to_ground(VehicleState(*knots_in_air[:4]), knots_in_air.time + began)
     return Knots(*state, knots_in_air.time)
 
 

@@ -12,7 +12,15 @@ from agents.planner.completion import points_beyond
 from agents.planner.detours import Place, airspace
 from agents.planner.fields import sequence
 from agents.planner.options import Options
-from agents.planner.request import Altitude, Request, drifted, eligible
+from agents.planner.request import (
+    SPEED_TOLERANCE,
+    Altitude,
+    Request,
+    drifted,
+    eligible,
+    latest_end,
+    unknown_climb_of,
+)
 from envs.area_geometry import signed_distance
 from envs.areas import Area, in_air
 from envs.kinematics import VehicleState
@@ -26,7 +34,6 @@ _PAD = 0.06
 """By how much farther than required ways go round areas, separations: what turns take of it."""
 
 _LATER = 100.0  # s after the last free waypoint until which ways round areas are looked for
-_SPEED_TOLERANCE = 1e-3  # m/s; far more than a leg may pass its limit by
 
 
 class Amid(NamedTuple):
@@ -87,8 +94,7 @@ def _assumed_climb(
     levels = [level for one in areas for level in (one.floor, one.ceiling) if level is not None]
     if all(level.reference != altitude.reference for level in levels):
         return []
-    what = f"is unknown and taken as up to {options.unknown_climb:g} m/s either way"
-    return [Advisory(AdvisoryCode.ASSUMED, Field(Subject.OWN_ALTITUDE, "vertical_speed"), what)]
+    return [unknown_climb_of(Field(Subject.OWN_ALTITUDE, "vertical_speed"), options)]
 
 
 def _met(
@@ -99,10 +105,8 @@ def _met(
     options: Options,
 ) -> tuple[Counted, ...]:
     """Return the areas that some plan of a request may meet."""
-    blows = 0.0 if request.drift is None else np.hypot(*request.drift)
-    route = request.route_x, request.route_y, request.points
-    end = float(np.max(options.latest_end(request.own.speed, *route, blows)))
-    fastest = max(own.speed, options.limits.speed_max) + _SPEED_TOLERANCE
+    end = float(np.max(latest_end(request, options)))
+    fastest = max(own.speed, options.limits.speed_max) + SPEED_TOLERANCE
     climb = options.unknown_climb
     return counted(areas, own, altitude, fastest=fastest, horizon=end, unknown_climb=climb)
 

@@ -147,8 +147,8 @@ def _beyond(
 ) -> tuple[float, float]:
     """Return when an aircraft may be above a level (side 1) or below it (side -1), s."""
     gap = side * (altitude.value - level.value) + altitude.error
-    known = altitude.vertical_speed
-    rate = unknown_climb if known is None else side * known + altitude.climb_error
+    climb, spread = altitude.climb(unknown_climb)
+    rate = side * climb + spread
     if rate == 0.0:
         return (-math.inf, math.inf) if gap >= 0.0 else (math.inf, -math.inf)
     if rate > 0.0:  # time before the request does not matter

@@ -129,9 +129,8 @@ def _levels(own: Altitude | None, unknown_climb: float) -> list[float] | None:
     """Return between which altitudes the ownship is at the request, m, and how they change, m/s."""
     if own is None:
         return None
-    known, widens = own.vertical_speed, own.climb_error
-    low, high = (-unknown_climb, unknown_climb) if known is None else (known, known)
-    return [own.value - own.error, low - widens, own.value + own.error, high + widens]
+    climb, spread = own.climb(unknown_climb)
+    return [own.value - own.error, climb - spread, own.value + own.error, climb + spread]
 
 
 def _heights(own: Altitude | None, report: Intruder, options: Options) -> list[float]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.manoeuvres.direct_to_goal import Task, arc_end, end_speed
 from agents.planner.options import Options, task_of
-from agents.planner.request import Request, drifted
+from agents.planner.request import Request, drifted, latest_end
 from agents.planner.rollout import Rollout
 from envs.angles import wrap
 from envs.kinematics import VehicleState
@@ -58,10 +58,8 @@ class _Legs(NamedTuple):
 def complete(request: Request, rollout: Rollout, goal: Any, options: Options) -> Completed:
     """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``."""
     task, (count, most) = task_of(options), request.route_x.shape
-    blows = 0.0 if request.drift is None else np.hypot(*request.drift)
-    latest = options.latest_end(
-        request.own.speed, request.route_x, request.route_y, request.points, blows
-    )
+    blows = 0.0 if request.drift is None else np.max(np.hypot(*request.drift), initial=0.0)
+    latest = latest_end(request, options)
     whole = Completed(
         Knots(*(np.full((count, options.waypoints + 1), np.nan) for _ in range(5))),
         np.full(count, -1),
@@ -75,7 +73,7 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     now, time = take(rollout.end, rows), rollout.time[rows]
     target = goal[rows] + np.where(rollout.direct[rows], 0, 1)
     left, pieces = np.arange(rows.size), []
-    for step in range(most + 1 + points_beyond(options, np.max(blows, initial=0.0))):
+    for step in range(most + 1 + points_beyond(options, blows)):
         if not options.extend_route:
             ended = target[left] >= request.points[rows[left]]
             whole.too_short[rows[left[ended]]] = True

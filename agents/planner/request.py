@@ -29,9 +29,11 @@ from envs.wind import Wind, narrowed, through_air
 if TYPE_CHECKING:
     from agents.planner.areas import Counted
 
+SPEED_TOLERANCE = 1e-3
+"""m/s; far more than a leg may pass its limit by."""
+
 _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whatever the aircraft
 _LEAST = 1.0  # m of a separation
-_SPEED_TOLERANCE = 1e-3  # m/s; far more than a leg may pass its limit by
 _EARTH = 6.3e6  # m; less than every radius of curvature of the earth
 _STRONGEST = 150.0  # m/s of wind, beyond any on earth
 _MOST_TURN = (
@@ -166,6 +168,14 @@ def checked(
     drift = None if wind is None else (np.array([-wind.east]), np.array([-wind.north]))
     request = Request(one, traffic, x[None], y[None], np.array([x.size]), drift)
     return request, tuple(excluded), kept
+
+
+def latest_end(request: Request, options: Options) -> Any:
+    """Return a time that no plan of requests outlasts, s, ``[N]``."""
+    wind = 0.0 if request.drift is None else np.hypot(*request.drift)
+    return options.latest_end(
+        request.own.speed, request.route_x, request.route_y, request.points, wind
+    )
 
 
 def in_wind(options: Options, wind: Any) -> Options:
@@ -342,8 +352,13 @@ def assumptions(
     ]
     if compared and own.vertical_speed is None:
         fields.insert(0, Field(Subject.OWN_ALTITUDE, "vertical_speed"))
+    return [unknown_climb_of(field, options) for field in fields]
+
+
+def unknown_climb_of(field: Field, options: Options) -> Advisory:
+    """Return that a vertical speed is unknown, and what is assumed."""
     what = f"is unknown and taken as up to {options.unknown_climb:g} m/s either way"
-    return [Advisory(AdvisoryCode.ASSUMED, field, what) for field in fields]
+    return Advisory(AdvisoryCode.ASSUMED, field, what)
 
 
 def _state(name: Field, state: Any) -> VehicleState:
@@ -428,7 +443,7 @@ def _out_of_reach(own: VehicleState, report: Intruder, end: float, options: Opti
     away = least_distance(own, report.state)
     time = abs(report.age) + end
     speed = max(report.state.speed, options.aircraft.traffic_speed_max)
-    fastest = max(own.speed, options.limits.speed_max) + _SPEED_TOLERANCE
+    fastest = max(own.speed, options.limits.speed_max) + SPEED_TOLERANCE
     spread = math.hypot(report.position_std, report.velocity_std * time)
     wanted = options.requirement
     separation = wanted.separation if report.separation is None else report.separation

@@ -18,12 +18,12 @@ from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drifted
-from agents.planner.sight import shares, shown, visible
+from agents.planner.sight import shares, visible
 from agents.planner.traffic import Traffic, Window, predicted, required
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
-from envs.relative import distance
+from envs.relative import at_share, distance
 from envs.trees import column, mapped, scatter, take
 from envs.wind import aimed_at
 
@@ -135,7 +135,7 @@ def roll(
         if now.rows.size == 0 or step == steps:
             break
         if now.share is not None:
-            seen = shown(column(now.state), seen, now.share)
+            seen = at_share(column(now.state), seen, now.share)
         looked_at = seen, now.traffic.mask & visible(now.traffic.window, time)
         if traffic.mask.shape[-1] > policy.most:
             if step % EVERY == 0:
@@ -198,7 +198,7 @@ def _roll_one(
             if many or window is not None:
                 first_seen = take(ahead, 0)
                 if at is not None:
-                    first_seen = shown(state, first_seen, at)
+                    first_seen = at_share(state, first_seen, at)
                 there = present & visible(window, step * dt)
                 chosen = np.arange(len(present))
                 if many:
@@ -246,7 +246,7 @@ def _roll_one(
         if step == steps or (step % EVERY == 0 and budget.ends("policy", share)):
             break
         if at_each is not None:
-            seen = [shown(state, *one) for one in zip(seen, at_each, strict=True)]
+            seen = [at_share(state, *one) for one in zip(seen, at_each, strict=True)]
         action = policy.command_one(state, seen, *aim)
         acceleration, yaw_rate = commands(action, limits, FLOATS)
         moved = advance(state, acceleration, yaw_rate, dt, limits, FLOATS)

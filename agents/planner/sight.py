@@ -9,7 +9,6 @@ intruders as they are. Why so: docs/explanation/planner.md.
 from typing import Any
 
 from agents.planner.traffic import Requirement, Traffic, Window, separations
-from envs.kinematics import VehicleState
 
 
 def shares(traffic: Traffic, requirement: Requirement) -> Any:
@@ -19,12 +18,6 @@ def shares(traffic: Traffic, requirement: Requirement) -> Any:
     if traffic.separation is None:
         return None
     return requirement.separation / separations(traffic, requirement)
-
-
-def shown(own: VehicleState, other: VehicleState, share: Any) -> VehicleState:
-    """Return an intruder at a share of its distance, on the same bearing; all ``[...]``."""
-    x, y = own.x + share * (other.x - own.x), own.y + share * (other.y - own.y)
-    return VehicleState(x, y, other.heading, other.speed)
 
 
 def visible(window: Window | None, time: float) -> Any:

@@ -17,12 +17,13 @@ from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import Kind, Plan, RequestError
 from agents.planner.planner import plan
 from agents.planner.request import Altitude, Intruder, Options
-from agents.planner.sight import shares, shown
+from agents.planner.sight import shares
 from agents.planner.traffic import Requirement, Traffic
 from agents.planner.validator import validate
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, VehicleState
+from envs.relative import at_share
 from envs.waypoints import RoutePoint, at, knots, legs
 from tests.agents.planner.test_validator import plans, traffic
 
@@ -211,7 +212,7 @@ def test_the_policy_is_shown_an_intruder_as_near_as_it_is_in_its_own_separation(
     own, other = VehicleState(100.0, 200.0, 0.0, 80.0), VehicleState(3_100.0, 4_200.0, 1.0, 70.0)
     seen = Traffic.straight(other)._replace(separation=np.array([2_000.0, 500.0, math.nan]))
     share = shares(seen, Requirement(1_000.0))
-    view = shown(own, other, share)
+    view = at_share(own, other, share)
     np.testing.assert_allclose(np.hypot(view.x - 100.0, view.y - 200.0), [2_500.0, 1e4, 5_000.0])
     np.testing.assert_allclose(np.arctan2(view.y - 200.0, view.x - 100.0), math.atan2(4.0, 3.0))
     assert (view.heading, view.speed) == (1.0, 70.0)
