@@ -40,6 +40,18 @@ def wind_of(frame: LocalFrame, plan: Published) -> Wind | None:
     return wind_in(frame, plan.start.latitude, plan.start.longitude, plan.wind)
 
 
+def true_wind(
+    frame: LocalFrame, wind: Wind, latitude: float, longitude: float
+) -> tuple[float, float]:
+    """Return a frame's wind by true east and north at a place, m/s; the inverse of
+    :func:`ros_bridge.core.situation.wind_in`.
+    """
+    turn = float(frame.place(latitude, longitude).convergence)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    east, north = float(wind.east), float(wind.north)
+    return east * cosine + north * sine, north * cosine - east * sine
+
+
 def flown(frame: LocalFrame, plan: Published) -> tuple[VehicleState, tuple[Waypoint, ...]]:
     """Return a published plan in a frame, not only its writer's: the first state, and the
     waypoints, times in s.

@@ -5,7 +5,6 @@ import threading
 import time
 from dataclasses import replace
 from functools import partial
-from types import TracebackType
 
 from ros_bridge.core import adsb_live
 from ros_bridge.core.fields import FieldError
@@ -43,12 +42,7 @@ class Receiving:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *problem: object) -> None:
         """Stop listening."""
         self._stopped.set()
         self._receiver.stop()

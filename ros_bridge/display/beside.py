@@ -7,17 +7,16 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from types import TracebackType
 
 from agents.assurance.single import Verdict, reasons
-from agents.assurance.state import State
+from agents.assurance.state import Flown, State
 from ros_bridge.core import guidance
 from ros_bridge.core.assurance import Supervision, backup, to_fly
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Situation
 from ros_bridge.display.scene import Bands, Guidance, Monitor, Scene
-from ros_bridge.display.server import Board, Recording, Screen, bound, served
+from ros_bridge.display.server import Board, Recording, Screen, bound
 
 __all__ = ["Beside", "supervised"]
 
@@ -34,7 +33,6 @@ class Beside:
         port: int = 0,
     ) -> None:
         self.screen = Screen(source, name, say)
-        self._source, self._say = source, say
         self._listener: socket.socket = bound(host, port)
         self.port = int(self._listener.getsockname()[1])
         self._begun = threading.Event()
@@ -47,12 +45,7 @@ class Beside:
         self._begun.wait()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *problem: object) -> None:
         """Stop serving."""
         self.stop()
 
@@ -70,12 +63,7 @@ class Beside:
         here, loop = asyncio.current_task(), asyncio.get_running_loop()
         assert here is not None
         self._end = lambda: loop.call_soon_threadsafe(here.cancel)
-        async with asyncio.TaskGroup() as group:
-            if isinstance(self._source, Board):
-                self._source.begin()
-                group.create_task(self.screen.broadcast())
-            group.create_task(served(self.screen, self._listener, self._say))
-            self._begun.set()
+        await self.screen.serve(self._listener, self._begun.set)
 
 
 def supervised(
@@ -108,15 +96,15 @@ def supervised(
     if verdict is None:
         return replace(scene, monitor=None), shown
     watched, measured = supervision.watch.monitor, verdict.measured
-    flown = int(to_fly(supervision))
+    flown = to_fly(supervision)
     kept = float(measured.separation[0])
     lost = float(measured.loss[0])
     monitor = Monitor(
         time=now,
         state=int(State(int(watched.state[0]))),
-        fly=flown,
+        fly=int(flown),
         reasons=tuple(one.message for one in reasons(measured, limits)),
-        measured=flown == 1,
+        measured=flown is Flown.PLAN,
         cross_track=float(measured.cross_track[0]),
         along_track=float(measured.along_track[0]),
         time_error=float(measured.time_error[0]),
@@ -135,10 +123,10 @@ def supervised(
 
 
 def _backup(
-    supervision: Supervision, situation: Situation, flown: int, scene: Scene
+    supervision: Supervision, situation: Situation, flown: Flown, scene: Scene
 ) -> Published | None:
     begun = math.isfinite(float(supervision.watch.monitor.backup.started[0]))
-    if flown != 2 or not begun:
+    if flown is not Flown.BACKUP or not begun:
         return None
     own = situation.own.last
     began, (start, *points) = backup(supervision, None if own is None else own.altitude)

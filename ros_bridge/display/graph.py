@@ -4,7 +4,6 @@
 import threading
 from collections.abc import Callable
 from functools import partial
-from types import TracebackType
 from typing import Any
 
 import rclpy
@@ -66,12 +65,7 @@ class Listening:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *problem: object) -> None:
         """Stop, and leave the graph."""
         self._stopped.set()
         self._thread.join()

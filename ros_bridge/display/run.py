@@ -23,7 +23,7 @@ from pathlib import Path
 
 from envs.edge.command import InputError, Parser, visible
 from ros_bridge.display.recording import read
-from ros_bridge.display.server import Board, Recording, Screen, bound, served
+from ros_bridge.display.server import Board, Recording, Screen, bound
 from ros_bridge.transport.adsb_receiver import checked_source
 from ros_bridge.transport.children import FLAG, end_with_parent
 
@@ -148,12 +148,7 @@ async def _serve(source: Board | Recording, name: str, listener: socket.socket) 
         asyncio.get_running_loop().add_signal_handler(ending, here.cancel)
     address, port, *_ = listener.getsockname()
     shown = f"[{address}]" if ":" in address else address
-    async with asyncio.TaskGroup() as group:
-        if isinstance(source, Board):
-            source.begin()
-            group.create_task(screen.broadcast())
-        group.create_task(served(screen, listener, _say))
-        print(f"http://{shown}:{port}/", flush=True)
+    await screen.serve(listener, lambda: print(f"http://{shown}:{port}/", flush=True))
 
 
 def _say(sentence: str) -> None:

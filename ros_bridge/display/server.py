@@ -144,6 +144,17 @@ class Screen:
         self._clients: set[_Client] = set()
         self._dropped = 0
 
+    async def serve(self, listener: socket.socket, begun: Callable[[], object]) -> None:
+        """Serve the source at a bound socket, and begin what feeds it, until cancelled; ``begun``
+        is called once clients are waited for.
+        """
+        async with asyncio.TaskGroup() as group:
+            if isinstance(self._source, Board):
+                self._source.begin()
+                group.create_task(self.broadcast())
+            group.create_task(served(self, listener, self._say))
+            begun()
+
     async def broadcast(self) -> None:
         """Send pictures of a live source until cancelled."""
         assert isinstance(self._source, Board)

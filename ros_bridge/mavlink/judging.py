@@ -15,7 +15,6 @@ from agents.assurance.state import Flown
 from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import Plan, RequestError
 from agents.planner.options import Options
-from agents.planner.planner import plan
 from agents.planner.request import checked, in_wind
 from agents.planner.traffic import Requirement, predicted, uncertainty
 from agents.policy.inference import Policy
@@ -29,7 +28,8 @@ from envs.wind import NO_WIND, Wind
 from ros_bridge.core.assurance import Supervision, activated, answered, backup, stepped, to_fly
 from ros_bridge.core.conversions import Published, Station
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.replies import flown, plan_points, start_point, wind_of
+from ros_bridge.core.planning import planned
+from ros_bridge.core.replies import flown, plan_points, start_point, true_wind, wind_of
 from ros_bridge.core.reports import Unknown
 from ros_bridge.core.situation import (
     ACCURATE,
@@ -231,19 +231,8 @@ def published(answer: Plan, wanted: Task, revision: int) -> Published:
         start,
         plan_points(answer, wanted),
         tuple(names),
-        _true_wind(answer.wind, wanted.frame, start.latitude, start.longitude),
+        true_wind(wanted.frame, answer.wind or NO_WIND, start.latitude, start.longitude),
     )
-
-
-def _true_wind(
-    wind: Wind | None, frame: LocalFrame, latitude: float, longitude: float
-) -> tuple[float, float]:
-    """Return a frame's wind by true east and north at a place, m/s."""
-    if wind is None:
-        return 0.0, 0.0
-    turn = float(frame.place(latitude, longitude).convergence)
-    cosine, sine = math.cos(turn), math.sin(turn)
-    return wind.east * cosine + wind.north * sine, wind.north * cosine - wind.east * sine
 
 
 class ToFly(NamedTuple):
@@ -283,19 +272,9 @@ def _areas(wanted: Task, rules: Rules) -> tuple[Area, ...]:
 
 
 def _answer(wanted: Task, rules: Rules) -> Plan:
-    areas = _areas(wanted, rules)
-    options = replace(wanted.options, exhaustive=False)
+    wanted = replace(wanted, areas=_areas(wanted, rules))
     try:
-        return plan(
-            wanted.own,
-            wanted.intruders,
-            wanted.points,
-            rules.policy,
-            options,
-            own_altitude=wanted.own_altitude,
-            wind=wanted.wind,
-            areas=areas,
-        )
+        return planned(wanted, rules.policy, exhaustive=False)
     except RequestError as error:
         raise refusal_of(error, wanted) from error
 

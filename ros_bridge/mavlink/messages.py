@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from agents.planner.request import Altitude
 from ros_bridge.core.adapters import adsb_vehicle
 from ros_bridge.core.conversions import altitude, report, velocity
-from ros_bridge.core.fields import SECOND, FieldError, integer, number, place
+from ros_bridge.core.fields import SECOND, FieldError, number, place
 from ros_bridge.core.reports import Report
 
 OWN = "ownship"
@@ -189,8 +189,3 @@ def roll_quaternion(roll: float) -> tuple[float, float, float, float]:
     takes it.
     """
     return math.cos(0.5 * roll), math.sin(0.5 * roll), 0.0, 0.0
-
-
-def checked_system(name: str, value: int) -> int:
-    """Return the number of a system or component."""
-    return integer(name, value, 1, 255)

@@ -26,16 +26,16 @@ from typing import Any, NamedTuple, TextIO
 
 from agents.assurance.state import Flown
 from agents.assurance.thresholds import Cause
-from agents.planner.planner import plan
 from agents.policy.domain import OutsideDomainError
+from envs.backend import FLOATS
 from envs.edge.command import InputError, Parser, run_cli
 from envs.edge.files import write_file
 from envs.formats.areas.geodetic import GeodeticArea
-from envs.kinematics import VehicleState
-from envs.waypoints import RoutePoint
+from envs.perception import carried_back
 from ros_bridge.core.aircraft import loaded
 from ros_bridge.core.assurance import initial, to_fly
 from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.planning import rehearsed
 from ros_bridge.core.reports import USUAL, Unknown
 from ros_bridge.core.situation import placed
 from ros_bridge.mavlink import messages, mission
@@ -152,7 +152,7 @@ class Program:
             self.log(note)
         for note in failsafe_notes(parameters, options.system) if self._fly else ():
             self.log(f"warning: {note}")
-        _rehearse(self._rules)
+        rehearsed(self._rules.policy, self._rules.settings.options)
         link.ask_rates()
 
     def close(self) -> None:
@@ -379,7 +379,7 @@ class Program:
             self.log(f"flying {followed.key[0]} {followed.key[1]}", now)
         state = placed(followed.frame, report)
         late = (now - report.time) / SECOND
-        state = _carried(state, late)
+        state = carried_back(state, -late, FLOATS)
         clock = (now - followed.began) / SECOND
         speeds = self._vehicle.airspeed_min, self._vehicle.airspeed_max
         airspeed = self._received.airspeed
@@ -415,22 +415,6 @@ class Program:
             print(f"{moment}{text}", file=self._out, flush=True)
         except OSError:
             self._out = None
-
-
-def _carried(state: VehicleState, seconds: float) -> VehicleState:
-    way = state.speed * seconds
-    return state._replace(
-        x=state.x + way * math.cos(state.heading), y=state.y + way * math.sin(state.heading)
-    )
-
-
-def _rehearse(rules: Rules) -> None:
-    """Plan once for traffic ahead, so that the first plan comes as fast as the others."""
-    options = rules.settings.options
-    far, speed = options.aircraft.separation, 0.75 * options.aircraft.limits.speed_max
-    route = [RoutePoint(index, 5.0 * far * (index + 1), 0.0) for index in range(10)]
-    own, other = VehicleState(0.0, 0.0, 0.0, speed), VehicleState(9.0 * far, 0.0, 3.1, speed)
-    plan(own, [other], route, rules.policy, options)
 
 
 def _fence(link: Link, clearance: float) -> tuple[GeodeticArea, ...]:

@@ -43,9 +43,10 @@ from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import loaded
 from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.planning import planned, rehearsed
 from ros_bridge.core.situation import Code, Refusal, Situation, Task, named, refusal_of, task
 from ros_bridge.core.tracks import Verdict
-from ros_bridge.nodes.requests import NO_PLAN, check, planned, rehearsed
+from ros_bridge.nodes.requests import NO_PLAN, check
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.messages import advisory_message, plan_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode

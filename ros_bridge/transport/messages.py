@@ -3,7 +3,6 @@
 :mod:`ros_bridge.core.conversions`.
 """
 
-import math
 import uuid
 from array import array
 from typing import Any
@@ -21,7 +20,7 @@ from envs.formats.local_frame import LocalFrame
 from envs.wind import Wind
 from ros_bridge.core.conversions import ALTITUDE_CODES, PlanPoint
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.replies import plan_points, start_point
+from ros_bridge.core.replies import plan_points, start_point, true_wind
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.core.situation import Task
 
@@ -104,10 +103,8 @@ def plan_message(
 
 def add_wind(message: Trajectory, frame: LocalFrame, wind: Wind) -> None:
     """Write the wind that a trajectory's legs are flown in, in a frame, into its message."""
-    turn = float(frame.place(message.start.latitude, message.start.longitude).convergence)
-    east, north = float(wind.east), float(wind.north)
-    message.wind.x = east * math.cos(turn) + north * math.sin(turn)
-    message.wind.y = north * math.cos(turn) - east * math.sin(turn)
+    at = message.start.latitude, message.start.longitude
+    message.wind.x, message.wind.y = true_wind(frame, wind, *at)
 
 
 def advisory_message(advisory: Advisory) -> AdvisoryMessage:

@@ -26,8 +26,8 @@ pytest.importorskip("rclpy", reason=MISSING)
 from rclpy.parameter import Parameter
 from rlcas_msgs.srv import GenerateTrajectory
 
+from ros_bridge.core import planning as planner
 from ros_bridge.core.situation import Code
-from ros_bridge.nodes import requests
 from ros_bridge.nodes import runner as planning
 
 Request = GenerateTrajectory.Request
@@ -132,9 +132,9 @@ def test_failed_search_is_no_plan_however_old_the_ownship(scene: Scene):
 def test_node_plans_once_before_its_first_request(monkeypatch: pytest.MonkeyPatch):
     """Else the first request would wait for what is made at the first plan."""
     planned: list[Any] = []
-    really = requests.plan
+    really = planner.plan
     monkeypatch.setattr(
-        requests, "plan", lambda *given, **more: planned.append(really(*given, **more))
+        planner, "plan", lambda *given, **more: planned.append(really(*given, **more))
     )
     with beside(planning.Runner) as (node, client):
         node.trigger_configure()

@@ -1,0 +1,36 @@
+"""The planner and the policy that answer a task."""
+
+import math
+from dataclasses import replace
+
+from agents.planner.answer import Plan
+from agents.planner.options import Options
+from agents.planner.planner import plan
+from agents.policy.inference import Policy
+from envs.kinematics import VehicleState
+from envs.waypoints import RoutePoint
+from ros_bridge.core.situation import Task
+
+
+def planned(wanted: Task, policy: Policy, *, exhaustive: bool) -> Plan:
+    """Return the plan for a task; an exhaustive search has no deadline."""
+    deadline = math.inf if exhaustive else wanted.options.deadline_s
+    options = replace(wanted.options, exhaustive=exhaustive, deadline_s=deadline)
+    return plan(
+        wanted.own,
+        wanted.intruders,
+        wanted.points,
+        policy,
+        options,
+        own_altitude=wanted.own_altitude,
+        wind=wanted.wind,
+        areas=wanted.areas,
+    )
+
+
+def rehearsed(policy: Policy, options: Options) -> None:
+    """Plan once for traffic ahead, so that the first request is answered as fast as the others."""
+    far, speed = options.aircraft.separation, 0.75 * options.aircraft.limits.speed_max
+    route = [RoutePoint(index, 5.0 * far * (index + 1), 0.0) for index in range(10)]
+    own, other = VehicleState(0.0, 0.0, 0.0, speed), VehicleState(9.0 * far, 0.0, 3.1, speed)
+    plan(own, [other], route, policy, replace(options, extend_route=True, deadline_s=math.inf))
