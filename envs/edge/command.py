@@ -110,8 +110,8 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
             raise
         install = f"pip install 'rlcas-toolkit[{extra}]'"
         if {"-h", "--help"} & set(sys.argv[1:]):
-            print(_purpose(main))
-            print(f"\nIts options can be listed once {problem.name} is installed: {install}")
+            print(f"usage: {Path(sys.argv[0]).name} [options]\n\n{_purpose(main)}\n")
+            print(f"Its options can be listed once {problem.name} is installed: {install}")
             status = 0
         else:
             status = _say(f"{problem.name} is not installed; expected the extra: {install}", 1)
