@@ -1,1 +1,1 @@
-"""Deciders: networks and PPO, policy files, inference, planning and baselines."""
+"""Resolvers: networks and PPO, policy files, inference, planning and baselines."""

@@ -174,7 +174,7 @@ class Wind(NamedTuple):
     std: float  # one sigma of both
 
 
-class Knot(NamedTuple):
+class PlanState(NamedTuple):
     """The ownship at the request, or a waypoint."""
 
     x: float  # m
@@ -254,7 +254,7 @@ class Certificate(NamedTuple):
     """Everything that a certificate states, in its order."""
 
     request: Origin
-    knots: list[Knot]
+    plan_states: list[PlanState]
     controls: list[list[float]]  # of each leg: ten turn rates, then ten accelerations
     reports: list[Report]
     excluded: list[Heights]
@@ -292,7 +292,7 @@ def read(data: Any) -> Certificate:
     right = isinstance(data, dict) and set(data) == _FIELDS and data["format"] == FORMAT
     demand(right, f"it is not a {FORMAT}")
     own = table("own", [data["own"]], 4)[0]
-    waypoints = table("waypoints", data["waypoints"], len(Knot._fields))
+    waypoints = table("waypoints", data["waypoints"], len(PlanState._fields))
     controls = table("controls", data["controls"], 2 * ARCS)
     intruders = table("intruders", data["intruders"], len(Report._fields))
     excluded = table("excluded", data["excluded"], len(Heights._fields))
@@ -301,7 +301,7 @@ def read(data: Any) -> Certificate:
         demand(row[0] in range(len(intruders)), "a row of apart is of no intruder")
     found = Certificate(
         request=origin(data["request"]),
-        knots=[Knot(*own, time=0.0), *(Knot(*row) for row in waypoints)],
+        plan_states=[PlanState(*own, time=0.0), *(PlanState(*row) for row in waypoints)],
         controls=controls,
         reports=[Report(*row) for row in intruders],
         excluded=[Heights(*row) for row in excluded],
@@ -309,7 +309,7 @@ def read(data: Any) -> Certificate:
         requirement=Requirement(*numbers("requirement", data["requirement"], Requirement._fields)),
         limits=Limits(*numbers("limits", data["limits"], Limits._fields)),
         wind=Wind(*numbers("wind", data["wind"], Wind._fields)),
-        areas=[read_area(f"areas[{n}]", one) for n, one in enumerate(listed(data["areas"]))],
+        areas=[read_area(f"areas[{n}]", one) for n, one in enumerate(as_list(data["areas"]))],
         levels=None
         if data["levels"] is None
         else Levels(*table("levels", [data["levels"]], len(Levels._fields))[0]),
@@ -331,7 +331,7 @@ def read(data: Any) -> Certificate:
     return found
 
 
-def listed(given: Any) -> list[Any]:
+def as_list(given: Any) -> list[Any]:
     """Return a list."""
     demand(isinstance(given, list), "areas is no list")
     return list(given)
@@ -346,7 +346,7 @@ def read_area(name: str, given: Any) -> Area:
         pair = given[field]
         demand(isinstance(pair, list) and len(pair) == 2, f"{name}.{field} is no pair")
         table(f"{name}.{field}", [[value] for value in pair if value is not None], 1)
-    rings = [table(f"{name}.rings", ring, 2) for ring in listed(given["rings"])]
+    rings = [table(f"{name}.rings", ring, 2) for ring in as_list(given["rings"])]
     circle = given["circle"]
     if circle == []:
         demand(bool(rings) and min(map(len, rings)) >= 3, f"{name} has no rings of 3 points")
@@ -419,24 +419,28 @@ class Arc(NamedTuple):
 
 
 class State(NamedTuple):
-    """A knot in the air mass, which lies over the ground at the request."""
+    """A plan state in the air mass, which lies over the ground at the request."""
 
     place: Ball  # x + iy, m
     course: Ball  # cos + i sin
     speed: Ball  # m/s
 
-    def rounded(self, time: float) -> Knot:
+    def in_floats(self, time: float) -> PlanState:
         """Return it in floats."""
         x, y, cosine, sine = (
             part / (1 << BITS)
             for part in (self.place.x, self.place.y, self.course.x, self.course.y)
         )
-        return Knot(x, y, math.atan2(sine, cosine), self.speed.x / (1 << BITS), time)
+        return PlanState(x, y, math.atan2(sine, cosine), self.speed.x / (1 << BITS), time)
 
 
-def through_air(knot: Knot | Report, time: Ball, wind: Wind) -> State:
+def through_air(plan_state: PlanState | Report, time: Ball, wind: Wind) -> State:
     """Return a state over the ground, a time after the request, as the air mass sees it."""
-    place, course, speed = ball(knot.x, knot.y), spin(ball(knot.heading)), ball(knot.speed)
+    place, course, speed = (
+        ball(plan_state.x, plan_state.y),
+        spin(ball(plan_state.heading)),
+        ball(plan_state.speed),
+    )
     if wind.east == 0.0 == wind.north:
         return State(place, course, speed)
     blows = ball(wind.east, wind.north)
@@ -474,7 +478,7 @@ def flight(certificate: Certificate) -> list[Arc]:
     arcs: list[Arc] = []
     # A plan that begins beyond a speed limit may stay there, but not go further, nor come back.
     slowest, fastest = 0, 1 << (BITS + 30)
-    legs = zip(pairwise(certificate.knots), certificate.controls, strict=True)
+    legs = zip(pairwise(certificate.plan_states), certificate.controls, strict=True)
     for number, ((start, goal), controls) in enumerate(legs):
         leg = f"the leg to waypoint {number}"
         demand(goal.time - start.time > _SHORTEST, f"{leg} takes no time")
@@ -482,7 +486,7 @@ def flight(certificate: Certificate) -> list[Arc]:
         end_state = through_air(goal, ball(goal.time), wind)
         ends = start, goal
         if wind.east or wind.north:
-            ends = begin.rounded(start.time), end_state.rounded(goal.time)
+            ends = begin.in_floats(start.time), end_state.in_floats(goal.time)
         for stated, defined in zip(controls, curve_controls(*ends), strict=True):
             demand(abs(stated - defined) <= _CONTROLS, f"{leg} is not flown along its curve")
         length = (ball(goal.time) - ball(start.time)) / ball(ARCS)
@@ -527,7 +531,7 @@ def flight(certificate: Certificate) -> list[Arc]:
     return arcs
 
 
-def curve_controls(a: Knot, b: Knot) -> list[float]:
+def curve_controls(a: PlanState, b: PlanState) -> list[float]:
     """Return a leg's ten turn rates and ten accelerations, in floats: the curve that
     envs/waypoints.py defines.
 
@@ -906,7 +910,7 @@ def accept(data: Any) -> Certificate:
     certificate = read(data)
     arcs = flight(certificate)
     for heights in certificate.excluded:
-        check_excluded(heights, certificate.knots[-1].time)
+        check_excluded(heights, certificate.plan_states[-1].time)
     for time in certificate.apart:
         sentence = f"intruder {time.number} does not stay above or below from {time.begin:.2f} s on"
         demand(stays_apart(time.heights, time.begin, time.end), sentence)
@@ -931,7 +935,7 @@ def accept(data: Any) -> Certificate:
 
 def summary(certificate: Certificate) -> list[str]:
     """Return what is proven, in sentences."""
-    end = certificate.knots[-1].time
+    end = certificate.plan_states[-1].time
     limits, wanted, about = certificate.limits, certificate.requirement, certificate.request
     # Of an intruder that never counts nothing is claimed.
     least = min((bound for bound in certificate.bounds if bound > 0.0), default=0.0)

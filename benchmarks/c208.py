@@ -36,8 +36,8 @@ from envs.encounters import scenario
 from envs.follower import PERIOD, deviation, offset
 from envs.gym.gymnasium_env import DeconflictionEnv
 from envs.kinematics import VehicleState
-from envs.starts import numbered
-from envs.waypoints import Knots, Legs, legs
+from envs.starts import encounters_of_seed
+from envs.waypoints import Legs, PlanStates, legs
 from envs.waypoints import at as along
 from eval.flights.plan_flight import request_of
 
@@ -54,7 +54,7 @@ class Plan(NamedTuple):
     """Of the waypoints, s."""
 
 
-class Flown(NamedTuple):
+class FlightErrors(NamedTuple):
     """One flight; errors without sign."""
 
     cross_track: np.ndarray
@@ -69,21 +69,23 @@ class Flown(NamedTuple):
 
 def plans_of(count: int, name: str, seed: int) -> list[Plan]:
     """Return the SAFE ones of so many plans of the shipped policy."""
-    encounters = numbered(scenario(name, PAPER), seed, 0, count)
+    encounters = encounters_of_seed(scenario(name, PAPER), seed, 0, count)
     proposals = plan_many(
         request_of(encounters, PAPER), Policy.load(), Options.for_aircraft(PAPER)
     ).proposals
     found = []
     for number in np.flatnonzero(proposals.safe):
-        knots = Knots(*(np.asarray(field[number], dtype=float) for field in proposals.knots))
+        plan_states = PlanStates(
+            *(np.asarray(field[number], dtype=float) for field in proposals.plan_states)
+        )
         own = VehicleState(*(float(field[number]) for field in encounters.own))
-        found.append(Plan(own, legs(knots), knots.time[1:]))
+        found.append(Plan(own, legs(plan_states), plan_states.time[1:]))
     return found
 
 
-def judged(
+def judge(
     plan: Plan, states: list[VehicleState], late: list[float], altitudes: np.ndarray
-) -> Flown:
+) -> FlightErrors:
     """Compare the states after every period with the plan; ``late`` is about how late they
     are, s.
     """
@@ -94,7 +96,7 @@ def judged(
     found = deviation(curves, flight, clock - late)
     at = np.clip(np.round(plan.times / PERIOD).astype(int) - 1, 0, clock.size - 1)
     distance = np.hypot(*offset(flight, along(curves, clock)))
-    return Flown(
+    return FlightErrors(
         np.abs(found.cross_track),
         np.abs(found.time + late)[at],
         np.abs(altitudes - 2500.0),
@@ -102,7 +104,7 @@ def judged(
     )
 
 
-def flown(plan: Plan, conditions: Conditions = CALM, generic: bool = False) -> Flown:
+def fly_plan(plan: Plan, conditions: Conditions = CALM, generic: bool = False) -> FlightErrors:
     """Fly a plan on the true aircraft, by its own guidance or by the generic follower."""
     vehicle = C208Vehicle(plan.own, "ex", conditions)
     until = float(plan.times[-1])
@@ -114,10 +116,10 @@ def flown(plan: Plan, conditions: Conditions = CALM, generic: bool = False) -> F
             late.append(0.0)
     else:
         states, late = follow(vehicle, Track(plan.legs), until)
-    return judged(plan, states, late, vehicle.log()[1:, 3])
+    return judge(plan, states, late, vehicle.log()[1:, 3])
 
 
-def summary(name: str, flights: list[Flown]) -> dict[str, float]:
+def summary(name: str, flights: list[FlightErrors]) -> dict[str, float]:
     """Return the figures of some flights, pooled."""
     cross, late, altitude, position = (
         np.concatenate(field) for field in zip(*flights, strict=True)
@@ -143,7 +145,7 @@ def windy(number: int, turbulence: Any) -> Conditions:
     return Conditions(NOMINAL, _WIND * math.cos(angle), _WIND * math.sin(angle), turbulence, number)
 
 
-def loaded(number: int) -> Conditions:
+def draw_conditions(number: int) -> Conditions:
     """Return light turbulence, wind and a loading drawn from the ranges of the true aircraft."""
     rng = np.random.default_rng(number)
     loading = Loading(
@@ -326,24 +328,26 @@ def main() -> None:
     if not plans:
         parser.error(f"none of {options.plans} plans of {options.scenario} is SAFE; ask for more")
     began = time.perf_counter()
-    calm = [flown(plan) for plan in plans]
+    calm = [fly_plan(plan) for plan in plans]
     seconds = time.perf_counter() - began
     figures["following_times_real_time"] = (
         sum(float(plan.times[-1]) + 20.0 for plan in plans) / seconds
     )
     figures |= summary("calm", calm)
-    figures |= summary("calm_generic_follower", [flown(plan, generic=True) for plan in plans[:20]])
+    figures |= summary(
+        "calm_generic_follower", [fly_plan(plan, generic=True) for plan in plans[:20]]
+    )
     point_mass = []
     for plan in plans:
         states, late = follow(PointMassVehicle(plan.own), Track(plan.legs), float(plan.times[-1]))
-        point_mass.append(judged(plan, states, late, np.full(len(states), 2500.0)))
+        point_mass.append(judge(plan, states, late, np.full(len(states), 2500.0)))
     figures |= summary("point_mass", point_mass)
     for name, kind in (("wind", "none"), ("rough", "moderate"), ("loaded", None)):
         found, able, lost, too_slow = [], [], [], 0
         for number, plan in enumerate(plans):
-            conditions = loaded(number) if kind is None else windy(number, kind)
+            conditions = draw_conditions(number) if kind is None else windy(number, kind)
             try:
-                one = flown(plan, conditions)
+                one = fly_plan(plan, conditions)
             except StartError:
                 # Down the wind the plan's ground speed is below the stall.
                 too_slow += 1

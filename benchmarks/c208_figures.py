@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from agents.config.figures import save_figure
 from envs.c208.conditions import Conditions, Loading
 from envs.c208.facts import GRAVITY, POINTS, value
-from envs.c208.validate import envelope, measured
+from envs.c208.validate import envelope, measure
 from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle
 from envs.edge.command import Parser, run_cli
 from envs.follower import PERIOD
@@ -24,7 +24,7 @@ from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from eval.plots import save
 from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION
 
-__all__ = ["figure", "limits_figure", "main", "margins", "stepped", "steps_figure"]
+__all__ = ["figure", "limits_figure", "main", "margins", "step", "steps_figure"]
 
 _UP = ((55.0, 65.0), (60.0, 75.0), (70.0, 85.0), (80.0, 95.0))
 _DOWN = ((95.0, 80.0), (85.0, 70.0), (75.0, 60.0), (65.0, 55.0))
@@ -37,7 +37,7 @@ def figure() -> Figure:
     picture = Figure(figsize=(14.0, 4.6), layout="constrained")
     left, middle, right = picture.subplots(1, 3)
     _accelerations(left)
-    _published(middle)
+    _publish(middle)
     _step(right)
     return picture
 
@@ -76,9 +76,9 @@ def _accelerations(axes: Any) -> None:
     axes.legend(frameon=False, fontsize=8)
 
 
-def _published(axes: Any) -> None:
+def _publish(axes: Any) -> None:
     rows = [
-        (point, 100.0 * (measured(point) / point.value - 1.0))
+        (point, 100.0 * (measure(point) / point.value - 1.0))
         for point in POINTS
         if point.quantity != "glide"
     ]
@@ -121,7 +121,7 @@ def steps_figure() -> Figure:
     grid = picture.subplots(2, 2, sharex=True)
     for column, (steps, title) in enumerate(((_UP, "acceleration"), (_DOWN, "deceleration"))):
         for (first, last), color in zip(steps, _COLORS, strict=True):
-            time, speed, gain = stepped(first, last)
+            time, speed, gain = step(first, last)
             grid[0, column].plot(time, speed, color=color, label=f"{first:.0f} to {last:.0f} m/s")
             grid[0, column].axhline(last, color=color, linewidth=0.6, linestyle=":")
             grid[1, column].plot(time, gain, color=color)
@@ -138,7 +138,7 @@ def steps_figure() -> Figure:
     return picture
 
 
-def stepped(first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def step(first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return time (s), air speed (m/s) and acceleration (m/s^2) after a step of the speed demanded,
     ``[T]`` each.
     """

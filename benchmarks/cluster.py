@@ -19,8 +19,8 @@ from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
 from eval.flights.chunks import Evaluation, Pilot, columns
-from eval.runner.cluster import Cluster, connected
-from eval.runner.payload import DECISIVE, Chunk, Task
+from eval.runner.cluster import Cluster, connect_scheduler
+from eval.runner.payload import DECISIVE, Chunk, Work
 from eval.runner.workers import fly_chunks
 
 
@@ -50,7 +50,7 @@ def local(workers: int) -> Generator[tuple[Cluster, float], None, None]:
     # Its types know only the dashboard's address, and only the asynchronous cluster.
     settings: Any = {"dashboard_address": None, "host": "127.0.0.1"}
     made: Any = LocalCluster(n_workers=workers, threads_per_worker=1, **settings)
-    with made, connected(made.scheduler_address, DECISIVE) as cluster:
+    with made, connect_scheduler(made.scheduler_address, DECISIVE) as cluster:
         while cluster.size() < workers:
             time.sleep(0.05)
         yield cluster, time.perf_counter() - begun
@@ -79,7 +79,7 @@ def main() -> None:
     for workers in (1, 2):
         with local(workers) as (cluster, start_s):
             flown = cluster.fly(
-                Task(Pilot, columns), evaluation, policy.sha256, chunks, lambda: False
+                Work(Pilot, columns), evaluation, policy.sha256, chunks, lambda: False
             )
             next(flown)  # the first imports the toolkit
             begun = time.perf_counter()
@@ -89,7 +89,7 @@ def main() -> None:
                 "wall_s_after_first": time.perf_counter() - begun,
             }
             nothing = cluster.fly(
-                Task(idle, made_up), Nothing(None), policy.sha256, empty, lambda: False
+                Work(idle, made_up), Nothing(None), policy.sha256, empty, lambda: False
             )
             next(nothing)
             begun, busy = time.perf_counter(), time.process_time()
@@ -104,7 +104,7 @@ def main() -> None:
                 "driver_and_scheduler_cpu_ms_per_chunk": 1e3 * here,
             }
             found[f"cluster_of_{workers}"] |= more
-        flown = fly_chunks(Task(Pilot, columns), evaluation, workers, chunks, lambda: False)
+        flown = fly_chunks(Work(Pilot, columns), evaluation, workers, chunks, lambda: False)
         next(flown)
         begun = time.perf_counter()
         list(flown)

@@ -30,7 +30,7 @@ from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
 from envs.edge.json_text import parse_json
 from envs.encounters import scenario
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from eval.flights.plan_flight import request_of
 
 DEADLINES_MS = (5.0, 10.0, 20.0, 50.0, 100.0, math.inf)
@@ -52,7 +52,7 @@ LATE_MS = 5.0
 
 def requests(kind: str, first: int, count: int) -> Iterator[tuple[Any, list[Intruder], Any]]:
     """Yield the requests of a kind from a number on: ownship, intruders and route."""
-    encounters = numbered(scenario(aircraft=PAPER, **KINDS[kind]), 0, first, count)
+    encounters = encounters_of_seed(scenario(aircraft=PAPER, **KINDS[kind]), 0, first, count)
     request, sensor = request_of(encounters, PAPER), encounters.sensor
     place, pace, age = (
         float(np.max(f)) for f in (sensor.position_std, sensor.velocity_std, sensor.latency)
@@ -180,7 +180,7 @@ def main() -> None:
     count = -(-options.requests // (EACH * len(KINDS)))
     paths = [options.out / f"block-{block:05d}.json" for block in range(count)]
     with threadpool_limits(1):
-        first = numbered(scenario("multi", PAPER), 1, 0, 1)
+        first = encounters_of_seed(scenario("multi", PAPER), 1, 0, 1)
         plan(
             *question(first, request_of(first, PAPER), 0), policy
         )  # the first plan of a process makes tables

@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.measure import report
 from envs.edge.command import Parser, run_cli
-from ros_bridge.transport.children import FLAG, free_domain, stopped
+from ros_bridge.transport.children import FLAG, free_domain, stop
 
 _SETTLE = 10.0  # s before figures count
 _OWN, _OTHERS = 5.0, 2.0  # reports a second
@@ -82,10 +82,10 @@ def main(argv: list[str] | None = None) -> None:
             "ROS_DOMAIN_ID": str(domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
-        report(_measured(options, browser), ("playwright", "websockets"))
+        report(_measure(options, browser), ("playwright", "websockets"))
 
 
-def _measured(options: Any, browser: str) -> dict[str, Any]:
+def _measure(options: Any, browser: str) -> dict[str, Any]:
     from playwright.sync_api import sync_playwright
 
     server = subprocess.Popen(
@@ -113,7 +113,7 @@ def _measured(options: Any, browser: str) -> dict[str, Any]:
             text = page.evaluate("JSON.stringify(state.picture)")
             grown = _night(page, text, options.night) if options.night else None
     finally:
-        stopped([server])  # pyright: ignore[reportArgumentType]
+        stop([server])  # pyright: ignore[reportArgumentType]
         server.stdout.close()
     latency = 1e3 * np.array(found["latency"])
     numbers, drawn = found["numbers"], set(found["drawn"])

@@ -21,11 +21,11 @@ from benchmarks.measure import layers, report, seconds
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.simulate import Direct, fly
-from eval.runner.payload import Chunk, Task
+from eval.runner.payload import Chunk, Work
 from eval.runner.workers import cores, fly_chunks
 
 ROWS = 256
@@ -64,9 +64,9 @@ def stages(pilot: Pilot, count: int) -> dict[str, float]:
         now = time.perf_counter()
         times[name], begun = now - begun, now
 
-    starts = numbered(scenario("circle", PAPER), 0, 0, count)
+    starts = encounters_of_seed(scenario("circle", PAPER), 0, 0, count)
     lap("draw_s")
-    flown = fly(starts, pilot.decider, aircraft)
+    flown = fly(starts, pilot.resolver, aircraft)
     lap("policy_flights_s")
     bare = fly(starts, Direct(aircraft), aircraft)
     lap("baseline_flights_s")
@@ -108,7 +108,7 @@ def main() -> None:
         tables: list[dict[str, Any]] = [
             table
             for _, table in fly_chunks(
-                Task(Pilot, columns), evaluation, options.workers, chunks, lambda: False
+                Work(Pilot, columns), evaluation, options.workers, chunks, lambda: False
             )
         ]
         walls.append(time.perf_counter() - begun)

@@ -25,7 +25,7 @@ from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import Encounter, scenario
 from envs.kinematics import VehicleState
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import RoutePoint
 from eval.flights.plan_flight import request_of
@@ -78,7 +78,7 @@ def main() -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     policy = Policy.load(options.policy)
-    encounters = numbered(scenario(options.scenario, PAPER), 0, 0, options.requests)
+    encounters = encounters_of_seed(scenario(options.scenario, PAPER), 0, 0, options.requests)
     request = request_of(encounters, PAPER)
     bare = floor(policy)
     times: dict[str, list[float]] = {"policy": [], "fallback": [], "unresolved": []}

@@ -134,7 +134,7 @@ def parts(config: TrainConfig, phase: int) -> Iterator[Part]:
 def limit(config: TrainConfig, least_s: float) -> tuple[Cost, Cost]:
     """Return what the networks' products and the separations of the manoeuvres take at least."""
     network, epochs = config.network, config.ppo.epochs
-    most = max(scenario.intruders[1] for scenario in config.drawn())
+    most = max(scenario.intruders[1] for scenario in config.training_scenarios())
     table = network.input_table()
     encoder = [table.each_size, *network.encoder]
     trunks = [[table.own_size + encoder[-1], *network.hidden, outputs] for outputs in (2, 1)]

@@ -27,7 +27,7 @@ from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.outcome import RULES
 from envs.relative import bearing, distance, leg_separation, straight_cpa
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import take
 
 PIECES = 30
@@ -54,7 +54,7 @@ class Problem(NamedTuple):
     """Steps of the flight."""
 
 
-def flown(controls: Any, problem: Problem) -> tuple[Any, Any, Any]:
+def fly(controls: Any, problem: Problem) -> tuple[Any, Any, Any]:
     """Fly controls ``[PIECES, 2]``; return the length, the last distance to the goal and the
     separations ``[T]``.
     """
@@ -83,7 +83,7 @@ def flown(controls: Any, problem: Problem) -> tuple[Any, Any, Any]:
 
 def _numbers(flat: Any, problem: Problem) -> Any:
     """Return the length and what the constraints keep positive, in km, ``[1 + C]``."""
-    length, to_goal, apart = flown(flat.reshape(-1, 2), problem)
+    length, to_goal, apart = fly(flat.reshape(-1, 2), problem)
     nearest = jnp.minimum(jnp.min(apart.reshape(-1, BLOCK), axis=-1), 3.0 * RULES.separation)
     slack = jnp.append(nearest - RULES.separation, RULES.goal_radius - to_goal) - GUARD
     return jnp.concatenate([length[None], slack]) * 1e-3
@@ -91,10 +91,10 @@ def _numbers(flat: Any, problem: Problem) -> Any:
 
 _VALUES = jax.jit(_numbers)
 _SLOPES = jax.jit(jax.jacfwd(_numbers))
-_FLOWN = jax.jit(flown)
+_FLOWN = jax.jit(fly)
 
 
-def optimised(guess: Any, problem: Problem, iterations: int) -> float:
+def optimise(guess: Any, problem: Problem, iterations: int) -> float:
     """Return the length, m, of the best flight from a guess ``[PIECES, 2]``; inf if it breaks a
     rule.
     """
@@ -166,7 +166,7 @@ def pieces(controls: Any) -> Any:
     )
 
 
-def recorded(encounter: Encounter, witnesses: Found, number: int) -> Any:
+def record(encounter: Encounter, witnesses: Found, number: int) -> Any:
     """Return the controls ``[T, 2]`` of a witness."""
     own = replay(encounter, take(witnesses.manoeuvre, number), RULES, SURROGATE).own
     turn = wrap(np.diff(own.heading), np) / (SURROGATE.yaw_rate_max * RULES.dt)
@@ -175,7 +175,7 @@ def recorded(encounter: Encounter, witnesses: Found, number: int) -> Any:
 
 def in_conflict(count: int, seed: int) -> Encounter:
     """Return circle encounters whose straight courses pass within the separation, ``[count]``."""
-    return numbered(
+    return encounters_of_seed(
         scenario("circle", PAPER, conflicts_closer_than=RULES.separation), seed, 0, count
     )
 
@@ -185,14 +185,14 @@ def compare(encounter: Encounter, witnesses: Found, number: int, iterations: int
     traffic = tracks(encounter, steps(RULES), RULES)
     goal = np.array([encounter.goal_x, encounter.goal_y])
     solve = partial(Problem, encounter.own, goal, traffic, encounter.mask)
-    controls = recorded(encounter, witnesses, number)
+    controls = record(encounter, witnesses, number)
     guesses = [(controls, len(controls))]
     guesses += [
         crude(encounter, aside, speed)
         for aside, speed in ((0.0, 55.0), (0.0, 95.0), (0.35, 75.0), (-0.35, 75.0))
     ]
     return min(
-        optimised(pieces(flight), solve(np.asarray(count)), iterations) for flight, count in guesses
+        optimise(pieces(flight), solve(np.asarray(count)), iterations) for flight, count in guesses
     )
 
 

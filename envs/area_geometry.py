@@ -98,11 +98,11 @@ def signed_distance(area: Area, x: Any, y: Any, time: Any = 0.0) -> Any:
     """
     x, y, time = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in (x, y, time)))
     at_x, at_y = own_frame(area, x, y, time)
-    still = _signed(area, at_x.ravel(), at_y.ravel()).reshape(x.shape)
+    still = _signed_distances(area, at_x.ravel(), at_y.ravel()).reshape(x.shape)
     return still + gain(area) * time
 
 
-def _signed(area: Area, x: Any, y: Any) -> Any:
+def _signed_distances(area: Area, x: Any, y: Any) -> Any:
     """Return signed distances of places ``[M]`` in the area's own frame, without growth."""
     sign = -1.0 if area.keep is Keep.IN else 1.0
     if isinstance(area.shape, Circle):

@@ -88,8 +88,8 @@ class Polygon:
             _check_within(f"holes[{n}]", hole, outer)
         for (n, one), (m, other) in itertools.combinations(enumerate(holes), 2):
             _check_apart(f"holes[{n}]", one, f"holes[{m}]", other)
-        object.__setattr__(self, "outer", _turned(outer, left=True))
-        object.__setattr__(self, "holes", tuple(_turned(hole, left=False) for hole in holes))
+        object.__setattr__(self, "outer", _turn(outer, left=True))
+        object.__setattr__(self, "holes", tuple(_turn(hole, left=False) for hole in holes))
 
     @property
     def rings(self) -> tuple[Ring, ...]:
@@ -265,18 +265,18 @@ def _ring(name: str, points: object) -> Ring:
     return tuple(places)
 
 
-def _turned(ring: Ring, *, left: bool) -> Ring:
+def _turn(ring: Ring, *, left: bool) -> Ring:
     """Return the ring so that its inside is on the left, or on the right."""
     return ring if (signed_size(ring) > 0.0) == left else (ring[0], *reversed(ring[1:]))
 
 
 def signed_size(ring: Iterable[Place]) -> float:
     """Return the size of a ring's inside, m^2, negative where it goes round clockwise."""
-    x, y = _centred(ring)
+    x, y = _centre(ring)
     return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
-def _centred(ring: Iterable[Place]) -> tuple[np.ndarray, np.ndarray]:
+def _centre(ring: Iterable[Place]) -> tuple[np.ndarray, np.ndarray]:
     """Return x and y of a ring from its first point, where their products lose least."""
     points = np.array(list(ring), dtype=float)
     x, y = (points - points[0]).T
@@ -285,7 +285,7 @@ def _centred(ring: Iterable[Place]) -> tuple[np.ndarray, np.ndarray]:
 
 def _check_simple(name: str, ring: Ring) -> None:
     """Refuse a ring that crosses or touches itself, or that has no inside."""
-    x, y = _centred(ring)
+    x, y = _centre(ring)
     far = int(np.argmax(np.hypot(x, y)))
     across = np.abs(x[far] * y - y[far] * x) / np.hypot(x[far], y[far])
     if across.max() <= _THINNEST:

@@ -18,7 +18,7 @@ from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Coverage, Sensor
 from envs.relative import distance, straight_cpa
-from envs.trees import choose, mapped
+from envs.trees import choose, map_leaves
 
 
 class EncounterError(InputError):
@@ -225,7 +225,7 @@ def sample(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     return encounter, accepted
 
 
-def padded(encounter: Encounter, count: int, xp: Any) -> Encounter:
+def pad(encounter: Encounter, count: int, xp: Any) -> Encounter:
     """Return the encounters ``[N]`` with absent intruders added until there are ``count``
     of them.
     """
@@ -236,13 +236,15 @@ def padded(encounter: Encounter, count: int, xp: Any) -> Encounter:
     def more(field: Any) -> Any:
         return xp.concatenate([field] + [field[..., :1]] * (count - present), axis=-1)
 
-    intruders, intent, mask = mapped(more, (encounter.intruders, encounter.intent, encounter.mask))
+    intruders, intent, mask = map_leaves(
+        more, (encounter.intruders, encounter.intent, encounter.mask)
+    )
     return encounter._replace(
         intruders=intruders,
         intent=intent,
         mask=mask & (xp.arange(count) < present),
-        coverage=mapped(more, encounter.coverage),
-        separation=mapped(more, encounter.separation),
+        coverage=map_leaves(more, encounter.coverage),
+        separation=map_leaves(more, encounter.separation),
     )
 
 

@@ -97,7 +97,7 @@ def step(
     far = LOOKAHEAD * response
     vehicle = state.vehicle
     if isinstance(intent, Recording):
-        return state._replace(vehicle=_recorded(vehicle, intent, time, dt))
+        return state._replace(vehicle=_replay_step(vehicle, intent, time, dt))
     # The intent changes in the one step that begins at or within dt after the onset.
     changes = xp.logical_and(time >= intent.onset, time - dt < intent.onset)
     sine, cosine = sincos(wrap(vehicle.heading + intent.heading_change, xp), xp)
@@ -114,7 +114,7 @@ def step(
     return IntruderState(moved, waypoint_x, waypoint_y, error, error_sum)
 
 
-def _recorded(vehicle: VehicleState, recording: Recording, time: Any, dt: float) -> VehicleState:
+def _replay_step(vehicle: VehicleState, recording: Recording, time: Any, dt: float) -> VehicleState:
     """Return the vehicles after the step that begins at ``time``, ``[..., K]``."""
     still = vehicle.heading * 0.0
     straight = advance(vehicle, still, still, dt, COASTING, np)

@@ -12,7 +12,7 @@ from envs.angles import sincos
 from envs.backend import FloatNamespace
 from envs.kinematics import VehicleState
 from envs.relative import bearing, distance, straight_cpa
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 NAMES = (
     "own_speed",
@@ -46,9 +46,7 @@ def observe(
         _own_parts(own, goal_x, goal_y, aircraft, xp),
         _traffic_parts(own, intruder, aircraft, xp),
     )
-    return _stacked(
-        [mine[0], mine[1], other[0], other[1], other[2], other[3], mine[2], mine[3]], xp
-    )
+    return _stack([mine[0], mine[1], other[0], other[1], other[2], other[3], mine[2], mine[3]], xp)
 
 
 class SetObservation(NamedTuple):
@@ -83,9 +81,9 @@ def observe_set(
             f"mask has shape {mask.shape}; expected {intruders.x.shape}, that of the intruders"
         )
     seen_by, scaled_by = beside(own), beside(aircraft)
-    traffic = _stacked(_traffic_parts(seen_by, intruders, scaled_by, xp), xp)
+    traffic = _stack(_traffic_parts(seen_by, intruders, scaled_by, xp), xp)
     return SetObservation(
-        _stacked(_own_parts(own, goal_x, goal_y, aircraft, xp), xp),
+        _stack(_own_parts(own, goal_x, goal_y, aircraft, xp), xp),
         xp.where(mask[..., None], traffic, 0.0),
         mask,
     )
@@ -95,7 +93,7 @@ def beside(tree: Any) -> Any:
     """Return nested tuples with a last axis added to every array, to be set against intruders;
     floats stay.
     """
-    return mapped(lambda field: field[..., None] if getattr(field, "ndim", 0) else field, tree)
+    return map_leaves(lambda field: field[..., None] if getattr(field, "ndim", 0) else field, tree)
 
 
 def _own_parts(
@@ -121,7 +119,7 @@ def _traffic_parts(
     ]
 
 
-def _stacked(parts: list[Any], xp: Any) -> Any:
+def _stack(parts: list[Any], xp: Any) -> Any:
     return xp.stack([xp.clip(part, -1.0, 1.0) for part in parts], axis=-1)
 
 
@@ -233,7 +231,7 @@ def urgent(
     return xp.argsort(rank, axis=-1)[..., :count]
 
 
-def ranked(
+def rank_urgent(
     own: VehicleState, intruders: VehicleState, mask: Any, count: int, aircraft: Aircraft, xp: Any
 ) -> tuple[VehicleState, Any]:
     """Return the ``count`` most urgent of the intruders ``[..., K]``, the most urgent first, and

@@ -1,6 +1,6 @@
 """What the ownship knows of an intruder: a report that is late and noisy, dead-reckoned to now.
 
-Reports carry their time of validity (as ADS-B's do), so a decider extrapolates them straight ahead
+Reports carry their time of validity (as ADS-B's do), so a resolver extrapolates them straight ahead
 over their age. What remains is the noise, grown by the velocity error times the age, and the
 intruder's manoeuvres since.
 """
@@ -34,7 +34,7 @@ EVERYTHING = Coverage(math.inf, math.pi, 0.0, 0.0)
 """Reports of all intruders at any time."""
 
 
-def reported(
+def report(
     own: VehicleState, intruders: VehicleState, coverage: Coverage, time: Any, xp: Any
 ) -> Any:
     """Return of which intruders ``[..., K]`` there is a report, bool.

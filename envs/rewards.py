@@ -209,7 +209,7 @@ def table(weights: Mapping[str, float]) -> Rewards:
     return Rewards(tuple(rows))
 
 
-def scored(rules: Rules, weights: Mapping[str, float]) -> Rules:
+def with_scores(rules: Rules, weights: Mapping[str, float]) -> Rules:
     """Return the rules with the scores that a table of weights gives to the task's own rows."""
     return rules._replace(
         **{field: weights[name] for name, field in TASK.items() if name in weights}
@@ -242,7 +242,7 @@ def part(row: Row, step: Transition, discount: float, xp: Any, scale: float = 1.
         if row.term.potential:
             states = step.before, step.after
             before, after = (weight * row.term.compute(one, aircraft, xp) for one in states)
-            found = shaped(before, after, step.after.ended, discount, xp)
+            found = shaping_reward(before, after, step.after.ended, discount, xp)
         else:
             found = weight * row.term.compute(step, xp)
     except Exception as problem:
@@ -258,7 +258,9 @@ def part(row: Row, step: Transition, discount: float, xp: Any, scale: float = 1.
     return found
 
 
-def tried(rewards: Rewards, starts: Encounter, world: World, xp: Any) -> dict[str, Any]:
+def shaping_of_first_step(
+    rewards: Rewards, starts: Encounter, world: World, xp: Any
+) -> dict[str, Any]:
     """Return what the shaping terms add to the reward of the first step of encounters ``[N]``.
 
     A training calls it before it begins, so that what cannot be used fails then.
@@ -271,7 +273,7 @@ def tried(rewards: Rewards, starts: Encounter, world: World, xp: Any) -> dict[st
     )[1]
 
 
-def shaped(before: Any, after: Any, terminated: Any, discount: float, xp: Any) -> Any:
+def shaping_reward(before: Any, after: Any, terminated: Any, discount: float, xp: Any) -> Any:
     """Return the shaping reward of a step: the discounted gain in potential, which is 0 once
     terminated.
     """

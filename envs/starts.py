@@ -16,10 +16,10 @@ from envs.encounters import (
     Scenario,
     sample,
 )
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 
-def numbered(
+def encounters_of_seed(
     scenario: Scenario, seed: int, first: int, count: int, *, whole: bool = False
 ) -> Encounter:
     """Return the encounters ``first .. first + count - 1`` of a seed, float64 fields ``[count]``
@@ -77,7 +77,7 @@ def check_sampled(scenario: Scenario, encounter: Encounter) -> None:
     if scenario.ships:
         return
     try:
-        checked(encounter, scenario.aircraft, encounter.goal_x.shape)
+        check_encounter(encounter, scenario.aircraft, encounter.goal_x.shape)
     except EncounterError as problem:
         raise EncounterError(f"scenario {scenario.name!r}: {problem}") from None
 
@@ -98,17 +98,21 @@ def report_noise(seed: int, number: int, step: int, intruders: int) -> np.ndarra
     return draws.normals(seed, number, 1, (4, intruders), stream=step + 1)[0]
 
 
-def joined(first: Encounter, second: Encounter) -> Encounter:
+def join(first: Encounter, second: Encounter) -> Encounter:
     """Return both batches of encounters as one."""
-    return mapped(lambda *fields: np.concatenate(fields), first, second)
+    return map_leaves(lambda *fields: np.concatenate(fields), first, second)
 
 
 def cast(encounters: Encounter, dtype: Any) -> Encounter:
     """Return the encounters with numbers of another type; the mask stays."""
-    return mapped(lambda field: field if field.dtype == bool else field.astype(dtype), encounters)
+    return map_leaves(
+        lambda field: field if field.dtype == bool else field.astype(dtype), encounters
+    )
 
 
-def checked(encounter: Encounter, aircraft: Aircraft, batch: tuple[int, ...] = ()) -> Encounter:
+def check_encounter(
+    encounter: Encounter, aircraft: Aircraft, batch: tuple[int, ...] = ()
+) -> Encounter:
     """Return a user's own encounter as float64 arrays of the shapes that it must have.
 
     Args:
@@ -154,7 +158,7 @@ def checked(encounter: Encounter, aircraft: Aircraft, batch: tuple[int, ...] = (
             *(numbers(f"{name}.{key}", value, shape) for key, value in tree._asdict().items())
         )
 
-    present = _shaped("mask", mask, wide)
+    present = _shape("mask", mask, wide)
     if not present.any(axis=-1).all():
         raise EncounterError(
             "mask leaves an encounter without intruders; expected at least one each"
@@ -177,7 +181,7 @@ def _numbers(name: str, value: Any, shape: tuple[int, ...], low: float, high: fl
         given = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise EncounterError(f"{name} is not numeric: {error}") from None
-    numbers = _shaped(name, given, shape)
+    numbers = _shape(name, given, shape)
     wrong = ~(np.isfinite(numbers) & (numbers >= low) & (numbers <= high))
     if wrong.any():
         within = "a finite number" if low == -math.inf else f"within {low:g}..{high:g}"
@@ -185,7 +189,7 @@ def _numbers(name: str, value: Any, shape: tuple[int, ...], low: float, high: fl
     return numbers
 
 
-def _shaped(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _shape(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     if len(values.shape) > len(shape) and values.shape[0] == 1:
         values = values[0]  # a batch of one for a single encounter
     try:

@@ -64,7 +64,7 @@ def redraw_pool(
     parts = []
     for scenario in scenarios:
         drawn, accepted = encounters.sample(scenario, draws[..., : scenario.dimensions], jnp)
-        parts.append(encounters.padded(_accepted_only(drawn, accepted), most, jnp))
+        parts.append(encounters.pad(_accepted_only(drawn, accepted), most, jnp))
     mixed: Any = None
     threshold = 0.0
     for drawn, weight in zip(_alike(parts, scenarios[0].aircraft), weights, strict=True):
@@ -80,13 +80,13 @@ def _alike(parts: list[Encounter], aircraft: Aircraft) -> list[Encounter]:
     usual = {"coverage": EVERYTHING, "separation": aircraft.separation}
     wanted = [name for name in usual if any(getattr(one, name) is not None for one in parts)]
 
-    def filled(one: Encounter) -> Encounter:
+    def fill(one: Encounter) -> Encounter:
         place = one.intruders.x
         missing = {name: usual[name] for name in wanted if getattr(one, name) is None}
         values = jax.tree.map(lambda value: jnp.full_like(place, value), missing)
         return one._replace(**values)
 
-    return [filled(one) for one in parts]
+    return [fill(one) for one in parts]
 
 
 def _accepted_only(drawn: Encounter, accepted: jax.Array) -> Encounter:

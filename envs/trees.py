@@ -17,7 +17,7 @@ class Shared(Generic[T]):
         self.value = value
 
 
-def mapped(function: Callable[..., Any], *trees: Any) -> Any:
+def map_leaves(function: Callable[..., Any], *trees: Any) -> Any:
     """Apply a function to the arrays at the same place of nested tuples of one structure; None
     and what is shared stay.
     """
@@ -25,7 +25,7 @@ def mapped(function: Callable[..., Any], *trees: Any) -> Any:
     if first is None or isinstance(first, Shared):
         return first
     if isinstance(first, tuple):
-        parts = [mapped(function, *same) for same in zip(*trees, strict=True)]
+        parts = [map_leaves(function, *same) for same in zip(*trees, strict=True)]
         return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
     return function(*trees)
 
@@ -45,7 +45,7 @@ def take(tree: T, index: Any) -> T:
 
 def column(tree: T) -> T:
     """Return every array ``[N]`` as a column ``[N, 1]``, to be set against intruders ``[N, K]``."""
-    return mapped(lambda field: field[:, None], tree)
+    return map_leaves(lambda field: field[:, None], tree)
 
 
 def choose(condition: Any, yes: T, no: T, xp: Any) -> T:
@@ -56,7 +56,7 @@ def choose(condition: Any, yes: T, no: T, xp: Any) -> T:
     def either(a: Any, b: Any) -> Any:
         return xp.where(condition.reshape(condition.shape + (1,) * (a.ndim - condition.ndim)), a, b)
 
-    return mapped(either, yes, no)
+    return map_leaves(either, yes, no)
 
 
 def scatter(into: Any, rows: Any, values: Any) -> None:
@@ -65,4 +65,4 @@ def scatter(into: Any, rows: Any, values: Any) -> None:
     def write(old: Any, new: Any) -> None:
         old[rows] = new
 
-    mapped(write, into, values)
+    map_leaves(write, into, values)

@@ -7,8 +7,8 @@ equal parts of its duration, with the least sum of squares of both. On recorded 
 policy the curve leaves the path between the waypoints by 1.4 m (median of the maxima), 13 m (95 %).
 
 Waypoints are over the ground. In a wind the leg is that curve in the air mass, between the same
-waypoints as the air mass sees them, carried along by the wind: :func:`knots` takes waypoints into
-the air mass and :func:`at` a place on its legs back.
+waypoints as the air mass sees them, carried along by the wind: :func:`plan_states` takes waypoints
+into the air mass and :func:`at` a place on its legs back.
 """
 
 from collections.abc import Sequence
@@ -62,7 +62,7 @@ class RoutePoint:
     y: float  # north, m
 
 
-class Knots(NamedTuple):
+class PlanStates(NamedTuple):
     """States with their times as arrays: where legs begin and end; fields ``[..., W]``, SI
     units.
     """
@@ -75,13 +75,13 @@ class Knots(NamedTuple):
 
 
 class Legs(NamedTuple):
-    """Curves between consecutive knots, SI units and radians; fields ``[...]``, those of arcs
+    """Curves between consecutive plan states, SI units and radians; fields ``[...]``, those of arcs
     ``[..., ARCS]``.
     """
 
     time: Any  # at the beginning, s
     duration: Any  # s
-    miss: Any  # distance between the end of the curve and the knot, m (see CLOSED)
+    miss: Any  # distance between the end of the curve and the plan state, m (see CLOSED)
     x: Any  # at the beginning of each arc, m
     y: Any
     heading: Any  # there, rad, not wrapped, so that differences are turns
@@ -90,29 +90,33 @@ class Legs(NamedTuple):
     acceleration: Any  # of each arc, m/s^2
 
 
-def knots(
+def plan_states(
     own: VehicleState,
     waypoints: Sequence[Waypoint],
     time: float = 0.0,
     wind: Wind | None = None,
-) -> Knots:
+) -> PlanStates:
     """Return the state at the request and the waypoints after it as arrays, ``[1 +
     len(waypoints)]``; in a wind as the air mass sees them that lies over the ground at time 0.
     """
     first = [(float(own.x), float(own.y), float(own.heading), float(own.speed), time)]
     rest = [(point.x, point.y, point.heading, point.speed, point.time) for point in waypoints]
-    found = Knots(*np.array(first + rest, dtype=float).T)
+    found = PlanStates(*np.array(first + rest, dtype=float).T)
     return found if wind is None else in_air(found, wind)
 
 
-def in_air(knots: Knots, wind: Wind) -> Knots:
-    """Return knots over the ground as the air mass sees them, ``[..., W]``."""
-    return Knots(*through_air(VehicleState(*knots[:4]), wind, knots.time), knots.time)
+def in_air(plan_states: PlanStates, wind: Wind) -> PlanStates:
+    """Return plan states over the ground as the air mass sees them, ``[..., W]``."""
+    return PlanStates(
+        *through_air(VehicleState(*plan_states[:4]), wind, plan_states.time), plan_states.time
+    )
 
 
-def on_ground(knots: Knots, wind: Wind) -> Knots:
-    """Return knots in the air mass as the ground sees them, ``[..., W]``."""
-    return Knots(*over_ground(VehicleState(*knots[:4]), wind, knots.time), knots.time)
+def on_ground(plan_states: PlanStates, wind: Wind) -> PlanStates:
+    """Return plan states in the air mass as the ground sees them, ``[..., W]``."""
+    return PlanStates(
+        *over_ground(VehicleState(*plan_states[:4]), wind, plan_states.time), plan_states.time
+    )
 
 
 def leg(a: Waypoint, b: Waypoint, wind: Wind | None = None) -> Legs:
@@ -120,20 +124,20 @@ def leg(a: Waypoint, b: Waypoint, wind: Wind | None = None) -> Legs:
     mass.
     """
     own = VehicleState(a.x, a.y, a.heading, a.speed)
-    return Legs(*(field[0] for field in legs(knots(own, [b], a.time, wind))))
+    return Legs(*(field[0] for field in legs(plan_states(own, [b], a.time, wind))))
 
 
-def legs(knots: Knots) -> Legs:
-    """Return the curves between consecutive knots.
+def legs(plan_states: PlanStates) -> Legs:
+    """Return the curves between consecutive plan states.
 
     The controls follow from Gauss-Newton steps on the end position, whose minimum-norm solution is
     known in closed form; heading and speed at the end are met exactly. Each leg is solved by
-    itself: results do not depend on what else is in the arrays. Knots ``[..., W]``, float64,
+    itself: results do not depend on what else is in the arrays. Plan states ``[..., W]``, float64,
     finite, times increasing, give legs ``[..., W - 1]``.
     """
-    shape = np.shape(knots.time)
-    start = [np.asarray(field)[..., :-1].reshape(-1) for field in knots]
-    end = [np.asarray(field)[..., 1:].reshape(-1) for field in knots]
+    shape = np.shape(plan_states.time)
+    start = [np.asarray(field)[..., :-1].reshape(-1) for field in plan_states]
+    end = [np.asarray(field)[..., 1:].reshape(-1) for field in plan_states]
     step = (end[4] - start[4]) / ARCS
     turn, gain = wrap(end[2] - start[2], np), end[3] - start[3]
     yaw_rate = np.repeat((turn / (ARCS * step))[:, None], ARCS, axis=1)

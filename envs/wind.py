@@ -40,15 +40,15 @@ def through_air(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
     """Return a state over the ground, ``[...]`` or plain floats, as the air mass sees it, ``time``
     s after 0.
     """
-    return _carried(state, wind.east, wind.north, time)
+    return _carry(state, wind.east, wind.north, time)
 
 
 def over_ground(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
     """Return a state in the air mass as the ground sees it; arguments as of :func:`through_air`."""
-    return _carried(state, -wind.east, -wind.north, time)
+    return _carry(state, -wind.east, -wind.north, time)
 
 
-def _carried(state: VehicleState, east: Any, north: Any, time: Any) -> VehicleState:
+def _carry(state: VehicleState, east: Any, north: Any, time: Any) -> VehicleState:
     """Return a state as a frame sees it that moves with a velocity, m/s."""
     if isinstance(east, float | int) and east == 0.0 and north == 0.0:
         return state
@@ -104,7 +104,7 @@ def aimed_at(
     return goal[0] + dx * time, goal[1] + dy * time
 
 
-def narrowed(limits: Limits, error: float) -> Limits:
+def narrow(limits: Limits, error: float) -> Limits:
     """Return limits that a motion must keep in the air mass of a wind, so that it keeps the given
     ones in that of every wind that differs by ``error`` m/s at most.
 

@@ -16,7 +16,7 @@ from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.observation import SetObservation, beside
 from envs.outcome import Outcome, Rules
-from envs.perception import Coverage, Sensor, carried_back, perceive, reported
+from envs.perception import Coverage, Sensor, carried_back, perceive, report
 from envs.relative import at_share, distance, leg_separation
 
 
@@ -176,7 +176,7 @@ def evaluate(
     )
 
 
-def perceived(state: State, noise: Any, dt: Any, xp: Any) -> Any:
+def perceive_intruders(state: State, noise: Any, dt: Any, xp: Any) -> Any:
     """Return the intruders as the ownship believes them to be, ``[..., K]``.
 
     Args:
@@ -199,10 +199,10 @@ def perceived(state: State, noise: Any, dt: Any, xp: Any) -> Any:
 
 
 def seen_intruders(state: State, noise: Any, aircraft: Aircraft, xp: Any) -> Any:
-    """Return the intruders as a policy is shown them, ``[..., K]``: as :func:`perceived`, and those
-    with a separation of their own at their distance in it, on the same bearing.
+    """Return the intruders as a policy is shown them, ``[..., K]``: as :func:`perceive_intruders`,
+    and those with a separation of their own at their distance in it, on the same bearing.
     """
-    seen = perceived(state, noise, aircraft.dt, xp)
+    seen = perceive_intruders(state, noise, aircraft.dt, xp)
     if state.separation is None:
         return seen
     own = beside(state.own)
@@ -224,12 +224,12 @@ def known(state: State, aircraft: Aircraft, xp: Any) -> Any:
     if state.coverage is None:
         return state.mask
     own, time = beside((state.own, state.steps * aircraft.dt))
-    return state.mask & reported(own, _vehicles(state.intruders, xp), state.coverage, time, xp)
+    return state.mask & report(own, _vehicles(state.intruders, xp), state.coverage, time, xp)
 
 
 def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: Any) -> Any:
     """Return the observation of the most critical intruder and the goal, ``[..., 8]``; see
-    :func:`perceived`.
+    :func:`perceive_intruders`.
     """
     seen = seen_intruders(state, noise, aircraft, xp)
     chosen = observation.most_critical(state.own, seen, known(state, aircraft, xp), aircraft, xp)
@@ -239,14 +239,14 @@ def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: Any) -> 
 def observe_set(
     state: State, aircraft: Aircraft, noise: Any = None, count: int | None = None, *, xp: Any
 ) -> SetObservation:
-    """Return the observation of several intruders and the goal, by the noise of :func:`perceived`;
-    arrays only.
+    """Return the observation of several intruders and the goal, by the noise of
+    :func:`perceive_intruders`; arrays only.
 
     Seen are the ``count`` most critical ones, in their order; None: all K as they come.
     """
     seen, mask = seen_intruders(state, noise, aircraft, xp), known(state, aircraft, xp)
     if count is not None:
-        seen, mask = observation.ranked(state.own, seen, mask, count, aircraft, xp)
+        seen, mask = observation.rank_urgent(state.own, seen, mask, count, aircraft, xp)
     return observation.observe_set(state.own, seen, mask, state.goal_x, state.goal_y, aircraft, xp)
 
 

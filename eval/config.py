@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from agents.config.load import ConfigError, Strict, validated
+from agents.config.load import ConfigError, Strict, validate
 from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig, known_scenario
 from agents.planner.answer import RequestError
 from agents.planner.options import Options, check
@@ -219,7 +219,7 @@ class MonteCarloConfig(Strict):
     @field_validator("policy")
     @classmethod
     def _policy(cls, path: Path | None, info: ValidationInfo) -> Path | None:
-        return None if path is None else _located(path, info)
+        return None if path is None else _locate(path, info)
 
     @field_validator("scenario")
     @classmethod
@@ -233,7 +233,7 @@ class MonteCarloConfig(Strict):
                 )
             if name == prefix:
                 raise ConfigError(f"{name!r} names no file; expected {prefix}PATH")
-            return f"{prefix}{_located(Path(name.removeprefix(prefix)), info)}"
+            return f"{prefix}{_locate(Path(name.removeprefix(prefix)), info)}"
         files = ", ".join(f"{each}PATH" for each in cls.files)
         return known_scenario(name, f"module:name of your own, or {files}")
 
@@ -242,7 +242,7 @@ class MonteCarloConfig(Strict):
         if self.file is None:
             # A scenario of the user's own may not have been loaded yet.
             if self.aircraft is not None and is_known(self.scenario):
-                self.sampled(self.aircraft.aircraft())
+                self.sampled_scenario(self.aircraft.aircraft())
             else:
                 self._sampled()
         elif self.prefix == MODEL:
@@ -324,7 +324,7 @@ class MonteCarloConfig(Strict):
         largest = _LARGEST_CHUNK * (4 if self.backend == "jax" else 1)
         return self.chunk or -(-share // -(-share // largest))
 
-    def sampled(self, aircraft: Aircraft) -> Scenario:
+    def sampled_scenario(self, aircraft: Aircraft) -> Scenario:
         """Return the sampled scenario of an aircraft; ``ConfigError``: it is of the user's own and
         has not been loaded, or a change is of no number or out of range.
         """
@@ -341,22 +341,22 @@ class MonteCarloConfig(Strict):
         for key in ("name", "weight"):
             if key in self.changes:
                 raise ConfigError(f"changes.{key} is unknown; expected a number of the scenario")
-        return self._changed(ScenarioConfig, {"name": self.scenario})
+        return self._change(ScenarioConfig, {"name": self.scenario})
 
     def traffic(self) -> TrafficConfig:
         """Return what is drawn from an encounter model, with its changes; raises as
         :meth:`sampled`.
         """
-        return self._changed(TrafficConfig, {})
+        return self._change(TrafficConfig, {})
 
-    def _changed(self, model: type[_Model], first: dict[str, Any]) -> _Model:
+    def _change(self, model: type[_Model], first: dict[str, Any]) -> _Model:
         try:
-            return validated(model, first | self.changes)
+            return validate(model, first | self.changes)
         except ConfigError as problem:
             raise ConfigError(f"changes.{problem}") from None
 
 
-def _located(path: Path, info: ValidationInfo) -> Path:
+def _locate(path: Path, info: ValidationInfo) -> Path:
     """Return the absolute path of a file that stands beside the configuration or in the working
     directory.
     """

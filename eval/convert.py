@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from envs.edge.command import ConfigError, Parser, run_cli
-from envs.edge.files import written
+from envs.edge.files import write_whole
 from envs.encounters import EncounterError
 from envs.formats import encounter_file
 from envs.formats.encounter_exchange import (
-    Scene,
+    ExchangedEncounter,
     check_same,
     daidalus_text,
     is_number,
@@ -25,7 +25,7 @@ from envs.formats.encounter_exchange import (
 from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
 from envs.traffic.track_units import FOOT
-from envs.traffic.tracks import TrackError, summed
+from envs.traffic.tracks import TrackError, sum_of_repairs
 
 _DESCRIPTION = """\
 Turn encounters from one form of file into another; the names' ends say which:
@@ -104,7 +104,7 @@ def _convert(options: argparse.Namespace) -> int:
             )
     lost: list[str] = []
 
-    def losing(what: str, which: Sequence[Scene]) -> None:
+    def losing(what: str, which: Sequence[ExchangedEncounter]) -> None:
         if which:
             lost.append(
                 f"{what} of {len(which)} of {len(scenes)} encounters, the first {which[0].name!r}"
@@ -141,12 +141,12 @@ def _convert(options: argparse.Namespace) -> int:
     return len(scenes)
 
 
-def _read(path: Path, form: str, seconds: int, repair: bool) -> list[Scene]:
+def _read(path: Path, form: str, seconds: int, repair: bool) -> list[ExchangedEncounter]:
     if form == ".csv":
         return scenes_of(*encounter_file.read(path), seconds)
     if form == ".json":
         found = read_lincoln(path, repair=repair)
-        repairs = summed([each.repairs for each in found])
+        repairs = sum_of_repairs([each.repairs for each in found])
         recorded = [(str(each.number), tracks_of(each), each.weight) for each in found]
     else:
         tracks, repairs = read_daidalus(path, repair=repair)
@@ -159,12 +159,12 @@ def _read(path: Path, form: str, seconds: int, repair: bool) -> list[Scene]:
     return scenes_of_tracks(recorded)
 
 
-def _write(options: argparse.Namespace, scenes: list[Scene]) -> None:
+def _write(options: argparse.Namespace, scenes: list[ExchangedEncounter]) -> None:
     target, form = options.target, options.target.suffix
     altitude = None if options.altitude_ft is None else options.altitude_ft * FOOT
     longest = max(len(scene.tracks[0].time) for scene in scenes) - 1
     try:
-        with written(target) as new:
+        with write_whole(target) as new:
             try:
                 if form == ".csv":
                     encounter_file.write_rows(

@@ -8,10 +8,10 @@ import jax
 from agents.config.load import ConfigError
 from rlcas_jax.algorithm import failure
 from rlcas_jax.config import PPO, TrainConfig
-from rlcas_jax.task import Task
+from rlcas_jax.task import CompiledTask
 
 
-def check_algorithm(config: TrainConfig, tasks: Sequence[Task]) -> None:
+def check_algorithm(config: TrainConfig, tasks: Sequence[CompiledTask]) -> None:
     """Trace an algorithm of the user's own with the shapes of each phase's task, computing nothing.
 
     Raises:

@@ -48,7 +48,7 @@ def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any]) -> Pa
         left.unlink()
     # All under one key: safetensors writes several in an order that changes from run to run.
     write_file(path, save_tensors(tensors, {_HEADER: json.dumps(header)}))
-    for old in _stored(directory)[_KEPT:]:
+    for old in _checkpoints_of(directory)[_KEPT:]:
         old.unlink()
     return path
 
@@ -57,7 +57,7 @@ def latest(directory: Path) -> Path:
     """Return the newest whole checkpoint, passing over others with a warning; without any raises a
     CheckpointError.
     """
-    stored = _stored(directory)
+    stored = _checkpoints_of(directory)
     for path in stored:
         try:
             _read(path)
@@ -151,6 +151,6 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     return tensors, parse_json(header["meta"])
 
 
-def _stored(directory: Path) -> list[Path]:
+def _checkpoints_of(directory: Path) -> list[Path]:
     """Return the checkpoints of a directory, newest first."""
     return sorted(directory.glob("checkpoint-[0-9]*.safetensors"), reverse=True)

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from agents.config.keys import nearest
-from agents.config.load import ConfigError, Strict, validated
+from agents.config.load import ConfigError, Strict, validate
 from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig
 from agents.policy.inputs import resolve
 from agents.policy.set_features import InputTable, table
@@ -17,7 +17,7 @@ from envs.edge.command import InputError
 from envs.edge.extension import is_extension
 from envs.encounters import EncounterError, Scenario, is_known
 from envs.outcome import Rules
-from envs.rewards import TASK, TERMS, RewardError, Rewards, Term, scored
+from envs.rewards import TASK, TERMS, RewardError, Rewards, Term, with_scores
 from envs.rewards import is_known as is_known_reward
 from envs.rewards import table as reward_table
 from envs.scenarios import resolve as resolve_scenario
@@ -339,9 +339,9 @@ class TrainConfig(Strict):
 
     def rules(self) -> Rules:
         """Return the task: the aircraft's, with the scores of `rewards`."""
-        return scored(self.aircraft.aircraft().rules(), self.rewards.weights())
+        return with_scores(self.aircraft.aircraft().rules(), self.rewards.weights())
 
-    def drawn(self) -> list[Scenario]:
+    def training_scenarios(self) -> list[Scenario]:
         """Return the scenarios that training draws from; the code of the user's own is loaded.
 
         Raises:
@@ -390,7 +390,7 @@ class TrainConfig(Strict):
                     f"phases.{number}.{key}: expected one of {', '.join(self.PHASE_KEYS)}"
                 )
         try:
-            return validated(TrainConfig, _merge(common, changes))
+            return validate(TrainConfig, _merge(common, changes))
         except ConfigError as problem:
             raise ConfigError(f"phases.{number}: {problem}") from None
 

@@ -108,7 +108,7 @@ def first() -> bool:
     return jax.process_index() == 0
 
 
-def agreed(flags: Sequence[bool]) -> list[bool]:
+def agree(flags: Sequence[bool]) -> list[bool]:
     """Return which flags any of the processes has raised; all of them must ask at the same
     point.
     """

@@ -17,7 +17,7 @@ from agents.resolvability.classify import Verdict, classify
 from envs.aircraft import Ratios, ratios
 from envs.edge.files import write_file
 from envs.encounters import scenario
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.figures import training_figures
 from rlcas_jax.loop import Run, outcomes, rates
@@ -60,7 +60,9 @@ def evaluate(run: Run) -> dict[str, Any]:
     began = time.monotonic()
     settings = run.config.evaluation
     aircraft = run.config.aircraft.aircraft()
-    encounters = numbered(scenario("circle", aircraft), settings.seed, 0, settings.final_encounters)
+    encounters = encounters_of_seed(
+        scenario("circle", aircraft), settings.seed, 0, settings.final_encounters
+    )
     outcome = outcomes(run.task, run.state, encounters)
     solved, rules = np.asarray(outcome.reached), run.task.rules
     verdict = classify(encounters, rules, aircraft.limits, solved=solved).verdict
@@ -101,7 +103,11 @@ def set_of(config: TrainConfig) -> SetOf:
     together.
     """
     aircraft, encoder = config.aircraft.aircraft(), tuple(config.network.encoder)
-    most = max(family.intruders[1] for phase in config.phase_configs() for family in phase.drawn())
+    most = max(
+        family.intruders[1]
+        for phase in config.phase_configs()
+        for family in phase.training_scenarios()
+    )
     ends = {
         name: (value, value)
         for name, value in ratios(aircraft.limits, aircraft.separation)._asdict().items()

@@ -22,7 +22,7 @@ from envs import encounters, surrogate
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario
 from envs.observation import ROW, SIZE
-from envs.rewards import Transition, learning_reward, scored, table
+from envs.rewards import Transition, learning_reward, table, with_scores
 from envs.scenarios import resolve
 
 ENV_ID = "rlcas/Deconfliction-v0"
@@ -133,7 +133,7 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         """Advance by one time step, without a reset."""
         aircraft = params.aircraft
         rules = aircraft.rules()._replace(t_max=params.max_steps_in_episode * aircraft.dt)
-        world = surrogate.World(scored(rules, self.weights), aircraft)
+        world = surrogate.World(with_scores(rules, self.weights), aircraft)
         before, command = state.encounter, (action[0], action[1])
         moved, result = surrogate.step(before, command, world)
         seen = Transition(before, moved, command, result, aircraft)

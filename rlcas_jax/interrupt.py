@@ -38,7 +38,7 @@ class Interrupt:
         """Take over the signals; only possible in the main thread."""
         reader, self._writer = os.pipe()
         os.set_blocking(self._writer, False)
-        self._before = [(number, signal.signal(number, _taken)) for number in _SIGNALS]
+        self._before = [(number, signal.signal(number, _leave_to_thread)) for number in _SIGNALS]
         self._wakeup = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
         threading.Thread(target=self._listen, args=(reader,), daemon=True).start()
         return self
@@ -76,5 +76,5 @@ def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def _taken(_number: int, _frame: FrameType | None) -> None:
+def _leave_to_thread(_number: int, _frame: FrameType | None) -> None:
     """Leave the signal to the thread."""

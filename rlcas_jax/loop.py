@@ -23,17 +23,17 @@ from envs.edge.files import write_file
 from envs.edge.installation import versions
 from envs.encounters import Encounter, sample, scenario
 from envs.outcome import Outcome, Rules, reward
-from envs.rewards import TERMS, RewardError, tried
-from envs.starts import check_sampled, numbered
+from envs.rewards import TERMS, RewardError, shaping_of_first_step
+from envs.starts import check_sampled, encounters_of_seed
 from envs.trees import take
 from envs.world import World
 from rlcas_jax import checkpoint, metrics, progress
 from rlcas_jax.check_algorithm import check_algorithm
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.devices import Devices, agreed, everywhere, first, place
+from rlcas_jax.devices import Devices, agree, everywhere, first, place
 from rlcas_jax.interrupt import Interrupt
 from rlcas_jax.memory import check_memory
-from rlcas_jax.task import Task, TrainState, build
+from rlcas_jax.task import CompiledTask, TrainState, build
 from rlcas_jax.warm_start import warm_learner
 
 _LEAST_ACCEPTED = 0.05  # smallest share of a scenario's draws that must meet its conditions
@@ -55,7 +55,7 @@ class Training:
 
     config: TrainConfig
     directory: Path
-    tasks: tuple[Task, ...]  # of each phase
+    tasks: tuple[CompiledTask, ...]  # of each phase
     learner: dict[str, Any]
     """Parts of the algorithm's state by their field, of a warm start; the others are made
     afresh."""
@@ -69,7 +69,7 @@ class Run:
 
     directory: Path
     state: TrainState
-    task: Task  # of the phase in which it ended
+    task: CompiledTask  # of the phase in which it ended
     config: TrainConfig
     steps: int  # environment steps in all
     finished: bool  # False when it was stopped early
@@ -150,8 +150,8 @@ class _Runner:
         self._callback = callback
         self._began = self._last_saved = time.monotonic()
         # The tasks whose update and whose evaluation have been compiled last.
-        self._compiled: Task | None = None
-        self._evaluates: Task | None = None
+        self._compiled: CompiledTask | None = None
+        self._evaluates: CompiledTask | None = None
         self._writes = first()
         # Updates and environment steps before each phase, and of all.
         self._updates = [0, *accumulate(task.updates for task in training.tasks)]
@@ -160,7 +160,7 @@ class _Runner:
             *accumulate(task.updates * task.steps_per_update for task in training.tasks),
         ]
         aircraft, settings = training.config.aircraft.aircraft(), training.config.evaluation
-        self._evaluated = numbered(
+        self._evaluated = encounters_of_seed(
             scenario("circle", aircraft), settings.seed, 0, settings.encounters
         )
         self._log: metrics.Writer | None = None
@@ -254,14 +254,14 @@ class _Runner:
                 time.monotonic() - self._last_saved
                 >= self._training.config.checkpoint.every_seconds
             )
-            stop, due = agreed([self._interrupt.requested, self._writes and due])
+            stop, due = agree([self._interrupt.requested, self._writes and due])
             if stop:
                 return state, True
             if due:
                 self._save(number, state)
         return state, False
 
-    def _evaluate(self, task: Task, state: TrainState) -> dict[str, float]:
+    def _evaluate(self, task: CompiledTask, state: TrainState) -> dict[str, float]:
         """Return the deterministic policy's rates; the first evaluation of a phase compiles."""
         tick = time.monotonic()
         found = rates(outcomes(task, state, self._evaluated), task.rules)
@@ -281,7 +281,7 @@ class _Runner:
         self._last_saved = time.monotonic()
 
 
-def outcomes(task: Task, state: TrainState, starts: Encounter) -> Outcome:
+def outcomes(task: CompiledTask, state: TrainState, starts: Encounter) -> Outcome:
     """Return how the deterministic policy ends encounters ``[N]``; one process may ask alone."""
     single = jax.tree.map(
         lambda field: field.astype(np.float32) if field.dtype == np.float64 else field, starts
@@ -316,7 +316,7 @@ def _check_scenarios(config: TrainConfig) -> None:
     ones.
     """
     count = 4096
-    for number, family in enumerate(config.drawn()):
+    for number, family in enumerate(config.training_scenarios()):
         draws = uniforms(0, 0, count, (1, family.dimensions)).swapaxes(0, 1)
         encounters, accepted = sample(family, draws, np)
         if not family.ships:
@@ -336,10 +336,10 @@ def _check_rewards(config: TrainConfig) -> None:
     rewards = config.rewards.table()
     if all(row.name in TERMS for row in rewards.rows):
         return
-    drawn, world = config.drawn()[0], World(config.rules(), config.aircraft.aircraft())
+    drawn, world = config.training_scenarios()[0], World(config.rules(), config.aircraft.aircraft())
     draws = uniforms(0, 0, 64, (1, drawn.dimensions)).swapaxes(0, 1)
     starts, _ = sample(drawn, draws, np)
-    for name, values in tried(rewards, starts, world, np).items():
+    for name, values in shaping_of_first_step(rewards, starts, world, np).items():
         if not np.isfinite(values).all():
             raise RewardError(f"reward {name!r}: is not finite at the start of an encounter")
-    jax.eval_shape(lambda one: tried(rewards, one, world, jnp), starts)
+    jax.eval_shape(lambda one: shaping_of_first_step(rewards, one, world, jnp), starts)

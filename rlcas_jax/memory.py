@@ -26,7 +26,7 @@ def _of_phase(config: TrainConfig) -> int:
     gradients and moments.
     """
     ppo = config.ppo
-    intruders = max(family.intruders[1] for family in config.drawn())
+    intruders = max(family.intruders[1] for family in config.training_scenarios())
     network, hidden = config.network, config.network.hidden
     if network.feature_set == "set":
         inputs = network.input_table()

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Self, TextIO
 
-from agents.config.progress import Progress, spaced
+from agents.config.progress import Progress, group_digits
 
 
 class Reporter(Progress):
@@ -43,7 +43,7 @@ class Reporter(Progress):
         """
         self._evaluated = row.get("eval_success", self._evaluated)
         shown = [self._name] if self._name else []
-        shown.append(f"{spaced(round(row['steps_per_s']))} steps/s")
+        shown.append(f"{group_digits(round(row['steps_per_s']))} steps/s")
         # Before the first episode ends there is no score.
         if not math.isnan(row["score"]):
             shown += [f"score {row['score']:+.1f}", f"success {100.0 * row['success']:.1f} %"]

@@ -44,7 +44,7 @@ class TrainState(NamedTuple):
     update: Int32[Array, ""]  # number of updates done
 
 
-class Task(NamedTuple):
+class CompiledTask(NamedTuple):
     """The compiled functions of a configuration."""
 
     initial: Callable[[], TrainState]
@@ -96,7 +96,7 @@ _Iteration = Callable[[_Flying, Draws, Float[Array, ""]], tuple[_Flying, Figures
 """One rollout and what is learned from it, with a learning rate."""
 
 
-def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -> Task:
+def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -> CompiledTask:
     """Assemble the task of a configuration; its functions are compiled when they are first called.
 
     The encounters are split over the devices, one by default, or a ConfigError says that they
@@ -108,7 +108,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     parts = parts_of(config, devices.axis, phase)
     iterate = _split_over(devices, partial(_iterate, parts))
     placed = _placement(devices)
-    return Task(
+    return CompiledTask(
         initial=jax.jit(partial(_initial, parts), out_shardings=placed),
         update=jax.jit(
             partial(_update, parts, iterate),
@@ -131,7 +131,7 @@ def parts_of(config: TrainConfig, axis: str | None = None, phase: int = 0) -> Pa
         phase=phase,
         algorithm=algorithm_of(config, axis),
         world=surrogate.World(config.rules(), config.aircraft.aircraft()),
-        scenarios=config.drawn(),
+        scenarios=config.training_scenarios(),
         ownships=ownships(config),
         axis=axis,
     )

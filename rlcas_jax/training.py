@@ -11,8 +11,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from agents.config.folder_lock import is_unused, locked
-from agents.config.load import ConfigError, load, validated
+from agents.config.folder_lock import is_unused, lock
+from agents.config.load import ConfigError, load, validate
 from agents.learning.algorithm import Algorithm
 from agents.policy import inputs as own_inputs
 from agents.policy.inputs import Input
@@ -131,7 +131,7 @@ def train_all(
     with ExitStack() as stack:
         if first():
             for folder in dict.fromkeys([options.directory, *(j.directory for j in options.jobs)]):
-                stack.enter_context(locked(folder, "--resume" if options.resumed else "--out"))
+                stack.enter_context(lock(folder, "--resume" if options.resumed else "--out"))
                 if not options.resumed and folder == options.directory and not is_unused(folder):
                     raise ConfigError(f"--out {folder}: another run has begun in it; name another")
             write_configurations(options)
@@ -176,9 +176,9 @@ def _config_of(
     # Together with the rest, as it decides whether algorithm_settings are right.
     algorithm = {"algorithm": names["algorithm"]} if "algorithm" in names else {}
     if isinstance(config, TrainConfig):
-        found = validated(TrainConfig, config.model_dump() | algorithm)
+        found = validate(TrainConfig, config.model_dump() | algorithm)
     elif isinstance(config, Mapping):
-        found = validated(TrainConfig, {**config, **algorithm})
+        found = validate(TrainConfig, {**config, **algorithm})
     else:
         found = load(
             TrainConfig, Path(config), [f"{key}={name}" for key, name in algorithm.items()]
@@ -187,7 +187,7 @@ def _config_of(
         return found
     values = found.model_dump()
     values["network"]["inputs"] = [*found.network.inputs, *names["inputs"]]
-    return validated(TrainConfig, values)
+    return validate(TrainConfig, values)
 
 
 def _register(extensions: Extensions) -> dict[str, Any]:

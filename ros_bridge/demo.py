@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Any
 
 from envs.aircraft import Aircraft
 from envs.edge.command import InputError, Parser, run_cli
-from ros_bridge.core.aircraft import aircraft_of, loaded
-from ros_bridge.transport.children import free_domain, started, stopped
+from ros_bridge.core.aircraft import aircraft_of, load_policy
+from ros_bridge.transport.children import free_domain, start_node, stop
 
 if TYPE_CHECKING:
     from ros_bridge.nodes.simulator import Simulator
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         aircraft = aircraft_of(options.aircraft, options.policy)
-        loaded(options.policy).for_aircraft(aircraft, outside=options.outside_domain)
+        load_policy(options.policy).for_aircraft(aircraft, outside=options.outside_domain)
         encounters = list(_encounters(options, aircraft))
         with free_domain() as domain:
             # Before ROS is loaded: no other graph is disturbed.
@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tuple[str, Any, int]]:
     from envs.encounters import scenario
-    from envs.starts import numbered
+    from envs.starts import encounters_of_seed
     from envs.trees import take
 
     for name, least in (("each", 1), ("random", 0), ("seed", 0)):
@@ -131,7 +131,7 @@ def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tup
     if not wanted:
         raise ValueError("--scenarios is none and --random 0, expected something to fly")
     for name, count in wanted:
-        every = numbered(scenario(name, aircraft), options.seed, 0, count)
+        every = encounters_of_seed(scenario(name, aircraft), options.seed, 0, count)
         for number in range(count):
             yield f"{name} {number}", take(every, [number]), number
 
@@ -164,7 +164,7 @@ def _run(
         raise ValueError(str(error)) from error
     planned = shared | {"margin": float(margin), "use_sim_time": True}
     nodes = {"runner": planned | {"outside_domain": options.outside_domain}, "monitor": planned}
-    unwritten = _flown(simulator, encounters, nodes, options)
+    unwritten = _fly(simulator, encounters, nodes, options)
     if simulator.logs:
         _evaluate(simulator, [one for _, one, _ in encounters], margin)
         print(
@@ -184,7 +184,7 @@ def _run(
     return 0 if kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
 
 
-def _flown(
+def _fly(
     simulator: "Simulator", encounters: Sequence[Any], nodes: dict[str, Any], options: Any
 ) -> OSError | None:
     """Fly encounters beside nodes of these parameters; return why a recording could not be
@@ -213,13 +213,13 @@ def _flown(
                     for part in ("-p", f"{key}:={value}")
                 ]
                 processes.append(
-                    started(
+                    start_node(
                         f"ros_bridge.{name}", "--ros-args", "--log-level", options.level, *given
                     )
                 )
             if options.display:
                 clock = ("--ros-args", "-p", "use_sim_time:=true", "--log-level", options.level)
-                processes.append(started("ros_bridge.display", "--port", "0", *clock))
+                processes.append(start_node("ros_bridge.display", "--port", "0", *clock))
             for name, encounter, number in encounters:
                 simulator.begin(encounter, name, number)
                 while simulator.flying:
@@ -240,7 +240,7 @@ def _flown(
     finally:
         # A second Ctrl-C must not break the cleaning up.
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        stopped(processes)
+        stop(processes)
         executor.shutdown()
         simulator.destroy_node()
         rclpy.try_shutdown()

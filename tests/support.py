@@ -53,7 +53,7 @@ __all__ = [
 
 
 class OnObservations:
-    """A decider made of a function from observations ``[M, 8]``, float32, to actions ``[M, 2]``."""
+    """A resolver made of a function from observations ``[M, 8]``, float32, to actions ``[M, 2]``."""
 
     def __init__(self, decide: Callable[[np.ndarray], np.ndarray]) -> None:
         self._decide = decide
@@ -68,12 +68,17 @@ class OnObservations:
 
 
 def fly_recorded(
-    starts: Encounter, decider: Any, aircraft: Aircraft, noise: Any = None, *, endless: bool = False
+    starts: Encounter,
+    resolver: Any,
+    aircraft: Aircraft,
+    noise: Any = None,
+    *,
+    endless: bool = False,
 ) -> tuple[Flights, Trajectories]:
     """Return flights of encounters ``[N]`` and their trajectories."""
     recorder = TrajectoryRecorder(starts)
     return fly(
-        starts, decider, aircraft, noise=noise, recorder=recorder, endless=endless
+        starts, resolver, aircraft, noise=noise, recorder=recorder, endless=endless
     ), recorder.stack()
 
 

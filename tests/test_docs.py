@@ -24,7 +24,7 @@ import pytest
 from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.formats import encounter_file
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 
 ROOT = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"(<!-- not run: [^>]+ -->\s+)?```(python|text)\n(.*?)```", re.DOTALL)
@@ -109,7 +109,7 @@ def evaluate(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow
 def test_the_refusal_on_the_page_of_encounters_is_the_one_that_is_printed(tmp_path: Path) -> None:
-    encounters = numbered(scenario("circle", PAPER), seed=0, first=0, count=1)
+    encounters = encounters_of_seed(scenario("circle", PAPER), seed=0, first=0, count=1)
     encounter_file.write(tmp_path / "mine.csv", encounters)
     with (tmp_path / "mine.csv").open(encoding="utf-8", newline="") as file:
         row = next(csv.DictReader(file))

@@ -156,7 +156,7 @@ JUSTIFIED = {
     "rlcas_jax/gymnax_env.py": "the default of a registered environment",
     "eval/boundary/run.py": "default of a command line",
     "eval/policy_map/local.py": "range of an option",
-    "eval/compare/deciders.py": "aircraft of policies that name none",
+    "eval/compare/resolvers.py": "aircraft of policies that name none",
     "eval/hifi/config.py": "ranges of configurations",
     "eval/hifi/figures.py": "metres in a kilometre",
     "eval/boundary/slices.py": "metres in a kilometre",

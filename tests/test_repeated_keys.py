@@ -63,7 +63,7 @@ def of_report(folder: Path) -> None:
 
 
 def of_live_traffic(folder: Path) -> None:
-    (found,) = AircraftJson(Traffic("")).taken('{"now": 1, "now": 2, "aircraft": []}', 0)
+    (found,) = AircraftJson(Traffic("")).reports_of('{"now": 1, "now": 2, "aircraft": []}', 0)
     raise ValueError(str(found))
 
 

@@ -46,7 +46,7 @@ def tries(options: Options, left: float) -> tuple[Options, Options, Options]:
     )
 
 
-def renewed(
+def renew(
     monitor: Monitor,
     decision: Decision,
     short: Any,
@@ -70,9 +70,9 @@ def renewed(
     rows = np.flatnonzero(asked)
     if rows.size:
         first = np.where(reached[rows], ALONG, WIDE)
-        found, kind = _planned(make, options, rows, first, np.full(rows.size, ALONG))
+        found, kind = _plan(make, options, rows, first, np.full(rows.size, ALONG))
         monitor, taken = answer(
-            monitor, rows, decision.number[rows], found.knots, found.safe, thresholds
+            monitor, rows, decision.number[rows], found.plan_states, found.safe, thresholds
         )
         short[rows[taken]] = kind[taken] == ALONG
 
@@ -80,10 +80,10 @@ def renewed(
     due = np.rint(monitor.memory.time / unit.dt) % _AGAIN == 0.0
     rows = np.flatnonzero(due & (short | narrow) & ~reached & ~monitor.on_backup & ~asked)
     if rows.size:
-        found, _ = _planned(
+        found, _ = _plan(
             make, options, rows, np.full(rows.size, WIDE), np.where(short[rows], IN_TIME, WIDE)
         )
-        rows, plan = rows[found.safe], take(found.knots, found.safe)
+        rows, plan = rows[found.safe], take(found.plan_states, found.safe)
         traffic, when = take((decision.traffic, monitor.memory.time), rows)
         monitor = activate(
             monitor, rows, plan, np.ones(rows.size, dtype=bool), when, traffic, thresholds
@@ -92,7 +92,7 @@ def renewed(
     return monitor, short, asked
 
 
-def _planned(
+def _plan(
     make: Planner, options: tuple[Options, ...], rows: Any, first: Any, last: Any
 ) -> tuple[Proposals, Any]:
     """Try one kind of plan after the other, of each row from its first to its last, until one is

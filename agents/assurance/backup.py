@@ -1,9 +1,9 @@
 """The backup: a manoeuvre that is ready when no plan is.
 
 A backup is a course and a speed: the aircraft turns onto the course at the greatest rate of
-decisions, accelerates or decelerates to the speed, and holds both. It is published as knots like
-any plan, every leg of constant controls, and judged by :mod:`agents.planner.validator` over the sum
-of :data:`STEPS`. The one of the step before stays if it passes from the present state; only
+decisions, accelerates or decelerates to the speed, and holds both. It is published as plan states
+like any plan, every leg of constant controls, and judged by :mod:`agents.planner.validator` over
+the sum of :data:`STEPS`. The one of the step before stays if it passes from the present state; only
 otherwise is the family searched.
 """
 
@@ -13,12 +13,12 @@ import numpy as np
 
 from agents.assurance.lookahead import ANY, chord, growth
 from agents.assurance.thresholds import Thresholds
-from agents.planner.traffic import Traffic, counted, predicted, required
+from agents.planner.traffic import Traffic, predict, requirement_of, within_window
 from agents.planner.validator import Findings, validate
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
-from envs.trees import column, mapped, scatter, take
-from envs.waypoints import Knots, Legs, legs
+from envs.trees import column, map_leaves, scatter, take
+from envs.waypoints import Legs, PlanStates, legs
 
 STEPS = (5.0, 5.0, 5.0, 5.0, 10.0, 10.0, 10.0, 10.0, 20.0, 20.0, 20.0)
 """Durations of a backup's legs, in time steps; their sum is the horizon over which it is judged."""
@@ -56,15 +56,15 @@ class Backup(NamedTuple):
 
     course: Any  # to turn onto, rad in [-pi, pi)
     speed: Any  # to reach, m/s
-    knots: Knots  # [N, B], their times from when the backup was refreshed
+    plan_states: PlanStates  # [N, B], their times from when the backup was refreshed
     legs: Legs  # between them
     started: Any  # when that was, on the monitor's clock, s; nan where there has never been one
     clearance: Any  # smallest distance less the required one over the horizon, m
     safe: Any  # whether the validator found nothing wrong but its own resolution, bool
 
 
-def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) -> Knots:
-    """Return backups from the present states as knots, ``[M, B]``; every leg has constant
+def backup_states(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) -> PlanStates:
+    """Return backups from the present states as plan states, ``[M, B]``; every leg has constant
     controls.
     """
     limits, state, states = thresholds.manoeuvre, own, [own]
@@ -77,10 +77,10 @@ def flown(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) ->
     times = np.cumsum((0.0, *_durations(thresholds)))
     times = np.broadcast_to(times, (own.x.size, times.size))
     x, y, heading, velocity = (np.stack(field, axis=-1) for field in zip(*states, strict=True))
-    return Knots(x, y, wrap(heading, np), velocity, times.copy())
+    return PlanStates(x, y, wrap(heading, np), velocity, times.copy())
 
 
-def refreshed(
+def refresh(
     previous: Backup, own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds
 ) -> Backup:
     """Return the backups for this step, ``[N]``, from those of the step before; time on the
@@ -91,12 +91,12 @@ def refreshed(
         np.where(had, previous.course, own.heading),
         np.where(had, previous.speed, own.speed),
     )
-    knots = flown(own, course, speed, thresholds)
-    curves = legs(knots)
-    found = validate(knots, traffic, thresholds.requirement, thresholds.limits, curves)
+    plan_states = backup_states(own, course, speed, thresholds)
+    curves = legs(plan_states)
+    found = validate(plan_states, traffic, thresholds.requirement, thresholds.limits, curves)
     safe = _safe(found, thresholds) & had
-    kept = Backup(previous.course, previous.speed, knots, curves, time, found.clearance, safe)
-    result = mapped(np.array, kept)
+    kept = Backup(previous.course, previous.speed, plan_states, curves, time, found.clearance, safe)
+    result = map_leaves(np.array, kept)
     rows = np.flatnonzero(~safe)
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
@@ -125,7 +125,7 @@ def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Threshold
     )
     held = np.clip(own.speed, manoeuvre.speed_min, manoeuvre.speed_max)[which]
     speed = np.where(np.tile(_FAMILY_SPEED, count) == 0.0, held, extreme)
-    base = np.where(traffic.mask, required(traffic, own, requirement), -np.inf)
+    base = np.where(traffic.mask, requirement_of(traffic, own, requirement), -np.inf)
     clearance = _estimate(take(own, which), course, speed, traffic, base, thresholds)
     merit = (np.minimum(clearance, _ENOUGH * unit) - _TURN_COST * unit * np.abs(turn)).reshape(
         count, each
@@ -133,19 +133,19 @@ def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Threshold
     pick = np.argsort(-merit, axis=-1, kind="stable")[:, :_TRIED] + np.arange(count)[:, None] * each
     pick = pick.ravel()
     owners = which[pick]
-    knots = flown(take(own, owners), course[pick], speed[pick], thresholds)
-    curves = legs(knots)
-    found = validate(knots, take(traffic, owners), requirement, thresholds.limits, curves)
+    plan_states = backup_states(take(own, owners), course[pick], speed[pick], thresholds)
+    curves = legs(plan_states)
+    found = validate(plan_states, take(traffic, owners), requirement, thresholds.limits, curves)
     safe, clearance = (
         _safe(found, thresholds),
         np.where(np.isnan(found.clearance), -np.inf, found.clearance),
     )
     order = np.lexsort((np.arange(pick.size), np.where(safe, 0.0, -clearance), ~safe, owners))
     best = order[::_TRIED]
-    course, speed, knots, curves, clearance, safe = take(
-        (course[pick], speed[pick], knots, curves, clearance, safe), best
+    course, speed, plan_states, curves, clearance, safe = take(
+        (course[pick], speed[pick], plan_states, curves, clearance, safe), best
     )
-    return Backup(course, speed, knots, curves, np.array(time), clearance, safe)
+    return Backup(course, speed, plan_states, curves, np.array(time), clearance, safe)
 
 
 def _safe(found: Findings, thresholds: Thresholds) -> Any:
@@ -164,9 +164,9 @@ def _estimate(
     count, limits, sigmas = base.shape[0], thresholds.manoeuvre, thresholds.requirement.sigmas
     stride, steps = _STEP * thresholds.options.aircraft.dt, round(sum(STEPS) / _STEP)
     times, wide = (np.arange(steps + 1) * stride)[:, None], column(traffic)
-    tracks = predicted(wide, times)
+    tracks = predict(wide, times)
     required_range = np.broadcast_to(base[:, None] + growth(wide, times, sigmas), tracks.x.shape)
-    counts = counted(wide, times - stride, times)
+    counts = within_window(wide, times - stride, times)
     required_range = np.where(counts, required_range, -np.inf)
     least = np.full(own.x.size, np.inf)
     state, to_turn, step = own, wrap(course - own.heading, np), 0
@@ -192,19 +192,25 @@ def _estimate(
 def resting(count: int, thresholds: Thresholds) -> Backup:
     """Return that there has never been a backup, ``[count]``."""
     zero, no = np.zeros(count), np.zeros(count, dtype=bool)
-    knots = straight_east(
+    plan_states = straight_east(
         count, np.arange(len(STEPS) + 1) * 10.0, thresholds.options.aircraft.limits
     )
     return Backup(
-        zero, knots.speed[:, 0].copy(), knots, legs(knots), zero + np.nan, zero - np.inf, no
+        zero,
+        plan_states.speed[:, 0].copy(),
+        plan_states,
+        legs(plan_states),
+        zero + np.nan,
+        zero - np.inf,
+        no,
     )
 
 
-def straight_east(count: int, times: Any, limits: Limits) -> Knots:
-    """Return knots of a straight flight at a middle speed, ``[count, W]``."""
+def straight_east(count: int, times: Any, limits: Limits) -> PlanStates:
+    """Return plan states of a straight flight at a middle speed, ``[count, W]``."""
     time = np.broadcast_to(times, (count, times.size)).copy()
     zero, speed = np.zeros_like(time), 0.5 * (limits.speed_min + limits.speed_max)
-    return Knots(speed * time, zero, zero.copy(), zero + speed, time)
+    return PlanStates(speed * time, zero, zero.copy(), zero + speed, time)
 
 
 def _durations(thresholds: Thresholds) -> list[float]:

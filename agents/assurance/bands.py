@@ -4,7 +4,7 @@ A band's manoeuvre begins now: the aircraft turns onto the heading at its greate
 shorter way, with the speed that it has, or changes its speed at its greatest acceleration on the
 heading that it has, and holds what it has reached until the end of the look-ahead. A band is
 *closed* if this manoeuvre comes closer to an intruder than is required of plans
-(:func:`agents.planner.traffic.required`, its growth with uncertainty, and the tolerance of
+(:func:`agents.planner.traffic.requirement_of`, its growth with uncertainty, and the tolerance of
 :mod:`agents.planner.validator`), the intruders flying as the planner predicts them. So a band says
 what becomes of one manoeuvre that is held. A plan may begin towards a closed band and turn away in
 time; it never holds one until its loss (docs/explanation/alerts.md).
@@ -24,16 +24,16 @@ from agents.manoeuvres.direct_to_goal import arc_end
 from agents.planner.traffic import (
     Requirement,
     Traffic,
-    counted,
-    predicted,
-    required,
+    predict,
+    requirement_of,
     separations,
+    within_window,
 )
 from agents.planner.validator import CLOSE, ROUNDING
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState
 from envs.relative import RelativeMotion, step_separation
-from envs.trees import column, mapped, take
+from envs.trees import column, map_leaves, take
 
 HEADINGS = 72
 """Headings that are looked at where none are asked for: one every 5 degrees."""
@@ -120,7 +120,7 @@ class _Against(NamedTuple):
 
     def intruders_at(self, time: Any) -> VehicleState:
         """Return the intruders at some times, s, that broadcast."""
-        return predicted(self.traffic, time)
+        return predict(self.traffic, time)
 
     def required_at(self, time: Any) -> Any:
         """Return the required distance at some times, m, less what the validator tolerates."""
@@ -262,7 +262,7 @@ def stretches(bands: Bands, row: int = 0, *, circle: bool = True) -> list[Stretc
 
 
 def _against(own: VehicleState, traffic: Traffic, requirement: Requirement) -> _Against:
-    base = required(traffic, own, requirement)
+    base = requirement_of(traffic, own, requirement)
     return _Against(column(traffic), base[:, None], requirement)
 
 
@@ -387,7 +387,7 @@ def _while_counted(found: _Found, traffic: Traffic, begin: Any, end: Any) -> _Fo
     """
     if traffic.window is None:
         return found
-    counts = counted(traffic, begin, end)
+    counts = within_window(traffic, begin, end)
     return _Found(
         np.where(counts, found.loss, np.inf),
         np.where(counts, found.until, -np.inf),
@@ -415,7 +415,7 @@ def _judge_ramp(
     path = RelativeMotion(*(np.stack(pair, axis=1) for pair in zip(*paths, strict=True)))
     both = np.broadcast_to(need[:, None], path.x.shape)
     each = _judge_steps(path, np.broadcast_to(times[:, None], path.x.shape), both, axis=2)
-    wide, ends = mapped(lambda field: field[:, None], against.traffic), times[:, None]
+    wide, ends = map_leaves(lambda field: field[:, None], against.traffic), times[:, None]
     each = _while_counted(each, wide, ends[:, :, :-1], ends[:, :, 1:])
     so_far = _Found(
         _accumulate(np.minimum, each.loss, np.inf),

@@ -8,7 +8,7 @@ from agents.assurance.inputs import Memory
 from agents.assurance.lookahead import Course, outlook
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
-from agents.planner.traffic import Traffic, predicted, required, separations, uncertainty
+from agents.planner.traffic import Traffic, predict, requirement_of, separations, uncertainty
 from envs.follower import deviation
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
@@ -25,12 +25,14 @@ def has(causes: Any, any_of: Cause) -> Any:
     return (causes & int(any_of)) != 0
 
 
-def kept(plan: Course, traffic: Traffic, thresholds: Thresholds) -> Any:
+def required_separations(plan: Course, traffic: Traffic, thresholds: Thresholds) -> Any:
     """Return the separations that plans made against some intruders were required to keep, m, ``[N,
     K]``.
     """
-    return required(
-        traffic, VehicleState(*(field[:, 0] for field in plan.knots[:4])), thresholds.requirement
+    return requirement_of(
+        traffic,
+        VehicleState(*(field[:, 0] for field in plan.plan_states[:4])),
+        thresholds.requirement,
     )
 
 
@@ -44,12 +46,12 @@ def floor(required_separation: Any, traffic: Traffic, thresholds: Thresholds) ->
     )
 
 
-def watched(monitor: Monitor) -> Any:
+def follows_plan(monitor: Monitor) -> Any:
     """Return which rows fly a plan, bool ``[N]``."""
     return (monitor.state != State.IDLE) & ~monitor.on_backup
 
 
-def judged(
+def judge(
     monitor: Monitor,
     memory: Memory,
     own: VehicleState,
@@ -67,7 +69,7 @@ def judged(
         The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured, by the names of a
         decision's fields.
     """
-    on = watched(monitor)
+    on = follows_plan(monitor)
     since = memory.time - monitor.started
     off = deviation(monitor.plan.legs, own, since)
     errors = np.abs(np.stack([off.cross_track, off.along_track, off.time], axis=-1))
@@ -78,22 +80,24 @@ def judged(
     sums = monitor.sums * np.exp(-known / thresholds.memory) + np.where(seen, errors * known, 0.0)
     sums = np.where(on[:, None], sums, 0.0)
 
-    def latched(value: Any, limit: Any, cause: Cause) -> Any:
+    def latch(value: Any, limit: Any, cause: Cause) -> Any:
         beyond = value > np.where(has(monitor.causes, cause), thresholds.leave * limit, limit)
         return np.where(on & beyond, int(cause), 0)
 
     for column, cause in enumerate((Cause.CROSS_TRACK, Cause.ALONG_TRACK, Cause.TIME_ERROR)):
-        causes = causes | latched(errors[:, column], limits[column], cause)
+        causes = causes | latch(errors[:, column], limits[column], cause)
     lasting = np.max(sums / (thresholds.sustained * thresholds.memory * limits), axis=-1)
-    causes = causes | latched(lasting, 1.0, Cause.ACCUMULATED)
-    causes = causes | latched(
-        thresholds.plan_ending - (monitor.plan.knots.time[:, -1] - since), 0.0, Cause.PLAN_ENDING
+    causes = causes | latch(lasting, 1.0, Cause.ACCUMULATED)
+    causes = causes | latch(
+        thresholds.plan_ending - (monitor.plan.plan_states.time[:, -1] - since),
+        0.0,
+        Cause.PLAN_ENDING,
     )
 
     offset = np.hypot(off.cross_track, off.along_track)
     separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
     causes = causes | np.where(on & close, int(Cause.SEPARATION), 0)
-    position, speed, noise = _unexpected(monitor, traffic, since)
+    position, speed, noise = _deviations(monitor, traffic, since)
     share = np.maximum(
         position / (thresholds.intruder_position + _NOISE * noise[0]),
         speed / (thresholds.intruder_velocity + _NOISE * noise[1]),
@@ -101,7 +105,7 @@ def judged(
     usual = thresholds.requirement.separation
     concern = thresholds.concern + (separations(traffic, thresholds.requirement) - usual)
     share = np.max(np.where(separation < concern, share, 0.0), axis=-1, initial=0.0)
-    causes = causes | latched(share, 1.0, Cause.INTRUDER_DEVIATION)
+    causes = causes | latch(share, 1.0, Cause.INTRUDER_DEVIATION)
     causes = np.where(on, causes, causes & ~int(WANTING & ~_REPORTS)).astype(np.int32)
     measured = {
         "cross_track": off.cross_track,
@@ -128,27 +132,31 @@ def _outlook(
     """
     requirement = thresholds.requirement
     planned = np.where(
-        monitor.expected.mask, kept(monitor.plan, monitor.expected, thresholds), np.inf
+        monitor.expected.mask,
+        required_separations(monitor.plan, monitor.expected, thresholds),
+        np.inf,
     )
-    least = floor(np.minimum(planned, required(traffic, own, requirement)), traffic, thresholds)
+    least = floor(
+        np.minimum(planned, requirement_of(traffic, own, requirement)), traffic, thresholds
+    )
     # The present distance of the ownship from its plan may last: it is taken off.
     off = offset[:, None]
     had = has(monitor.causes, Cause.SEPARATION)[:, None]
     edge = np.where(had, least + thresholds.separation_band, least - thresholds.resolution)
     edge = np.maximum(edge, separations(traffic, requirement) - thresholds.resolution + off)
     # A plan that is not flown needs no closer look.
-    level = np.where(watched(monitor)[:, None], edge, -np.inf)
+    level = np.where(follows_plan(monitor)[:, None], edge, -np.inf)
     ahead = outlook(monitor.plan, since, traffic, level, requirement.sigmas)
     close = ((ahead.separation < edge) & traffic.mask).any(axis=-1)
     return ahead.separation, np.min(ahead.loss, axis=-1, initial=np.inf), close
 
 
-def _unexpected(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, Any, tuple[Any, Any]]:
+def _deviations(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, Any, tuple[Any, Any]]:
     """Return how far intruders are from what the plan expected, m and m/s, inf for new ones, and
     one sigma of both.
     """
     expected = monitor.expected
-    there = predicted(expected, since[:, None])
+    there = predict(expected, since[:, None])
     there = there._replace(speed=expected.state.speed)
     position = distance(traffic.state.x - there.x, traffic.state.y - there.y, np)
     (vx, vy), (to_vx, to_vy) = velocity(traffic.state, np), velocity(there, np)

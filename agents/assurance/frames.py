@@ -15,7 +15,7 @@ from agents.assurance.state import Monitor
 from agents.planner.request import Intruder
 from agents.planner.traffic import Traffic
 from envs.kinematics import VehicleState
-from envs.trees import mapped
+from envs.trees import map_leaves
 from envs.wind import NO_WIND, Wind, over_ground, through_air
 
 
@@ -47,7 +47,7 @@ STILL = Frame()
 """Still air."""
 
 
-def carried(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
+def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
     """Return a monitor with its memory, and the intruders that it expects, in another air mass.
 
     Its active plan and its backup are of the old one: they are to be replaced.
@@ -59,7 +59,7 @@ def carried(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
         known = np.isfinite(time)
         time = np.where(known, time, 0.0)
         there = new.to_air(old.to_ground(given, time), time)
-        return mapped(lambda a, b: np.where(known, a, b), there, given)
+        return map_leaves(lambda a, b: np.where(known, a, b), there, given)
 
     def traffic(given: Traffic, time: Any) -> Traffic:
         return given._replace(state=state(given.state, time[:, None]))

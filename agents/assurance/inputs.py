@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.plausible import SIGMAS, Drift, followed, greatest_change, unknown
+from agents.assurance.plausible import SIGMAS, Drift, follow, greatest_change, unknown
 from agents.assurance.thresholds import Cause, Thresholds
-from agents.planner.traffic import Traffic, Window, advanced
+from agents.planner.traffic import Traffic, Window, advance_reports
 from agents.policy.domain import excess
 from envs.angles import wrap
 from envs.kinematics import FASTEST, VehicleState, velocity
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 _AHEAD = 0.5  # s by which a report may seem to come from the future
 _SAME = (
@@ -103,7 +103,7 @@ def blank(count: int, intruders: int, speed: Any) -> Memory:
     )
 
 
-def updated(
+def update(
     memory: Memory, given: Inputs, thresholds: Thresholds
 ) -> tuple[Memory, VehicleState, Traffic, Any]:
     """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and
@@ -118,7 +118,7 @@ def updated(
     ordered = (given.own_age >= -_AHEAD) & (reported >= memory.own_time - _SAME)
     causes |= _bit(~sane, Cause.OWN_MISSING) | _bit(sane & ~ordered, Cause.OWN_OUT_OF_ORDER)
     good = sane & ordered & clock
-    own = mapped(partial(np.where, good), given.own, memory.own)
+    own = map_leaves(partial(np.where, good), given.own, memory.own)
     own_time = np.where(good, np.fmax(reported, memory.own_time), memory.own_time)
     causes |= _bit(now - own_time > thresholds.own_age, Cause.OWN_STALE)
 
@@ -134,13 +134,15 @@ def updated(
     turn_rate, outside = _turn_rate(memory, given, reported - known, good, thresholds)
     before = memory.intruders, memory.position_std, memory.velocity_std
     report = given.intruders, given.position_std, given.velocity_std
-    drift = followed(memory.drift, before, report, (known, reported), good, thresholds)
-    intruders, position_std, velocity_std = mapped(partial(np.where, good), report, before)
+    drift = follow(memory.drift, before, report, (known, reported), good, thresholds)
+    intruders, position_std, velocity_std = map_leaves(partial(np.where, good), report, before)
     separation = memory.separation
     if given.separation is not None:
         separation = np.where(good, given.separation, separation)
     ends = given.window or Window(-np.inf, np.inf)
-    window = mapped(lambda had, new: np.where(good, now[:, None] + new, had), memory.window, ends)
+    window = map_leaves(
+        lambda had, new: np.where(good, now[:, None] + new, had), memory.window, ends
+    )
     seen = np.where(good, np.fmax(reported, known), known)
     outside |= excess(thresholds.traffic["intruder_speed"], intruders.speed) > SIGMAS * velocity_std
     for name, values in (("position_std", position_std), ("velocity_std", velocity_std)):
@@ -187,11 +189,11 @@ def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleS
         memory.velocity_std,
         0.0 * age,
         memory.separation,
-        mapped(lambda when: when - memory.time[:, None], memory.window),
+        map_leaves(lambda when: when - memory.time[:, None], memory.window),
     )
     vx, vy = velocity(memory.own, np)
     x, y = memory.own.x + vx * own_age, memory.own.y + vy * own_age
-    return VehicleState(x, y, wrap(memory.own.heading, np), memory.own.speed), advanced(
+    return VehicleState(x, y, wrap(memory.own.heading, np), memory.own.speed), advance_reports(
         reports, age
     )
 
@@ -219,7 +221,7 @@ def _turn_rate(
     outside = comparable & (excess(fastest, size) > thresholds.turn_rate_min + 2.0 * SIGMAS * std)
     # What seems to turn a little faster than an aircraft can turns as fast as one can. Beyond that
     # it has jumped: nothing follows but Cause.IMPOSSIBLE_RATE.
-    seen = mapped(lambda field: np.where(comparable, field, 0.0), given.intruders)
+    seen = map_leaves(lambda field: np.where(comparable, field, 0.0), given.intruders)
     before, after = velocity(memory.intruders, np), velocity(seen, np)
     change = np.hypot(after[0] - before[0], after[1] - before[1])
     most, limits = thresholds.turn_rate_max, thresholds.options.aircraft.limits

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.planner.separation import FINE
-from agents.planner.traffic import Traffic, counted, predicted, uncertainty
+from agents.planner.traffic import Traffic, predict, uncertainty, within_window
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance
 from envs.trees import column, take
-from envs.waypoints import ARCS, Knots, Legs
+from envs.waypoints import ARCS, Legs, PlanStates
 
 ANY = Limits(-np.inf, np.inf, -np.inf, np.inf, np.inf)
 """No limits, where the controls respect them already."""
@@ -23,7 +23,7 @@ ANY = Limits(-np.inf, np.inf, -np.inf, np.inf, np.inf)
 class Course(NamedTuple):
     """What is flown, ready to be looked ahead on; fields ``[N, ...]``."""
 
-    knots: Knots  # [N, L + 1], their times on the plan's clock
+    plan_states: PlanStates  # [N, L + 1], their times on the plan's clock
     legs: Legs  # [N, L]
     # largest distance of each leg from uniform motion along its chord, m, [N, L]; an upper bound
     sagitta: Any
@@ -39,12 +39,12 @@ class Outlook(NamedTuple):
     loss: Any
 
 
-def course(knots: Knots, legs: Legs) -> Course:
+def course(plan_states: PlanStates, legs: Legs) -> Course:
     """Return legs with what the outlook needs of them."""
     share = np.arange(ARCS) / ARCS
     sagittas = [
         field - (end[..., :-1, None] * (1.0 - share) + end[..., 1:, None] * share)
-        for field, end in ((legs.x, knots.x), (legs.y, knots.y))
+        for field, end in ((legs.x, plan_states.x), (legs.y, plan_states.y))
     ]
     step = legs.duration[..., None] / ARCS
     relative_acceleration = _relative_acceleration(
@@ -52,7 +52,7 @@ def course(knots: Knots, legs: Legs) -> Course:
     )
     arc = np.max(0.125 * relative_acceleration * step * step, axis=-1)
     sagitta = np.max(distance(sagittas[0], sagittas[1], np), axis=-1) + arc + legs.miss
-    return Course(knots, legs, sagitta)
+    return Course(plan_states, legs, sagitta)
 
 
 def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: float) -> Outlook:
@@ -66,10 +66,10 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
     found = Outlook(np.full(shape, np.inf), np.full(shape, np.inf))
     if traffic.mask.size == 0:
         return found
-    times, wide = course.knots.time - since[:, None], column(traffic)
+    times, wide = course.plan_states.time - since[:, None], column(traffic)
     began, ended = times[:, :-1], times[:, 1:]
-    ends = predicted(wide, times[..., None])
-    x, y = ends.x - course.knots.x[..., None], ends.y - course.knots.y[..., None]
+    ends = predict(wide, times[..., None])
+    x, y = ends.x - course.plan_states.x[..., None], ends.y - course.plan_states.y[..., None]
     turn = np.where(
         began[..., None] < wide.turn_time, wide.state.speed * np.abs(wide.turn_rate), 0.0
     )
@@ -77,7 +77,7 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
     sagitta = course.sagitta[..., None] + 0.125 * turn * length * length
     near = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - sagitta
     near = near - growth(wide, ended[..., None], sigmas)
-    counts = counted(wide, began[..., None], ended[..., None])
+    counts = within_window(wide, began[..., None], ended[..., None])
     ahead = (ended > 0.0)[..., None] & wide.mask & counts
     near = np.where(ahead, near, np.inf)
     unclear = near < level[:, None]
@@ -105,9 +105,9 @@ def _arcs(
     # Of an arc begun already, all of it: what has been flown decides nothing but whether to look
     # closer.
     times = (arcs.time - since[n])[:, None] + np.arange(ARCS + 1) * step
-    there = predicted(one, times)
-    own_x = np.concatenate([arcs.x, course.knots.x[n, leg + 1, None]], axis=1)
-    own_y = np.concatenate([arcs.y, course.knots.y[n, leg + 1, None]], axis=1)
+    there = predict(one, times)
+    own_x = np.concatenate([arcs.x, course.plan_states.x[n, leg + 1, None]], axis=1)
+    own_y = np.concatenate([arcs.y, course.plan_states.y[n, leg + 1, None]], axis=1)
     x, y = there.x - own_x, there.y - own_y
     relative_acceleration = _relative_acceleration(
         arcs.speed, arcs.acceleration, arcs.yaw_rate, step
@@ -121,7 +121,7 @@ def _arcs(
         - arcs.miss[:, None]
     )
     near = near - growth(one, times[:, 1:], sigmas)
-    counts = counted(one, times[:, :-1], times[:, 1:])
+    counts = within_window(one, times[:, :-1], times[:, 1:])
     near = np.where((times[:, 1:] > 0.0) & counts, near, np.inf)
     unclear = near < level[n, k, None]
     np.minimum.at(found.separation, (n, k), np.min(np.where(unclear, np.inf, near), axis=1))
@@ -134,7 +134,7 @@ def _arcs(
     parts = np.maximum(begin + np.arange(FINE + 1) * fine, np.minimum(0.0, begin + step[m]))
     moved = advance(VehicleState(*state), acceleration, yaw_rate, parts - begin, ANY, np)
     one = take(one, m)
-    there = predicted(one, parts)
+    there = predict(one, parts)
     x, y = there.x - moved.x, there.y - moved.y
     length = np.diff(parts, axis=1)
     near = (
@@ -142,7 +142,7 @@ def _arcs(
         - 0.125 * relative_acceleration[m, arc][:, None] * length * length
     )
     near = near - arcs.miss[m, None] - growth(one, parts[:, 1:], sigmas)
-    near = np.where(counted(one, parts[:, :-1], parts[:, 1:]), near, np.inf)
+    near = np.where(within_window(one, parts[:, :-1], parts[:, 1:]), near, np.inf)
     pair = n[m], k[m]
     lost = np.min(np.where(near < level[pair][:, None], parts[:, :-1], np.inf), axis=1)
     np.minimum.at(found.separation, pair, near.min(axis=1))

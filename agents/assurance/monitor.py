@@ -11,23 +11,23 @@ from typing import Any
 
 import numpy as np
 
-from agents.assurance.backup import refreshed
-from agents.assurance.conformance import floor, has, judged, kept
-from agents.assurance.inputs import Inputs, present, updated
+from agents.assurance.backup import refresh
+from agents.assurance.conformance import floor, has, judge, required_separations
+from agents.assurance.inputs import Inputs, present, update
 from agents.assurance.lookahead import Course, course, outlook
-from agents.assurance.state import Decision, Flown, Monitor, State
+from agents.assurance.state import Decision, FlyMode, Monitor, State
 from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic, whole
 from agents.planner.validator import validate
 from envs.kinematics import VehicleState
-from envs.trees import mapped, scatter, take
-from envs.waypoints import Knots, at, legs
+from envs.trees import map_leaves, scatter, take
+from envs.waypoints import PlanStates, at, legs
 
 
 def activate(
     monitor: Monitor,
     rows: Any,
-    knots: Knots,
+    plan_states: PlanStates,
     safe: Any,
     time: Any,
     traffic: Traffic,
@@ -40,12 +40,13 @@ def activate(
     step on.
 
     Args:
-        knots: state at the request and the waypoints, ``[M, W + 1]``; nan where there is no plan.
+        plan_states: state at the request and the waypoints, ``[M, W + 1]``; nan where there is no
+            plan.
         traffic: the intruders that the plans were made with, ``[M, K]``.
     """
-    usable, plan = _usable(knots, safe, thresholds)
+    usable, plan = _usable(plan_states, safe, thresholds)
     when = np.broadcast_to(np.asarray(time, dtype=float), np.shape(rows))
-    result = _installed(monitor, rows[usable], plan, *take((when, whole(traffic)), usable))
+    result = _install(monitor, rows[usable], plan, *take((when, whole(traffic)), usable))
     rest = np.delete(rows, usable)
     return _with(result, rest, state=int(State.DENIED), on_backup=True, causes=int(Cause.REFUSED))
 
@@ -54,15 +55,15 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     """Judge one time step of monitors ``[N]`` by what they are given, ``[N]`` and of intruders
     ``[N, K]``.
     """
-    memory, own, traffic, causes = updated(monitor.memory, given, thresholds)
+    memory, own, traffic, causes = update(monitor.memory, given, thresholds)
     idle = monitor.state == State.IDLE
     blind = has(causes, BLIND)
     now = memory.time
-    sums, causes, measured = judged(monitor, memory, own, traffic, causes, thresholds)
+    sums, causes, measured = judge(monitor, memory, own, traffic, causes, thresholds)
 
     sighted = np.flatnonzero(~(idle | blind))
     if sighted.size:
-        fresh = refreshed(*take((monitor.backup, own, traffic, now), sighted), thresholds)
+        fresh = refresh(*take((monitor.backup, own, traffic, now), sighted), thresholds)
         monitor = _with(monitor, sighted, backup=fresh)
     backup = monitor.backup
     causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)
@@ -105,7 +106,7 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
         sums=sums,
         requested=monitor.requested + replan,
     )
-    fly = np.where(idle, Flown.NOTHING, np.where(on_backup, Flown.BACKUP, Flown.PLAN)).astype(
+    fly = np.where(idle, FlyMode.NOTHING, np.where(on_backup, FlyMode.BACKUP, FlyMode.PLAN)).astype(
         np.int8
     )
     return monitor, Decision(
@@ -114,7 +115,12 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
 
 
 def answer(
-    monitor: Monitor, rows: Any, number: Any, knots: Knots, safe: Any, thresholds: Thresholds
+    monitor: Monitor,
+    rows: Any,
+    number: Any,
+    plan_states: PlanStates,
+    safe: Any,
+    thresholds: Thresholds,
 ) -> tuple[Monitor, Any]:
     """Hand in what the planner answered to requests, ``[M]``, to rows of monitors ``[N]``, each row
     once.
@@ -134,19 +140,22 @@ def answer(
         & (monitor.state[rows] != State.IDLE)
     )
     blind = has(monitor.causes[rows], BLIND)
-    usable, plan = _usable(knots, np.asarray(safe) & current & ~blind, thresholds)
+    usable, plan = _usable(plan_states, np.asarray(safe) & current & ~blind, thresholds)
     memory, when, known = take(
         (monitor.memory, monitor.requested_at, monitor.request_traffic), rows[usable]
     )
     _own, traffic = present(memory, known.mask, thresholds)
-    least = floor(kept(plan, known, thresholds), known, thresholds) - thresholds.resolution
+    least = (
+        floor(required_separations(plan, known, thresholds), known, thresholds)
+        - thresholds.resolution
+    )
     near = outlook(
         plan, memory.time - when, traffic, least, thresholds.requirement.sigmas
     ).separation
     good = (near >= least).all(axis=-1)
     usable = usable[good]
 
-    result = _installed(monitor, rows[usable], *take((plan, when, known), good))
+    result = _install(monitor, rows[usable], *take((plan, when, known), good))
     result = _with(result, rows[current], answered=number[current])
     accepted = np.isin(np.arange(rows.size), usable)
     refused = rows[current & ~accepted]
@@ -176,20 +185,20 @@ def references(monitor: Monitor, time: Any, dt: float, count: int) -> VehicleSta
     return result
 
 
-def _usable(knots: Knots, wanted: Any, thresholds: Thresholds) -> tuple[Any, Course]:
+def _usable(plan_states: PlanStates, wanted: Any, thresholds: Thresholds) -> tuple[Any, Course]:
     """Return the numbers of the plans ``[M]`` that are wanted and can be flown, and these as
     courses.
     """
     rows = np.flatnonzero(wanted)
     nobody = Traffic.straight(VehicleState(*np.zeros((4, rows.size, 0))))
-    rows = rows[validate(take(knots, rows), nobody, thresholds.requirement, thresholds.limits).safe]
-    plan = take(knots, rows)
+    rows = rows[
+        validate(take(plan_states, rows), nobody, thresholds.requirement, thresholds.limits).safe
+    ]
+    plan = take(plan_states, rows)
     return rows, course(plan, legs(plan))
 
 
-def _installed(
-    monitor: Monitor, rows: Any, plan: Course, started: Any, expected: Traffic
-) -> Monitor:
+def _install(monitor: Monitor, rows: Any, plan: Course, started: Any, expected: Traffic) -> Monitor:
     what = {"plan": plan, "started": started, "expected": expected, "sums": 0.0}
     causes = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE)
     return _with(monitor, rows, **what, state=int(State.MONITORING), on_backup=False, causes=causes)
@@ -199,6 +208,6 @@ def _with(monitor: Monitor, rows: Any, **values: Any) -> Monitor:
     """Return monitors with some fields of some rows changed."""
     if rows.size == 0:
         return monitor
-    copies = {name: mapped(np.array, getattr(monitor, name)) for name in values}
+    copies = {name: map_leaves(np.array, getattr(monitor, name)) for name in values}
     scatter(tuple(copies.values()), rows, tuple(values.values()))
     return monitor._replace(**copies)

@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.assurance.thresholds import Thresholds
 from envs.kinematics import Limits, VehicleState, velocity
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 SIGMAS = 5.5
 """Standard deviations of the declared noise that excuse a report: of thousands of noisy reports
@@ -85,7 +85,7 @@ def greatest_change(
     return _SPEED * limits.speed_max + fastest * seconds + SIGMAS * noise
 
 
-def followed(
+def follow(
     drift: Drift,
     before: tuple[VehicleState, Any, Any],
     report: tuple[VehicleState, Any, Any],
@@ -106,7 +106,7 @@ def followed(
     dt, limits = aircraft.dt, aircraft.limits
     known = good & (time[1] - time[0] <= _GAP * dt)
     elapsed = np.where(known, time[1] - time[0], 0.0)
-    new, position_std, velocity_std = mapped(lambda field: np.where(good, field, 0.0), report)
+    new, position_std, velocity_std = map_leaves(lambda field: np.where(good, field, 0.0), report)
     (vx, vy), (to_vx, to_vy) = velocity(old, np), velocity(new, np)
 
     noise = np.hypot(old_std, velocity_std)

@@ -15,16 +15,16 @@ import numpy as np
 
 from agents.assurance import monitor as monitors
 from agents.assurance.backup import resting
-from agents.assurance.frames import STILL, Frame, carried
+from agents.assurance.frames import STILL, Frame, carry
 from agents.assurance.inputs import Inputs
-from agents.assurance.state import Decision, Flown, Monitor, State, start
+from agents.assurance.state import Decision, FlyMode, Monitor, State, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.planner.answer import Plan
-from agents.planner.request import Altitude, Intruder, reported, windows
-from agents.planner.traffic import advanced
+from agents.planner.request import Altitude, Intruder, arrays_of_reports, windows
+from agents.planner.traffic import advance_reports
 from envs.kinematics import VehicleState
-from envs.trees import mapped, take
-from envs.waypoints import Knots, Waypoint, knots
+from envs.trees import map_leaves, take
+from envs.waypoints import PlanStates, Waypoint, plan_states
 from envs.wind import NO_WIND
 
 _SAME = 1e-6  # s by which the times of one report may differ
@@ -58,7 +58,7 @@ class Verdict:
     """The monitor's decision for one second."""
 
     state: State
-    fly: Flown
+    fly: FlyMode
     ask: Ask | None
     """The plan that is wanted now; None: none."""
     reasons: tuple[Why, ...]
@@ -103,22 +103,26 @@ def activate(
     """Begin to watch a plan, with states, altitude and time, s, of its request; of one that is not
     SAFE the backup is flown.
     """
-    watch = _placed(watch, (*watch.names, *(name for name in intruders if name not in watch.names)))
+    watch = _allocate(
+        watch, (*watch.names, *(name for name in intruders if name not in watch.names))
+    )
     watch = _in_air_of(watch, plan, time)
     frame = watch.frame
     reports = [intruders.get(name, Intruder(_NOWHERE)) for name in watch.names]
-    given, age = reported([frame.report(one, time) for one in reports])
-    traffic = advanced(
+    given, age = arrays_of_reports([frame.report(one, time) for one in reports])
+    traffic = advance_reports(
         given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)),
         age,
     )
     window = windows(reports, own_altitude, watch.thresholds.options)
     traffic = traffic._replace(window=window)
-    knots, thresholds = _knots(own, plan, frame, watch.thresholds), watch.thresholds
+    plan_states, thresholds = _plan_states(own, plan, frame, watch.thresholds), watch.thresholds
     safe = np.array([plan.safe])
     return replace(
         watch,
-        monitor=monitors.activate(watch.monitor, _ONE, knots, safe, time, traffic, thresholds),
+        monitor=monitors.activate(
+            watch.monitor, _ONE, plan_states, safe, time, traffic, thresholds
+        ),
     )
 
 
@@ -139,9 +143,9 @@ def step(
         *(name for name in watch.names if name not in gone),
         *(n for n in intruders if n not in watch.names),
     )
-    watch = _placed(watch, names)
+    watch = _allocate(watch, names)
     frame, reports = watch.frame, [intruders.get(name, Intruder(_MISSING)) for name in names]
-    seen, age = reported([frame.report(one, time) for one in reports])
+    seen, age = arrays_of_reports([frame.report(one, time) for one in reports])
     own = frame.to_air(own or _MISSING, time - own_age)
     here = VehicleState(*(np.array([value], dtype=float) for value in own))
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
@@ -165,7 +169,7 @@ def step(
     asked = _ask(watch, monitor, decision, own_altitude) if decision.replan[0] else None
     backup = _waypoints(monitor, frame) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
-    fly, state = Flown(int(decision.fly[0])), State(int(decision.state[0]))
+    fly, state = FlyMode(int(decision.fly[0])), State(int(decision.state[0]))
     return watch, Verdict(state, fly, asked, reasons(decision, watch.thresholds), backup, decision)
 
 
@@ -175,7 +179,7 @@ def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
         return watch, False
     asked = float(watch.monitor.requested_at[0])
     moved = _in_air_of(watch, plan, asked)
-    given = _knots(watch.ask.own, plan, moved.frame, watch.thresholds)
+    given = _plan_states(watch.ask.own, plan, moved.frame, watch.thresholds)
     which, safe = np.array([number]), np.array([plan.safe])
     monitor, taken_up = monitors.answer(moved.monitor, _ONE, which, given, safe, watch.thresholds)
     if taken_up[0] or moved.frame == watch.frame:
@@ -195,12 +199,12 @@ def _in_air_of(watch: Watch, plan: Plan, time: float) -> Watch:
     frame = Frame(wind, time) if wind.speed > 0.0 else STILL
     if not plan.waypoints or frame == watch.frame:
         return watch
-    monitor = carried(watch.monitor, watch.frame, frame)
+    monitor = carry(watch.monitor, watch.frame, frame)
     monitor = monitor._replace(backup=resting(1, watch.thresholds))
     return replace(watch, monitor=monitor, frame=frame)
 
 
-def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
+def _allocate(watch: Watch, names: tuple[str, ...]) -> Watch:
     """Return the monitor with places for these intruders; one that had a place keeps its memory."""
     if names == watch.names:
         return watch
@@ -208,13 +212,13 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
     into = [place for place, name in enumerate(names) if name in watch.names]
     of = [watch.names.index(names[place]) for place in into]
 
-    def moved(fresh: np.ndarray, had: np.ndarray) -> np.ndarray:
+    def move(fresh: np.ndarray, had: np.ndarray) -> np.ndarray:
         result = np.array(fresh)
         result[:, into] = had[:, of]
         return result
 
     given = {
-        name: mapped(moved, getattr(new.memory, name), getattr(old.memory, name))
+        name: map_leaves(move, getattr(new.memory, name), getattr(old.memory, name))
         for name in (
             "intruders",
             "seen",
@@ -227,7 +231,7 @@ def _placed(watch: Watch, names: tuple[str, ...]) -> Watch:
         )
     }
     rest = {
-        name: mapped(moved, getattr(new, name), getattr(old, name))
+        name: map_leaves(move, getattr(new, name), getattr(old, name))
         for name in ("expected", "request_traffic")
     }
     return replace(
@@ -287,29 +291,29 @@ def reasons(decision: Decision, thresholds: Thresholds) -> tuple[Why, ...]:
     )
 
 
-def _knots(own: VehicleState, plan: Plan, frame: Frame, thresholds: Thresholds) -> Knots:
-    """Return a plan's knots in its air mass, ``[1, W + 1]``; nan where it has no trajectory, or not
-    as many waypoints as expected.
+def _plan_states(own: VehicleState, plan: Plan, frame: Frame, thresholds: Thresholds) -> PlanStates:
+    """Return a plan's states in its air mass, ``[1, W + 1]``; nan where it has no trajectory, or
+    not as many waypoints as expected.
     """
     count = thresholds.options.waypoints
     if len(plan.waypoints) != count:
-        return Knots(*(np.full((1, count + 1), np.nan) for _ in range(5)))
+        return PlanStates(*(np.full((1, count + 1), np.nan) for _ in range(5)))
     wind = frame.wind if frame.moves else None
-    return Knots(*(field[None] for field in knots(own, plan.waypoints, wind=wind)))
+    return PlanStates(*(field[None] for field in plan_states(own, plan.waypoints, wind=wind)))
 
 
-def backup_knots(watch: Watch) -> Knots:
-    """Return the knots of the backup at hand over the ground, ``[B]``, their times from when it was
-    refreshed.
+def backup_states(watch: Watch) -> PlanStates:
+    """Return the plan states of the backup at hand over the ground, ``[B]``, their times from when
+    it was refreshed.
     """
     return _on_ground(watch.monitor, watch.frame)
 
 
-def _on_ground(monitor: Monitor, frame: Frame) -> Knots:
-    knots_in_air = Knots(*(field[0] for field in monitor.backup.knots))
+def _on_ground(monitor: Monitor, frame: Frame) -> PlanStates:
+    knots_in_air = PlanStates(*(field[0] for field in monitor.backup.plan_states))
     began = float(monitor.backup.started[0])
     state = frame.to_ground(VehicleState(*knots_in_air[:4]), knots_in_air.time + began)
-    return Knots(*state, knots_in_air.time)
+    return PlanStates(*state, knots_in_air.time)
 
 
 def _waypoints(monitor: Monitor, frame: Frame) -> tuple[Waypoint, ...]:

@@ -24,7 +24,7 @@ class State(IntEnum):
     BACKUP = 4  # the backup is flown until there is a safe plan
 
 
-class Flown(IntEnum):
+class FlyMode(IntEnum):
     """What the aircraft flies."""
 
     NOTHING = 0

@@ -15,7 +15,7 @@ import numpy as np
 
 from envs.angles import atan2
 from envs.kinematics import VehicleState, velocity
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 _POSITION_GAIN, _VELOCITY_GAIN = 0.3, 0.15
 _DRIFT_GAIN = 0.3  # of the running mean of the velocity's deviations
@@ -86,6 +86,6 @@ def follow(
     motion = fast * fast * tracks.velocity_variance + (slow * velocity_std) ** 2
     both = far * fast * (tracks.covariance + dt * tracks.velocity_variance)
     kept = Tracks(followed, count, drift_x, drift_y, place, motion, both)
-    return mapped(
+    return map_leaves(
         lambda old, new: np.where(anew, new, old), kept, begin(report, position_std, velocity_std)
     )

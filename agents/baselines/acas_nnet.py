@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.baselines.baselines import Sight, checked, course_to_goal, may_return, steered
+from agents.baselines.baselines import Sight, check_sight, course_to_goal, may_return, steer
 from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.edge.command import InputError
@@ -98,7 +98,7 @@ def read(path: str | os.PathLike[str]) -> Network:
 
 @dataclass(frozen=True)
 class AdvisoryLogic:
-    """A logic flown as a decider: its advisory for the most critical intruder, else to the goal
+    """A logic flown as a resolver: its advisory for the most critical intruder, else to the goal
     when that is clear.
 
     The networks see the scene as it is. They were made to keep 500 ft between aircraft of about 200
@@ -114,7 +114,7 @@ class AdvisoryLogic:
         """Return actions ``[M, 2]`` that hold the speed, and the advisories to remember; a
         ValueError: not finite.
         """
-        inputs = self._inputs(checked(sight))
+        inputs = self._inputs(check_sight(sight))
         scores = np.empty((len(memory), len(ADVISORIES)))
         for previous in range(len(ADVISORIES)):
             rows = memory == previous
@@ -124,7 +124,7 @@ class AdvisoryLogic:
         advisory = best(scores, axis=-1)
         advised = np.clip(_RATES[advisory] / self.aircraft.limits.yaw_rate_max, -1.0, 1.0)
         free = may_return(sight, self.aircraft, self.aircraft.separation)
-        home = steered(sight.own, course_to_goal(sight, self.aircraft), self.aircraft)
+        home = steer(sight.own, course_to_goal(sight, self.aircraft), self.aircraft)
         steering = np.where(advisory == 0, np.where(free, home, 0.0), advised)
         return np.stack([np.zeros_like(steering), steering], axis=-1), advisory.astype(np.int8)
 

@@ -1,4 +1,4 @@
-"""Deciders to compare with: what an aircraft does without a resolver, by the rules of the air, or
+"""Resolvers to compare with: what an aircraft does without a resolver, by the rules of the air, or
 by geometry.
 
 All see what a policy does, all intruders at once, and return actions of the same contract. They
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import Task, clear
+from agents.manoeuvres.direct_to_goal import DirectTask, clear
 from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.kinematics import VehicleState, velocity
@@ -27,7 +27,7 @@ _LOOKAHEAD, _PATIENCE = 120.0, 60.0  # time steps
 
 
 class Sight(NamedTuple):
-    """What a decider sees of encounters in progress; own fields ``[M]``, those of intruders ``[M,
+    """What a resolver sees of encounters in progress; own fields ``[M]``, those of intruders ``[M,
     K]``.
     """
 
@@ -40,7 +40,7 @@ class Sight(NamedTuple):
 
 
 class Baseline(Protocol):
-    """A decider on states; it may remember a whole number of each encounter, 0 at the start."""
+    """A resolver on states; it may remember a whole number of each encounter, 0 at the start."""
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` in [-1, 1] and what to remember, int8 ``[M]``.
@@ -51,7 +51,7 @@ class Baseline(Protocol):
         ...
 
 
-def checked(sight: Sight) -> Sight:
+def check_sight(sight: Sight) -> Sight:
     """Return a sight in which every number is finite, absent intruders aside; a ValueError names
     one that is not.
     """
@@ -98,14 +98,14 @@ def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
     own, goal = column((sight.own, (sight.goal_x, sight.goal_y)))
     # Late or not: whether there is time is no question of being clear.
     limits = aircraft.limits
-    task = Task(limits, aircraft.goal_radius, _EVER, 0.95 * limits.yaw_rate_max)
+    task = DirectTask(limits, aircraft.goal_radius, _EVER, 0.95 * limits.yaw_rate_max)
     free = np.all(clear(own, goal, sight.intruders, required, 0.0, task, np) | ~sight.mask, axis=-1)
     past = _conflicts(sight, sight.own.heading, required, math.inf)
     opening = (past.time == 0.0) & (past.distance > _PAST * required)
     return free | np.all(opening | ~sight.mask, axis=-1)
 
 
-def steered(own: VehicleState, course: Any, aircraft: Aircraft) -> np.ndarray:
+def steer(own: VehicleState, course: Any, aircraft: Aircraft) -> np.ndarray:
     """Return the steering, a share of the largest turn rate in [-1, 1], that brings the heading to
     a course.
     """
@@ -121,8 +121,8 @@ class Direct:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        course = course_to_goal(checked(sight), self.aircraft)
-        return _actions(steered(sight.own, course, self.aircraft)), memory
+        course = course_to_goal(check_sight(sight), self.aircraft)
+        return _actions(steer(sight.own, course, self.aircraft)), memory
 
 
 class _Conflict(NamedTuple):
@@ -172,7 +172,7 @@ class RightHand:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        own, protected = checked(sight).own, _MARGIN * self.aircraft.separation
+        own, protected = check_sight(sight).own, _MARGIN * self.aircraft.separation
         lookahead = _LOOKAHEAD * self.aircraft.dt
         straight = _conflicts(sight, own.heading, protected, lookahead)
         bearing = _bearing(sight)
@@ -183,7 +183,7 @@ class RightHand:
         ours = np.any(straight.there & ~from_left | last.there & from_left, axis=-1)
         home = course_to_goal(sight, self.aircraft)
         free = may_return(sight, self.aircraft, protected)
-        steering = np.where(free, steered(own, home, self.aircraft), np.where(ours, -1.0, 0.0))
+        steering = np.where(free, steer(own, home, self.aircraft), np.where(ours, -1.0, 0.0))
         return _actions(steering), memory
 
 
@@ -207,7 +207,7 @@ class PotentialField:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        own, protected = checked(sight).own, _MARGIN * self.aircraft.separation
+        own, protected = check_sight(sight).own, _MARGIN * self.aircraft.separation
         lookahead = _LOOKAHEAD * self.aircraft.dt
         conflict = _conflicts(sight, own.heading, protected, lookahead)
         push_x, push_y = self._push(sight, conflict, protected)
@@ -231,7 +231,7 @@ class PotentialField:
                 * self.aircraft.dt
             )
             throttle = np.clip(change / most, -1.0, 1.0)
-        return np.stack([throttle, steered(own, course, self.aircraft)], axis=-1), memory
+        return np.stack([throttle, steer(own, course, self.aircraft)], axis=-1), memory
 
     def _push(
         self, sight: Sight, conflict: _Conflict, protected: float

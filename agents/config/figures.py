@@ -5,7 +5,7 @@ same data.
 from pathlib import Path
 from typing import Any
 
-from envs.edge.files import written
+from envs.edge.files import write_whole
 
 
 def save_figure(figure: Any, path: Path, dpi: int = 150) -> list[Path]:
@@ -19,11 +19,11 @@ def save_figure(figure: Any, path: Path, dpi: int = 150) -> list[Path]:
     files = [path.with_name(f"{path.name}.{kind}") for kind in ("png", "svg")]
     # Neither a date nor random names, so that the same run gives the same files.
     with mpl.rc_context({"svg.hashsalt": "rlcas"}):
-        with written(files[0]) as png:
+        with write_whole(files[0]) as png:
             figure.savefig(png, format="png", dpi=dpi)
         figure.set_layout_engine(
             "none"
         )  # keep what has just been laid out: it takes half of the time
-        with written(files[1]) as svg:
+        with write_whole(files[1]) as svg:
             figure.savefig(svg, format="svg", dpi=dpi, metadata={"Date": None})
     return files

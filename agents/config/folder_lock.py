@@ -14,7 +14,7 @@ LOCK = ".lock"
 
 
 @contextmanager
-def locked(folder: Path, option: str = "--out") -> Generator[None]:
+def lock(folder: Path, option: str = "--out") -> Generator[None]:
     """Make a folder if it is not there and hold it for this process alone; ``option`` names it in
     messages.
 

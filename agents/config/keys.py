@@ -75,12 +75,12 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
     A key that merely groups others is left out unless it has a docstring of its own.
     """
     for name, field in model.model_fields.items():
-        inner, listed = nested(field.annotation)
+        inner, listed = nested_model(field.annotation)
         dotted = prefix + name
         if inner is None or listed or field.description:
             yield Key(
                 dotted,
-                expected(field),
+                expectation(field),
                 _default(field),
                 " ".join((field.description or "").split()),
             )
@@ -133,7 +133,7 @@ def field_at(
     here: FieldInfo | type[BaseModel] | None = model
     for step in path:
         if isinstance(here, FieldInfo):
-            inner, listed = nested(here.annotation)
+            inner, listed = nested_model(here.annotation)
             if isinstance(step, int) or (listed and step.isdecimal()):
                 here = inner if listed and inner is not None else here
                 continue
@@ -162,7 +162,7 @@ def one_of(word: str, words: Iterable[str]) -> str:
     return f"expected one of {', '.join(words)}" + (f"; did you mean {close}?" if close else "")
 
 
-def expected(field: FieldInfo) -> str:
+def expectation(field: FieldInfo) -> str:
     """Say what values a field takes: ``a number above 0 and at most 1``.
 
     Where a validator knows more than the annotation, ``Field(json_schema_extra={"expected": ...})``
@@ -176,7 +176,7 @@ def expected(field: FieldInfo) -> str:
     return f"{kind}{',' if bounds and kind.startswith('a list') else ''} {bounds}".strip() + null
 
 
-def shown(value: Any) -> str:
+def quote(value: Any) -> str:
     """Return a value as an error sentence quotes it: YAML in one line, texts in quotes, cut when
     long.
     """
@@ -213,7 +213,7 @@ def _bounds(metadata: Iterable[Any]) -> str:
     return " and ".join(text.format(f"{value:.10g}") for text, value in given if value is not None)
 
 
-def nested(annotation: Any) -> tuple[type[BaseModel] | None, bool]:
+def nested_model(annotation: Any) -> tuple[type[BaseModel] | None, bool]:
     """Return the model that an annotation holds, None if it holds plain values, and whether it is a
     list.
     """
@@ -221,7 +221,7 @@ def nested(annotation: Any) -> tuple[type[BaseModel] | None, bool]:
         return annotation, False
     in_list = get_origin(annotation) in (list, tuple, Sequence)
     for argument in get_args(annotation):
-        model, listed = nested(argument)
+        model, listed = nested_model(argument)
         if model is not None:
             return model, listed or in_list
     return None, in_list

@@ -9,8 +9,17 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from agents.config.keys import MOVED, RENAMED, expected, field_at, nearest, nested, one_of, shown
-from agents.config.yaml import YamlError, coerced, read, write
+from agents.config.keys import (
+    MOVED,
+    RENAMED,
+    expectation,
+    field_at,
+    nearest,
+    nested_model,
+    one_of,
+    quote,
+)
+from agents.config.yaml import YamlError, coerce, read, write
 from envs.edge.command import ConfigError, Parser
 
 __all__ = [
@@ -22,7 +31,7 @@ __all__ = [
     "dump",
     "file_of",
     "load",
-    "validated",
+    "validate",
 ]
 
 AIRCRAFT, VEHICLES = "aircraft/*.yaml", "vehicle_*.yaml"
@@ -57,7 +66,7 @@ class Strict(BaseModel):
         if not isinstance(data, dict):
             return data
         fields = cls.model_fields
-        return {k: coerced(v, fields[k].annotation) if k in fields else v for k, v in data.items()}
+        return {k: coerce(v, fields[k].annotation) if k in fields else v for k, v in data.items()}
 
 
 def file_of(path: Path, kind: str = "*.yaml") -> Path:
@@ -95,10 +104,10 @@ def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] 
         values = {} if path is None else read(path)
     except YamlError as problem:
         raise ConfigError(str(problem)) from None
-    return validated(model, values, path, [_override(model, values, text) for text in overrides])
+    return validate(model, values, path, [_override(model, values, text) for text in overrides])
 
 
-def validated(
+def validate(
     model: type[Model], values: Any, path: Path | None = None, named: Sequence[list[str]] = ()
 ) -> Model:
     """Return plain values, of a file, as a configuration; raise a ConfigError where a key or a
@@ -219,20 +228,22 @@ def _complaint(model: type[BaseModel], error: Any) -> str:
         close = nearest(str(location[-1]), names)
         either = f"expected {'one of ' * (len(names) > 1)}{', '.join(names)}"
         hint = f"did you mean {'.'.join(map(str, (*location[:-1], close)))}?" if close else either
-        return f"{key} is unknown (its value is {shown(value)}); {hint}"
+        return f"{key} is unknown (its value is {quote(value)}); {hint}"
     field = field_at(model, location)
-    wanted = expected(field) if isinstance(field, FieldInfo) else "a group of keys"
+    wanted = expectation(field) if isinstance(field, FieldInfo) else "a group of keys"
     if kind == "missing":
         return f"{key} is missing; expected {wanted}"
     if isinstance(location[-1], int) and isinstance(field, FieldInfo):
         wanted = f"{'.'.join(map(str, location[:-1]))} to be {wanted}"
     mistyped = kind == "literal_error" and isinstance(value, str)
     close = nearest(value, wanted.removeprefix("one of ").split(", ")) if mistyped else None
-    return f"{key} is {shown(value)}; expected {wanted}" + (
+    return f"{key} is {quote(value)}; expected {wanted}" + (
         f"; did you mean {close}?" if close else ""
     )
 
 
 def _model_at(model: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel]:
     holder = field_at(model, location)
-    return (nested(holder.annotation)[0] if isinstance(holder, FieldInfo) else holder) or model
+    return (
+        nested_model(holder.annotation)[0] if isinstance(holder, FieldInfo) else holder
+    ) or model

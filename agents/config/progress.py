@@ -106,7 +106,7 @@ class Progress:
         self.stop()
 
     def _done(self, done: float) -> str:
-        return f"{spaced(int(done))} of {spaced(self._total)} {self._unit}"
+        return f"{group_digits(int(done))} of {group_digits(self._total)} {self._unit}"
 
     def _screen(self, done: float, left: str, figures: str) -> Any:
         """Return what a terminal shows; it fits into 80 columns."""
@@ -136,6 +136,6 @@ def duration(seconds: float) -> str:
     )
 
 
-def spaced(value: int) -> str:
+def group_digits(value: int) -> str:
     """Return a whole number with a space between its thousands."""
     return f"{value:,}".replace(",", " ")

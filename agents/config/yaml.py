@@ -88,11 +88,11 @@ def read(source: Path | str) -> Any:
     YamlError.
     """
     if isinstance(source, str):
-        return _parsed(source, repr(source))
+        return _parse(source, repr(source))
     text = text_of(str(source), YamlError)
     if len(text) > _MOST:
         raise YamlError(f"{source}: {len(text)} characters; expected at most {_MOST}")
-    values = _parsed(text, str(source))
+    values = _parse(text, str(source))
     if values is None:
         return {}
     if not isinstance(values, dict):
@@ -126,7 +126,7 @@ def check_distinct(text: str) -> None:
                 seen.add(key.value)
 
 
-def _parsed(text: str, name: str) -> Any:
+def _parse(text: str, name: str) -> Any:
     try:
         return yaml.load(text, _Loader)  # a SafeLoader
     except YamlError as problem:
@@ -151,18 +151,18 @@ def write(values: Any) -> str:
     return yaml.dump(values, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
 
 
-def coerced(value: Any, annotation: Any) -> Any:
+def coerce(value: Any, annotation: Any) -> Any:
     """Convert a value to the annotated type where that loses nothing, and else return it as it is.
 
     Whole floats become int, sequences list or tuple as annotated, texts paths.
     """
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        return coerced(value, arguments[0])
+        return coerce(value, arguments[0])
     if origin in (Union, types.UnionType):
         if type(value) in arguments:
             return value
-        changed = (coerced(value, argument) for argument in arguments)
+        changed = (coerce(value, argument) for argument in arguments)
         return next((new for new in changed if new is not value), value)
     if origin in (list, tuple) and isinstance(value, (list, tuple)):
         kinds = (
@@ -171,7 +171,7 @@ def coerced(value: Any, annotation: Any) -> Any:
             else (arguments[0],) * len(value)
         )
         if len(kinds) == len(value):
-            value = [coerced(item, kind) for item, kind in zip(value, kinds, strict=True)]
+            value = [coerce(item, kind) for item, kind in zip(value, kinds, strict=True)]
         return origin(value)
     if annotation is int and isinstance(value, float) and value.is_integer():
         return int(value)

@@ -22,7 +22,7 @@ from agents.policy.digest import canonical
 from agents.policy.file import PolicyFile, read
 from agents.policy.inference import TOLERANCE, Policy, input_table
 from agents.policy.inputs import Input, resolve
-from agents.policy.scene import OWN_NUMBERS, parts, unpacked
+from agents.policy.scene import OWN_NUMBERS, parts, unpack
 from agents.policy.set_features import set_inputs
 from agents.policy.set_network import check_one_layer
 from envs.edge.command import InputError, Parser
@@ -211,20 +211,20 @@ def _decision(
     actor = Actor(content.hidden, content.feature_set, encoder=content.encoder)
     weights = variables({name: jnp.asarray(tensor) for name, tensor in content.actor.items()})
 
-    def clipped(seen: Any, nothing: jax.Array) -> jax.Array:
+    def clip(seen: Any, nothing: jax.Array) -> jax.Array:
         mean: Any = actor.apply(weights, seen)
         return jnp.clip(mean[0], -1.0, 1.0) + nothing[:, None]
 
     def of_scene(own: jax.Array, traffic: jax.Array, present: jax.Array) -> jax.Array:
         rows = jnp.concatenate([traffic, present[..., None]], axis=-1)
-        seen = unpacked(own, rows)
+        seen = unpack(own, rows)
         # 0, but NaN where a number is not finite: comparisons inside would make a number of it.
         nothing = 0.0 * (jnp.sum(own, axis=-1) + jnp.sum(rows, axis=(-2, -1)))
-        return clipped(set_inputs(seen, jnp, table), nothing)
+        return clip(set_inputs(seen, jnp, table), nothing)
 
     def of_observation(observation: jax.Array) -> jax.Array:
         inside = jnp.sqrt(1.0 + TOLERANCE - jnp.abs(observation))
-        return clipped(observation, 0.0 * jnp.sum(inside, axis=-1))
+        return clip(observation, 0.0 * jnp.sum(inside, axis=-1))
 
     if content.of_set:
         return of_scene, [("N", OWN_NUMBERS), ("N", "K", 4), ("N", "K")]

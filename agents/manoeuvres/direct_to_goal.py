@@ -16,7 +16,7 @@ EVERY = 5
 _PARTS = 4  # of the turn, each judged on its chord
 
 
-class Task(NamedTuple):
+class DirectTask(NamedTuple):
     """What manoeuvres are flown for and with; plain numbers."""
 
     limits: Limits  # of the ownship
@@ -63,7 +63,9 @@ class Direct(NamedTuple):
     possible: Any  # whether there is such a way in time, bool
 
 
-def direct(own: VehicleState, goal: tuple[Any, Any], time: Any, task: Task, xp: Any) -> Direct:
+def direct(
+    own: VehicleState, goal: tuple[Any, Any], time: Any, task: DirectTask, xp: Any
+) -> Direct:
     """Return the direct way to a goal, m, from states at some times, s, ``[...]``.
 
     A goal inside the turning circle, behind a turn of more than half a circle, or too far for the
@@ -92,7 +94,7 @@ def direct(own: VehicleState, goal: tuple[Any, Any], time: Any, task: Task, xp: 
 
 
 def arrival(
-    own: VehicleState, goal: tuple[Any, Any], time: Any, task: Task, xp: Any
+    own: VehicleState, goal: tuple[Any, Any], time: Any, task: DirectTask, xp: Any
 ) -> tuple[Any, Any, Any]:
     """Return when the direct way passes over the goal, s, on which course, rad, and how fast, m/s,
     ``[...]``.
@@ -109,7 +111,7 @@ def clear(
     other: VehicleState,
     required: Any,
     time: Any,
-    task: Task,
+    task: DirectTask,
     xp: Any,
     window: tuple[Any, Any] | None = None,
 ) -> Any:

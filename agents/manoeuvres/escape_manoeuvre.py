@@ -72,7 +72,7 @@ def takeoff(own: VehicleState, manoeuvre: Manoeuvre) -> Flight:
     return Flight(own, manoeuvre.turn, never, never)
 
 
-def decided(
+def choose_action(
     flight: Flight,
     manoeuvre: Manoeuvre,
     time: float,
@@ -112,8 +112,8 @@ def fly(
     rules: Rules,
     limits: Limits,
 ) -> Flight:
-    """Fly one step of the escapes; arguments as of :func:`decided`."""
-    action, after = decided(flight, manoeuvre, time, goal, traffic, mask, rules, limits)
+    """Fly one step of the escapes; arguments as of :func:`choose_action`."""
+    action, after = choose_action(flight, manoeuvre, time, goal, traffic, mask, rules, limits)
     return after._replace(
         own=advance(flight.own, *commands(action, limits, np), rules.dt, limits, np)
     )
@@ -151,17 +151,19 @@ def fly_away(
             np.maximum(speed[number], limits.speed_max),
         )
         np.clip(speed[number] + acceleration[number] * dt, *bounds, out=speed[number + 1])
-    course = _summed(own.heading, yaw_rate * dt)
+    course = _running_sums(own.heading, yaw_rate * dt)
     heading = wrap(course, np)
     moved = advance(
         VehicleState(0.0, 0.0, heading[:-1], speed[:-1]), acceleration, yaw_rate, dt, limits, np
     )
-    states = VehicleState(_summed(own.x, moved.x), _summed(own.y, moved.y), heading, speed)
+    states = VehicleState(
+        _running_sums(own.x, moved.x), _running_sums(own.y, moved.y), heading, speed
+    )
     end = VehicleState(states.x[-1], states.y[-1], course[-1], speed[-1])
     return states, flight._replace(own=end)
 
 
-def _summed(start: Any, steps: Any) -> Any:
+def _running_sums(start: Any, steps: Any) -> Any:
     """Return the running sums of steps ``[S, M]`` from a start ``[M]``, ``[S + 1, M]``."""
     return np.add.accumulate(np.concatenate([start[None], steps]), axis=0)
 

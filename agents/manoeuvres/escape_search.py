@@ -2,7 +2,7 @@
 misses.
 
 The search is clairvoyant: it flies against the true motion of the intruders, so that what it finds
-bounds from above what any decider without foresight can achieve.
+bounds from above what any resolver without foresight can achieve.
 """
 
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ separations.
 """
 
 
-class Flown(NamedTuple):
+class EscapeOutcome(NamedTuple):
     """How escapes ended; fields ``[M]``."""
 
     arrival: Any  # time at which the goal was reached, s; nan if it was not
@@ -64,7 +64,7 @@ def _grid(
     return Manoeuvre(zero, zero, delay, turn, throttle, zero, slack, zero)
 
 
-def scaled(manoeuvre: Manoeuvre, task: Aircraft | Rules) -> Manoeuvre:
+def scale(manoeuvre: Manoeuvre, task: Aircraft | Rules) -> Manoeuvre:
     """Return manoeuvres in seconds and metres from such in time steps and separations."""
     return manoeuvre._replace(
         switch=manoeuvre.switch * task.dt,
@@ -73,7 +73,7 @@ def scaled(manoeuvre: Manoeuvre, task: Aircraft | Rules) -> Manoeuvre:
     )
 
 
-def concatenated(*parts: Manoeuvre) -> Manoeuvre:
+def concatenate(*parts: Manoeuvre) -> Manoeuvre:
     """Return families one after the other, ``[M]``."""
     return Manoeuvre(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
@@ -96,7 +96,7 @@ def _staying_away(turns_deg: Any, resumes: Any) -> Manoeuvre:
 
 
 STAGES: tuple[Manoeuvre, ...] = (
-    concatenated(
+    concatenate(
         _grid([0.0], slacks=[REGARDLESS]),
         _grid([20.0, 45.0, 75.0, 110.0, -20.0, -45.0, -75.0, -110.0]),
     ),
@@ -125,7 +125,7 @@ def fly_out(
     *,
     scoring: bool = False,
     first: bool = True,
-) -> Flown:
+) -> EscapeOutcome:
     """Fly escapes ``[M]`` of encounters ``[N]`` to their ends, against intruders ``[T + 1, N, K]``.
 
     Args:
@@ -172,7 +172,7 @@ def fly_out(
             flight, now, length, was_off = take((flight, now, length, was_off), going_on)
             if rows.size == 0:
                 break
-    return Flown(arrival, closest, path)
+    return EscapeOutcome(arrival, closest, path)
 
 
 def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
@@ -186,7 +186,7 @@ def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
         for part in parts(left, stage.turn.size, encounter):
             chosen = take(encounter, part)
             which = np.repeat(np.arange(part.size), stage.turn.size)
-            family = Manoeuvre(*(np.tile(field, part.size) for field in scaled(stage, rules)))
+            family = Manoeuvre(*(np.tile(field, part.size) for field in scale(stage, rules)))
             flown = fly_out(
                 chosen, tracks(chosen, steps(rules), rules), which, family, rules, limits
             )
@@ -206,7 +206,7 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
     found = nothing(count)
     left, pool, scores = np.arange(count), np.zeros((len(SPREAD), count, 0)), np.zeros((count, 0))
     coarse = np.broadcast_to(
-        np.stack(scaled(COARSE, rules))[:, None], (len(SPREAD), count, COARSE.turn.size)
+        np.stack(scale(COARSE, rules))[:, None], (len(SPREAD), count, COARSE.turn.size)
     )
     for index in range(ROUNDS + 1):
         tried = offspring(pool, index - 1, rules) if index else coarse
@@ -239,7 +239,7 @@ def offspring(pool: Any, index: int, task: Aircraft | Rules) -> Any:
     for all encounters.
     """
     changes = (
-        np.array(scaled(SPREAD, task))[:, None]
+        np.array(scale(SPREAD, task))[:, None]
         * normals(0, index, 1, (len(SPREAD), CHILDREN))[0]
         * 0.8**index
     )
@@ -261,7 +261,9 @@ def within_range(values: Any) -> Any:
     )
 
 
-def _keep_best(found: Found, part: Any, which: Any, family: Manoeuvre, flown: Flown) -> None:
+def _keep_best(
+    found: Found, part: Any, which: Any, family: Manoeuvre, flown: EscapeOutcome
+) -> None:
     """Write, per encounter, the earliest arrival of what was flown (the widest of those) into what
     is found.
     """
@@ -271,7 +273,7 @@ def _keep_best(found: Found, part: Any, which: Any, family: Manoeuvre, flown: Fl
     scatter(found, part[owners], take(Found(family, *flown), arrived[first]))
 
 
-def doubled(encounters: Encounter) -> Encounter:
+def to_double(encounters: Encounter) -> Encounter:
     """Return encounters ``[N]`` in double precision; raise ValueError where there is no leading
     axis.
     """

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
-from agents.planner.areas import Counted, counted, label
+from agents.planner.areas import Counted, label, relevant
 from agents.planner.completion import points_beyond
 from agents.planner.detours import Place, airspace
 from agents.planner.fields import sequence
@@ -108,7 +108,7 @@ def _met(
     end = float(np.max(latest_end(request, options)))
     fastest = max(own.speed, options.limits.speed_max) + SPEED_TOLERANCE
     climb = options.unknown_climb
-    return counted(areas, own, altitude, fastest=fastest, horizon=end, unknown_climb=climb)
+    return relevant(areas, own, altitude, fastest=fastest, horizon=end, unknown_climb=climb)
 
 
 def _without_points_in(
@@ -116,7 +116,7 @@ def _without_points_in(
 ) -> tuple[Request, list[Advisory]]:
     """Return a request without the points of its route that lie in areas."""
     x, y = request.route_x[0], request.route_y[0]
-    time = _reached(request, own)
+    time = _reach(request, own)
     there = drifted((x[None], y[None]), request.drift, time)
     holder = _holders(areas, there[0][0], there[1][0], time, options.requirement.margin)
     inside = np.flatnonzero(holder >= 0)
@@ -201,7 +201,7 @@ def _arrival(here: Place, x: float, y: float, drift: tuple[float, ...], speed: f
     return Place(x + drift[0] * time, y + drift[1] * time, time)
 
 
-def _reached(request: Request, own: VehicleState) -> Any:
+def _reach(request: Request, own: VehicleState) -> Any:
     """Return when the points of a route would be reached at the present airspeed, s, ``[R]``."""
     x, y = (
         np.concatenate([[begin], field[0]])

@@ -244,9 +244,9 @@ class Plan:
         """What ``python -m agents.check`` proves the plan from, made when it is asked for; None
         unless it is SAFE.
         """
-        return self.certified()
+        return self.certificate_with()
 
-    def certified(
+    def certificate_with(
         self, time_ns: int | None = None, origin: tuple[float, float] | None = None
     ) -> bytes | None:
         """Return the certificate with the time of the request, ns since 1970, and the place of the

@@ -25,7 +25,7 @@ from envs.area_geometry import (
 )
 from envs.areas import Area, Keep, Level
 from envs.trees import take
-from envs.waypoints import ARCS, Knots, Legs
+from envs.waypoints import ARCS, Legs, PlanStates
 
 NEARER = 0.01
 """By how much a plan that begins inside the clearance may come nearer than it is, m: the first part
@@ -88,7 +88,7 @@ class _Arcs(NamedTuple):
     error: Any  # of the positions, m
 
 
-def counted(
+def relevant(
     areas: Sequence[Area],
     own: Any,
     altitude: Altitude | None,
@@ -157,7 +157,7 @@ def _beyond(
 
 
 def judge(
-    knots: Knots, curves: Legs, areas: Sequence[Counted], margin: float = 0.0
+    plan_states: PlanStates, curves: Legs, areas: Sequence[Counted], margin: float = 0.0
 ) -> AreaFindings:
     """Return whether every curve of plans keeps the clearance from every area that counts.
 
@@ -165,21 +165,22 @@ def judge(
     :data:`NEARER`; one that begins inside of what is forbidden keeps nothing.
 
     Args:
-        knots: state at the request and published waypoints, ``[N, W]``, finite, in order of time.
+        plan_states: state at the request and published waypoints, ``[N, W]``, finite, in order of
+            time.
         curves: their legs.
         areas: what counts.
         margin: what the follower leaves of the plan, m; added to the clearance.
     """
-    found = AreaFindings.blank(len(knots.time))
+    found = AreaFindings.blank(len(plan_states.time))
     if not areas:
         return found
-    arcs = _arcs(knots, curves)
+    arcs = _arcs(plan_states, curves)
     for one in areas:
         _judge_area(found, one, arcs, curves, margin)
     return found
 
 
-def required(one: Counted, x: Any, y: Any, margin: float) -> Any:
+def required_distances(one: Counted, x: Any, y: Any, margin: float) -> Any:
     """Return the signed distance that plans which begin at places ``[N]`` must keep, m."""
     wanted = np.full(np.shape(x), one.area.clearance + margin)
     if one.begin > 0.0:
@@ -187,8 +188,8 @@ def required(one: Counted, x: Any, y: Any, margin: float) -> Any:
     return np.clip(signed_distance(one.area, x, y) - NEARER, 0.0, wanted)
 
 
-def _arcs(knots: Knots, curves: Legs) -> _Arcs:
-    rows = len(knots.time)
+def _arcs(plan_states: PlanStates, curves: Legs) -> _Arcs:
+    rows = len(plan_states.time)
     step = curves.duration[..., None] / ARCS
     begin = (curves.time[..., None] + np.arange(ARCS) * step).reshape(rows, -1)
     x, y = curves.x.reshape(rows, -1), curves.y.reshape(rows, -1)
@@ -196,11 +197,11 @@ def _arcs(knots: Knots, curves: Legs) -> _Arcs:
     return _Arcs(
         begin,
         # The curve ends where its last waypoint stands, but for less than CLOSED.
-        np.concatenate([begin[:, 1:], knots.time[:, -1:]], axis=1),
+        np.concatenate([begin[:, 1:], plan_states.time[:, -1:]], axis=1),
         x,
         y,
-        np.concatenate([x[:, 1:], knots.x[:, -1:]], axis=1),
-        np.concatenate([y[:, 1:], knots.y[:, -1:]], axis=1),
+        np.concatenate([x[:, 1:], plan_states.x[:, -1:]], axis=1),
+        np.concatenate([y[:, 1:], plan_states.y[:, -1:]], axis=1),
         np.hypot(curves.acceleration, quickest * curves.yaw_rate).reshape(rows, -1),
         np.repeat(curves.miss + position_error_bound(curves), ARCS, axis=1),
     )
@@ -210,11 +211,11 @@ def _judge_area(
     found: AreaFindings, one: Counted, arcs: _Arcs, curves: Legs, margin: float
 ) -> None:
     """Judge all plans against one area."""
-    need = required(one, arcs.x0[:, 0], arcs.y0[:, 0], margin)
+    need = required_distances(one, arcs.x0[:, 0], arcs.y0[:, 0], margin)
     near = counts = (arcs.end >= one.begin) & (arcs.begin <= one.end)
     if one.area.keep is Keep.OUT:
         far = box_distance(one.area, _in_frame(one.area, arcs)) + _least_gain(one.area, arcs)
-        far -= _lost(arcs)
+        far -= _chord_error(arcs)
         near = counts & ~(far > need[:, None])
         away = np.where(counts & ~near, far - need[:, None], np.inf)
         least = np.argmin(away, axis=1)
@@ -229,7 +230,7 @@ def _judge_area(
     # for the first of a plan. Where the area counts for a part of an arc only, the ends decide
     # nothing.
     whole = (near_arcs.begin >= one.begin) & (near_arcs.end <= one.end)
-    lost = np.flatnonzero(~(attained >= _tolerated(needed)) & whole)
+    lost = np.flatnonzero(~(attained >= _required_less_tolerance(needed)) & whole)
     fine = ~(bound >= needed)
     fine[lost] = False
     fine[lost[np.unique(n[lost], return_index=True)[1]]] = True
@@ -261,14 +262,14 @@ def _judge_finely(
         np.broadcast_to(field, begin.shape)[counts] for field in (*ends, *of_arc)
     )
     parts = _Arcs(*fields)
-    needed = _tolerated(need[rows])
+    needed = _required_less_tolerance(need[rows])
     bound, _ = _bounds(one.area, parts, needed)
     _note_least(found, one, rows, bound - needed, parts.begin)
     bad = np.flatnonzero(~(bound >= needed))
     _note_lost(found, one, rows[bad], legs[bad], take(parts, bad))
 
 
-def _tolerated(need: Any) -> Any:
+def _required_less_tolerance(need: Any) -> Any:
     """Return the required distance less the tolerance, which is for the clearance: the area itself
     is kept but for rounding.
     """
@@ -279,7 +280,7 @@ def _bounds(area: Area, arcs: _Arcs, need: Any) -> tuple[Any, Any]:
     """Return a lower bound of the signed distance on whole arcs ``[M]``, and the least of its
     values at their ends, m.
     """
-    grown, lost, rate = _least_gain(area, arcs), _lost(arcs), gain(area)
+    grown, lost, rate = _least_gain(area, arcs), _chord_error(arcs), gain(area)
     chord = chord_distances(area, _in_frame(area, arcs), need + lost - grown)
     ends = chord.begin + rate * arcs.begin, chord.end + rate * arcs.end
     return chord.bound + grown - lost, np.minimum(*ends)
@@ -296,7 +297,7 @@ def _least_gain(area: Area, arcs: _Arcs) -> Any:
     return np.minimum(gain(area) * arcs.begin, gain(area) * arcs.end)
 
 
-def _lost(arcs: _Arcs) -> Any:
+def _chord_error(arcs: _Arcs) -> Any:
     """Return by how much the curve may be nearer than its chord as it is computed, m."""
     return 0.125 * arcs.acceleration * (arcs.end - arcs.begin) ** 2 + arcs.error
 

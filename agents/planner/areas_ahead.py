@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import Task, arc_end, direct
-from agents.planner.areas import Counted, required
+from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, direct
+from agents.planner.areas import Counted, required_distances
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
 from envs.kinematics import VehicleState
 
@@ -46,7 +46,7 @@ def way_clear(
     time: Any,
     of: Any,
     margin: float,
-    task: Task,
+    task: DirectTask,
 ) -> Any:
     """Return whether the direct way to goals, m, from states at some times, s, keeps clear of all
     areas, ``[R]``.
@@ -86,7 +86,7 @@ def _least(
         parts = Parts(
             *(field.ravel() for field in (at_x[:, :-1], at_y[:, :-1], at_x[:, 1:], at_y[:, 1:]))
         )
-        need = required(one, begin.x, begin.y, margin)[of].repeat(x.shape[1] - 1)
+        need = required_distances(one, begin.x, begin.y, margin)[of].repeat(x.shape[1] - 1)
         grown = np.minimum(gain(one.area) * first, gain(one.area) * last)
         away = chord_distances(one.area, parts, need - grown).bound + grown - need
         away = np.where((first <= one.end) & (last >= one.begin), away, np.inf)

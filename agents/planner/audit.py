@@ -1,8 +1,8 @@
 """What is published, checked once more: the waypoints under indices of their own, the last one a
 point of the route.
 
-The validator judges knots; this looks at the waypoints, and shares nothing with the modules that
-write them.
+The validator judges plan states; this looks at the waypoints, and shares nothing with the modules
+that write them.
 """
 
 import math

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import Task, arc_end, arrival, direct
+from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, arrival, direct
 from agents.planner.options import Options
 from agents.planner.request import Request
-from agents.planner.traffic import Traffic, predicted, uncertainty
+from agents.planner.traffic import Traffic, predict, uncertainty
 from envs.kinematics import VehicleState, velocity
-from envs.trees import column, mapped, take
+from envs.trees import column, map_leaves, take
 from envs.wind import aimed_at
 
 CROWD = 16
@@ -47,14 +47,14 @@ class Beyond(NamedTuple):
         required: Any,
         owner: Any,
         time: Any,
-        task: Task,
+        task: DirectTask,
     ) -> Any:
         """Return whether the route is clear after the direct way to the goal from states ``[R]`` of
         requests ``owner`` at some times, s, bool ``[R]``.
 
         ``required`` is the separation before uncertainty grows, m, ``[R, K]``.
         """
-        flown = self._flown(own, goal, owner, time, task)
+        flown = self._flights(own, goal, owner, time, task)
         begin = first = flown.first[..., None]
         last = flown.last[..., None]
         if self.traffic.window is not None:
@@ -75,8 +75,8 @@ class Beyond(NamedTuple):
         near = x * x + y * y < needed * np.abs(needed)
         return ~(near & (last > first)).any(axis=(1, 2))
 
-    def _flown(
-        self, own: VehicleState, goal: tuple[Any, Any], owner: Any, time: Any, task: Task
+    def _flights(
+        self, own: VehicleState, goal: tuple[Any, Any], owner: Any, time: Any, task: DirectTask
     ) -> "_Lines":
         """Return the flights of ``R`` manoeuvres beyond the goal: the turn onto the next point as
         its chord, the way there, and the rest of the route.
@@ -103,7 +103,7 @@ class Beyond(NamedTuple):
         first = at_next[:, None] + begin / pace
         last = np.minimum(first + length / pace, end[:, None])
         rest = _Lines(x, y, pace * np.cos(course), pace * np.sin(course), first, last)
-        return mapped(lambda *both: np.concatenate(both, axis=-1), lines, rest)
+        return map_leaves(lambda *both: np.concatenate(both, axis=-1), lines, rest)
 
 
 class _Lines(NamedTuple):
@@ -138,7 +138,7 @@ def beyond(request: Request, goal: Any, options: Options) -> Beyond:
         legs[row, : len(found)] = np.reshape(found, (len(found), 5))
         points[row, : len(along)] = along
     traffic = request.traffic
-    turned = predicted(traffic, traffic.turn_time)
+    turned = predict(traffic, traffic.turn_time)
     vx, vy = velocity(turned, np)
     straight = turned._replace(
         x=turned.x - vx * traffic.turn_time, y=turned.y - vy * traffic.turn_time

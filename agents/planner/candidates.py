@@ -13,7 +13,7 @@ from agents.planner.request import Request
 from agents.planner.rollout import Rollout
 from agents.planner.validator import CHECKS, Findings, validate
 from envs.trees import scatter, take
-from envs.waypoints import Knots, legs
+from envs.waypoints import PlanStates, legs
 from envs.wind import aimed_at
 
 TIME_WEIGHT = 0.25
@@ -29,7 +29,9 @@ _ORDER = CHECKS.index("leg")  # so many checks are of finite numbers and of the 
 class Proposals(NamedTuple):
     """Plans with findings, cost and clearance; fields ``[N]``."""
 
-    knots: Knots  # the request and the waypoints, [N, W + 1]; nan where there is no whole plan
+    plan_states: (
+        PlanStates  # the request and the waypoints, [N, W + 1]; nan where there is no whole plan
+    )
     goal: Any  # number of the route's point at which it is rejoined; -1 without a plan
     # number of the route's point that ends the plan; -1 without one; beyond the route's own if
     # extended
@@ -56,25 +58,27 @@ class Proposals(NamedTuple):
 def empty(count: int, waypoints: int) -> Proposals:
     """Return that there is no plan of so many waypoints, ``[count]``."""
     nan, none = np.full(count, np.nan), np.full(count, -1)
-    knots = Knots(*(np.full((count, waypoints + 1), np.nan) for _ in range(5)))
+    plan_states = PlanStates(*(np.full((count, waypoints + 1), np.nan) for _ in range(5)))
     no, never = np.zeros(count, dtype=bool), np.full(count, np.inf)
-    return Proposals(knots, none, none.copy(), Findings.empty(count), no, nan, nan.copy(), never)
+    return Proposals(
+        plan_states, none, none.copy(), Findings.empty(count), no, nan, nan.copy(), never
+    )
 
 
-def judged(knots: Knots, request: Request, options: Options) -> Findings:
+def find_faults(plan_states: PlanStates, request: Request, options: Options) -> Findings:
     """Return what is wrong with plans ``[N]`` of requests: what the validator finds, and what they
     do not keep of the clearance from areas.
     """
     if request.areas is None:
-        return validate(knots, request.traffic, options.requirement, options.limits)
-    times = np.diff(knots.time, axis=-1)
-    sound = np.isfinite(np.stack(knots)).all() and bool(np.all(times > 0.0))
-    curves = legs(knots) if sound else None
-    found = validate(knots, request.traffic, options.requirement, options.limits, curves)
+        return validate(plan_states, request.traffic, options.requirement, options.limits)
+    times = np.diff(plan_states.time, axis=-1)
+    sound = np.isfinite(np.stack(plan_states)).all() and bool(np.all(times > 0.0))
+    curves = legs(plan_states) if sound else None
+    found = validate(plan_states, request.traffic, options.requirement, options.limits, curves)
     # Plans that are none are not judged further.
     rows = np.flatnonzero(~found.wrong[:, :_ORDER].any(axis=-1))
-    some = take(knots, rows)
-    part = curves if curves is not None and rows.size == len(knots.time) else legs(some)
+    some = take(plan_states, rows)
+    part = curves if curves is not None and rows.size == len(plan_states.time) else legs(some)
     kept = judge(some, part, request.areas.value, options.requirement.margin)
     found.wrong[rows, _AREA], found.leg[rows, _AREA] = kept.wrong, kept.leg
     found.time[rows, _AREA], found.x[rows, _AREA], found.y[rows, _AREA] = kept.time, kept.x, kept.y
@@ -91,8 +95,8 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     rows = np.flatnonzero(whole.last >= 0)
     if rows.size == 0:
         return empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
-    knots = take(whole.knots, rows)
-    findings = judged(knots, take(request, rows), options)
+    plan_states = take(whole.plan_states, rows)
+    findings = find_faults(plan_states, take(request, rows), options)
     to = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
     own, drift = take((request.own, request.drift), rows)
     goal_x, goal_y = aimed_at(own, to, drift, options.rejoin_by, np)
@@ -109,7 +113,7 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
         + REVERSAL_WEIGHT * options.aircraft.separation * whole.reversals[rows]
     )
     made = Proposals(
-        knots, goal[rows], whole.last[rows], findings, whole.too_short[rows], time, path, cost
+        plan_states, goal[rows], whole.last[rows], findings, whole.too_short[rows], time, path, cost
     )
     if rows.size == goal.size:
         return made

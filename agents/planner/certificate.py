@@ -17,14 +17,14 @@ import numpy as np
 from agents.planner.answer import UNKNOWN_FLIGHT, Apart, Excluded, Flight
 from agents.planner.levels import Altitude, Heights, apart, vertical_gap, worst
 from agents.planner.options import Options
-from agents.planner.request import Intruder, in_wind, report_in_air, reported, windows
+from agents.planner.request import Intruder, arrays_of_reports, in_wind, report_in_air, windows
 from agents.planner.separation import FINE
-from agents.planner.traffic import advanced
+from agents.planner.traffic import advance_reports
 from agents.planner.validator import validate
 from envs import waypoints
 from envs.areas import Area, Circle
 from envs.kinematics import VehicleState
-from envs.trees import mapped
+from envs.trees import map_leaves
 from envs.waypoints import Waypoint
 from envs.wind import NO_WIND, Wind
 
@@ -53,11 +53,11 @@ def certificate(  # noqa: PLR0913, PLR0917 - all of a request
     out = {one.number for one in excluded if one.apart is Apart.VERTICALLY}
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
     kept = [report for number, report in enumerate(reports) if number not in out]
-    knots = waypoints.knots(own, published, wind=wind)
+    plan_states = waypoints.plan_states(own, published, wind=wind)
     in_air, seen = options, kept
     if wind is not None:
         in_air, seen = in_wind(options, wind), [report_in_air(one, wind) for one in kept]
-    curves = waypoints.legs(knots)
+    curves = waypoints.legs(plan_states)
     data = {
         "format": FORMAT,
         "request": flight._asdict(),
@@ -97,7 +97,7 @@ def certificate(  # noqa: PLR0913, PLR0917 - all of a request
         "areas": [_area(one, own_altitude) for one in areas],
         "levels": _levels(own_altitude, options.unknown_climb),
         "parts": FINE,
-        "bounds": _bounds(knots, seen, own_altitude, in_air),
+        "bounds": _bounds(plan_states, seen, own_altitude, in_air),
     }
     return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
 
@@ -162,7 +162,7 @@ def _row(heights: Heights, vertical: float) -> list[float]:
 
 
 def _bounds(
-    knots: waypoints.Knots,
+    plan_states: waypoints.PlanStates,
     reports: Sequence[Intruder],
     own_altitude: Altitude | None,
     options: Options,
@@ -170,10 +170,10 @@ def _bounds(
     """Return a lower bound of the distance from each intruder while it counts, m; 0: never."""
     if not reports:
         return []
-    traffic = advanced(*reported(reports))
+    traffic = advance_reports(*arrays_of_reports(reports))
     traffic = traffic._replace(window=windows(reports, own_altitude, options))
-    traffic = mapped(lambda field: np.asarray(field).T, traffic)
-    plans = mapped(lambda field: np.repeat(field[None], len(reports), axis=0), knots)
+    traffic = map_leaves(lambda field: np.asarray(field).T, traffic)
+    plans = map_leaves(lambda field: np.repeat(field[None], len(reports), axis=0), plan_states)
     found = validate(plans, traffic, options.requirement, options.limits)
     return [
         math.floor(least / _STEP - 1.0) * _STEP if math.isfinite(least) else 0.0

@@ -2,7 +2,7 @@
 after the other.
 
 Each point is reached by a turn and a straight line onto it, in closed form; a point inside the
-turning circle is passed by. The plan's knots are read off manoeuvre and tail at the waypoints'
+turning circle is passed by. The plan's states are read off manoeuvre and tail at the waypoints'
 times, and the last one is the first point of the route that is reached after the last of those.
 """
 
@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import Task, arc_end, end_speed
+from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, end_speed
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drifted, latest_end
 from agents.planner.rollout import Rollout
 from envs.angles import wrap
 from envs.kinematics import VehicleState
 from envs.trees import scatter, take
-from envs.waypoints import Knots
+from envs.waypoints import PlanStates
 
 _SECANTS = 12  # of the search for when a drifting point is met
 _SAME_PLACE = 1e-6  # m by which it may be missed
@@ -28,7 +28,7 @@ _SAME_PLACE = 1e-6  # m by which it may be missed
 class Completed(NamedTuple):
     """Whole plans, as in :class:`agents.planner.candidates.Proposals`; fields ``[N]``."""
 
-    knots: Knots
+    plan_states: PlanStates
     last: Any
     too_short: Any
     rejoin_time: Any
@@ -61,7 +61,7 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     blows = 0.0 if request.drift is None else np.max(np.hypot(*request.drift), initial=0.0)
     latest = latest_end(request, options)
     whole = Completed(
-        Knots(*(np.full((count, options.waypoints + 1), np.nan) for _ in range(5))),
+        PlanStates(*(np.full((count, options.waypoints + 1), np.nan) for _ in range(5))),
         np.full(count, -1),
         np.zeros(count, dtype=bool),
         np.where(rollout.direct, np.nan, rollout.time),
@@ -105,7 +105,7 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     if finished.size:
         parts = np.moveaxis(np.stack(pieces)[:, :, finished], 0, 2)
         _read_off(
-            whole.knots, options, rollout, rows[finished], parts, *take((now, time), finished)
+            whole.plan_states, options, rollout, rows[finished], parts, *take((now, time), finished)
         )
     return whole
 
@@ -162,7 +162,7 @@ def _disc(speed: Any, course: Any, drift: tuple[Any, Any], radius: float) -> Any
 
 
 def _meeting(
-    legs_to: Callable[[Any], _Legs], time: Any, drift: tuple[Any, Any], task: Task
+    legs_to: Callable[[Any], _Legs], time: Any, drift: tuple[Any, Any], task: DirectTask
 ) -> _Legs:
     """Return the legs that end where the points are when they end: by secants on the time of that.
 
@@ -188,12 +188,12 @@ def _meeting(
     return legs._replace(reached=legs.reached & met)
 
 
-def _end(legs: _Legs, task: Task) -> Any:
+def _end(legs: _Legs, task: DirectTask) -> Any:
     """Return when legs end, s."""
     return legs.turned + _duration(legs.length, legs.begin.speed, legs.speed, task)
 
 
-def _to_goal(whole: Completed, rollout: Rollout, rows: Any, legs: _Legs, task: Task) -> _Legs:
+def _to_goal(whole: Completed, rollout: Rollout, rows: Any, legs: _Legs, task: DirectTask) -> _Legs:
     """Return the first legs, without those that miss the goal, and note when the goal is reached.
 
     The goal itself must not be passed by, nor reached too late.
@@ -211,25 +211,25 @@ def _to_goal(whole: Completed, rollout: Rollout, rows: Any, legs: _Legs, task: T
     return legs
 
 
-def _pieces(count: int, legs: _Legs, task: Task) -> list[Any]:
+def _pieces(count: int, legs: _Legs, task: DirectTask) -> list[Any]:
     """Return the turns and the straight parts of legs as pieces of ``count`` tails."""
     none = np.zeros(legs.tail.size)
     faster = legs.speed > legs.begin.speed
     gain = np.where(faster, task.limits.acceleration_max, 0.0)
     turn_rate = np.sign(legs.arc) * task.turn_rate
-    middle = _turned(legs.begin, legs.arc, task.turn_rate)
+    middle = _turn(legs.begin, legs.arc, task.turn_rate)
     return [
         _piece(count, legs.tail, legs.began, *legs.begin, turn_rate, none),
         _piece(count, legs.tail, legs.turned, *middle, none, gain),
     ]
 
 
-def _level_piece(count: int, legs: _Legs, task: Task) -> Any:
+def _level_piece(count: int, legs: _Legs, task: DirectTask) -> Any:
     """Return what follows where the speed at the leg's end is reached, as a piece of the tails."""
     none = np.zeros(legs.tail.size)
     rise = (legs.speed - legs.begin.speed) / task.limits.acceleration_max
     far = 0.5 * (legs.speed + legs.begin.speed) * rise
-    middle = _turned(legs.begin, legs.arc, task.turn_rate)
+    middle = _turn(legs.begin, legs.arc, task.turn_rate)
     x, y = middle.x + far * np.cos(middle.heading), middle.y + far * np.sin(middle.heading)
     begin = np.where(rise > 0.0, legs.turned + rise, np.inf)
     return _piece(count, legs.tail, begin, x, y, middle.heading, legs.speed, none, none)
@@ -269,12 +269,12 @@ def _onto(state: VehicleState, x: Any, y: Any, turn_rate: float) -> tuple[Any, A
     return np.where(reached, side * turn, 0.0), length, course, reached
 
 
-def _turned(state: VehicleState, arc: Any, turn_rate: float) -> VehicleState:
+def _turn(state: VehicleState, arc: Any, turn_rate: float) -> VehicleState:
     x, y = arc_end(state, arc, state.speed * np.abs(arc) / turn_rate)
     return VehicleState(x, y, state.heading + arc, state.speed)
 
 
-def _duration(length: Any, speed: Any, wanted: Any, task: Task) -> Any:
+def _duration(length: Any, speed: Any, wanted: Any, task: DirectTask) -> Any:
     """Return the time for a length, s: accelerating from a speed to another, then holding that."""
     rise = (wanted - speed) / task.limits.acceleration_max
     return rise + (length - 0.5 * (speed + wanted) * rise) / wanted
@@ -291,7 +291,7 @@ def _piece(count: int, rows: Any, *values: Any) -> Any:
 
 
 def _read_off(
-    knots: Knots,
+    plan_states: PlanStates,
     options: Options,
     rollout: Rollout,
     out: Any,
@@ -299,8 +299,8 @@ def _read_off(
     end: VehicleState,
     end_time: Any,
 ) -> None:
-    """Write the knots of the whole plans numbered ``out`` from the pieces of their tails ``[7, M,
-    P]``.
+    """Write the plan states of the whole plans numbered ``out`` from the pieces of their tails
+    ``[7, M, P]``.
     """
     times = np.arange(options.waypoints) * options.interval
     # The last part begun by each time; parts that are not flown begin never.
@@ -316,11 +316,13 @@ def _read_off(
     )
     tail = (*there, heading + arc, speed + gain * seconds)
     flown = times <= rollout.time[out][:, None]
-    have = min(times.size, rollout.knots.x.shape[1])
-    for field, manoeuvre, after, final in zip(knots[:4], rollout.knots, tail, end, strict=True):
+    have = min(times.size, rollout.plan_states.x.shape[1])
+    for field, manoeuvre, after, final in zip(
+        plan_states[:4], rollout.plan_states, tail, end, strict=True
+    ):
         before = np.full((out.size, times.size), np.nan)
         before[:, :have] = manoeuvre[out, :have]
         field[out, :-1] = np.where(flown, before, after)
         field[out, -1] = final
-    knots.heading[out] = wrap(knots.heading[out], np)
-    knots.time[out, :-1], knots.time[out, -1] = times, end_time
+    plan_states.heading[out] = wrap(plan_states.heading[out], np)
+    plan_states.time[out, :-1], plan_states.time[out, -1] = times, end_time

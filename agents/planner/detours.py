@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.areas import Counted, required
+from agents.planner.areas import Counted, required_distances
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
 from envs.areas import Circle, Keep, Polygon
 from envs.kinematics import VehicleState
@@ -68,7 +68,7 @@ class Airspace(NamedTuple):
             if at == goal:
                 return _back(at, came, places)
             here = places[at]
-            there_x, there_y, arrival = self._reached(here, (to_x, to_y), (east, north))
+            there_x, there_y, arrival = self._reach(here, (to_x, to_y), (east, north))
             promising = np.array(
                 [n not in done and arrival[n] < best.get(n, self.latest) for n in range(goal + 1)]
             )
@@ -83,7 +83,7 @@ class Airspace(NamedTuple):
                 heapq.heappush(queue, (best[n] + left / self.speed, n))
         return []
 
-    def _reached(
+    def _reach(
         self, here: Place, to: tuple[Any, Any], velocity: tuple[Any, Any]
     ) -> tuple[Any, Any, Any]:
         """Return where moving points are met from a place, m, and when, s, ``[M]`` each."""
@@ -121,7 +121,7 @@ def airspace(
         pad: by how much farther the rings are, m.
         latest: time of the last waypoint at most, s.
     """
-    need = [float(required(one, own.x, own.y, margin)) for one in areas]
+    need = [float(required_distances(one, own.x, own.y, margin)) for one in areas]
     rings = [_points(one, own, one.area.clearance + margin + pad) for one in areas]
     x, y = (np.concatenate([part[axis] for part in rings]) for axis in (0, 1))
     east, north = (

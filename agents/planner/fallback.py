@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
-from agents.manoeuvres.escape_search import COARSE, ELITES, STAGES, concatenated, offspring, scaled
+from agents.manoeuvres.escape_search import COARSE, ELITES, STAGES, concatenate, offspring, scale
 from agents.planner.budget import Budget
 from agents.planner.candidates import (
     REVERSAL_WEIGHT,
@@ -40,9 +40,9 @@ _PATIENCE, _PROGRESS = (
     3,
     0.2,
 )  # rounds of the refinement, and the part of what is missing that they must bring
-_FIRST = concatenated(*STAGES[:2])
+_FIRST = concatenate(*STAGES[:2])
 # Also manoeuvres that do not turn back before the intruder has passed.
-_SEEDS = concatenated(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
+_SEEDS = concatenate(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
 
 
 def search(request: Request, goal: Any, options: Options, budget: Budget) -> Proposals:
@@ -58,7 +58,7 @@ def search(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
         for part in _parts(np.flatnonzero(~best.safe), stage.turn.size):
             if budget.ends("fallback"):
                 return best
-            _improve(best, part, request, goal, scaled(stage, aircraft), wanted, effort)
+            _improve(best, part, request, goal, scale(stage, aircraft), wanted, effort)
     return best
 
 
@@ -69,7 +69,7 @@ def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
         replace(options, manoeuvre=aggressive_limits(options)),
     )
     aircraft = options.aircraft
-    seeds, within = np.stack(scaled(_SEEDS, aircraft)), _WITHIN * aircraft.separation
+    seeds, within = np.stack(scale(_SEEDS, aircraft)), _WITHIN * aircraft.separation
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
     for part in _parts(np.arange(goal.size), _SEEDS.turn.size):
         left, pool, scores = part, np.zeros((len(seeds), part.size, 0)), np.zeros((part.size, 0))
@@ -79,7 +79,7 @@ def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
                 return best
             tried = offspring(pool, index - 1, aircraft) if index else coarse
             # What begins was validated by the stages before as far as it was promising.
-            score = _tried(best, left, request, goal, tried, options, budget, index > 0)
+            score = _try_out(best, left, request, goal, tried, options, budget, index > 0)
             pool, scores = (
                 np.concatenate([pool, tried], axis=-1),
                 np.concatenate([scores, score], axis=-1),
@@ -109,7 +109,7 @@ def _elites(turn: Any, scores: Any) -> Any:
     )
 
 
-def _tried(
+def _try_out(
     best: Proposals,
     left: Any,
     request: Request,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import EVERY, Task, clear
+from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, clear
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_away, takeoff
 from agents.planner import areas_ahead
 from agents.planner.beyond import CROWD, Beyond, beyond
@@ -16,11 +16,11 @@ from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drifted
 from agents.planner.rollout import Rollout
-from agents.planner.traffic import Window, counted, predicted, required, uncertainty
+from agents.planner.traffic import Window, predict, requirement_of, uncertainty, within_window
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance, leg_separation
-from envs.trees import column, mapped, scatter, take
+from envs.trees import column, map_leaves, scatter, take
 from envs.wind import aimed_at
 
 _AT_ONCE = 6  # strides flown at once at first
@@ -36,7 +36,7 @@ def stride_of(options: Options) -> float:
     return EVERY * options.aircraft.dt
 
 
-class Flown(NamedTuple):
+class ManoeuvreFlights(NamedTuple):
     """Manoeuvres flown until the way back is clear; fields ``[M]``."""
 
     rollout: Rollout
@@ -56,7 +56,7 @@ class Effort(NamedTuple):
 
 def fly_out(
     request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, options: Options, effort: Effort
-) -> Flown:
+) -> ManoeuvreFlights:
     """Fly manoeuvres ``[M]`` of requests ``which`` until the direct way to the goal, a number
     ``[N]``, is clear.
     """
@@ -124,7 +124,9 @@ def fly_out(
         if not on.all():
             rows, of, manoeuvre, flight, closest = take((rows, of, manoeuvre, flight, closest), on)
         first += count
-    return Flown(landed.rollout(task.limits, stride, options.spacing // EVERY), landed.clearance)
+    return ManoeuvreFlights(
+        landed.rollout(task.limits, stride, options.spacing // EVERY), landed.clearance
+    )
 
 
 def _first(happens: Any) -> tuple[Any, Any]:
@@ -150,7 +152,13 @@ class _Scene(NamedTuple):
     counted: Any  # whether each may in each stride, bool, [S, N, K]; None: always
 
     def way_back(
-        self, own: VehicleState, to: tuple[Any, Any], there: Any, owner: Any, slack: Any, task: Task
+        self,
+        own: VehicleState,
+        to: tuple[Any, Any],
+        there: Any,
+        owner: Any,
+        slack: Any,
+        task: DirectTask,
     ) -> Any:
         """Return whether the direct way to the goal keeps clear of all intruders, bool ``[R]``,
         from states at some strides of flights of requests ``owner``.
@@ -180,7 +188,13 @@ class _Scene(NamedTuple):
         return found
 
     def _clear_beyond(
-        self, own: VehicleState, to: tuple[Any, Any], there: Any, owner: Any, slack: Any, task: Task
+        self,
+        own: VehicleState,
+        to: tuple[Any, Any],
+        there: Any,
+        owner: Any,
+        slack: Any,
+        task: DirectTask,
     ) -> Any:
         """Return whether the route beyond the goal is clear after direct ways, bool ``[R]``."""
         assert self.rest is not None
@@ -251,13 +265,13 @@ def _scene(request: Request, goal: Any, options: Options, last: int) -> _Scene:
             uncertainty(traffic, times[1:]) - uncertainty(traffic, 0.0)
         )
     required_range = np.where(
-        traffic.mask, required(traffic, request.own, options.requirement), -np.inf
+        traffic.mask, requirement_of(traffic, request.own, options.requirement), -np.inf
     )
-    others = predicted(traffic, times)
+    others = predict(traffic, times)
     number = np.arange(goal.size)
     to = request.route_x[number, goal], request.route_y[number, goal]
     to = aimed_at(request.own, to, request.drift, task_of(options).until, np)
-    counts = None if traffic.window is None else counted(traffic, times[:-1], times[1:])
+    counts = None if traffic.window is None else within_window(traffic, times[:-1], times[1:])
     order = _order(request.own, to, others, required_range, times, counts)
     rest = beyond(request, goal, options) if required_range.shape[-1] > CROWD else None
     return _Scene(
@@ -313,7 +327,7 @@ class _Landed:
         self._end[rows], self._done[rows], self.clearance[rows] = strides[over], done, nearest
 
     def rollout(self, limits: Limits, stride: float, spacing: int) -> Rollout:
-        """Return the manoeuvres, with knots every so many strides; all of them are direct."""
+        """Return the manoeuvres, with plan states every so many strides; all of them are direct."""
         strides, rows, end = (
             np.arange(len(self._states.x))[:, None],
             np.arange(self._end.size),
@@ -329,11 +343,13 @@ class _Landed:
         reversals = np.sum(sign[1:] * side[:-1] < 0.0, axis=0)
         path = np.concatenate([none, np.cumsum(0.5 * stride * (speed[:-1] + speed[1:]), axis=0)])
         found = take((self._states, path), (end, rows))
-        found = mapped(
+        found = map_leaves(
             lambda values: np.where(self._done, values, np.nan),
             (*found, side[-1], reversals, end * stride),
         )
         ends, path, side, reversals, time = found
         some, flown = slice(None, None, spacing), strides <= end
-        knots = mapped(lambda field: np.where(flown[some], field[some], np.nan).T, self._states)
-        return Rollout(knots, ends, time, self._done, path, side, reversals)
+        plan_states = map_leaves(
+            lambda field: np.where(flown[some], field[some], np.nan).T, self._states
+        )
+        return Rollout(plan_states, ends, time, self._done, path, side, reversals)

@@ -22,7 +22,7 @@ def sequence(name: Field | str, given: Any) -> Sequence[Any]:
     return given
 
 
-def shown(value: Any) -> str:
+def quote(value: Any) -> str:
     """Return a value for a message, however long or odd it is."""
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**18:
         return "an integer of more than 18 digits"
@@ -37,12 +37,12 @@ def real(name: Field | str, value: Any, low: float, high: float, unit: str) -> f
     if isinstance(value, (bool, np.bool_)) or not isinstance(
         value, (int, float, np.integer, np.floating)
     ):
-        raise RequestError(name, f"is {shown(value)}, expected a number")
+        raise RequestError(name, f"is {quote(value)}, expected a number")
     try:
         result = float(value)
     except OverflowError:
         raise RequestError(
-            name, f"is {shown(value)}, expected {low:g} to {high:g} {unit}"
+            name, f"is {quote(value)}, expected {low:g} to {high:g} {unit}"
         ) from None
     # NaN fails every comparison.
     if not low <= result <= high:

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import EVERY, Task
+from agents.manoeuvres.direct_to_goal import EVERY, DirectTask
 from agents.planner.answer import WAYPOINTS, RequestError
-from agents.planner.fields import real, shown
+from agents.planner.fields import quote, real
 from agents.planner.traffic import Requirement
 from agents.planner.validator import LONGEST
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
@@ -233,11 +233,11 @@ def aggressive_limits(options: Options) -> Limits:
     )
 
 
-def task_of(options: Options) -> Task:
+def task_of(options: Options) -> DirectTask:
     """Return what manoeuvres are flown for."""
     radius = options.aircraft.goal_radius - options.rejoin_reserve
     rate = _TURN_SHARE * options.manoeuvre.yaw_rate_max
-    return Task(options.manoeuvre, radius, options.rejoin_by, rate)
+    return DirectTask(options.manoeuvre, radius, options.rejoin_by, rate)
 
 
 def check(options: Options) -> None:
@@ -250,7 +250,7 @@ def check(options: Options) -> None:
         value = attrgetter(name)(options)
         if not isinstance(value, kind):
             expected = "True or False" if kind is bool else kind.__name__
-            raise RequestError(f"options.{name}", f"is {shown(value)}, expected {expected}")
+            raise RequestError(f"options.{name}", f"is {quote(value)}, expected {expected}")
     aircraft = options.aircraft
     numbers = {name: getattr(aircraft, name) for name in aircraft._fields}
     for group in ("limits", "vehicle"):
@@ -278,7 +278,7 @@ def check(options: Options) -> None:
             expected = f"an integer from {low} to {high}" + (
                 f", a multiple of {step}" if step > 1 else ""
             )
-            raise RequestError(f"options.{name}", f"is {shown(value)}, expected {expected}")
+            raise RequestError(f"options.{name}", f"is {quote(value)}, expected {expected}")
     if options.last_free > LONGEST:
         what = f"makes plans of {options.last_free:g} s and more, expected {LONGEST:g} s at most"
         raise RequestError("options.spacing", what)

@@ -22,13 +22,13 @@ from agents.planner.budget import Budget
 from agents.planner.candidates import empty, evaluate, keep_best
 from agents.planner.certificate import certificate
 from agents.planner.options import Options, check
-from agents.planner.publish import Plans, published
+from agents.planner.publish import Plans, publish
 from agents.planner.request import (
     Altitude,
     Intruder,
     Request,
     assumptions,
-    checked,
+    check_request,
     eligible,
     finite,
     in_wind,
@@ -38,7 +38,7 @@ from agents.policy.domain import departures
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.kinematics import VehicleState
-from envs.trees import mapped, scatter, take
+from envs.trees import map_leaves, scatter, take
 from envs.waypoints import RoutePoint
 from envs.wind import Wind, through_air
 
@@ -85,12 +85,12 @@ def plan(
         check(options)
     options = options or Options.for_aircraft(policy.aircraft)
     in_air = options if wind is None else in_wind(options, wind)
-    request, excluded, kept = checked(own, intruders, route, in_air, own_altitude, wind)
+    request, excluded, kept = check_request(own, intruders, route, in_air, own_altitude, wind)
     request, notes = amid(request, areas, own_altitude, in_air, wind)
     budget, goals = Budget(options.deadline_s), eligible(request, in_air)
-    plans = _planned(request, goals, policy, in_air, budget, floats=True)
+    plans = _plan_rows(request, goals, policy, in_air, budget, floats=True)
     goal, skipped = int(goals[0, 0]), tuple(budget.skipped)
-    answer = published(request, plans, goal, route, excluded, kept, in_air, skipped)
+    answer = publish(request, plans, goal, route, excluded, kept, in_air, skipped)
     one = take(request, 0)
     start = VehicleState(*map(float, one.own))
     outside = departures(policy.domain, _of_domain(intruders, wind))
@@ -155,7 +155,7 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
     goals, mask = eligible(request, options), request.traffic.mask
     few = np.count_nonzero(mask, axis=-1) <= CROWD
     if mask.shape[-1] <= CROWD or not few.any():
-        return _planned(request, goals, policy, options, Budget(), floats=floats)
+        return _plan_rows(request, goals, policy, options, Budget(), floats=floats)
     # Each as if it were alone: those with few intruders are not searched like a crowd's.
     plans = Plans(empty(few.size, options.waypoints), np.zeros(few.size, np.int8), np.array(few))
     for some, most in ((few, CROWD), (~few, mask.shape[-1])):
@@ -163,7 +163,7 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
         if rows.size == 0:
             continue
         part, order = _compact(take(request, rows), most)
-        found = _planned(part, goals[rows], policy, options, Budget(), floats=floats)
+        found = _plan_rows(part, goals[rows], policy, options, Budget(), floats=floats)
         number = found.proposals.findings.intruder
         number[:] = np.where(number >= 0, order[np.arange(rows.size), number], -1)
         scatter(plans, rows, found)
@@ -175,11 +175,11 @@ def _compact(request: Request, most: int) -> tuple[Request, Any]:
     before, ``[N, most]``.
     """
     order = np.argsort(~request.traffic.mask, axis=-1, kind="stable")[:, :most]
-    traffic = mapped(lambda field: np.take_along_axis(field, order, axis=-1), request.traffic)
+    traffic = map_leaves(lambda field: np.take_along_axis(field, order, axis=-1), request.traffic)
     return request._replace(traffic=traffic), order
 
 
-def _planned(
+def _plan_rows(
     request: Request, goals: Any, policy: Policy, options: Options, budget: Budget, *, floats: bool
 ) -> Plans:
     """Plan requests of which every number is finite, to points of the route ``[N, goals]``."""

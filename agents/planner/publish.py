@@ -1,7 +1,7 @@
 """What leaves the planner: the best plan of a request as waypoints, SAFE or with the reasons why
 not.
 
-SAFE is decided here and nowhere else: by the validator for the plan's knots, by the audit for what
+SAFE is decided here and nowhere else: by the validator for the plan's states, by the audit for what
 is published.
 """
 
@@ -27,17 +27,17 @@ from agents.planner.answer import (
 )
 from agents.planner.areas import Counted, label
 from agents.planner.audit import audit
-from agents.planner.candidates import Proposals, judged
+from agents.planner.candidates import Proposals, find_faults
 from agents.planner.options import Options, check
-from agents.planner.request import Altitude, Intruder, Request, checked, eligible, in_wind
-from agents.planner.traffic import counted, separations
+from agents.planner.request import Altitude, Intruder, Request, check_request, eligible, in_wind
+from agents.planner.traffic import separations, within_window
 from agents.planner.validator import CHECKS, Findings
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Keep
 from envs.kinematics import VehicleState
 from envs.trees import take
-from envs.waypoints import Knots, RoutePoint, Waypoint, on_ground
-from envs.waypoints import knots as knots_of
+from envs.waypoints import PlanStates, RoutePoint, Waypoint, on_ground
+from envs.waypoints import plan_states as plan_states_of
 from envs.wind import Wind
 
 JOIN = 5
@@ -56,7 +56,7 @@ class Plans(NamedTuple):
     policy_safe: Any  # whether the policy's own plan for the next point was safe, bool
 
 
-def published(
+def publish(
     request: Request,
     plans: Plans,
     next_goal: int,
@@ -77,7 +77,7 @@ def published(
     if request.drift is not None:
         east, north = (-float(part[0]) for part in request.drift)
         best = _on_ground(best, Wind(east, north))
-    best = _numbered(best, request)
+    best = _draw_numbered(best, request)
     waypoints = _waypoints(best, route)
     slips = (
         audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
@@ -121,7 +121,7 @@ def published(
     )
 
 
-def _numbered(best: Proposals, request: Request) -> Proposals:
+def _draw_numbered(best: Proposals, request: Request) -> Proposals:
     """Return a plan ``[]`` with its points numbered as in the route that was asked for."""
     if request.of_route is None or best.last < 0:
         return best
@@ -133,10 +133,12 @@ def _numbered(best: Proposals, request: Request) -> Proposals:
 
 
 def _on_ground(best: Proposals, wind: Wind) -> Proposals:
-    """Return a plan ``[]`` with its knots, and the places of its findings, over the ground."""
+    """Return a plan ``[]`` with its states, and the places of its findings, over the ground."""
     found = best.findings
     x, y = found.x + wind.east * found.time, found.y + wind.north * found.time
-    return best._replace(knots=on_ground(best.knots, wind), findings=found._replace(x=x, y=y))
+    return best._replace(
+        plan_states=on_ground(best.plan_states, wind), findings=found._replace(x=x, y=y)
+    )
 
 
 def _windows(request: Request, kept: list[int]) -> tuple[Counts, ...]:
@@ -160,13 +162,13 @@ def _outlasting(one: Excluded, end: Waypoint) -> Reason:
     return Reason.of(Kind.SEPARATION, f"intruders[{one.number}]", what, end.time, end.x, end.y)
 
 
-def received(waypoints: tuple[Waypoint, ...], wind: Wind | None = None) -> Plan:
+def as_received(waypoints: tuple[Waypoint, ...], wind: Wind | None = None) -> Plan:
     """Return a plan as a receiver of its waypoints and its wind has it: only SAFE ones have any."""
     status = Status.SAFE if waypoints else Status.UNRESOLVED
     return Plan(status, Source.NONE, (), np.nan, np.nan, None, np.nan, (), waypoints, wind=wind)
 
 
-def rechecked(  # noqa: PLR0913 - a plan, and all of a request
+def recheck(  # noqa: PLR0913 - a plan, and all of a request
     plan: Plan,
     late: float,
     own: VehicleState,
@@ -192,12 +194,12 @@ def rechecked(  # noqa: PLR0913 - a plan, and all of a request
     try:
         check(options)
         options = options if wind is None else in_wind(options, wind)
-        request, excluded, _ = checked(own, intruders, route, options, own_altitude, wind)
+        request, excluded, _ = check_request(own, intruders, route, options, own_altitude, wind)
         request, _ = amid(request, areas, own_altitude, options, wind)
     except RequestError as error:
         return _void(plan, late, str(error))
-    curve = Knots(*(field[None] for field in knots_of(own, left, wind=wind)))
-    found = judged(curve, request, options)
+    curve = PlanStates(*(field[None] for field in plan_states_of(own, left, wind=wind)))
+    found = find_faults(curve, request, options)
     outlasted = [
         _outlasting(one, left[-1]).message
         for one in excluded
@@ -222,7 +224,7 @@ def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, 
     if best.last < 0:
         return ()
     taken = {point.index for point in route}
-    rows = np.stack(best.knots, axis=-1)[1:].tolist()
+    rows = np.stack(best.plan_states, axis=-1)[1:].tolist()
     free = (index for index in range(len(route) + len(rows)) if index not in taken)
     indices = [next(free) for _ in rows]
     if best.last < len(route):
@@ -239,7 +241,7 @@ def _reasons(
     own, traffic = request.own, request.traffic
     apart = np.hypot(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None])[0]
     least = np.broadcast_to(separations(traffic, requirement), (1, apart.size))[0]
-    counts = np.broadcast_to(counted(traffic, 0.0, 0.0), (1, apart.size))[0]
+    counts = np.broadcast_to(within_window(traffic, 0.0, 0.0), (1, apart.size))[0]
     for number, far, wanted, now in zip(kept, apart, least, counts, strict=True):
         if now and far < wanted:
             what = f"is {far:.1f} m away at the request, expected {wanted:.1f} m or more"

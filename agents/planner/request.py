@@ -16,15 +16,15 @@ from agents.planner.answer import (
     RequestError,
     Subject,
 )
-from agents.planner.fields import real, sequence, shown
+from agents.planner.fields import quote, real, sequence
 from agents.planner.levels import ALWAYS, Altitude, vertical_gap, window
 from agents.planner.options import Options, speed_range
 from agents.planner.separation import same_flight
-from agents.planner.traffic import Traffic, Window, advanced
+from agents.planner.traffic import Traffic, Window, advance_reports
 from envs.kinematics import FASTEST, VehicleState
 from envs.trees import Shared
 from envs.waypoints import RoutePoint
-from envs.wind import Wind, narrowed, through_air
+from envs.wind import Wind, narrow, through_air
 
 if TYPE_CHECKING:
     from agents.planner.areas import Counted
@@ -100,7 +100,7 @@ class Request(NamedTuple):
     of_route: Any = None
 
 
-def checked(
+def check_request(
     own: VehicleState,
     intruders: Sequence[VehicleState | Intruder],
     route: Sequence[RoutePoint],
@@ -153,8 +153,8 @@ def checked(
             excluded.append(Excluded(number, far, end, Apart.FAR))
     out = {one.number for one in excluded}
     kept = [number for number in range(len(reports)) if number not in out]
-    seen, age = reported([reports[number] for number in kept])
-    traffic = advanced(seen, age)
+    seen, age = arrays_of_reports([reports[number] for number in kept])
+    traffic = advance_reports(seen, age)
     # Plans are checked against the traffic as of the request: it must fly what the reports say, by
     # the validator's own arithmetic.
     for number in np.flatnonzero(~same_flight(seen, age, traffic)[0]) if age.any() else ():
@@ -197,7 +197,7 @@ def in_wind(options: Options, wind: Any) -> Options:
             "makes against it"
         )
         raise RequestError(Field(Subject.WIND), what)
-    limits, flown = narrowed(options.limits, error), narrowed(options.manoeuvre, error)
+    limits, flown = narrow(options.limits, error), narrow(options.manoeuvre, error)
     for some in (limits, flown):
         least = min(some.speed_max - some.speed_min, some.acceleration_max, some.yaw_rate_max)
         if error > 0.0 and not (least > 0.0 and some.acceleration_min < 0.0):
@@ -224,7 +224,7 @@ def report_in_air(report: Intruder, wind: Wind) -> Intruder:
     )
 
 
-def reported(reports: Sequence[Intruder]) -> tuple[Traffic, Any]:
+def arrays_of_reports(reports: Sequence[Intruder]) -> tuple[Traffic, Any]:
     """Return checked reports as arrays as of their own times, and their ages, s, ``[1, K]``."""
     rows = [
         (*one.state, one.turn_rate, one.turn_time, one.position_std, one.velocity_std, one.age)
@@ -383,7 +383,7 @@ def _altitude(name: Field, altitude: Any) -> None:
     real(name.part("error"), altitude.error, 0.0, 30_000.0, "m")
     real(name.part("climb_error"), altitude.climb_error, 0.0, 100.0, "m/s")
     if not isinstance(altitude.reference, str) or not altitude.reference:
-        what = f"is {shown(altitude.reference)}, expected a name"
+        what = f"is {quote(altitude.reference)}, expected a name"
         raise RequestError(name.part("reference"), what)
 
 
@@ -481,11 +481,11 @@ def _route(route: Any) -> tuple[Any, Any]:
         ):
             raise RequestError(
                 name.part("index"),
-                f"is {shown(point.index)}, expected an integer from 0 to 2147483647",
+                f"is {quote(point.index)}, expected an integer from 0 to 2147483647",
             )
         if point.index in indices:
             raise RequestError(
-                name.part("index"), f"is {shown(point.index)} again, expected one of its own"
+                name.part("index"), f"is {quote(point.index)} again, expected one of its own"
             )
         indices.add(point.index)
         x.append(real(name.part("x"), point.x, -_FARTHEST, _FARTHEST, "m"))

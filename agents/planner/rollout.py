@@ -13,18 +13,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import EVERY, Task, clear
+from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, clear
 from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drifted
 from agents.planner.sight import shares, visible
-from agents.planner.traffic import Traffic, Window, predicted, required
+from agents.planner.traffic import Traffic, Window, predict, requirement_of
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
 from envs.relative import at_share, distance
-from envs.trees import column, mapped, scatter, take
+from envs.trees import column, map_leaves, scatter, take
 from envs.wind import aimed_at
 
 _SHARE = 0.3  # of the computation, for a policy that finds no way back among many
@@ -33,9 +33,9 @@ _AHEAD = 13 * EVERY
 
 
 class Rollout(NamedTuple):
-    """Where manoeuvres lead; fields ``[N]``, those of knots ``[N, S]``."""
+    """Where manoeuvres lead; fields ``[N]``, those of plan states ``[N, S]``."""
 
-    knots: (
+    plan_states: (
         VehicleState  # at each waypoint's time, the first at the request, [N, S]; nan after the end
     )
     # where the way back is clear, or the goal within the radius; nan where neither was in time
@@ -79,7 +79,7 @@ def roll(
     """
     rows, traffic, count = np.arange(goal.size), request.traffic, goal.size
     goal_x, goal_y = request.route_x[rows, goal], request.route_y[rows, goal]
-    required_range = required(traffic, request.own, options.requirement) + options.slack
+    required_range = requirement_of(traffic, request.own, options.requirement) + options.slack
     crowd = traffic.mask.shape[-1] > CROWD
     if floats:
         given = (
@@ -94,7 +94,7 @@ def roll(
             _roll_one(*one, policy, options, budget or Budget(), rest)
             for one, rest in zip(given, rests, strict=True)
         ]
-        return mapped(lambda *fields: np.concatenate(fields), *each)
+        return map_leaves(lambda *fields: np.concatenate(fields), *each)
     task, limits, dt, spacing = (
         task_of(options),
         options.manoeuvre,
@@ -120,8 +120,8 @@ def roll(
     for step in range(steps + 1):
         time = step * dt
         if step % spacing == 0:
-            scatter(result.knots, (now.rows, step // spacing), now.state)
-        seen = predicted(now.traffic, time)
+            scatter(result.plan_states, (now.rows, step // spacing), now.state)
+        seen = predict(now.traffic, time)
         place = drifted(now.goal, now.drift, time)
         arrived = distance(place[0] - now.state.x, place[1] - now.state.y, np) <= task.radius
         ended, aim = arrived, aimed_at(now.state, place, now.drift, task.until - time, np)
@@ -140,7 +140,7 @@ def roll(
         if traffic.mask.shape[-1] > policy.most:
             if step % EVERY == 0:
                 now = now._replace(chosen=policy.most_critical(now.state, *looked_at))
-            looked_at = mapped(
+            looked_at = map_leaves(
                 lambda field, at=now.chosen: np.take_along_axis(field, at, axis=-1), looked_at
             )
         action = policy.command(now.state, *looked_at, *aim)
@@ -179,11 +179,11 @@ def _roll_one(
     steps = int(task.until / dt + 1e-9)
     result = _empty(1, steps // spacing + 1)
     traffic, required_range = take((traffic, required_range), traffic.mask)
-    flown, knots = list[list[VehicleState]](), list[VehicleState]()
-    far, every = required_range.tolist(), predicted(traffic, np.zeros((1, 1)))
+    flown, plan_states = list[list[VehicleState]](), list[VehicleState]()
+    far, every = required_range.tolist(), predict(traffic, np.zeros((1, 1)))
     at = shares(traffic, options.requirement)
     at_each, window = None if at is None else at.tolist(), traffic.window
-    state, (begin, drift) = VehicleState(*map(float, own)), mapped(float, goal)
+    state, (begin, drift) = VehicleState(*map(float, own)), map_leaves(float, goal)
     (goal_x, goal_y), aim = begin, begin
     many, present = len(far) > policy.most, np.ones(len(far), dtype=bool)
     share = 1.0 if rest is None else _SHARE
@@ -191,7 +191,7 @@ def _roll_one(
     square, threshold = task.radius * task.radius, 0.1 * limits.yaw_rate_max
     for step in range(steps + 1):
         if step % _AHEAD == 0:
-            every = predicted(traffic, np.arange(step, step + _AHEAD)[:, None] * dt)
+            every = predict(traffic, np.arange(step, step + _AHEAD)[:, None] * dt)
         if step % EVERY == 0:
             first = step % _AHEAD
             ahead = take(every, slice(first, first + EVERY))
@@ -209,7 +209,7 @@ def _roll_one(
             flown = _in_floats(ahead)
         seen = flown[step % EVERY]
         if step % spacing == 0:
-            knots.append(state)
+            plan_states.append(state)
         if drift is not None:
             goal_x = begin[0] + drift[0] * step * dt
             goal_y = begin[1] + drift[1] * step * dt
@@ -255,7 +255,11 @@ def _roll_one(
             reversals += yaw_rate * turn_sign < 0.0
             turn_sign = 1.0 if yaw_rate > 0.0 else -1.0
         state = moved
-    scatter(result.knots, (0, slice(len(knots))), VehicleState(*zip(*knots, strict=True)))
+    scatter(
+        result.plan_states,
+        (0, slice(len(plan_states))),
+        VehicleState(*zip(*plan_states, strict=True)),
+    )
     return result
 
 
@@ -266,7 +270,7 @@ def _clear_of_others(
     required_range: Any,
     window: Window | None,
     time: float,
-    task: Task,
+    task: DirectTask,
     rest: Beyond | None,
 ) -> bool:
     """Return whether the direct way is clear of intruders ``[K]``, and among many the route beyond
@@ -295,7 +299,7 @@ def _clear_beyond(
     seen: VehicleState,
     rest: Beyond | None,
     time: float,
-    task: Task,
+    task: DirectTask,
 ) -> Any:
     """Return whether the direct way is clear of all intruders ``[M, K]``, and among many the route
     beyond it, bool ``[M]``.
@@ -318,7 +322,7 @@ def _all_clear(
     traffic: Traffic,
     required_range: Any,
     time: float,
-    task: Task,
+    task: DirectTask,
 ) -> Any:
     """Return whether the direct way is clear of all intruders, ``[N]``."""
     mask, own = traffic.mask, column((state, goal))
@@ -330,9 +334,9 @@ def _all_clear(
 
 
 def _empty(count: int, points: int) -> Rollout:
-    knots, end = (
+    plan_states, end = (
         VehicleState(*np.full((4, count, points), np.nan)),
         VehicleState(*np.full((4, count), np.nan)),
     )
     time, path, turn_sign, reversals = np.full((4, count), np.nan)
-    return Rollout(knots, end, time, np.zeros(count, dtype=bool), path, turn_sign, reversals)
+    return Rollout(plan_states, end, time, np.zeros(count, dtype=bool), path, turn_sign, reversals)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.planner.traffic import Requirement, Traffic
-from envs.trees import column, mapped
+from envs.trees import column, map_leaves
 from envs.waypoints import ARCS, Legs
 
 FINE = 32
@@ -31,10 +31,13 @@ def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
     They are looked at where they stand, half-way through the turn, at its end and long after it:
     two arcs of one rate through the same points are the same, two straight lines too.
     """
-    said, used = (mapped(np.ravel, given) for given in (reports, traffic))
+    said, used = (map_leaves(np.ravel, given) for given in (reports, traffic))
     turn = used.turn_time[:, None]
     times = np.concatenate([turn * np.array([0.0, 0.5, 1.0]), turn + 500.0], axis=1)
-    there, here = _flown(column(said), times + np.ravel(age)[:, None]), _flown(column(used), times)
+    there, here = (
+        _positions(column(said), times + np.ravel(age)[:, None]),
+        _positions(column(used), times),
+    )
     near = np.hypot(there[0] - here[0], there[1] - here[1]).max(axis=1) <= _SAME_PLACE
     alike = (used.turn_time == 0.0) | (said.turn_rate == used.turn_rate)
     return (near & alike & (said.mask == used.mask)).reshape(np.shape(age))
@@ -57,7 +60,7 @@ def chords(
     """
     # Beginnings and ends in one array, [2, n, A] and [2, n, A, K]: half the calls, the same bits.
     own_x, own_y, times = np.stack([(*start, begin), (*end, begin + length)], axis=1)
-    x, y = _flown(mapped(lambda field: field[:, None], traffic), times[..., None])
+    x, y = _positions(map_leaves(lambda field: field[:, None], traffic), times[..., None])
     (x0, x1), (y0, y1) = x, y = x - own_x[..., None], y - own_y[..., None]
     dx, dy = x1 - x0, y1 - y0
     s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
@@ -76,11 +79,13 @@ def chords(
 
 def distances(time: Any, x: Any, y: Any, traffic: Traffic) -> Any:
     """Return the distances of intruders ``[n, K]`` from places at times, m, ``[n, A, K]``."""
-    other_x, other_y = _flown(mapped(lambda field: field[:, None], traffic), time[..., None])
+    other_x, other_y = _positions(
+        map_leaves(lambda field: field[:, None], traffic), time[..., None]
+    )
     return np.hypot(other_x - x[..., None], other_y - y[..., None])
 
 
-def _flown(traffic: Traffic, time: Any) -> tuple[Any, Any]:
+def _positions(traffic: Traffic, time: Any) -> tuple[Any, Any]:
     """Return the positions of intruders ``[...]`` at times that broadcast, m: they turn, then fly
     straight.
     """
@@ -94,7 +99,7 @@ def _flown(traffic: Traffic, time: Any) -> tuple[Any, Any]:
     turning = (np.abs(traffic.turn_rate) > _STRAIGHT) & (traffic.turn_time > 0.0)
     if turning.any():
         turns = np.nonzero(np.broadcast_to(turning, x.shape))
-        one = mapped(lambda field: np.broadcast_to(field, x.shape)[turns], traffic)
+        one = map_leaves(lambda field: np.broadcast_to(field, x.shape)[turns], traffic)
         x[turns], y[turns] = _turning(one, np.broadcast_to(time, x.shape)[turns])
     return x, y
 

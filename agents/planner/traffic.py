@@ -61,7 +61,7 @@ def whole(traffic: Traffic) -> Traffic:
     return traffic
 
 
-def counted(traffic: Traffic, begin: Any, end: Any) -> Any:
+def within_window(traffic: Traffic, begin: Any, end: Any) -> Any:
     """Return which intruders ``[..., K]`` may count in parts from some times to others, s, that
     broadcast; all of them where nobody has a window.
     """
@@ -79,7 +79,7 @@ class Requirement(NamedTuple):
     sigmas: float = 2.0  # how many sigmas of the predicted position are added
 
 
-def predicted(traffic: Traffic, time: Any) -> VehicleState:
+def predict(traffic: Traffic, time: Any) -> VehicleState:
     """Return the intruders ``[..., K]`` some seconds (that broadcast) after the request: a turn,
     then straight on.
     """
@@ -92,7 +92,7 @@ def predicted(traffic: Traffic, time: Any) -> VehicleState:
     return VehicleState(x, y, wrap(heading, np), state.speed + np.zeros_like(x))
 
 
-def advanced(reports: Traffic, age: Any) -> Traffic:
+def advance_reports(reports: Traffic, age: Any) -> Traffic:
     """Return the intruders ``[..., K]`` at the request from reports of an age, s: turned on, below
     0 moved back.
 
@@ -107,7 +107,7 @@ def advanced(reports: Traffic, age: Any) -> Traffic:
     turn_rate = np.where(reports.turn_time > 0.0, reports.turn_rate, 0.0)
     turn_time = np.where(turn_rate == 0.0, 0.0, np.maximum(reports.turn_time - age, 0.0))
     turning = reports._replace(turn_rate=turn_rate)
-    return turning._replace(state=predicted(turning, age), turn_time=turn_time, age=np.abs(age))
+    return turning._replace(state=predict(turning, age), turn_time=turn_time, age=np.abs(age))
 
 
 def uncertainty(traffic: Traffic, time: Any) -> Any:
@@ -126,7 +126,7 @@ def separations(traffic: Traffic, requirement: Requirement) -> Any:
     return np.where(np.isnan(own), requirement.separation, own)
 
 
-def required(traffic: Traffic, own: VehicleState, requirement: Requirement) -> Any:
+def requirement_of(traffic: Traffic, own: VehicleState, requirement: Requirement) -> Any:
     """Return the separation required from each intruder before uncertainty grows, m, ``[..., K]``.
 
     Where the request begins inside the margin, the present distance from the ownship ``[...]`` must

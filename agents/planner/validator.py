@@ -19,10 +19,10 @@ from agents.planner.separation import (
     growth,
     position_error_bound,
 )
-from agents.planner.traffic import Requirement, Traffic, counted, required, separations
+from agents.planner.traffic import Requirement, Traffic, requirement_of, separations, within_window
 from envs.kinematics import Limits, VehicleState
-from envs.trees import column, mapped, take
-from envs.waypoints import ARCS, CLOSED, Knots, Legs, legs
+from envs.trees import column, map_leaves, take
+from envs.waypoints import ARCS, CLOSED, Legs, PlanStates, legs
 
 TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
 """By how much limits may be passed for rounding's sake (m/s, m/s^2, rad/s)."""
@@ -107,30 +107,30 @@ class Findings(NamedTuple):
 
 
 def validate(
-    knots: Knots,
+    plan_states: PlanStates,
     traffic: Traffic,
     requirement: Requirement,
     limits: Limits,
     curves: Legs | None = None,
 ) -> Findings:
-    """Return what is wrong with plans; one whose knots are not finite or not in order is not judged
-    further.
+    """Return what is wrong with plans; one whose states are not finite or not in order of time is
+    not judged further.
 
     Args:
-        knots: state at the request and published waypoints, ``[N, W]``.
+        plan_states: state at the request and published waypoints, ``[N, W]``.
         traffic: the intruders at the request, ``[N, K]``.
-        curves: the legs of the knots, if they are known already.
+        curves: the legs of the plan states, if they are known already.
     """
-    knots = Knots(*(np.asarray(field, dtype=float) for field in knots))
-    count, points = knots.time.shape
-    finite: Any = np.isfinite(np.stack(knots)).all(axis=0)
-    ordered: Any = np.diff(knots.time, axis=-1) > 0.0
+    plan_states = PlanStates(*(np.asarray(field, dtype=float) for field in plan_states))
+    count, points = plan_states.time.shape
+    finite: Any = np.isfinite(np.stack(plan_states)).all(axis=0)
+    ordered: Any = np.diff(plan_states.time, axis=-1) > 0.0
     sound = finite.all(axis=-1) & ordered.all(axis=-1)
     if curves is None or not sound.all():
         # Placeholders make the arrays whole; their rows are judged by what is wrong with them only.
         straight = np.arange(points) * 1.0
-        filled = zip(knots, (straight, 0.0, 0.0, 1.0, straight), strict=True)
-        curves = legs(Knots(*(np.where(sound[:, None], *pair) for pair in filled)))
+        filled = zip(plan_states, (straight, 0.0, 0.0, 1.0, straight), strict=True)
+        curves = legs(PlanStates(*(np.where(sound[:, None], *pair) for pair in filled)))
     # Comparisons ask for what is right, so that not-a-number is wrong. A plan beyond a speed limit
     # may stay there, but not go further, nor come back to it: the bounds follow the most moderate
     # speed so far, not that of the arc before, or else the tolerance would add up from arc to arc.
@@ -159,7 +159,7 @@ def validate(
         for field in (closed, steady.all(-1), gentle.all(-1), turning.all(-1))
     ]
     for check, right in enumerate(
-        (both, (ordered & (knots.time[:, 1:] <= LONGEST)) | ~both, *kept)
+        (both, (ordered & (plan_states.time[:, 1:] <= LONGEST)) | ~both, *kept)
     ):
         rows = np.flatnonzero(~right.all(axis=-1))
         if rows.size:
@@ -169,9 +169,9 @@ def validate(
                 check,
                 rows,
                 first,
-                *(field[rows, first] for field in (knots.time, knots.x, knots.y)),
+                *(field[rows, first] for field in (plan_states.time, plan_states.x, plan_states.y)),
             )
-    _separation(found, knots, curves, traffic, requirement, sound)
+    _separation(found, plan_states, curves, traffic, requirement, sound)
     return found
 
 
@@ -185,7 +185,7 @@ def _place(found: Findings, check: int, rows: Any, leg: Any, *place: Any) -> Non
 
 def _separation(
     found: Findings,
-    knots: Knots,
+    plan_states: PlanStates,
     curves: Legs,
     traffic: Traffic,
     requirement: Requirement,
@@ -197,7 +197,9 @@ def _separation(
     if rows.size == 0 or traffic.mask.shape[-1] == 0:
         return
     own, seen = (curves, traffic) if sound.all() else take((curves, traffic), rows)
-    base = required(seen, VehicleState(*(field[rows, 0] for field in knots[:4])), requirement)
+    base = requirement_of(
+        seen, VehicleState(*(field[rows, 0] for field in plan_states[:4])), requirement
+    )
     # The joints of the legs are up to their miss apart, and positions are known but for the rule's
     # error.
     position_error = own.miss + position_error_bound(own)
@@ -216,7 +218,7 @@ def _separation(
     # The curve ends where its last waypoint stands, but for less than CLOSED.
     ends_x, ends_y = (
         np.concatenate([start[:, 1:, 0], last[rows, -1:]], axis=1)
-        for start, last in ((own.x, knots.x), (own.y, knots.y))
+        for start, last in ((own.x, plan_states.x), (own.y, plan_states.y))
     )
     end_x = np.concatenate([flown.x[:, 1:], ends_x[n, leg, None]], axis=1)
     end_y = np.concatenate([flown.y[:, 1:], ends_y[n, leg, None]], axis=1)
@@ -263,7 +265,7 @@ def _separation(
 
 def _counts(one: Traffic, begin: Any, end: Any) -> Any:
     """Return in which parts ``[p, A]`` an intruder each, ``[p, 1]``, may count, bool."""
-    return np.broadcast_to(counted(one, begin, end), np.shape(begin))
+    return np.broadcast_to(within_window(one, begin, end), np.shape(begin))
 
 
 def _inside(one: Traffic, begin: Any, end: Any) -> Any:
@@ -300,9 +302,9 @@ def _near(
     """
     counts, told = True, True
     if seen.window is not None:
-        wide, begin = mapped(lambda field: field[:, None], seen), own.time[..., None]
-        counts = counted(wide, begin, begin + own.duration[..., None])
-        told = counted(wide, begin, begin)
+        wide, begin = map_leaves(lambda field: field[:, None], seen), own.time[..., None]
+        counts = within_window(wide, begin, begin + own.duration[..., None])
+        told = within_window(wide, begin, begin)
     if seen.mask.shape[-1] <= _FEW:
         every = np.ones((*own.time.shape, seen.mask.shape[-1]), dtype=bool)
         return every & counts

@@ -181,7 +181,7 @@ def parse(data: bytes, source: str) -> PolicyFile:
         PolicyFileError: the bytes are no policy file of this schema, or are damaged, inconsistent
             or not finite.
     """
-    tensors, entry = _loaded(data, source)
+    tensors, entry = _load(data, source)
     metadata = _metadata(entry, source)
     claimed = metadata.pop("sha256", None)
     check_metadata(metadata, source)
@@ -226,7 +226,7 @@ def write(path: str | os.PathLike[str], policy: PolicyFile) -> None:
         raise PolicyFileError(f"{os.fspath(path)}: cannot be written: {error.strerror}") from error
 
 
-def _loaded(data: bytes, source: str) -> tuple[dict[str, np.ndarray], Any]:
+def _load(data: bytes, source: str) -> tuple[dict[str, np.ndarray], Any]:
     """Return the tensors of a safetensors file and its ``__metadata__``."""
     try:
         tensors = load(data)

@@ -14,7 +14,7 @@ from agents.policy import novelty
 from agents.policy.domain import Departure, OutsideDomainError, domain, unlike
 from agents.policy.eight_network import EightNetwork
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
-from agents.policy.inputs import Input, extension_for, registered
+from agents.policy.inputs import Input, extension_for, registered_inputs
 from agents.policy.set_features import TABLE, InputTable, table
 from agents.policy.set_network import SetNetwork
 from envs.aircraft import Aircraft
@@ -22,7 +22,7 @@ from envs.backend import FLOATS
 from envs.edge.command import InputError
 from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE, urgent
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 PARITY_TOLERANCE = 2e-5
 """Largest difference of an action from the training framework's, both evaluated in double
@@ -92,8 +92,8 @@ class Policy:
         # In float64 so that a difference is one of meaning, never of rounding.
         exact = _network(content, np.float64, self.inputs)
         _check_parity(exact, content, PARITY_TOLERANCE, "in float64", source)
-        self._decider = _network(content, self.dtype, self.inputs)
-        _check_parity(self._decider, content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
+        self._resolver = _network(content, self.dtype, self.inputs)
+        _check_parity(self._resolver, content, _ROUNDING_TOLERANCE, f"in {self.dtype}", source)
 
     def for_aircraft(self, aircraft: Aircraft, *, outside: str = "refuse") -> "Policy":
         """Return this policy for another aircraft: it takes that one's states, and its actions mean
@@ -115,7 +115,7 @@ class Policy:
             raise OutsideDomainError(str(departure))
         other._outside, other._unlike = outside, [] if departure is None else [departure]
         other.aircraft, other.limits = aircraft, aircraft.limits
-        other._decider = self._decider.for_aircraft(aircraft)
+        other._resolver = self._resolver.for_aircraft(aircraft)
         return other
 
     @property
@@ -152,11 +152,11 @@ class Policy:
         """Return how aircraft and scene are unlike all that the policy was trained with; of more
         intruders than it looks at, by those.
         """
-        if not isinstance(self._decider, SetNetwork):
+        if not isinstance(self._resolver, SetNetwork):
             return [*self._unlike]
         intruders = self._looked_at(own, intruders)
         box = novelty.box_of(self.sha256, self.inputs)
-        mine, each, _ = self._decider.inputs_of_one(own, intruders, goal_x, goal_y)
+        mine, each, _ = self._resolver.inputs_of_one(own, intruders, goal_x, goal_y)
         return [*self._unlike, *novelty.departures(box, self.inputs, mine, each)]
 
     @classmethod
@@ -191,11 +191,11 @@ class Policy:
             ValueError: the last axis is not 8, or a component is not a number, not finite or
                 outside [-1, 1] by more than :data:`TOLERANCE`.
         """
-        array = self._checked(np.asarray(observation))
+        array = self._check(np.asarray(observation))
         if array.size == 0:
             return np.empty((*array.shape[:-1], 2), self.dtype)
-        actions = self._decider.of_observations(array.reshape(-1, SIZE))
-        return _clipped(actions).reshape(*array.shape[:-1], 2)
+        actions = self._resolver.of_observations(array.reshape(-1, SIZE))
+        return _clip(actions).reshape(*array.shape[:-1], 2)
 
     def command(
         self,
@@ -223,27 +223,27 @@ class Policy:
                 f"present has shape {present.shape}, expected {shape} and an axis of the intruders"
             )
         own = VehicleState(
-            *(_shaped(f"own.{name}", field, shape) for name, field in own._asdict().items())
+            *(_shape(f"own.{name}", field, shape) for name, field in own._asdict().items())
         )
-        goal_x, goal_y = _shaped("goal_x", goal_x, shape), _shaped("goal_y", goal_y, shape)
+        goal_x, goal_y = _shape("goal_x", goal_x, shape), _shape("goal_y", goal_y, shape)
         fields = intruders._asdict().items()
         seen = VehicleState(
-            *(_shaped(f"intruders.{name}", field, present.shape) for name, field in fields)
+            *(_shape(f"intruders.{name}", field, present.shape) for name, field in fields)
         )
         if present.shape[-1] > self.most:
             self.check_intruders(int(np.max(np.count_nonzero(present, axis=-1), initial=0)))
             order = self.most_critical(own, seen, present)
-            seen = mapped(lambda field: np.take_along_axis(field, order, axis=-1), seen)
+            seen = map_leaves(lambda field: np.take_along_axis(field, order, axis=-1), seen)
             present = np.take_along_axis(present, order, axis=-1)
         one, wide = (
             VehicleState(*(field.reshape(-1) for field in own)),
             (own.x.size, present.shape[-1]),
         )
         each = VehicleState(*(field.reshape(wide) for field in seen))
-        actions = self._decider.of_states(
+        actions = self._resolver.of_states(
             one, each, present.reshape(wide), goal_x.reshape(-1), goal_y.reshape(-1)
         )
-        return _clipped(actions).astype(float).reshape(*shape, 2)
+        return _clip(actions).astype(float).reshape(*shape, 2)
 
     def command_one(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
@@ -258,7 +258,7 @@ class Policy:
         if len(intruders) > self.most:
             self.check_intruders(len(intruders))
             intruders = self._looked_at(own, intruders)
-        throttle, steering = self._decider.of_one(own, intruders, goal_x, goal_y)
+        throttle, steering = self._resolver.of_one(own, intruders, goal_x, goal_y)
         if not (isfinite(throttle) and isfinite(steering)):
             raise ValueError(_NOT_FINITE)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
@@ -275,7 +275,7 @@ class Policy:
         )
         return [intruders[int(number)] for number in order]
 
-    def _checked(self, array: np.ndarray) -> np.ndarray:
+    def _check(self, array: np.ndarray) -> np.ndarray:
         """Return the observations in [-1, 1] and the policy's dtype, or raise ``ValueError``."""
         if array.dtype.kind not in "fiu":
             raise ValueError(f"observation has dtype {array.dtype}, expected real numbers")
@@ -301,7 +301,7 @@ def input_table(
     if not content.extensions:
         return TABLE
     # One that is given counts before a registered one of its name.
-    given = (*inputs, *registered())
+    given = (*inputs, *registered_inputs())
     try:
         return table(extension_for(contract, given) for contract in content.extensions)
     except InputError as problem:
@@ -314,14 +314,14 @@ def _network(
     return SetNetwork(content, dtype, inputs) if content.of_set else EightNetwork(content, dtype)
 
 
-def _shaped(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+def _shape(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     try:
         return np.broadcast_to(np.asarray(values, float), shape)
     except ValueError:
         raise ValueError(f"{name} has shape {np.shape(values)}, expected {shape}") from None
 
 
-def _clipped(actions: np.ndarray) -> np.ndarray:
+def _clip(actions: np.ndarray) -> np.ndarray:
     if not np.isfinite(actions).all():
         raise ValueError(_NOT_FINITE)
     return np.clip(actions, -1.0, 1.0)

@@ -4,7 +4,7 @@ The toolkit's own inputs are :data:`agents.policy.set_features.BUILT_IN`; a user
 form. An input is one row of a table from which sizes of layers, tensors of the policy file, its
 contract, the bounds of novelty, the ONNX model and the parity vectors follow.
 
-Functions take the scene as it is mirrored (:func:`agents.policy.scene.mirrored`): most of the
+Functions take the scene as it is mirrored (:func:`agents.policy.scene.mirror`): most of the
 traffic is left of the line to the goal. So every policy is exactly symmetric, whatever its inputs
 compute.
 
@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.policy.scene import Scene, mirrored, random_scenes, unpacked_rows
+from agents.policy.scene import Scene, mirror, random_scenes, unpacked_rows
 from envs.aircraft import Ratios
 from envs.edge.command import InputError
 from envs.edge.extension import is_extension, load_extension
 
-__all__ = ["INTRUDER", "OWNSHIP", "Input", "Number", "register", "registered", "resolve"]
+__all__ = ["INTRUDER", "OWNSHIP", "Input", "Number", "register", "registered_inputs", "resolve"]
 
 OWNSHIP, INTRUDER = "ownship", "intruder"
 """What an input describes: the ownship with its goal, or each of the intruders."""
@@ -85,7 +85,7 @@ def register(one: Input) -> Input:
     return one
 
 
-def registered() -> tuple[Input, ...]:
+def registered_inputs() -> tuple[Input, ...]:
     """Return the inputs of the user's own that this process knows."""
     return tuple(_registered.values())
 
@@ -130,8 +130,8 @@ def extension_for(contract: Mapping[str, Any], given: Iterable[Input]) -> Input:
             here = one.contract()
             if any(here[key] != contract[key] for key in ("of", "numbers")):
                 raise InputError(
-                    f"input {name!r} describes {_described(here)} here; the policy was trained "
-                    f"with {_described(contract)}"
+                    f"input {name!r} describes {_describe(here)} here; the policy was trained "
+                    f"with {_describe(contract)}"
                 )
             return one
     raise InputError(
@@ -140,7 +140,7 @@ def extension_for(contract: Mapping[str, Any], given: Iterable[Input]) -> Input:
     )
 
 
-def _described(contract: Mapping[str, Any]) -> str:
+def _describe(contract: Mapping[str, Any]) -> str:
     numbers = ", ".join(
         f"{one['name']} ({one['unit']}, {one['low']:g} to {one['high']:g})"
         for one in contract["numbers"]
@@ -170,9 +170,9 @@ def check_input(one: Any) -> None:
                 "the lower one first"
             )
     rows = random_scenes(_TRIAL_INTRUDERS, _TRIAL_FAMILY).astype(float)
-    seen, _ = mirrored(unpacked_rows(rows), np)
+    seen, _ = mirror(unpacked_rows(rows), np)
     try:
-        values = computed(one, seen, np)
+        values = evaluate_input(one, seen, np)
     except InputError:
         raise
     except Exception as problem:
@@ -188,7 +188,7 @@ def check_input(one: Any) -> None:
             )
 
 
-def computed(one: Input, seen: Scene, xp: Any) -> Any:
+def evaluate_input(one: Input, seen: Scene, xp: Any) -> Any:
     """Return the values of an input for mirrored scenes, in the scenes' dtype; raises an InputError
     where they have another shape.
     """

@@ -35,7 +35,7 @@ class Box(NamedTuple):
 
 
 @cache
-def shipped(sha256: str) -> Box | None:
+def shipped_box(sha256: str) -> Box | None:
     """Return the box of the policy with this digest; None unless it is the one that ships."""
     kept = parse_json(
         resources.files("agents").joinpath("data/inputs.json").read_text(encoding="utf-8")
@@ -47,7 +47,7 @@ def box_of(sha256: str, inputs: InputTable) -> Box:
     """Return the box of a policy: of the one that ships what training saw, of others the bounds of
     their inputs.
     """
-    return shipped(sha256) or Box(
+    return shipped_box(sha256) or Box(
         _bounds(inputs.own_numbers), _bounds(inputs.each_numbers), "its bounds are"
     )
 

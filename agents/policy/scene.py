@@ -56,12 +56,12 @@ def scene(
     """
     length, speed = 1.0 / separation, 1.0 / limits.speed_max
     sine, cosine = sincos(own.heading, xp)
-    ahead, left = _turned((goal_x - own.x) * length, (goal_y - own.y) * length, cosine, sine)
+    ahead, left = _rotate((goal_x - own.x) * length, (goal_y - own.y) * length, cosine, sine)
     pulled = xp.minimum(1.0, FARTHEST / xp.maximum(distance(ahead, left, xp), 1e-6))
     sine, cosine, length, speed = (
         xp.asarray(value)[..., None] for value in (sine, cosine, length, speed)
     )
-    x, y = _turned(
+    x, y = _rotate(
         (intruders.x - own.x[..., None]) * length,
         (intruders.y - own.y[..., None]) * length,
         cosine,
@@ -70,7 +70,7 @@ def scene(
     nearer = xp.minimum(1.0, FARTHEST / xp.maximum(distance(x, y, xp), 1e-6))
     course_sine, course_cosine = sincos(intruders.heading, xp)
     pace = intruders.speed * speed
-    vx, vy = _turned(pace * course_cosine, pace * course_sine, cosine, sine)
+    vx, vy = _rotate(pace * course_cosine, pace * course_sine, cosine, sine)
     return Scene(
         own.speed * speed[..., 0],
         ahead * pulled,
@@ -97,13 +97,13 @@ def scene_of_one(
     sine, cosine = math.sin(own.heading), math.cos(own.heading)
 
     def seen(x: float, y: float) -> tuple[float, float]:
-        ahead, left = _turned((x - own.x) * length, (y - own.y) * length, cosine, sine)
+        ahead, left = _rotate((x - own.x) * length, (y - own.y) * length, cosine, sine)
         pulled = min(1.0, FARTHEST / max(math.hypot(ahead, left), 1e-6))
         return ahead * pulled, left * pulled
 
     places = [seen(one.x, one.y) for one in intruders]
     velocities = [
-        _turned(
+        _rotate(
             one.speed * speed * math.cos(one.heading),
             one.speed * speed * math.sin(one.heading),
             cosine,
@@ -134,7 +134,7 @@ def width(most: int) -> int:
     return OWN_NUMBERS + 5 * most
 
 
-def unpacked(own: Any, traffic: Any) -> Scene:
+def unpack(own: Any, traffic: Any) -> Scene:
     """Return the scenes of rows ``[..., 7]`` and ``[..., K, 5]``, as a policy file's parity vectors
     hold them.
 
@@ -146,13 +146,13 @@ def unpacked(own: Any, traffic: Any) -> Scene:
 
 
 def parts(rows: Any) -> tuple[Any, Any]:
-    """Return what :func:`unpacked` takes of parity vectors ``[..., 7 + 5 K]``."""
+    """Return what :func:`unpack` takes of parity vectors ``[..., 7 + 5 K]``."""
     return rows[..., :OWN_NUMBERS], rows[..., OWN_NUMBERS:].reshape(*rows.shape[:-1], -1, 5)
 
 
 def unpacked_rows(rows: Any) -> Scene:
     """Return the scenes of parity vectors ``[..., 7 + 5 K]``."""
-    return unpacked(*parts(rows))
+    return unpack(*parts(rows))
 
 
 def random_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.ndarray:
@@ -183,7 +183,7 @@ def random_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.nd
     return np.concatenate([own, rows], axis=-1).astype(np.float32)
 
 
-def mirrored(seen: Scene, xp: Any) -> tuple[Scene, Any]:
+def mirror(seen: Scene, xp: Any) -> tuple[Scene, Any]:
     """Return the scene with most of the traffic left of the line to the goal, and the sign of its y
     axis, ``[...]``.
 
@@ -209,7 +209,7 @@ def mirrored(seen: Scene, xp: Any) -> tuple[Scene, Any]:
 
 
 def mirrored_one(seen: Scene) -> tuple[Scene, float]:
-    """Return :func:`mirrored` of a scene of plain floats."""
+    """Return :func:`mirror` of a scene of plain floats."""
     intruders = zip(seen.x, seen.y, seen.vx, seen.vy, strict=True)
     total = sum(
         _towards(*one, seen.own_speed, seen.goal_x, seen.goal_y, FLOATS) for one in intruders
@@ -242,5 +242,5 @@ def _towards(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_x: Any, goal_y: A
     return weight * ((goal_x * y - goal_y * x) / away + _TIE)
 
 
-def _turned(x: Any, y: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
+def _rotate(x: Any, y: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
     return x * cosine + y * sine, y * cosine - x * sine

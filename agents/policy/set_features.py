@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.policy import candidate_manoeuvres
-from agents.policy.inputs import INTRUDER, OWNSHIP, Input, Number, check_input, computed
-from agents.policy.scene import NOWHERE, Scene, mirrored
+from agents.policy.inputs import INTRUDER, OWNSHIP, Input, Number, check_input, evaluate_input
+from agents.policy.scene import NOWHERE, Scene, mirror
 from envs.backend import FLOATS
 from envs.edge.command import InputError
 from envs.relative import distance
@@ -97,7 +97,7 @@ def set_inputs(seen: Scene, xp: Any, inputs: InputTable | None = None) -> SetInp
     a table the toolkit's own, all within about [-3, 3].
     """
     inputs = TABLE if inputs is None else inputs
-    seen, sign = mirrored(seen, xp)
+    seen, sign = mirror(seen, xp)
     return SetInputs(
         _side_by_side(inputs.ownship, seen, xp),
         _side_by_side(inputs.intruder, seen, xp),
@@ -107,7 +107,7 @@ def set_inputs(seen: Scene, xp: Any, inputs: InputTable | None = None) -> SetInp
 
 
 def _side_by_side(rows: tuple[Input, ...], seen: Scene, xp: Any) -> Any:
-    parts = [computed(one, seen, xp) for one in rows]
+    parts = [evaluate_input(one, seen, xp) for one in rows]
     return parts[0] if len(parts) == 1 else xp.concatenate(parts, axis=-1)
 
 
@@ -212,7 +212,7 @@ def set_inputs_of_one(
     if inputs is not TABLE:
         batch = batch_of_one(seen)
         for row in inputs.extra:
-            values = computed(row, batch, np)[0]
+            values = evaluate_input(row, batch, np)[0]
             if row.of == OWNSHIP:
                 own += values.tolist()
             else:

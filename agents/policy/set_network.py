@@ -22,7 +22,7 @@ from envs.edge.command import InputError
 from envs.kinematics import VehicleState
 from envs.observation import decode
 from envs.relative import distance
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 Layers = list[tuple[np.ndarray, np.ndarray]]
 """Kernel ``[in, out]`` and bias ``[out]`` of each."""
@@ -111,7 +111,7 @@ class SetNetwork:
 
     def _of_scenes(self, seen: Scene) -> np.ndarray:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""
-        seen = mapped(
+        seen = map_leaves(
             lambda field: (
                 field if np.asarray(field).dtype == bool else np.asarray(field, self._dtype)
             ),
@@ -121,7 +121,7 @@ class SetNetwork:
             return actions(set_inputs(seen, np, self._inputs), self._encoder, self._trunk, np)
         blocks = [slice(first, first + _SCENES) for first in range(0, len(seen.own_speed), _SCENES)]
         parts = (
-            mapped(lambda field, at=at: field[at] if np.ndim(field) else field, seen)
+            map_leaves(lambda field, at=at: field[at] if np.ndim(field) else field, seen)
             for at in blocks
         )
         return np.concatenate([self._of_scenes(part) for part in parts])

@@ -3,7 +3,7 @@ future.
 
 At every time step it sees all states and the turn of the step before. It simulates escapes against
 several futures of the intruders and follows the one that keeps most distance in them. What it
-solves, a decider without foresight can solve: a lower bound of what such deciders can achieve, as
+solves, a resolver without foresight can solve: a lower bound of what such resolvers can achieve, as
 the clairvoyant search's is an upper one.
 """
 
@@ -23,12 +23,12 @@ from agents.manoeuvres.escape_manoeuvre import (
 from agents.manoeuvres.escape_search import (
     COARSE,
     STAGES,
-    concatenated,
-    doubled,
+    concatenate,
     fly_out,
     parts,
-    scaled,
+    scale,
     search,
+    to_double,
 )
 from envs.angles import wrap
 from envs.encounters import Encounter
@@ -36,7 +36,7 @@ from envs.intruder import IntruderState, start, step
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Outcome, Rules, judge
 from envs.relative import distance, leg_separation
-from envs.starts import joined
+from envs.starts import join
 from envs.trees import column, scatter, take
 
 ENOUGH = 1.5
@@ -56,7 +56,7 @@ _TURN = np.radians(
     90.0
 )  # heading change of an intruder that might begin to turn now, or goes on turning, rad
 
-_FAMILY = concatenated(STAGES[0], COARSE)
+_FAMILY = concatenate(STAGES[0], COARSE)
 
 
 class Causal(NamedTuple):
@@ -91,7 +91,7 @@ def causal(encounters: Encounter, rules: Rules, limits: Limits) -> Causal:
     """Let the oracle fly encounters ``[N]`` (numpy); raise ValueError where they have no leading
     axis.
     """
-    chosen, count = doubled(encounters), np.size(encounters.goal_x)
+    chosen, count = to_double(encounters), np.size(encounters.goal_x)
     inf, nan = np.full(count, np.inf), np.full(count, np.nan)
     record = VehicleState(*np.full((len(VehicleState._fields), steps(rules) + 1, count), np.nan))
     result = Causal(np.full(count, 2, np.int8), inf, nan, np.zeros(count), record)
@@ -115,7 +115,7 @@ def _fly(encounter: Encounter, part: Any, rules: Rules, limits: Limits, result: 
     for index in range(steps(rules)):
         elapsed = index * rules.dt
         left = rules._replace(t_max=rules.t_max - elapsed)
-        air = air._replace(plan=_planned(air, index, left, limits))
+        air = air._replace(plan=_plan(air, index, left, limits))
         goal, mask, now = (
             (air.encounter.goal_x, air.encounter.goal_y),
             air.encounter.mask,
@@ -144,7 +144,7 @@ def _fly(encounter: Encounter, part: Any, rules: Rules, limits: Limits, result: 
             break
 
 
-def _planned(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
+def _plan(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
     """Return the plans to follow from now on: the old ones, unless these fail and better ones are
     found.
     """
@@ -167,7 +167,7 @@ def _planned(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
     enough = ENOUGH * rules.separation - _DEAR * rules.separation / rules.dt * rules.t_max
     if index > 0 and rows.size:
         rows = rows[value(rows, plan[:, rows, None])[:, 0] < enough]
-    family = np.stack(scaled(_FAMILY, rules))
+    family = np.stack(scale(_FAMILY, rules))
     for part in parts(rows, 3 * family.shape[-1], air.encounter):
         tried = np.broadcast_to(family[:, None], (family.shape[0], part.size, family.shape[-1]))
         # The old plan comes first, so that it is kept where nothing is better.
@@ -211,7 +211,7 @@ def _value(futures: list[Encounter], tried: Any, rules: Rules, limits: Limits) -
     shape = (len(futures), *tried.shape[1:])
     together = futures[0]
     for future in futures[1:]:
-        together = joined(together, future)
+        together = join(together, future)
     which = np.repeat(np.arange(shape[0] * shape[1]), shape[2])
     family = Manoeuvre(*(np.tile(np.ascontiguousarray(field).ravel(), shape[0]) for field in tried))
     flown = fly_out(

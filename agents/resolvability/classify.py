@@ -1,7 +1,7 @@
 """Whether an encounter can be resolved at all: by an escape to show, not by a proof, or not known.
 
 An encounter is resolvable if some control history within the limits keeps the separation until it
-reaches the goal within ``rules.t_max`` (the definition of policy mode). Success of a decider is
+reaches the goal within ``rules.t_max`` (the definition of policy mode). Success of a resolver is
 judged against all encounters that are not *proven* unresolvable, so that a weak search here can
 never flatter it. ``classify`` stops at the first escape that works;
 :func:`agents.resolvability.witness.least_cost` looks for the shortest.
@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly, steps, takeoff, tracks
-from agents.manoeuvres.escape_search import doubled, parts, search
-from agents.resolvability.proof import contained, look_ahead, split
+from agents.manoeuvres.escape_search import parts, search, to_double
+from agents.resolvability.proof import containment_time, look_ahead, split
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.relative import distance, leg_separation
 from envs.starts import cast
-from envs.trees import column, mapped, scatter, take
+from envs.trees import column, map_leaves, scatter, take
 
 
 class Verdict(IntEnum):
@@ -82,7 +82,7 @@ def classify(
         ValueError: ``encounters`` has no leading axis, or ``solved`` is not one bool for each of
             them.
     """
-    chosen, count = doubled(encounters), np.size(encounters.goal_x)
+    chosen, count = to_double(encounters), np.size(encounters.goal_x)
     known = np.zeros(count, dtype=bool) if solved is None else np.asarray(solved)
     if known.shape != (count,) or known.dtype != bool:
         raise ValueError(f"solved must be bool [{count}], got {known.dtype} {list(known.shape)}")
@@ -105,7 +105,7 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
     """
     if not np.all(np.isfinite(witness)):
         raise ValueError("the encounter has no witness: its manoeuvre is not finite")
-    one, manoeuvre = mapped(
+    one, manoeuvre = map_leaves(
         lambda field: np.asarray(field)[None], (cast(encounter, np.float64), witness)
     )
     traffic = tracks(one, steps(rules), rules)
@@ -154,7 +154,7 @@ def _decide(
 
     every = np.arange(part.size)
     proven(every, np.where(ahead.out_of_reach, steps(rules) * rules.dt, np.nan), Method.GOAL)
-    times = contained(ahead, missed, limits)
+    times = containment_time(ahead, missed, limits)
     proven(every, times, Method.CONTAINMENT)
     proven(every, np.where(times == 0.0, times, np.nan), Method.START)
 

@@ -18,8 +18,8 @@ from agents.resolvability.reachable_bound import (
     Funnel,
     delta,
     farthest,
-    narrowed,
-    relaxed,
+    narrow,
+    relax,
     root,
     support,
 )
@@ -106,7 +106,7 @@ def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
     return Ahead(own.speed, start_distance, x, y, goal_x, goal_y, out_of_reach)
 
 
-def contained(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
+def containment_time(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
     """Return the time by which every control history has violated the separation, nan where not
     proven, ``[N]``.
     """
@@ -123,32 +123,32 @@ def contained(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
     for first in range(0, near.size, size):
         part = near[first : first + size]
         chosen = take(ahead, part)
-        funnel = root(chosen.speed, _times(rules, limits), relaxed(limits))
+        funnel = root(chosen.speed, _times(rules, limits), relax(limits))
         proven[part] = _look(funnel, chosen, rules, limits)[0]
     proven[ahead.start_distance <= rules.separation - delta(rules, limits)] = 0.0
     return proven
 
 
 def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Any:
-    """As :func:`contained`, for parts of the control histories: survivors, else up to so many
-    halves of halves.
+    """As :func:`containment_time`, for parts of the control histories: survivors, else up to so
+    many halves of halves.
     """
     proven = np.full(ahead.speed.shape, np.nan)
     for index in range(ahead.speed.size):
         one = take(ahead, slice(index, index + 1))
         for cells in CELLS:
             if np.isnan(proven[index]):
-                proven[index] = _survived(one, cells, rules, limits)
+                proven[index] = _survival_time(one, cells, rules, limits)
         if np.isnan(proven[index]):
-            proven[index] = _halved(one, nodes, rules, limits)
+            proven[index] = _bisect_until_contained(one, nodes, rules, limits)
     return proven
 
 
-def _survived(ahead: Ahead, cells: Cells, rules: Rules, limits: Limits) -> float:
+def _survival_time(ahead: Ahead, cells: Cells, rules: Rules, limits: Limits) -> float:
     """Follow what is still clear of all intruders of one encounter; return when nothing is, nan if
     something stays.
     """
-    granted, radius = relaxed(limits), rules.separation - delta(rules, limits)
+    granted, radius = relax(limits), rules.separation - delta(rules, limits)
     cells = cells._replace(
         speed=cells.speed * limits.speed_max, place=cells.place * rules.separation
     )
@@ -160,12 +160,12 @@ def _survived(ahead: Ahead, cells: Cells, rules: Rules, limits: Limits) -> float
     return last_time(ahead.speed[0], discs, goal, STRIDE * STEP * rules.dt, cells, granted)
 
 
-def _halved(ahead: Ahead, nodes: int, rules: Rules, limits: Limits) -> float:
+def _bisect_until_contained(ahead: Ahead, nodes: int, rules: Rules, limits: Limits) -> float:
     """Halve the control histories of one encounter until all are contained; return the last time,
     nan if some stay.
     """
     times, size = _times(rules, limits), _block(ahead)
-    funnel = root(ahead.speed, times, relaxed(limits))
+    funnel = root(ahead.speed, times, relax(limits))
     looked_at, latest = funnel.turn_low.shape[0], 0.0
     while looked_at <= nodes:
         blocks = [
@@ -188,7 +188,7 @@ def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[A
     """Return the first time at which a disc contains funnels ``[N]`` (nan: none), and when that is
     nearest.
     """
-    supports = support(funnel, DIRECTIONS, STEP * rules.dt, relaxed(limits), stride=STRIDE)
+    supports = support(funnel, DIRECTIONS, STEP * rules.dt, relax(limits), stride=STRIDE)
     times = _test_times(rules, limits)
     excess = np.min(farthest(supports, ahead.x, ahead.y), axis=-2) - (
         rules.separation - delta(rules, limits)
@@ -214,7 +214,7 @@ def _halves(funnel: Funnel, promising: Any, times: Any, step: float, limits: Lim
         turn = 0.5 * (funnel.turn_low + funnel.turn_high)[rows, at]
         speed = 0.5 * (funnel.speed_low + funnel.speed_high)[rows, at]
         for cut in ((turn, none), (none, speed)):
-            halves = narrowed(funnel, times, times[at], *cut, relaxed(limits))
+            halves = narrow(funnel, times, times[at], *cut, relax(limits))
             width = np.maximum(*(np.sum(_width(half) * until, axis=-1) for half in halves))
             better = width < least
             least = np.where(better, width, least)
@@ -244,7 +244,7 @@ def _under_way(supports: Any, ahead: Ahead, rules: Rules, limits: Limits) -> Any
     """Return whether no history of the funnels can have ended at the goal by the test times, ``[N,
     T]``.
     """
-    flight = np.maximum(relaxed(limits).speed_max, ahead.speed) * STRIDE * (STEP * rules.dt)
+    flight = np.maximum(relax(limits).speed_max, ahead.speed) * STRIDE * (STEP * rules.dt)
     # What cannot be within the goal's radius and a stride's flight of it now has not been at it
     # since the last test.
     goal = np.cos(DIRECTIONS) * ahead.goal_x[:, None] + np.sin(DIRECTIONS) * ahead.goal_y[:, None]
@@ -259,8 +259,8 @@ def _out_of_reach(speed: Any, goal_x: Any, goal_y: Any, rules: Rules, limits: Li
     coarse = STRIDE * STEP * rules.dt
     times = coarse * np.arange(int(np.ceil(steps(rules) * rules.dt / coarse)) + 1)
     direction = np.arctan2(goal_y, goal_x)[:, None]
-    funnel = root(speed, times, relaxed(limits))
-    reach = support(funnel, direction, coarse, relaxed(limits), growing=True)[:, 0]
+    funnel = root(speed, times, relax(limits))
+    reach = support(funnel, direction, coarse, relax(limits), growing=True)[:, 0]
     # The support is convex in time, since its integrand grows: it is largest at one of the ends.
     return np.maximum(reach[:, -1], 0.0) < distance(goal_x, goal_y, np) - (
         rules.goal_radius + delta(rules, limits)

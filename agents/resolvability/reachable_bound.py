@@ -21,7 +21,7 @@ import numpy as np
 from envs.angles import wrap
 from envs.kinematics import Limits
 from envs.outcome import Rules
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 EPSILON = 1e-4
 """A proof grants the ownship limits wider by this fraction."""
@@ -47,7 +47,7 @@ class Funnel(NamedTuple):
     speed_high: Any
 
 
-def relaxed(limits: Limits) -> Limits:
+def relax(limits: Limits) -> Limits:
     """Return the limits that proofs grant, wider by :data:`EPSILON`."""
     wider = 1.0 + EPSILON
     return Limits(limits.speed_min / wider, *(limit * wider for limit in limits[1:]))
@@ -85,7 +85,7 @@ def towards(funnel: Funnel, directions: Any) -> Any:
     return np.where(cosine >= 0.0, funnel.speed_high, funnel.speed_low) * cosine
 
 
-def narrowed(
+def narrow(
     funnel: Funnel, times: Any, at: Any, turn: Any, speed: Any, limits: Limits
 ) -> tuple[Funnel, Funnel]:
     """Cut funnels ``[N, T]`` in two: the histories at most, and those at least, at a turn or speed
@@ -130,7 +130,7 @@ def support(
     |change| step / 2. The funnel ``[..., T]`` has times ``step`` seconds apart; directions
     are rad, ``[..., D]``.
     """
-    rate = towards(mapped(lambda bound: bound[..., None, :], funnel), directions[..., None])
+    rate = towards(map_leaves(lambda bound: bound[..., None, :], funnel), directions[..., None])
     change = rate[..., 1:] - rate[..., :-1]
     top_speed = np.maximum(limits.speed_max, funnel.speed_high.max(axis=-1))[..., None, None]
     steepest = top_speed * limits.yaw_rate_max + max(

@@ -3,7 +3,7 @@ one by one.
 
 The states are followed forward in time as sets, each an interval of headings, one of speeds and a
 polygon of positions. In each segment of time every set branches into those of its histories that
-end in one cell of heading and speed (cf. :func:`agents.resolvability.reachable_bound.narrowed`); at
+end in one cell of heading and speed (cf. :func:`agents.resolvability.reachable_bound.narrow`); at
 each test time what lies inside an intruder's disc is cut off
 (:func:`agents.resolvability.outer_polygon.outside`); after the segment the polygons are cut along a
 grid, and the sets of one cell are merged. If nothing is left, every history has violated the
@@ -84,7 +84,7 @@ def last_time(
             supports, row = supports[left], row[left]
             if not row.size:
                 return (first + test + 1) * stride
-        states = merged(take(ended, row)._replace(supports=supports), cells)
+        states = merge(take(ended, row)._replace(supports=supports), cells)
         if _passes(states, x[:, first + tests :], y[:, first + tests :], radius, stride):
             break
     return np.nan
@@ -96,10 +96,10 @@ def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tu
     """
     slowest, fastest = speeds(states.speed_low, states.speed_high, seconds, limits)
     turned = limits.yaw_rate_max * seconds
-    parent, turn_low, turn_high = _divided(
+    parent, turn_low, turn_high = _divide(
         states.turn_low - turned, states.turn_high + turned, cells.turn
     )
-    again, speed_low, speed_high = _divided(slowest[parent], fastest[parent], cells.speed)
+    again, speed_low, speed_high = _divide(slowest[parent], fastest[parent], cells.speed)
     ended = States(
         turn_low[again], turn_high[again], speed_low, speed_high, np.zeros((again.size, 0))
     )
@@ -141,11 +141,11 @@ def moves(before: States, ended: States, tests: int, stride: float, limits: Limi
         now = after
 
 
-def merged(states: States, cells: Cells) -> States:
+def merge(states: States, cells: Cells) -> States:
     """Cut polygons along a grid, and merge the sets of one cell of turn, speed and place."""
     quarter = DIRECTIONS.size // 4
     for ahead in (0, quarter):
-        states = _gridded(states, ahead, cells.place)
+        states = _cut_along_grid(states, ahead, cells.place)
     reach = states.supports
     middle = [0.5 * (reach[:, k] - reach[:, k + 2 * quarter]) / cells.place for k in (0, quarter)]
     turn = 0.5 * (states.turn_low + states.turn_high) / cells.turn
@@ -164,7 +164,7 @@ def merged(states: States, cells: Cells) -> States:
     )
 
 
-def _gridded(states: States, ahead: int, place: float) -> States:
+def _cut_along_grid(states: States, ahead: int, place: float) -> States:
     """Cut polygons at every multiple of ``place`` in one direction; overlaps of up to a millimetre
     stay.
     """
@@ -202,7 +202,7 @@ def _passes(states: States, x: Any, y: Any, radius: float, stride: float) -> boo
     return False
 
 
-def _divided(low: Any, high: Any, width: float) -> tuple[Any, Any, Any]:
+def _divide(low: Any, high: Any, width: float) -> tuple[Any, Any, Any]:
     """Cut intervals ``[M]`` at the multiples of a width; return the number of each piece's
     interval, and its ends.
     """

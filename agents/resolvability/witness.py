@@ -12,14 +12,14 @@ from agents.manoeuvres.escape_manoeuvre import Manoeuvre, steps, tracks
 from agents.manoeuvres.escape_search import (
     SPREAD,
     STAGES,
-    Flown,
+    EscapeOutcome,
     Found,
-    doubled,
     fly_out,
     nothing,
     parts,
-    scaled,
+    scale,
     search,
+    to_double,
     within_range,
 )
 from envs.draws import normals, uniforms
@@ -70,7 +70,7 @@ def least_cost(
     Raises:
         ValueError: ``encounters`` has no leading axis.
     """
-    chosen, count = doubled(encounters), np.size(encounters.goal_x)
+    chosen, count = to_double(encounters), np.size(encounters.goal_x)
     result = nothing(count)
     known = np.stack(result.manoeuvre if start is None else start).astype(np.float64)
     for part in parts(np.arange(count), sum(stage.turn.size for stage in STAGES), chosen):
@@ -82,7 +82,7 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
     """Return the witnesses of a part of the encounters, ``[N]``; ``known`` is ``[8, N]``."""
     count = np.shape(encounter.goal_x)[0]
     traffic, every = tracks(encounter, steps(rules), rules), np.arange(count)
-    families = np.concatenate([np.stack(scaled(stage, rules)) for stage in STAGES], axis=-1)
+    families = np.concatenate([np.stack(scale(stage, rules)) for stage in STAGES], axis=-1)
     families = np.broadcast_to(families[:, None], (len(SPREAD), count, families.shape[-1]))
     pool = np.concatenate([families, _direct(encounter, rules), known[:, :, None]], axis=-1)
     pool, flown = _best(pool, _fly(encounter, traffic, every, pool, rules, limits), _ELITES)
@@ -103,10 +103,10 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
         alive = np.flatnonzero(working)
         if alive.size == 0:
             break
-        spread = np.array(scaled(SPREAD, rules))[:, None] * (changes[index] * _DECAY**index)
+        spread = np.array(scale(SPREAD, rules))[:, None] * (changes[index] * _DECAY**index)
         tried = _offspring(pool[:, alive], working[alive], spread, draws[index])
         outcome = _fly(encounter, traffic, alive, tried, rules, limits)
-        both = Flown(
+        both = EscapeOutcome(
             *(np.concatenate([a[alive], b], axis=-1) for a, b in zip(flown, outcome, strict=True))
         )
         kept, kept_flown = _best(np.concatenate([pool[:, alive], tried], axis=-1), both, _ELITES)
@@ -152,7 +152,7 @@ def _offspring(pool: Any, working: Any, changes: Any, draws: Any) -> Any:
 
 def _fly(
     encounter: Encounter, traffic: VehicleState, rows: Any, tried: Any, rules: Rules, limits: Limits
-) -> Flown:
+) -> EscapeOutcome:
     """Fly candidates ``[8, R, C]`` of the encounters numbered ``rows``; fields ``[R, C]``, nan
     arrival if they fail.
     """
@@ -164,17 +164,17 @@ def _fly(
     flown = fly_out(
         encounter, traffic, which[able], Manoeuvre(*flat[:, able]), stricter, limits, first=False
     )
-    result = Flown(*np.full((3, which.size), np.nan))
+    result = EscapeOutcome(*np.full((3, which.size), np.nan))
     scatter(result, able, flown)
-    return Flown(*(field.reshape(-1, size) for field in result))
+    return EscapeOutcome(*(field.reshape(-1, size) for field in result))
 
 
-def _best(pool: Any, flown: Flown, most: int) -> tuple[Any, Flown]:
+def _best(pool: Any, flown: EscapeOutcome, most: int) -> tuple[Any, EscapeOutcome]:
     """Return the cheapest flights ``[8, N, most]`` that work, cheapest first, then those that do
     not.
     """
     cost = np.where(np.isnan(flown.arrival), np.inf, flown.path + SECOND * flown.arrival)
     best = np.argsort(cost, axis=-1, kind="stable")[:, :most]
-    return np.take_along_axis(pool, best[None], axis=-1), Flown(
+    return np.take_along_axis(pool, best[None], axis=-1), EscapeOutcome(
         *(np.take_along_axis(f, best, axis=-1) for f in flown)
     )

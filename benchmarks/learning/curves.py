@@ -24,9 +24,9 @@ __all__ = [
     "Times",
     "Windows",
     "ratio",
-    "reached",
     "score_at",
     "t_mean",
+    "time_to_score",
 ]
 
 WINDOW = 131_072
@@ -40,7 +40,7 @@ CONFIDENCE = 0.95
 Axis = Literal["steps", "wall_s"]
 
 
-class Flown(NamedTuple):
+class Episodes(NamedTuple):
     """What the episodes that ended during an update amount to."""
 
     steps: int
@@ -72,28 +72,30 @@ class Windows:
     def __init__(self, least: int = WINDOW) -> None:
         self._least = least
         self._steps, self._wall_s = 0, 0.0
-        self._begun = Flown(0, 0.0, 0)
+        self._begun = Episodes(0, 0.0, 0)
 
-    def add(self, flown: Flown, wall_s: float) -> Point | None:
+    def add(self, flown: Episodes, wall_s: float) -> Point | None:
         """Count an update that took so long, s; return the point where a window has ended
         with it.
         """
         self._steps += flown.steps
         self._wall_s += wall_s
         steps, returns, episodes = self._begun
-        self._begun = Flown(steps + flown.steps, returns + flown.returns, episodes + flown.episodes)
+        self._begun = Episodes(
+            steps + flown.steps, returns + flown.returns, episodes + flown.episodes
+        )
         return self.rest() if self._begun.steps >= self._least else None
 
     def rest(self) -> Point:
         """End the window where it is."""
         _, returns, episodes = self._begun
-        self._begun = Flown(0, 0.0, 0)
+        self._begun = Episodes(0, 0.0, 0)
         return Point(
             self._steps, self._wall_s, returns / episodes if episodes else math.nan, episodes
         )
 
 
-def reached(curve: Sequence[Point], score: float, axis: Axis) -> float | None:
+def time_to_score(curve: Sequence[Point], score: float, axis: Axis) -> float | None:
     """Return where a curve first comes to a score, between two windows' ends by a straight line;
     None if never.
     """

@@ -23,10 +23,10 @@ from agents.config.load import ConfigError, Parser, dump, load
 from benchmarks.learning import figure as learning_figure
 from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning import training as learning_run
-from benchmarks.learning.curves import Axis, Point, Times, ratio, reached, score_at, t_mean
+from benchmarks.learning.curves import Axis, Point, Times, ratio, score_at, t_mean, time_to_score
 from benchmarks.learning.sides import LEARNERS, PACKAGES, available, check
 from benchmarks.learning.training import Log
-from benchmarks.learning.trials import Trial, best, changed, described, settings
+from benchmarks.learning.trials import Trial, best, describe, settings, with_setting
 from benchmarks.measure import machine, report
 from envs.edge.files import write_file
 from eval.stats.intervals import Interval
@@ -84,7 +84,7 @@ class _Runs:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, draw and print; return 0, or 1 where a training failed."""
-    options, extent, config = _parsed(argv)
+    options, extent, config = _parse(argv)
     learners = _present(options.learner)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
@@ -93,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"--out {options.out}: {problem.strerror}; expected a directory to write to"
         ) from None
     try:
-        runs = _trained(config, extent, learners, options.out)
+        runs = _train(config, extent, learners, options.out)
     except RunError as problem:
         print(f"error: {problem}", file=sys.stderr)
         return FAILED
@@ -105,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         },
         "settings": runs.chosen,
         "trials": {
-            name: [described(trial, extent.trial_target) for trial in tried]
+            name: [describe(trial, extent.trial_target) for trial in tried]
             for name, tried in runs.trials.items()
         },
     }
@@ -181,7 +181,7 @@ def summary(seeds: Mapping[str, Sequence[Log]]) -> dict[str, Any]:
 def _times(runs: Sequence[Sequence[Point]], score: float) -> Times:
     whole = [curve for curve in runs if curve]
     return Times(
-        tuple(reached(curve, score, "wall_s") for curve in whole),
+        tuple(time_to_score(curve, score, "wall_s") for curve in whole),
         tuple(curve[-1].wall_s for curve in whole),
     )
 
@@ -212,7 +212,7 @@ def _plain(interval: Interval) -> dict[str, float | None]:
     }
 
 
-def _parsed(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
+def _parse(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
     parser = Parser(prog="python -m benchmarks.learning", description=__doc__)
     add = parser.add_argument
     add(
@@ -319,7 +319,7 @@ def _present(wanted: Sequence[str] | None) -> list[str]:
     return learners
 
 
-def _trained(config: TrainConfig, extent: Extent, learners: Sequence[str], out: Path) -> _Runs:
+def _train(config: TrainConfig, extent: Extent, learners: Sequence[str], out: Path) -> _Runs:
     """Make the trials and trainings that are missing."""
     tried = settings(config, extent.trials)
     trials: dict[str, list[Trial]] = {name: [] for name in learners}
@@ -334,7 +334,7 @@ def _trained(config: TrainConfig, extent: Extent, learners: Sequence[str], out: 
             logs = tuple(
                 _run(
                     name,
-                    changed(config, setting, seed),
+                    with_setting(config, setting, seed),
                     extent.trial_s,
                     out / "trials" / run,
                     extent.trial_target,
@@ -349,7 +349,7 @@ def _trained(config: TrainConfig, extent: Extent, learners: Sequence[str], out: 
     seeds: dict[str, list[Log]] = {name: [] for name in learners}
     for number in range(extent.seeds):
         for name in learners:
-            seeded = changed(config, chosen[name], (config.seed + number) % SEED_END)
+            seeded = with_setting(config, chosen[name], (config.seed + number) % SEED_END)
             seeds[name].append(
                 _run(name, seeded, extent.budget_s, out / "runs" / f"{name}-seed{number}")
             )

@@ -111,7 +111,10 @@ class _FirstScenario:
     def __init__(self, config: TrainConfig, count: int) -> None:
         self._config, self._feature_set = config, config.network.feature_set
         self._world = DeconflictionVectorEnv(
-            count, config.drawn()[0], aircraft=config.aircraft.aircraft(), rules=config.rules()
+            count,
+            config.training_scenarios()[0],
+            aircraft=config.aircraft.aircraft(),
+            rules=config.rules(),
         )
         self._seen = np.zeros((count, SIZE), np.float32)
 

@@ -25,7 +25,7 @@ from agents.config.load import ConfigError
 from agents.learning.networks import derive
 from agents.policy import features
 from benchmarks.learning import sb3 as sb3_task
-from benchmarks.learning.curves import Flown
+from benchmarks.learning.curves import Episodes
 from benchmarks.learning.sb3 import Cell
 from envs import surrogate
 from envs.rewards import Transition, learning_reward
@@ -82,7 +82,7 @@ class Side(Protocol):
         """Compile, warm up and return to the beginning of the training."""
         ...
 
-    def update(self) -> Flown:
+    def update(self) -> Episodes:
         """Fly a rollout and learn from it.
 
         Raises:
@@ -117,14 +117,14 @@ class _Ours:
         jax.block_until_ready(self._task.update(self._task.initial()))
         self._state = jax.block_until_ready(self._task.initial())
 
-    def update(self) -> Flown:
+    def update(self) -> Episodes:
         self._state, compiled = self._task.update(self._state)
         jax.block_until_ready(self._state)
         figures = jax.device_get(compiled)
         if not figures["finite"]:
             raise DivergedError
         episodes = int(figures["episodes"])
-        return Flown(
+        return Episodes(
             self._task.steps_per_update,
             float(figures["score"]) * episodes if episodes else 0.0,
             episodes,
@@ -155,10 +155,10 @@ class _Peer:
         self._weights.set(begin)
         self._done = 0
 
-    def update(self) -> Flown:
+    def update(self) -> Episodes:
         self._learn()
         self._done += 1
-        return Flown(self._cell.samples, *self._flight.flown())
+        return Episodes(self._cell.samples, *self._flight.take_episodes())
 
     def _learn(self) -> None:
         """Make one update.
@@ -270,7 +270,7 @@ def check(config: TrainConfig) -> None:
         raise ConfigError(
             "network.feature_set is set; expected none, cpa or mirror, as peers take one vector"
         )
-    for number, entry in enumerate(config.drawn()):
+    for number, entry in enumerate(config.training_scenarios()):
         if noisy([entry]):
             raise ConfigError(
                 f"scenarios.{number}: {entry.name} has noisy or late reports; "
@@ -297,7 +297,7 @@ class TrainingFlight:
         """Sum of the sparse, unscaled rewards since the last :meth:`flown`."""
         self.episodes = 0
         """Episodes that have ended since then."""
-        self._draw, self._begin, self._step = _compiled(config)
+        self._draw, self._begin, self._step = _compile(config)
 
     def reset(self) -> np.ndarray:
         """Begin anew from the configuration's seed and return the inputs of the first layer, ``[N,
@@ -332,7 +332,7 @@ class TrainingFlight:
         self.episodes += int(np.count_nonzero(done))
         return np.array(seen), reward.copy(), done
 
-    def flown(self) -> tuple[float, int]:
+    def take_episodes(self) -> tuple[float, int]:
         """Return the sum of the sparse rewards and the number of episodes ended since the last
         call.
         """
@@ -345,11 +345,11 @@ class TrainingFlight:
         self._pool = self._draw(now)
 
 
-def _compiled(config: TrainConfig) -> tuple[Any, Any, Any]:
+def _compile(config: TrainConfig) -> tuple[Any, Any, Any]:
     """Return the functions that draw a pool, begin from its first row, and fly a step."""
     feature_set = config.network.feature_set
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
-    scenarios, rewards = config.drawn(), config.rewards.table()
+    scenarios, rewards = config.training_scenarios(), config.rewards.table()
 
     def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
         inputs = derive(surrogate.observe(state, world.aircraft), feature_set)

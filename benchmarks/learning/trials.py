@@ -13,11 +13,11 @@ import numpy as np
 from pydantic import ValidationError
 
 from agents.config.load import ConfigError
-from benchmarks.learning.curves import WINDOW, Times, reached, score_at
+from benchmarks.learning.curves import WINDOW, Times, score_at, time_to_score
 from benchmarks.learning.training import Log
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["PEERS_BEST", "SPACE", "Trial", "best", "changed", "described", "settings"]
+__all__ = ["PEERS_BEST", "SPACE", "Trial", "best", "describe", "settings", "with_setting"]
 
 Setting = dict[str, float]
 SPACE: dict[str, tuple[int, ...]] = {
@@ -49,7 +49,7 @@ def settings(config: TrainConfig, trials: int) -> list[Setting]:
     """
     own = {key: getattr(config.ppo, key) for key in ("learning_rate", *SPACE)}
     found: list[Setting] = []
-    for number, setting in zip(range(_TRIED), _proposed(own), strict=False):
+    for number, setting in zip(range(_TRIED), _propose(own), strict=False):
         if len(found) == trials:
             break
         if setting not in found and (number == 0 or _valid(config, setting)):
@@ -62,13 +62,13 @@ def settings(config: TrainConfig, trials: int) -> list[Setting]:
     return found
 
 
-def changed(config: TrainConfig, setting: Setting, seed: int) -> TrainConfig:
+def with_setting(config: TrainConfig, setting: Setting, seed: int) -> TrainConfig:
     """Return a configuration in another setting, with another seed."""
     values = config.model_dump()
     return TrainConfig.model_validate(values | {"seed": seed, "ppo": values["ppo"] | setting})
 
 
-def _proposed(own: Setting) -> Iterator[Setting]:
+def _propose(own: Setting) -> Iterator[Setting]:
     yield own
     yield own | PEERS_BEST
     low, high = np.log(LEARNING_RATE)
@@ -96,7 +96,7 @@ def _root(dimensions: int) -> float:
 
 def _valid(config: TrainConfig, setting: Setting) -> bool:
     try:
-        return changed(config, setting, config.seed).ppo.samples <= WINDOW
+        return with_setting(config, setting, config.seed).ppo.samples <= WINDOW
     except ValidationError:
         return False
 
@@ -124,7 +124,7 @@ class Trial:
         """Return when the seeds came to a score, s of training; None and the whole time of one that
         never did.
         """
-        found = [reached(log.curve, score, "wall_s") for log in self.logs]
+        found = [time_to_score(log.curve, score, "wall_s") for log in self.logs]
         return Times(tuple(found), tuple(float(log.header["seconds"]) for log in self.logs))
 
 
@@ -146,7 +146,7 @@ def best(tried: Sequence[Trial], target: float | None) -> dict[str, float]:
     return min(tried, key=late).setting
 
 
-def described(trial: Trial, target: float | None) -> dict[str, Any]:
+def describe(trial: Trial, target: float | None) -> dict[str, Any]:
     """Return a trial for JSON."""
     logs = trial.logs
     said: dict[str, Any] = {"steps": [log.curve[-1].steps if log.curve else 0 for log in logs]}

@@ -12,7 +12,7 @@ from typing import Any
 
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
-from ros_bridge.transport.children import started
+from ros_bridge.transport.children import start_node
 
 __all__ = [
     "FRAME",
@@ -20,9 +20,9 @@ __all__ = [
     "PATIENCE",
     "ahead",
     "cores_stolen",
-    "placed",
+    "geodetic",
     "resident",
-    "scheduled",
+    "scheduling",
     "start",
     "way",
 ]
@@ -39,7 +39,7 @@ FRAME = LocalFrame(*ORIGIN)
 def start(module: str, *arguments: str) -> "subprocess.Popen[bytes]":
     """Start a process of the graph; a node of ours ends with this process."""
     if module.startswith("ros_bridge."):
-        return started(module, *arguments)
+        return start_node(module, *arguments)
     return subprocess.Popen([sys.executable, "-m", module, *arguments])
 
 
@@ -60,7 +60,7 @@ def resident(process: "subprocess.Popen[bytes]") -> float:
     )
 
 
-def scheduled(process: "subprocess.Popen[Any]") -> tuple[float, float]:
+def scheduling(process: "subprocess.Popen[Any]") -> tuple[float, float]:
     """Return how long a process's threads have had a core, and how long they were ready and had
     none, s; or nan.
     """
@@ -84,7 +84,7 @@ def cores_stolen() -> float:
     return int(counts.read_text().split()[8]) / os.sysconf("SC_CLK_TCK")
 
 
-def placed(state: VehicleState) -> tuple[tuple[float, float], float, float]:
+def geodetic(state: VehicleState) -> tuple[tuple[float, float], float, float]:
     """Return latitude and longitude, and the velocity's east and north parts."""
     at = FRAME.geodetic(state.x, state.y)
     true = state.heading - float(at.convergence)

@@ -31,9 +31,9 @@ from benchmarks.ros.graph import (
     PATIENCE,
     ahead,
     cores_stolen,
-    placed,
+    geodetic,
     resident,
-    scheduled,
+    scheduling,
     start,
     way,
 )
@@ -41,7 +41,7 @@ from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval.flights.plan_flight import request_of
 from ros_bridge.transport.children import free_domain
@@ -151,7 +151,7 @@ class Caller:
         if self.scene is None:
             return
         seconds, now = self._now()
-        at, east, north = placed(ahead(self.scene[0], seconds))
+        at, east, north = geodetic(ahead(self.scene[0], seconds))
         self.clock.publish(Clock(clock=now))
         twist = TwistStamped()
         twist.header.stamp = now
@@ -169,7 +169,7 @@ class Caller:
         if self.scene is None:
             return
         seconds, now = self._now()
-        at, east, north = placed(ahead(self.scene[1], seconds))
+        at, east, north = geodetic(ahead(self.scene[1], seconds))
         message = AircraftState(id="other", valid=5, latitude=at[0], longitude=at[1])
         message.header.stamp = now
         message.velocity.x, message.velocity.y = east, north
@@ -187,7 +187,7 @@ class Caller:
         return time.perf_counter() - began, future.result()
 
 
-def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
+def measure(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
     """Return end-to-end and computing times by kind of plan, and times of the empty service in
     turns, s.
     """
@@ -195,7 +195,7 @@ def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
     from rlcas_msgs.srv import GenerateTrajectory
     from std_srvs.srv import Trigger
 
-    request = request_of(numbered(scenario("circle", PAPER), 0, first, calls), PAPER)
+    request = request_of(encounters_of_seed(scenario("circle", PAPER), 0, first, calls), PAPER)
     kinds = {Trajectory.SOURCE_POLICY: "policy", Trajectory.SOURCE_FALLBACK: "fallback"}
     times: dict[str, list[float]] = {"empty": []}
     for number in range(calls):
@@ -221,14 +221,14 @@ def measured(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
     return times
 
 
-def restarted(
+def restart(
     caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[str, Any]
 ) -> "subprocess.Popen[bytes]":
     """Kill the runner and start it again, several times; return the last one."""
     from rlcas_msgs.srv import GenerateTrajectory
 
     answered, first, missed = [], [], Counter[str]()
-    request = take(request_of(numbered(scenario("circle", PAPER), 0, 0, 1), PAPER), 0)
+    request = take(request_of(encounters_of_seed(scenario("circle", PAPER), 0, 0, 1), PAPER), 0)
     route = way(request.route_x.tolist(), request.route_y.tolist())
     for _ in range(RESTARTS):
         own = VehicleState(*(float(field) for field in request.own))
@@ -275,7 +275,7 @@ class Start(NamedTuple):
     """What the machine's own host took from all cores meanwhile."""
 
 
-def activated() -> Start:
+def time_to_active() -> Start:
     """Start a runner, and end it as soon as it says that it is active."""
     stolen, began = cores_stolen(), time.perf_counter()
     command = [sys.executable, "-m", "ros_bridge.runner"]
@@ -286,7 +286,7 @@ def activated() -> Start:
         for line in runner.stdout:
             if line.rstrip().endswith("active"):
                 took = time.perf_counter() - began
-                started = Start(took, *scheduled(runner), cores_stolen() - stolen)
+                started = Start(took, *scheduling(runner), cores_stolen() - stolen)
                 runner.terminate()
                 return started
     raise SystemExit("the runner ended before it was active")
@@ -303,13 +303,13 @@ def main() -> None:
         return
     with free_domain() as domain:
         os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        figures = flown(options.calls)
+        figures = measure_graph(options.calls)
     for name, value in figures.items():
         print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
     report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
 
 
-def flown(calls: int) -> dict[str, Any]:
+def measure_graph(calls: int) -> dict[str, Any]:
     """Return the figures of a graph that is started and stopped for them."""
     own = ("-p", "own_source:=nav_sat_fix", "-p", "own_id:=own")
     servers = [
@@ -320,15 +320,15 @@ def flown(calls: int) -> dict[str, Any]:
     try:
         caller = Caller()
         caller.wait()
-        measured(caller, calls, 20)
-        times = measured(caller, 0, calls)
+        measure(caller, calls, 20)
+        times = measure(caller, 0, calls)
         figures: dict[str, Any] = {"benchmark": "ros_latency", "calls": calls}
         for kind, values in sorted(times.items()):
             figures[f"{kind}_count"] = len(values)
             for mark, share in (("median", 50.0), ("p90", 90.0), ("p99", 99.0), ("max", 100.0)):
                 figures[f"{kind}_{mark}_ms"] = 1e3 * float(np.percentile(values, share))
         figures["runner_resident_mib"] = resident(servers[0])
-        ready = [activated() for _ in range(RESTARTS)]
+        ready = [time_to_active() for _ in range(RESTARTS)]
         wall = [one.wall for one in ready]
         figures |= {
             "start_to_active_median_s": float(np.median(wall)),
@@ -336,7 +336,7 @@ def flown(calls: int) -> dict[str, Any]:
         }
         figures["starts_to_active_s"] = [round(one, 3) for one in sorted(wall)]
         figures["slowest_start_s"] = max(ready)._asdict()
-        servers[0] = restarted(caller, servers[0], figures)
+        servers[0] = restart(caller, servers[0], figures)
         began = time.perf_counter()
         servers[0].terminate()
         figures["exit_code_of_sigterm"] = servers[0].wait(PATIENCE)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import report
-from benchmarks.ros.graph import ORIGIN, PATIENCE, ahead, placed, resident, start, way
+from benchmarks.ros.graph import ORIGIN, PATIENCE, ahead, geodetic, resident, start, way
 from envs.angles import wrap
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
@@ -152,7 +152,7 @@ class World:
     def _say(self, publisher: Any, name: str, state: VehicleState, now: Any) -> None:
         from rlcas_msgs.msg import AircraftState
 
-        at, east, north = placed(state)
+        at, east, north = geodetic(state)
         message = AircraftState(id=name, valid=5, latitude=at[0], longitude=at[1])
         message.header.stamp = now
         message.velocity.x, message.velocity.y = east, north
@@ -192,14 +192,14 @@ def main() -> int:
             parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
     with free_domain() as domain:
         os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        figures, good = soaked(options)
+        figures, good = run_soak(options)
     for name, value in figures.items():
         print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
     report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
     return 0 if good else 1
 
 
-def soaked(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
+def run_soak(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     """Fly and ask; return the figures, and whether nothing grew or was lost."""
     # An aircraft that has left the area is stale, and requests are refused, until it is forgotten.
     given = (

@@ -15,7 +15,7 @@ import numpy as np
 from agents.planner.request import Options, Request
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy
-from benchmarks.safety.resimulation import travelled
+from benchmarks.safety.resimulation import displacement
 from envs import draws
 from envs.aircraft import PAPER, Aircraft, new_aircraft
 from envs.kinematics import Limits, VehicleState
@@ -27,11 +27,11 @@ __all__ = [
     "VARIANTS",
     "Drawn",
     "Family",
-    "drawn",
+    "draw_requests",
     "policy_for",
     "random_aircraft",
     "random_options",
-    "scaled",
+    "scale",
     "variants",
 ]
 
@@ -179,7 +179,7 @@ class Drawn(NamedTuple):
     """Place in :data:`VARIANTS`."""
 
 
-def drawn(seed: int, first: int, count: int) -> Drawn:
+def draw_requests(seed: int, first: int, count: int) -> Drawn:
     """Return the requests ``first .. first + count - 1`` of a seed."""
     number = np.arange(first, first + count)
     which = _CYCLE[number % 100]
@@ -209,7 +209,7 @@ def drawn(seed: int, first: int, count: int) -> Drawn:
     off = _each("off")[which] * own_draws[12] * np.exp(2j * math.pi * own_draws[13])
     place = route[:, 0] + off
     traffic = _traffic(which, (place, heading, speed), route, points, each, own_draws)
-    own = VehicleState(place.real.copy(), place.imag.copy(), _wrapped(heading), speed)
+    own = VehicleState(place.real.copy(), place.imag.copy(), _wrap(heading), speed)
     request = Request(own, traffic, route.real.copy(), route.imag.copy(), points)
     return Drawn(request, number, which, variant)
 
@@ -313,7 +313,7 @@ def _traffic(
     )
     there = np.select(choices, courses, towards)
     begin = there - rate * np.minimum(when, lasts)
-    start = where - travelled(begin, pace, rate, lasts, when)
+    start = where - displacement(begin, pace, rate, lasts, when)
 
     noisy = u[14] < _each("unsure")[which][:, None]
     position = np.where(noisy & (u[15] < 0.8), np.where(u[16] < 0.1, 400.0, 60.0) * u[17], 0.0)
@@ -321,7 +321,7 @@ def _traffic(
     fewest, most = (_each("intruders")[which][:, side] for side in (0, 1))
     wanted = fewest + np.floor(extra[15] * (most - fewest + 1))
     mask = np.argsort(np.argsort(u[3], axis=1), axis=1) < wanted[:, None]
-    state = VehicleState(start.real.copy(), start.imag.copy(), _wrapped(begin), pace)
+    state = VehicleState(start.real.copy(), start.imag.copy(), _wrap(begin), pace)
     return Traffic(state, mask, rate, lasts, position, velocity, 0.0 * pace)
 
 
@@ -345,7 +345,7 @@ def _on_route(route: Any, points: Any, place: Any, length: Any) -> tuple[Any, An
     return np.take_along_axis(path, leg, 1) + left * np.exp(1j * course), course
 
 
-def _wrapped(angle: Any) -> Any:
+def _wrap(angle: Any) -> Any:
     """Return angles in [-pi, pi), rad."""
     return np.mod(angle + math.pi, 2.0 * math.pi) - math.pi
 
@@ -384,7 +384,7 @@ def policy_for(aircraft: Aircraft) -> Policy:
     return Policy.load().for_aircraft(aircraft, outside="allow")
 
 
-def scaled(request: Request, aircraft: Aircraft) -> Request:
+def scale(request: Request, aircraft: Aircraft) -> Request:
     """Return requests for the paper's aircraft as another's: lengths in separations, speeds in its
     greatest speed.
     """

@@ -23,9 +23,9 @@ from benchmarks.safety.adversary import (
     FAMILIES,
     VARIANTS,
     Drawn,
-    drawn,
+    draw_requests,
     random_aircraft,
-    scaled,
+    scale,
     variants,
 )
 from benchmarks.safety.reflight import refly
@@ -33,8 +33,8 @@ from benchmarks.safety.resimulation import CHECKS, Route, resimulate
 from envs import draws
 from envs.aircraft import PAPER, Aircraft
 from envs.kinematics import Limits
-from envs.trees import mapped, take
-from envs.waypoints import ARCS, Knots, legs
+from envs.trees import map_leaves, take
+from envs.waypoints import ARCS, PlanStates, legs
 
 __all__ = ["HUNDRED", "REFLOWN", "Batch", "Tally", "attack", "judge", "tasks"]
 
@@ -179,8 +179,8 @@ def attack(batch: Batch, policy: Policy) -> Tally:
     """Plan a batch and judge what is called SAFE."""
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        parts = [drawn(batch.seed, hundred, HUNDRED) for hundred in batch.hundreds]
-        requests = mapped(lambda *fields: np.concatenate(fields), *parts)
+        parts = [draw_requests(batch.seed, hundred, HUNDRED) for hundred in batch.hundreds]
+        requests = map_leaves(lambda *fields: np.concatenate(fields), *parts)
         tally = Tally()
         if batch.family:
             requests = take(
@@ -194,7 +194,7 @@ def attack(batch: Batch, policy: Policy) -> Tally:
         policy = policy.for_aircraft(aircraft, outside="allow")
         options = list(variants(aircraft).values())[requests.variant[0]]
         if batch.any_aircraft:
-            requests = requests._replace(request=scaled(requests.request, aircraft))
+            requests = requests._replace(request=scale(requests.request, aircraft))
         if batch.single:
             _one_by_one(tally, batch.seed, take(requests, wanted), policy, options)
             return tally
@@ -208,12 +208,12 @@ def attack(batch: Batch, policy: Policy) -> Tally:
         safe = wanted & best.safe
         tally.safe.update(_families(requests, safe))
         found, plans = take(requests, safe), take(best, safe)
-        judge(tally, batch.seed, found, plans.knots, plans.last, options)
+        judge(tally, batch.seed, found, plans.plan_states, plans.last, options)
         return tally
 
 
 def judge(
-    tally: Tally, seed: int, requests: Drawn, knots: Knots, last: Any, options: Options
+    tally: Tally, seed: int, requests: Drawn, plan_states: PlanStates, last: Any, options: Options
 ) -> None:
     """Judge SAFE plans ``[N]``: re-simulate all, re-fly some."""
     if len(last) == 0:
@@ -225,7 +225,7 @@ def judge(
         rows = np.flatnonzero(ceilings == ceiling)
         part, plans, own_limits = (
             take(request, rows),
-            take(knots, rows),
+            take(plan_states, rows),
             limits._replace(speed_max=float(ceiling)),
         )
         route = Route(part.route_x, part.route_y, part.points, last[rows])
@@ -251,10 +251,10 @@ def judge(
         )
         < REFLOWN
     )
-    rows = np.flatnonzero(chosen & np.isfinite(np.stack(knots)).all(axis=(0, 2)))
+    rows = np.flatnonzero(chosen & np.isfinite(np.stack(plan_states)).all(axis=(0, 2)))
     if rows.size == 0 or options.aircraft != PAPER:
         return  # the follower of this attack is tuned to time steps of 1 s
-    flight = refly(take(knots, rows), take(request, rows), options.requirement, limits)
+    flight = refly(take(plan_states, rows), take(request, rows), options.requirement, limits)
     tally.counts.update(
         {"reflown": rows.size, "below 1000 m": int(np.sum(flight.separation < 1000.0))}
     )
@@ -268,12 +268,12 @@ def judge(
 
 def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, options: Options) -> None:
     """Ask ``plan`` for each of some requests ``[N]`` and judge its SAFE answers."""
-    judged: list[tuple[Knots, int, Request]] = []
+    judged: list[tuple[PlanStates, int, Request]] = []
     places, unit = [], options.aircraft.separation
     for row, number in enumerate(requests.number):
         question = published.question(seed, int(number), take(requests.request, row), unit)
         try:
-            answer = question.asked(policy, options)
+            answer = question.ask(policy, options)
         except RequestError:
             tally.single["refused"] += 1
             continue
@@ -287,12 +287,12 @@ def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, option
             judged.append(published.as_arrays(question, answer, options))
             places.append(row)
     if judged:
-        knots, last, request = mapped(lambda *fields: np.stack(fields), *judged)
+        plan_states, last, request = map_leaves(lambda *fields: np.stack(fields), *judged)
         judge(
             tally,
             seed,
             take(requests, np.array(places))._replace(request=request),
-            knots,
+            plan_states,
             last,
             options,
         )
@@ -303,7 +303,7 @@ def _families(requests: Drawn, rows: Any) -> Counter[str]:
 
 
 def _variant(number: int) -> int:
-    return int(drawn(0, number, 1).variant[0])
+    return int(draw_requests(0, number, 1).variant[0])
 
 
 def _blame(tally: Tally, check: str, requests: Drawn, row: int, **more: Any) -> None:
@@ -311,21 +311,21 @@ def _blame(tally: Tally, check: str, requests: Drawn, row: int, **more: Any) -> 
     tally.blame(check, requests.number[row], family=family, options=variant, **more)
 
 
-def _rising(knots: Knots, limits: Limits) -> Any:
+def _rising(plan_states: PlanStates, limits: Limits) -> Any:
     """Return where a plan accelerates to a speed beyond the limit, ``[N]``."""
-    curves = legs(knots)
+    curves = legs(plan_states)
     after = curves.speed + curves.acceleration * (curves.duration[..., None] / ARCS)
     return ((after > limits.speed_max + 1e-3) & (curves.acceleration > 1e-6)).any(axis=(1, 2))
 
 
-def _use(knots: Knots, limits: Limits) -> dict[str, float]:
+def _use(plan_states: PlanStates, limits: Limits) -> dict[str, float]:
     """Return the largest share of each limit that plans use."""
-    curves = legs(knots)
+    curves = legs(plan_states)
     values = {
         "turn_rate": np.abs(curves.yaw_rate) / limits.yaw_rate_max,
         "acceleration": curves.acceleration / limits.acceleration_max,
         "deceleration": curves.acceleration / limits.acceleration_min,
-        "speed_max": knots.speed / limits.speed_max,
-        "speed_min": limits.speed_min / np.maximum(knots.speed, 1e-9),
+        "speed_max": plan_states.speed / limits.speed_max,
+        "speed_min": limits.speed_min / np.maximum(plan_states.speed, 1e-9),
     }
     return {name: float(np.max(value, initial=0.0)) for name, value in values.items()}

@@ -31,19 +31,19 @@ from agents.planner.answer import Excluded, RequestError
 from agents.planner.certificate import certificate
 from agents.planner.options import check as check_options
 from agents.planner.planner import plan_many
-from agents.planner.request import Request, checked
+from agents.planner.request import Request, check_request
 from agents.planner.traffic import whole
 from benchmarks.measure import report
 from benchmarks.safety import adversary, published
 from benchmarks.safety.judgement import wrong
-from benchmarks.safety.mutation import moved
+from benchmarks.safety.mutation import mutate
 from envs.edge.command import InputError, Parser, run_cli
 from envs.edge.json_text import parse_json
-from envs.trees import mapped, take
+from envs.trees import map_leaves, take
 from envs.waypoints import Waypoint
 from eval.runner.workers import cores
 
-__all__ = ["BLOCK", "certified", "main"]
+__all__ = ["BLOCK", "certify", "main"]
 
 BLOCK = 400
 """Requests of a block, all for one aircraft."""
@@ -61,7 +61,7 @@ class _Asked(NamedTuple):
     excluded: tuple[Excluded, ...]
 
 
-def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
+def certify(seed: int, block: int) -> list[tuple[int, bytes]]:
     """Return the numbers of those requests of a block that have a SAFE plan, and the plans'
     certificates.
     """
@@ -70,13 +70,13 @@ def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
     options = adversary.random_options(one, rng)
     policy = adversary.policy_for(one)
     first = block * BLOCK
-    requests = adversary.scaled(adversary.drawn(seed, first, BLOCK).request, one)
+    requests = adversary.scale(adversary.draw_requests(seed, first, BLOCK).request, one)
     asked = []
     for row in range(BLOCK):
         question = published.question(seed, first + row, take(requests, row), one.separation)
         try:
             check_options(options)
-            request, excluded, _ = checked(
+            request, excluded, _ = check_request(
                 question.own, question.intruders, question.route, options, question.altitude
             )
         except RequestError:
@@ -86,8 +86,11 @@ def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
     plans = plan_many(_side_by_side([each.request for each in asked]), policy, options).proposals
     found = []
     for row in np.flatnonzero(plans.safe).tolist():
-        knots = np.stack([field[row] for field in plans.knots], axis=1)
-        points = [Waypoint(number, *knot) for number, knot in enumerate(knots[1:].tolist())]
+        plan_states = np.stack([field[row] for field in plans.plan_states], axis=1)
+        points = [
+            Waypoint(number, *plan_state)
+            for number, plan_state in enumerate(plan_states[1:].tolist())
+        ]
         each = asked[row]
         if any(points[-1].time > one.until for one in each.excluded):
             continue  # ``plan`` does not publish it
@@ -105,7 +108,7 @@ def certified(seed: int, block: int) -> list[tuple[int, bytes]]:
 def _side_by_side(requests: list[Request]) -> Request:
     """Return requests ``[1]`` as one, ``[N]``, with absent intruders and points to fill it up."""
 
-    def joined(*fields: Any) -> Any:
+    def join(*fields: Any) -> Any:
         most = max(field.shape[-1] for field in fields)
         wide = [
             np.pad(field, ((0, 0), (0, most - field.shape[1]))) if field.ndim == 2 else field
@@ -113,13 +116,13 @@ def _side_by_side(requests: list[Request]) -> Request:
         ]
         return np.concatenate(wide)
 
-    every: Request = mapped(joined, *requests)
+    every: Request = map_leaves(join, *requests)
     traffic = every.traffic
     own = np.where(traffic.mask, traffic.separation, np.nan)
     return every._replace(traffic=traffic._replace(separation=own))
 
 
-def _refused(data: dict[str, Any]) -> str:
+def _refuse(data: dict[str, Any]) -> str:
     try:
         check.accept(data)
     except (ValueError, ArithmeticError) as problem:
@@ -135,22 +138,22 @@ def attack(seed: int, block: int) -> dict[str, Any]:
     failures: list[str] = []
     begun, slowest, largest = time.process_time(), 0.0, 0
     with threadpool_limits(1):
-        files = certified(seed, block)
+        files = certify(seed, block)
         right, changed = [], []
         for number, file in files:
             started = time.process_time()
             right.append(parse_json(file))
-            why = _refused(right[-1])
+            why = _refuse(right[-1])
             slowest, largest = max(slowest, time.process_time() - started), max(largest, len(file))
             if why:
                 failures.append(f"request {number}: refused: {why}")
-            changed.append(moved(right[-1], np.random.default_rng([seed, number, 1])))
+            changed.append(mutate(right[-1], np.random.default_rng([seed, number, 1])))
         counts["certificates"] = len(files)
         faults, judged = wrong([data for data, _ in changed]), wrong(right)
         for (number, _), (data, kind), bad, before in zip(
             files, changed, faults, judged, strict=True
         ):
-            why = _refused(data)
+            why = _refuse(data)
             counts[
                 f"moved {kind}: {'wrong' if bad else 'right'}, {'refused' if why else 'accepted'}"
             ] += 1
@@ -160,7 +163,7 @@ def attack(seed: int, block: int) -> dict[str, Any]:
                 failures.append(f"request {number}: {kind} moved, {bad} is wrong and accepted")
         for data in [*right[:1], *(data for data, _ in changed[:1])]:
             counts["through the command line"] += 1
-            if _status(data) != bool(_refused(data)):
+            if _status(data) != bool(_refuse(data)):
                 failures.append(f"request {files[0][0]}: the command line decides otherwise")
     figures = dict(zip(_FIGURES, (dict(counts), failures, slowest, largest), strict=True))
     return {"seed": seed, "block": block, **figures, "seconds": time.process_time() - begun}

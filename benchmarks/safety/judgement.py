@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.safety.resimulation import travelled
+from benchmarks.safety.resimulation import displacement
 from envs import waypoints
 from envs.waypoints import ARCS
 
-__all__ = ["Flight", "apart", "controls", "flights", "kept", "wrong"]
+__all__ = ["Flight", "apart", "controls", "flights", "required_distances", "wrong"]
 
 COARSE = 0.5
 ROUNDS = 3
@@ -47,7 +47,7 @@ class Flight(NamedTuple):
     def at(self, row: Any, arc: Any, seconds: Any) -> Any:
         """Return positions some seconds into arcs, ``[...]`` all, complex m."""
         place, heading, speed, rate, acceleration = (field[row, arc] for field in self[2:])
-        return place + _moved(heading, speed, rate, acceleration, seconds)
+        return place + _displacement(heading, speed, rate, acceleration, seconds)
 
 
 def flights(certificates: list[dict[str, Any]]) -> Flight:
@@ -58,10 +58,10 @@ def flights(certificates: list[dict[str, Any]]) -> Flight:
     )
     rate, gain = given[..., :ARCS], given[..., ARCS:]
     step = (np.diff(points[..., 4], axis=1) / ARCS)[..., None]
-    heading = points[:, :-1, 2, None] + _summed(rate * step)[..., :-1]
-    speed = points[:, :-1, 3, None] + _summed(gain * step)[..., :-1]
-    moves = _moved(heading, speed, rate, gain, step)
-    place = (points[:, :-1, 0] + 1j * points[:, :-1, 1])[..., None] + _summed(moves)[..., :-1]
+    heading = points[:, :-1, 2, None] + _running_sums(rate * step)[..., :-1]
+    speed = points[:, :-1, 3, None] + _running_sums(gain * step)[..., :-1]
+    moves = _displacement(heading, speed, rate, gain, step)
+    place = (points[:, :-1, 0] + 1j * points[:, :-1, 1])[..., None] + _running_sums(moves)[..., :-1]
     begin = points[:, :-1, 4, None] + step * np.arange(ARCS)
     fields = (begin, step + 0.0 * rate, place, heading, speed, rate, gain)
     return Flight(*(field.reshape(len(points), -1) for field in fields))
@@ -69,7 +69,7 @@ def flights(certificates: list[dict[str, Any]]) -> Flight:
 
 def controls(certificates: list[dict[str, Any]]) -> Any:
     """Return the controls of the legs between the waypoints, ``[N, L, 2 ARCS]``."""
-    curves = waypoints.legs(waypoints.Knots(*np.moveaxis(_points(certificates), -1, 0)))
+    curves = waypoints.legs(waypoints.PlanStates(*np.moveaxis(_points(certificates), -1, 0)))
     return np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1)
 
 
@@ -165,7 +165,7 @@ def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Any:
     traffic = np.array([one for data in certificates for one in data["intruders"]]).T
     claim = np.array([bound for data in certificates for bound in data["bounds"]])
     levels = _apart_times(certificates)
-    needs = kept(certificates, flight, owner, traffic, claim, levels)
+    needs = required_distances(certificates, flight, owner, traffic, claim, levels)
     quick = np.maximum(flight.speed, flight.speed + flight.acceleration * flight.length)
 
     def clearance(pair: Any, arc: Any, seconds: Any) -> Any:
@@ -236,7 +236,7 @@ class _Needs(NamedTuple):
         return np.maximum(np.maximum(need - _MARGIN, separation - _BELOW), claim)
 
 
-def kept(
+def required_distances(
     certificates: list[dict[str, Any]],
     flight: Flight,
     owner: Any,
@@ -265,11 +265,11 @@ def apart(flight: Flight, traffic: Any, row: Any, arc: Any, seconds: Any) -> Any
     """Return distances to intruders ``[10, ...]`` some seconds into arcs, m, ``[...]``."""
     x, y, heading, speed, age, rate, lasts = traffic[:7]
     time = flight.begin[row, arc] + seconds + age
-    there = x + 1j * y + travelled(heading, speed, np.where(lasts > 0.0, rate, 0.0), lasts, time)
+    there = x + 1j * y + displacement(heading, speed, np.where(lasts > 0.0, rate, 0.0), lasts, time)
     return np.abs(there - flight.at(row, arc, seconds))
 
 
-def _moved(heading: Any, speed: Any, rate: Any, acceleration: Any, t: Any) -> Any:
+def _displacement(heading: Any, speed: Any, rate: Any, acceleration: Any, t: Any) -> Any:
     """Return how far one gets in some seconds: power series of the integral of (v + a t) exp(i w
     t), complex m.
     """
@@ -284,6 +284,6 @@ def _moved(heading: Any, speed: Any, rate: Any, acceleration: Any, t: Any) -> An
     return np.exp(1j * heading) * t * (speed * steady + acceleration * t * rising)
 
 
-def _summed(parts: Any) -> Any:
+def _running_sums(parts: Any) -> Any:
     """Return the sums of none, one, two, ... of the parts along the last axis."""
     return np.concatenate([np.zeros((*parts.shape[:-1], 1)), np.cumsum(parts, axis=-1)], axis=-1)

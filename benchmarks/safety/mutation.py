@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.safety.judgement import apart, controls, flights
-from benchmarks.safety.resimulation import travelled
+from benchmarks.safety.resimulation import displacement
 from envs.edge.json_text import parse_json
 from envs.waypoints import ARCS
 
-__all__ = ["approach", "moved"]
+__all__ = ["approach", "mutate"]
 
 _KINDS = ("own", "waypoint", "waypoint and legs", "waypoint and legs", "control", "limit")
 _TRAFFIC_KINDS = ("intruder", "approach", "approach", "approach", "bound", "requirement")
@@ -20,7 +20,7 @@ _INTRUDER_UNITS = (*_UNITS, 1e-4, 0.1, 1.0, 0.02, 1.0)
 _STEPS = 40  # of an arc, where the closest approach is looked for
 
 
-def moved(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any], str]:
+def mutate(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any], str]:
     """Return a certificate with something moved by 1 mm to 30 m, or as much in other units, and
     what was moved.
 
@@ -87,7 +87,7 @@ def approach(data: dict[str, Any], number: int, distance: float) -> None:
     fine = np.clip(seconds[arc, step] + length / _STEPS * np.linspace(-1.0, 1.0, 1001), 0.0, length)
     when = fine[np.argmin(apart(flight, traffic[..., 0], 0, arc, fine))]
     x, y, heading, speed, age, rate, lasts = row[:7]
-    there = travelled(
+    there = displacement(
         heading, speed, rate if lasts > 0.0 else 0.0, lasts, flight.begin[0, arc] + when + age
     )
     nearest = complex(x, y) + complex(there) - complex(flight.at(0, arc, when))

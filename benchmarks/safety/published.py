@@ -18,11 +18,11 @@ from agents.planner.planner import plan
 from agents.planner.request import Altitude, Intruder, Options, Request
 from agents.planner.traffic import Traffic, Window
 from agents.policy.inference import Policy
-from benchmarks.safety.resimulation import CLOSE, travelled
+from benchmarks.safety.resimulation import CLOSE, displacement
 from envs import waypoints
 from envs.kinematics import VehicleState
 from envs.trees import take
-from envs.waypoints import Knots, RoutePoint
+from envs.waypoints import PlanStates, RoutePoint
 
 __all__ = ["Question", "as_arrays", "faults", "question"]
 
@@ -38,7 +38,7 @@ class Question(NamedTuple):
     """The same as arrays without leading axis, intruders ``[K]``: those reported, at the request.
     """
 
-    def asked(self, policy: Policy, options: Options) -> Plan:
+    def ask(self, policy: Policy, options: Options) -> Plan:
         """Return the planner's answer."""
         return plan(
             self.own, self.intruders, self.route, policy, options, own_altitude=self.altitude
@@ -60,7 +60,7 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
             # A turn that ends before a report from the future would not be in it.
             age = age if float(one.turn_time) + age > 0.0 else 0.0
         ages[k] = abs(age)
-        state, rate, lasts = _reported(rng, one, age)
+        state, rate, lasts = _report_before(rng, one, age)
         height = None
         if rng.random() < 0.3:
             reference = "msl" if rng.random() < 0.8 else "wgs84"
@@ -107,7 +107,7 @@ def _separated(
     return found, own
 
 
-def _reported(
+def _report_before(
     rng: np.random.Generator, one: Traffic, age: float
 ) -> tuple[VehicleState, float, float]:
     """Return the state, turn rate and duration of a turn in a report of some age that leads to an
@@ -121,7 +121,7 @@ def _reported(
             (float(rng.uniform(-0.08, 0.08)), float(rng.uniform(0.0, age))) if ended else (0.0, 0.0)
         )
     before = heading - rate * min(age, lasts)
-    place = x + 1j * y - complex(travelled(before, speed, rate, lasts, age))
+    place = x + 1j * y - complex(displacement(before, speed, rate, lasts, age))
     return (
         VehicleState(place.real, place.imag, math.remainder(before, 2.0 * math.pi), speed),
         rate,
@@ -173,9 +173,11 @@ def _level(question: Question, number: int, times: Any, options: Options) -> Any
     return away <= (options.vertical_filter if own_least is None else own_least)
 
 
-def as_arrays(question: Question, answer: Plan, options: Options) -> tuple[Knots, Any, Request]:
-    """Return a plan's knots ``[21]``, the number of its last point of the route, and the request as
-    it was planned for.
+def as_arrays(
+    question: Question, answer: Plan, options: Options
+) -> tuple[PlanStates, Any, Request]:
+    """Return a plan's states ``[21]``, the number of its last point of the route, and the request
+    as it was planned for.
 
     The request has no leading axis; intruders that were left out are masked.
     """
@@ -192,5 +194,5 @@ def as_arrays(question: Question, answer: Plan, options: Options) -> tuple[Knots
         begin[k], end[k] = (level[0], level[-1]) if level.size else (np.inf, -np.inf)
         begin[k] = begin[k] if begin[k] > 0.0 else -np.inf
     traffic = question.truth.traffic._replace(mask=mask, window=Window(begin, end))
-    knots = waypoints.knots(question.own, answer.waypoints)
-    return knots, np.array(number), question.truth._replace(traffic=traffic)
+    plan_states = waypoints.plan_states(question.own, answer.waypoints)
+    return plan_states, np.array(number), question.truth._replace(traffic=traffic)

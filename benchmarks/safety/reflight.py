@@ -12,12 +12,12 @@ import numpy as np
 from agents.planner.options import default_margin
 from agents.planner.request import Request
 from agents.planner.traffic import Requirement, Traffic
-from benchmarks.safety.resimulation import VehicleColumns, kept
+from benchmarks.safety.resimulation import VehicleColumns, required_distances
 from envs.aircraft import PAPER
 from envs.follower import PERIOD, steer
 from envs.kinematics import Limits, VehicleState
 from envs.trees import take
-from envs.waypoints import Knots, at, legs
+from envs.waypoints import PlanStates, at, legs
 
 __all__ = ["Reflight", "refly"]
 
@@ -42,37 +42,39 @@ class Reflight(NamedTuple):
     """Farther from the plan than the follower's margin and 1 cm, bool."""
 
 
-def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limits) -> Reflight:
+def refly(
+    plan_states: PlanStates, request: Request, requirement: Requirement, limits: Limits
+) -> Reflight:
     """Fly plans ``[N]`` from the request to their last waypoint; the intruders fly as predicted.
 
     Args:
-        knots: of the plans, finite, ``[N, 21]``.
+        plan_states: of the plans, finite, ``[N, 21]``.
         request: what was asked, ``[N]``.
         requirement: what distance was asked for.
         limits: of the vehicle; a speed beyond them at the request may stay.
     """
-    count = len(knots.time)
+    count = len(plan_states.time)
     separation, error = np.full(count, np.inf), np.zeros(count)
     traffic = request.traffic
-    need = kept(request.own.x + 1j * request.own.y, traffic, requirement)
+    need = required_distances(request.own.x + 1j * request.own.y, traffic, requirement)
     nearest = np.min(np.where(traffic.mask, need, np.inf), axis=1, initial=np.inf)
     others = VehicleColumns(*(field[..., None] for field in (*traffic.state, *traffic[2:7])))
-    rows, curves, mask = np.arange(count), legs(knots), traffic.mask
-    ends = knots.time[:, -1]
+    rows, curves, mask = np.arange(count), legs(plan_states), traffic.mask
+    ends = plan_states.time[:, -1]
     own = VehicleState(*(np.array(field, dtype=float) for field in request.own))
     now, period = at(curves, 0.0), 0
     while rows.size:
         time = period * PERIOD
         after = at(curves, time + PERIOD)
         acceleration, yaw_rate = steer(now, after, own)
-        gain, rate = _commanded(own, acceleration, yaw_rate, limits)
-        flight = _moved(own, gain, rate, _PARTS)
+        gain, rate = _command(own, acceleration, yaw_rate, limits)
+        flight = _displacements(own, gain, rate, _PARTS)
         apart = np.abs(
             others.place(np.full((1, 1, 1), time)) - (own.x + 1j * own.y)[:, None, None]
         )[..., 0]
         # Beyond its last waypoint a plan promises nothing.
         flying = ends >= time + PERIOD
-        counts = counted(traffic, rows, time)
+        counts = in_window(traffic, rows, time)
         apart = np.where(mask & flying[:, None] & counts, apart, np.inf)
         separation[rows] = np.minimum(separation[rows], np.min(apart, axis=1, initial=np.inf))
         n, k = np.nonzero(apart < _LOOK)
@@ -100,7 +102,7 @@ def refly(knots: Knots, request: Request, requirement: Requirement, limits: Limi
     return Reflight(separation, error, separation < floor - 1e-3, error > _ALLOWED)
 
 
-def counted(traffic: Traffic, rows: Any, time: float) -> Any:
+def in_window(traffic: Traffic, rows: Any, time: float) -> Any:
     """Return which intruders of some plans count at a time, s, bool ``[n, K]``."""
     if traffic.window is None:
         return True
@@ -108,7 +110,7 @@ def counted(traffic: Traffic, rows: Any, time: float) -> Any:
     return (begin <= time) & (time <= end)
 
 
-def _commanded(
+def _command(
     own: VehicleState, acceleration: Any, yaw_rate: Any, limits: Limits
 ) -> tuple[Any, Any]:
     """Return what the vehicle does of its commands, m/s^2 and rad/s, ``[n]``; it never leaves its
@@ -123,7 +125,7 @@ def _commanded(
     return gain, np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
 
 
-def _moved(own: VehicleState, gain: Any, rate: Any, time: Any) -> Any:
+def _displacements(own: VehicleState, gain: Any, rate: Any, time: Any) -> Any:
     """Return complex displacements, m, ``[n, T]``: Simpson's rule on the velocity."""
     heading, speed, gain, rate = (field[:, None] for field in (own.heading, own.speed, gain, rate))
     first = speed * np.exp(1j * heading)

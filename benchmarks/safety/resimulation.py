@@ -17,7 +17,7 @@ from agents.planner.options import Options
 from agents.planner.traffic import Requirement, Traffic
 from envs.kinematics import Limits
 from envs.trees import take
-from envs.waypoints import ARCS, Knots, Legs, legs
+from envs.waypoints import ARCS, Legs, PlanStates, legs
 
 __all__ = [
     "CHECKS",
@@ -26,10 +26,10 @@ __all__ = [
     "TOLERANCE",
     "Route",
     "Verdict",
+    "displacement",
     "growth",
-    "kept",
+    "required_distances",
     "resimulate",
-    "travelled",
 ]
 
 COARSE = 0.5
@@ -78,7 +78,7 @@ class Verdict(NamedTuple):
     """Smallest sampled distance less the separation of the intruder, m, ``[N]``."""
 
 
-def travelled(heading: Any, speed: Any, rate: Any, lasts: Any, time: Any) -> Any:
+def displacement(heading: Any, speed: Any, rate: Any, lasts: Any, time: Any) -> Any:
     """Return how far an aircraft gets that turns for a while and then flies straight on, complex m,
     ``[...]``.
 
@@ -108,7 +108,7 @@ def growth(traffic: Traffic, time: Any, sigmas: float) -> Any:
     return sigmas * (later - first)
 
 
-def kept(own: Any, traffic: Traffic, requirement: Requirement) -> Any:
+def required_distances(own: Any, traffic: Traffic, requirement: Requirement) -> Any:
     """Return the distance to keep at the request, m, ``[N, K]``; ``own``: complex positions
     ``[N]``.
     """
@@ -130,7 +130,7 @@ def least_of(traffic: Traffic, requirement: Requirement) -> Any:
 
 
 def resimulate(
-    knots: Knots,
+    plan_states: PlanStates,
     own: Any,
     traffic: Traffic,
     route: Route,
@@ -140,37 +140,37 @@ def resimulate(
     """Judge plans as published.
 
     Args:
-        knots: the request and its waypoints, ``[N, W + 1]``.
+        plan_states: the request and its waypoints, ``[N, W + 1]``.
         own: state at the request, fields ``[N]``.
         traffic: ``[N, K]``.
         route: what the last waypoint is held against.
         options: how plans had to be.
         limits: of the vehicle.
     """
-    count = len(knots.time)
+    count = len(plan_states.time)
     far = np.full(count, np.inf)
     verdict = Verdict(np.zeros((len(CHECKS), count), dtype=bool), far, far.copy())
     for first in range(0, count, _ROWS):
         rows = np.arange(first, min(first + _ROWS, count))
-        part = take((knots, own, traffic, route), rows)
+        part = take((plan_states, own, traffic, route), rows)
         finite = np.isfinite(np.stack(part[0])).all(axis=(0, 2)) & (
             np.diff(part[0].time, axis=1) > 0.0
         ).all(axis=1)
         verdict.wrong[CHECKS.index("not finite"), rows[~finite]] = True
-        rows, (knots_, own_, traffic_, route_) = rows[finite], take(part, finite)
-        wrong, nearest, clearance = _judge(knots_, own_, traffic_, options, limits)
-        wrong[CHECKS.index("last")] = _off_route(knots_, route_, options.extend_route)
+        rows, (plan_states_, own_, traffic_, route_) = rows[finite], take(part, finite)
+        wrong, nearest, clearance = _judge(plan_states_, own_, traffic_, options, limits)
+        wrong[CHECKS.index("last")] = _off_route(plan_states_, route_, options.extend_route)
         verdict.wrong[:, rows], verdict.min_separation[rows] = wrong, nearest
         verdict.clearance[rows] = clearance
     return verdict
 
 
-def _off_route(knots: Knots, route: Route, extend: bool) -> Any:
+def _off_route(plan_states: PlanStates, route: Route, extend: bool) -> Any:
     """Return where the last waypoint is none of the route's, ``[n]``."""
     number = np.arange(len(route.last))
     inside = (route.last >= 0) & (route.last < route.points)
     place = route.x + 1j * route.y
-    last = knots.x[:, -1] + 1j * knots.y[:, -1]
+    last = plan_states.x[:, -1] + 1j * plan_states.y[:, -1]
     there = np.abs(place[number, np.where(inside, route.last, 0)] - last) <= TOLERANCE
     end, before = place[number, route.points - 1], place[number, route.points - 2]
     relative = (last - end) * np.conj((end - before) / np.abs(end - before))
@@ -184,12 +184,12 @@ def _off_route(knots: Knots, route: Route, extend: bool) -> Any:
 
 
 def _judge(
-    knots: Knots, own: Any, traffic: Traffic, options: Options, limits: Limits
+    plan_states: PlanStates, own: Any, traffic: Traffic, options: Options, limits: Limits
 ) -> tuple[Any, Any, Any]:
     """Return what is wrong, ``[C, n]``, the smallest distances, and the smallest distances less the
     separations, ``[n]``, of plans with increasing times.
     """
-    count, requirement, fixed = len(knots.time), options.requirement, options.waypoints - 1
+    count, requirement, fixed = len(plan_states.time), options.requirement, options.waypoints - 1
     wrong, nearest = np.zeros((len(CHECKS), count), dtype=bool), np.full(count, np.inf)
     clearance = nearest.copy()
     if count == 0:
@@ -198,26 +198,28 @@ def _judge(
     def found(name: str, where: Any) -> None:
         wrong[CHECKS.index(name)] |= where.reshape(count, -1).any(axis=1)
 
-    for mine, given in zip(knots[:2], own[:2], strict=True):
+    for mine, given in zip(plan_states[:2], own[:2], strict=True):
         found("start", np.abs(mine[:, 0] - given) > TOLERANCE)
-    found("start", np.abs(np.exp(1j * knots.heading[:, 0]) - np.exp(1j * own[2])) > _EXACT)
-    found("start", np.abs(knots.speed[:, 0] - own[3]) > _EXACT)
-    found("times", np.abs(knots.time[:, :-1] - options.interval * np.arange(fixed + 1)) > _EXACT)
-    found("times", knots.time[:, -1:] <= options.interval * fixed)
-    found("last", np.abs(knots.heading) > math.pi + _EXACT)
-    curves = legs(knots)
+    found("start", np.abs(np.exp(1j * plan_states.heading[:, 0]) - np.exp(1j * own[2])) > _EXACT)
+    found("start", np.abs(plan_states.speed[:, 0] - own[3]) > _EXACT)
+    found(
+        "times", np.abs(plan_states.time[:, :-1] - options.interval * np.arange(fixed + 1)) > _EXACT
+    )
+    found("times", plan_states.time[:, -1:] <= options.interval * fixed)
+    found("last", np.abs(plan_states.heading) > math.pi + _EXACT)
+    curves = legs(plan_states)
     found("turn rate", np.abs(curves.yaw_rate) > limits.yaw_rate_max + _EXACT)
     found("acceleration", curves.acceleration > limits.acceleration_max + _EXACT)
     found("acceleration", curves.acceleration < limits.acceleration_min - _EXACT)
-    need = kept(knots.x[:, 0] + 1j * knots.y[:, 0], traffic, requirement)
+    need = required_distances(plan_states.x[:, 0] + 1j * plan_states.y[:, 0], traffic, requirement)
     # The last leg, which can take minutes, apart from the others.
     for part in (slice(0, fixed), slice(fixed, None)):
         one = Legs(*(field[:, part] for field in curves))
-        begin = Knots(*(field[:, :-1][:, part] for field in knots))
-        end = Knots(*(field[:, 1:][:, part] for field in knots))
+        begin = PlanStates(*(field[:, :-1][:, part] for field in plan_states))
+        end = PlanStates(*(field[:, 1:][:, part] for field in plan_states))
         parts = one.duration[..., None] * np.maximum(1.0 / COARSE, np.abs(one.yaw_rate) / _TURN)
         step = math.ceil(np.max(parts) / ARCS)
-        flight = _integrated(begin, one, step)
+        flight = _integrate(begin, one, step)
         final = tuple(field[:, :, -1] for field in flight)
         found("leg", np.abs(final[1] - end.x - 1j * end.y) > TOLERANCE)
         found("leg", np.abs(np.exp(1j * final[2]) - np.exp(1j * end.heading)) > _EXACT)
@@ -234,7 +236,7 @@ def _judge(
     return wrong, nearest, clearance
 
 
-def _integrated(begin: Knots, curves: Legs, step: int) -> tuple[Any, Any, Any, Any]:
+def _integrate(begin: PlanStates, curves: Legs, step: int) -> tuple[Any, Any, Any, Any]:
     """Return times, complex positions, headings and speeds along legs, ``[n, L, ARCS * step + 1]``
     each.
     """
@@ -242,16 +244,16 @@ def _integrated(begin: Knots, curves: Legs, step: int) -> tuple[Any, Any, Any, A
     rate, gain = (
         np.repeat(field, step, axis=-1) for field in (curves.yaw_rate, curves.acceleration)
     )
-    heading = begin.heading[..., None] + _summed(rate * h)
-    speed = begin.speed[..., None] + _summed(gain * h)
-    place = (begin.x + 1j * begin.y)[..., None] + _summed(
-        _moved(heading[..., :-1], speed[..., :-1], rate, gain, h)
+    heading = begin.heading[..., None] + _running_sums(rate * h)
+    speed = begin.speed[..., None] + _running_sums(gain * h)
+    place = (begin.x + 1j * begin.y)[..., None] + _running_sums(
+        _displacement(heading[..., :-1], speed[..., :-1], rate, gain, h)
     )
     time = begin.time[..., None] + h * np.arange(ARCS * step + 1)
     return time, place, heading, speed
 
 
-def _moved(heading: Any, speed: Any, rate: Any, gain: Any, h: Any) -> Any:
+def _displacement(heading: Any, speed: Any, rate: Any, gain: Any, h: Any) -> Any:
     """Return the displacement over a short time: Simpson's rule on the velocity, complex m."""
     first = speed * np.exp(1j * heading)
     middle = (speed + 0.5 * gain * h) * np.exp(1j * (heading + 0.5 * rate * h))
@@ -259,7 +261,7 @@ def _moved(heading: Any, speed: Any, rate: Any, gain: Any, h: Any) -> Any:
     return h / 6.0 * (first + 4.0 * middle + last)
 
 
-def _summed(parts: Any) -> Any:
+def _running_sums(parts: Any) -> Any:
     """Return the sums of none, one, two, ... of the parts along the last axis."""
     return np.concatenate([np.zeros((*parts.shape[:-1], 1)), np.cumsum(parts, axis=-1)], axis=-1)
 
@@ -308,7 +310,7 @@ def _distances(
         begun, at, psi, v, omega, accel = (
             field[row, leg, part][:, None] for field in (time, place, heading, speed, rate, gain)
         )
-        between = at + _moved(psi, v, omega, accel, seconds)
+        between = at + _displacement(psi, v, omega, accel, seconds)
         when = begun + seconds
         away = one.place(when) - between
         # Straight from sample to sample: at 20 m/s^2 that leaves the curve by 1 mm.
@@ -350,7 +352,9 @@ class VehicleColumns(NamedTuple):
     def place(self, time: Any) -> Any:
         """Return complex positions, m."""
         return (
-            self.x + 1j * self.y + travelled(self.heading, self.speed, self.rate, self.lasts, time)
+            self.x
+            + 1j * self.y
+            + displacement(self.heading, self.speed, self.rate, self.lasts, time)
         )
 
     def grown(self, time: Any, sigmas: float) -> Any:

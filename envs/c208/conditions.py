@@ -33,7 +33,7 @@ _BOUNDS = {
 }
 
 
-def checked(loading: Loading) -> Loading:
+def check_loading(loading: Loading) -> Loading:
     """Return the loading; raises a ValueError where a number is outside what the model
     stands for.
     """

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from envs.c208.conditions import NOMINAL, Loading, checked
+from envs.c208.conditions import NOMINAL, Loading, check_loading
 from envs.c208.facts import DATA, VARIANTS
 from envs.c208.model import aircraft
 
@@ -50,7 +50,7 @@ class Fdm:
     def __init__(self, variant: str = "ex", loading: Loading = NOMINAL) -> None:
         if variant not in VARIANTS:
             raise FdmError(f"variant is {variant!r}; expected one of {', '.join(VARIANTS)}")
-        self.variant, self.loading = VARIANTS[variant], checked(loading)
+        self.variant, self.loading = VARIANTS[variant], check_loading(loading)
         needed = DATA / "engine" / f"{self.variant.engine}.xml"
         if not needed.is_file():
             raise FdmError(f"{needed} is missing; python -m envs.c208.model writes it")

@@ -62,7 +62,7 @@ class C208Env(DeconflictionEnv):
             raise EncounterError(
                 f"encounter {self._number} cannot be flown by the aircraft: {problem}"
             ) from problem
-        return observation, info | self._measured()
+        return observation, info | self._measure()
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Fly on for one time step, as the surrogate's environment does, or raise a FlightError."""
@@ -71,7 +71,7 @@ class C208Env(DeconflictionEnv):
                 "step was called before reset; call reset to begin an encounter"
             )
         observation, reward, terminated, truncated, info = super().step(action)
-        return observation, reward, terminated, truncated, info | self._measured()
+        return observation, reward, terminated, truncated, info | self._measure()
 
     def _advance(self, before: State, action: tuple[float, float]) -> tuple[State, StepResult]:
         vehicle = self._vehicle
@@ -82,7 +82,7 @@ class C208Env(DeconflictionEnv):
         traffic = world.move_intruders(before, self.world.rules.dt, EXACT_FLOATS)
         return world.evaluate(before, own, traffic, self.world.rules, EXACT_FLOATS)
 
-    def _measured(self) -> dict[str, float]:
+    def _measure(self) -> dict[str, float]:
         assert self._vehicle is not None
         return {
             "altitude": self._vehicle.measured.altitude,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from envs.c208 import propulsion
-from envs.c208.conditions import NOMINAL, Loading, checked
+from envs.c208.conditions import NOMINAL, Loading, check_loading
 from envs.c208.facts import DATA, FACTS, FOOT, POUND, SLUG_PER_FT3, VARIANTS, Variant, value
 from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
@@ -56,7 +56,7 @@ def aircraft(variant: Variant, loading: Loading = NOMINAL) -> str:
     """Return the text of a JSBSim aircraft; a ValueError for a loading outside what the model
     stands for.
     """
-    checked(loading)
+    check_loading(loading)
     weight = loading.weight or variant.takeoff_weight
     chord, leading_edge = value("mean_chord"), value("mean_chord_leading_edge")
     scale = loading.inertia_factor * weight / value("inertia_weight")
@@ -66,7 +66,7 @@ def aircraft(variant: Variant, loading: Loading = NOMINAL) -> str:
         "aileron": (value("aileron"), value("aileron")),
         "rudder": (value("rudder"), value("rudder")),
     }
-    return _filled(
+    return _fill(
         "aircraft",
         variant,
         chord_ft=chord / 12.0,
@@ -95,7 +95,7 @@ def engine(variant: Variant) -> str:
     """
     idle, top = propulsion.tables(variant)
     rating = float(top[0, -2])
-    return _filled(
+    return _fill(
         "engine",
         variant,
         rating=rating / POUND,
@@ -107,7 +107,7 @@ def engine(variant: Variant) -> str:
     )
 
 
-def _filled(template: str, variant: Variant, **numbers: Any) -> str:
+def _fill(template: str, variant: Variant, **numbers: Any) -> str:
     text = (DATA / f"{template}.template.xml").read_text(encoding="utf-8")
     facts = {name: fact.value for name, fact in FACTS.items()}
     return text.format(**facts | numbers, variant=variant, written=_WRITTEN)

@@ -161,7 +161,7 @@ def level_table(fdm: Fdm) -> dict[str, np.ndarray]:
 
 
 @cache
-def stored() -> dict[str, np.ndarray]:
+def load_stored() -> dict[str, np.ndarray]:
     """Return the level equilibria that ship: of the EX at its greatest weight, reference
     altitude.
     """
@@ -172,7 +172,7 @@ def stored() -> dict[str, np.ndarray]:
 
 def level_curve(name: str) -> Curve:
     """Return a column of the stored equilibria over their speed."""
-    return Curve(stored()["speed"], stored()[name])
+    return Curve(load_stored()["speed"], load_stored()[name])
 
 
 def main() -> int:

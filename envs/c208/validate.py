@@ -57,7 +57,7 @@ def _density(fdm: Fdm) -> float:
     return fdm.get("atmosphere/rho-slugs_ft3") * SLUG_PER_FT3
 
 
-def measured(point: Point) -> float:
+def measure(point: Point) -> float:
     """Return the model's figure for a published point, in the point's unit."""
     air = _Air(point)
     if point.quantity == "cruise":
@@ -74,7 +74,7 @@ def measured(point: Point) -> float:
     return _glide(air, point.setting)
 
 
-def _bisected(low: float, high: float, beyond: Callable[[float], bool]) -> tuple[float, float]:
+def _bisect(low: float, high: float, beyond: Callable[[float], bool]) -> tuple[float, float]:
     """Return speeds 0.01 m/s apart between which a condition begins to hold."""
     while high - low > 0.01:
         middle = 0.5 * (low + high)
@@ -91,7 +91,7 @@ def _cruise(air: _Air, power: float) -> float:
         except TrimError:
             return True  # faster than full power allows
 
-    return _bisected(60.0, 120.0, wants_more)[0]
+    return _bisect(60.0, 120.0, wants_more)[0]
 
 
 def _stall(air: _Air, flaps: float) -> float:
@@ -104,7 +104,7 @@ def _stall(air: _Air, flaps: float) -> float:
             return False
         return True
 
-    return _bisected(20.0, 55.0, glides)[1]
+    return _bisect(20.0, 55.0, glides)[1]
 
 
 def _glide(air: _Air, calibrated: float) -> float:
@@ -127,7 +127,7 @@ def _glide(air: _Air, calibrated: float) -> float:
 def _performance() -> Iterator[Verdict]:
     units = {"cruise": "KTAS", "climb": "ft/min", "stall": "KCAS", "glide": "of best"}
     for point in POINTS:
-        figure = measured(point)
+        figure = measure(point)
         off = figure - point.value
         if point.quantity == "glide":
             kept, tolerance = off >= 0.0, "at least"
@@ -179,7 +179,7 @@ def modes(speed: float) -> dict[str, tuple[float, float]]:
 def _handling() -> Iterator[Verdict]:
     for speed in (55.0, 70.0, 90.0):
 
-        def judged(
+        def judge(
             name: str, figure: float, unit: str, limit: str, kept: bool, level: str = "level 1"
         ) -> Verdict:
             return Verdict(f"{name}, at {speed:.0f} m/s", figure, unit, limit, level, "check", kept)  # noqa: B023
@@ -191,16 +191,14 @@ def _handling() -> Iterator[Verdict]:
         doubling = math.log(2.0) / spiral_frequency if spiral < 0.0 else math.inf
         # Slower than 1.3 times the stall is no cruise: there the spiral is held to level 2.
         least, level = (8.0, "level 2") if speed < 60.0 else (20.0, "level 1")
-        yield judged("short period: damping", short, "", "0.30 to 2.0", 0.30 <= short <= 2.0)
-        yield judged("phugoid: damping", phugoid, "", "0.04", phugoid >= 0.04)
-        yield judged("Dutch roll: damping", dutch, "", "0.08", dutch >= 0.08)
-        yield judged(
+        yield judge("short period: damping", short, "", "0.30 to 2.0", 0.30 <= short <= 2.0)
+        yield judge("phugoid: damping", phugoid, "", "0.04", phugoid >= 0.04)
+        yield judge("Dutch roll: damping", dutch, "", "0.08", dutch >= 0.08)
+        yield judge(
             "Dutch roll: frequency", dutch_frequency, "rad/s", "0.4", dutch_frequency >= 0.4
         )
-        yield judged("roll: time constant", lag, "s", "1.4", roll > 0.0 and lag <= 1.4)
-        yield judged(
-            "spiral: time to double", doubling, "s", f"{least:g}", doubling >= least, level
-        )
+        yield judge("roll: time constant", lag, "s", "1.4", roll > 0.0 and lag <= 1.4)
+        yield judge("spiral: time to double", doubling, "s", f"{least:g}", doubling >= least, level)
         yield Verdict(f"short period: frequency, at {speed:.0f} m/s", frequency, "rad/s")
 
 

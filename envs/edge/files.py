@@ -13,7 +13,7 @@ from envs.edge.command import ConfigError
 
 
 @contextmanager
-def written(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
+def write_whole(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
     """Give the path of a new file that takes the name ``target`` when the block ends well, even
     over a power cut.
 
@@ -56,9 +56,9 @@ def written(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
 
 def write_file(target: str | os.PathLike[str], content: str | bytes) -> None:
     """Write a text, in UTF-8 and with line feeds alone, or bytes; atomic and with the errors of
-    :func:`written`.
+    :func:`write_whole`.
     """
-    with written(target) as path:
+    with write_whole(target) as path:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
 
 

@@ -20,7 +20,7 @@ from envs.formats.adsb_file import ordered_flights
 from envs.formats.local_frame import geocentric
 from envs.formats.track_rows import Rows, place_of, track_of
 from envs.traffic.replay import horizon
-from envs.traffic.tracks import Repairs, Track, TrackError, at_times, summed
+from envs.traffic.tracks import Repairs, Track, TrackError, at_times, sum_of_repairs
 
 APART = 60.0  # s
 _SHORTEST = 30.0  # seconds before the closest approach that both must be known for
@@ -80,8 +80,8 @@ def adsb_pairs(
         flights += [_flight(name, rows) for rows in lasting]
     if not flights:
         raise TrackError(f"{source}: no flight of {_SHORTEST:g} s, expected at least two")
-    met = sorted(_met(flights, nearby), key=lambda one: (one[0], one[1].name, one[2].name))
-    return [_encounter(*one, nearby.lead, aircraft) for one in met], summed(repairs)
+    met = sorted(_meetings(flights, nearby), key=lambda one: (one[0], one[1].name, one[2].name))
+    return [_encounter(*one, nearby.lead, aircraft) for one in met], sum_of_repairs(repairs)
 
 
 def _flight(name: str, rows: Rows) -> _Flight:
@@ -95,7 +95,9 @@ def _flight(name: str, rows: Rows) -> _Flight:
     return _Flight(name, rows, whole, place, np.interp(whole, time, altitude))
 
 
-def _met(flights: Sequence[_Flight], nearby: Nearby) -> Iterator[tuple[float, _Flight, _Flight]]:
+def _meetings(
+    flights: Sequence[_Flight], nearby: Nearby
+) -> Iterator[tuple[float, _Flight, _Flight]]:
     """Yield the time of the closest approach at one level of every pair that came near."""
     for one, other in itertools.combinations(flights, 2):
         begin, end = max(one.time[0], other.time[0]), min(one.time[-1], other.time[-1])

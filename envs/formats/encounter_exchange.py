@@ -34,7 +34,7 @@ from envs.trees import take
 EXACT = 1.0  # m
 
 
-class Scene(NamedTuple):
+class ExchangedEncounter(NamedTuple):
     """One encounter as it travels."""
 
     name: str
@@ -58,7 +58,9 @@ class Scene(NamedTuple):
         return bool(off.max() <= EXACT)
 
 
-def scenes_of(encounters: Encounter, names: Sequence[str], seconds: int) -> list[Scene]:
+def scenes_of(
+    encounters: Encounter, names: Sequence[str], seconds: int
+) -> list[ExchangedEncounter]:
     """Return encounters of ours ``[N]``, flown for some seconds: the ownship straight on, the
     intruders their turns.
     """
@@ -87,11 +89,15 @@ def scenes_of(encounters: Encounter, names: Sequence[str], seconds: int) -> list
             Intent(*(float(field[i, k]) for field in encounters.intent)) for k in present
         )
         sensor = Sensor(*(float(field[i, 0]) for field in encounters.sensor))
-        scenes.append(Scene(name, tuple(tracks), goal, intents, sensor, altitudes=False))
+        scenes.append(
+            ExchangedEncounter(name, tuple(tracks), goal, intents, sensor, altitudes=False)
+        )
     return scenes
 
 
-def scenes_of_tracks(encounters: Sequence[tuple[str, Sequence[Track], float]]) -> list[Scene]:
+def scenes_of_tracks(
+    encounters: Sequence[tuple[str, Sequence[Track], float]],
+) -> list[ExchangedEncounter]:
     """Return recorded encounters, name, tracks and weight each, with a row a second from the
     ownship's first on.
 
@@ -118,11 +124,13 @@ def scenes_of_tracks(encounters: Sequence[tuple[str, Sequence[Track], float]]) -
             f"values of column {column}": sum(len(track.time) for track in tracks)
             for column in columns
         }
-        scenes.append(Scene(name, tuple(rows), None, None, weight=weight, left_out=left_out))
+        scenes.append(
+            ExchangedEncounter(name, tuple(rows), None, None, weight=weight, left_out=left_out)
+        )
     return scenes
 
 
-def rows_of_scenes(scenes: Sequence[Scene], ahead: float) -> list[list[list[float]]]:
+def rows_of_scenes(scenes: Sequence[ExchangedEncounter], ahead: float) -> list[list[list[float]]]:
     """Return scenes as rows of :func:`envs.formats.encounter_file.write_rows`.
 
     Where a form has no goal, it lies some seconds ahead. Intruders whose intent is not known fly
@@ -143,7 +151,11 @@ def rows_of_scenes(scenes: Sequence[Scene], ahead: float) -> list[list[list[floa
 
 
 def check_same(
-    scenes: Sequence[Scene], again: Sequence[Scene], *, own: bool = True, altitudes: bool = True
+    scenes: Sequence[ExchangedEncounter],
+    again: Sequence[ExchangedEncounter],
+    *,
+    own: bool = True,
+    altitudes: bool = True,
 ) -> None:
     """Raise an EncounterError where scenes that were written and read again are not the same within
     :data:`EXACT`.
@@ -170,7 +182,9 @@ def check_same(
                 )
 
 
-def lincoln_objects(scenes: Sequence[Scene], altitude: float | None) -> list[dict[str, Any]]:
+def lincoln_objects(
+    scenes: Sequence[ExchangedEncounter], altitude: float | None
+) -> list[dict[str, Any]]:
     """Return scenes in the form of Lincoln Laboratory's files; ``altitude`` (m) is that of scenes
     that have none.
 
@@ -192,7 +206,7 @@ def is_number(name: str) -> bool:
     return name.isascii() and name.isdecimal() and len(name) <= 12 and str(int(name)) == name
 
 
-def _lincoln(number: int, scene: Scene, altitude: float | None) -> dict[str, Any]:
+def _lincoln(number: int, scene: ExchangedEncounter, altitude: float | None) -> dict[str, Any]:
     if len(scene.tracks) != 2:
         has = (
             f"has {len(scene.tracks) - 1} intruders, expected one, because a .json file holds "
@@ -241,7 +255,7 @@ def _course(track: Track) -> np.ndarray:
     return course[moving[np.maximum(last, 0)]]
 
 
-def daidalus_text(scene: Scene, altitude: float | None) -> str:
+def daidalus_text(scene: ExchangedEncounter, altitude: float | None) -> str:
     """Return a scene in the form of DAIDALUS' files: local positions and velocities, a row an
     aircraft and second.
 
@@ -276,7 +290,7 @@ def daidalus_text(scene: Scene, altitude: float | None) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _at_height(scene: Scene, altitude: float | None) -> list[Track]:
+def _at_height(scene: ExchangedEncounter, altitude: float | None) -> list[Track]:
     """Return a scene's tracks with their altitudes, or with the given one (m) where they
     have none.
     """

@@ -18,7 +18,7 @@ import numpy as np
 
 from envs.aircraft import Aircraft
 from envs.angles import wrap
-from envs.edge.files import written
+from envs.edge.files import write_whole
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError
 from envs.intruder import Intent
 from envs.kinematics import FASTEST, VehicleState
@@ -215,7 +215,7 @@ def write_rows(
             raise EncounterError(f"{where} has {amount}")
         lines += [[name, *_texts(row, where)] for row in rows]
     try:
-        with written(target) as new, new.open("w", newline="", encoding="utf-8") as file:
+        with write_whole(target) as new, new.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows(lines)
     except OSError as problem:
         raise EncounterError(f"{target}: cannot be written: {problem.strerror}") from problem

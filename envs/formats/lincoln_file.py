@@ -18,7 +18,7 @@ import numpy as np
 
 from envs.traffic.text_file import json_of
 from envs.traffic.track_units import DEGREES, FOOT, KNOT, Range
-from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, summed
+from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, sum_of_repairs
 
 _STEP = 0.1
 _LONGEST = 36_000.0
@@ -102,30 +102,30 @@ def tracks_of(encounter: LincolnEncounter) -> tuple[Track, Track]:
     vertical rate leaves of it, and the track turns at the turn rate; each event holds until the
     next one.
     """
-    return _flown(encounter, 0, "ownship"), _flown(encounter, 1, "intruder")
+    return _flights(encounter, 0, "ownship"), _flights(encounter, 1, "intruder")
 
 
-def _flown(encounter: LincolnEncounter, i: int, name: str) -> Track:
+def _flights(encounter: LincolnEncounter, i: int, name: str) -> Track:
     time = _STEP * np.arange(round(encounter.duration / _STEP) + 1)
     events = encounter.events[i]
     rows = np.searchsorted(events[:, 0], time[:-1] + 1e-9, side="right") - 1
     # Before the first event nothing is commanded.
     rate, turn, acceleration = np.where(rows[:, None] >= 0, events[np.maximum(rows, 0), 1:], 0.0).T
-    speed = np.maximum(encounter.speed[i] + _summed(acceleration), 0.0)
-    track = encounter.track[i] + _summed(turn)
+    speed = np.maximum(encounter.speed[i] + _running_sums(acceleration), 0.0)
+    track = encounter.track[i] + _running_sums(turn)
     climb = np.concatenate([rate, rate[-1:]]) if len(rate) else np.zeros(1)
     middle_speed, middle_track = 0.5 * (speed[1:] + speed[:-1]), track[:-1] + 0.5 * _STEP * turn
     level = np.sqrt(np.maximum(middle_speed**2 - rate**2, 0.0))
-    east = encounter.east[i] + _summed(level * np.sin(middle_track))
-    north = encounter.north[i] + _summed(level * np.cos(middle_track))
-    altitude = encounter.altitude[i] + _summed(rate)
+    east = encounter.east[i] + _running_sums(level * np.sin(middle_track))
+    north = encounter.north[i] + _running_sums(level * np.cos(middle_track))
+    altitude = encounter.altitude[i] + _running_sums(rate)
     ground = np.sqrt(np.maximum(speed**2 - climb**2, 0.0))
     return Track(
         name, time, east, north, altitude, ground * np.sin(track), ground * np.cos(track), climb, {}
     )
 
 
-def _summed(rates: np.ndarray) -> np.ndarray:
+def _running_sums(rates: np.ndarray) -> np.ndarray:
     return _STEP * np.concatenate([[0.0], np.cumsum(rates)])
 
 
@@ -170,7 +170,7 @@ def _encounter(each: Any, where: str, repair: bool) -> LincolnEncounter:
         miss=miss * FOOT,
         time=(time - 1.0) * _STEP,
         weight=weight,
-        repairs=summed([own_repairs, other_repairs]),
+        repairs=sum_of_repairs([own_repairs, other_repairs]),
     )
 
 

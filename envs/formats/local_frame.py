@@ -112,7 +112,7 @@ def displacement(
     return length * math.sin(math.radians(out)), length * math.cos(math.radians(out))
 
 
-def carried(
+def fly_straight(
     latitude: float, longitude: float, east: float, north: float, seconds: float
 ) -> tuple[float, float]:
     """Return latitude and longitude, degrees, after flying straight ahead for some seconds at a

@@ -23,7 +23,7 @@ import numpy as np
 
 from envs.angles import wrap
 from envs.formats.local_frame import local, wgs84
-from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, TrackFile, summed
+from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, TrackFile, sum_of_repairs
 
 POSITION, VELOCITY, ACCELERATION = 300.0, 50.0, 5.0
 """m, m/s and m/s^2, horizontally. Of 210 000 steps of real reports a second apart 7 are beyond."""
@@ -88,7 +88,7 @@ def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
                 f"{DISTANT / 1e3:.0f} km"
             )
             raise TrackError(f"{how.source}: {track.name!r} is {away}")
-    return TrackFile(tracks, summed(done))
+    return TrackFile(tracks, sum_of_repairs(done))
 
 
 def place_of(row: tuple[int, dict[str, float]]) -> tuple[float, float] | None:
@@ -228,7 +228,7 @@ class _Flight:
             each = (
                 values
                 if part == parts
-                else {key: _mixed(key, last[key], values[key], share) for key in last}
+                else {key: _mix(key, last[key], values[key], share) for key in last}
             )
             strays = (
                 "no time passes"
@@ -247,7 +247,7 @@ class _Flight:
         misses is noted.
         """
         step = values["time"] - self.times[-1]
-        off = (*_missed(self.rows[-1][1], values), 0.25 * ACCELERATION * step * step)
+        off = (*_misses(self.rows[-1][1], values), 0.25 * ACCELERATION * step * step)
         total = tuple(map(operator.add, self.missed[-1], off))
         begin = max(bisect_right(self.times, values["time"] - WINDOW) - 1, 0)
         for row, missed in (
@@ -278,7 +278,7 @@ class _Flight:
         return ""
 
 
-def _missed(before: dict[str, float], after: dict[str, float]) -> tuple[float, float, float]:
+def _misses(before: dict[str, float], after: dict[str, float]) -> tuple[float, float, float]:
     """Return how far a row is, east, north and up, m, from where the velocities of both rows lead
     from the first.
     """
@@ -305,7 +305,7 @@ def _velocity(values: dict[str, float]) -> tuple[float, float]:
     return values["vx"], values["vy"]
 
 
-def _mixed(key: str, first: float, second: float, share: float) -> float:
+def _mix(key: str, first: float, second: float, share: float) -> float:
     """Return the value at a share of the way; angles the short way round."""
     step = second - first
     if key in ("trk", "heading", "lon"):

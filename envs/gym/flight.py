@@ -20,7 +20,7 @@ from envs.observation import SetObservation
 from envs.relative import distance
 from envs.rewards import Transition
 from envs.starts import check_plain
-from envs.trees import mapped
+from envs.trees import map_leaves
 from envs.world import State, StepResult
 
 
@@ -31,10 +31,10 @@ def begin(encounter: Encounter, dt: float) -> State:
     present = np.flatnonzero(encounter.mask)
 
     def each(tree: Any) -> Any:
-        return tuple(mapped(lambda field: float(field[k]), tree) for k in present)  # noqa: B023
+        return tuple(map_leaves(lambda field: float(field[k]), tree) for k in present)  # noqa: B023
 
-    own, goal_x, goal_y = mapped(float, (encounter.own, encounter.goal_x, encounter.goal_y))
-    sensor = mapped(lambda field: float(field[0]), encounter.sensor)
+    own, goal_x, goal_y = map_leaves(float, (encounter.own, encounter.goal_x, encounter.goal_y))
+    sensor = map_leaves(lambda field: float(field[0]), encounter.sensor)
     mask = (True,) * len(present)
     check_plain(encounter, "the encounter")
     plain = Encounter(
@@ -50,9 +50,7 @@ def observe(state: State, aircraft: Aircraft, noise: np.ndarray | None = None) -
     """Return the observation of the most critical intruder, float32 ``[8]``, by the noise ``[4,
     K]`` or None.
     """
-    return np.array(
-        world.observe(state, aircraft, _listed(noise), xp=EXACT_FLOATS), dtype=np.float32
-    )
+    return np.array(world.observe(state, aircraft, _list(noise), xp=EXACT_FLOATS), dtype=np.float32)
 
 
 def observe_set(
@@ -61,13 +59,13 @@ def observe_set(
     """Return the observation of the ``count`` most critical intruders, the most critical first,
     numpy.
     """
-    perceived = world.perceived(state, _listed(noise), aircraft.dt, EXACT_FLOATS)
+    perceived = world.perceive_intruders(state, _list(noise), aircraft.dt, EXACT_FLOATS)
     own, seen = VehicleState(*map(np.float64, state.own)), VehicleState(*np.array(perceived).T)
-    seen, mask = observation.ranked(own, seen, np.array(state.mask), count, aircraft, np)
+    seen, mask = observation.rank_urgent(own, seen, np.array(state.mask), count, aircraft, np)
     return observation.observe_set(own, seen, mask, state.goal_x, state.goal_y, aircraft, np)
 
 
-def _listed(noise: np.ndarray | None) -> Any:
+def _list(noise: np.ndarray | None) -> Any:
     return None if noise is None else noise.T.tolist()
 
 
@@ -87,14 +85,14 @@ def transition(
     ``[K]``.
     """
     states = _arrays(before), _arrays(after)
-    return Transition(*states, action, mapped(np.asarray, _stacked(result)), aircraft)
+    return Transition(*states, action, map_leaves(np.asarray, _stack(result)), aircraft)
 
 
 def _arrays(state: State) -> State:
     previous = state.previous and tuple(_together(vehicles) for vehicles in state.previous)
-    sensor = mapped(lambda field: np.array([field]), state.sensor)
+    sensor = map_leaves(lambda field: np.array([field]), state.sensor)
     plain = state._replace(intruders=None, intent=None, sensor=None, previous=None, mask=None)
-    return mapped(np.asarray, plain)._replace(
+    return map_leaves(np.asarray, plain)._replace(
         intruders=_together(state.intruders),
         intent=_together(state.intent),
         sensor=sensor,
@@ -105,8 +103,8 @@ def _arrays(state: State) -> State:
 
 def _together(parts: Any) -> Any:
     """Return a tuple of K equal structures of plain numbers as one of arrays ``[K]``."""
-    return mapped(lambda *fields: np.array(fields), *parts)
+    return map_leaves(lambda *fields: np.array(fields), *parts)
 
 
-def _stacked(result: StepResult) -> StepResult:
+def _stack(result: StepResult) -> StepResult:
     return result._replace(separations=np.array(result.separations))

@@ -15,7 +15,7 @@ from envs.aircraft import Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, scenario
 from envs.observation import ROW, SIZE
 from envs.outcome import Outcome, Rules
-from envs.rewards import scored
+from envs.rewards import with_scores
 from envs.scenarios import resolve
 from envs.world import World
 
@@ -73,7 +73,7 @@ def action_space() -> spaces.Box:
     return spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
-def family(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
+def scenario_of(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
     """Return the scenario meant, of ``module:name`` with its code loaded; an EncounterError where
     there is none of that name or it is another aircraft's.
     """
@@ -103,7 +103,7 @@ def checked_world(
         raise EncounterError(
             f"rules.dt is {chosen.dt:g} s; expected {aircraft.dt:g} s, the aircraft's time step"
         )
-    return World(scored(Rules(*map(float, chosen)), rewards or {}), aircraft)
+    return World(with_scores(Rules(*map(float, chosen)), rewards or {}), aircraft)
 
 
 def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:

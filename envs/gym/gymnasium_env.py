@@ -24,16 +24,16 @@ from envs.gym.gymnasium_contract import (
     checked_actions,
     checked_options,
     checked_world,
-    family,
     has_display,
     observation_space,
+    scenario_of,
 )
 from envs.outcome import Rules
 from envs.rewards import learning_reward, table
 from envs.world import State, StepResult
 
 if TYPE_CHECKING:
-    from envs.gym.rendering import Drawing, Scene
+    from envs.gym.rendering import Drawing, Picture
     from envs.gym.window import Window
 
 ENV_ID = "rlcas/Deconfliction-v0"
@@ -107,7 +107,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         self.render_size = render_size
         self.observation_space = observation_space(intruders)
         self.action_space = action_space()
-        self.scenario = family(scenario, aircraft)
+        self.scenario = scenario_of(scenario, aircraft)
         self.world, self._rows = checked_world(aircraft, rules, rewards), intruders
         self._rewards, self._discount = table(rewards or {}), discount
         self._seed: int | None = None
@@ -134,12 +134,12 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         elif self._seed is None:
             self._seed = int(self.np_random.integers(2**63))
         if "scenario" in chosen:
-            self.scenario = family(chosen["scenario"], self.world.aircraft)
+            self.scenario = scenario_of(chosen["scenario"], self.world.aircraft)
         wanted = chosen.get("encounter", self._next)
         given = isinstance(wanted, Encounter)
         number = self._next if given else wanted
-        drawn = wanted if given else starts.numbered(self.scenario, self._seed, number, 1)
-        encounter = starts.checked(drawn, self.world.aircraft)
+        drawn = wanted if given else starts.encounters_of_seed(self.scenario, self._seed, number, 1)
+        encounter = starts.check_encounter(drawn, self.world.aircraft)
 
         self._number, self._next, self._label = number, number + 1, -1 if given else number
         self._flight, self._outcome = flight.begin(encounter, self.world.aircraft.dt), OUTCOMES[0]
@@ -217,9 +217,9 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             self._window.close()
         self._window = self._picture = None
 
-    def scene(self) -> "Scene":
+    def scene(self) -> "Picture":
         """Return what a picture shows: the encounter since its start where a render mode is set."""
-        from envs.gym.rendering import Scene
+        from envs.gym.rendering import Picture
 
         assert self._flight is not None
         label = (
@@ -228,7 +228,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             else f"{self.scenario.name}, encounter {self._label}"
         )
         own, intruders, separations = (np.array(rows) for rows in zip(*self._frames, strict=True))
-        return Scene(
+        return Picture(
             own,
             intruders,
             separations,

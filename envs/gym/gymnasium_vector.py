@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from envs import starts
 from envs.aircraft import PAPER, Aircraft
-from envs.encounters import Encounter, EncounterError, Scenario, padded
+from envs.encounters import Encounter, EncounterError, Scenario, pad
 from envs.gym import batch_flight
 from envs.gym.batch_flight import Setting
 from envs.gym.gymnasium_contract import (
@@ -23,8 +23,8 @@ from envs.gym.gymnasium_contract import (
     checked_actions,
     checked_options,
     checked_world,
-    family,
     observation_space,
+    scenario_of,
 )
 from envs.outcome import Rules
 from envs.rewards import table
@@ -81,7 +81,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         self.single_action_space = action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.scenario = family(scenario, aircraft)
+        self.scenario = scenario_of(scenario, aircraft)
         # Plain numbers, because the compiled step is chosen by their values.
         self.world, self._rows = checked_world(aircraft, rules, rewards), intruders
         self._rewards, self._discount = table(rewards or {}), discount
@@ -104,13 +104,13 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
             self._seed = int(self.np_random.integers(2**63)) if seed is None else int(seed)
             self._next = self._ticks = 0
         if "scenario" in chosen:
-            self.scenario = family(chosen["scenario"], self.world.aircraft)
+            self.scenario = scenario_of(chosen["scenario"], self.world.aircraft)
         wanted = chosen.get("encounter", self._next)
         if isinstance(wanted, Encounter):
-            encounter = starts.checked(wanted, self.world.aircraft, (self.num_envs,))
+            encounter = starts.check_encounter(wanted, self.world.aircraft, (self.num_envs,))
             self._numbers = np.full(self.num_envs, -1)
         else:
-            encounter = starts.numbered(self.scenario, self._seed, wanted, self.num_envs)
+            encounter = starts.encounters_of_seed(self.scenario, self._seed, wanted, self.num_envs)
             self._numbers = wanted + np.arange(self.num_envs)
             self._next = wanted + self.num_envs
         columns, most = encounter.mask.shape[-1], self.scenario.intruders[1]
@@ -144,7 +144,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         host = np.asarray(packed)
         size = self._setting.size
         self._min_separation = host[:, size].astype(np.float64)
-        return self._shaped(host[:, :size]), self._infos(self._min_separation, host[:, size + 1])
+        return self._shape(host[:, :size]), self._infos(self._min_separation, host[:, size + 1])
 
     def step(
         self, actions: np.ndarray
@@ -181,7 +181,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
             final = {}
         infos = final | self._infos(separation, goal_distance)
         return (
-            self._shaped(seen),
+            self._shape(seen),
             reward.astype(np.float64),
             (code == 1.0) | (code == 2.0),
             code == 3.0,
@@ -192,7 +192,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         """Free the device's memory."""
         self._state = None
 
-    def _shaped(self, packed: np.ndarray) -> Any:
+    def _shape(self, packed: np.ndarray) -> Any:
         """Return observations as the space has them, in memory of their own."""
         return packed.copy() if self._rows == 1 else as_dict(packed, self._rows)
 
@@ -205,9 +205,9 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         count = self.num_envs + max(self.num_envs, _LEAST)
         assert self._seed is not None
         drawn = starts.cast(
-            starts.numbered(self.scenario, self._seed, self._next, count), np.float32
+            starts.encounters_of_seed(self.scenario, self._seed, self._next, count), np.float32
         )
-        self._pool, self._used = jax.device_put(padded(drawn, columns, np)), 0
+        self._pool, self._used = jax.device_put(pad(drawn, columns, np)), 0
 
     def _restart(self, ended: np.ndarray, new_separation: np.ndarray) -> None:
         """Number the encounters that have begun, and draw starts before they could run out."""
@@ -235,7 +235,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         final_obs = np.full(self.num_envs, None, dtype=object)
         outcomes = np.full(self.num_envs, None, dtype=object)
         for index in np.flatnonzero(ended):
-            final_obs[index] = self._shaped(seen[index])
+            final_obs[index] = self._shape(seen[index])
             outcomes[index] = OUTCOMES[int(code[index])]
         infos = self._infos(separation, goal)
         values = {key: np.where(ended, value, 0) for key, value in infos.items() if key[0] != "_"}

@@ -45,7 +45,7 @@ _VERDICTS = {
 }
 
 
-class Scene(NamedTuple):
+class Picture(NamedTuple):
     """An encounter up to now, with T + 1 moments of K intruders; SI units and radians."""
 
     own: np.ndarray  # x, y (m), heading (rad), speed (m/s), [T + 1, 4]
@@ -61,7 +61,7 @@ class Scene(NamedTuple):
     title: str = ""
 
 
-def view(scene: Scene) -> tuple[float, float, float]:
+def view(scene: Picture) -> tuple[float, float, float]:
     """Return the west and south edge and the side of the square to be seen, km.
 
     It holds the starts, the goal, the ownship's path and what is near it, and only grows during an
@@ -93,13 +93,13 @@ class Drawing:
         self.figure = figure
         self._build()
 
-    def frame(self, scene: Scene) -> np.ndarray:
+    def frame(self, scene: Picture) -> np.ndarray:
         """Return the picture, uint8 ``[size, size, 3]``."""
         self.update(scene)
         canvas: Any = self.figure.canvas
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
-    def update(self, scene: Scene) -> None:
+    def update(self, scene: Picture) -> None:
         """Draw the scene onto the canvas."""
         self._place(scene)
         self._move(scene)
@@ -162,7 +162,7 @@ class Drawing:
         self._clock = header(right, 0.968, "right", color=_INK, fontsize=11, fontweight="bold")
         self._verdict = header(right, 0.935, "right", color=_FAINT, fontsize=9, fontweight="bold")
 
-    def _place(self, scene: Scene) -> None:
+    def _place(self, scene: Picture) -> None:
         west, south, side = view(scene)
         self._axes.set_xlim(west, west + side)
         self._axes.set_ylim(south, south + side)
@@ -179,7 +179,7 @@ class Drawing:
         self._goal_text.set_position(tuple(goal + along * (radius + aside * self._pixel)))
         self._start_text.set_position(tuple(start - along * (aside + 14.0) * self._pixel))
 
-    def _move(self, scene: Scene) -> None:
+    def _move(self, scene: Picture) -> None:
         count = scene.intruders.shape[1]
         # The ownship leads: [T + 1, 1 + K, 4], in km.
         aircraft = np.concatenate([scene.own[:, None], scene.intruders], axis=1)
@@ -240,7 +240,7 @@ class Drawing:
                 label.set_position(tuple(now[index] + side * far * self._pixel))
                 label.set_text("own" if index == 0 else "intruder" if only else str(index))
 
-    def _write(self, scene: Scene, speed: np.ndarray) -> None:
+    def _write(self, scene: Picture, speed: np.ndarray) -> None:
         smallest = float(scene.separations.min())
         self._title.set_text(scene.title)
         self._clock.set_text(f"{scene.time:.0f} s")

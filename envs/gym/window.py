@@ -4,7 +4,7 @@ import math
 import time
 
 from envs.gym.gymnasium_contract import error
-from envs.gym.rendering import Drawing, Scene
+from envs.gym.rendering import Drawing, Picture
 
 
 class Window:
@@ -42,7 +42,7 @@ class Window:
         """Whether the user has closed the window."""
         return not self._pyplot.fignum_exists(self._figure.number)
 
-    def show(self, scene: Scene) -> None:
+    def show(self, scene: Picture) -> None:
         """Show the scene and wait until its time in the sequence; nothing happens once the window
         is closed.
         """

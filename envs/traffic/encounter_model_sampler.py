@@ -61,7 +61,7 @@ def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int) -> Samp
             variable, place = model.transition[k], model.moving[k]
             chance, again, inside = later[:, second, :, k].T
             configuration = _configuration(model, variable, both)
-            drawn = _drawn(tables[k][configuration], chance)
+            drawn = _draw(tables[k][configuration], chance)
             seen = np.any(variable.counts[configuration], axis=1)
             both[:, size + k] = drawn = np.where(seen, drawn, current[:, place])
             anew = (drawn != current[:, place]) | (again < model.rates[place])
@@ -83,7 +83,7 @@ def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int) -> Samp
     return Sampled(bins, of(SPEED)[:, 0], of(ACCELERATION), of(TURN), of(CLIMB))
 
 
-def flown(model: EncounterModel, sampled: Sampled, speed_max: float) -> VehicleState:
+def fly_sampled(model: EncounterModel, sampled: Sampled, speed_max: float) -> VehicleState:
     """Fly what was drawn, from the origin and eastward; fields ``[M, T + 1]``.
 
     Each second's acceleration and turn rate are flown exactly. A first speed beyond the limits
@@ -105,7 +105,7 @@ def _initial(model: EncounterModel, draws: np.ndarray) -> np.ndarray:
     bins = np.zeros(draws.shape, int)
     for place in _order(model.initial):
         variable = model.initial[place]
-        bins[:, place] = _drawn(
+        bins[:, place] = _draw(
             _table(variable)[_configuration(model, variable, bins)], draws[:, place]
         )
     return bins
@@ -135,7 +135,7 @@ def _configuration(model: EncounterModel, variable: Variable, bins: np.ndarray) 
     return found
 
 
-def _drawn(chances: np.ndarray, draw: np.ndarray) -> np.ndarray:
+def _draw(chances: np.ndarray, draw: np.ndarray) -> np.ndarray:
     """Return the bins that draws ``[M]`` choose by cumulative chances ``[M, bins]``."""
     # The last chance may be 1 less a rounding.
     return np.minimum((draw[:, None] >= chances).sum(axis=-1), chances.shape[-1] - 1)

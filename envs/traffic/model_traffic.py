@@ -34,7 +34,7 @@ from envs.kinematics import FASTEST, VehicleState, advance
 from envs.relative import distance, leg_separation
 from envs.starts import check_number
 from envs.traffic.encounter_model import EncounterModel
-from envs.traffic.encounter_model_sampler import dimensions, flown, sample_model
+from envs.traffic.encounter_model_sampler import dimensions, fly_sampled, sample_model
 from envs.traffic.replay import encounters_of
 from envs.trees import scatter, take
 
@@ -116,7 +116,7 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     rows = np.arange(len(uniform))
     most = traffic.aircraft.traffic_speed_max
     sampled = sample_model(traffic.model, uniform[:, _OWN_DRAWS:], traffic.duration)
-    track = flown(traffic.model, sampled, most)
+    track = fly_sampled(traffic.model, sampled, most)
     speed = between(traffic.own_speed, uniform[:, 0])
     course, turned = (wrap(2.0 * np.pi * uniform[:, i], np) for i in (1, 2))
     time = between(traffic.cpa_time, uniform[:, 3])
@@ -140,10 +140,10 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
 
     own = VehicleState(np.zeros(len(rows)), np.zeros(len(rows)), course, speed)
     # To the left of the relative velocity, at the miss distance from where the ownship is then.
-    x, y = _rotated(there.x, there.y, turned)
+    x, y = _rotate(there.x, there.y, turned)
     shift_x = speed * time * np.cos(course) - miss * vy / fast - x
     shift_y = speed * time * np.sin(course) + miss * vx / fast - y
-    x, y = _rotated(track.x, track.y, turned[:, None])
+    x, y = _rotate(track.x, track.y, turned[:, None])
     heading = wrap(track.heading + turned[:, None], np)
     recording = VehicleState(x + shift_x[:, None], y + shift_y[:, None], heading, track.speed)
     accepted = (
@@ -184,5 +184,5 @@ def _at_steps(recording: VehicleState, dt: float) -> VehicleState:
     return advance(before, after.speed - before.speed, turn, times - second, _FREE, np)
 
 
-def _rotated(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rotate(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)

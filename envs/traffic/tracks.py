@@ -59,7 +59,7 @@ class TrackFile(NamedTuple):
     repairs: Repairs
 
 
-def summed(repairs: Sequence[Repairs]) -> Repairs:
+def sum_of_repairs(repairs: Sequence[Repairs]) -> Repairs:
     """Return the sum of the repairs of several tracks."""
     return Repairs(*(sum(counts) for counts in zip(*repairs, strict=True)))
 

@@ -10,7 +10,7 @@ from matplotlib.path import Path as Outline
 
 from envs.areas import Area, Circle, Keep
 from envs.edge.command import Parser
-from envs.edge.files import written
+from envs.edge.files import write_whole
 from envs.formats.areas import read_areas
 from envs.formats.local_frame import LocalFrame
 from eval.plots.style import SKY, VERMILION
@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("areas.png"), help="PNG to write")
     options = parser.parse_args(arguments)
     areas = read_areas(options.file, LocalFrame(options.latitude, options.longitude))
-    with written(options.out) as temporary:
+    with write_whole(options.out) as temporary:
         picture(areas).savefig(temporary, format="png", dpi=120)
     print(f"{options.out}: {len(areas)} areas")
     return 0

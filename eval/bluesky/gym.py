@@ -20,7 +20,7 @@ from envs.aircraft import new_aircraft
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.relative import bearing, leg_separation
 
-__all__ = ["ENVIRONMENT", "Pilot", "seen"]
+__all__ = ["ENVIRONMENT", "Pilot", "observe"]
 
 ENVIRONMENT = "HorizontalCREnv-v0"
 
@@ -73,7 +73,7 @@ class Pilot:
 
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the action ``[1]`` in [-1, 1] for an observation of the environment."""
-        speed, traffic, goal = seen(observation)
+        speed, traffic, goal = observe(observation)
         first = np.append(
             np.clip(math.atan2(goal[1], goal[0]), -_units().heading, _units().heading), _TURNS
         )
@@ -148,7 +148,7 @@ class Pilot:
         return nearest, drift
 
 
-def seen(
+def observe(
     observation: Mapping[str, np.ndarray],
 ) -> tuple[float, list[VehicleState], tuple[float, float]]:
     """Return the speed of all aircraft, m/s, the traffic and the waypoint, m, in the ownship's

@@ -20,8 +20,8 @@ from agents.planner.options import Options
 from envs.aircraft import new_aircraft
 from envs.edge.command import InputError
 from envs.kinematics import Limits, VehicleState, commands
-from envs.trees import mapped, take
-from envs.waypoints import Legs, RoutePoint, at, knots, legs
+from envs.trees import map_leaves, take
+from envs.waypoints import Legs, RoutePoint, at, legs, plan_states
 from envs.wind import Wind, aimed_at, over_ground, through_air
 
 __all__ = ["RLCAS", "init_plugin"]
@@ -241,7 +241,7 @@ class RLCAS(_Resolution):
             drift = (-wind.east, -wind.north)
             goal = aimed_at(own, goal, drift, _LONGEST, np)
         critical = policy.most_critical(own, others, present)
-        seen, exists = mapped(
+        seen, exists = map_leaves(
             lambda field: np.take_along_axis(field, critical, axis=-1), (others, present)
         )
         action = policy.command(own, seen, exists, *goal)
@@ -264,12 +264,12 @@ class RLCAS(_Resolution):
             ]
             to = complex(goal_x[row], goal_y[row])
             request = take(ground, row), traffic, to, None if wind is None else take(wind, row)
-            planned = self._planned(ownship.id[index], policy, request, dt)
+            planned = self._planned_state(ownship.id[index], policy, request, dt)
             if planned is not None:
                 self.trk[index] = (90.0 - np.degrees(planned.heading)) % 360.0
                 self.tas[index] = planned.speed
 
-    def _planned(
+    def _planned_state(
         self,
         name: str,
         policy: Policy,
@@ -298,7 +298,7 @@ class RLCAS(_Resolution):
                 )
                 curves = None
             else:
-                there = knots(own, answer.waypoints, wind=wind)
+                there = plan_states(own, answer.waypoints, wind=wind)
                 curves = legs(there) if answer.safe else None
             made, flown_in, self.plans[name] = now, wind, (now, curves, wind)
         return None if curves is None else at(curves, now + dt - made, flown_in)

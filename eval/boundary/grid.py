@@ -130,7 +130,7 @@ def value_at(solution: Solution, x: Any, y: Any, heading: float, speed: float) -
         acceleration = (limits.acceleration_min, limits.acceleration_max)[thrust]
         after = advance(own, acceleration, turn * limits.yaw_rate_max, grid.dt, limits, np)
         near = leg_separation(own, after, there, gone, grid.dt, np)
-        then = _interpolated(
+        then = _interpolate(
             solution, after.x - gone.x, after.y, float(after.heading), float(after.speed)
         )
         best = np.maximum(best, np.minimum(near, then))
@@ -213,7 +213,7 @@ def _backup(
     return best
 
 
-def _interpolated(solution: Solution, x: Any, y: Any, heading: float, speed: float) -> Any:
+def _interpolate(solution: Solution, x: Any, y: Any, heading: float, speed: float) -> Any:
     """Return the value interpolated in all of the state, m, ``[...]``; the cap beyond the grid."""
     grid, zero = solution.grid, 0.0 * x
     nodes = ((abs(heading), grid.heading), (speed, grid.speed))

@@ -76,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         (round(half_turn / steps, 9), cell * separation) for steps, cell in GRIDS[options.grid]
     )
     found: dict[int, tuple[Answers, dict[str, Any]]] = {}
-    solved = lru_cache(1)(_solved)  # one at a time bounds the memory
+    solved = lru_cache(1)(_solve)  # one at a time bounds the memory
     for number, cut in sorted(enumerate(cuts), key=lambda one: one[1].intruder_speed):
         coarse, fine = solved(cut.intruder_speed, grids, aircraft)
         print(f"judging {cut.name}", file=sys.stderr)
@@ -182,7 +182,7 @@ def _slices(wanted: Sequence[Sequence[float]], aircraft: Aircraft) -> list[Slice
     ]
 
 
-def _solved(
+def _solve(
     intruder_speed: float, grids: tuple[tuple[float, float], ...], aircraft: Aircraft
 ) -> list[Solution]:
     print(f"solving the grids for an intruder at {intruder_speed:g} m/s", file=sys.stderr)

@@ -14,19 +14,19 @@ from threadpoolctl import threadpool_limits
 
 from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser
-from envs.edge.files import written
+from envs.edge.files import write_whole
 from envs.edge.installation import versions
 from envs.traffic.replay import Replay
-from eval.compare.deciders import WITNESS, Comparison, aircraft_of_all, columns, entries_of
+from eval.compare.resolvers import WITNESS, Comparison, aircraft_of_all, columns, entries_of
 from eval.compare.summary import SCHEMA_VERSION, Statistics, draw, show
 from eval.config import FILE, TRACKS, MonteCarloConfig
-from eval.flights.aircraft import described
+from eval.flights.aircraft import describe
 from eval.flights.chunks import Evaluation
 from eval.flights.simulate import ByPolicy
-from eval.flights.sources import most_intruders, said, say
+from eval.flights.sources import describe_tracks, most_intruders, say
 from eval.plots import save as picture_folder
 from eval.runner.command import Encounters
-from eval.runner.options import extension_option, loaded, named_source, whole
+from eval.runner.options import extension_option, load_config, named_source, whole
 from eval.runner.outputs import arrow_table
 
 _KEYS = ("changes", "tracks", "scenario_sha256", "confidence", "resamples")
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     begun = time.perf_counter()
-    config, comparison, total = _prepared(options)
+    config, comparison, total = _prepare(options)
     entries, evaluation = comparison
     out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
     picture_folder.create(
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     say(evaluation.source)
     # One thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
-        table = _flown(comparison, total)
+        table = _fly(comparison, total)
     weighted = bool((table["weight"] != 1.0).any())
     weights = table["weight"] if weighted else None
     found = Statistics(table, weights, config.confidence, config.resamples, config.seed)
@@ -88,13 +88,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "ahead_s": config.tracks.ahead if isinstance(evaluation.source, Replay) else None,
         "weighted": weighted,
         **found.summary(entries),
-        **said(evaluation.source),
-        **described(evaluation.aircraft, None),
+        **describe_tracks(evaluation.source),
+        **describe(evaluation.aircraft, None),
         "wall_s": time.perf_counter() - begun,
         "versions": versions("numpy", "scipy", "pyarrow"),
     }
     picture_folder.write(out, "summary", summary)
-    with written(out / "encounters.parquet") as path:
+    with write_whole(out / "encounters.parquet") as path:
         pq.write_table(arrow_table(table), path)
     save_figure(draw(summary), out / "compare", 130)
     show(summary, out)
@@ -169,7 +169,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _prepared(options: argparse.Namespace) -> tuple[MonteCarloConfig, Comparison, int]:
+def _prepare(options: argparse.Namespace) -> tuple[MonteCarloConfig, Comparison, int]:
     for text in options.set:
         if not text.startswith(_KEYS):
             raise ConfigError(
@@ -177,20 +177,20 @@ def _prepared(options: argparse.Namespace) -> tuple[MonteCarloConfig, Comparison
             )
     none = {"config": None, "resume": False, "policy": None, "policy_sha256": None}
     keys = {"encounters": "encounters", "seed": "seed", "repair": "tracks.repair"}
-    config = loaded(MonteCarloConfig, argparse.Namespace(**vars(options) | none), keys, "--")
+    config = load_config(MonteCarloConfig, argparse.Namespace(**vars(options) | none), keys, "--")
     if config.encounters is None and not config.scenario.startswith((FILE, TRACKS)):
         config = config.model_copy(update={"encounters": 1_000})
     aircraft = aircraft_of_all(options.policy, options.policy_sha256)
     entries = entries_of(options.policy, options.mode, options.baseline, aircraft)
     source, names, resolved = named_source(config, aircraft)
-    for decider in (entry.decider for entry in entries):
-        if isinstance(decider, ByPolicy):
-            decider.policy.check_intruders(most_intruders(source))
+    for resolver in (entry.resolver for entry in entries):
+        if isinstance(resolver, ByPolicy):
+            resolver.policy.check_intruders(most_intruders(source))
     evaluation = Evaluation(None, source, names, config.seed, aircraft)
     return config, Comparison(entries, evaluation), resolved["encounters"]
 
 
-def _flown(comparison: Comparison, total: int) -> dict[str, np.ndarray]:
+def _fly(comparison: Comparison, total: int) -> dict[str, np.ndarray]:
     parts = []
     chunk = (
         100 if any(entry.kind == WITNESS for entry in comparison.entries) else 500

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from eval.compare.deciders import REFERENCE, WITNESS, Entry
+from eval.compare.resolvers import REFERENCE, WITNESS, Entry
 from eval.flights.aircraft import lines_about
 from eval.metrics.summary import print_table
 from eval.metrics.volumes import VOLUMES
@@ -24,7 +24,7 @@ _RATES = ("success_rate", "success_given_resolvable", "violation_rate", "timeout
 
 
 class Statistics(NamedTuple):
-    """The table of :func:`eval.compare.deciders.columns`, N >= 1, and how its intervals are
+    """The table of :func:`eval.compare.resolvers.columns`, N >= 1, and how its intervals are
     made.
     """
 

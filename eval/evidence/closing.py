@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.config.progress import spaced
+from agents.config.progress import group_digits
 from eval.evidence.listed import Evidence
 from eval.evidence.tables import row_of
 from eval.metrics.summary import print_table
@@ -54,10 +54,10 @@ def _row(listed: Evidence, results: Mapping[str, Any], name: str) -> list[str]:
     """Return name, encounters, claim, figure and state of a result."""
     entry = listed.results[name]
     if name not in results:
-        return [name, f"0 of {spaced(entry.n)}", "", "", "not measured"]
-    size = spaced(results[name]["n"])
+        return [name, f"0 of {group_digits(entry.n)}", "", "", "not measured"]
+    size = group_digits(results[name]["n"])
     if results[name]["n"] < entry.n:
-        size += f" of {spaced(entry.n)}"
+        size += f" of {group_digits(entry.n)}"
     _, claimed, met, found, success = row_of(entry, results[name], _CELLS)
     if entry.claim is None:
         return [name, size, "", "" if success == "-" else success, "without a claim"]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.edge.files import written
+from envs.edge.files import write_whole
 from eval.evidence.listed import Evidence
 from eval.plots.cells import COURSES, RATIOS, cells_figure
 from eval.runner.outputs import read_table
@@ -81,6 +81,6 @@ def draw(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]
         texts = np.where(np.isfinite(bound), np.char.mod("%.1f", 100.0 * bound), few)
         panels.append((listed.results[name].title, 100.0 * bound, texts))
     figure = cells_figure(panels, _GEOMETRIES, _SPEEDS, 80.0, "success, lower 95 % bound, %")
-    with written(root / PICTURE) as path:
+    with write_whole(root / PICTURE) as path:
         figure.savefig(path, format="png", dpi=110)
     return [root / PICTURE]

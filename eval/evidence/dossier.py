@@ -173,12 +173,12 @@ def outcomes_of(tests: Iterable[str], reports: Iterable[Path]) -> dict[str, Outc
     """
     found: dict[str, Outcome] = {}
     for path in reports:
-        for name, outcome in _reported(path):
+        for name, outcome in _reported_tests(path):
             found[name] = max(outcome, found.get(name, Outcome.NOT_RUN))
-    return {test: found.get(_dotted(test), Outcome.NOT_RUN) for test in tests}
+    return {test: found.get(_dotted_name(test), Outcome.NOT_RUN) for test in tests}
 
 
-def _reported(path: Path) -> list[tuple[str, Outcome]]:
+def _reported_tests(path: Path) -> list[tuple[str, Outcome]]:
     """Return the tests of a report by their dotted names, one for every parameter."""
     try:
         cases = list(ET.parse(path).getroot().iter("testcase"))
@@ -202,7 +202,7 @@ def _reported(path: Path) -> list[tuple[str, Outcome]]:
     return found
 
 
-def _dotted(test: str) -> str:
+def _dotted_name(test: str) -> str:
     """Return a node id as a report of junit writes it."""
     return re.sub(r"\.py::|::|/", ".", test)
 

@@ -111,7 +111,7 @@ def _evidence(item: Item, outcomes: Mapping[str, Outcome]) -> str:
         if len(tests) < _FEW:
             names = ", ".join(_test_name(test, outcomes) for test in tests)
         else:
-            names = _folded(tests, outcomes, f" tests: {_counts(tests, outcomes)}")
+            names = _fold(tests, outcomes, f" tests: {_counts(tests, outcomes)}")
         lines.append(f"{_breakable(file)}: {names}")
     if item.results:
         lines.append(_breakable(f"results: {', '.join(item.results)}"))
@@ -128,7 +128,7 @@ def _counts(tests: Iterable[str], outcomes: Mapping[str, Outcome]) -> str:
     return ", ".join(f"{count} {outcome.label}" for outcome, count in counts.items())
 
 
-def _folded(tests: Sequence[str], outcomes: Mapping[str, Outcome], more: str = "") -> str:
+def _fold(tests: Sequence[str], outcomes: Mapping[str, Outcome], more: str = "") -> str:
     if not tests:
         return "0"
     names = "<br>".join(_test_name(test, outcomes) for test in tests)
@@ -151,7 +151,7 @@ def _tests_by_file(found: Assessment, named: set[str]) -> dict[str, list[str]]:
         rows[file] = [
             _named_by(found.items, set(tests)),
             str(len(tests) - len(unnamed)),
-            _folded(unnamed, found.outcomes),
+            _fold(unnamed, found.outcomes),
             _counts(tests, found.outcomes),
         ]
     return rows

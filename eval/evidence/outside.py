@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from agents.assurance.inputs import blank, inputs, updated
+from agents.assurance.inputs import blank, inputs, update
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.assurance.tracker import Tracks, follow
 from agents.planner.options import Options
@@ -27,11 +27,11 @@ from envs.angles import wrap
 from envs.draws import normals
 from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
-from envs.encounters import Encounter, padded, scenario
+from envs.encounters import Encounter, pad, scenario
 from envs.kinematics import Limits, VehicleState
 from envs.perception import carried_back, perceive
-from envs.starts import joined, numbered
-from envs.trees import mapped, take
+from envs.starts import encounters_of_seed, join
+from envs.trees import map_leaves, take
 from eval.stats.intervals import share
 
 _REASONS = {
@@ -64,7 +64,7 @@ class Flights(NamedTuple):
     """Declared, of position and velocity, m and m/s."""
 
 
-def flown(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: int) -> Flights:
+def fly_reported(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: int) -> Flights:
     """Fly encounters by the policy, and report their intruders with the noise of their sensors."""
     from eval.flights.simulate import ByPolicy, fly
     from eval.flights.trajectories import TrajectoryRecorder
@@ -80,22 +80,22 @@ def flown(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: int) -> F
     others = VehicleState(*(np.where(starts.mask, field, np.nan) for field in others))
     sensor, count, most = starts.sensor, *starts.mask.shape
     std = float(np.max(sensor.position_std)), float(np.max(sensor.velocity_std))
-    seen, first = others, mapped(lambda field: field[0], others)
+    seen, first = others, map_leaves(lambda field: field[0], others)
     if max(std) > 0.0:
         rows, before = (
             [],
             (carried_back(first, aircraft.dt, np), carried_back(first, 2.0 * aircraft.dt, np)),
         )
         for number in range(len(others.x)):
-            now = mapped(lambda field, number=number: field[number], others)
+            now = map_leaves(lambda field, number=number: field[number], others)
             noise = np.moveaxis(normals(seed, 0, count, (4, most), stream=number + 1), 1, 0)
             rows.append(perceive(now, *before, sensor, noise, aircraft.dt, np))
             before = now, before[0]
-        seen = mapped(lambda *fields: np.stack(fields), *rows)
+        seen = map_leaves(lambda *fields: np.stack(fields), *rows)
     return Flights(own, seen, others, (starts.goal_x, starts.goal_y), std)
 
 
-def flagged(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.ndarray]:
+def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.ndarray]:
     """Return which flights are flagged, and for which reason, bool ``[N]``: as the assured loop
     sees them.
     """
@@ -103,7 +103,7 @@ def flagged(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, n
     count, most = flights.seen.x.shape[1:]
     memory = blank(count, most, np.full(count, aircraft.limits.speed_max))
     causes, new = np.zeros(count, np.int32), np.zeros(count, bool)
-    box = novelty.shipped(policy.sha256)
+    box = novelty.shipped_box(policy.sha256)
     tracks: Tracks | None = None
     for number, (own, reported) in enumerate(_steps(flights)):
         seen, present = reported, np.isfinite(reported.x)
@@ -112,7 +112,7 @@ def flagged(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, n
             tracks = follow(tracks, seen, *flights.std, aircraft.dt)
             seen, known = tracks.state, tracks.errors
         given = inputs(number * aircraft.dt, own, seen, present, **known)
-        memory, _own, _traffic, found = updated(memory, given, thresholds)
+        memory, _own, _traffic, found = update(memory, given, thresholds)
         causes |= np.where(present.any(axis=-1), found, 0)
         if box is not None and number % _NOVEL_EVERY == 0:
             rows = np.flatnonzero(present.any(axis=-1))
@@ -128,14 +128,14 @@ def _inputs(rows: np.ndarray, states: Any, aircraft: Aircraft) -> Any:
     """Return the network's inputs of some flights of all, by own state, intruders, their presence,
     and goal.
     """
-    own, seen, present, goal = mapped(lambda field: field[rows], states)
+    own, seen, present, goal = map_leaves(lambda field: field[rows], states)
     there = VehicleState(*(np.where(present, field, 0.0) for field in seen))
     return novelty.inputs_of(own, there, present, goal, aircraft)
 
 
 def _steps(flights: Flights) -> Iterator[tuple[VehicleState, VehicleState]]:
     for number in range(len(flights.own.x)):
-        yield mapped(lambda field, number=number: field[number], (flights.own, flights.seen))
+        yield map_leaves(lambda field, number=number: field[number], (flights.own, flights.seen))
 
 
 def inside(flights: Flights, aircraft: Aircraft) -> np.ndarray:
@@ -203,7 +203,7 @@ def _of_time(
     """Report the states of other times than the stamps say."""
     wanted = when(np.arange(len(seen.x)), random)
     early, ends = np.minimum(wanted, 0)[:, None, None] * aircraft.dt, np.isnan(seen.x)
-    found = mapped(lambda field: np.where(ends, np.nan, field[np.maximum(wanted, 0)]), seen)
+    found = map_leaves(lambda field: np.where(ends, np.nan, field[np.maximum(wanted, 0)]), seen)
     way = found.speed * early
     return found._replace(
         x=found.x + way * np.cos(found.heading), y=found.y + way * np.sin(found.heading)
@@ -243,42 +243,44 @@ SHIFTS: dict[str, Callable[[VehicleState, Random, Aircraft], VehicleState]] = {
 """By what they do. The last one cannot be seen: nothing in the reports contradicts it."""
 
 
-def measured(count: int, seed: int, data: Path | None, policy: Policy) -> dict[str, Any]:
+def measure_rates(count: int, seed: int, data: Path | None, policy: Policy) -> dict[str, Any]:
     """Return the rates: of alarms in nominal flights, and of detections by shift."""
     from eval.config import TracksConfig, TrafficConfig
-    from eval.flights.sources import drawn, read_model_traffic, read_tracks
+    from eval.flights.sources import draw, read_model_traffic, read_tracks
 
     result: dict[str, Any] = {"nominal": {}, "shifts": {}}
     one = policy.aircraft
     cases = {
-        "`circle`": numbered(scenario("circle", one), seed, 0, count),
-        "`maneuvering`": numbered(scenario("maneuvering", one), seed, 0, count),
-        "`noisy`": numbered(
+        "`circle`": encounters_of_seed(scenario("circle", one), seed, 0, count),
+        "`maneuvering`": encounters_of_seed(scenario("maneuvering", one), seed, 0, count),
+        "`noisy`": encounters_of_seed(
             scenario("noisy", one, turn_rate=one.limits.yaw_rate_max), seed, 0, count
         ),
-        "`multi`, 2 to 6": numbered(scenario("multi", one, intruders=(2, 6)), seed, 0, count),
+        "`multi`, 2 to 6": encounters_of_seed(
+            scenario("multi", one, intruders=(2, 6)), seed, 0, count
+        ),
     }
     if data is not None:
         model = read_model_traffic(
             data / "encounter_models/uncor_1200code_v2p1.txt", TrafficConfig(), one
         )
-        cases["Lincoln's model"] = drawn(model, seed, 0, count)[0]
+        cases["Lincoln's model"] = draw(model, seed, 0, count)[0]
         cases["recorded, Lincoln Laboratory"] = read_tracks(
             data / "lincoln_lab/encounters.json", one, TracksConfig()
         ).starts
     bases = {}
     for name, starts in cases.items():
-        flights = bases[name] = flown(starts, policy, one, seed)
+        flights = bases[name] = fly_reported(starts, policy, one, seed)
         kept = inside(flights, one)
         result["nominal"][name] = _rates(
-            {k: v[kept] for k, v in flagged(flights, policy, one).items()}, kept.sum()
+            {k: v[kept] for k, v in flag(flights, policy, one).items()}, kept.sum()
         )
         result["nominal"][name]["outside"] = int(np.count_nonzero(~kept))
     random = np.random.default_rng(seed)
     for name, shift in SHIFTS.items():
         base = bases["`noisy`" if shift is _noisier else "`maneuvering`"]
         changed = base._replace(seen=shift(base.seen, random, one))
-        result["shifts"][name] = _rates(flagged(changed, policy, one), count)
+        result["shifts"][name] = _rates(flag(changed, policy, one), count)
     return result
 
 
@@ -317,12 +319,14 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
                 given["intruder_speed"] = [
                     speed / aircraft.limits.speed_max for speed in of_traffic
                 ]
-            starts = numbered(ScenarioConfig(**given).scenario(aircraft), seed, 0, _STARTS)
-            begun.append(padded(starts, policy.most, np))
-        first = reduce(joined, begun)
+            starts = encounters_of_seed(
+                ScenarioConfig(**given).scenario(aircraft), seed, 0, _STARTS
+            )
+            begun.append(pad(starts, policy.most, np))
+        first = reduce(join, begun)
         others = VehicleState(*(np.where(first.mask, field, np.nan) for field in first.intruders))
-        parts = reduce(joined, (take(one, slice(0, _FLOWN)) for one in begun))
-        flights = flown(parts, policy, aircraft, seed)
+        parts = reduce(join, (take(one, slice(0, _FLOWN)) for one in begun))
+        flights = fly_reported(parts, policy, aircraft, seed)
         scenes = [(first.own, others, (first.goal_x, first.goal_y))]
         scenes += [(*states, flights.goal) for states in list(_steps(flights))[::_NOVEL_EVERY]]
         for own, seen, goal in scenes:
@@ -393,7 +397,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     print(
         json.dumps(
-            measured(options.encounters, options.seed, options.data, policy), allow_nan=False
+            measure_rates(options.encounters, options.seed, options.data, policy), allow_nan=False
         )
     )
     return 0

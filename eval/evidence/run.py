@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = listed.chosen(options.only)
     policy = Policy.load().sha256
     store = ROOT / "docs/reference/evidence.json"
-    results = published(listed, policy, read_results(store), options.out)
+    results = published_results(listed, policy, read_results(store), options.out)
     if options.tables:
         write_file(store, written_results(results))
         print(
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         said = _result(name, listed, policy, options)
         print(f"{name}: {said or 'FAILED'}", flush=True)
         failed |= not said
-    results = published(listed, policy, {}, options.out)
+    results = published_results(listed, policy, {}, options.out)
     show_closing(listed, results, names, options.out)
     return int(failed)
 
@@ -128,7 +128,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def published(
+def published_results(
     listed: Evidence, policy: str, before: Mapping[str, Any], out: Path
 ) -> dict[str, Any]:
     """Return the results of this policy and the listed commands, the larger one of before and of a
@@ -170,7 +170,7 @@ def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespac
     command = entry.command.format(n=n)
     folder = options.out / f"{name}-{sha256(f'{policy} {command}'.encode()).hexdigest()[:8]}"
     begun = time.perf_counter()
-    said = _said(command, reading, folder, options.scheduler)
+    said = _json_of(command, reading, folder, options.scheduler)
     if said is None:
         return ""
     figures = found_in(said, reading.keys) | (cells(folder) if entry.cells else {})
@@ -186,7 +186,7 @@ def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespac
     return f"{seconds:g} s"
 
 
-def _said(
+def _json_of(
     command: str, reading: Reading, folder: Path, scheduler: str | None
 ) -> dict[str, Any] | None:
     """Run a command and return what it says in JSON; None where it fails."""

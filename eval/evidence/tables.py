@@ -28,16 +28,14 @@ def publish(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Pa
     changed = draw(root, listed, results)
     for page in pages(root):
         text = page.read_text(encoding="utf-8")
-        new = generated(root, page, text, listed, results)
+        new = fill_in(root, page, text, listed, results)
         if new != text:
             write_file(page, new)
             changed.append(page)
     return changed
 
 
-def generated(
-    root: Path, page: Path, text: str, listed: Evidence, results: Mapping[str, Any]
-) -> str:
+def fill_in(root: Path, page: Path, text: str, listed: Evidence, results: Mapping[str, Any]) -> str:
     """Return the text of a page with its tables as the results have them."""
 
     def block(found: re.Match[str]) -> str:

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.config.load import Parser
-from envs.edge.files import written
+from envs.edge.files import write_whole
 from envs.formats import encounter_file
 from envs.intruder import Intent
 from envs.outcome import Rules
-from eval.flights.chunks import picked
+from eval.flights.chunks import pick
 from eval.plots import save as picture_folder
 from eval.plots.style import spread
 from eval.report.flights import Replayed, evaluation_of, fly_again
@@ -63,7 +63,7 @@ def failures(table: Mapping[str, np.ndarray]) -> np.ndarray:
     return (table["outcome"] != "reached") & (table["verdict"] != "unresolvable")
 
 
-def grouped(table: Mapping[str, np.ndarray], separation: float) -> list[Group]:
+def group_failures(table: Mapping[str, np.ndarray], separation: float) -> list[Group]:
     """Return the groups that hold failures, the largest first, of a run's table with the required
     separation, m.
     """
@@ -103,7 +103,7 @@ def representatives(groups: list[Group], count: int) -> list[int]:
     return chosen
 
 
-def described(group: Group, table: Mapping[str, np.ndarray]) -> dict[str, Any]:
+def describe(group: Group, table: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """Return a group in JSON types."""
     rows, (low, high) = group.members, group.distance
     return {
@@ -128,20 +128,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     evaluation = evaluation_of(run, options.policy)
     picture_folder.create(options.out)
     table = run.table
-    groups = grouped(table, run.rules.separation)
+    groups = group_failures(table, run.rules.separation)
     chosen = representatives(groups, options.cases)
     found = {
         "run": str(options.run),
         "policy_sha256": run.config.policy_sha256,
         "encounters": len(table["encounter"]),
         "failures": sum(group.members.size for group in groups),
-        "groups": [described(group, table) for group in groups],
+        "groups": [describe(group, table) for group in groups],
         "cases": chosen,
     }
     failed = failures(table)
     columns = {name: values[failed].tolist() for name, values in table.items()}
     with (
-        written(options.out / "failures.csv") as new,
+        write_whole(options.out / "failures.csv") as new,
         new.open("w", encoding="utf-8", newline="") as file,
     ):
         writer = csv.writer(file)
@@ -149,7 +149,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         writer.writerows(zip(*columns.values(), strict=True))
     numbers = [int(number) for number in table["encounter"][failed]]
     if numbers:
-        starts = picked(evaluation, numbers)
+        starts = pick(evaluation, numbers)
         if isinstance(starts.intent, Intent):  # what was recorded is no row of such a file
             encounter_file.write(
                 options.out / "encounters.csv", starts, [str(number) for number in numbers]

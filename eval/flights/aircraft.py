@@ -14,7 +14,7 @@ from envs.kinematics import Limits
 _TASK = ("separation", "goal_radius", "traffic_speed_max", "dt", "t_max")
 
 
-def described(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
+def describe(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
     """Return what a summary says of the aircraft as flown, and of the policy's (None: policies of
     this very one).
     """
@@ -50,7 +50,7 @@ def _limits(found: Mapping[str, float]) -> Limits:
 
 
 def lines_about(summary: Mapping[str, Any]) -> list[str]:
-    """Return what a table or a page says of :func:`described`."""
+    """Return what a table or a page says of :func:`describe`."""
     warning, line = summary["aircraft_warning"], f"aircraft: {_line(aircraft_of(summary))}"
     return [line, *([f"warning: {warning}"] if warning else [])]
 

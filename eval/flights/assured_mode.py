@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents import assurance
-from agents.assurance.asking import ALONG, Planner, renewed
+from agents.assurance.asking import ALONG, Planner, renew
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow
 from agents.planner.candidates import Proposals
@@ -21,9 +21,17 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.trees import take
 from envs.wind import Wind
-from envs.world import State, begin, perceived
+from envs.world import State, begin, perceive_intruders
 from eval.flights.in_wind import drift_of
-from eval.flights.plan_flight import SUBSTEPS, Air, Flown, Tally, fly_step, request_of, route_of
+from eval.flights.plan_flight import (
+    SUBSTEPS,
+    Air,
+    PlanFlights,
+    Tally,
+    fly_step,
+    request_of,
+    route_of,
+)
 from eval.flights.trajectories import TrajectoryRecorder
 
 _GOAL = 1  # number of the goal among the route's points
@@ -32,7 +40,7 @@ _GOAL = 1  # number of the goal among the route's points
 class Assured(NamedTuple):
     """How encounters went; fields ``[N]``."""
 
-    flown: Flown
+    flown: PlanFlights
     replans: np.ndarray  # new plans asked for, int32
     backup: np.ndarray  # time on the backup, s
 
@@ -66,17 +74,17 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     ends = np.full(count, aircraft.t_max)
     air = Air(begin(encounters, np, history_dt=dt), np.zeros(count), ends, asked.drift)
     first = Traffic.straight(
-        perceived(air.state, None if noise is None else noise(0), dt, np), encounters.mask
+        perceive_intruders(air.state, None if noise is None else noise(0), dt, np), encounters.mask
     )
     monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
     made = plans.proposals
-    monitor = assurance.activate(monitor, rows, made.knots, made.safe, 0.0, first, thresholds)
+    monitor = assurance.activate(monitor, rows, made.plan_states, made.safe, 0.0, first, thresholds)
     tracks: Tracks | None = None
     # Whether what is flown passes over the goal, or gets there too late.
     short = made.goal > _GOAL
     for number in range(tally.steps):
         time, state, known = number * dt, air.state, dict[str, Any]()
-        seen = perceived(state, None if noise is None else noise(number)[:, rows], dt, np)
+        seen = perceive_intruders(state, None if noise is None else noise(number)[:, rows], dt, np)
         if noise is not None:
             tracks = follow(tracks, seen, state.sensor.position_std, state.sensor.velocity_std, dt)
             seen, known = tracks.state, tracks.errors
@@ -84,7 +92,7 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
         monitor, decision = assurance.step(monitor, given, thresholds)
         make = _planner(asked, decision, state, time, aircraft, policy)
         left = aircraft.t_max - time
-        monitor, short[rows], new = renewed(
+        monitor, short[rows], new = renew(
             monitor, decision, short[rows], reached[rows], left, make, thresholds
         )
         replans[rows] += new
@@ -100,7 +108,7 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
             rows, air, monitor, asked, tracks = take((rows, air, monitor, asked, tracks), on)
         if rows.size == 0:
             break
-    return Assured(tally.flown(), replans, backup * dt)
+    return Assured(tally.judge(), replans, backup * dt)
 
 
 def _planner(

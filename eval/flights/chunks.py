@@ -19,15 +19,15 @@ from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
-from envs.starts import joined
+from envs.starts import join
 from envs.wind import Wind
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions, verdicts
-from eval.flights.in_wind import carried, winds
+from eval.flights.in_wind import carry, winds
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
-from eval.flights.sources import Source, drawn
+from eval.flights.sources import Source, draw
 
 
 class Evaluation(NamedTuple):
@@ -73,7 +73,7 @@ class Pilot:
         return cls(evaluation, Policy.load(evaluation.policy))
 
     @cached_property
-    def decider(self) -> Baseline:
+    def resolver(self) -> Baseline:
         """What decides once a time step in mode policy."""
         if self.evaluation.backend == "jax":
             return Compiled(self.policy)
@@ -82,16 +82,16 @@ class Pilot:
         return BASELINES[self.evaluation.baseline](self.evaluation.aircraft)
 
 
-def picked(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
+def pick(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
     """Return the encounters with these numbers, at least one, ``[M]``; raises as
-    :func:`eval.flights.sources.drawn`.
+    :func:`eval.flights.sources.draw`.
     """
     takes = evaluation.mode == "policy"
     each = (
-        drawn(evaluation.source, evaluation.seed, int(number), 1, whole=takes)[0]
+        draw(evaluation.source, evaluation.seed, int(number), 1, whole=takes)[0]
         for number in numbers
     )
-    return reduce(joined, each)
+    return reduce(join, each)
 
 
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
@@ -101,10 +101,10 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     evaluation = pilot.evaluation
     aircraft = evaluation.aircraft
     alone_flies = evaluation.mode == "policy"
-    starts, weights = drawn(evaluation.source, evaluation.seed, first, count, whole=alone_flies)
+    starts, weights = draw(evaluation.source, evaluation.seed, first, count, whole=alone_flies)
     begun = conditions(starts, aircraft)
     noise = noise_of(evaluation, starts, first)
-    alone = fly(starts, pilot.decider, aircraft, noise=noise)
+    alone = fly(starts, pilot.resolver, aircraft, noise=noise)
     bare = fly(starts, Direct(aircraft), aircraft)
     beside = (
         {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
@@ -113,7 +113,7 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     wind = evaluation.wind(number)
     flown, more = alone, {}
     if evaluation.mode != "policy":
-        flown, more = _planned(pilot, carried(starts, wind), noise, wind)
+        flown, more = _plan(pilot, carry(starts, wind), noise, wind)
     reached = flown.outcome == OUTCOMES.index("reached")
     solved = reduce(
         np.logical_or,
@@ -148,7 +148,7 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     }
 
 
-def _planned(
+def _plan(
     pilot: Pilot,
     starts: Encounter,
     noise: Callable[[int], np.ndarray] | None,

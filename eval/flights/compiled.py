@@ -16,13 +16,13 @@ from agents.policy.set_network import actions
 from envs.aircraft import Ratios, ratios
 from envs.edge.command import InputError
 from envs.edge.compiled import keep_compiled, local_devices
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 _TILE = 256
 
 
 class Compiled:
-    """A policy for any number of intruders as a decider; its numbers are float32, as in numpy."""
+    """A policy for any number of intruders as a resolver; its numbers are float32, as in numpy."""
 
     def __init__(self, policy: Policy) -> None:
         """Take the policy's network; raises ``InputError`` if it takes one intruder only."""
@@ -56,7 +56,7 @@ class Compiled:
         others, mask = sight.intruders, sight.mask
         if mask.shape[-1] > self._policy.most:
             critical = self._policy.most_critical(sight.own, others, mask)
-            others, mask = mapped(
+            others, mask = map_leaves(
                 lambda field: np.take_along_axis(field, critical, axis=-1), (others, mask)
             )
         seen = scene(sight.own, others, mask, sight.goal_x, sight.goal_y, *self._units, np)

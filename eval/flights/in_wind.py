@@ -26,7 +26,7 @@ def winds(span: tuple[float, float], seed: int, numbers: np.ndarray) -> Wind | N
     return Wind(speed * np.cos(course), speed * np.sin(course), np.zeros(len(u)))
 
 
-def carried(encounters: Encounter, wind: Wind | None) -> Encounter:
+def carry(encounters: Encounter, wind: Wind | None) -> Encounter:
     """Return encounters ``[N]``, drawn in the air mass, with their goals over the ground."""
     if wind is None:
         return encounters

@@ -1,6 +1,7 @@
 """Least-cost witnesses as flights: the shortest ones known that resolve each encounter.
 
-A reference for deciders, no resolver: the search knows the true motion of the intruders to the end.
+A reference for resolvers, no resolver: the search knows the true motion of the intruders to the
+end.
 """
 
 from typing import NamedTuple
@@ -8,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.baselines import BASELINES, Sight
-from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, decided, takeoff
+from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, choose_action, takeoff
 from agents.resolvability.witness import least_cost
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
-from envs.trees import mapped, scatter, take
+from envs.trees import map_leaves, scatter, take
 from eval.flights.simulate import Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
@@ -29,7 +30,7 @@ class WitnessSearch(NamedTuple):
 
 
 class Witness:
-    """Manoeuvres ``[N]`` as a decider of one flight of each of N encounters, which it remembers by
+    """Manoeuvres ``[N]`` as a resolver of one flight of each of N encounters, which it remembers by
     number.
 
     Where none is known, the flight is that without a resolver, straight along the route at constant
@@ -41,7 +42,7 @@ class Witness:
     ) -> None:
         """Take the manoeuvres of encounters ``[N]``, and which are known, bool ``[N]``."""
         self._flight, self._manoeuvre = (
-            mapped(np.array, takeoff(encounters.own, manoeuvre)),
+            map_leaves(np.array, takeoff(encounters.own, manoeuvre)),
             manoeuvre,
         )
         self._known, self._none, self._aircraft, self._step = (
@@ -62,7 +63,7 @@ class Witness:
         )
         flight, goal = Flight(seen[0], *flight[1:]), (seen[3], seen[4])
         time, rules = self._step * self._aircraft.dt, self._aircraft.rules()
-        made, after = decided(
+        made, after = choose_action(
             flight, manoeuvre, time, goal, *seen[1:3], rules, self._aircraft.limits
         )
         action[rows] = np.stack(made, axis=-1)
@@ -79,6 +80,6 @@ def fly_witnesses(
     """
     best = least_cost(encounters, aircraft.rules(), aircraft.limits, rounds=search.rounds)
     recorder = TrajectoryRecorder(encounters)
-    decider = Witness(encounters, best.manoeuvre, np.isfinite(best.arrival), aircraft)
-    flights = fly(encounters, decider, aircraft, recorder=recorder, endless=True)
+    resolver = Witness(encounters, best.manoeuvre, np.isfinite(best.arrival), aircraft)
+    flights = fly(encounters, resolver, aircraft, recorder=recorder, endless=True)
     return flights, recorder.stack()

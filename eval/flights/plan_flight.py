@@ -25,7 +25,7 @@ from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to
 SUBSTEPS = round(1.0 / PERIOD)  # periods of the follower in a time step
 
 
-class Flown(NamedTuple):
+class PlanFlights(NamedTuple):
     """How plans were flown; fields ``[N]``."""
 
     flights: Flights
@@ -176,7 +176,7 @@ class Tally:
         entered = ~np.isnan(step.reached) & part
         self._reached[rows[entered]] = (count - 1) * dt + step.reached[entered]
 
-    def flown(self, counts: Any = True) -> Flown:
+    def judge(self, counts: Any = True) -> PlanFlights:
         """Judge the flights; only those that count, bool ``[N]``, can have reached their goal."""
         rules = self._rules
         outcome = np.full(self._reached.size, OUTCOMES.index("timeout"), np.int8)
@@ -194,4 +194,4 @@ class Tally:
             self._goal,
             self._reversals,
         )
-        return Flown(flights, self._error, self._whole)
+        return PlanFlights(flights, self._error, self._whole)

@@ -15,9 +15,9 @@ from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import at, legs
 from envs.wind import Wind
-from envs.world import begin, perceived
+from envs.world import begin, perceive_intruders
 from eval.flights.in_wind import drift_of
-from eval.flights.plan_flight import SUBSTEPS, Air, Flown, Tally, fly_step, request_of
+from eval.flights.plan_flight import SUBSTEPS, Air, PlanFlights, Tally, fly_step, request_of
 from eval.flights.trajectories import TrajectoryRecorder
 
 SOURCES = ("none", "policy", "fallback")  # names of a plan's sources by their codes
@@ -28,7 +28,7 @@ def perceived_at_start(encounters: Encounter, dt: float, noise: Any = None) -> V
     """Return the intruders as known at the start, ``[N, K]``, by the sensors' noise ``[4, N, K]``;
     dt in s.
     """
-    return perceived(begin(encounters, np, history_dt=dt), noise, dt, np)
+    return perceive_intruders(begin(encounters, np, history_dt=dt), noise, dt, np)
 
 
 def plan_at_start(
@@ -57,7 +57,7 @@ def fly_once(
     *,
     endless: bool = False,
     wind: Wind | None = None,
-) -> Flown:
+) -> PlanFlights:
     """Fly the plans of encounters, ``[N]`` both, float64, once, to their ends; recorded until the
     time limit. In a wind all of it is in its air mass, through which the goals drift.
 
@@ -68,9 +68,9 @@ def fly_once(
     """
     tally, dt, count = Tally(len(encounters.goal_x), aircraft, endless=endless), aircraft.dt, 0
     rows = np.flatnonzero(plans.proposals.last >= 0)
-    begun, knots = take((encounters, plans.proposals.knots), rows)
-    drift, curves = take(drift_of(wind), rows), legs(knots)
-    air = Air(begin(begun, np), np.zeros(rows.size), knots.time[:, -1], drift)
+    begun, plan_states = take((encounters, plans.proposals.plan_states), rows)
+    drift, curves = take(drift_of(wind), rows), legs(plan_states)
+    air = Air(begin(begun, np), np.zeros(rows.size), plan_states.time[:, -1], drift)
     while rows.size:
         states = (at(curves, (count + step * PERIOD) * dt) for step in range(SUBSTEPS + 1))
         references = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
@@ -82,7 +82,7 @@ def fly_once(
         on = air.ends > count * dt
         if not on.all():
             rows, air, curves = take((rows, air, curves), on)
-    whole = tally.flown(plans.proposals.safe)
+    whole = tally.judge(plans.proposals.safe)
     for separation in (whole.flights.min_separation, whole.whole_separation):
         separation[plans.proposals.last < 0] = np.nan
     return whole

@@ -11,8 +11,8 @@ from envs.trees import take
 from envs.waypoints import on_ground
 from envs.wind import Wind
 from eval.flights.assured_mode import fly_assured
-from eval.flights.chunks import Pilot, noise_of, picked
-from eval.flights.in_wind import carried, seen_from_ground
+from eval.flights.chunks import Pilot, noise_of, pick
+from eval.flights.in_wind import carry, seen_from_ground
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
@@ -49,7 +49,7 @@ class Recorded(NamedTuple):
 
 def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
     """Fly the encounters of some numbers, at least one, in the evaluation's mode."""
-    starts = picked(pilot.evaluation, numbers)
+    starts = pick(pilot.evaluation, numbers)
     noises = [
         noise_of(pilot.evaluation, take(starts, [row]), number)
         for row, number in enumerate(numbers)
@@ -58,13 +58,13 @@ def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
     noise = (lambda step: np.concatenate([each(step) for each in given], axis=1)) if given else None
     recorder = TrajectoryRecorder(starts)
     wind = pilot.evaluation.wind(np.asarray(numbers))
-    starts = carried(starts, wind)
+    starts = carry(starts, wind)
     plans, flights = fly_in_mode(pilot, starts, noise, recorder, wind=wind)
     seen = seen_from_ground(recorder.stack(), wind, pilot.evaluation.aircraft.dt)
     if wind is not None and plans is not None:
         each = Wind(wind.east[:, None], wind.north[:, None])
-        knots = on_ground(plans.proposals.knots, each)
-        plans = plans._replace(proposals=plans.proposals._replace(knots=knots))
+        plan_states = on_ground(plans.proposals.plan_states, each)
+        plans = plans._replace(proposals=plans.proposals._replace(plan_states=plan_states))
     return Recorded(starts, plans, flights, seen)
 
 
@@ -87,7 +87,7 @@ def fly_in_mode(
     aircraft, options = evaluation.aircraft, evaluation.options
     if evaluation.mode == "policy":
         return None, fly(
-            starts, pilot.decider, aircraft, noise=noise, recorder=recorder, endless=endless
+            starts, pilot.resolver, aircraft, noise=noise, recorder=recorder, endless=endless
         )
     first = None if noise is None else noise(0)
     plans = plan_at_start(starts, policy, aircraft, options, first, wind=wind)

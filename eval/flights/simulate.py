@@ -29,7 +29,7 @@ OUTCOMES = Outcome._fields  # names of the outcome codes 0, 1, 2
 
 
 class ByPolicy(NamedTuple):
-    """A policy as a decider."""
+    """A policy as a resolver."""
 
     policy: Policy
 
@@ -126,14 +126,14 @@ def sensor_noise(seed: int, first: int, count: int, intruders: int) -> Callable[
 
 def fly(
     encounters: Encounter,
-    decider: Baseline,
+    resolver: Baseline,
     aircraft: Aircraft,
     *,
     noise: Callable[[int], np.ndarray] | None = None,
     recorder: TrajectoryRecorder | None = None,
     endless: bool = False,
 ) -> Flights:
-    """Fly encounters ``[N]``, float64, to their end; the decider acts once per time step.
+    """Fly encounters ``[N]``, float64, to their end; the resolver acts once per time step.
 
     The sensors' noise is by step, ``[4, N, K]``, None for perfect knowledge of the intruders. A
     recorder takes the trajectories (about 150 bytes an encounter and step); endless flights go on
@@ -160,7 +160,7 @@ def fly(
             state.goal_y,
             rules.t_max - step * dt,
         )
-        action, memory = decider.decide(sight, air.memory)
+        action, memory = resolver.decide(sight, air.memory)
         controls = action[:, 0], action[:, 1]
         after, flown = advance(state, controls, world, np)
         step += 1

@@ -17,11 +17,11 @@ from envs.formats.adsb_file import is_adsb
 from envs.formats.adsb_pairs import Nearby, adsb_pairs
 from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.traffic.encounter_model import read_model
 from envs.traffic.model_traffic import ModelTraffic, encounters_with
 from envs.traffic.replay import Replay, replay
-from envs.traffic.tracks import Repairs, TrackError, summed
+from envs.traffic.tracks import Repairs, TrackError, sum_of_repairs
 from envs.trees import take
 from eval.config import FILE, MODEL, MonteCarloConfig, TracksConfig, TrafficConfig
 
@@ -49,7 +49,7 @@ def read_source(
     A file that cannot be used raises ``ConfigError``, ``EncounterError`` or ``TrackError``.
     """
     if config.file is None:
-        return config.sampled(aircraft), None
+        return config.sampled_scenario(aircraft), None
     if config.prefix == MODEL:
         return read_model_traffic(config.file, config.traffic(), aircraft), None
     if config.prefix == FILE:
@@ -98,7 +98,7 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
             )
         else:
             found = read_lincoln(path, repair=how.repair)
-            repairs = summed([each.repairs for each in found])
+            repairs = sum_of_repairs([each.repairs for each in found])
             weights = {str(each.number): each.weight for each in found}
             flown = ((str(each.number), tracks_of(each)) for each in found)
             encounters = [(name, own, [other]) for name, (own, other) in flown]
@@ -107,11 +107,11 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
     return replay(encounters, aircraft, how.ahead, weights=weights, repairs=repairs)
 
 
-def drawn(
+def draw(
     source: Source, seed: int, first: int, count: int, *, whole: bool = False
 ) -> tuple[Encounter, np.ndarray]:
     """Return the encounters ``first .. first + count - 1`` and their weights, 1 where there are
-    none; ``whole`` as of :func:`envs.starts.numbered`.
+    none; ``whole`` as of :func:`envs.starts.encounters_of_seed`.
 
     One that meets the scenario's conditions in none of its attempts raises ``EncounterError``.
     """
@@ -120,7 +120,7 @@ def drawn(
     if isinstance(source, Replay):
         return take((source.starts, source.weights), slice(first, first + count))
     if isinstance(source, Scenario):
-        starts = numbered(source, seed, first, count, whole=whole)
+        starts = encounters_of_seed(source, seed, first, count, whole=whole)
         return starts, np.ones(count)
     return take(source, slice(first, first + count)), np.ones(count)
 
@@ -135,7 +135,7 @@ def most_intruders(source: Source) -> int:
     return int(np.max(np.count_nonzero(mask, axis=-1)))
 
 
-def said(source: Source) -> dict[str, Any]:
+def describe_tracks(source: Source) -> dict[str, Any]:
     """Return what a summary says of recorded tracks: encounters left out, and repairs; of others
     none were needed.
     """
@@ -146,7 +146,7 @@ def said(source: Source) -> dict[str, Any]:
 
 def say(source: Source) -> None:
     """Print which recorded encounters are left out and what was repaired, if anything was."""
-    found = said(source)
+    found = describe_tracks(source)
     for sentence in found["left_out"]:
         print(f"left out: {visible(sentence)}", file=sys.stderr)
     done = [f"{count} {_DONE[name]}" for name, count in (found["repairs"] or {}).items() if count]

@@ -6,7 +6,7 @@ import numpy as np
 
 from envs.encounters import Encounter
 from envs.kinematics import VehicleState
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 
 class Trajectories(NamedTuple):
@@ -28,7 +28,7 @@ def until(flown: Trajectories, end: np.ndarray, dt: float) -> Trajectories:
         late = after[-len(field) :]  # steps are one fewer than states
         return np.where(late if field.ndim == 2 else late[..., None], np.nan, field)
 
-    return mapped(cut, flown)
+    return map_leaves(cut, flown)
 
 
 class TrajectoryRecorder:

@@ -112,7 +112,7 @@ class ConditionConfig(Strict):
         return self
 
     @model_serializer(mode="wrap")
-    def _changed(self, handler: Any) -> dict[str, Any]:
+    def _change(self, handler: Any) -> dict[str, Any]:
         usual = {key: field.default for key, field in type(self).model_fields.items()} | CONDITIONS[
             self.name
         ]
@@ -180,7 +180,9 @@ class Drawn(NamedTuple):
     latency: float  # of the intruders' reports, s
 
 
-def drawn(family: ConditionConfig, seed: int, number: int, takeoff_weight: float) -> Drawn:
+def draw_conditions(
+    family: ConditionConfig, seed: int, number: int, takeoff_weight: float
+) -> Drawn:
     """Return the conditions of flight ``number`` of a seed; the takeoff weight, lb, where the
     family leaves it open.
     """

@@ -83,7 +83,7 @@ def against(
     return Errors(offset(own, place)[1], along, late, position, definition, total)
 
 
-def rolled(request: Request, goal: int, policy: Policy, options: Options) -> VehicleState:
+def roll_out(request: Request, goal: int, policy: Policy, options: Options) -> VehicleState:
     """Return the surrogate's flight to the route's point ``goal`` that the policy's plan ``[1]``
     was made from.
 
@@ -92,5 +92,5 @@ def rolled(request: Request, goal: int, policy: Policy, options: Options) -> Veh
     flown = roll(request, np.array([goal]), policy, replace(options, spacing=1), floats=True)
     end, dt = float(flown.time[0]), options.aircraft.dt
     return VehicleState(
-        *(field[0, : 1 if math.isnan(end) else round(end / dt) + 1] for field in flown.knots)
+        *(field[0, : 1 if math.isnan(end) else round(end / dt) + 1] for field in flown.plan_states)
     )

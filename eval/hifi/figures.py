@@ -21,7 +21,7 @@ from envs.wind import over_ground
 from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.recorded import Track
 from eval.hifi.errors import Errors
-from eval.hifi.flights import Campaign, Flown, flown, prepared
+from eval.hifi.flights import Campaign, FlightRecord, fly_one, prepare
 from eval.plots.encounters import separation_histogram
 from eval.plots.flight_sheet import draw, explain
 from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, sample, tidy
@@ -44,7 +44,7 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) 
     """Draw every figure of a run into its folder and return the paths."""
     flights = []
     with threadpool_limits(1):
-        loaded = prepared(campaign._replace(viewer=None), Policy.load(campaign.policy))
+        loaded = prepare(campaign._replace(viewer=None), Policy.load(campaign.policy))
         for number in chosen(table):
             closest = table["min_separation_m"][number]
             apart = "" if np.isnan(closest) else f", {closest:.0f} m"
@@ -52,7 +52,7 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) 
                 f", wind {table['wind_m_s'][number]:.0f} m/s" if table["wind_m_s"][number] else ""
             )
             flights.append(
-                (f"{number}: {table['outcome'][number]}{apart}{wind}", flown(*loaded, number))
+                (f"{number}: {table['outcome'][number]}{apart}{wind}", fly_one(*loaded, number))
             )
     figures = {"flights": sheet(flights, campaign.aircraft.rules())}
     if np.isfinite(table["min_separation_m"]).any():
@@ -109,7 +109,7 @@ def distributions(table: Mapping[str, np.ndarray]) -> Figure:
     return figure
 
 
-def sheet(flights: Sequence[tuple[str, Flown]], rules: Rules) -> Figure:
+def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
     """Return a sheet with a column a flight, each with a title; the errors only where there are
     any.
     """
@@ -139,7 +139,7 @@ def sheet(flights: Sequence[tuple[str, Flown]], rules: Rules) -> Figure:
     return figure
 
 
-def _track(axes: Any, one: Flown, rules: Rules) -> None:
+def _track(axes: Any, one: FlightRecord, rules: Rules) -> None:
     route = one.scene.route
     rejoin = rules.t_max if one.made is None else float(one.made.plans.proposals.rejoin_time[0])
     # What comes later is the route, a straight line.
@@ -157,14 +157,14 @@ def _track(axes: Any, one: Flown, rules: Rules) -> None:
             axes, Track(np.stack([own.x, own.y]), traffic, one.flight.separation[:end], goal), rules
         )
     if one.made is not None and one.legs is not None and one.errors is not None:
-        knots = one.made.plans.proposals.knots
-        shown = knots.time[0] <= end
-        place = VehicleState(*(field[0, shown] for field in knots[:4]))
-        over = over_ground(place, one.scene.frame, knots.time[0, shown])
+        plan_states = one.made.plans.proposals.plan_states
+        shown = plan_states.time[0] <= end
+        place = VehicleState(*(field[0, shown] for field in plan_states[:4]))
+        over = over_ground(place, one.scene.frame, plan_states.time[0, shown])
         axes.plot(over.x / _KM, over.y / _KM, **_WAYPOINT)
 
 
-def _separation(axes: Any, one: Flown, rules: Rules) -> None:
+def _separation(axes: Any, one: FlightRecord, rules: Rules) -> None:
     if one.flight is not None and one.flight.separation.size:
         apart = one.flight.separation
         axes.plot(np.arange(1, apart.size + 1), apart / _KM, color=BLUE, linewidth=1.0)

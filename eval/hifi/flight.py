@@ -21,7 +21,7 @@ from envs.outcome import Rules
 from envs.relative import leg_separation
 from envs.trees import take
 from envs.wind import Wind, over_ground
-from envs.world import begin, move_intruders, perceived
+from envs.world import begin, move_intruders, perceive_intruders
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.vehicle import Airborne, Navigation
 
@@ -80,10 +80,12 @@ class Traffic:
         """Return the intruders over the ground, ``[1, K]``."""
         return over_ground(self._state.intruders.vehicle, self._wind, float(self._clock))
 
-    def reported(self) -> VehicleState:
+    def report_intruders(self) -> VehicleState:
         """Return the intruders over the ground as reported, ``[1, K]``."""
         noise = None if self._noise is None else self._noise(self._clock)
-        return over_ground(perceived(self._state, noise, 1.0, np), self._wind, float(self._clock))
+        return over_ground(
+            perceive_intruders(self._state, noise, 1.0, np), self._wind, float(self._clock)
+        )
 
     def second(self) -> VehicleState:
         """Move on by a second and return the states at its beginning and after every period, ``[P +
@@ -131,12 +133,14 @@ def fly(
     others, separations = [traffic.ground()], []
     failure: str | None = None
     for clock in range(until):
-        pilot.decide(clock, navigation.seen(vehicle.state, float(clock)), traffic.reported())
+        pilot.decide(
+            clock, navigation.believe(vehicle.state, float(clock)), traffic.report_intruders()
+        )
         whole = traffic.second()
         try:
             for step in range(SUBSTEPS):
                 time = clock + step * PERIOD
-                vehicle.step(*pilot.commands(navigation.seen(vehicle.state, time), time), PERIOD)
+                vehicle.step(*pilot.commands(navigation.believe(vehicle.state, time), time), PERIOD)
                 if not math.isfinite(sum(vehicle.state) + vehicle.altitude):
                     raise FlightError(f"the state is not finite at {time + PERIOD:.2f} s")
                 states.append(vehicle.state)

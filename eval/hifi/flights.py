@@ -31,8 +31,8 @@ from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import perceived_at_start
 from eval.flights.simulate import sensor_noise
 from eval.flights.sources import Source
-from eval.hifi.config import ConditionConfig, Drawn, drawn
-from eval.hifi.errors import Errors, against, rolled
+from eval.hifi.config import ConditionConfig, Drawn, draw_conditions
+from eval.hifi.errors import Errors, against, roll_out
 from eval.hifi.flight import Flight, Pilot, Traffic, fly
 from eval.hifi.pilots import Assured, Closed, Follower
 from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
@@ -53,7 +53,7 @@ class Campaign(NamedTuple):
     viewer: FlightGear | None = None  # of vehicles in JSBSim
 
 
-class Scene(NamedTuple):
+class Beginning(NamedTuple):
     """Where a flight begins."""
 
     encounter: Encounter  # [1], in the air mass
@@ -65,10 +65,10 @@ class Scene(NamedTuple):
     noise: Callable[[int], np.ndarray] | None  # of the intruders' reports by second, [4, 1, K]
 
 
-class Flown(NamedTuple):
+class FlightRecord(NamedTuple):
     """A flight and all that is known of it."""
 
-    scene: Scene
+    scene: Beginning
     made: Made | None = None  # the plan; None in mode closed
     legs: Legs | None = None  # of the plan, in the air mass; None without one
     flight: Flight | None = None  # None where it could not begin
@@ -77,20 +77,20 @@ class Flown(NamedTuple):
     pilot: Pilot | None = None
 
 
-def prepared(campaign: Campaign, policy: Policy) -> tuple[Campaign, Policy]:
-    """Return a campaign and its policy for the campaign's aircraft: what :func:`flown` takes."""
+def prepare(campaign: Campaign, policy: Policy) -> tuple[Campaign, Policy]:
+    """Return a campaign and its policy for the campaign's aircraft: what :func:`fly_one` takes."""
     return campaign, policy.for_aircraft(campaign.aircraft, outside="allow")
 
 
-def scene_of(campaign: Campaign, number: int) -> Scene:
+def scene_of(campaign: Campaign, number: int) -> Beginning:
     """Return where flight ``number`` begins.
 
     The encounter is drawn in the air mass, where speeds are air speeds; the wind carries them all,
     and the goal lies where the ownship would arrive if it flew straight on. So the same number is
     the same conflict in any wind.
     """
-    family, (one, _) = campaign.family, sources.drawn(campaign.source, campaign.seed, number, 1)
-    met = drawn(family, campaign.seed, number, takeoff_weight(campaign.vehicle))
+    family, (one, _) = campaign.family, sources.draw(campaign.source, campaign.seed, number, 1)
+    met = draw_conditions(family, campaign.seed, number, takeoff_weight(campaign.vehicle))
     wind = Wind(met.air.wind_east, met.air.wind_north)
     if family.position_std > 0.0 or family.velocity_std > 0.0 or met.latency > 0.0:
         each = (
@@ -106,10 +106,10 @@ def scene_of(campaign: Campaign, number: int) -> Scene:
     over = one._replace(goal_x=np.array([goal[0]]), goal_y=np.array([goal[1]]))
     line = request_of(over, campaign.aircraft)
     route = Route(line.route_x[0], line.route_y[0])
-    return Scene(one, met, wind, met.believed_wind, over_ground(own, wind, 0.0), route, noise)
+    return Beginning(one, met, wind, met.believed_wind, over_ground(own, wind, 0.0), route, noise)
 
 
-def flown(campaign: Campaign, policy: Policy, number: int) -> Flown:
+def fly_one(campaign: Campaign, policy: Policy, number: int) -> FlightRecord:
     """Fly one flight."""
     scene = scene_of(campaign, number)
     aircraft, whole = campaign.aircraft, round(campaign.aircraft.t_max)
@@ -117,27 +117,27 @@ def flown(campaign: Campaign, policy: Policy, number: int) -> Flown:
         goal = float(scene.route.x[1]), float(scene.route.y[1])
         pilot: Pilot = Closed(policy, aircraft.limits, goal, scene.encounter.mask, scene.frame)
         flight, problem = _fly(campaign, scene, number, pilot, whole, ("violation", "goal"))
-        return Flown(scene, flight=flight, problem=problem, pilot=pilot)
-    made, known = _planned(campaign, scene, policy)
+        return FlightRecord(scene, flight=flight, problem=problem, pilot=pilot)
+    made, known = _initial_plan(campaign, scene, policy)
     curves, problem = None, made.problem
     if problem is None and int(made.plans.proposals.last[0]) >= 0:
-        curves = legs(take(made.plans.proposals.knots, 0))
+        curves = legs(take(made.plans.proposals.plan_states, 0))
         problem = unflyable(curves, reach_of(campaign.vehicle, aircraft.limits, scene.drawn))
     elif problem is None and campaign.mode == "plan":
         problem = "the planner knows no way back to the route"
     if problem is not None:
-        return Flown(scene, made, curves, problem=problem)
+        return FlightRecord(scene, made, curves, problem=problem)
     if campaign.mode == "assured":
         pilot = _assured(campaign, scene, made.plans, known, policy)
         flight, problem = _fly(campaign, scene, number, pilot, whole, ("violation",))
-        return Flown(scene, made, curves, flight, problem=problem, pilot=pilot)
+        return FlightRecord(scene, made, curves, flight, problem=problem, pilot=pilot)
     assert curves is not None
     pilot = Follower(Track(curves, scene.frame), lookahead_of(campaign.vehicle))
     until = math.ceil(float(curves.time[-1] + curves.duration[-1]))
     flight, problem = _fly(campaign, scene, number, pilot, until, ())
     surrogate = None
     if made.request is not None and made.plans.source[0] == 1:
-        surrogate = rolled(
+        surrogate = roll_out(
             made.request, int(made.plans.proposals.goal[0]), policy, campaign.options
         )
     errors = (
@@ -145,17 +145,17 @@ def flown(campaign: Campaign, policy: Policy, number: int) -> Flown:
         if flight is None or flight.failure is not None
         else against(flight, curves, scene.frame, surrogate)
     )
-    return Flown(scene, made, curves, flight, errors, problem, pilot)
+    return FlightRecord(scene, made, curves, flight, errors, problem, pilot)
 
 
-def reported_at_start(campaign: Campaign, scene: Scene) -> VehicleState:
+def reported_at_start(campaign: Campaign, scene: Beginning) -> VehicleState:
     """Return the intruders over the ground as reported at the start, ``[1, K]``."""
     noise = None if scene.noise is None else scene.noise(0)
     seen = perceived_at_start(scene.encounter, campaign.aircraft.dt, noise)
     return over_ground(seen, scene.wind, 0.0)
 
 
-def _planned(campaign: Campaign, scene: Scene, policy: Policy) -> tuple[Made, Known]:
+def _initial_plan(campaign: Campaign, scene: Beginning, policy: Policy) -> tuple[Made, Known]:
     """Return the plan made at the start, and the intruders that it was made with."""
     reported = reported_at_start(campaign, scene)
     known = Known.straight(through_air(reported, scene.frame, 0.0), scene.encounter.mask)
@@ -164,7 +164,7 @@ def _planned(campaign: Campaign, scene: Scene, policy: Policy) -> tuple[Made, Kn
 
 
 def _assured(
-    campaign: Campaign, scene: Scene, plans: Plans, known: Known, policy: Policy
+    campaign: Campaign, scene: Beginning, plans: Plans, known: Known, policy: Policy
 ) -> Assured:
     options = campaign.options
     usual = Thresholds.for_plans(options)
@@ -190,7 +190,12 @@ def _assured(
 
 
 def _fly(
-    campaign: Campaign, scene: Scene, number: int, pilot: Pilot, until: int, ends: tuple[str, ...]
+    campaign: Campaign,
+    scene: Beginning,
+    number: int,
+    pilot: Pilot,
+    until: int,
+    ends: tuple[str, ...],
 ) -> tuple[Flight | None, str | None]:
     """Fly with a pilot; return the flight, or why it could not begin."""
     try:

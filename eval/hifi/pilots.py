@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents import assurance
-from agents.assurance.asking import ALONG, Planner, renewed
+from agents.assurance.asking import ALONG, Planner, renew
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow
 from agents.planner.candidates import Proposals, empty
@@ -99,7 +99,7 @@ class Assured:
         monitor = assurance.start(1, known.mask.shape[1], thresholds)
         made = plans.proposals
         self._monitor = assurance.activate(
-            monitor, np.arange(1), made.knots, made.safe, 0.0, known, thresholds
+            monitor, np.arange(1), made.plan_states, made.safe, 0.0, known, thresholds
         )
         self._mask, self._guide, self._flies = known.mask, None, None
         # The goal is the second point of the route.
@@ -137,7 +137,7 @@ class Assured:
             self._rules.t_max - clock,
             self._planner(clock, own, decision),
         )
-        monitor, self._short, asked = renewed(
+        monitor, self._short, asked = renew(
             monitor, decision, self._short, self._reached, left, make, self._thresholds
         )
         self.replans += int(asked[0])

@@ -17,7 +17,7 @@ from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.plan_mode import SOURCES, STATUSES
 from eval.hifi.config import HifiConfig
 from eval.hifi.flight import straight_separation
-from eval.hifi.flights import Campaign, Flown, flown, reported_at_start
+from eval.hifi.flights import Campaign, FlightRecord, fly_one, reported_at_start
 from eval.hifi.pilots import Assured
 from eval.runner.outputs import RunFolder
 
@@ -59,10 +59,10 @@ ERRORS = PlanErrors._fields
 
 def columns(prepared: tuple[Campaign, Policy], first: int, count: int) -> dict[str, np.ndarray]:
     """Return the table of the flights ``first .. first + count - 1`` of
-    :func:`eval.hifi.flights.prepared`.
+    :func:`eval.hifi.flights.prepare`.
     """
     rows = [
-        row_of(prepared[0], number, flown(*prepared, number))
+        row_of(prepared[0], number, fly_one(*prepared, number))
         for number in range(first, first + count)
     ]
     return {
@@ -73,7 +73,7 @@ def columns(prepared: tuple[Campaign, Policy], first: int, count: int) -> dict[s
     }
 
 
-def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
+def row_of(campaign: Campaign, number: int, one: FlightRecord) -> dict[str, Any]:
     """Return the row of one flight."""
     row: dict[str, Any] = {"flight": number}
     row |= _verdict(one, campaign.aircraft.rules())
@@ -90,7 +90,7 @@ def row_of(campaign: Campaign, number: int, one: Flown) -> dict[str, Any]:
     return row | _scene(campaign, one)
 
 
-def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
+def _verdict(one: FlightRecord, rules: Rules) -> dict[str, Any]:
     """Judge a flight as the surrogate's are: until the time limit, and a lost separation outweighs
     the goal.
     """
@@ -139,7 +139,7 @@ def _verdict(one: Flown, rules: Rules) -> dict[str, Any]:
     }
 
 
-def _plan(campaign: Campaign, one: Flown) -> dict[str, Any]:
+def _plan(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
     """Say what was planned, whether such a plan is possible, and what of its separation was lost
     over its whole.
     """
@@ -161,7 +161,7 @@ def _plan(campaign: Campaign, one: Flown) -> dict[str, Any]:
     }
 
 
-def _loss(campaign: Campaign, one: Flown) -> PlanLoss:
+def _loss(campaign: Campaign, one: FlightRecord) -> PlanLoss:
     """Say whether a SAFE plan that lost the separation had promised it.
 
     SAFE promises a separation from intruders that go on straight from the report that the plan was
@@ -178,7 +178,7 @@ def _loss(campaign: Campaign, one: Flown) -> PlanLoss:
     return PlanLoss(kind, promised)
 
 
-def _bound(campaign: Campaign, one: Flown) -> str:
+def _bound(campaign: Campaign, one: FlightRecord) -> str:
     """Say whether the separation that the plan must keep can be kept at all, within the limits of
     its manoeuvres.
     """
@@ -194,7 +194,7 @@ def _bound(campaign: Campaign, one: Flown) -> str:
     return Verdict(int(judged.verdict[0])).name.lower()
 
 
-def _errors(one: Flown) -> PlanErrors:
+def _errors(one: FlightRecord) -> PlanErrors:
     """Return the errors against the plan; nan where there is none or it was not flown to
     its end.
     """
@@ -229,7 +229,7 @@ def _largest(values: np.ndarray) -> float:
     return float(values.max()) if values.size else _NAN
 
 
-def _scene(campaign: Campaign, one: Flown) -> dict[str, Any]:
+def _scene(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
     scene = one.scene
     met, begun = scene.drawn, conditions(scene.encounter, campaign.aircraft)
     del begun["route_length_m"]

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from agents.config.load import ConfigError, Parser
-from agents.config.progress import spaced
+from agents.config.progress import group_digits
 from envs.c208.flightgear import flightgear_at
 from eval.hifi.config import HifiConfig
-from eval.hifi.flights import Campaign, prepared
+from eval.hifi.flights import Campaign, prepare
 from eval.hifi.rows import HifiFolder, columns
 from eval.hifi.summary import error_rows, rate_rows, summarise
 from eval.metrics.summary import print_table
@@ -119,9 +119,9 @@ def _summary(table: Mapping[str, Any], config: HifiConfig, campaign: Campaign) -
 
 def _show(summary: Mapping[str, Any]) -> None:
     title = (
-        f"{spaced(summary['flights'])} flights of {summary['vehicle']}, mode {summary['mode']}, "
-        f"scenario {summary['scenario']}, condition {summary['condition']['name']}, "
-        f"seed {summary['seed']}"
+        f"{group_digits(summary['flights'])} flights of {summary['vehicle']}, "
+        f"mode {summary['mode']}, scenario {summary['scenario']}, "
+        f"condition {summary['condition']['name']}, seed {summary['seed']}"
     )
     interval = f"{100.0 * summary['confidence']:g} % interval"
     notes = [f"Not resolved, {count}: {why}" for why, count in summary["reasons"].items()]
@@ -158,7 +158,7 @@ _COMMAND = Command(
     keys=_KEYS,
     prefix="",
     resolve=_resolve,
-    prepare=prepared,
+    prepare=prepare,
     columns=columns,
     summarise=_summary,
     figures="eval.hifi.figures",

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.config.progress import spaced
+from agents.config.progress import group_digits
 from eval.hifi.rows import ERRORS, HIFI_OUTCOMES
 from eval.stats.intervals import quantiles, share
 
@@ -105,11 +105,11 @@ def rate_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
         if rate is None or rate["value"] is None:
             continue
         low, high = (f"{100.0 * rate[end]:.2f} %" for end in ("low", "high"))
-        count = f"{spaced(rate['count'])} of {spaced(rate['total'])}"
+        count = f"{group_digits(rate['count'])} of {group_digits(rate['total'])}"
         rows.append((label, f"{100.0 * rate['value']:.2f} %", f"{low} to {high}", count))
     for key, label in _SAFE_PLANS.items():
         if key in summary:
-            rows.append((label, spaced(summary[key]), "", ""))
+            rows.append((label, group_digits(summary[key]), "", ""))
     closest = summary["min_separation_m_quantiles"]
     for label, at in (("smallest separation of all flights", "0"), ("its median", "0.5")):
         rows.append((label, _metres(closest[at]), "", ""))

@@ -88,7 +88,7 @@ class Navigation:
                 errors.append(error)
             self._errors = np.array(errors).tolist()
 
-    def seen(self, state: VehicleState, time: float) -> VehicleState:
+    def believe(self, state: VehicleState, time: float) -> VehicleState:
         """Return the state as it is believed to be."""
         if self._errors is None:
             return state

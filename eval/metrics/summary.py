@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.config.progress import spaced
-from eval.metrics.weighted import rates_of, ratio, said, summarise_weighted
+from agents.config.progress import group_digits
+from eval.metrics.weighted import rates_of, ratio, summarise_weighted, to_json
 from eval.stats.intervals import ends, mean_interval, number, quantiles, share
 
 _RATES = (
@@ -77,7 +77,7 @@ def summarise(
         "counts": {name: int(np.count_nonzero(mask)) for name, mask in counts.items()},
         "score_mean": number(score.value),
         "score_mean_interval": ends(score),
-        **said(ratio(*violations, confidence=confidence, resamples=resamples, seed=seed)),
+        **to_json(ratio(*violations, confidence=confidence, resamples=resamples, seed=seed)),
         "path_excess_mean": number(path.value),
         "path_excess_mean_interval": ends(path),
         "path_excess_quantiles": quantiles(excess, (0.5, 0.95, 1.0)),
@@ -131,11 +131,11 @@ def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> lis
         rate = summary.get(key)
         if rate is not None:
             part = (
-                f", {spaced(unresolvable[key])} of them proven unresolvable"
+                f", {group_digits(unresolvable[key])} of them proven unresolvable"
                 if unresolvable.get(key)
                 else ""
             )
-            counted = f"{spaced(rate['count'])} of {spaced(rate['total'])}{part}"
+            counted = f"{group_digits(rate['count'])} of {group_digits(rate['total'])}{part}"
             lines.append(_line(key, label, rate["value"], rate, ".2f", 100.0, " %", counted))
     weighted = summary["weighted"]
     for label, key in _RATES[:3] if weighted else ():
@@ -153,7 +153,7 @@ def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> lis
             lines.append(Line(key, label, _plain(summary[key].get(at), form, 1.0, " m"), "", ""))
     for label, key in _SAFE_PLANS:
         if key in summary:
-            lines.append(Line(key, label, spaced(summary[key]), "", ""))
+            lines.append(Line(key, label, group_digits(summary[key]), "", ""))
     return lines
 
 

@@ -115,7 +115,7 @@ def _warnings(
     return tuple(found)
 
 
-def said(found: Ratio) -> dict[str, Any]:
+def to_json(found: Ratio) -> dict[str, Any]:
     """Return a ratio of violations as a summary has it, in JSON types."""
     return {
         "risk_ratio": number(found.value),
@@ -189,7 +189,7 @@ def summarise_weighted(
         "effective_sample_size": _effective(weight),
         "largest_share": float(weight.max() / weight.sum()),
         **rates,
-        **said(found),
+        **to_json(found),
         "warnings": list(found.warnings),
     }
 

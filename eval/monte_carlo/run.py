@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from agents.config.load import Parser, load
-from agents.config.progress import spaced
+from agents.config.progress import group_digits
 from agents.policy.domain import excess
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, Pilot, columns
-from eval.flights.sources import said, say
+from eval.flights.sources import describe_tracks, say
 from eval.metrics.summary import headline, print_table, summarise
 from eval.runner.command import Command, Resolved, UnfinishedError, fly, run
 from eval.runner.options import (
@@ -162,15 +162,16 @@ def _summary(
         "backend": config.backend,
         **summarise(table, config.confidence, config.resamples, config.seed),
         "outside_domain": outside,
-        **said(evaluation.source),
+        **describe_tracks(evaluation.source),
     }
 
 
 def _show(summary: Mapping[str, Any]) -> None:
-    decider = (
+    resolver = (
         summary["mode"] if summary["baseline"] == "none" else f"baseline {summary['baseline']}"
     )
-    title = f"{spaced(summary['encounters'])} encounters, {decider}, scenario {summary['scenario']}"
+    count = group_digits(summary["encounters"])
+    title = f"{count} encounters, {resolver}, scenario {summary['scenario']}"
     names = ("", "value", f"{100.0 * summary['confidence']:g} % interval", "count")
     notes = []
     ratio, ends = summary["risk_ratio"], summary["risk_ratio_interval"]

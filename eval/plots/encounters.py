@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from threadpoolctl import threadpool_limits
 
 from agents.config.figures import save_figure
-from agents.config.progress import spaced
+from agents.config.progress import group_digits
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.recorded import fly_recorded
 from eval.plots.flight_sheet import chosen, trajectory_sheet
@@ -61,7 +61,7 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
             np.radians(table["bearing_deg"][mask]), km[mask], rasterized=True, **style
         )
         plane.scatter(table["relative_heading_deg"][mask], km[mask], rasterized=True, **style)
-        points.set_label(f"{name} ({spaced(int(mask.sum()))})")
+        points.set_label(f"{name} ({group_digits(int(mask.sum()))})")
         handles.append(points)
     # Failures begin near by: a logarithmic scale gives them room, marked at 1, 2, 5, 10, ...
     ends = low, high = 0.8 * float(km.min()), 1.1 * float(km.max())
@@ -114,7 +114,7 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     axes.set_yscale("log")
     axes.set_ylim(0.7, None)
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: spaced(round(value))))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: group_digits(round(value))))
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xlim(edges[0], edges[-1])
     axes.set_xlabel("smallest separation of a flight, km")

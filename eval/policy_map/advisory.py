@@ -14,7 +14,7 @@ from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import scenario
 from envs.kinematics import VehicleState, commands
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import column
 from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
 from eval.flights.trajectories import TrajectoryRecorder
@@ -22,7 +22,7 @@ from eval.flights.trajectories import TrajectoryRecorder
 _UP = math.pi / 2.0
 
 
-class Scene(NamedTuple):
+class FixedStates(NamedTuple):
     """What a map holds fixed."""
 
     own_speed: float  # m/s
@@ -36,14 +36,16 @@ class Scene(NamedTuple):
 class Advisory(NamedTuple):
     """A map; the intruder is in the middle of each of C by C cells."""
 
-    scene: Scene
+    scene: FixedStates
     extent: float  # how far the map reaches to each side, m
     place: np.ndarray  # of the middles, the same to the right and ahead, m, [C]
     yaw_rate: np.ndarray  # commanded, rad/s, left positive, [C (ahead), C (right)]
     acceleration: np.ndarray  # commanded, m/s^2, [C (ahead), C (right)]
 
 
-def advise(policy: Policy, scene: Scene, extent: float, cells: int, aircraft: Aircraft) -> Advisory:
+def advise(
+    policy: Policy, scene: FixedStates, extent: float, cells: int, aircraft: Aircraft
+) -> Advisory:
     """Ask a policy what it commands on a map of C by C cells that reaches so far, m, ahead, back
     and to either side.
     """
@@ -62,7 +64,7 @@ def advise(policy: Policy, scene: Scene, extent: float, cells: int, aircraft: Ai
     )
 
 
-def relative_velocity(scene: Scene) -> tuple[float, float]:
+def relative_velocity(scene: FixedStates) -> tuple[float, float]:
     """Return the intruder's velocity less the own one, to the right and ahead, m/s."""
     ahead = scene.intruder_speed * math.cos(scene.relative_heading) - scene.own_speed
     return -scene.intruder_speed * math.sin(scene.relative_heading), ahead
@@ -84,7 +86,7 @@ def chatter(policy: Policy, encounters: int, seed: int, aircraft: Aircraft) -> d
     """Fly ``circle`` encounters 0, 1, ... of a seed and return how much commands change from step
     to step.
     """
-    starts = numbered(scenario("circle", aircraft), seed, 0, encounters)
+    starts = encounters_of_seed(scenario("circle", aircraft), seed, 0, encounters)
     recorder = TrajectoryRecorder(starts)
     flights = fly(starts, ByPolicy(policy), aircraft, recorder=recorder)
     return scores(recorder.stack().action, flights, aircraft)

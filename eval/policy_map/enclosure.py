@@ -39,7 +39,7 @@ class Form:
         return cls(middle, np.zeros((*middle.shape, 4)), high - middle)
 
     @classmethod
-    def joined(cls, forms: list["Form"]) -> "Form":
+    def concatenate(cls, forms: list["Form"]) -> "Form":
         """Return forms ``[N, ...]`` beside each other."""
         fields = ((form.middle, form.slopes, form.rest) for form in forms)
         middle, slopes, rest = (
@@ -48,9 +48,9 @@ class Form:
         return cls(middle, slopes, rest)
 
     @classmethod
-    def stacked(cls, forms: list["Form"]) -> "Form":
+    def stack(cls, forms: list["Form"]) -> "Form":
         """Return forms ``[N]`` as one ``[N, ...]``."""
-        return cls.joined(
+        return cls.concatenate(
             [cls(form.middle[:, None], form.slopes[:, None], form.rest[:, None]) for form in forms]
         )
 
@@ -193,8 +193,8 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
         goal[:, 1] / to_goal,
         Form,
     )
-    advice, about = (Form.stacked(forms) for forms in (_advice(clearance, seen), each))
-    return Form.joined([Form.between(own, own), advice, clearance, about])
+    advice, about = (Form.stack(forms) for forms in (_advice(clearance, seen), each))
+    return Form.concatenate([Form.between(own, own), advice, clearance, about])
 
 
 def _min_separation(seen: Scene, middle: Any, half: Any) -> Form:
@@ -209,17 +209,17 @@ def _min_separation(seen: Scene, middle: Any, half: Any) -> Form:
     )
     share = (np.arange(_PARTS) + 1.0) / _PARTS - 1.0
 
-    def knots(end: Any, step: Any) -> Any:
+    def plan_states(end: Any, step: Any) -> Any:
         """Return times or places at the ends of all parts of chords, from 0 on, ``[N, 22,
-        knots]``.
+        plan states]``.
         """
         parts = (end[..., None] + step[..., None] * share).reshape(
             *end.shape[:2], -1 if len(end) else 0
         )
         return np.concatenate([0.0 * end[..., :1], parts], -1)
 
-    time = knots(times, spans)
-    flown = np.stack([knots(own_x, step_x), knots(own_y, step_y)], axis=-1)
+    time = plan_states(times, spans)
+    flown = np.stack([plan_states(own_x, step_x), plan_states(own_y, step_y)], axis=-1)
     place, velocity = middle[:, None, None, :2], middle[:, None, None, 2:]
     spot = place + velocity * time[..., None] - flown  # of the intruder from the ownship
     start, way = spot[:, :, :-1], np.diff(spot, axis=2)

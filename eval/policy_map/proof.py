@@ -61,7 +61,9 @@ def decide(
     up to ``allowed`` of the greatest yaw rate counts as none; a box is cut in two up to ``depth``
     times; the seed is of the sample.
     """
-    found = np.where(_sampled(policy, scenes, half, side, seed) > allowed, COUNTEREXAMPLE, VERIFIED)
+    found = np.where(
+        _greatest_sampled_turn(policy, scenes, half, side, seed) > allowed, COUNTEREXAMPLE, VERIFIED
+    )
     network = layers(policy)
     index = np.tile(np.flatnonzero(found == VERIFIED), 2)
     sign = np.repeat([1.0, -1.0], len(index) // 2)
@@ -171,7 +173,7 @@ def layers(policy: Policy) -> list[tuple[np.ndarray, np.ndarray]]:
     return [(first, np.append(np.zeros(_OWN), bias)), *within, last]
 
 
-def _sampled(policy: Policy, scenes: Scenes, half: Any, side: Any, seed: int) -> Any:
+def _greatest_sampled_turn(policy: Policy, scenes: Scenes, half: Any, side: Any, seed: int) -> Any:
     """Return the greatest turn to the side of the samples, ``[N]``."""
     shifts = np.random.default_rng(seed).uniform(-1.0, 1.0, (len(side), _SAMPLES, 4))
     shifts[:, :16] = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 4), axis=-1).reshape(16, 4)

@@ -14,7 +14,7 @@ from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.edge.installation import versions
 from eval.plots import save as picture_folder
-from eval.policy_map.advisory import Scene, advise, chatter
+from eval.policy_map.advisory import FixedStates, advise, chatter
 from eval.policy_map.figure import policy_map
 from eval.runner.options import check_digest, real, whole
 
@@ -111,7 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _scenes(options: argparse.Namespace, aircraft: Aircraft) -> list[Scene]:
+def _scenes(options: argparse.Namespace, aircraft: Aircraft) -> list[FixedStates]:
     limits, unit = aircraft.limits, aircraft.separation
     for name, default, low, high, of in (
         ("own_speed", 0.75 * limits.speed_max, limits.speed_min, limits.speed_max, "m/s"),
@@ -138,13 +138,13 @@ def _scenes(options: argparse.Namespace, aircraft: Aircraft) -> list[Scene]:
         )
     goal = math.radians(options.goal_bearing), options.goal_distance
     return [
-        Scene(options.own_speed, options.intruder_speed, math.radians(heading), *goal)
+        FixedStates(options.own_speed, options.intruder_speed, math.radians(heading), *goal)
         for heading in headings
     ]
 
 
 def _examine(
-    policy: Policy, scenes: list[Scene], options: argparse.Namespace
+    policy: Policy, scenes: list[FixedStates], options: argparse.Namespace
 ) -> tuple[Any, dict[str, Any]]:
     aircraft = policy.aircraft
     maps = [advise(policy, scene, options.extent, options.cells, aircraft) for scene in scenes]

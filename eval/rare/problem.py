@@ -61,7 +61,7 @@ class FlightProblem:
         # Draws of the start, then of the sensors' noise step by step where there is any.
         self.dimensions = scenario.dimensions + math.prod(self._noise)
 
-    def sampled(self, draws: np.ndarray) -> tuple[Encounter, np.ndarray]:
+    def sample_encounters(self, draws: np.ndarray) -> tuple[Encounter, np.ndarray]:
         """Return the encounters, ``[N]``, and which meet the scenario's conditions, bool
         ``[N]``.
         """
@@ -74,7 +74,7 @@ class FlightProblem:
         """Return the smallest separations, m, ``[N]``, not a number where a start fails the
         scenario's conditions.
         """
-        starts, inside = self.sampled(draws)
+        starts, inside = self.sample_encounters(draws)
         apart, rows = np.full(len(inside), np.nan), np.flatnonzero(inside)
         for first in range(0, rows.size, _BLOCK):
             block = rows[first : first + _BLOCK]

@@ -18,7 +18,7 @@ from envs.edge.files import write_file
 from envs.edge.installation import versions
 from envs.formats import encounter_file
 from eval.config import MonteCarloConfig
-from eval.flights.aircraft import described, lines_about
+from eval.flights.aircraft import describe, lines_about
 from eval.flights.chunks import Pilot
 from eval.plots import save as picture_folder
 from eval.rare.figure import levels_figure
@@ -28,7 +28,7 @@ from eval.rare.tail import fits, tail_figure
 from eval.runner.options import (
     confidence_option,
     extension_option,
-    loaded,
+    load_config,
     named_evaluation,
     new_folder_option,
     real,
@@ -45,7 +45,7 @@ Estimate how often the separation is lost where plain sampling would see it too 
 importance splitting: the draws of the encounters whose flights come closest are copied and moved,
 level by level of the smallest separation, until the required separation is lost. With
 --resolvable-only proven unresolvable encounters never count, so that all particles search where a
-decider can be blamed.
+resolver can be blamed.
 
 Written to --out: rare.json, rare.png and .svg (the levels), tail.png and .svg (an extreme-value
 fit), config.yaml, and worst.csv: encounters that were lost, for eval.monte_carlo --scenario
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
         blamed = [np.ones(len(one.last), bool) for one in made]
         if not options.resolvable_only:  # else all that are left are judged already
-            blamed = [~problem.unresolvable(problem.sampled(one.last)[0]) for one in made]
+            blamed = [~problem.unresolvable(problem.sample_encounters(one.last)[0]) for one in made]
     found = {
         "schema_version": 1,
         "mode": mode,
@@ -99,17 +99,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     }
     found |= {
         "seed": config.seed,
-        **_found(options, plan, made, blamed),
+        **_estimate_in_json(options, plan, made, blamed),
         "policy_sha256": policy.sha256,
     }
-    found |= described(evaluation.aircraft, policy) | {"wall_s": time.perf_counter() - begun}
+    found |= describe(evaluation.aircraft, policy) | {"wall_s": time.perf_counter() - begun}
     # Equally many of each repetition.
     rows = [
         one.last[kept][: max(1, _WORST // len(made))]
         for one, kept in zip(made, blamed, strict=True)
     ]
     if any(map(len, rows)):
-        encounter_file.write(options.out / "worst.csv", problem.sampled(np.concatenate(rows))[0])
+        encounter_file.write(
+            options.out / "worst.csv", problem.sample_encounters(np.concatenate(rows))[0]
+        )
     write_file(options.out / "config.yaml", dump(config))
     picture_folder.write(options.out, "rare", found, levels_figure(found))
     if found["tail"]:
@@ -191,7 +193,7 @@ def _parser() -> argparse.ArgumentParser:
 def _config(options: argparse.Namespace) -> tuple[MonteCarloConfig, str]:
     options.resume = False
     options.named_mode = None if options.mode == "none" else options.mode
-    config = loaded(MonteCarloConfig, options, {"named_mode": "mode", "seed": "seed"}, "--")
+    config = load_config(MonteCarloConfig, options, {"named_mode": "mode", "seed": "seed"}, "--")
     mode = options.mode or config.mode
     if mode not in _MODES:
         raise ConfigError(f"mode is {mode!r}; expected one of {', '.join(_MODES)}")
@@ -200,7 +202,7 @@ def _config(options: argparse.Namespace) -> tuple[MonteCarloConfig, str]:
     return config, mode
 
 
-def _found(
+def _estimate_in_json(
     options: argparse.Namespace, plan: Plan, made: Sequence[Repetition], blamed: Sequence[Any]
 ) -> dict[str, Any]:
     """Return what rare.json says of the estimate."""

@@ -103,7 +103,7 @@ def pilot(
         rows = _copies(values < wanted, particles, rng)
         draws, values = draws[rows], values[rows]
         for _ in range(moves):
-            draws, values, taken, flown = _moved(problem, draws, values, levels[-1], step, rng)
+            draws, values, taken, flown = _move(problem, draws, values, levels[-1], step, rng)
             evaluations += flown
             step = float(
                 np.clip(step * np.exp(taken - _WANTED_ACCEPTANCE), _SMALLEST_STEP, _LARGEST_STEP)
@@ -133,7 +133,7 @@ def repetition(
         draws, values, family = draws[rows], values[rows], family[rows]
         shares = []
         for _ in range(moves):
-            draws, values, taken, flown = _moved(
+            draws, values, taken, flown = _move(
                 problem, draws, values, level, plan.steps[stage], rng
             )
             evaluations += flown
@@ -155,7 +155,7 @@ def _first(problem: Problem, count: int, rng: np.random.Generator) -> tuple[np.n
     raise SplittingError(f"particles do not meet the problem's conditions in {_TRIES} draws")
 
 
-def _moved(
+def _move(
     problem: Problem,
     draws: np.ndarray,
     values: np.ndarray,

@@ -116,7 +116,7 @@ def page_data(
     texts = {}
     for name in (each for each in _TEXTS if each in table):
         words, places = np.unique(table[name][shown].astype(str), return_inverse=True)
-        texts[name] = {"words": words.tolist(), "codes": _packed(places.astype(np.uint8))}
+        texts[name] = {"words": words.tolist(), "codes": _pack(places.astype(np.uint8))}
     named = any(name is not None for name in table["name"])
     return {
         "required": rules.separation,
@@ -127,10 +127,10 @@ def page_data(
         "dt": run.rules.dt,
         "tracks_deg": TRACKS.tolist(),
         "count": len(shown),
-        "number": _packed(shown.astype("<i4")),
-        "kind": _packed(codes),
+        "number": _pack(shown.astype("<i4")),
+        "kind": _pack(codes),
         "columns": {
-            name: _packed(table[name][shown].astype("<f4")) for name in _NUMBERS if name in table
+            name: _pack(table[name][shown].astype("<f4")) for name in _NUMBERS if name in table
         },
         "texts": texts,
         "names": [None if name is None else visible(name) for name in table["name"][shown]]
@@ -160,7 +160,7 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
         "goal": [
             round(place - middle, 1) for place, middle in zip(track.goal, origin, strict=True)
         ],
-        "packed": _packed(np.clip(np.round(whole), -32_768, 32_767).astype("<i2")),
+        "packed": _pack(np.clip(np.round(whole), -32_768, 32_767).astype("<i2")),
     }
     if not flight.same:
         found["differs"] = True
@@ -188,5 +188,5 @@ def json_text(data: Any) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _packed(values: np.ndarray) -> str:
+def _pack(values: np.ndarray) -> str:
     return base64.b64encode(values.tobytes()).decode("ascii")

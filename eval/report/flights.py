@@ -111,8 +111,10 @@ def _batch(
             own = take(flown.own, (slice(0, track.separation.size + 1), i))
             acceleration, yaw_rate = np.diff(own.speed) / dt, wrap(np.diff(own.heading), np) / dt
             status = STATUSES[int(made.safe[i])]
-            knots = np.stack([made.knots.x[i], made.knots.y[i], made.knots.time[i]])
-            plan = knots if np.isfinite(knots).all() else None
+            plan_states = np.stack(
+                [made.plan_states.x[i], made.plan_states.y[i], made.plan_states.time[i]]
+            )
+            plan = plan_states if np.isfinite(plan_states).all() else None
         bands = None
         if number in banded:
             whole, count = batch.trajectories, track.separation.size + 1

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.config.progress import spaced
+from agents.config.progress import group_digits
 from envs.edge.command import visible
 from eval.flights.aircraft import lines_about
 from eval.metrics.summary import Line, headline
@@ -47,7 +47,7 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
     lines = headline(summary, _lost_causes(run))
     scenario = escape(visible(summary["scenario"]))
     head, tail = (
-        f"{spaced(run.config.wanted)} encounters, scenario ",
+        f"{group_digits(run.config.wanted)} encounters, scenario ",
         escape(f", {_decides(summary)}"),
     )
     return Filled(asset("report.html")).substitute(
@@ -63,7 +63,7 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
             if line.key == key
         ),
         lines="\n".join(_row(line) for line in lines),
-        lost=_lost(run),
+        lost=_lost_encounters(run),
         kinds="\n".join(
             _kind(run, place, kind) for place, kind in reversed(list(enumerate(MARKERS)))
         ),
@@ -143,7 +143,7 @@ def _lost_causes(run: Run) -> dict[str, int]:
     }
 
 
-def _lost(run: Run) -> str:
+def _lost_encounters(run: Run) -> str:
     """Return which encounters were not resolved, as HTML, the policy's own failures first; nothing
     where all were.
     """
@@ -167,8 +167,8 @@ def _numbers(run: Run, kind: str, name: str) -> str:
     if not numbers:
         return ""
     links = ", ".join(f'<a href="#{number}">{number}</a>' for number in numbers[:_LISTED])
-    more = f" and {spaced(len(numbers) - _LISTED)} more" if len(numbers) > _LISTED else ""
-    return f"{name} ({spaced(len(numbers))}): {links}{more}."
+    more = f" and {group_digits(len(numbers) - _LISTED)} more" if len(numbers) > _LISTED else ""
+    return f"{name} ({group_digits(len(numbers))}): {links}{more}."
 
 
 def _kind(run: Run, place: int, kind: str) -> str:
@@ -178,7 +178,7 @@ def _kind(run: Run, place: int, kind: str) -> str:
     return (
         f'<label class="kind"><input type="checkbox" name="kind" value="{place}" {state}>'
         f'<svg class="mark mark-{place}" viewBox="-6 -6 12 12" aria-hidden="true">{use}</svg> '
-        f"{escape(kind)} ({spaced(count)})</label>"
+        f"{escape(kind)} ({group_digits(count)})</label>"
     )
 
 
@@ -186,8 +186,8 @@ def _points(run: Run, count: int) -> str:
     if count == run.config.wanted:
         return "Every encounter is a point."
     return (
-        f"{spaced(count)} of {spaced(run.config.wanted)} are points: tracks, failures, and a "
-        "sample of the rest."
+        f"{group_digits(count)} of {group_digits(run.config.wanted)} are points: tracks, failures, "
+        "and a sample of the rest."
     )
 
 
@@ -198,22 +198,21 @@ def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
     parts = []
     for group, numbers, total in chosen:
         kept = sum(str(int(number)) in flights for number in numbers)
-        parts.append(f"{spaced(kept)} of {spaced(total)} {group}")
+        parts.append(f"{group_digits(kept)} of {group_digits(total)} {group}")
     differing, witnesses = (
         sum(key in flight for flight in flights.values()) for key in ("differs", "witness")
     )
     text = (
-        f"{spaced(len(flights))} encounters have tracks: {', '.join(parts)}. Near misses are "
+        f"{group_digits(len(flights))} encounters have tracks: {', '.join(parts)}. Near misses are "
         "successes nearer than "
         f"{100.0 * (NEAR - 1.0):g} % beyond the required separation; at most the {NEAREST} "
-        "nearest have tracks. They "
-        f"were flown again when this page was made, {spaced(witnesses)} failures beside a flight "
-        "that resolves them."
+        "nearest have tracks. They were flown again when this page was made, "
+        f"{group_digits(witnesses)} failures beside a flight that resolves them."
     )
     warning = (
-        f'<p class="warning">{spaced(differing)} of them ended otherwise than the table says: '
-        "this page was made with "
-        "another kind of machine or other versions than the run. They are marked.</p>"
+        f'<p class="warning">{group_digits(differing)} of them ended otherwise than the table '
+        "says: this page was made with another kind of machine or other versions than the run. "
+        "They are marked.</p>"
     )
     return f"<p>{escape(text)}</p>{warning if differing else ''}"
 

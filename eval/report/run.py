@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.config.load import ConfigError, Parser
 from agents.config.progress import Progress
-from envs.edge.files import write_file, written
+from envs.edge.files import write_file, write_whole
 from envs.edge.installation import versions
 from eval.flights.chunks import Evaluation
 from eval.report.bands import encounter_data
@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"{option}: {number}; expected numbers of encounters, 0 to {len(run.kinds) - 1}"
             )
     try:
-        with written(options.folder / "report.html") as temporary:
+        with write_whole(options.folder / "report.html") as temporary:
             text = _made(run, options)
             temporary.write_bytes(text.encode())
     except OSError as problem:

@@ -26,7 +26,7 @@ from distributed.comm.core import connect
 from agents.config.load import ConfigError
 from envs.edge.command import InputError
 from envs.edge.installation import versions
-from eval.runner.payload import Chunk, Task, WorkerError, differences, fly, packed, unpacked
+from eval.runner.payload import Chunk, Work, WorkerError, differences, fly, pack, unpack
 
 _ANSWER_S = 5.0  # time in which a scheduler must answer
 _PATIENCE_S = 2.0  # time after which the number of workers is asked for again
@@ -42,7 +42,7 @@ class Cluster:
     """Workers that a scheduler knows."""
 
     def __init__(self, client: Client, address: str) -> None:
-        """Take a client that is connected; :func:`connected` makes one."""
+        """Take a client that is connected; :func:`connect_scheduler` makes one."""
         self._client, self._address = client, address
         self._asked, self._known = 0.0, 0
 
@@ -81,7 +81,7 @@ class Cluster:
 
     def fly(
         self,
-        task: Task,
+        task: Work,
         work: Any,
         sha256: str,
         chunks: Iterable[Chunk],
@@ -96,9 +96,7 @@ class Cluster:
         name = uuid.uuid4().hex
         # A task and not scattered data: what a task has made is made again when the worker that
         # holds it dies.
-        payload = self._client.submit(
-            unpacked, packed(name, task, work, sha256), key=f"payload-{name}"
-        )
+        payload = self._client.submit(unpack, pack(name, task, work, sha256), key=f"payload-{name}")
         waiting = deque(chunks)
         air: dict[Any, tuple[Future, Chunk]] = {}
         landed: SimpleQueue[Future] = SimpleQueue()
@@ -159,7 +157,7 @@ class Cluster:
 
 
 @contextmanager
-def connected(address: str, packages: tuple[str, ...]) -> Generator[Cluster, None, None]:
+def connect_scheduler(address: str, packages: tuple[str, ...]) -> Generator[Cluster, None, None]:
     """Connect with a scheduler at ``HOST:PORT`` or ``tcp://HOST:PORT``, wait for a worker, and give
     the cluster.
 

@@ -15,17 +15,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
-from agents.config.folder_lock import locked
+from agents.config.folder_lock import lock
 from agents.config.keys import help_text
 from agents.config.load import ConfigError
-from agents.config.progress import Progress, spaced
+from agents.config.progress import Progress, group_digits
 from envs.edge.files import check_space, write_file
 from envs.edge.installation import versions
 from eval.config import MonteCarloConfig
-from eval.flights.aircraft import described, lines_about
-from eval.runner.options import loaded, named_policy
+from eval.flights.aircraft import describe, lines_about
+from eval.runner.options import load_config, named_policy
 from eval.runner.outputs import SCHEMA_VERSION, RunFolder, check_unused
-from eval.runner.payload import DECISIVE, Chunk, Task, WorkerError
+from eval.runner.payload import DECISIVE, Chunk, Work, WorkerError
 from eval.runner.workers import cores, fly_chunks
 
 if TYPE_CHECKING:
@@ -57,12 +57,12 @@ class Command(NamedTuple):
     unit: str  # what is counted, such as encounters
     folder: type[RunFolder]
     keys: Mapping[str, str]  # of the configuration by the name of their option
-    prefix: str  # as of eval.runner.options.loaded
+    prefix: str  # as of eval.runner.options.load_config
     resolve: Callable[[Any, argparse.Namespace], Resolved]  # of a configuration and the options
     prepare: Callable[[Any, Any], Any]
     columns: Callable[
         [Any, int, int], dict[str, Any]
-    ]  # with ``prepare``: of :class:`eval.runner.payload.Task`
+    ]  # with ``prepare``: of :class:`eval.runner.payload.Work`
     summarise: Callable[[Mapping[str, Any], Any, Any], dict[str, Any]]
     """(table, configuration, work) -> what the summary says of the flights."""
     figures: str  # module with draw_all: (folder, table, work) -> files of the figures
@@ -93,7 +93,7 @@ def run(command: Command, options: argparse.Namespace) -> int:
     if options.help_keys:
         print(help_text(command.folder.model))
         return 0
-    config = loaded(command.folder.model, options, command.keys, command.prefix)
+    config = load_config(command.folder.model, options, command.keys, command.prefix)
     resolved = command.resolve(config, options)
     out = options.out or Path("runs") / time.strftime(f"{command.name}_%Y%m%d_%H%M%S")
     try:
@@ -129,7 +129,7 @@ def fly(
     """
     begun = time.perf_counter()
     config, packages = resolved.config, resolved.packages
-    task = Task(command.prepare, command.columns, (*DECISIVE, *packages))
+    task = Work(command.prepare, command.columns, (*DECISIVE, *packages))
     workers = config.workers or cores() if cluster is None else cluster.size()
     config = config.model_copy(update={"chunk": config.chunk_for(config.wanted, workers)})
     folder = command.folder(out, config)
@@ -140,7 +140,7 @@ def fly(
         check_unused(folder.path)
         needed = config.wanted * _ROW_BYTES + -(-config.wanted // config.chunk) * _PART_BYTES
         check_space(folder.path, needed, f"{config.wanted} rows")
-    with locked(folder.path):
+    with lock(folder.path):
         folder.begin(resume=resume)
         table, flown = _whole_table(folder, config, fly_all)
         wall_s = time.perf_counter() - begun
@@ -165,7 +165,7 @@ def _summary(
         "schema_version": SCHEMA_VERSION,
         command.unit: config.wanted,
         **{name: getattr(config, name) for name in shared},
-        **described(resolved.work.aircraft, named_policy(config)),
+        **describe(resolved.work.aircraft, named_policy(config)),
         "confidence": config.confidence,
         **command.summarise(table, config, resolved.work),
         "wall_s": wall_s,
@@ -195,7 +195,7 @@ class Encounters(Progress):
         self._flown, self._reached = self._flown + flown, self._reached + reached
         rate = self._flown / max(time.perf_counter() - self._begun, 1e-9)
         figures = (
-            f"{spaced(round(rate))} encounters/s, success "
+            f"{group_digits(round(rate))} encounters/s, success "
             f"{100.0 * self._reached / self._flown:.1f} %"
         )
         self.show(self._before + self._flown, figures, rate)
@@ -213,9 +213,9 @@ def _cluster_of(
         raise ConfigError(
             "--workers and --scheduler: expected one of them, because a cluster has its own workers"
         )
-    from eval.runner.cluster import connected
+    from eval.runner.cluster import connect_scheduler
 
-    return connected(options.scheduler, packages)
+    return connect_scheduler(options.scheduler, packages)
 
 
 def _whole_table(

@@ -171,7 +171,7 @@ def last_options(parser: argparse.ArgumentParser, name: str) -> None:
     )
 
 
-def loaded(
+def load_config(
     model: type[Config], options: argparse.Namespace, keys: Mapping[str, str], prefix: str
 ) -> Config:
     """Return the configuration: a file's or a begun run's values under those of the command line.

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.config.folder_lock import is_unused
 from agents.config.load import ConfigError, dump, load
-from envs.edge.files import write_file, written
+from envs.edge.files import write_file, write_whole
 from envs.edge.installation import versions
 from eval.config import MonteCarloConfig
 
@@ -105,7 +105,7 @@ class RunFolder:
         table = arrow_table(columns).replace_schema_metadata(
             {b"rlcas_run": self._identity().encode()}
         )
-        with written(self.path / _PARTS / f"{first:09d}.parquet") as path:
+        with write_whole(self.path / _PARTS / f"{first:09d}.parquet") as path:
             pq.write_table(table, path)
 
     def finish(self) -> Mapping[str, np.ndarray]:
@@ -121,7 +121,7 @@ class RunFolder:
             )
             # One array a column, so that the file does not show how the run was cut into chunks.
             table = table.combine_chunks().replace_schema_metadata({b"rlcas_schema": self.schema})
-            with written(target) as path:
+            with write_whole(target) as path:
                 pq.write_table(table, path, row_group_size=_ROW_GROUP)
         shutil.rmtree(self.path / _PARTS, ignore_errors=True)
         return read_table(target, "the table of this run")

@@ -33,7 +33,7 @@ class Chunk(NamedTuple):
     size: int
 
 
-class Task(NamedTuple):
+class Work(NamedTuple):
     """How chunks of one kind of evaluation are flown; its functions are found again by their names
     in a worker.
     """
@@ -60,7 +60,7 @@ class Payload:
     """All that the chunks of a run follow from."""
 
     name: str  # of the run; no two have the same
-    task: Task
+    task: Work
     work: Any  # an evaluation or a campaign, without the path of its policy
     policy: bytes  # content of the policy file
     sha256: str  # digest that the policy must have
@@ -68,7 +68,7 @@ class Payload:
     inputs: tuple[Input, ...] = ()  # of the user's own that the policy needs
 
 
-def packed(name: str, task: Task, work: Any, sha256: str) -> bytes:
+def pack(name: str, task: Work, work: Any, sha256: str) -> bytes:
     """Return the payload of a run as bytes; ``work`` names its policy's file, None: the one that
     ships.
 
@@ -99,8 +99,8 @@ def packed(name: str, task: Task, work: Any, sha256: str) -> bytes:
         ) from None
 
 
-def unpacked(data: bytes) -> Payload:
-    """Return the payload of :func:`packed`; a task of its own, so that each worker is sent one
+def unpack(data: bytes) -> Payload:
+    """Return the payload of :func:`pack`; a task of its own, so that each worker is sent one
     copy.
     """
     try:
@@ -126,7 +126,7 @@ def fly(payload: Payload, first: int, count: int) -> dict[str, np.ndarray]:
             # meanwhile are held, too.
             threadpool_limits(1)
             if payload.name not in _prepared:
-                prepared = _assembled(payload)
+                prepared = _assemble(payload)
                 _prepared.clear()
                 _prepared[payload.name] = prepared
             return payload.task.columns(_prepared[payload.name], first, count)
@@ -150,7 +150,7 @@ _prepared: dict[str, Any] = {}
 """Of a worker's process: what flies the run that it has last worked for, by the run's name."""
 
 
-def _assembled(payload: Payload) -> Any:
+def _assemble(payload: Payload) -> Any:
     unlike = differences(payload.versions, versions(*payload.versions))
     if unlike:
         raise WorkerError(f"a worker has {unlike}; expected the same versions everywhere")

@@ -22,7 +22,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from agents.policy.inference import Policy
-from eval.runner.payload import Chunk, Payload, Task, WorkerError, fly, packed, unpacked
+from eval.runner.payload import Chunk, Payload, Work, WorkerError, fly, pack, unpack
 
 
 def cores() -> int:
@@ -31,7 +31,7 @@ def cores() -> int:
 
 
 def fly_chunks(
-    task: Task, work: Any, workers: int, chunks: Iterable[Chunk], stopped: Callable[[], bool]
+    task: Work, work: Any, workers: int, chunks: Iterable[Chunk], stopped: Callable[[], bool]
 ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:
     """Fly chunks of some work, with the path of its policy, and yield the table of each in any
     order.
@@ -52,7 +52,7 @@ def fly_chunks(
                 yield chunk, task.columns(prepared, *chunk)
         return
     size = min(workers, len(waiting))
-    with _pool(packed("run", task, work, Policy.load(work.policy).sha256), size) as pool:
+    with _pool(pack("run", task, work, Policy.load(work.policy).sha256), size) as pool:
         air: dict[Future[dict[str, np.ndarray]], Chunk] = {}
         while True:
             while len(air) < size and waiting and not stopped():
@@ -120,7 +120,7 @@ def _begin(data: bytes) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-    _payloads.append(unpacked(data))
+    _payloads.append(unpack(data))
 
 
 def _columns(first: int, count: int) -> dict[str, np.ndarray]:

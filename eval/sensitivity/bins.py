@@ -167,7 +167,7 @@ def rates(run: Run, chosen: np.ndarray, confidence: float) -> dict[str, Any]:
     return found
 
 
-def binned(run: Run, quantity: Quantity, confidence: float) -> dict[str, Any] | None:
+def bins_of(run: Run, quantity: Quantity, confidence: float) -> dict[str, Any] | None:
     """Return the bins of a quantity that hold encounters, in JSON types; None: the run does not
     vary or record it.
     """

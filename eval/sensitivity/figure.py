@@ -33,7 +33,7 @@ def points_of(found: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     return found["bins"] if "bins" in found else found["values"]
 
 
-def detailed(found: Mapping[str, Any], title: str) -> Figure:
+def draw_details(found: Mapping[str, Any], title: str) -> Figure:
     """Return success against a quantity, above the encounters of each bin, or a sweep, above the
     paired differences.
     """

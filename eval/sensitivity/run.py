@@ -11,15 +11,15 @@ from typing import Any
 
 from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser
-from agents.config.progress import spaced
+from agents.config.progress import group_digits
 from envs.edge.installation import versions
 from eval.config import PREFIXES
 from eval.plots import save as picture_folder
 from eval.plots.style import scenario_title
 from eval.runner.options import confidence_option, extension_option, new_folder_option, whole
-from eval.sensitivity.bins import Run, binned, quantities, read_run
-from eval.sensitivity.figure import detailed, overview, points_of
-from eval.sensitivity.sweep import Sweep, changed, collected, fly, swept
+from eval.sensitivity.bins import Run, bins_of, quantities, read_run
+from eval.sensitivity.figure import draw_details, overview, points_of
+from eval.sensitivity.sweep import Sweep, change_of, collect, fly, swept
 from eval.stats.intervals import percent
 
 _SWEEPS = "sweeps"
@@ -163,7 +163,7 @@ def _check(options: argparse.Namespace, sweeps: Sequence[Sweep]) -> None:
             raise ConfigError(
                 f"--vary {name}: given {names.count(name)} times; expected once, with all values"
             )
-        for key in changed(name, 1.0):
+        for key in change_of(name, 1.0):
             if any(text.startswith(f"changes.{key}=") for text in options.set):
                 raise ConfigError(
                     f"--set changes.{key}: is varied by --vary {name}; expected one of them"
@@ -190,22 +190,24 @@ def _keys(options: argparse.Namespace) -> dict[str, Any]:
 def _found(options: argparse.Namespace, run: Run | None, sweeps: Sequence[Sweep]) -> dict[str, Any]:
     confidence = options.confidence
     bins = (
-        [binned(run, each, confidence) for each in quantities(run.aircraft).values()] if run else []
+        [bins_of(run, each, confidence) for each in quantities(run.aircraft).values()]
+        if run
+        else []
     )
     usual = {"scenario": "circle", "mode": "policy", "encounters": 1_000, "seed": 0, "set": []}
     settings = {name: getattr(options, name) or value for name, value in usual.items()}
     return {
         "schema_version": 2,
         "confidence": confidence,
-        "run": None if run is None else _described(run),
+        "run": None if run is None else _describe(run),
         "quantities": [one for one in bins if one is not None],
         "sweeps_settings": settings if sweeps else None,
-        "sweeps": [collected(sweep, options.out / _SWEEPS, confidence) for sweep in sweeps],
+        "sweeps": [collect(sweep, options.out / _SWEEPS, confidence) for sweep in sweeps],
         "versions": versions("numpy", "scipy", "pyarrow", "matplotlib"),
     }
 
 
-def _described(run: Run) -> dict[str, Any]:
+def _describe(run: Run) -> dict[str, Any]:
     weighted = "weight" in run.table and bool((run.table["weight"] != 1.0).any())
     counted = {
         "folder": run.path.name,
@@ -225,11 +227,10 @@ def _draw(options: argparse.Namespace, found: dict[str, Any]) -> list[str]:
     ):
         if said is not None:
             what = f"scenario {scenario_title(str(said.get('scenario')))}, mode {said.get('mode')}"
-            titles.append(
-                f"{said.get('folder', name)}: {spaced(said['encounters'])} encounters{each}, {what}"
-            )
+            count = group_digits(said["encounters"])
+            titles.append(f"{said.get('folder', name)}: {count} encounters{each}, {what}")
             for one in found[name]:
-                figures[f"{'vary_' if each else ''}{one['name']}"] = detailed(
+                figures[f"{'vary_' if each else ''}{one['name']}"] = draw_details(
                     one, f"{titles[-1]}\n{bars}"
                 )
     figures["overview"] = overview(
@@ -260,5 +261,5 @@ def _show(found: dict[str, Any]) -> None:
             bound = f"{100.0 * cell['unresolvable_rate']['value']:.2f} % proven unresolvable"
             print(
                 f"  {place} {given} of the resolvable, {every} of all "
-                f"{spaced(cell['encounters'])}, {bound}"
+                f"{group_digits(cell['encounters'])}, {bound}"
             )

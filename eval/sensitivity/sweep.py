@@ -48,7 +48,7 @@ every run.
 """
 
 
-def changed(name: str, value: float) -> dict[str, str]:
+def change_of(name: str, value: float) -> dict[str, str]:
     """Return what a value of a parameter changes in the scenario, as the configuration
     writes it.
     """
@@ -99,7 +99,7 @@ def fly(
     not finish, or 0.
     """
     for value in sweep.values:
-        own = [f"changes.{key}={text}" for key, text in changed(sweep.name, value).items()]
+        own = [f"changes.{key}={text}" for key, text in change_of(sweep.name, value).items()]
         folder = _folder(out, sweep.name, value)
         status = evaluate(keys, folder, sets=[*sets, *own], resume=resume)
         if status:
@@ -111,7 +111,7 @@ def _folder(out: Path, name: str, value: float) -> Path:
     return out / f"{name}_{value:g}"
 
 
-def collected(sweep: Sweep, out: Path, confidence: float) -> dict[str, Any]:
+def collect(sweep: Sweep, out: Path, confidence: float) -> dict[str, Any]:
     """Return in JSON types what the runs of a sweep found, and the paired differences from the
     first one's success.
     """

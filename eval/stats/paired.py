@@ -1,4 +1,4 @@
-"""Statistics of pairs: two deciders on the same encounters, compared by the encounters on which
+"""Statistics of pairs: two resolvers on the same encounters, compared by the encounters on which
 they differ.
 
 The difference of two success rates carries Tango's score interval, which stays inside [-1, 1],
@@ -18,7 +18,7 @@ _BISECTIONS = 60  # halvings of [-1, 1]: the ends are then exact to rounding
 
 
 class Pairs(NamedTuple):
-    """How two deciders fared on the same encounters; counts."""
+    """How two resolvers fared on the same encounters; counts."""
 
     both: int
     first_only: int
@@ -27,7 +27,7 @@ class Pairs(NamedTuple):
 
 
 def pairs(first: np.ndarray, second: np.ndarray) -> Pairs:
-    """Count the cells of two deciders' successes on the same encounters, bool ``[N]`` both, else
+    """Count the cells of two resolvers' successes on the same encounters, bool ``[N]`` both, else
     ``ValueError``.
     """
     first, second = np.asarray(first), np.asarray(second)

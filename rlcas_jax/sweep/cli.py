@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import Field
 
 from agents.config.folder_lock import is_unused
-from agents.config.load import ConfigError, Parser, Strict, file_of, load, validated
+from agents.config.load import ConfigError, Parser, Strict, file_of, load, validate
 from agents.config.yaml import YamlError, read
 from rlcas_jax.cli import add_configuration, check_named, overrides_of
 from rlcas_jax.config import SEED_END, TrainConfig
@@ -88,7 +88,7 @@ def parse(argv: Sequence[str] | None = None) -> Options:
             values = {"trials": given.trials, "space": read(file_of(given.space))}
         except YamlError as problem:
             raise ConfigError(str(problem)) from None
-        settings = validated(
+        settings = validate(
             SweepConfig, values | ({} if given.seeds is None else {"seeds": given.seeds})
         )
     base = load(TrainConfig, file, overrides)

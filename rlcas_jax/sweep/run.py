@@ -20,7 +20,7 @@ from optuna.exceptions import StorageInternalError
 from optuna.study import Study
 from optuna.trial import FrozenTrial, Trial, TrialState
 
-from agents.config.folder_lock import locked
+from agents.config.folder_lock import lock
 from agents.config.load import ConfigError, dump, load
 from envs.edge.compiled import keep_compiled
 from envs.edge.files import write_file
@@ -48,14 +48,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     keep_compiled()
     again = f"sweep --resume --out {options.directory}"
     try:
-        with Interrupt() as interrupt, locked(options.directory):
+        with Interrupt() as interrupt, lock(options.directory):
             write_file(options.directory / SETTINGS, dump(options.settings))
             if not options.resumed:
                 write_file(options.directory / CONFIG, dump(options.base))
-            study = _opened(options)
+            study = _open(options)
             while _counted(study) < options.settings.trials and not interrupt.requested:
                 _try(study, options, interrupt)
-            best = _written(options, study)
+            best = _write_results(options, study)
     except OSError as problem:
         return unwritten(options.directory, problem, again)
     except StorageInternalError as problem:  # by SQLite, whose words are those of the cause
@@ -76,7 +76,7 @@ def trial_directory(directory: Path, number: int) -> Path:
     return directory / f"trial_{number:04d}"
 
 
-def _opened(options: Options) -> Study:
+def _open(options: Options) -> Study:
     """Open the study, with a trial that a kill left unfinished queued again."""
     optuna.logging.set_verbosity(optuna.logging.WARNING if options.quiet else optuna.logging.INFO)
     storage = optuna.storages.RDBStorage(f"sqlite:///{(options.directory / STUDY).absolute()}")
@@ -144,7 +144,7 @@ def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
         for index in range(seeds):
             own = directory if seeds == 1 else directory / f"seed-{index}"
             watch = _Watch(options, trial, index, config)
-            summary = _trained(
+            summary = _train(
                 config.model_copy(update={"seed": config.seed + index}), own, watch, interrupt
             )
             if interrupt.requested:
@@ -190,7 +190,7 @@ class _Watch(Reporter):
             )
 
 
-def _trained(
+def _train(
     config: TrainConfig, directory: Path, watch: Reporter, interrupt: Interrupt
 ) -> dict[str, Any]:
     """Train and evaluate in a run's own directory and return the summary."""
@@ -205,7 +205,7 @@ def _trained(
     return finish(done) if done.finished else {}
 
 
-def _written(options: Options, study: Study) -> bool:
+def _write_results(options: Options, study: Study) -> bool:
     """Write ``best.yaml``, ``sweep.json`` and the figures, print how the trials ended and the best
     one, and return whether there is one.
     """

@@ -18,7 +18,7 @@ from optuna.distributions import (
 )
 from pydantic.fields import FieldInfo
 
-from agents.config.keys import expected, field_at, keys, nearest, shown
+from agents.config.keys import expectation, field_at, keys, nearest, quote
 from agents.config.load import ConfigError
 from rlcas_jax.config import TrainConfig
 
@@ -97,7 +97,7 @@ def _distribution(key: str, entry: Any, where: str) -> BaseDistribution:
     )
     if not isinstance(entry, dict) or not entry.keys() <= known:
         raise ConfigError(
-            f"{where} is {shown(entry)}; expected {{low, high}}, with log or step, or {{choices}}"
+            f"{where} is {quote(entry)}; expected {{low, high}}, with log or step, or {{choices}}"
         )
     try:
         if "choices" in entry:
@@ -105,13 +105,13 @@ def _distribution(key: str, entry: Any, where: str) -> BaseDistribution:
             return CategoricalDistribution(
                 [c if isinstance(c, str) else json.dumps(c) for c in entry["choices"]]
             )
-        kind = expected(field)
+        kind = expectation(field)
         if "a whole number" in kind:
             return IntDistribution(**entry)
         if "a number" in kind and all(map(math.isfinite, (entry["low"], entry["high"]))):
             return FloatDistribution(**entry)
     except (TypeError, ValueError, KeyError) as problem:
-        raise ConfigError(f"{where} is {shown(entry)}: {problem}") from None
+        raise ConfigError(f"{where} is {quote(entry)}: {problem}") from None
     raise ConfigError(
-        f"{where} is {shown(entry)}; expected {{choices: [...]}}, or numbers of a key that is one"
+        f"{where} is {quote(entry)}; expected {{choices: [...]}}, or numbers of a key that is one"
     )

@@ -5,19 +5,19 @@ follows from it.
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.fields import Code, FieldError, Refusal
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import Settings, Situation, Task, task
+from ros_bridge.core.situation import PlanTask, Settings, Situation, task
 from ros_bridge.core.tracks import Rules, Track
 
 __all__ = [
     "Code",
     "FieldError",
     "LocalFrame",
+    "PlanTask",
     "Refusal",
     "Report",
     "Rules",
     "Settings",
     "Situation",
-    "Task",
     "Track",
     "task",
 ]

@@ -17,7 +17,7 @@ from envs.edge.json_text import RepeatedKeyError, parse_json
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core.categories import number_of
 from ros_bridge.core.conversions import report
-from ros_bridge.core.fields import SECOND, FieldError, number, place, tried
+from ros_bridge.core.fields import SECOND, FieldError, attempt, number, place
 from ros_bridge.core.reports import FASTEST, Report
 
 __all__ = ["LATEST", "AircraftJson", "BaseStation", "Traffic"]
@@ -72,7 +72,8 @@ class Traffic:
         reasons = {
             "on the ground": "ground" in (row.get("alt_baro"), row.get("altitude")),
             "own echo": address in (self._own_id, "" if self.own is None else self.own.identifier),
-            "without a position": _known(row, "lat") is None or _known(row, "lon") is None,
+            "without a position": _first_known(row, "lat") is None
+            or _first_known(row, "lon") is None,
             "repeated position": time < self._reported.get(address, 0) + _NEW,
         }
         if any(reasons.values()):
@@ -118,9 +119,12 @@ class Traffic:
 
     def _altitude(self, name: str, row: Mapping[str, Any]) -> Altitude | None:
         """Return the altitude that can be compared with the ownship's, or else what there is."""
-        known = {"wgs84": _known(row, "alt_geom"), "pressure": _known(row, "alt_baro", "altitude")}
+        known = {
+            "wgs84": _first_known(row, "alt_geom"),
+            "pressure": _first_known(row, "alt_baro", "altitude"),
+        }
         own = None if self.own is None or self.own.altitude is None else self.own.altitude.reference
-        climb = _known(row, "geom_rate", "baro_rate", "vert_rate")
+        climb = _first_known(row, "geom_rate", "baro_rate", "vert_rate")
         if climb is not None:
             climb = number(name, climb, -20_000, 20_000, "ft/min") * FOOT / 60
         for reference in sorted(known, key=lambda one: (one != own, one != "wgs84")):
@@ -175,7 +179,7 @@ class _Stream:
     def _reports(
         self, address: str, time: int, row: Mapping[str, Any], *, aged: bool
     ) -> Iterator[Report | FieldError]:
-        found = tried(lambda: self._traffic.report(address, time, row, aged=aged))
+        found = attempt(lambda: self._traffic.report(address, time, row, aged=aged))
         if found is not None:
             yield found
 
@@ -187,7 +191,7 @@ class BaseStation(_Stream):
         super().__init__(traffic)
         self._heard: dict[str, dict[str, Any]] = {}
 
-    def taken(self, text: str, arrived: int) -> Iterator[Report | FieldError]:
+    def reports_of(self, text: str, arrived: int) -> Iterator[Report | FieldError]:
         """Yield the report that a line completes, or why it cannot be used, or raise TimeoutError
         (:data:`LATEST`).
         """
@@ -229,7 +233,7 @@ class AircraftJson(_Stream):
 
     _now = math.nan
 
-    def taken(self, text: str, arrived: int) -> Iterator[Report | FieldError]:
+    def reports_of(self, text: str, arrived: int) -> Iterator[Report | FieldError]:
         """Yield the reports of a document and why aircraft cannot be used; raise TimeoutError as
         :data:`LATEST` says.
 
@@ -258,7 +262,7 @@ class AircraftJson(_Stream):
             try:
                 if not _ADDRESS.fullmatch(address):
                     raise FieldError("hex", f"is {address!r:.60}, expected six hexadecimal digits")
-                age = _known(row, "seen_pos")
+                age = _first_known(row, "seen_pos")
                 if age is not None:
                     age = number(f"adsb {address}.seen_pos", age, 0.0, 1e6, "s")
                 time = written - int((age or 0.0) * SECOND)
@@ -267,7 +271,7 @@ class AircraftJson(_Stream):
                 yield error
 
 
-def _known(row: Mapping[str, Any], *names: str) -> Any:
+def _first_known(row: Mapping[str, Any], *names: str) -> Any:
     """Return the first of some fields that is there; dump1090-mutability has other names than
     readsb for some.
     """
@@ -275,7 +279,7 @@ def _known(row: Mapping[str, Any], *names: str) -> Any:
 
 
 def _velocity(name: str, row: Mapping[str, Any]) -> tuple[float, float]:
-    speed, track = _known(row, "gs", "speed"), _known(row, "track")
+    speed, track = _first_known(row, "gs", "speed"), _first_known(row, "track")
     for what, value in (("speed", speed), ("track", track)):
         if value is None:
             raise FieldError(

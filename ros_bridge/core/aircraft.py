@@ -23,7 +23,7 @@ def load_extensions(names: str) -> None:
 
 
 @cache
-def loaded(policy_file: str) -> Policy:
+def load_policy(policy_file: str) -> Policy:
     """Return the policy of a file, for "" the one that ships, or raise ValueError."""
     try:
         return Policy.load(policy_file or None)
@@ -36,7 +36,7 @@ def aircraft_of(file: str, policy_file: str) -> Aircraft:
     raise ValueError.
     """
     if not file:
-        return loaded(policy_file).aircraft
+        return load_policy(policy_file).aircraft
     # Not before it is asked for: these take a third of a node's start.
     from agents.config.load import ConfigError
     from agents.config.world import AircraftConfig

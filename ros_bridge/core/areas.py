@@ -38,7 +38,7 @@ def areas(message: Any, name: str = "areas") -> AreaReport:
     return AreaReport(time, tuple(found))
 
 
-def placed(report: AreaReport, frame: LocalFrame, now: int, within: float) -> tuple[Area, ...]:
+def to_local(report: AreaReport, frame: LocalFrame, now: int, within: float) -> tuple[Area, ...]:
     """Return the areas in a local frame at the time of a request, or raise :class:`FieldError`.
 
     Args:

@@ -16,9 +16,9 @@ import numpy as np
 
 from agents.assurance import single as watch
 from agents.assurance.single import Verdict, Watch
-from agents.assurance.state import Flown, State
+from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Thresholds
-from agents.planner.publish import received
+from agents.planner.publish import as_received
 from agents.planner.request import Altitude, Intruder
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
@@ -27,9 +27,9 @@ from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reach import Reach, level, out_of_reach, vertically_apart
-from ros_bridge.core.replies import flown, geodetic_points, wind_of
+from ros_bridge.core.replies import geodetic_points, to_frame, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
-from ros_bridge.core.situation import ACCURATE, Situation, placed
+from ros_bridge.core.situation import ACCURATE, Situation, to_local
 from ros_bridge.core.tracks import Track
 
 # time steps at least between two reports that the monitor gets: it reads turns from 0.2 on
@@ -62,7 +62,7 @@ class Supervision:
     )  # that the monitor got last
 
 
-def published(message: Any, count: int, name: str = "trajectory") -> Published:
+def read_plan(message: Any, count: int, name: str = "trajectory") -> Published:
     """Return a plan called SAFE, of so many waypoints, or raise :class:`FieldError`."""
     if message.status != STATUS_SAFE:
         raise FieldError(f"{name}.status", f"is {message.status}, expected {STATUS_SAFE} (SAFE)")
@@ -80,7 +80,7 @@ def initial(
     return Supervision(watch.begin(thresholds), unknown, categories)
 
 
-def activated(supervision: Supervision, situation: Situation, published: Published) -> Supervision:
+def activate(supervision: Supervision, situation: Situation, published: Published) -> Supervision:
     """Begin to monitor a plan; one that is not newer than those before is passed over."""
     if published.revision <= supervision.revision:
         return supervision
@@ -95,7 +95,7 @@ def activated(supervision: Supervision, situation: Situation, published: Publish
         supervision = replace(
             supervision, watch=fresh, frame=frame, zero=zero, reported=MappingProxyType({})
         )
-    own, waypoints = flown(frame, published)
+    own, waypoints = to_frame(frame, published)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
     intruders = {
         name: _intruder(supervision, situation, track.estimate, published.began)
@@ -104,7 +104,7 @@ def activated(supervision: Supervision, situation: Situation, published: Publish
     }
     began = watch.activate(
         supervision.watch,
-        received(waypoints, wind_of(frame, published)),
+        as_received(waypoints, wind_of(frame, published)),
         own,
         intruders,
         _clock(zero, published.began),
@@ -121,11 +121,11 @@ def withdrawn(supervision: Supervision, revision: int) -> Supervision:
     if supervision.frame is None or _state(supervision) is State.IDLE:
         return supervision
     return replace(
-        supervision, watch=watch.activate(supervision.watch, received(()), _UNKNOWN, {}, 0.0)
+        supervision, watch=watch.activate(supervision.watch, as_received(()), _UNKNOWN, {}, 0.0)
     )
 
 
-def stepped(
+def step_monitor(
     supervision: Supervision, situation: Situation, now: int
 ) -> tuple[Supervision, Verdict | None]:
     """Return the monitor after the present moment, ``now`` in ns, and its verdict; None before the
@@ -137,7 +137,7 @@ def stepped(
     own, own_age = None, 0.0
     track = situation.own
     if track.last is not None and track.fault is None:
-        own, own_age = placed(frame, track.last), _age(supervision.zero, track.last.time, now)
+        own, own_age = to_local(frame, track.last), _age(supervision.zero, track.last.time, now)
     intruders: dict[str, Intruder] = {}
     reported: dict[str, Report] = {}
     limits = supervision.watch.thresholds
@@ -179,7 +179,7 @@ def stepped(
     ), verdict
 
 
-def answered(
+def accept_answer(
     supervision: Supervision, number: int, published: Published | None
 ) -> tuple[Supervision, bool]:
     """Hand in what became of a request; None: there is no plan that may be flown. Return also
@@ -189,24 +189,24 @@ def answered(
     if frame is None or ask is None:
         return supervision, False
     if published is None:
-        after, _ = watch.answer(supervision.watch, number, received(()))
+        after, _ = watch.answer(supervision.watch, number, as_received(()))
         return replace(supervision, watch=after), False
-    _, waypoints = flown(frame, published)
+    _, waypoints = to_frame(frame, published)
     # The runner began when the request arrived; the monitor counts from when it asked.
     late = (published.began - supervision.asked) / SECOND
     shifted = tuple(replace(point, time=point.time + late) for point in waypoints)
-    plan = received(shifted, wind_of(frame, published))
+    plan = as_received(shifted, wind_of(frame, published))
     after, taken_up = watch.answer(supervision.watch, number, plan)
     revision = max(supervision.revision, published.revision)
     held = published if taken_up else supervision.held
     return replace(supervision, watch=after, held=held, revision=revision), taken_up
 
 
-def to_fly(supervision: Supervision) -> Flown:
+def to_fly(supervision: Supervision) -> FlyMode:
     """Return what is to be flown now."""
     if supervision.frame is None or _state(supervision) is State.IDLE:
-        return Flown.NOTHING
-    return Flown.BACKUP if bool(supervision.watch.monitor.on_backup[0]) else Flown.PLAN
+        return FlyMode.NOTHING
+    return FlyMode.BACKUP if bool(supervision.watch.monitor.on_backup[0]) else FlyMode.PLAN
 
 
 def backup(
@@ -216,7 +216,7 @@ def backup(
     at_hand, frame = supervision.watch.monitor.backup, supervision.frame
     assert frame is not None, "a backup has a frame"
     began = supervision.zero + round(float(at_hand.started[0]) * SECOND)
-    rows = np.stack(watch.backup_knots(supervision.watch), axis=-1).tolist()
+    rows = np.stack(watch.backup_states(supervision.watch), axis=-1).tolist()
     return began, geodetic_points(
         frame, [Waypoint(n, *row) for n, row in enumerate(rows)], began, altitude
     )
@@ -305,7 +305,7 @@ def _intruder(supervision: Supervision, situation: Situation, report: Report, no
     position_std, velocity_std = report.spread(supervision.unknown)
     climb = supervision.watch.thresholds.options.unknown_climb
     return Intruder(
-        placed(frame, report),
+        to_local(frame, report),
         _age(supervision.zero, report.time, now),
         position_std=position_std,
         velocity_std=velocity_std,

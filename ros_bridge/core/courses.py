@@ -19,7 +19,7 @@ import numpy as np
 
 from agents.assurance.plausible import Tolerance, difference
 from agents.assurance.tracker import Tracks, begin, follow
-from envs.formats.local_frame import carried, displacement
+from envs.formats.local_frame import displacement, fly_straight
 from envs.kinematics import VehicleState
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import EXACT, Report
@@ -74,12 +74,12 @@ class Course:
     turn: Turn = STRAIGHT
 
 
-def begun(report: Report) -> Course:
+def begin_course(report: Report) -> Course:
     """Return a course of one report."""
     return Course(report, (_Window(report),) * len(_WINDOWS), report, _first(report), report)
 
 
-def extended(course: Course, report: Report) -> Course:
+def extend(course: Course, report: Report) -> Course:
     """Return a course with one more report, later than its newest."""
     before, seconds = course.newest, (report.time - course.newest.time) / SECOND
     east, north = (
@@ -95,7 +95,7 @@ def extended(course: Course, report: Report) -> Course:
         length = (report.time - window.start.time) / SECOND
         if length < _SHORTEST or window.reports < 3:
             continue
-        problem, agrees = _compared(window, report, length)
+        problem, agrees = _compare(window, report, length)
         if problem:
             contradiction, windows = problem, [_Window(report)] * len(windows)
             break
@@ -103,12 +103,12 @@ def extended(course: Course, report: Report) -> Course:
             contradiction = ""
         if length >= longest:
             windows[number] = _Window(report)
-    estimate, tracks = _improved(course, report)
+    estimate, tracks = _improve(course, report)
     reference, turn = _turning(course, estimate)
     return Course(report, tuple(windows), estimate, tracks, reference, contradiction, turn)
 
 
-def _compared(window: _Window, report: Report, seconds: float) -> tuple[str, bool]:
+def _compare(window: _Window, report: Report, seconds: float) -> tuple[str, bool]:
     """Return how displacement and velocities contradict each other, or "", and whether they clearly
     agree.
     """
@@ -148,7 +148,7 @@ def _first(report: Report) -> Tracks:
     return begin(_moving(0.0, 0.0, report), *report.spread(EXACT))
 
 
-def _improved(course: Course, report: Report) -> tuple[Report, Tracks]:
+def _improve(course: Course, report: Report) -> tuple[Report, Tracks]:
     """Return the estimate after one more report, later than those before, and what the tracker
     remembers then.
     """
@@ -162,7 +162,7 @@ def _improved(course: Course, report: Report) -> tuple[Report, Tracks]:
     if tracks.count == 1.0:
         return report, _first(report)
     x, y, heading, speed = map(float, tracks.state)
-    latitude, longitude = carried(*before.place, x, y, 1.0)
+    latitude, longitude = fly_straight(*before.place, x, y, 1.0)
     estimate = replace(
         report,
         latitude=latitude,

@@ -33,7 +33,7 @@ class FieldError(ValueError):
         self.field, self.problem = field, problem
 
 
-def tried(read: Callable[[], _T]) -> _T | FieldError:
+def attempt(read: Callable[[], _T]) -> _T | FieldError:
     """Return what ``read`` returns, or the :class:`FieldError` that it raises."""
     try:
         return read()
@@ -43,7 +43,7 @@ def tried(read: Callable[[], _T]) -> _T | FieldError:
 
 def readable(read: Callable[[], _T]) -> _T | None:
     """Return what ``read`` returns, or None where it raises :class:`FieldError`."""
-    found = tried(read)
+    found = attempt(read)
     return None if isinstance(found, FieldError) else found
 
 

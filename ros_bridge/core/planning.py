@@ -9,10 +9,10 @@ from agents.planner.planner import plan
 from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
-from ros_bridge.core.situation import Task
+from ros_bridge.core.situation import PlanTask
 
 
-def planned(wanted: Task, policy: Policy, *, exhaustive: bool) -> Plan:
+def plan_task(wanted: PlanTask, policy: Policy, *, exhaustive: bool) -> Plan:
     """Return the plan for a task; an exhaustive search has no deadline."""
     deadline = math.inf if exhaustive else wanted.options.deadline_s
     options = replace(wanted.options, exhaustive=exhaustive, deadline_s=deadline)
@@ -28,7 +28,7 @@ def planned(wanted: Task, policy: Policy, *, exhaustive: bool) -> Plan:
     )
 
 
-def rehearsed(policy: Policy, options: Options) -> None:
+def rehearse(policy: Policy, options: Options) -> None:
     """Plan once for traffic ahead, so that the first request is answered as fast as the others."""
     far, speed = options.aircraft.separation, 0.75 * options.aircraft.limits.speed_max
     route = [RoutePoint(index, 5.0 * far * (index + 1), 0.0) for index in range(10)]

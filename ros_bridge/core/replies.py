@@ -15,10 +15,10 @@ from envs.waypoints import Waypoint
 from envs.wind import Wind
 from ros_bridge.core.conversions import PlanPoint, Published
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.situation import Task, wind_in
+from ros_bridge.core.situation import PlanTask, wind_in
 
 
-def plan_points(plan: Plan, task: Task) -> tuple[PlanPoint, ...]:
+def plan_points(plan: Plan, task: PlanTask) -> tuple[PlanPoint, ...]:
     """Return the waypoints of a plan on the ellipsoid; those of the route keep the route's
     altitude.
     """
@@ -52,7 +52,7 @@ def true_wind(
     return east * cosine + north * sine, north * cosine - east * sine
 
 
-def flown(frame: LocalFrame, plan: Published) -> tuple[VehicleState, tuple[Waypoint, ...]]:
+def to_frame(frame: LocalFrame, plan: Published) -> tuple[VehicleState, tuple[Waypoint, ...]]:
     """Return a published plan in a frame, not only its writer's: the first state, and the
     waypoints, times in s.
     """

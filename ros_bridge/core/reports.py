@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from agents.planner.request import Altitude
-from envs.formats.local_frame import carried, distance
+from envs.formats.local_frame import distance, fly_straight
 from ros_bridge.core.fields import SECOND
 
 FASTEST = 400.0
@@ -98,4 +98,4 @@ class Report:
         straight ahead, m.
         """
         seconds = (time - self.time) / SECOND
-        return distance(*carried(*self.place, self.east, self.north, seconds), *place)
+        return distance(*fly_straight(*self.place, self.east, self.north, seconds), *place)

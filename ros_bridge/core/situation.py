@@ -23,7 +23,7 @@ from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
 from ros_bridge.core.areas import AreaReport
-from ros_bridge.core.areas import placed as placed_areas
+from ros_bridge.core.areas import to_local as placed_areas
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
@@ -34,14 +34,14 @@ from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
 __all__ = [
     "Code",
     "Held",
+    "PlanTask",
     "Refusal",
     "Settings",
     "Situation",
-    "Task",
-    "named",
-    "placed",
+    "in_terms_of_messages",
     "refusal_of",
     "task",
+    "to_local",
     "turn_of",
 ]
 
@@ -109,7 +109,7 @@ class Situation:
 
 
 @dataclass(frozen=True)
-class Task:
+class PlanTask:
     """What is handed to the planner."""
 
     frame: LocalFrame
@@ -131,7 +131,7 @@ class Task:
 
 def task(
     situation: Situation, now: int, settings: Settings, asked_route: Route | None = None
-) -> Task:
+) -> PlanTask:
     """Return the task at a moment, ns, for the route of a request or else the published one.
 
     Raises :class:`Refusal` where something is missing, stale, from the future, invalid or
@@ -143,20 +143,23 @@ def task(
             "clock",
             "stands at zero, expected a running clock (is /clock published?)",
         )
-    frame, undulation = _wanted(situation.origin, "geo_reference", "has not been received")
+    frame, undulation = _newest_usable(situation.origin, "geo_reference", "has not been received")
     report = _usable(
         situation.own, "ownship", now, settings.ownship_max_age, settings.future_tolerance
     )
     _check_turn(situation.own, "ownship", settings)
     wind, notes = _wind(frame, report, settings)
     own = _now(
-        placed(frame, report), turn_of(situation.own, settings), (now - report.time) / SECOND, wind
+        to_local(frame, report),
+        turn_of(situation.own, settings),
+        (now - report.time) / SECOND,
+        wind,
     )
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(far))
     options = settings.options
-    alerted = _alerted(situation, now, settings)
+    alerted = _aircraft_of_alert(situation, now, settings)
     route, points = _route(situation, frame, asked_route)
     # Who may matter is judged by the greatest separations of all.
     separation, vertical = settings.categories.greatest(
@@ -181,7 +184,7 @@ def task(
     frames = frame, wind
     identifiers, intruders, excluded = _intruders(situation, frames, now, settings, alerted, reach)
     for number, (name, one) in enumerate(zip(identifiers, intruders, strict=True)):
-        notes += tuple(_assumed(number, situation.traffic[name], settings.unknown))
+        notes += tuple(_assumptions(number, situation.traffic[name], settings.unknown))
         if _like(own, one.state):
             what = "is at the ownship's place and velocity; a copy of it (TIS-B) is not recognised"
             copy = Field(Subject.INTRUDERS, number=number)
@@ -189,7 +192,7 @@ def task(
     areas = _areas(situation.areas, frame, now)
     height = level(report.altitude, now - report.time, undulation, climb)
     traffic = identifiers, intruders, excluded
-    return Task(frame, now, own, height, *traffic, route, points, options, notes, wind, areas)
+    return PlanTask(frame, now, own, height, *traffic, route, points, options, notes, wind, areas)
 
 
 def _areas(held: Held[AreaReport], frame: LocalFrame, now: int) -> tuple[Area, ...]:
@@ -202,17 +205,19 @@ def _areas(held: Held[AreaReport], frame: LocalFrame, now: int) -> tuple[Area, .
         raise Refusal(Code.INVALID_TASK, error.field, error.problem) from error
 
 
-def refusal_of(error: RequestError, task: Task) -> Refusal:
+def refusal_of(error: RequestError, task: PlanTask) -> Refusal:
     """Return the planner's refusal of a task in terms of the messages that it came from."""
     about = error.about
     if about is None or (about.subject is Subject.INTRUDERS and about.number is None):
         code = Code.INVALID_TASK
     else:
         code = _INVALID.get(about.subject, Code.INVALID_TASK)
-    return Refusal(code, named(about or error.field, task.identifiers), error.problem)
+    return Refusal(
+        code, in_terms_of_messages(about or error.field, task.identifiers), error.problem
+    )
 
 
-def named(field_: Field | str, identifiers: Sequence[str]) -> str:
+def in_terms_of_messages(field_: Field | str, identifiers: Sequence[str]) -> str:
     """Return a field of the planner's request in terms of messages: intruders by their names."""
     if not isinstance(field_, Field) or field_.number is None:
         return str(field_)
@@ -221,7 +226,7 @@ def named(field_: Field | str, identifiers: Sequence[str]) -> str:
     return field_.within(f"intruder {identifiers[field_.number]}")
 
 
-def _assumed(number: int, track: Track, unknown: Unknown) -> Iterator[Advisory]:
+def _assumptions(number: int, track: Track, unknown: Unknown) -> Iterator[Advisory]:
     """Yield what an intruder's report lacks, and what is taken for it."""
     report = track.estimate
     assert report is not None, "there is one beside every usable report"
@@ -254,7 +259,7 @@ def _kind(name: str) -> str:
     return "OWNSHIP" if name == "ownship" else "INTRUDER"
 
 
-def _wanted(held: Held[_T], name: str, missing: str) -> _T:
+def _newest_usable(held: Held[_T], name: str, missing: str) -> _T:
     """Return an input that there must be, whose newest message can be used."""
     if held.fault is not None:
         raise Refusal(Code[f"INVALID_{name.upper()}"], held.fault.field, held.fault.problem)
@@ -275,7 +280,7 @@ def _usable(track: Track, name: str, now: int, oldest: float, future: float) -> 
     return track.last
 
 
-def placed(frame: LocalFrame, report: Report) -> VehicleState:
+def to_local(frame: LocalFrame, report: Report) -> VehicleState:
     """Return a reported state in the local frame."""
     at = frame.place(report.latitude, report.longitude)
     heading = math.atan2(report.north, report.east) + float(at.convergence)
@@ -328,7 +333,7 @@ def _now(state: VehicleState, rate: float, seconds: float, wind: Wind | None) ->
     return VehicleState(x, y, float(wrap(state.heading + turn, np)), state.speed)
 
 
-def _alerted(situation: Situation, now: int, settings: Settings) -> frozenset[str]:
+def _aircraft_of_alert(situation: Situation, now: int, settings: Settings) -> frozenset[str]:
     """Return the aircraft that an alert that holds is about."""
     alert, fault = situation.alert
     if fault is not None:
@@ -375,7 +380,7 @@ def _intruders(
             continue
         report = track.estimate
         assert report is not None, "there is one beside every usable report"
-        state = placed(frame, report)
+        state = to_local(frame, report)
         # The planner advances the report over its age; only the altitude's reference is settled
         # here.
         climb = reach.unknown_climb
@@ -398,7 +403,7 @@ def _intruders(
 def _route(
     situation: Situation, frame: LocalFrame, asked: Route | None
 ) -> tuple[Route, tuple[RoutePoint, ...]]:
-    route = asked or _wanted(
+    route = asked or _newest_usable(
         situation.route, "route", "has not been received, and the request holds none"
     )
     at = frame.place([point.latitude for point in route], [point.longitude for point in route])

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from envs.formats.local_frame import distance
-from ros_bridge.core.courses import Course, begun, extended
+from ros_bridge.core.courses import Course, begin_course, extend
 from ros_bridge.core.fields import SECOND, FieldError, not_ahead
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
@@ -69,7 +69,7 @@ class Rules:
     same: float = 1.0  # two reports of the same time agree within this, m and m/s
     fresh_start: float = 30.0  # after so long without a report, s, any place is accepted
 
-    def allowed(self, time: int) -> float:
+    def allowed_distance(self, time: int) -> float:
         """Return how far from where it is expected an aircraft may be after or before a time, ns,
         m.
         """
@@ -125,14 +125,14 @@ class Track:
 UNKNOWN = Track()  # of an aircraft without any report
 
 
-def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> Track:
+def take_in(track: Track, report: Report, name: str, now: int, rules: Rules) -> Track:
     """Take in a report, checked, of an aircraft with a name such as ``intruder 4b1a2c``; ``now`` is
     in ns.
     """
     try:
         not_ahead(f"{name}.header.stamp", report.time, now, rules.future)
     except FieldError as error:
-        track = _sighted(track, report.sighting._replace(time=None), now, rules)
+        track = _with_sighting(track, report.sighting._replace(time=None), now, rules)
         return _faulty(track, Verdict.FUTURE, error.field, error.problem, now)
     if (
         track.rival is not None
@@ -140,8 +140,8 @@ def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> Tr
     ):
         track = replace(track, rival=None, since=0, shared=False)
     if track.course is None:
-        return _good(track, begun(report), name, now, rules)
-    verdict, field_, problem = _compared(track.course.newest, report, rules)
+        return _good(track, begin_course(report), name, now, rules)
+    verdict, field_, problem = _compare(track.course.newest, report, rules)
     if verdict is Verdict.TAKEN:
         return _good(
             replace(track, since=track.since + 1),
@@ -157,9 +157,9 @@ def taken(track: Track, report: Report, name: str, now: int, rules: Rules) -> Tr
     return _faulty(track, verdict, f"{name}.{field_}", problem, now)
 
 
-def refused(track: Track, error: FieldError, now: int, rules: Rules) -> Track:
+def note_refused(track: Track, error: FieldError, now: int, rules: Rules) -> Track:
     """Note that a report could not be used."""
-    track = track if error.sighting is None else _sighted(track, error.sighting, now, rules)
+    track = track if error.sighting is None else _with_sighting(track, error.sighting, now, rules)
     return _faulty(track, Verdict.INVALID, error.field, error.problem, now)
 
 
@@ -178,7 +178,7 @@ def forgotten(
     return {name: track for name, track in tracks.items() if name not in silent}, silent
 
 
-def _sighted(track: Track, sighting: Sighting, now: int, rules: Rules) -> Track:
+def _with_sighting(track: Track, sighting: Sighting, now: int, rules: Rules) -> Track:
     """Return the track with a sighting, which replaces those that may be of the same aircraft."""
     new, kept = Sighted(sighting, now), []
     for old in track.sightings:
@@ -197,21 +197,25 @@ def _sighted(track: Track, sighting: Sighting, now: int, rules: Rules) -> Track:
     return replace(track, sightings=(*kept[1 - _MOST_SIGHTED :], new))
 
 
-def _unexplained(track: Track, report: Report, now: int, rules: Rules) -> tuple[Sighted, ...]:
+def _unexplained_sightings(
+    track: Track, report: Report, now: int, rules: Rules
+) -> tuple[Sighted, ...]:
     """Return the sightings that were elsewhere than a good report says."""
     found = []
     for one in track.sightings:
         place = one.sighting.place
         if place is None or (now - one.arrived) / SECOND > rules.fresh_start:
             continue
-        if report.off(place, one.time) > rules.allowed(one.time - report.time):
+        if report.off(place, one.time) > rules.allowed_distance(one.time - report.time):
             found.append(one._replace(since=one.since + 1))
     return tuple(found)
 
 
 def _good(track: Track, course: Course, name: str, now: int, rules: Rules) -> Track:
     """Return the track with a report that follows from those before it."""
-    track = replace(track, course=course, sightings=_unexplained(track, course.newest, now, rules))
+    track = replace(
+        track, course=course, sightings=_unexplained_sightings(track, course.newest, now, rules)
+    )
     if course.contradiction:
         return _faulty(track, Verdict.CONTRADICTION, f"{name}.position", course.contradiction, now)
     track = replace(track, last=course.newest, estimate=course.estimate)
@@ -240,11 +244,11 @@ def _elsewhere(
     """Return the track with a report of another place than the course's."""
     rival, again = track.rival, Verdict.JUMP
     if rival is not None:
-        again, _, _ = _compared(rival.newest, report, rules)
+        again, _, _ = _compare(rival.newest, report, rules)
     if rival is None or again in FAULTS:
         if rival is not None:
-            track = _sighted(track, rival.newest.sighting, now, rules)
-        track = replace(track, rival=begun(report), since=0, shared=False)
+            track = _with_sighting(track, rival.newest.sighting, now, rules)
+        track = replace(track, rival=begin_course(report), since=0, shared=False)
         return _faulty(track, verdict, f"{name}.position", problem, now)
     if again is not Verdict.TAKEN:
         return _counted(track, again)
@@ -256,13 +260,13 @@ def _elsewhere(
     return _good(replace(track, rival=course, since=_OUTLIER), rival, name, now, rules)
 
 
-def _compared(before: Report, report: Report, rules: Rules) -> tuple[Verdict, str, str]:
+def _compare(before: Report, report: Report, rules: Rules) -> tuple[Verdict, str, str]:
     """Return what a report is beside an earlier one, and for a fault its field and the rest of the
     sentence.
     """
     first, second = (before, report) if report.time >= before.time else (report, before)
     off, seconds = first.off(second.place, second.time), (second.time - first.time) / SECOND
-    allowed = rules.allowed(second.time - first.time)
+    allowed = rules.allowed_distance(second.time - first.time)
     if off > allowed and seconds <= rules.fresh_start:
         what = (
             f"is {off:.0f} m from where another report lets it be expected, allowed {allowed:.0f} m"
@@ -282,7 +286,7 @@ def _compared(before: Report, report: Report, rules: Rules) -> tuple[Verdict, st
 def _next(course: Course, report: Report, rules: Rules) -> Course:
     """Return the course with a later report; after a long silence a new one."""
     silence = (report.time - course.newest.time) / SECOND
-    return begun(report) if silence > rules.fresh_start else extended(course, report)
+    return begin_course(report) if silence > rules.fresh_start else extend(course, report)
 
 
 def _faulty(track: Track, verdict: Verdict, field: str, problem: str, now: int) -> Track:

@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 
 from ros_bridge.core import conversions
 from ros_bridge.core.areas import areas as read_areas
-from ros_bridge.core.fields import FieldError, identifier, not_ahead, readable, tried
+from ros_bridge.core.fields import FieldError, attempt, identifier, not_ahead, readable
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.core.situation import Held, Situation
-from ros_bridge.core.tracks import UNKNOWN, Fault, Rules, Track, Verdict, refused, taken
+from ros_bridge.core.tracks import UNKNOWN, Fault, Rules, Track, Verdict, note_refused, take_in
 
 _T = TypeVar("_T")
 
@@ -23,7 +23,7 @@ def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
     """
     own = _followed(
         situation.own,
-        tried(lambda: conversions.aircraft(message, "ownship")),
+        attempt(lambda: conversions.aircraft(message, "ownship")),
         "ownship",
         now,
         rules,
@@ -46,7 +46,7 @@ def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
     """
     name = readable(lambda: identifier("", message.id)) or message.id
     called = f"intruder {name}"
-    found, own = tried(lambda: conversions.aircraft(message, called)), situation.own.last
+    found, own = attempt(lambda: conversions.aircraft(message, called)), situation.own.last
     if own is not None and own.identifier == name and _near(own, found.sighting, rules):
         return situation
     track = _followed(situation.traffic.get(name, UNKNOWN), found, called, now, rules)
@@ -91,11 +91,11 @@ def _near(own: Report, seen: Sighting | None, rules: Rules) -> bool:
     """
     if seen is None or seen.time is None or seen.place is None:
         return True
-    return own.off(seen.place, seen.time) <= rules.allowed(seen.time - own.time)
+    return own.off(seen.place, seen.time) <= rules.allowed_distance(seen.time - own.time)
 
 
 def _held(before: Held[_T], read: Callable[[], _T], now: int) -> Held[_T]:
-    found = tried(read)
+    found = attempt(read)
     if isinstance(found, FieldError):
         return before._replace(fault=Fault(Verdict.INVALID, found.field, found.problem, now))
     return Held(found)
@@ -105,5 +105,5 @@ def _followed(
     before: Track, found: Report | FieldError, name: str, now: int, rules: Rules
 ) -> Track:
     if isinstance(found, FieldError):
-        return refused(before, found, now, rules)
-    return taken(before, found, name, now, rules)
+        return note_refused(before, found, now, rules)
+    return take_in(before, found, name, now, rules)

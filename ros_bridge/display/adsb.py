@@ -65,11 +65,11 @@ class Receiving:
                 looked = time.monotonic()
                 silent = looked - heard
                 quiet = f"has sent nothing for {silent:.0f} s" if silent > _SILENCE else ""
-                self._board.feed(partial(_connected, problem=self._receiver.problem or quiet))
+                self._board.feed(partial(_connect, problem=self._receiver.problem or quiet))
 
     def _read(self, arrived: int, text: str) -> None:
         try:
-            for found in self._reader.taken(text, arrived):
+            for found in self._reader.reports_of(text, arrived):
                 self._board.feed(
                     partial(take_report, found=found, now=arrived, own=self._is_own(found))
                 )
@@ -82,7 +82,7 @@ class Receiving:
         return seen is not None and seen.identifier == self._own != ""
 
 
-def _connected(scene: Scene, problem: str) -> Scene:
+def _connect(scene: Scene, problem: str) -> Scene:
     """Return the scene with the state of the connection, which is looked at now."""
     now = max(time.time_ns(), scene.latest)
     if problem:

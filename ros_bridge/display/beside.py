@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from agents.assurance.single import Verdict, reasons
-from agents.assurance.state import Flown, State
+from agents.assurance.state import FlyMode, State
 from ros_bridge.core import guidance
 from ros_bridge.core.assurance import Supervision, backup, to_fly
 from ros_bridge.core.conversions import Published
@@ -104,7 +104,7 @@ def supervised(
         state=int(State(int(watched.state[0]))),
         fly=int(flown),
         reasons=tuple(one.message for one in reasons(measured, limits)),
-        measured=flown is Flown.PLAN,
+        measured=flown is FlyMode.PLAN,
         cross_track=float(measured.cross_track[0]),
         along_track=float(measured.along_track[0]),
         time_error=float(measured.time_error[0]),
@@ -123,10 +123,10 @@ def supervised(
 
 
 def _backup(
-    supervision: Supervision, situation: Situation, flown: Flown, scene: Scene
+    supervision: Supervision, situation: Situation, flown: FlyMode, scene: Scene
 ) -> Published | None:
     begun = math.isfinite(float(supervision.watch.monitor.backup.started[0]))
-    if flown is not Flown.BACKUP or not begun:
+    if flown is not FlyMode.BACKUP or not begun:
         return None
     own = situation.own.last
     began, (start, *points) = backup(supervision, None if own is None else own.altitude)

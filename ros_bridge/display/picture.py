@@ -15,8 +15,8 @@ import numpy as np
 from envs.areas import Area, AreaError, Circle, Keep
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
-from envs.waypoints import Legs, Waypoint, at, knots, legs
-from ros_bridge.core.areas import placed
+from envs.waypoints import Legs, Waypoint, at, legs, plan_states
+from ros_bridge.core.areas import to_local
 from ros_bridge.core.conversions import PlanPoint, Published, Route
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reach import level
@@ -94,7 +94,7 @@ def picture(scene: Scene, now: int, centre: tuple[float, float] | None = None) -
         origin=[frame.latitude, frame.longitude],
         own=own_plane,
         traffic=planes,
-        wind=None if own is None or own.wind is None else _rounded(own.wind),
+        wind=None if own is None or own.wind is None else _round(own.wind),
         plan=_trajectory(scene.plan, frame, now),
         backup=_trajectory(_flown_backup(scene), frame, now),
         unresolved=_trajectory(scene.unresolved, frame, now),
@@ -177,9 +177,9 @@ def _planes(tracks: Sequence[Track], frame: LocalFrame, now: int) -> list[Docume
     mean = 0.5 * angle
     chord = np.sinc(mean / np.pi) * turning
     later = age - turning
-    x = here.x + chord * _turned(along, across, mean)[0]
-    y = here.y + chord * _turned(along, across, mean)[1]
-    vx, vy = _turned(along, across, angle)
+    x = here.x + chord * _rotate(along, across, mean)[0]
+    y = here.y + chord * _rotate(along, across, mean)[1]
+    vx, vy = _rotate(along, across, angle)
     x, y = x + later * vx, y + later * vy
     track_deg = np.degrees(np.arctan2(vx, vy) + here.convergence) % 360.0
     found = []
@@ -216,7 +216,7 @@ def _through_air(own: Report) -> Document:
     return {"track_deg": round(track, 1), "speed": round(math.hypot(x, y), 1)}
 
 
-def _turned(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rotate(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     cosine, sine = np.cos(angle), np.sin(angle)
     return x * cosine - y * sine, x * sine + y * cosine
 
@@ -278,7 +278,7 @@ def _bands(guidance: Guidance | None, now: int) -> Document | None:
         "look_ahead": guidance.look_ahead,
         "track_deg": guidance.tracks.target,
         "track_region": guidance.tracks.region,
-        "speed": _rounded(guidance.speeds.target),
+        "speed": _round(guidance.speeds.target),
         "speed_region": guidance.speeds.region,
         "recovery": way_out,
     }
@@ -293,7 +293,7 @@ def _flown_backup(scene: Scene) -> Published | None:
 def _trajectory(one: Published | None, frame: LocalFrame, now: int) -> Document | None:
     if one is None:
         return None
-    line, points = _drawn(one, frame)
+    line, points = _draw(one, frame)
     return {
         "revision": one.revision,
         "began": round(one.began / SECOND, 3),
@@ -314,7 +314,7 @@ def _trajectory(one: Published | None, frame: LocalFrame, now: int) -> Document 
 
 
 @lru_cache(maxsize=8)
-def _drawn(one: Published, frame: LocalFrame) -> tuple[list[list[float]], list[list[float]]]:
+def _draw(one: Published, frame: LocalFrame) -> tuple[list[list[float]], list[list[float]]]:
     """Return the curve of a plan, x, y in m and the time in s of the source's clock, and its
     waypoints.
     """
@@ -330,7 +330,7 @@ def _drawn(one: Published, frame: LocalFrame) -> tuple[list[list[float]], list[l
     end, began = states[-1].time, one.began / SECOND
     times = np.linspace(0.0, end, 1 + min(math.ceil(end / _STEP), _POINTS))
     with np.errstate(all="ignore"):
-        curve = legs(knots(start, states[1:], wind=wind))
+        curve = legs(plan_states(start, states[1:], wind=wind))
         each = Legs(*(np.broadcast_to(part, (times.size, *np.shape(part))) for part in curve))
         state = at(each, times, wind)
     if not (np.isfinite(state.x).all() and np.isfinite(state.y).all()):
@@ -354,7 +354,7 @@ def _route(route: Route | None, frame: LocalFrame) -> list[list[float]]:
     if not route:
         return []
     here = frame.place([one.latitude for one in route], [one.longitude for one in route])
-    return [_rounded(one) for one in zip(here.x.tolist(), here.y.tolist(), strict=True)]
+    return [_round(one) for one in zip(here.x.tolist(), here.y.tolist(), strict=True)]
 
 
 def _areas(scene: Scene, frame: LocalFrame, now: int) -> list[Document]:
@@ -362,17 +362,17 @@ def _areas(scene: Scene, frame: LocalFrame, now: int) -> list[Document]:
     if held is None:
         return []
     later, documents = (now - held.report.time) / SECOND, []
-    for area in _placed(held, frame):
+    for area in _place(held, frame):
         # Only its place moves here: checking its shape anew at every picture would take too long.
         x, y = (later * speed for speed in area.velocity)
         shape: Document
         if isinstance(area.shape, Circle):
             circle = area.shape
             radius = max(circle.radius + later * area.growth, 0.0)
-            shape = {"circle": _rounded((circle.x + x, circle.y + y, radius))}
+            shape = {"circle": _round((circle.x + x, circle.y + y, radius))}
         else:
             rings = area.shape.rings
-            shape = {"rings": [[_rounded((px + x, py + y)) for px, py in ring] for ring in rings]}
+            shape = {"rings": [[_round((px + x, py + y)) for px, py in ring] for ring in rings]}
         heights = {
             side: None if limit is None else [round(limit.value, 1), limit.reference]
             for side, limit in (("floor", area.floor), ("ceiling", area.ceiling))
@@ -392,10 +392,10 @@ def _areas(scene: Scene, frame: LocalFrame, now: int) -> list[Document]:
 
 
 @lru_cache(maxsize=2)
-def _placed(held: HeldAreas, frame: LocalFrame) -> tuple[Area, ...]:
+def _place(held: HeldAreas, frame: LocalFrame) -> tuple[Area, ...]:
     """Return areas on a map as they are at their own time; none where the map cannot hold them."""
     try:
-        return placed(held.report, frame, held.report.time, _NEAR)
+        return to_local(held.report, frame, held.report.time, _NEAR)
     except (FieldError, AreaError):
         return ()
 
@@ -513,5 +513,5 @@ def _tenths(value: float | None) -> float | None:
     return None if value is None else round(value, 1)
 
 
-def _rounded(values: Sequence[float]) -> list[float]:
+def _round(values: Sequence[float]) -> list[float]:
     return [round(float(one), 1) for one in values]

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
-from ros_bridge.core.areas import AreaReport, areas, placed
+from ros_bridge.core.areas import AreaReport, areas, to_local
 from ros_bridge.core.conversions import Published, trajectory
-from ros_bridge.core.fields import SECOND, FieldError, integer, nanoseconds, number, stamp, tried
+from ros_bridge.core.fields import SECOND, FieldError, attempt, integer, nanoseconds, number, stamp
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
-from ros_bridge.core.tracks import UNKNOWN, Rules, forgotten, refused, taken
+from ros_bridge.core.tracks import UNKNOWN, Rules, forgotten, note_refused, take_in
 
 FORGET = 30.0
 """An aircraft without reports for so long, s, is forgotten."""
@@ -125,7 +125,7 @@ def take(scene: Scene, name: str, message: Any, now: int) -> Scene:
     short = name.rpartition("/")[2]
     scene = _heard(scene, short, now)
     try:
-        found = tried(lambda: INPUTS[name].change(scene, message, now))
+        found = attempt(lambda: INPUTS[name].change(scene, message, now))
     except AttributeError as error:  # another version of the message
         found = FieldError(short, f"has no field {error.name}, expected {INPUTS[name].kind}")
     if isinstance(found, FieldError):
@@ -155,9 +155,9 @@ def take_report(scene: Scene, found: Report | FieldError, now: int, *, own: bool
     before = situation.own if own else situation.traffic.get(seen.identifier, UNKNOWN)
     called = "ownship" if own else f"intruder {seen.identifier}"
     if isinstance(found, FieldError):
-        after = refused(before, found, now, _RULES)
+        after = note_refused(before, found, now, _RULES)
     else:
-        after = taken(before, found, called, now, _RULES)
+        after = take_in(before, found, called, now, _RULES)
     if own:
         return replace(scene, situation=replace(situation, own=after))
     traffic = {**situation.traffic, seen.identifier: after}
@@ -278,7 +278,7 @@ def _areas(scene: Scene, message: Any, now: int) -> Scene:
     found = areas(message)
     for one in found.areas:  # what no map can hold is refused now
         centre = one.centre or one.rings[0][0]
-        placed(AreaReport(found.time, (one,)), LocalFrame(*centre), found.time, _FAR)
+        to_local(AreaReport(found.time, (one,)), LocalFrame(*centre), found.time, _FAR)
     return replace(scene, areas=HeldAreas(found))
 
 

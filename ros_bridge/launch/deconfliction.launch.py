@@ -29,4 +29,4 @@ def generate_launch_description() -> LaunchDescription:
         "false",
         "whether to start the translator, whose sources stand in params_file",
     )
-    return LaunchDescription([*launching.declared(translate), OpaqueFunction(function=_nodes)])
+    return LaunchDescription([*launching.declarations(translate), OpaqueFunction(function=_nodes)])

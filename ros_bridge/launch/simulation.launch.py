@@ -30,5 +30,5 @@ def _nodes(context: Any) -> list[Any]:
 def generate_launch_description() -> LaunchDescription:
     """Return the description; ``--show-args`` lists the arguments."""
     return LaunchDescription(
-        [*launching.declared(*_MORE, use_sim_time="true"), OpaqueFunction(function=_nodes)]
+        [*launching.declarations(*_MORE, use_sim_time="true"), OpaqueFunction(function=_nodes)]
     )

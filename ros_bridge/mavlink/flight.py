@@ -137,7 +137,7 @@ def fly(
         sitl.rate(0, 2e5)
         program = _program(sitl, more) if method == "ours" else None
         try:
-            return _flown(encounter, sitl, program, frame, cruise, until, watch)
+            return _fly(encounter, sitl, program, frame, cruise, until, watch)
         finally:
             if program is not None:
                 program.close()
@@ -172,7 +172,7 @@ def _advance(sitl: Sitl) -> list[Any]:
     return [message for message in found if message is not None]
 
 
-def _flown(
+def _fly(
     encounter: Encounter,
     sitl: Sitl,
     program: Program | None,
@@ -220,7 +220,7 @@ def _flown(
             break
         if time.monotonic() - heard > _STILL:
             raise RuntimeError(f"encounter {encounter.number}: the simulation says nothing")
-    return _judged(encounter, rows, arrived, cruise, program, texts)
+    return _judge(encounter, rows, arrived, cruise, program, texts)
 
 
 def _traffic(encounter: Encounter, sitl: Sitl, seconds: float, cruise: float) -> None:
@@ -230,7 +230,7 @@ def _traffic(encounter: Encounter, sitl: Sitl, seconds: float, cruise: float) ->
         sitl.traffic(0xA00001 + number, x, y, track, one.speed, _ABOVE)
 
 
-def _judged(
+def _judge(
     encounter: Encounter,
     rows: Sequence[Row],
     arrived: float | None,

@@ -7,10 +7,10 @@ from typing import Any
 
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.conversions import Origin
-from ros_bridge.core.fields import SECOND, FieldError, tried
+from ros_bridge.core.fields import SECOND, FieldError, attempt
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Held, Situation
-from ros_bridge.core.tracks import UNKNOWN, Rules, Track, forgotten, refused, taken
+from ros_bridge.core.tracks import UNKNOWN, Rules, Track, forgotten, note_refused, take_in
 from ros_bridge.mavlink import messages
 from ros_bridge.mavlink.messages import Heartbeat
 
@@ -85,7 +85,7 @@ def _position(received: Received, message: Any, now: int, reading: Reading) -> R
     wind = received.wind if now - received.wind_at <= _OLD * SECOND else None
     fast = received.airspeed if now - received.airspeed_at <= _OLD * SECOND else None
     before = received.situation
-    found = tried(lambda: messages.ownship(message, wind, fast))
+    found = attempt(lambda: messages.ownship(message, wind, fast))
     if received.problem:
         found = FieldError(f"{messages.OWN}.position", f"is not to be used: {received.problem}")
     own = _follow(before.own, found, messages.OWN, now, reading.rules)
@@ -103,14 +103,14 @@ def _needs_origin(origin: Held[Origin], report: Report) -> bool:
 
 
 def _hud(received: Received, message: Any, now: int, _: Reading) -> Received:
-    fast = tried(lambda: messages.airspeed(message))
+    fast = attempt(lambda: messages.airspeed(message))
     if isinstance(fast, FieldError):
         return received
     return replace(received, airspeed=fast, airspeed_at=now)
 
 
 def _wind(received: Received, message: Any, now: int, _: Reading) -> Received:
-    found = tried(lambda: messages.wind(message))
+    found = attempt(lambda: messages.wind(message))
     if isinstance(found, FieldError):
         return replace(received, wind=None)
     return replace(received, wind=found, wind_at=now)
@@ -126,7 +126,7 @@ def _fix(received: Received, message: Any, _: int, __: Reading) -> Received:
 
 def _traffic(received: Received, message: Any, now: int, reading: Reading) -> Received:
     name = messages.traffic_name(message)
-    found = tried(lambda: messages.traffic(message, now, reading.references))
+    found = attempt(lambda: messages.traffic(message, now, reading.references))
     if found is None:
         return received
     return take_traffic(received, name, found, now, reading)
@@ -148,8 +148,8 @@ def _parameter(received: Received, message: Any, _: int, __: Reading) -> Receive
 
 def _follow(before: Track, found: Report | FieldError, name: str, now: int, rules: Rules) -> Track:
     if isinstance(found, FieldError):
-        return refused(before, found, now, rules)
-    return taken(before, found, name, now, rules)
+        return note_refused(before, found, now, rules)
+    return take_in(before, found, name, now, rules)
 
 
 _KINDS: dict[str, Callable[[Received, Any, int, Reading], Received]] = {

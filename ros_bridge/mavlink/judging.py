@@ -11,12 +11,12 @@ import numpy as np
 
 from agents.assurance.alerts import Alerting
 from agents.assurance.single import Verdict
-from agents.assurance.state import Flown
+from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import Plan, RequestError
 from agents.planner.options import Options
-from agents.planner.request import checked, in_wind
-from agents.planner.traffic import Requirement, predicted, uncertainty
+from agents.planner.request import check_request, in_wind
+from agents.planner.traffic import Requirement, predict, uncertainty
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.areas import Area, AreaError
@@ -25,19 +25,26 @@ from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
 from envs.wind import NO_WIND, Wind
-from ros_bridge.core.assurance import Supervision, activated, answered, backup, stepped, to_fly
+from ros_bridge.core.assurance import (
+    Supervision,
+    accept_answer,
+    activate,
+    backup,
+    step_monitor,
+    to_fly,
+)
 from ros_bridge.core.conversions import Published, Station
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.planning import planned
-from ros_bridge.core.replies import flown, plan_points, start_point, true_wind, wind_of
+from ros_bridge.core.planning import plan_task
+from ros_bridge.core.replies import plan_points, start_point, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import Unknown
 from ros_bridge.core.situation import (
     ACCURATE,
     Code,
+    PlanTask,
     Refusal,
     Settings,
     Situation,
-    Task,
     refusal_of,
     task,
 )
@@ -160,7 +167,7 @@ def supervise(
     rules: Rules,
 ) -> Judgement:
     """Check the plan that is flown, and plan anew where the monitor asks for it."""
-    supervision, verdict = stepped(judgement.supervision, situation, now)
+    supervision, verdict = step_monitor(judgement.supervision, situation, now)
     judgement = replace(judgement, supervision=supervision, verdict=verdict)
     if verdict is None or verdict.ask is None:
         return judgement
@@ -170,11 +177,11 @@ def supervise(
         wanted = _not_before(wanted, judgement.rejoin)
         answer = _answer(wanted, rules)
     except Refusal as refusal:
-        after, _ = answered(supervision, number, None)
+        after, _ = accept_answer(supervision, number, None)
         return replace(judgement, supervision=after, problem=str(refusal))
     revision = judgement.revision + 1
-    sent = published(answer, wanted, revision) if answer.safe else None
-    after, taken_up = answered(supervision, number, sent)
+    sent = publish(answer, wanted, revision) if answer.safe else None
+    after, taken_up = accept_answer(supervision, number, sent)
     judgement = replace(judgement, supervision=after, revision=revision, problem="")
     if not taken_up:
         why = "; ".join(reason.message for reason in answer.reasons)
@@ -184,14 +191,14 @@ def supervise(
     )
 
 
-def conflict(wanted: Task, look_ahead: float) -> Conflict | None:
+def conflict(wanted: PlanTask, look_ahead: float) -> Conflict | None:
     """Return the first loss of the required separation within some seconds where the ownship flies
     its route at its speed over the ground; None: none. Both are compared in the air mass.
     """
     options, own = wanted.options, wanted.own
     try:
         in_air = options if wanted.wind is None else in_wind(options, wanted.wind)
-        request, _, kept = checked(
+        request, _, kept = check_request(
             own, wanted.intruders, wanted.points, in_air, wanted.own_altitude, wanted.wind
         )
     except RequestError as error:
@@ -205,7 +212,7 @@ def conflict(wanted: Task, look_ahead: float) -> Conflict | None:
     wind = wanted.wind or NO_WIND
     here_x = np.interp(own.speed * times, way, x) - wind.east * times
     here_y = np.interp(own.speed * times, way, y) - wind.north * times
-    others = predicted(request.traffic, times[:, None])
+    others = predict(request.traffic, times[:, None])
     away = np.hypot(others.x - here_x[:, None], others.y - here_y[:, None])
     keep = options.requirement
     spread = keep.sigmas * uncertainty(request.traffic, times[:, None])
@@ -219,7 +226,7 @@ def conflict(wanted: Task, look_ahead: float) -> Conflict | None:
     return Conflict(name, float(times[row]), float(need[row, column]))
 
 
-def published(answer: Plan, wanted: Task, revision: int) -> Published:
+def publish(answer: Plan, wanted: PlanTask, revision: int) -> Published:
     """Return a plan as the monitor takes it."""
     left_out = {one.number for one in answer.excluded}
     names = (name for n, name in enumerate(wanted.identifiers) if n not in left_out)
@@ -253,16 +260,16 @@ def to_follow(judgement: Judgement) -> ToFly | None:
     if frame is None or held is None:
         return None
     wind = wind_of(frame, held)
-    if kind is Flown.PLAN:
-        return ToFly(("plan", held.revision), frame, held.began, *flown(frame, held), wind)
-    if kind is Flown.BACKUP and math.isfinite(supervision.watch.monitor.backup.started[0]):
+    if kind is FlyMode.PLAN:
+        return ToFly(("plan", held.revision), frame, held.began, *to_frame(frame, held), wind)
+    if kind is FlyMode.BACKUP and math.isfinite(supervision.watch.monitor.backup.started[0]):
         began, (start, *points) = backup(supervision, None)
         made = Published(bytes(16), 0, began, start, tuple(points), ())
-        return ToFly(("backup", began), frame, began, *flown(frame, made), wind)
+        return ToFly(("backup", began), frame, began, *to_frame(frame, made), wind)
     return None
 
 
-def _areas(wanted: Task, rules: Rules) -> tuple[Area, ...]:
+def _areas(wanted: PlanTask, rules: Rules) -> tuple[Area, ...]:
     """Return the fence in the frame of a task."""
     try:
         found = (on_plane(one, wanted.frame, None, ACCURATE) for one in rules.fence)
@@ -271,20 +278,22 @@ def _areas(wanted: Task, rules: Rules) -> tuple[Area, ...]:
         raise Refusal(Code.INVALID_TASK, "fence", str(error)) from error
 
 
-def _answer(wanted: Task, rules: Rules) -> Plan:
+def _answer(wanted: PlanTask, rules: Rules) -> Plan:
     wanted = replace(wanted, areas=_areas(wanted, rules))
     try:
-        return planned(wanted, rules.policy, exhaustive=False)
+        return plan_task(wanted, rules.policy, exhaustive=False)
     except RequestError as error:
         raise refusal_of(error, wanted) from error
 
 
-def _taken_up(judgement: Judgement, situation: Situation, wanted: Task, rules: Rules) -> Judgement:
+def _taken_up(
+    judgement: Judgement, situation: Situation, wanted: PlanTask, rules: Rules
+) -> Judgement:
     answer = _answer(wanted, rules)
     if not answer.safe:
         return replace(judgement, plan=answer, problem="")
     revision = judgement.revision + 1
-    supervision = activated(judgement.supervision, situation, published(answer, wanted, revision))
+    supervision = activate(judgement.supervision, situation, publish(answer, wanted, revision))
     return replace(
         judgement,
         supervision=supervision,
@@ -296,11 +305,11 @@ def _taken_up(judgement: Judgement, situation: Situation, wanted: Task, rules: R
     )
 
 
-def _rejoined(answer: Plan, wanted: Task) -> int:
+def _rejoined(answer: Plan, wanted: PlanTask) -> int:
     return wanted.time + round(answer.rejoin_time * SECOND)
 
 
-def _not_before(wanted: Task, rejoin: int | None) -> Task:
+def _not_before(wanted: PlanTask, rejoin: int | None) -> PlanTask:
     """Return the task without the points of the first leg before the one that was to be rejoined;
     a waypoint of the mission always stays.
     """
@@ -312,7 +321,7 @@ def _not_before(wanted: Task, rejoin: int | None) -> Task:
     return replace(found, points=points)
 
 
-def _ahead(wanted: Task, beyond: float) -> Task:
+def _ahead(wanted: PlanTask, beyond: float) -> PlanTask:
     """Return the task without the points of the first leg that are not farther ahead than
     ``beyond``, m; a waypoint of the mission always stays.
     """

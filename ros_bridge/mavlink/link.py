@@ -213,7 +213,7 @@ class Link:
         mav, to = self._connection.mav, (self.system, self.component)
         name = "the fence" if kind else "the mission"
 
-        def asked(send: Callable[..., Any], *values: Any, answer: str) -> Any:
+        def ask(send: Callable[..., Any], *values: Any, answer: str) -> Any:
             for _ in range(_TRIES):
                 self._send(send, *to, *values)
                 for message in self._answers(answer):
@@ -221,10 +221,10 @@ class Link:
                         return message
             raise LinkError(f"{name}: the autopilot has not answered; expected {answer}")
 
-        count = asked(mav.mission_request_list_send, kind, answer="MISSION_COUNT").count
+        count = ask(mav.mission_request_list_send, kind, answer="MISSION_COUNT").count
         items: list[Item] = []
         for number in range(count):
-            sent = asked(mav.mission_request_int_send, number, kind, answer="MISSION_ITEM_INT")
+            sent = ask(mav.mission_request_int_send, number, kind, answer="MISSION_ITEM_INT")
             if sent.seq != number:
                 raise LinkError(f"{name}: item {sent.seq} came, expected {number}")
             items.append(item(sent))

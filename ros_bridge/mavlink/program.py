@@ -24,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
-from agents.assurance.state import Flown
+from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Cause
 from agents.policy.domain import OutsideDomainError
 from envs.backend import FLOATS
@@ -32,12 +32,12 @@ from envs.edge.command import InputError, Parser, run_cli
 from envs.edge.files import write_file
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.perception import carried_back
-from ros_bridge.core.aircraft import loaded
+from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.assurance import initial, to_fly
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.planning import rehearsed
+from ros_bridge.core.planning import rehearse
 from ros_bridge.core.reports import USUAL, Unknown
-from ros_bridge.core.situation import placed
+from ros_bridge.core.situation import to_local
 from ros_bridge.mavlink import messages, mission
 from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
 from ros_bridge.mavlink.intake import Reading, Received, forget, take
@@ -152,7 +152,7 @@ class Program:
             self.log(note)
         for note in failsafe_notes(parameters, options.system) if self._fly else ():
             self.log(f"warning: {note}")
-        rehearsed(self._rules.policy, self._rules.settings.options)
+        rehearse(self._rules.policy, self._rules.settings.options)
         link.ask_rates()
 
     def close(self) -> None:
@@ -335,7 +335,7 @@ class Program:
         track = received.situation.own
         fresh = track.fault is None and track.age(now) <= STALE
         rejoin = judged.rejoined_at
-        on_plan = to_fly(judged.supervision) is Flown.PLAN
+        on_plan = to_fly(judged.supervision) is FlyMode.PLAN
         return Seen(
             now / SECOND,
             self._mode,
@@ -377,7 +377,7 @@ class Program:
             self._flown = followed
             self._guide = guide(followed.own, followed.waypoints, followed.wind)
             self.log(f"flying {followed.key[0]} {followed.key[1]}", now)
-        state = placed(followed.frame, report)
+        state = to_local(followed.frame, report)
         late = (now - report.time) / SECOND
         state = carried_back(state, -late, FLOATS)
         clock = (now - followed.began) / SECOND
@@ -426,7 +426,7 @@ def _fence(link: Link, clearance: float) -> tuple[GeodeticArea, ...]:
 
 def _rules(vehicle: Vehicle, options: argparse.Namespace, fence: tuple[GeodeticArea, ...]) -> Rules:
     try:
-        policy = loaded(options.policy).for_aircraft(vehicle.aircraft)
+        policy = load_policy(options.policy).for_aircraft(vehicle.aircraft)
     except OutsideDomainError as problem:
         raise InputError(
             f"--separation {options.separation:g} m with the autopilot's parameters: {problem}"

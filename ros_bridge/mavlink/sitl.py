@@ -96,7 +96,7 @@ class Sitl:
             start_new_session=True,
         )
         try:
-            self.station: Any = self._connected()
+            self.station: Any = self._connect()
         except BaseException:
             self.close()
             raise
@@ -134,7 +134,7 @@ class Sitl:
         """Send a signal to the simulation, such as to stop it and let it go on."""
         self._process.send_signal(number)
 
-    def _connected(self) -> Any:
+    def _connect(self) -> Any:
         os.environ.setdefault("MAVLINK20", "1")
         from pymavlink import mavutil
 

@@ -14,7 +14,7 @@ import numpy as np
 from envs.c208.guidance import Guide, Lookahead, Path
 from envs.follower import deviation, offset
 from envs.kinematics import VehicleState
-from envs.waypoints import Legs, Waypoint, at, knots, legs
+from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind, through_air
 from ros_bridge.mavlink.vehicle import GRAVITY
 
@@ -69,7 +69,7 @@ def guide(own: VehicleState, waypoints: tuple[Waypoint, ...], wind: Wind | None)
     """Return the follower of a plan from its first state and its waypoints, times from its
     request, and the wind that it is flown in.
     """
-    found = legs(knots(own, waypoints, wind=wind))
+    found = legs(plan_states(own, waypoints, wind=wind))
     return Follower(found, Guide(Path(found, wind or NO_WIND), GAINS), wind or NO_WIND)
 
 

@@ -36,17 +36,17 @@ from rlcas_msgs.srv import GenerateTrajectory
 
 from agents.assurance import single as watch
 from agents.assurance.single import Ask, Verdict
-from agents.assurance.state import Flown, State
+from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Cause
 from ros_bridge.core.assurance import (
     Published,
     Supervision,
-    activated,
-    answered,
+    accept_answer,
+    activate,
     backup,
     initial,
-    published,
-    stepped,
+    read_plan,
+    step_monitor,
     to_fly,
     withdrawn,
 )
@@ -126,7 +126,7 @@ class Monitor(ListeningNode):
 
     def _plan_of(self, message: Trajectory) -> Published | None:
         try:
-            return published(message, self._value("waypoints"))
+            return read_plan(message, self._value("waypoints"))
         except FieldError as error:
             self.get_logger().error(str(error))
             return None
@@ -140,7 +140,7 @@ class Monitor(ListeningNode):
         if now <= 0:
             return
         self._forget(now)
-        self._supervision, verdict = stepped(self._supervision, self._situation, now)
+        self._supervision, verdict = step_monitor(self._supervision, self._situation, now)
         self._verdict = verdict
         judged = self._supervision  # a plan that is taken up may know other intruders
         if verdict is not None:
@@ -176,7 +176,7 @@ class Monitor(ListeningNode):
 
     def _answer(self, number: int, taken: Published | None) -> None:
         before = to_fly(self._supervision)
-        self._supervision, _ = answered(self._supervision, number, taken)
+        self._supervision, _ = accept_answer(self._supervision, number, taken)
         if to_fly(self._supervision) is not before:
             self._publish(self._latest)
 
@@ -195,7 +195,7 @@ class Monitor(ListeningNode):
     def _take_waiting(self) -> None:
         # While an answer is on its way, the plan may be that answer.
         if self._waiting is not None and self._pending is None:
-            self._supervision = activated(self._supervision, self._situation, self._waiting)
+            self._supervision = activate(self._supervision, self._situation, self._waiting)
             self._waiting = None
 
     # Outputs.
@@ -205,7 +205,7 @@ class Monitor(ListeningNode):
             return
         self._statuses.publish(self._status(now))
         flown = to_fly(self._supervision)
-        if flown is not Flown.BACKUP:
+        if flown is not FlyMode.BACKUP:
             self._backup_at = 0
             return
         begun = math.isfinite(self._supervision.watch.monitor.backup.started[0])
@@ -268,7 +268,7 @@ class Monitor(ListeningNode):
             why.message for why in watch.reasons(measured._replace(causes=monitor.causes), limits)
         ]
         own = not causes & int(Cause.OWN_MISSING | Cause.OWN_STALE | Cause.CLOCK)
-        message.measured = own and message.fly == int(Flown.PLAN)
+        message.measured = own and message.fly == int(FlyMode.PLAN)
         if message.measured:
             full = limits.sustained * limits.memory
             for name in _ERRORS:

@@ -30,7 +30,7 @@ from envs.follower import PERIOD, guidance
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
-from ros_bridge.core.situation import Situation, placed
+from ros_bridge.core.situation import Situation, to_local
 from ros_bridge.core.tracks import Rules
 from ros_bridge.sim.guidance import Flying, Guidance, curve
 from ros_bridge.transport import process, qos, topics
@@ -65,7 +65,7 @@ class Pilot(Node):
             self.get_logger().error(fault.message, throttle_duration_sec=5.0)
 
     def _on_timer(self) -> None:
-        wanted, track = self._guidance.selected(), self._situation.own
+        wanted, track = self._guidance.select(), self._situation.own
         own = track.last
         if wanted is None or own is None or track.fault is not None:
             return
@@ -92,7 +92,7 @@ class Pilot(Node):
                 f"the monitor has been silent for {silent:.1f} s", throttle_duration_sec=1.0
             )
         _, frame, line = self._line
-        state = placed(frame, own)
+        state = to_local(frame, own)
         reach = state.speed * age
         state = state._replace(
             x=state.x + reach * math.cos(state.heading), y=state.y + reach * math.sin(state.heading)

@@ -38,13 +38,21 @@ from rlcas_msgs.msg import Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
 from agents.planner.answer import AdvisoryCode, Plan, RequestError
-from agents.planner.publish import rechecked
+from agents.planner.publish import recheck
 from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
-from ros_bridge.core.aircraft import loaded
+from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.planning import planned, rehearsed
-from ros_bridge.core.situation import Code, Refusal, Situation, Task, named, refusal_of, task
+from ros_bridge.core.planning import plan_task, rehearse
+from ros_bridge.core.situation import (
+    Code,
+    PlanTask,
+    Refusal,
+    Situation,
+    in_terms_of_messages,
+    refusal_of,
+    task,
+)
 from ros_bridge.core.tracks import Verdict
 from ros_bridge.nodes.requests import NO_PLAN, check
 from ros_bridge.transport import process, qos, topics, views
@@ -66,7 +74,7 @@ class Runner(ListeningNode):
         super().__init__(**more)
         self._revision = 0
         self._unique = NO_PLAN
-        self._views: tuple[Plan, Task] | None = None
+        self._views: tuple[Plan, PlanTask] | None = None
         self._answers: Counter[str] = Counter()
         self._last_answer = "none yet"
         self._outside: tuple[str, ...] = ()  # what of the last plan is outside the policy's domain
@@ -89,7 +97,7 @@ class Runner(ListeningNode):
                 raise ValueError(
                     f"route_durability is {durability!r}, expected {' or '.join(qos.ROUTE)}"
                 )
-            policy, digest = loaded(file), self._value("policy_sha256")
+            policy, digest = load_policy(file), self._value("policy_sha256")
             if digest and digest.lower() != policy.sha256:
                 raise ValueError(
                     f"policy_sha256 is {digest!r}, but {file or 'the policy that ships'} has "
@@ -132,7 +140,7 @@ class Runner(ListeningNode):
         """Plan once, so that the first request is answered as fast as the others."""
         self._warm_up_timer.cancel()
         if self._policy is not None:
-            rehearsed(self._policy, planning_settings(self._value, self._aircraft).options)
+            rehearse(self._policy, planning_settings(self._value, self._aircraft).options)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Withdraw the plan, because it would not be replaced, and stop answering."""
@@ -214,7 +222,7 @@ class Runner(ListeningNode):
             raise Refusal(Code.INVALID_ROUTE, error.field, error.problem) from error
         wanted = task(self._situation, now, settings, asked)
         try:
-            result = planned(wanted, self._policy, exhaustive=False)
+            result = plan_task(wanted, self._policy, exhaustive=False)
             # A monitor cannot wait for the slow stages: it asks again, and has its backup
             # meanwhile.
             patient = request.reason != request.REASON_REPLAN and not self._searching
@@ -225,14 +233,14 @@ class Runner(ListeningNode):
         self._publish(result, wanted, response)
 
     async def _searched(
-        self, wanted: Task, policy: Policy, asked: conversions.Route | None
+        self, wanted: PlanTask, policy: Policy, asked: conversions.Route | None
     ) -> Plan:
         """Search exhaustively in a thread beside the node, which goes on receiving and answering
         meanwhile.
         """
         era, unique = self._era, self._unique
         done = Future(executor=self.executor)
-        job = self._thread.submit(planned, wanted, policy, exhaustive=True)
+        job = self._thread.submit(plan_task, wanted, policy, exhaustive=True)
         self._searching = True
         job.add_done_callback(lambda _: self._wake(done))
         try:
@@ -253,7 +261,7 @@ class Runner(ListeningNode):
         late = (then.time - wanted.time) / SECOND
         there = then.own, then.intruders, then.points, then.options, then.own_altitude
         # The plan is flown in the wind that it was made in.
-        return rechecked(found, late, *there, found.wind, areas=then.areas)
+        return recheck(found, late, *there, found.wind, areas=then.areas)
 
     def _wake(self, done: Future) -> None:
         """Let the node go on with an answer; called from the other thread."""
@@ -262,7 +270,9 @@ class Runner(ListeningNode):
         if executor is not None:
             executor.wake()
 
-    def _publish(self, result: Plan, wanted: Task, response: GenerateTrajectory.Response) -> None:
+    def _publish(
+        self, result: Plan, wanted: PlanTask, response: GenerateTrajectory.Response
+    ) -> None:
         frame = self._value("map_frame")
         self._revision = self._next(wanted.time)
         message = plan_message(
@@ -273,7 +283,7 @@ class Runner(ListeningNode):
         response.message = "; ".join(reason.message for reason in result.reasons)
         response.field = result.reasons[0].field if result.reasons else ""
         advisories = [
-            one._replace(field=named(one.field, wanted.identifiers))
+            one._replace(field=in_terms_of_messages(one.field, wanted.identifiers))
             for one in (*result.advisory, *wanted.notes)
         ]
         response.advisories = [advisory_message(one) for one in advisories]

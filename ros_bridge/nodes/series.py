@@ -7,7 +7,7 @@ from typing import Any
 
 from envs.encounters import EncounterError, scenario
 from envs.scenarios import resolve
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import take
 from ros_bridge.nodes import simulator
 from ros_bridge.nodes.simulator import Simulator
@@ -27,7 +27,9 @@ class Series(Simulator):
         self._name, self._first = self._value("scenario"), first
         try:
             resolve(self._name)
-            self._encounters = numbered(scenario(self._name, self.aircraft), seed, first, count)
+            self._encounters = encounters_of_seed(
+                scenario(self._name, self.aircraft), seed, first, count
+            )
         except EncounterError as error:
             raise ValueError(str(error)) from error
         self._left = list(range(count))

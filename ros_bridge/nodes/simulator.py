@@ -47,7 +47,7 @@ from ros_bridge.nodes.simulator_messages import route_of, state_message
 from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance, curve
 from ros_bridge.sim.receivers import Quality, Receiver
-from ros_bridge.sim.world import OWN, EncounterFlight, SimulationError, Truth, installed
+from ros_bridge.sim.world import OWN, EncounterFlight, SimulationError, Truth, check_installed
 from ros_bridge.transport import topics
 from ros_bridge.transport.messages import header, time_message
 from ros_bridge.transport.settings import declare, limits_of
@@ -79,7 +79,7 @@ class Simulator(Node):
         self.aircraft = aircraft  # the ownship and its task
         self._frame = LocalFrame(self._value("origin_latitude"), self._value("origin_longitude"))
         self._monitored = bool(self._value("monitor"))
-        installed(self._value("vehicle"))
+        check_installed(self._value("vehicle"))
         self._viewer: Any = None
         if self._value("flightgear"):
             if self._value("vehicle") != "c208":
@@ -313,7 +313,7 @@ class Simulator(Node):
 
     def _choose(self, flight: EncounterFlight) -> None:
         """Fly the trajectory that the monitor names, or the newest plan without a monitor."""
-        wanted = self._guidance.selected()
+        wanted = self._guidance.select()
         if wanted is None or bytes(wanted.id.uuid) == self._following:
             return
         self._following = bytes(wanted.id.uuid)

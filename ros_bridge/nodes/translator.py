@@ -38,7 +38,7 @@ from sensor_msgs.msg import NavSatFix
 
 from ros_bridge.core import adapters, adsb_live
 from ros_bridge.core.conversions import ALTITUDE_CODES, aircraft
-from ros_bridge.core.fields import SECOND, FieldError, readable, stamp, tried
+from ros_bridge.core.fields import SECOND, FieldError, attempt, readable, stamp
 from ros_bridge.core.reports import Report
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.adsb_receiver import Receiver, checked_source
@@ -55,7 +55,7 @@ _SILENCE = 10.0  # s after which a receiver that sends nothing is said to
 _DRAINED = 0.1  # s between two looks at what a receiver has sent
 
 
-def paired(fix: Any, twist: Any, identity: str, reference: str, apart: float) -> Report:
+def pair(fix: Any, twist: Any, identity: str, reference: str, apart: float) -> Report:
     """Return the report of a fix and the velocity beside it, or raise :class:`FieldError` with a
     sighting.
 
@@ -160,13 +160,13 @@ class Translator(Node):
 
     def _on_fix(self, into: Any, name: str, message: NavSatFix) -> None:
         apart = self._value("velocity_apart")
-        self._pass(into, tried(lambda: paired(message, self._twist, name, self._reference, apart)))
+        self._pass(into, attempt(lambda: pair(message, self._twist, name, self._reference, apart)))
 
     def _on_inspva(self, message: Any) -> None:
-        self._pass(self._own, tried(lambda: adapters.inspva(message, self._value("own_id"))))
+        self._pass(self._own, attempt(lambda: adapters.inspva(message, self._value("own_id"))))
 
     def _on_adsb(self, message: Any) -> None:
-        self._pass(self._traffic, tried(lambda: adapters.adsb_vehicle(message, self._references)))
+        self._pass(self._traffic, attempt(lambda: adapters.adsb_vehicle(message, self._references)))
 
     def _on_ownship(self, message: AircraftState) -> None:
         self._live.own = readable(
@@ -183,7 +183,7 @@ class Translator(Node):
                 continue
             self._heard = item[0]
             try:
-                for found in self._reader.taken(item[1], item[0]):
+                for found in self._reader.reports_of(item[1], item[0]):
                     self._pass(self._traffic, found)
             except TimeoutError as late:
                 self._receiver.restart()

@@ -7,11 +7,11 @@ newest SAFE plan until it is withdrawn. Messages are read by their fields; nothi
 from typing import Any, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
-from envs.waypoints import Legs, knots, legs
+from envs.waypoints import Legs, legs, plan_states
 from envs.wind import Wind
 from ros_bridge.core.conversions import STATUS_SAFE, trajectory
 from ros_bridge.core.fields import FieldError
-from ros_bridge.core.replies import flown, wind_of
+from ros_bridge.core.replies import to_frame, wind_of
 
 STATUS_WITHDRAWN = 3
 FLY_PLAN, FLY_BACKUP = 1, 2
@@ -41,7 +41,7 @@ class Guidance:
             del self._plans[next(iter(self._plans))]
         return True
 
-    def selected(self) -> Any:
+    def select(self) -> Any:
         """Return the trajectory that is to be flown now; None: nothing, or what is named has not
         arrived yet.
         """
@@ -68,4 +68,4 @@ def curve(frame: LocalFrame, message: Any) -> Flying:
     if not plan.points:
         raise FieldError("trajectory.waypoints", "has 0 points, expected 1 or more")
     wind = wind_of(frame, plan)
-    return Flying(legs(knots(*flown(frame, plan), wind=wind)), plan.began, wind)
+    return Flying(legs(plan_states(*to_frame(frame, plan), wind=wind)), plan.began, wind)

@@ -19,7 +19,7 @@ from envs.follower import PERIOD, KinematicVehicle, Vehicle, guidance
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, velocity
 from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
-from envs.waypoints import Legs, Waypoint, at, knots, legs
+from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from ros_bridge.sim.plan_flight import PlanFlight
 
 ALTITUDE = 2_500.0
@@ -46,7 +46,7 @@ class Truth(NamedTuple):
     error: float = 0.0  # largest distance from where the line was at the time, m, plans only
 
 
-def installed(name: str) -> None:
+def check_installed(name: str) -> None:
     """Raise :class:`SimulationError` for a kind of ownship that is unknown, or whose needs are not
     installed.
     """
@@ -65,7 +65,7 @@ def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) 
 
     A viewer, an :class:`envs.c208.flightgear.FlightGear`, shows the one in JSBSim.
     """
-    installed(name)
+    check_installed(name)
     if name == "kinematic":
         return KinematicVehicle(state, limits)
     low, high = C208_PUBLISHED.speed_min, C208_PUBLISHED.speed_max
@@ -119,7 +119,7 @@ class EncounterFlight:
         self._intruders = intruder.start(
             VehicleState(*(field[0][there] for field in encounter.intruders)), np
         )
-        self.fly(legs(knots(start, [end])), 0.0, plan=False)
+        self.fly(legs(plan_states(start, [end])), 0.0, plan=False)
         self.truth = Truth()  # since the beginning, or since a new one was put here
         self.reached: float | None = None  # when the goal was passed, s
         self._intent = take(take(encounter.intent, 0), there)
@@ -144,7 +144,7 @@ class EncounterFlight:
         """
         self._curves, self._began, self._on_plan = curves, began, plan
         if plan:
-            own, there = self.own, self._planned()
+            own, there = self.own, self._planned_place()
             self.plans.append(
                 PlanFlight(
                     began,
@@ -189,14 +189,14 @@ class EncounterFlight:
             if beyond or math.hypot(east, north) <= self._goal_radius:
                 self.reached = self.time
 
-    def _planned(self) -> VehicleState:
+    def _planned_place(self) -> VehicleState:
         """Return where the line that is flown is now."""
         place = at(self._curves, np.float64(self.time - self._began))
         return VehicleState(*(float(field) for field in place))
 
     def _record(self, own: VehicleState, separation: float) -> None:
         """Note how the last period went, against the plan that was flown."""
-        place, plan = self._planned(), self.plans[-1]
+        place, plan = self._planned_place(), self.plans[-1]
         error = math.hypot(place.x - own.x, place.y - own.y)
         self.truth = self.truth._replace(error=max(self.truth.error, error))
         plan.ended = self.time

@@ -24,12 +24,12 @@ _IN_ORDER = 10.0  # s in which a child without a parent must end in order
 _PATIENCE = 15.0  # s in which a child must end once it is asked to
 
 
-def started(module: str, *arguments: str) -> "subprocess.Popen[bytes]":
+def start_node(module: str, *arguments: str) -> "subprocess.Popen[bytes]":
     """Start a node of ours, ``python -m module``, as a child that ends with this process."""
     return subprocess.Popen([sys.executable, "-m", module, FLAG, *arguments], stdin=subprocess.PIPE)
 
 
-def stopped(children: "Iterable[subprocess.Popen[bytes]]") -> None:
+def stop(children: "Iterable[subprocess.Popen[bytes]]") -> None:
     """End children, and wait until they have ended; one that does not is killed."""
     children = list(children)
     for child in children:

@@ -43,7 +43,7 @@ ARGUMENTS = (
 """Name, default and meaning of the arguments of every launch file."""
 
 
-def declared(*more: tuple[str, str, str], **other: str) -> list[DeclareLaunchArgument]:
+def declarations(*more: tuple[str, str, str], **other: str) -> list[DeclareLaunchArgument]:
     """Return the arguments of a launch file: the common ones, with ``other`` defaults, and
     ``more``.
     """

@@ -22,7 +22,7 @@ from ros_bridge.core.conversions import ALTITUDE_CODES, PlanPoint
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.replies import plan_points, start_point, true_wind
 from ros_bridge.core.reports import Report, Sighting
-from ros_bridge.core.situation import Task
+from ros_bridge.core.situation import PlanTask
 
 _CODES = {name: code for code, name in ALTITUDE_CODES.items()}
 
@@ -70,7 +70,7 @@ def trajectory_message(
 
 
 def plan_message(
-    plan: Plan, task: Task, frame: str, revision: int, *, certified: bool = False
+    plan: Plan, task: PlanTask, frame: str, revision: int, *, certified: bool = False
 ) -> Trajectory:
     """Return a plan as a trajectory, UNRESOLVED unless it is safe; ``certified`` with the
     certificate of a SAFE one.
@@ -78,7 +78,7 @@ def plan_message(
     out = {one.number for one in plan.excluded}
     proof = None
     if certified:
-        proof = plan.certified(task.time, (task.frame.latitude, task.frame.longitude))
+        proof = plan.certificate_with(task.time, (task.frame.latitude, task.frame.longitude))
     message = trajectory_message(
         Trajectory.STATUS_SAFE if plan.safe else Trajectory.STATUS_UNRESOLVED,
         task.time,

@@ -38,7 +38,7 @@ class Parameter(NamedTuple):
         """The meaning, and whether it can be changed while the node runs."""
         return f"{self.meaning}; read at the start" if self.fixed else self.meaning
 
-    def resolved(self, aircraft: Aircraft | None, known: dict[str, float]) -> "Parameter":
+    def in_si(self, aircraft: Aircraft | None, known: dict[str, float]) -> "Parameter":
         """Return the parameter in SI units; ``known`` is what the aircraft has, by name."""
         if self.low is None or self.high is None:
             return self

@@ -123,7 +123,7 @@ class Recorder:
         self._counts: Counter[int] = Counter()
         schemas: dict[str, int] = {}
         channels = []
-        with self._guarded() as writer:
+        with self._guard() as writer:
             writer.start(profile="ros2", library="rlcas-toolkit")
             for topic in topics.EVERY:
                 name = f"{topic.kind.__module__.split('.')[0]}/msg/{topic.kind.__name__}"
@@ -154,19 +154,19 @@ class Recorder:
         )
         if time.monotonic() - self._settled > _SETTLE:
             self._settled = time.monotonic()
-            with self._guarded() as writer:
+            with self._guard() as writer:
                 writer.flush()
 
     def close(self) -> None:
         """Finish the file, or raise OSError."""
         if self._writer is not None:
-            with self._guarded() as writer:
+            with self._guard() as writer:
                 writer.finish()
                 self._file.close(finished=True)
             self._writer = None
 
     @contextmanager
-    def _guarded(self) -> Generator[Writer]:
+    def _guard(self) -> Generator[Writer]:
         """End the recording where it cannot be written: it keeps what it holds, under a name that
         says so.
         """

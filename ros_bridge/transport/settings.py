@@ -53,21 +53,21 @@ def declare(node: Any, kind: str) -> Aircraft | None:
         file, policy_file, extensions = (node.get_parameter(one.name).value for one in first)
         load_extensions(extensions)
         aircraft = aircraft_of(file, policy_file)
-    for one in resolved(kind, aircraft):
+    for one in parameters_of(kind, aircraft):
         if not node.has_parameter(one.name):
             node.declare_parameter(one.name, one.default, _descriptor(one))
     refuse_unknown_parameters(node, [one.name for one in mine])
     return aircraft
 
 
-def resolved(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
+def parameters_of(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
     """Yield the parameters of a kind of nodes for an aircraft, in SI units and degrees."""
     known: dict[str, float] = {}
     if aircraft is not None:
         legs = aircraft.vehicle_limits
         known = legs._asdict() | {"yaw_rate_max": round(math.degrees(legs.yaw_rate_max), 9)}
         known |= {name: getattr(aircraft, name) for name in ("separation", "goal_radius")}
-    return (one.resolved(aircraft, known) for one in of(kind))
+    return (one.in_si(aircraft, known) for one in of(kind))
 
 
 def _descriptor(one: Parameter) -> ParameterDescriptor:

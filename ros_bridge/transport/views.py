@@ -13,11 +13,11 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from agents.planner.answer import Plan
-from agents.planner.request import reported
-from agents.planner.traffic import advanced
-from envs.waypoints import Legs, Waypoint, at, knots, legs
+from agents.planner.request import arrays_of_reports
+from agents.planner.traffic import advance_reports
+from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.situation import Task
+from ros_bridge.core.situation import PlanTask
 from ros_bridge.transport.messages import header
 
 _TEXT = Marker.TEXT_VIEW_FACING
@@ -25,7 +25,7 @@ _STEP = 2.0  # s between the points of the drawn line
 _SAFE, _UNSAFE, _TRAFFIC = (0.1, 0.6, 0.3), (0.85, 0.2, 0.1), (0.9, 0.55, 0.1)
 
 
-def path(plan: Plan, task: Task, frame: str) -> Path:
+def path(plan: Plan, task: PlanTask, frame: str) -> Path:
     """Return the start and the waypoints as poses, each stamped with its time of arrival."""
     start = Waypoint(0, task.own.x, task.own.y, task.own.heading, task.own.speed, 0.0)
     poses = [
@@ -43,7 +43,7 @@ def path(plan: Plan, task: Task, frame: str) -> Path:
     return Path(header=header(task.time, frame), poses=poses)
 
 
-def markers(plan: Plan, task: Task, frame: str) -> MarkerArray:
+def markers(plan: Plan, task: PlanTask, frame: str) -> MarkerArray:
     """Return the line of flight, the waypoints with their indices, and the intruders with the
     distance to keep.
     """
@@ -79,7 +79,7 @@ def markers(plan: Plan, task: Task, frame: str) -> MarkerArray:
                 pose=_pose(point.x, point.y, z=unit),
             )
     for name, intruder in zip(task.identifiers, task.intruders, strict=True):
-        now = advanced(*reported([intruder])).state
+        now = advance_reports(*arrays_of_reports([intruder])).state
         place = float(now.x[0, 0]), float(now.y[0, 0])
         keep = 2.0 * task.options.requirement.separation
         add(
@@ -100,8 +100,8 @@ def diagnostics(
     return DiagnosticArray(header=header(node.get_clock().now().nanoseconds, ""), status=[status])
 
 
-def _line(plan: Plan, task: Task) -> list[tuple[float, float]]:
-    curve = legs(knots(task.own, plan.waypoints, wind=plan.wind))
+def _line(plan: Plan, task: PlanTask) -> list[tuple[float, float]]:
+    curve = legs(plan_states(task.own, plan.waypoints, wind=plan.wind))
     end = plan.waypoints[-1].time
     times = np.append(np.arange(0.0, end, _STEP), end)
     each = Legs(*(np.broadcast_to(field, (times.size, *np.shape(field))) for field in curve))

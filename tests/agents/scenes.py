@@ -19,7 +19,7 @@ from envs.intruder import Intent
 from envs.kinematics import SURROGATE, Limits, VehicleState
 from envs.outcome import RULES
 from envs.perception import Sensor
-from envs.waypoints import Knots
+from envs.waypoints import PlanStates
 from tests.support import mirrored
 
 SPEED = 75.0
@@ -28,11 +28,11 @@ THRESHOLDS = Thresholds.for_plans(Options.for_aircraft(PAPER))
 NAN = math.nan
 
 
-def straight(time: float = 0.0, count: int = 1, y: float = 0.0) -> Knots:
+def straight(time: float = 0.0, count: int = 1, y: float = 0.0) -> PlanStates:
     """Return a plan that was asked for at ``time`` on the way east, ``[count, 21]``."""
     seconds = np.broadcast_to(np.arange(21) * 20.0, (count, 21)).copy()
     zero = np.zeros_like(seconds)
-    return Knots(SPEED * (seconds + time), zero + y, zero, zero + SPEED, seconds)
+    return PlanStates(SPEED * (seconds + time), zero + y, zero, zero + SPEED, seconds)
 
 
 def on_plan(time: float, count: int = 1, left: float = 0.0, ahead: float = 0.0) -> VehicleState:
@@ -85,10 +85,12 @@ def tell(
 
 
 def reply(
-    monitor: Monitor, decision: Decision, *, safe: bool, knots: Knots | None = None
+    monitor: Monitor, decision: Decision, *, safe: bool, plan_states: PlanStates | None = None
 ) -> tuple[Monitor, Any]:
     rows = np.flatnonzero(decision.replan)
-    given = straight(float(monitor.memory.time[0]), rows.size) if knots is None else knots
+    given = (
+        straight(float(monitor.memory.time[0]), rows.size) if plan_states is None else plan_states
+    )
     return assurance.answer(
         monitor, rows, decision.number[rows], given, np.full(rows.size, safe), THRESHOLDS
     )

@@ -28,7 +28,7 @@ from agents.planner import Intruder, Status, plan
 from agents.planner.certificate import FORMAT
 from agents.planner.request import Altitude
 from benchmarks.safety.judgement import wrong
-from benchmarks.safety.mutation import moved
+from benchmarks.safety.mutation import mutate
 from envs import waypoints
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
@@ -181,7 +181,7 @@ def test_fast_intruder_that_crosses_between_waypoints(
 
 
 def test_checker_refuses_what_sampling_finds_wrong(data: dict[str, Any]) -> None:
-    changed = [moved(data, np.random.default_rng([4, number])) for number in range(40)]
+    changed = [mutate(data, np.random.default_rng([4, number])) for number in range(40)]
     faults = wrong([one for one, _ in changed])
     for (one, kind), fault in zip(changed, faults, strict=True):
         if fault:
@@ -217,12 +217,12 @@ def test_controls_are_the_legs() -> None:
             row[2] + 0.3,
             row[3] + 1.0,
         ]
-        knots = np.array([row, [*after, row[4] + 20.0]])
-        curve = waypoints.legs(waypoints.Knots(*knots.T))
+        plan_states = np.array([row, [*after, row[4] + 20.0]])
+        curve = waypoints.legs(waypoints.PlanStates(*plan_states.T))
         expected = np.concatenate([curve.yaw_rate[0], curve.acceleration[0]])
-        assert check.curve_controls(*(check.Knot(*row) for row in knots.tolist())) == pytest.approx(
-            expected, abs=1e-11
-        )
+        assert check.curve_controls(
+            *(check.PlanState(*row) for row in plan_states.tolist())
+        ) == pytest.approx(expected, abs=1e-11)
 
 
 @pytest.mark.parametrize("start", [-0.8923062638605757, -1.0292885300099641, 0.0])
@@ -231,8 +231,8 @@ def test_controls_are_the_legs() -> None:
 )
 def test_half_circles_turn_the_same_way_in_checker_and_legs(start: float, turn: float) -> None:
     rows = [[1_960.0, -2_483.0, start, 92.0, 0.0], [1_128.0, -3_207.0, start + turn, 81.0, 20.0]]
-    curve = waypoints.legs(waypoints.Knots(*np.array(rows).T))
-    found = check.curve_controls(*(check.Knot(*row) for row in rows))
+    curve = waypoints.legs(waypoints.PlanStates(*np.array(rows).T))
+    found = check.curve_controls(*(check.PlanState(*row) for row in rows))
     assert sum(found[:10]) * 2.0 == pytest.approx(curve.yaw_rate.sum() * 2.0)
     assert abs(sum(found[:10]) * 2.0) == pytest.approx(math.pi)
 
@@ -354,7 +354,7 @@ def test_other_aircraft_files_are_refused(text: str) -> None:
 
 def test_a_certificate_says_which_flight_it_belongs_to(data: dict[str, Any]) -> None:
     answer = plan(OWN, INTRUDERS, ROUTE, Policy.load(), own_altitude=HEIGHT)
-    named = json.loads(answer.certified(time_ns=17, origin=(47.5, 8.25)) or b"")
+    named = json.loads(answer.certificate_with(time_ns=17, origin=(47.5, 8.25)) or b"")
     assert named["request"] == {
         "policy": Policy.load().sha256,
         "time_ns": 17,

@@ -26,7 +26,7 @@ from envs.aircraft import PAPER, Ratios
 from envs.edge.command import run_cli
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("jax2onnx")
@@ -39,7 +39,7 @@ SHIPPED = Path(str(resources.files("agents").joinpath("data/policy.safetensors")
 
 def states(count: int, most: int) -> tuple[Any, ...]:
     """Return encounters at their start: own, intruders, mask and goal."""
-    drawn = numbered(scenario("multi", PAPER, intruders=(1, most)), 7, 0, count)
+    drawn = encounters_of_seed(scenario("multi", PAPER, intruders=(1, most)), 7, 0, count)
     return drawn.own, drawn.intruders, drawn.mask, drawn.goal_x, drawn.goal_y
 
 

@@ -157,8 +157,8 @@ def test_observation_is_not_written_to_and_calls_repeat():
 
 def test_an_action_that_is_not_finite_is_refused():
     spoilt = Policy(content())
-    kernel, bias = spoilt._decider.layers[-1]
-    spoilt._decider.layers[-1] = kernel, bias + np.float32(np.nan)
+    kernel, bias = spoilt._resolver.layers[-1]
+    spoilt._resolver.layers[-1] = kernel, bias + np.float32(np.nan)
     own = VehicleState(0.0, 0.0, 0.0, 75.0)
     for call in (
         lambda: spoilt(random_observations()[:3]),

@@ -14,7 +14,7 @@ import pytest
 
 from agents import check
 from agents.planner import separation, validator
-from agents.planner.traffic import Requirement, Traffic, advanced, required
+from agents.planner.traffic import Requirement, Traffic, advance_reports, requirement_of
 from envs import area_geometry, waypoints
 from envs.areas import Area, Polygon
 from envs.kinematics import C208_PUBLISHED, VehicleState
@@ -251,9 +251,9 @@ def test_requirement_is_the_proven_one() -> None:
         spread = COQ["norm"](std, vstd * age)
         least = asked.separation if math.isnan(own) else own
         base = COQ["required"](least, asked.margin, asked.sigmas, spread, away)
-        assert required(traffic, VehicleState(*np.full((4, 1), away / math.sqrt(2.0))), asked)[
-            0, 0
-        ] == pytest.approx(base)
+        assert requirement_of(
+            traffic, VehicleState(*np.full((4, 1), away / math.sqrt(2.0))), asked
+        )[0, 0] == pytest.approx(base)
         grown = separation.growth(traffic, np.array([[time]]), asked)
         assert grown.item() == pytest.approx(
             COQ["growth"](asked.sigmas, std, vstd, age, time), abs=1e-9
@@ -277,8 +277,8 @@ def test_intruders_fly_the_proven_closed_form() -> None:
         )
         row = [np.full((1, 1), value) for value in (0.0, 0.0, psi, v, w, lasts, 0.0, 0.0, 0.0)]
         traffic = Traffic(VehicleState(*row[:4]), np.ones((1, 1), dtype=bool), *row[4:])
-        now = advanced(traffic, np.full((1, 1), age))
-        place = separation._flown(now, np.array([[time]]))
+        now = advance_reports(traffic, np.full((1, 1), age))
+        place = separation._positions(now, np.array([[time]]))
         assert (place[0].item(), place[1].item()) == pytest.approx((x, y), abs=1e-6)
         report = check.Report(0.0, 0.0, psi, v, age, w, lasts, 0.0, 0.0, 1.0)
         ball = check.track(report, check.Wind(0.0, 0.0, 0.0)).place_at(check.ball(time))
@@ -305,8 +305,8 @@ def test_positions_along_an_arc_are_the_proven_sum() -> None:
 def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -> None:
     # A leg of ten minutes that winds: 0.6 rad in half an arc.
     ends = ([0.0, 16_677.97], [0.0, -3_722.89], [0.0, 0.12332], [99.0, 99.0], [0.0, 600.0])
-    knots = waypoints.Knots(*(np.array([row]) for row in ends))
-    curves = waypoints.legs(knots)
+    plan_states = waypoints.PlanStates(*(np.array([row]) for row in ends))
+    curves = waypoints.legs(plan_states)
     arcs = [
         field.ravel().tolist() for field in (curves.yaw_rate, curves.acceleration, curves.speed)
     ]
@@ -326,11 +326,15 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
 
     one = np.ones((1, 1))
     traffic = Traffic.straight(VehicleState(8_000.0 * one, 9_000.0 * one, one, 0.0 * one))
-    near = validator.validate(knots, traffic, Requirement(1_000.0), C208_PUBLISHED).min_separation
+    near = validator.validate(
+        plan_states, traffic, Requirement(1_000.0), C208_PUBLISHED
+    ).min_separation
     monkeypatch.setattr(
         validator, "position_error_bound", lambda curves: 1.0 + 0.0 * curves.duration
     )
-    less = validator.validate(knots, traffic, Requirement(1_000.0), C208_PUBLISHED).min_separation
+    less = validator.validate(
+        plan_states, traffic, Requirement(1_000.0), C208_PUBLISHED
+    ).min_separation
     assert near - less == pytest.approx([1.0 - error])
 
 
@@ -343,7 +347,7 @@ def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> N
         return chords(*given)
 
     monkeypatch.setattr(validator, "chords", spy)
-    knots = waypoints.Knots(
+    plan_states = waypoints.PlanStates(
         *(
             np.array([row])
             for row in (
@@ -365,9 +369,9 @@ def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> N
         0.0 * one,
         0.0 * one,
     )
-    validator.validate(knots, traffic, Requirement(1_000.0), C208_PUBLISHED)
+    validator.validate(plan_states, traffic, Requirement(1_000.0), C208_PUBLISHED)
     relative_acceleration = seen[0][5].ravel()  # of both legs
-    curves = waypoints.legs(knots)
+    curves = waypoints.legs(plan_states)
     expected = [
         COQ["own_acceleration"](v, w, p, 2.0) + COQ["other_acceleration"](90.0, 0.02, 10.0)
         for v, w, p in zip(

@@ -274,7 +274,7 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
     inputs = flight.reset()
     state, pool = jax.tree.map(jnp.array, flight._state), flight._pool
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
-    ours = task._training_environment(config, world, pool, config.drawn())
+    ours = task._training_environment(config, world, pool, config.training_scenarios())
 
     @jax.jit
     def seen_by_networks(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
@@ -296,10 +296,10 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
         statistics.append(result.statistics)
     stacked = jax.tree.map(lambda *rows: jnp.stack(rows), *statistics)
     figures = task._episodes(stacked, 95 * 8, None)
-    returns, episodes = flight.flown()
+    returns, episodes = flight.take_episodes()
     assert episodes == figures["episodes"] > 8
     assert returns / episodes == pytest.approx(float(figures["score"]), rel=1e-5)
-    assert flight.flown() == (0.0, 0)
+    assert flight.take_episodes() == (0.0, 0)
     before = np.asarray(flight._pool.own.x)
     np.testing.assert_array_equal(before, pool.own.x)  # drawn for a rollout, and for the next anew
     flight.step(action)

@@ -25,17 +25,17 @@ from benchmarks.learning import run as learning
 from benchmarks.learning import training as learning_run
 from benchmarks.learning.curves import (
     WINDOW,
-    Flown,
+    Episodes,
     Point,
     Times,
     Windows,
     ratio,
-    reached,
     score_at,
     t_mean,
+    time_to_score,
 )
 from benchmarks.learning.training import Log
-from benchmarks.learning.trials import PEERS_BEST, Trial, best, changed, described, settings
+from benchmarks.learning.trials import PEERS_BEST, Trial, best, describe, settings, with_setting
 from rlcas_jax import task
 from rlcas_jax.config import TrainConfig
 from tests.benchmarks.test_benchmarks import SHAPED
@@ -54,7 +54,7 @@ def curve(*scores: float, step: int = 100, wall_s: float = 2.0) -> list[Point]:
 def test_windows_lose_no_step_no_second_and_no_episode(made: list[tuple[int, int]], least: int):
     windows, points = Windows(least), []
     for steps, episodes in made:
-        point = windows.add(Flown(steps, -100.0 * episodes, episodes), 0.5)
+        point = windows.add(Episodes(steps, -100.0 * episodes, episodes), 0.5)
         points += [] if point is None else [point]
     points.append(windows.rest())
     assert points[-1].steps == sum(steps for steps, _ in made)
@@ -69,10 +69,10 @@ def test_windows_lose_no_step_no_second_and_no_episode(made: list[tuple[int, int
 
 def test_the_score_of_a_window_does_not_depend_on_how_its_episodes_fall_into_updates():
     whole, parts = Windows(100), Windows(100)
-    one = whole.add(Flown(100, 100.0 * 6 - 10.0 - 100.0, 8), 4.0)
+    one = whole.add(Episodes(100, 100.0 * 6 - 10.0 - 100.0, 8), 4.0)
     for _ in range(3):
-        assert parts.add(Flown(25, 200.0, 2), 1.0) is None
-    assert parts.add(Flown(25, -110.0, 2), 1.0) == one
+        assert parts.add(Episodes(25, 200.0, 2), 1.0) is None
+    assert parts.add(Episodes(25, -110.0, 2), 1.0) == one
 
 
 # What is read off curves
@@ -80,14 +80,14 @@ def test_the_score_of_a_window_does_not_depend_on_how_its_episodes_fall_into_upd
 
 def test_time_to_a_score_lies_between_the_windows_by_a_straight_line():
     run = curve(-100.0, math.nan, 60.0, 80.0, 70.0, 90.0)
-    assert reached(run, 75.0, "wall_s") == pytest.approx(6.0 + 2.0 * 15.0 / 20.0)
-    assert reached(run, 75.0, "steps") == pytest.approx(375.0)
-    assert reached(run, 80.0, "wall_s") == 8.0
-    assert reached(run, 85.0, "wall_s") == pytest.approx(10.0 + 2.0 * 15.0 / 20.0)
-    assert reached(run, -20.0, "wall_s") == pytest.approx(2.0 + 4.0 * 80.0 / 160.0)
-    assert reached(run, -150.0, "wall_s") == 2.0
-    assert reached(run, 90.5, "wall_s") is None
-    assert reached([], 75.0, "wall_s") is None
+    assert time_to_score(run, 75.0, "wall_s") == pytest.approx(6.0 + 2.0 * 15.0 / 20.0)
+    assert time_to_score(run, 75.0, "steps") == pytest.approx(375.0)
+    assert time_to_score(run, 80.0, "wall_s") == 8.0
+    assert time_to_score(run, 85.0, "wall_s") == pytest.approx(10.0 + 2.0 * 15.0 / 20.0)
+    assert time_to_score(run, -20.0, "wall_s") == pytest.approx(2.0 + 4.0 * 80.0 / 160.0)
+    assert time_to_score(run, -150.0, "wall_s") == 2.0
+    assert time_to_score(run, 90.5, "wall_s") is None
+    assert time_to_score([], 75.0, "wall_s") is None
 
 
 @given(
@@ -97,7 +97,7 @@ def test_time_to_a_score_lies_between_the_windows_by_a_straight_line():
 )
 def test_a_higher_score_is_never_reached_sooner(scores: list[float], score: float, more: float):
     run = curve(*scores)
-    low, high = reached(run, score, "wall_s"), reached(run, score + more, "wall_s")
+    low, high = time_to_score(run, score, "wall_s"), time_to_score(run, score + more, "wall_s")
     assert (low is None) == (max(scores) < score)
     if high is not None:
         assert low is not None
@@ -143,7 +143,7 @@ def test_a_seed_that_does_not_come_to_a_score_leaves_a_bound_and_no_mean():
     }
     found = learning.summary(logs)
     theirs = found["learners"]["sb3"]["time_to_75_s"]
-    first = reached(curve(0.0, 50.0, 80.0, wall_s=8.0), 75.0, "wall_s")
+    first = time_to_score(curve(0.0, 50.0, 80.0, wall_s=8.0), 75.0, "wall_s")
     assert first is not None
     assert theirs["reached"] == 1
     assert theirs["value"] is None
@@ -170,8 +170,8 @@ def test_every_learner_tries_the_same_valid_settings_whatever_their_number():
     assert many[1] == many[0] | PEERS_BEST
     assert len({json.dumps(setting) for setting in many}) == 12
     for setting in many:
-        assert changed(config, setting, 3).ppo.samples <= 131_072
-        assert changed(config, setting, 3).seed == 3
+        assert with_setting(config, setting, 3).ppo.samples <= 131_072
+        assert with_setting(config, setting, 3).seed == 3
     assert settings(config, 0) == []
 
 
@@ -311,7 +311,7 @@ def test_the_best_trial_is_the_soonest_of_those_whose_seeds_all_come_to_the_scor
     assert best([once, slow, slow], None) == slow.setting
     lost = trial(4, curve(0.0, 99.0), ended="diverged")
     assert best([lost, once], None) == once.setting
-    said = described(once, 75.0)
+    said = describe(once, 75.0)
     assert said["time_to_75_s"][1] is None
     assert said["ended"] == ["time", "time"]
 
@@ -357,9 +357,9 @@ class Rising:
     def start(self) -> None:
         self.score = 0.0
 
-    def update(self) -> Flown:
+    def update(self) -> Episodes:
         self.score += 10.0
-        return Flown(WINDOW, 100 * self.score, 100)
+        return Episodes(WINDOW, 100 * self.score, 100)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from agents.planner.request import Altitude, Intruder, Options, Request
 from agents.policy.inference import Policy
 from benchmarks.safety import attack, certificates, judgement, mutation, published
 from benchmarks.safety import run as safety
-from benchmarks.safety.adversary import drawn
+from benchmarks.safety.adversary import draw_requests
 from benchmarks.safety.attack import Batch, Tally, tasks
 from benchmarks.safety.reflight import refly
 from benchmarks.safety.resimulation import CHECKS, Route, resimulate
@@ -26,9 +26,9 @@ from envs.aircraft import PAPER
 from envs.edge.command import ConfigError
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import take
-from envs.waypoints import Knots, RoutePoint, at, legs
+from envs.waypoints import PlanStates, RoutePoint, at, legs
 from eval.flights.plan_flight import request_of
 
 OPTIONS = Options.for_aircraft(PAPER, exhaustive=False)
@@ -37,7 +37,7 @@ OPTIONS = Options.for_aircraft(PAPER, exhaustive=False)
 class Plans(NamedTuple):
     """SAFE plans that come near their intruder; fields ``[N]``."""
 
-    knots: Knots
+    plan_states: PlanStates
     request: Request
     last: Any
     separation: Any
@@ -50,18 +50,20 @@ def policy() -> Policy:
 
 @pytest.fixture(scope="module")
 def plans(policy: Policy) -> Plans:
-    request = request_of(numbered(scenario("circle", PAPER), 11, 0, 40), PAPER)
+    request = request_of(encounters_of_seed(scenario("circle", PAPER), 11, 0, 40), PAPER)
     best = plan_many(request, policy, OPTIONS).proposals
     near = np.flatnonzero(best.safe & (best.min_separation < 1_060.0))[:6]
     assert near.size >= 3
-    return take(Plans(best.knots, request, best.last, best.min_separation), near)
+    return take(Plans(best.plan_states, request, best.last, best.min_separation), near)
 
 
 def found(plans: Plans) -> set[str]:
     """Return the checks that fail for all of the plans."""
     request = plans.request
     route = Route(request.route_x, request.route_y, request.points, plans.last)
-    verdict = resimulate(plans.knots, request.own, request.traffic, route, OPTIONS, OPTIONS.limits)
+    verdict = resimulate(
+        plans.plan_states, request.own, request.traffic, route, OPTIONS, OPTIONS.limits
+    )
     return {name for name, wrong in zip(CHECKS, verdict.wrong, strict=True) if wrong.all()}
 
 
@@ -70,8 +72,10 @@ def nearest(plans: Plans) -> tuple[Any, Any]:
     complex.
     """
     state = plans.request.traffic.state
-    other = state.x + 1j * state.y + state.speed * np.exp(1j * state.heading) * plans.knots.time
-    away = other - plans.knots.x - 1j * plans.knots.y
+    other = (
+        state.x + 1j * state.y + state.speed * np.exp(1j * state.heading) * plans.plan_states.time
+    )
+    away = other - plans.plan_states.x - 1j * plans.plan_states.y
     which = 1 + np.argmin(np.abs(away[:, 1:20]), axis=1)
     to = away[np.arange(len(which)), which]
     return which, to / np.abs(to)
@@ -79,9 +83,9 @@ def nearest(plans: Plans) -> tuple[Any, Any]:
 
 def changed(plans: Plans, name: str, column: Any, change: Any) -> Plans:
     """Return plans with one field of one waypoint of each changed."""
-    field = np.array(getattr(plans.knots, name))
+    field = np.array(getattr(plans.plan_states, name))
     field[np.arange(len(field)), column] += change
-    return plans._replace(knots=plans.knots._replace(**{name: field}))
+    return plans._replace(plan_states=plans.plan_states._replace(**{name: field}))
 
 
 def towards_the_intruder(plans: Plans) -> Plans:
@@ -94,7 +98,7 @@ def towards_the_intruder(plans: Plans) -> Plans:
 
 def all_towards_the_intruder(plans: Plans) -> Plans:
     # From the direction at the closest approach, found on a grid of half a second.
-    curves, other = legs(plans.knots), plans.request.traffic.state
+    curves, other = legs(plans.plan_states), plans.request.traffic.state
     times = np.arange(0.0, 380.0, 0.5)
     own = [at(curves, time) for time in times]
     place = np.stack([state.x + 1j * state.y for state in own], axis=1)
@@ -111,11 +115,15 @@ def all_towards_the_intruder(plans: Plans) -> Plans:
 
 
 def too_fast(plans: Plans) -> Plans:
-    return changed(plans, "speed", 10, OPTIONS.limits.speed_max + 20.0 - plans.knots.speed[:, 10])
+    return changed(
+        plans, "speed", 10, OPTIONS.limits.speed_max + 20.0 - plans.plan_states.speed[:, 10]
+    )
 
 
 def later(plans: Plans) -> Plans:
-    return plans._replace(knots=plans.knots._replace(time=1.01 * plans.knots.time))
+    return plans._replace(
+        plan_states=plans.plan_states._replace(time=1.01 * plans.plan_states.time)
+    )
 
 
 def a_second_later(plans: Plans) -> Plans:
@@ -144,10 +152,12 @@ MUTATIONS: dict[str, tuple[Callable[[Plans], Plans], set[str]]] = {
 def test_untouched_plans_are_confirmed(plans: Plans) -> None:
     route = Route(plans.request.route_x, plans.request.route_y, plans.request.points, plans.last)
     request = plans.request
-    verdict = resimulate(plans.knots, request.own, request.traffic, route, OPTIONS, OPTIONS.limits)
+    verdict = resimulate(
+        plans.plan_states, request.own, request.traffic, route, OPTIONS, OPTIONS.limits
+    )
     assert not verdict.wrong.any()
     np.testing.assert_allclose(verdict.min_separation, plans.separation, atol=0.01)
-    flight = refly(plans.knots, request, OPTIONS.requirement, OPTIONS.limits)
+    flight = refly(plans.plan_states, request, OPTIONS.requirement, OPTIONS.limits)
     assert not (flight.too_close | flight.astray).any()
     np.testing.assert_allclose(flight.separation, plans.separation, atol=0.11)
 
@@ -162,7 +172,7 @@ def test_a_spoiled_plan_is_found(plans: Plans, name: str) -> None:
             plans.request.route_x, plans.request.route_y, plans.request.points, plans.last
         )
         own, traffic = plans.request.own, plans.request.traffic
-        verdict = resimulate(spoil(plans).knots, own, traffic, route, OPTIONS, OPTIONS.limits)
+        verdict = resimulate(spoil(plans).plan_states, own, traffic, route, OPTIONS, OPTIONS.limits)
         assert verdict.wrong.any()
 
 
@@ -174,15 +184,17 @@ def test_a_waypoint_nearer_to_the_intruder_is_found(plans: Plans) -> None:
 
 def test_the_follower_finds_a_near_intruder_and_a_plan_that_starts_elsewhere(plans: Plans) -> None:
     moved = all_towards_the_intruder(plans)
-    assert refly(moved.knots, moved.request, OPTIONS.requirement, OPTIONS.limits).too_close.all()
+    assert refly(
+        moved.plan_states, moved.request, OPTIONS.requirement, OPTIONS.limits
+    ).too_close.all()
     own = plans.request.own
     elsewhere = plans.request._replace(own=own._replace(x=own.x + 0.5))
-    assert refly(plans.knots, elsewhere, OPTIONS.requirement, OPTIONS.limits).astray.all()
+    assert refly(plans.plan_states, elsewhere, OPTIONS.requirement, OPTIONS.limits).astray.all()
 
 
 def test_the_follower_does_not_judge_beyond_the_plan(plans: Plans) -> None:
     # An intruder that stands where the plan would lead ten seconds after its last waypoint.
-    curves, end = legs(plans.knots), plans.knots.time[:, -1]
+    curves, end = legs(plans.plan_states), plans.plan_states.time[:, -1]
     state = at(curves, end)
     ahead = 10.0 * state.speed
     other = plans.request.traffic.state
@@ -191,16 +203,16 @@ def test_the_follower_does_not_judge_beyond_the_plan(plans: Plans) -> None:
     place = (x + away * np.cos(state.heading), y + away * np.sin(state.heading))
     standing = type(other)(place[0][:, None], place[1][:, None], other.heading, 0.0 * other.speed)
     request = plans.request._replace(traffic=plans.request.traffic._replace(state=standing))
-    flight = refly(plans.knots, request, OPTIONS.requirement, OPTIONS.limits)
+    flight = refly(plans.plan_states, request, OPTIONS.requirement, OPTIONS.limits)
     assert not flight.too_close.any()
     assert np.all(flight.separation < 1_020.0)
 
 
 def test_what_plan_publishes_is_judged_too(policy: Policy) -> None:
-    requests = take(drawn(0, 0, 12), slice(0, 12))
+    requests = take(draw_requests(0, 0, 12), slice(0, 12))
     for row in range(12):
         asked = published.question(0, row, take(requests.request, row), 1_000.0)
-        answer = asked.asked(policy, OPTIONS)
+        answer = asked.ask(policy, OPTIONS)
         if answer.safe and asked.intruders and not answer.excluded:
             break
     else:
@@ -250,14 +262,17 @@ def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(
     solved = np.flatnonzero(every.safe)[:1]  # so fast, not all of these can be solved
     assert solved.size
     best, request, one = take(every, solved), take(fast, solved), take(plans, solved)
-    drawn_ = take(drawn(0, 0, 1), slice(0, 1))._replace(request=request)
+    drawn_ = take(draw_requests(0, 0, 1), slice(0, 1))._replace(request=request)
     tally = Tally()
-    attack.judge(tally, 0, drawn_, best.knots, best.last, OPTIONS)
+    attack.judge(tally, 0, drawn_, best.plan_states, best.last, OPTIONS)
     assert tally.violations == []
     faster = changed(
-        one._replace(knots=best.knots, request=request), "speed", 1, 100.7 - best.knots.speed[:, 1]
+        one._replace(plan_states=best.plan_states, request=request),
+        "speed",
+        1,
+        100.7 - best.plan_states.speed[:, 1],
     )
-    attack.judge(tally, 0, drawn_, faster.knots, best.last, OPTIONS)
+    attack.judge(tally, 0, drawn_, faster.plan_states, best.last, OPTIONS)
     assert "speed" in {violation["check"] for violation in tally.violations}
 
 
@@ -269,13 +284,13 @@ def test_batches_follow_from_the_numbers_alone() -> None:
     assert one.hundreds in {batch.hundreds for batch in whole}
     assert 1_200 in one.hundreds
     for batch in whole:
-        variants = {int(drawn(0, hundred, 1).variant[0]) for hundred in batch.hundreds}
+        variants = {int(draw_requests(0, hundred, 1).variant[0]) for hundred in batch.hundreds}
         assert len(variants) == 1
 
 
 def test_parts_of_a_batch_add_up_to_it(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
     batch, sum_ = Batch(0, (0,), 0, 40, False), Tally()
-    requests = drawn(0, 0, 100).request
+    requests = draw_requests(0, 0, 100).request
     answer = plan_many(requests, policy.for_aircraft(PAPER, outside="allow"), OPTIONS)
 
     def known(request: Request, *_: Any) -> Any:

@@ -16,10 +16,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.config.folder_lock import LOCK, is_unused, locked
+from agents.config.folder_lock import LOCK, is_unused, lock
 from envs.edge import compiled
 from envs.edge.command import ConfigError, InputError, Parser, run_cli, visible
-from envs.edge.files import check_regular, check_space, write_file, written
+from envs.edge.files import check_regular, check_space, write_file, write_whole
 from envs.edge.installation import PACKAGES, extra_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -216,7 +216,7 @@ def fail(path: Path) -> None:
 def test_a_full_disk_leaves_the_old_file_and_names_it(tmp_path: Path):
     target = tmp_path / "a.txt"
     write_file(target, "old")
-    with pytest.raises(OSError, match=r"a\.txt") as caught, written(target) as path:
+    with pytest.raises(OSError, match=r"a\.txt") as caught, write_whole(target) as path:
         fail(path)
     assert caught.value.errno == errno.ENOSPC
     assert target.read_text(encoding="utf-8") == "old"
@@ -225,7 +225,7 @@ def test_a_full_disk_leaves_the_old_file_and_names_it(tmp_path: Path):
 
 def test_an_error_about_another_file_keeps_its_name(tmp_path: Path):
     source = tmp_path / "folder" / "source.txt"
-    with pytest.raises(FileNotFoundError) as caught, written(tmp_path / "a.txt"):
+    with pytest.raises(FileNotFoundError) as caught, write_whole(tmp_path / "a.txt"):
         source.read_text(encoding="utf-8")
     assert caught.value.filename == str(source)
 
@@ -233,7 +233,7 @@ def test_an_error_about_another_file_keeps_its_name(tmp_path: Path):
 @pytest.mark.parametrize("target", ["none/a.txt", "folder"])
 def test_what_cannot_be_written_is_refused_before_the_work(tmp_path: Path, target: str):
     (tmp_path / "folder").mkdir()
-    with pytest.raises(OSError) as caught, written(tmp_path / target):
+    with pytest.raises(OSError) as caught, write_whole(tmp_path / target):
         pytest.fail("the block was entered")
     assert caught.value.filename == str(tmp_path / target)
 
@@ -297,25 +297,25 @@ def test_a_folder_in_use_is_refused_until_its_process_is_killed(tmp_path: Path) 
     assert holder.stdout.readline() == "held\n"
     with (
         pytest.raises(ConfigError, match=f"--resume {folder} .* process {holder.pid} on "),
-        locked(folder, "--resume"),
+        lock(folder, "--resume"),
     ):
         pass
     holder.send_signal(signal.SIGKILL)
     holder.communicate()
-    with locked(folder):
+    with lock(folder):
         pass
 
 
 def test_a_lock_ends_with_its_block(tmp_path: Path) -> None:
-    with locked(tmp_path), pytest.raises(ConfigError), locked(tmp_path):
+    with lock(tmp_path), pytest.raises(ConfigError), lock(tmp_path):
         pass
-    with locked(tmp_path):
+    with lock(tmp_path):
         pass
 
 
 def test_a_folder_with_nothing_but_a_lock_is_unused(tmp_path: Path) -> None:
     assert is_unused(tmp_path / "none")
-    with locked(tmp_path):
+    with lock(tmp_path):
         assert is_unused(tmp_path)
     (tmp_path / "other").touch()
     assert not is_unused(tmp_path)
@@ -324,7 +324,7 @@ def test_a_folder_with_nothing_but_a_lock_is_unused(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(ConfigError, match="cannot be written"), locked(tmp_path / "file" / "run"):
+    with pytest.raises(ConfigError, match="cannot be written"), lock(tmp_path / "file" / "run"):
         pass
 
 

@@ -17,7 +17,7 @@ from scipy import stats
 from envs import surrogate
 from envs.aircraft import PAPER
 from envs.draws import normals, uniforms
-from envs.encounters import SCENARIOS, Encounter, EncounterError, Scenario, padded, sample, scenario
+from envs.encounters import SCENARIOS, Encounter, EncounterError, Scenario, pad, sample, scenario
 from envs.trees import choose, take
 from tests.support import angle_between
 
@@ -343,7 +343,7 @@ def test_padding_adds_absent_intruders_only(xp) -> None:
     chosen = scenario("maneuvering", PAPER)
     plain, _ = sample(chosen, np.random.default_rng(7).random((1, 50, chosen.dimensions)), np)
     encounter = jax.tree.map(xp.asarray, plain)
-    wide = padded(encounter, 4, xp)
+    wide = pad(encounter, 4, xp)
     np.testing.assert_array_equal(wide.mask, np.tile([True, False, False, False], (50, 1)))
     for narrow, padded_fields in (
         (encounter.intruders, wide.intruders),
@@ -354,7 +354,7 @@ def test_padding_adds_absent_intruders_only(xp) -> None:
             np.testing.assert_array_equal(more[:, :1], field)
             assert np.all(np.isfinite(more))
     np.testing.assert_array_equal(np.stack(wide.own), np.stack(encounter.own))
-    assert padded(encounter, 1, xp) is encounter
+    assert pad(encounter, 1, xp) is encounter
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=20), st.sampled_from(["multi", "noisy"]))

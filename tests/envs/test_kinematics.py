@@ -384,7 +384,7 @@ COUNT, STEPS = 3, 120
 def test_plain_floats_equal_numpy_to_the_last_bit(name: str, dt: float) -> None:
     aircraft = PAPER._replace(dt=dt)
     parameters = World(RULES._replace(dt=dt), aircraft)
-    encounters = starts.numbered(scenario(name, aircraft), 4, 0, COUNT)
+    encounters = starts.encounters_of_seed(scenario(name, aircraft), 4, 0, COUNT)
     batch = world.begin(encounters, np, history_dt=dt)
     singles = [flight.begin(take(encounters, i), dt) for i in range(COUNT)]
     rng = np.random.default_rng(1)

@@ -16,9 +16,9 @@ from envs.aircraft import PAPER
 from envs.encounters import Encounter, EncounterError, Scenario, registered, scenario
 from envs.outcome import RULES
 from envs.scenarios import resolve
-from envs.starts import cast, checked, numbered
+from envs.starts import cast, check_encounter, encounters_of_seed
 from envs.surrogate import World, redraw_pool
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 NAME = "envs.own_separations:separations"
 WORLD = World(RULES, PAPER)
@@ -33,12 +33,12 @@ def chosen() -> Any:
 
 @pytest.fixture(scope="module")
 def drawn(chosen: Scenario) -> Encounter:
-    return numbered(chosen, 3, 0, 300, whole=True)
+    return encounters_of_seed(chosen, 3, 0, 300, whole=True)
 
 
 def flown(start: Encounter, xp: Any, steps: int = 40) -> tuple[np.ndarray, np.ndarray]:
     """Return the separations of each step ``[T, N, K]`` and whether it was lost, ``[T, N]``."""
-    state = world.begin(mapped(xp.asarray, start), xp)
+    state = world.begin(map_leaves(xp.asarray, start), xp)
     nothing = xp.zeros_like(start.goal_x)
     kept, lost = [], []
     step: Any = jax.jit(surrogate.step) if xp is jnp else partial(world.step, xp=np)
@@ -57,7 +57,7 @@ def test_separations_are_within_their_range_and_kept_at_the_start(drawn: Encount
         drawn.intruders.x - drawn.own.x[:, None], drawn.intruders.y - drawn.own.y[:, None]
     )
     assert (apart >= drawn.separation)[drawn.mask].all()
-    checked(drawn, PAPER, drawn.goal_x.shape)
+    check_encounter(drawn, PAPER, drawn.goal_x.shape)
 
 
 def test_an_encounter_is_lost_where_any_intruder_comes_nearer_than_its_own(drawn: Encounter):
@@ -107,4 +107,4 @@ def test_a_pool_fills_in_the_usual_separation(chosen: Scenario):
 
 def test_who_would_not_keep_them_is_refused(chosen: Scenario):
     with pytest.raises(EncounterError, match="separations of their own; expected a training"):
-        numbered(chosen, 3, 0, 4)
+        encounters_of_seed(chosen, 3, 0, 4)

@@ -16,11 +16,11 @@ from envs.aircraft import PAPER
 from envs.encounters import Encounter, EncounterError, Scenario, registered, scenario
 from envs.kinematics import VehicleState
 from envs.outcome import RULES
-from envs.perception import EVERYTHING, Coverage, reported
+from envs.perception import EVERYTHING, Coverage, report
 from envs.scenarios import resolve
-from envs.starts import cast, checked, numbered
+from envs.starts import cast, check_encounter, encounters_of_seed
 from envs.surrogate import World, redraw_pool
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 NAME = "envs.partly_seen:partly_seen"
 WORLD = World(RULES, PAPER)
@@ -35,7 +35,7 @@ def chosen() -> Any:
 
 @pytest.fixture(scope="module")
 def drawn(chosen: Scenario) -> Encounter:
-    return numbered(chosen, 3, 0, 300, whole=True)
+    return encounters_of_seed(chosen, 3, 0, 300, whole=True)
 
 
 def test_what_is_far_abaft_or_silent_is_not_reported():
@@ -46,13 +46,13 @@ def test_what_is_far_abaft_or_silent_is_not_reported():
     coverage = Coverage(6000.0, math.radians(130.0), 10.0, 5.0)
     # Ahead; farther than the range; abaft; 124 degrees to the right.
     for time, seen in ((9.0, True), (10.0, False), (14.9, False), (15.0, True)):
-        found = reported(own, others, coverage, time, np)
+        found = report(own, others, coverage, time, np)
         assert found.tolist() == [seen, False, False, seen]
-    assert reported(own, others, EVERYTHING, 0.0, np).all()
+    assert report(own, others, EVERYTHING, 0.0, np).all()
 
 
 def known_over_time(start: Encounter, xp: Any, steps: int = 25) -> np.ndarray:
-    state = world.begin(mapped(xp.asarray, start), xp)
+    state = world.begin(map_leaves(xp.asarray, start), xp)
     nothing = xp.zeros_like(start.goal_x)
 
     def advance(state: Any) -> Any:
@@ -81,9 +81,9 @@ def test_coverage_changes_nothing_but_what_is_known(drawn: Encounter):
     results = [
         world.step(world.begin(one, np), (nothing, nothing), WORLD, np)[1] for one in (drawn, plain)
     ]
-    mapped(np.testing.assert_array_equal, *results)
+    map_leaves(np.testing.assert_array_equal, *results)
     np.testing.assert_array_equal(known_over_time(plain, np)[0], drawn.mask)
-    checked(drawn, PAPER, drawn.goal_x.shape)
+    check_encounter(drawn, PAPER, drawn.goal_x.shape)
 
 
 def test_what_is_not_known_changes_no_decision(drawn: Encounter):
@@ -105,11 +105,11 @@ def test_a_pool_covers_the_others_wholly(chosen: Scenario):
     everything: Any = np.isinf(np.asarray(pool.coverage.reach)).all(axis=-1)
     assert everything.mean() == pytest.approx(0.5, abs=0.1)
     state = jax.vmap(surrogate.reset)(pool)
-    first = mapped(lambda field: field[0], state)
+    first = map_leaves(lambda field: field[0], state)
     known = np.asarray(world.known(first, PAPER, jnp))
     np.testing.assert_array_equal(known[everything[0]], np.asarray(pool.mask)[0][everything[0]])
 
 
 def test_who_would_know_of_all_is_refused(chosen: Scenario):
     with pytest.raises(EncounterError, match="not always reported; expected a training"):
-        numbered(chosen, 3, 0, 4)
+        encounters_of_seed(chosen, 3, 0, 4)

@@ -15,7 +15,7 @@ from envs.angles import atan2, sincos, wrap
 from envs.encounters import SCENARIOS, Encounter, EncounterError, scenario
 from envs.gym import flight
 from envs.kinematics import SURROGATE, Limits, VehicleState, advance
-from envs.observation import observe_set, ranked
+from envs.observation import observe_set, rank_urgent
 from envs.relative import bearing, distance, leg_separation, straight_cpa
 from envs.trees import take
 from envs.world import World
@@ -380,7 +380,7 @@ def drawn(aircraft: Aircraft, name: str, changes: dict[str, bool]) -> Encounter:
     if "noisy" in changes:
         noisy = scenario("noisy", aircraft)
         more |= {key: getattr(noisy, key) for key in ("position_std", "velocity_std", "latency")}
-    return starts.numbered(scenario(name, aircraft, **more), 5, 0, COUNT)
+    return starts.encounters_of_seed(scenario(name, aircraft, **more), 5, 0, COUNT)
 
 
 def scaled(state: VehicleState, length: float, speed: float) -> np.ndarray:
@@ -458,7 +458,8 @@ def test_any_twin_draws_and_sees_alike(length: float, speed: float, seed: int) -
     other = twin(PAPER, length, speed)
     for name in ("multi", "noisy", "same_course"):
         here, there = (
-            starts.numbered(scenario(name, aircraft), seed, 0, 4) for aircraft in (PAPER, other)
+            starts.encounters_of_seed(scenario(name, aircraft), seed, 0, 4)
+            for aircraft in (PAPER, other)
         )
         np.testing.assert_allclose(
             scaled(there.own, length, speed), scaled(here.own, 1.0, 1.0), rtol=1e-9, atol=1e-6
@@ -470,7 +471,7 @@ def test_any_twin_draws_and_sees_alike(length: float, speed: float, seed: int) -
             there.sensor.latency / (length / speed), here.sensor.latency, rtol=1e-12
         )
         sights = [
-            observe_set(start.own, *ranked(start.own, start.intruders, start.mask, 5, aircraft, np),
+            observe_set(start.own, *rank_urgent(start.own, start.intruders, start.mask, 5, aircraft, np),
                         start.goal_x, start.goal_y, aircraft, np)
             for start, aircraft in ((here, PAPER), (there, other))
         ]  # fmt: skip
@@ -512,7 +513,7 @@ def test_a_scenario_that_contradicts_its_aircraft_is_refused(
 
 
 def test_a_mask_of_another_shape_is_refused() -> None:
-    start = starts.numbered(scenario("multi", PAPER), 0, 0, 3)
+    start = starts.encounters_of_seed(scenario("multi", PAPER), 0, 0, 3)
     with pytest.raises(ValueError, match=r"mask has shape \(3, 7\); expected \(3, 8\)"):
         observe_set(
             start.own, start.intruders, start.mask[:, :7], start.goal_x, start.goal_y, PAPER, np
@@ -525,4 +526,4 @@ def test_an_aircraft_that_can_hover_begins_with_some_speed() -> None:
     ).aircraft()
     found = scenario("circle", multirotor)
     assert found.own_speed == (4.0, 20.0)
-    assert np.isfinite(starts.numbered(found, 0, 0, 50).intruders.x).all()
+    assert np.isfinite(starts.encounters_of_seed(found, 0, 0, 50).intruders.x).all()

@@ -15,9 +15,9 @@ from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter, Scenario, registered, sample, scenario
 from envs.outcome import RULES
 from envs.scenarios import resolve
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.surrogate import World
-from envs.trees import mapped
+from envs.trees import map_leaves
 
 NAME = "envs.standing_traffic:standing"
 
@@ -25,7 +25,7 @@ NAME = "envs.standing_traffic:standing"
 @pytest.fixture(scope="module")
 def drawn() -> Encounter:
     resolve(NAME)
-    made = numbered(scenario(NAME, PAPER, intruders=(2, 16)), 3, 0, 400)
+    made = encounters_of_seed(scenario(NAME, PAPER, intruders=(2, 16)), 3, 0, 400)
     registered.pop(NAME)
     return made
 
@@ -66,7 +66,7 @@ def test_numpy_and_jax_draw_the_same():
     theirs, theirs_accepted = jax.jit(lambda d: sample(chosen, d, jnp))(draws)
     same = accepted == theirs_accepted
     assert same.mean() > 0.99  # a condition that rounding decides
-    mapped(
+    map_leaves(
         lambda a, b: np.testing.assert_allclose(a[same], np.asarray(b)[same], rtol=1e-4, atol=0.1),
         ours,
         theirs,
@@ -101,8 +101,8 @@ def replace_sampler(chosen: Scenario) -> Scenario:
 
 def test_what_stands_stays_and_what_drifts_flies_straight(drawn: Encounter):
     """In the surrogate, from the start for 30 s."""
-    few = mapped(lambda field: field[:32], drawn)
-    state = surrogate.reset(mapped(jnp.asarray, few))
+    few = map_leaves(lambda field: field[:32], drawn)
+    state = surrogate.reset(map_leaves(jnp.asarray, few))
     step = jax.jit(
         lambda now: surrogate.step(now, (jnp.zeros(32), jnp.zeros(32)), World(RULES, PAPER))[0]
     )

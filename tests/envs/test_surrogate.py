@@ -13,7 +13,7 @@ import pytest
 
 from envs import intruder, observation, outcome, surrogate
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, padded, sample, scenario
+from envs.encounters import Encounter, pad, sample, scenario
 from envs.intruder import Intent
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.outcome import RULES
@@ -59,7 +59,7 @@ def encounters(name: str, most: int = 1, count: int = COUNT, seed: int = 0) -> E
     """Return encounters in float32 that both numpy and jax represent exactly."""
     chosen = scenario(name, PAPER)
     draws = np.random.default_rng(seed).random((chosen.attempts, count, chosen.dimensions))
-    starts = padded(sample(chosen, draws, np)[0], most, np)
+    starts = pad(sample(chosen, draws, np)[0], most, np)
     return jax.tree.map(
         lambda field: field if field.dtype == bool else field.astype(np.float32), starts
     )
@@ -313,7 +313,7 @@ def test_absent_intruders_do_not_matter(flights: dict[str, Any]) -> None:
 
 
 def test_an_absent_intruder_may_sit_on_top_of_the_ownship() -> None:
-    starts = padded(one_on_one((0.0, 0.0, 0.0, 80.0), (6_000.0, 100.0, -math.pi, 80.0)), 8, np)
+    starts = pad(one_on_one((0.0, 0.0, 0.0, 80.0), (6_000.0, 100.0, -math.pi, 80.0)), 8, np)
     for column in (0, 7):
         there = starts.intruders._replace(x=starts.intruders.x.copy(), y=starts.intruders.y.copy())
         there.x[:, column] = there.y[:, column] = 0.0

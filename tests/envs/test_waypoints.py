@@ -13,7 +13,18 @@ from hypothesis import strategies as st
 
 from envs.follower import PERIOD, KinematicVehicle, deviation, guidance, offset
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
-from envs.waypoints import ARCS, CLOSED, Knots, Legs, RoutePoint, Waypoint, at, knots, leg, legs
+from envs.waypoints import (
+    ARCS,
+    CLOSED,
+    Legs,
+    PlanStates,
+    RoutePoint,
+    Waypoint,
+    at,
+    leg,
+    legs,
+    plan_states,
+)
 from tests.support import accelerations, angle_between, random_states, states, yaw_rates
 
 SECONDS = 20
@@ -35,10 +46,12 @@ def history(count: int, seed: int, hold: int) -> VehicleState:
     return VehicleState(*(np.stack(field) for field in zip(*flown, strict=True)))
 
 
-def ends(flown: VehicleState) -> Knots:
-    """Return the first and the last state as knots ``[count, 2]``."""
+def ends(flown: VehicleState) -> PlanStates:
+    """Return the first and the last state as plan states ``[count, 2]``."""
     count = flown.x.shape[1]
-    return Knots(*(field[[0, -1]].T for field in flown), np.tile([0.0, float(SECONDS)], (count, 1)))
+    return PlanStates(
+        *(field[[0, -1]].T for field in flown), np.tile([0.0, float(SECONDS)], (count, 1))
+    )
 
 
 def left_by(flown: VehicleState) -> np.ndarray:
@@ -122,7 +135,7 @@ def test_legs_do_not_depend_on_the_batch() -> None:
     every = ends(history(64, 5, 5))
     whole = legs(every)
     for rows in (slice(3, 4), slice(10, 40)):
-        part = legs(Knots(*(field[rows] for field in every)))
+        part = legs(PlanStates(*(field[rows] for field in every)))
         for a, b in zip(part, whole, strict=True):
             np.testing.assert_array_equal(a, b[rows])
 
@@ -152,7 +165,7 @@ def test_states_on_a_plan_are_continuous_and_consistent() -> None:
     flown = history(1, 8, 5)
     points = [Waypoint(i, *(float(field[-1, 0]) for field in flown), 20.0) for i in (1,)]
     own = VehicleState(*(float(field[0, 0]) for field in flown))
-    curves = legs(knots(own, [*points]))
+    curves = legs(plan_states(own, [*points]))
     times = np.linspace(0.0, 20.0, 401)
     path = [at(curves, time) for time in times]
     x, y = (np.array([float(getattr(state, name)) for state in path]) for name in ("x", "y"))
@@ -169,11 +182,11 @@ def test_states_on_a_plan_are_continuous_and_consistent() -> None:
 def test_the_leg_of_a_time_is_found() -> None:
     points = [Waypoint(i, 1600.0 * i, 0.0, 0.0, 80.0, 20.0 * i) for i in range(1, 4)]
     bent = legs(
-        knots(VehicleState(0.0, 100.0, 0.1, 75.0), [replace(points[0], y=200.0), *points[1:]])
+        plan_states(VehicleState(0.0, 100.0, 0.1, 75.0), [replace(points[0], y=200.0), *points[1:]])
     )
     for time, number in ((-1.0, 0), (0.0, 0), (19.9, 0), (20.0, 1), (41.0, 2), (90.0, 2)):
         assert at(bent, time) == at(Legs(*(field[number : number + 1] for field in bent)), time)
-    beyond = at(legs(knots(VehicleState(0.0, 0.0, 0.0, 80.0), points)), 70.0)
+    beyond = at(legs(plan_states(VehicleState(0.0, 0.0, 0.0, 80.0), points)), 70.0)
     assert beyond.x == pytest.approx(5_600.0)
 
 
@@ -210,7 +223,7 @@ def flown_plans(count: int, seed: int, legs_each: int = 6) -> tuple[VehicleState
             states.append(state)
     fields = [np.stack(field, axis=-1) for field in zip(*states, strict=True)]
     times = np.broadcast_to(20.0 * np.arange(legs_each + 1), fields[0].shape)
-    return states[0], legs(Knots(*fields, times))
+    return states[0], legs(PlanStates(*fields, times))
 
 
 def fly(vehicle: KinematicVehicle, plan: Legs, until: float) -> np.ndarray:

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
-from envs.waypoints import Knots, Waypoint, at, in_air, leg, on_ground
-from envs.wind import Wind, aimed_at, narrowed, over_ground, through_air
+from envs.waypoints import PlanStates, Waypoint, at, in_air, leg, on_ground
+from envs.wind import Wind, aimed_at, narrow, over_ground, through_air
 
 STATES = st.builds(
     VehicleState,
@@ -76,7 +76,7 @@ def test_a_leg_over_the_ground_is_a_leg_in_the_air_that_is_carried(
 @given(st.lists(STATES, min_size=2, max_size=5), WINDS)
 def test_knots_go_into_the_air_and_back(states: list[VehicleState], wind: Wind) -> None:
     rows = np.array([(*state, 20.0 * n) for n, state in enumerate(states)]).T
-    back = on_ground(in_air(Knots(*rows), wind), wind)
+    back = on_ground(in_air(PlanStates(*rows), wind), wind)
     np.testing.assert_allclose(np.stack(back[:2]), rows[:2], atol=1e-8)
     np.testing.assert_allclose(wrap(back.heading - rows[2], np), 0.0, atol=1e-12)
     np.testing.assert_allclose(back.speed, rows[3], atol=1e-10)
@@ -115,7 +115,7 @@ def test_what_drifts_away_faster_is_aimed_at_where_it_will_be() -> None:
 def test_narrowed_limits_hold_the_given_ones_in_every_wind(
     error: float, fast: float, gain: float, turn: float, far: float, side: float
 ) -> None:
-    within = narrowed(UAS, error)
+    within = narrow(UAS, error)
     assume(within.speed_min < within.speed_max and within.yaw_rate_max > 0.0)
     assume(within.acceleration_max > 0.0)
     speed = within.speed_min + fast * (within.speed_max - within.speed_min)
@@ -132,4 +132,4 @@ def test_narrowed_limits_hold_the_given_ones_in_every_wind(
 
 
 def test_nothing_is_narrowed_where_the_wind_is_known() -> None:
-    assert narrowed(UAS, 0.0) == UAS
+    assert narrow(UAS, 0.0) == UAS

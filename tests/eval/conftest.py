@@ -17,7 +17,7 @@ from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.formats import encounter_file
 from envs.kinematics import SURROGATE
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from eval.monte_carlo import run as monte_carlo
 from eval.report import run as report
 
@@ -105,7 +105,7 @@ def report_run(policy_path: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     place = tmp_path_factory.mktemp("report")
     file, out = place / "encounters.csv", place / "run"
     names = [f"{number} {HOSTILE}" for number in range(COUNT)]
-    encounter_file.write(file, numbered(scenario("circle", PAPER), 0, 0, COUNT), names)
+    encounter_file.write(file, encounters_of_seed(scenario("circle", PAPER), 0, 0, COUNT), names)
     arguments = ["--policy", str(policy_path), "--scenario", f"file:{file}", "--workers", "1"]
     assert monte_carlo.main([*arguments, "--set", "figures=false", "--out", str(out)]) == 0
     return out

@@ -28,12 +28,12 @@ from envs.encounters import Encounter, EncounterError, scenario
 from envs.formats import encounter_file
 from envs.intruder import Recording
 from envs.kinematics import SURROGATE
-from envs.starts import joined, numbered
+from envs.starts import encounters_of_seed, join
 from envs.traffic.tracks import TrackError
 from envs.trees import take
-from eval.compare import deciders as comparison
+from eval.compare import resolvers as comparison
 from eval.compare import run as compare
-from eval.compare.deciders import (
+from eval.compare.resolvers import (
     REFERENCE,
     WITNESS,
     Comparison,
@@ -91,7 +91,7 @@ def test_a_row_does_not_depend_on_its_company() -> None:
 
 
 def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
-    starts = numbered(scenario("circle", PAPER), 9, 0, 80)
+    starts = encounters_of_seed(scenario("circle", PAPER), 9, 0, 80)
     ours = simulate.fly(starts, BASELINES["none"](PAPER), PAPER)
     theirs = simulate.fly(starts, simulate.Direct(PAPER), PAPER)
     np.testing.assert_array_equal(ours.outcome, theirs.outcome)
@@ -100,7 +100,7 @@ def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
 
 @pytest.mark.parametrize("name", ["rules", "mvp", "mvp_speed"])
 def test_resolvers_resolve(name: str) -> None:
-    starts = numbered(scenario("circle", PAPER), 9, 0, 150)
+    starts = encounters_of_seed(scenario("circle", PAPER), 9, 0, 150)
     flown = simulate.fly(starts, BASELINES[name](PAPER), PAPER)
     share = np.bincount(flown.outcome, minlength=3) / 150
     # Without a resolver nearly all are lost; published resolvers save nine of ten such conflicts.
@@ -109,7 +109,7 @@ def test_resolvers_resolve(name: str) -> None:
 
 
 def test_replayed_intruders_fly_their_recording() -> None:
-    starts = numbered(scenario("maneuvering", PAPER), 2, 0, 6)
+    starts = encounters_of_seed(scenario("maneuvering", PAPER), 2, 0, 6)
     plain, paths = fly_recorded(starts, simulate.Direct(PAPER), PAPER)
     # What was flown, flown again as a recording, up to where an encounter ended.
     known = [np.where(np.isnan(field), 0.0, field) for field in paths.intruders]
@@ -171,7 +171,8 @@ def test_the_command_and_its_files(
 
 def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
     encounter_file.write(
-        tmp_path / "own.csv", numbered(scenario("multi", PAPER, intruders=(2, 4)), 1, 0, 3)
+        tmp_path / "own.csv",
+        encounters_of_seed(scenario("multi", PAPER, intruders=(2, 4)), 1, 0, 3),
     )
     out = tmp_path / "run"
     assert (
@@ -367,12 +368,13 @@ FEW = WitnessSearch(rounds=1)
 def starts() -> Encounter:
     """Straight and turning intruders, and two starts that nothing can save, 0.9 km apart: 10."""
     plain, turning = (
-        numbered(scenario(name, PAPER, **SHORT), 3, 0, 4) for name in ("circle", "maneuvering")
+        encounters_of_seed(scenario(name, PAPER, **SHORT), 3, 0, 4)
+        for name in ("circle", "maneuvering")
     )
     lost = take(plain, [1, 2])
     beside = lost.own.x[:, None] + 900.0
     lost = lost._replace(intruders=lost.intruders._replace(x=beside, y=lost.own.y[:, None]))
-    return joined(take(joined(lost, plain), [2, 0, 3, 4, 5, 1]), turning)
+    return join(take(join(lost, plain), [2, 0, 3, 4, 5, 1]), turning)
 
 
 @pytest.fixture(scope="module")
@@ -418,7 +420,7 @@ def test_without_a_witness_the_flight_is_that_of_none(
 ) -> None:
     lost = np.flatnonzero(np.isnan(best.arrival))
     assert {1, 5} <= set(lost)
-    none = baseline_entry(REFERENCE, QUICK).decider
+    none = baseline_entry(REFERENCE, QUICK).resolver
     straight, seen = fly_recorded(take(starts, lost), none, QUICK, endless=True)
     flights, paths = flown
     for field, ours, theirs in zip(flights._fields, flights, straight, strict=True):

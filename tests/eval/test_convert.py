@@ -21,7 +21,7 @@ from envs.encounters import EncounterError, scenario
 from envs.formats import encounter_file
 from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval import convert
 from eval.config import MonteCarloConfig
@@ -34,7 +34,7 @@ from tests.support import recorded
 @pytest.fixture
 def own(tmp_path: Path) -> Path:
     path = tmp_path / "own.csv"
-    encounter_file.write(path, numbered(scenario("circle", PAPER), 5, 0, 3))
+    encounter_file.write(path, encounters_of_seed(scenario("circle", PAPER), 5, 0, 3))
     return path
 
 
@@ -64,7 +64,7 @@ def test_there_and_back_by_daidalus_form(own: Path, tmp_path: Path, end: str) ->
 
 
 def test_a_turn_becomes_events_and_rows(tmp_path: Path) -> None:
-    turning = take(numbered(scenario("maneuvering", PAPER), 5, 0, 40), slice(0, 40))
+    turning = take(encounters_of_seed(scenario("maneuvering", PAPER), 5, 0, 40), slice(0, 40))
     path = tmp_path / "turning.csv"
     encounter_file.write(path, turning)
     assert (
@@ -142,7 +142,8 @@ def test_bad_input_is_one_sentence(
 
 def test_several_intruders_do_not_fit_into_a_pair(tmp_path: Path) -> None:
     encounter_file.write(
-        tmp_path / "multi.csv", numbered(scenario("multi", PAPER, intruders=(2, 3)), 1, 0, 2)
+        tmp_path / "multi.csv",
+        encounters_of_seed(scenario("multi", PAPER, intruders=(2, 3)), 1, 0, 2),
     )
     with pytest.raises(EncounterError, match=r"intruders, expected one, because a \.json file"):
         convert.main(

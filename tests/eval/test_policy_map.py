@@ -21,11 +21,11 @@ from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.edge.command import run_cli
 from envs.kinematics import VehicleState
-from eval.failures.run import HOW, failures, grouped, main, representatives
+from eval.failures.run import HOW, failures, group_failures, main, representatives
 from eval.monte_carlo import run as monte_carlo
 from eval.policy_map import local
 from eval.policy_map import run as policy_map
-from eval.policy_map.advisory import Scene, advise, name_of, relative_velocity, scores
+from eval.policy_map.advisory import FixedStates, advise, name_of, relative_velocity, scores
 from eval.policy_map.enclosure import Form
 from eval.policy_map.proof import (
     COUNTEREXAMPLE,
@@ -39,7 +39,7 @@ from eval.policy_map.proof import (
 )
 from tests.eval.conftest import COUNT
 
-SCENE = Scene(75.0, 90.0, math.radians(-90.0), math.radians(30.0), 8_000.0)
+SCENE = FixedStates(75.0, 90.0, math.radians(-90.0), math.radians(30.0), 8_000.0)
 SMALL = ["--cells", "31", "--encounters", "4"]
 
 
@@ -218,7 +218,7 @@ def tables(count: int, seed: int) -> dict[str, np.ndarray]:
 @given(st.integers(1, 200), st.integers(0, 2**32 - 1))
 def test_every_failure_is_in_one_group(count: int, seed: int) -> None:
     table = tables(count, seed)
-    groups = grouped(table, 1_000.0)
+    groups = group_failures(table, 1_000.0)
     members = np.concatenate([group.members for group in groups]) if groups else np.array([], int)
     np.testing.assert_array_equal(np.sort(members), np.flatnonzero(failures(table)))
     assert [group.members.size for group in groups] == sorted(
@@ -232,7 +232,7 @@ def test_every_failure_is_in_one_group(count: int, seed: int) -> None:
 @given(st.integers(1, 200), st.integers(0, 2**32 - 1), st.integers(0, 30))
 def test_cases_are_different_failures_of_the_groups(count: int, seed: int, wanted: int) -> None:
     table = tables(count, seed)
-    chosen = representatives(grouped(table, 1_000.0), wanted)
+    chosen = representatives(group_failures(table, 1_000.0), wanted)
     assert len(set(chosen)) == len(chosen) <= wanted
     assert failures(table)[chosen].all()
     if wanted and failures(table).any():

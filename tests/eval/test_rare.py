@@ -161,7 +161,7 @@ def test_the_value_is_the_separation_of_the_flight(policy, mode: str) -> None:
     draws = np.random.default_rng(1).standard_normal(
         (4 if mode == "plan" else 60, CIRCLE.dimensions)
     )
-    starts, inside = problem.sampled(draws)
+    starts, inside = problem.sample_encounters(draws)
     values = problem.value(draws)
     np.testing.assert_array_equal(np.isnan(values), ~inside)
     if mode == "policy":
@@ -195,7 +195,7 @@ def test_proven_unresolvable_encounters_can_be_left_out(policy) -> None:
     every = problem_of(policy, "none")
     rng = np.random.default_rng(3)
     draws = rng.standard_normal((1_500, CIRCLE.dimensions))
-    near, inside = every.sampled(draws)
+    near, inside = every.sample_encounters(draws)
     close = (
         np.hypot(near.intruders.x[:, 0] - near.own.x, near.intruders.y[:, 0] - near.own.y) < 1_150.0
     )

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from envs.aircraft import PAPER, new_aircraft
 from envs.edge.command import run_cli
-from eval.flights.aircraft import described
+from eval.flights.aircraft import describe
 from eval.sensitivity import run as sensitivity
-from eval.sensitivity.bins import Quantity, Run, binned, quantities, rates
-from eval.sensitivity.sweep import PARAMETERS, Sweep, changed, swept
+from eval.sensitivity.bins import Quantity, Run, bins_of, quantities, rates
+from eval.sensitivity.sweep import PARAMETERS, Sweep, change_of, swept
 from eval.stats.intervals import clopper_pearson
 
 COUNT = 400
@@ -42,7 +42,7 @@ def made_up(path: Path, mode: str = "policy", table: str = "encounters.parquet",
     }
     path.mkdir()
     pq.write_table(pa.table(values), path / table)
-    summary = described(PAPER, None) | {"mode": mode, "scenario": "circle", "seed": 0}
+    summary = describe(PAPER, None) | {"mode": mode, "scenario": "circle", "seed": 0}
     (path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     return path
 
@@ -61,7 +61,7 @@ def numbers(values: list[float]) -> tuple[Run, Quantity]:
 @given(st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(float("nan"))), min_size=1, max_size=40))
 def test_every_value_falls_into_one_bin(values: list[float]) -> None:
     run, quantity = numbers(values)
-    found = binned(run, quantity, 0.95)
+    found = bins_of(run, quantity, 0.95)
     if found is None:  # all in one bin
         return
     assert sum(one["encounters"] for one in found["bins"]) == np.count_nonzero(~np.isnan(values))
@@ -172,8 +172,8 @@ def test_a_sweep_flies_the_same_encounters_and_goes_on(tmp_path: Path, policy_pa
 
 
 def test_a_turn_rate_of_zero_means_no_turn() -> None:
-    assert changed("turn_rate", 0.0) == {"turn_rate_deg_s": "0", "heading_change_deg": "0"}
-    assert changed("turn_rate", 2.0)["heading_change_deg"] == "120"
+    assert change_of("turn_rate", 0.0) == {"turn_rate_deg_s": "0", "heading_change_deg": "0"}
+    assert change_of("turn_rate", 2.0)["heading_change_deg"] == "120"
 
 
 def test_edges_of_bins_scale_with_the_aircraft() -> None:

@@ -15,7 +15,7 @@ from agents.learning import ppo
 from agents.learning.networks import Actor, Critic
 from envs import surrogate
 from envs.aircraft import PAPER
-from envs.encounters import padded, sample, scenario
+from envs.encounters import pad, sample, scenario
 from envs.kinematics import VehicleState
 from envs.outcome import RULES
 from envs.rewards import (
@@ -24,7 +24,7 @@ from envs.rewards import (
     goal_distance,
     heading_change,
     path_excess,
-    shaped,
+    shaping_reward,
     turn_rate,
 )
 from rlcas_jax.collect import Environment, Step, collect
@@ -217,7 +217,7 @@ def test_shaping_telescopes_to_the_starts_potential(
     """For any potential and any episode: sum_t discount^t shaped_t = -potential(s_0)."""
     steps = len(potentials) - 1
     before, after = np.float32(potentials[:-1]), np.float32(potentials[1:])
-    rewards = shaped(before, after, np.arange(steps) == steps - 1, discount, jnp)
+    rewards = shaping_reward(before, after, np.arange(steps) == steps - 1, discount, jnp)
     total = float(np.sum(np.asarray(rewards, np.float64) * discount ** np.arange(steps)))
     assert total == pytest.approx(-float(before[0]), abs=1e-4)
 
@@ -225,7 +225,7 @@ def test_shaping_telescopes_to_the_starts_potential(
 def test_only_termination_forfeits_the_potential() -> None:
     before, after, ended = np.float32([3.0, 3.0]), np.float32([5.0, 5.0]), np.array([False, True])
     np.testing.assert_allclose(
-        shaped(before, after, ended, 0.9, jnp), [0.9 * 5.0 - 3.0, -3.0], rtol=1e-6
+        shaping_reward(before, after, ended, 0.9, jnp), [0.9 * 5.0 - 3.0, -3.0], rtol=1e-6
     )
 
 
@@ -248,7 +248,7 @@ def test_the_heading_change_cost_does_not_depend_on_the_rate() -> None:
 def state_of(name: str, most: int = 1, count: int = FLIGHTS) -> surrogate.State:
     chosen = scenario(name, PAPER)
     draws = np.random.default_rng(0).random((chosen.attempts, count, chosen.dimensions))
-    starts = padded(sample(chosen, draws, np)[0], most, np)
+    starts = pad(sample(chosen, draws, np)[0], most, np)
     return surrogate.reset(
         jax.tree.map(lambda a: jnp.asarray(a, bool if a.dtype == bool else jnp.float32), starts)
     )
@@ -283,7 +283,7 @@ def test_the_shaping_of_whole_episodes_depends_on_their_start_alone(
     """Random flights that end by violation and by time: none gains anything by shaping."""
     before, after, last = episodes
     worths = [np.asarray(worth(states, weight)) for states in (before, after)]
-    rewards = np.asarray(shaped(*worths, last, discount, jnp), np.float64)
+    rewards = np.asarray(shaping_reward(*worths, last, discount, jnp), np.float64)
     lasts = last.argmax(axis=0)
     flown = np.arange(SECONDS)[:, None] <= lasts
     total = np.sum(np.where(flown, discount ** np.arange(SECONDS)[:, None] * rewards, 0.0), axis=0)

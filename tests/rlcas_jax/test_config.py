@@ -41,7 +41,7 @@ def test_own_speeds_that_the_aircraft_does_not_fly_are_refused():
 def test_quick_trains_any_aircraft_by_one_option(path: Path):
     config = load(TrainConfig, ROOT / "configs" / "quick.yaml", [f"aircraft={path}"])
     aircraft = config.aircraft.aircraft()
-    near = config.drawn()[2]
+    near = config.training_scenarios()[2]
     assert near.radius == (0.5 * aircraft.separation, 4.0 * aircraft.separation)
     assert near.own_speed == (aircraft.limits.speed_min, aircraft.limits.speed_max)
 
@@ -68,7 +68,7 @@ def test_the_defaults_are_the_papers_task():
     config = TrainConfig()
     assert config.rules() == RULES
     assert config.aircraft.aircraft() == PAPER
-    assert config.drawn() == [scenario("circle", PAPER)]
+    assert config.training_scenarios() == [scenario("circle", PAPER)]
     assert config.network.hidden == (256, 256)
 
 

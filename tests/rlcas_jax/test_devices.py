@@ -259,7 +259,9 @@ def test_aircraft_lie_in_the_family_and_the_share_is_kept() -> None:
 def test_every_ownship_begins_at_a_speed_that_it_flies() -> None:
     config = tiny(FAMILY)
     limits = ownships(config).limits
-    starts = jax.jit(lambda key: draw(key, config, config.drawn(), 6))(jax.random.key(0))
+    starts = jax.jit(lambda key: draw(key, config, config.training_scenarios(), 6))(
+        jax.random.key(0)
+    )
     assert np.all(starts.own.speed >= limits.speed_min - 1e-3)
     assert np.all(starts.own.speed <= limits.speed_max + 1e-3)
     assert starts.mask.shape == (6, 32, 3)

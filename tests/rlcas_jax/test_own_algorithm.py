@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.config.load import ConfigError, dump, load, validated
+from agents.config.load import ConfigError, dump, load, validate
 from agents.learning.algorithm import Setup
 from agents.learning.networks import Actor, Critic
 from agents.policy import file as policy_file
@@ -170,7 +170,7 @@ SIZES = iter(range(1, 100))
     ],
 )
 def test_an_algorithm_that_cannot_be_used_is_refused(make: Any, message: str, tmp_path: Path):
-    config = validated(TrainConfig, TINY | {"algorithm": "x:y", "algorithm_settings": {}})
+    config = validate(TrainConfig, TINY | {"algorithm": "x:y", "algorithm_settings": {}})
     config = config.model_copy(update={"algorithm": register(make)})
     with pytest.raises(ConfigError, match=f"algorithm .*{message}") as raised:
         prepare(config, tmp_path)
@@ -182,7 +182,7 @@ def test_a_mistake_is_reported_with_its_line(folder: Path):
     (folder / "my_algorithm.py").write_text(wrong, encoding="utf-8")
     line = next(i for i, text in enumerate(wrong.splitlines(), 1) if "known[2:]" in text)
     with pytest.raises(ConfigError, match=rf"fails with .*\(my_algorithm.py, line {line}\)$"):
-        prepare(validated(TrainConfig, TINY), folder)
+        prepare(validate(TrainConfig, TINY), folder)
 
 
 @pytest.mark.parametrize(
@@ -225,12 +225,12 @@ def test_extensions_of_a_call_are_named_in_its_configuration(form: str, folder: 
     given = {key: value for key, value in TINY.items() if key != "algorithm"}
     config: Any = given
     if form == "configuration":
-        config = validated(TrainConfig, TINY | {"algorithm": "another:Algorithm"})
+        config = validate(TrainConfig, TINY | {"algorithm": "another:Algorithm"})
     if form == "file":
         config = folder / "tiny.yaml"
         config.write_text(json.dumps(given))  # JSON is YAML, too
     found = _config_of(config, Extensions(algorithm=ACTOR_CRITIC))
-    assert found == validated(TrainConfig, TINY)
+    assert found == validate(TrainConfig, TINY)
 
 
 def test_scenarios_and_rewards_of_a_call_are_known_by_their_names():
@@ -241,13 +241,13 @@ def test_scenarios_and_rewards_of_a_call_are_known_by_their_names():
     )
     given = {"scenarios": [{"name": "again"}], "rewards": {"waiting": -0.5}}
     found = _config_of(given, extensions)
-    assert [one.name for one in found.drawn()] == ["again"]
+    assert [one.name for one in found.training_scenarios()] == ["again"]
     assert [row.weight for row in found.rewards.table().rows if row.name == "waiting"] == [-0.5]
     assert set(given["rewards"]) <= set(found.rewards.weights())
 
 
 def test_a_written_configuration_names_it():
-    config = validated(TrainConfig, TINY)
+    config = validate(TrainConfig, TINY)
     assert "algorithm: my_algorithm:ActorCritic" in dump(config)
     assert "gae_lambda: 0.9" in dump(config)
 
@@ -304,7 +304,7 @@ def test_a_stranger_trains_resumes_and_evaluates_it(tmp_path: Path):
     mine.mkdir()
     (mine / "my_algorithm.py").write_text(MODULE, encoding="utf-8")
     family = {"network": {"hidden": [8], "encoder": [6]}, "family": {"share": 0.5}}
-    config = validated(TrainConfig, TINY | family)
+    config = validate(TrainConfig, TINY | family)
     (mine / "tiny.yaml").write_text(dump(config), encoding="utf-8")
     trained = run(mine, "-m", "rlcas_jax.train", "--config", "tiny.yaml", "--out", "run")
     assert trained.returncode == 0, trained.stderr

@@ -25,7 +25,7 @@ from envs.aircraft import PAPER, Ratios
 from envs.edge.command import InputError
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from rlcas_jax.config import TrainConfig
 from tests.stranger import python_blocks, run
 
@@ -82,7 +82,7 @@ def content(*inputs: Input) -> PolicyFile:
 
 
 def scenes(count: int) -> tuple[VehicleState, VehicleState, np.ndarray, np.ndarray, np.ndarray]:
-    drawn = numbered(scenario("multi", PAPER, intruders=(1, 3)), 7, 0, count)
+    drawn = encounters_of_seed(scenario("multi", PAPER, intruders=(1, 3)), 7, 0, count)
     seen = VehicleState(*(np.where(drawn.mask, field, 0.0) for field in drawn.intruders))
     return drawn.own, seen, drawn.mask, drawn.goal_x, drawn.goal_y
 

@@ -18,7 +18,7 @@ from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.outcome import RULES, Outcome
 from envs.rewards import TERMS, RewardError, Term, Transition, learning_reward, register, table
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare
 from tests.stranger import python, python_blocks
@@ -50,7 +50,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def moved(count: int = 200, seed: int = 0) -> Transition:
     """Return a step of random encounters near the end, numpy."""
-    starts = numbered(scenario("multi", PAPER, radius=(600.0, 3_000.0)), seed, 0, count)
+    starts = encounters_of_seed(scenario("multi", PAPER, radius=(600.0, 3_000.0)), seed, 0, count)
     before = world.begin(starts, np)
     random = np.random.default_rng(seed)
     action = random.uniform(-2.0, 2.0, count), random.uniform(-2.0, 2.0, count)

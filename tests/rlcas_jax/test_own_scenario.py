@@ -16,8 +16,8 @@ from envs.aircraft import PAPER
 from envs.edge.extension import load_extension
 from envs.encounters import EncounterError, Sampler, sample, scenario
 from envs.scenarios import register, resolve
-from envs.starts import numbered
-from envs.trees import mapped, take
+from envs.starts import encounters_of_seed
+from envs.trees import map_leaves, take
 from eval.config import MonteCarloConfig
 from eval.evidence.outside import training_box
 from rlcas_jax.config import TrainConfig
@@ -55,7 +55,7 @@ def test_the_module_of_the_page_is_short():
 
 def test_traffic_flies_in_trail_and_one_of_it_meets_the_ownship():
     resolve(NAME)
-    drawn = numbered(scenario(NAME, PAPER), 3, 0, 500)
+    drawn = encounters_of_seed(scenario(NAME, PAPER), 3, 0, 500)
     assert drawn.mask.all()
     assert drawn.mask.shape == (500, 4)
     gaps = np.hypot(np.diff(drawn.intruders.x), np.diff(drawn.intruders.y))
@@ -71,20 +71,20 @@ def test_traffic_flies_in_trail_and_one_of_it_meets_the_ownship():
 def test_an_encounter_is_the_same_in_any_company_and_in_jax():
     resolve(NAME)
     chosen = scenario(NAME, PAPER)
-    many = numbered(chosen, 3, 0, 50)
-    alone = numbered(chosen, 3, 17, 1)
-    mapped(np.testing.assert_array_equal, take(many, slice(17, 18)), alone)
+    many = encounters_of_seed(chosen, 3, 0, 50)
+    alone = encounters_of_seed(chosen, 3, 17, 1)
+    map_leaves(np.testing.assert_array_equal, take(many, slice(17, 18)), alone)
     draws = np.random.default_rng(1).random((2, 100, chosen.dimensions), np.float32)
     plain, accepted = sample(chosen, draws.astype(float), np)
     compiled, also = jax.jit(lambda one: sample(chosen, one, jnp))(draws)
     np.testing.assert_array_equal(accepted, also)
-    mapped(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=0.1), plain, compiled)
+    map_leaves(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5, atol=0.1), plain, compiled)
 
 
 def test_its_numbers_are_changed_as_those_of_the_scenarios_that_ship():
     resolve(NAME)
     changed = scenario(NAME, PAPER, own_speed=(60.0, 61.0), intruders=(2, 2))
-    drawn = numbered(changed, 0, 0, 50)
+    drawn = encounters_of_seed(changed, 0, 0, 50)
     assert drawn.mask.shape == (50, 2)
     assert ((drawn.own.speed >= 60.0) & (drawn.own.speed <= 61.0)).all()
     with pytest.raises(EncounterError, match=r"^own_speed is \[10, 61\]"):
@@ -97,7 +97,7 @@ def test_a_name_alone_imports_nothing():
     load(TrainConfig, None, list(TINY))
     missing = rf"scenario '{NAME}' is not part of the toolkit.*--extension {NAME}"
     with pytest.raises(ConfigError, match=missing):
-        config.sampled(PAPER)
+        config.sampled_scenario(PAPER)
     with pytest.raises(EncounterError, match=missing):
         scenario(NAME, PAPER)
     trained = {"scenarios": [{"name": "circle"}, {"name": NAME}], "phases": []}
@@ -114,8 +114,8 @@ def test_a_name_alone_imports_nothing():
 
 def test_a_training_loads_what_its_configuration_names():
     config = load(TrainConfig, None, list(TINY))
-    assert [one.name for one in config.drawn()] == ["circle", NAME]
-    assert config.drawn()[1].radius == (4_000.0, 6_000.0)
+    assert [one.name for one in config.training_scenarios()] == ["circle", NAME]
+    assert config.training_scenarios()[1].radius == (4_000.0, 6_000.0)
     assert "my_scenarios" in sys.modules
 
 
@@ -169,7 +169,7 @@ def broken(function: Any) -> Any:
 )
 def test_a_sampler_that_cannot_be_used_is_refused(function: Any, message: str):
     with pytest.raises(EncounterError, match=message):
-        numbered(broken(function), 0, 0, 8)
+        encounters_of_seed(broken(function), 0, 0, 8)
 
 
 def test_what_only_numpy_can_do_is_refused_before_a_training_begins(tmp_path: Path):

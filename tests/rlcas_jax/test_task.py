@@ -15,7 +15,7 @@ from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
 from envs.outcome import RULES, Outcome
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.task import Task, TrainState, build, fly
+from rlcas_jax.task import CompiledTask, TrainState, build, fly
 
 SMALL = [
     "network={hidden: [8], feature_set: cpa}",
@@ -32,11 +32,11 @@ SHAPED = ["rewards.goal_distance=200.0"]
 UPDATES = 5
 
 
-def task_of(*changes: str) -> Task:
+def task_of(*changes: str) -> CompiledTask:
     return build(load(TrainConfig, None, [*SMALL, *changes]))
 
 
-def run(task: Task, updates: int) -> tuple[TrainState, list[dict[str, float]]]:
+def run(task: CompiledTask, updates: int) -> tuple[TrainState, list[dict[str, float]]]:
     state, log = task.initial(), []
     for _ in range(updates):
         state, figures = task.update(state)
@@ -45,12 +45,12 @@ def run(task: Task, updates: int) -> tuple[TrainState, list[dict[str, float]]]:
 
 
 @pytest.fixture(scope="module")
-def plain() -> Task:
+def plain() -> CompiledTask:
     return task_of()
 
 
 @pytest.fixture(scope="module")
-def trained(plain: Task) -> tuple[TrainState, list[dict[str, float]]]:
+def trained(plain: CompiledTask) -> tuple[TrainState, list[dict[str, float]]]:
     return run(plain, UPDATES)
 
 
@@ -59,19 +59,19 @@ def assert_equal(a: Any, b: Any) -> None:
         np.testing.assert_array_equal(x, y)
 
 
-def test_steps_are_counted_in_whole_updates(plain: Task) -> None:
+def test_steps_are_counted_in_whole_updates(plain: CompiledTask) -> None:
     assert (plain.steps_per_update, plain.updates) == (32 * 96, UPDATES)
     assert task_of("steps=15359").updates == UPDATES - 1
     assert task_of("steps=1").updates == 1
 
 
-def test_a_run_repeats_bit_for_bit(plain: Task, trained) -> None:
+def test_a_run_repeats_bit_for_bit(plain: CompiledTask, trained) -> None:
     state, log = run(plain, UPDATES)
     assert_equal(state, trained[0])
     assert log == trained[1]
 
 
-def test_another_seed_is_another_run(plain: Task) -> None:
+def test_another_seed_is_another_run(plain: CompiledTask) -> None:
     one, other = plain.initial(), task_of("seed=1").initial()
     assert np.intersect1d(one.environment.own.x, other.environment.own.x).size == 0
     kernels = [state.learner.actor["params"]["trunk"]["head"]["kernel"] for state in (one, other)]
@@ -84,7 +84,7 @@ def test_the_learning_rate_falls_linearly_with_the_updates(trained) -> None:
     assert int(trained[0].update) == UPDATES
 
 
-def test_every_update_learns_and_draws_anew(plain: Task) -> None:
+def test_every_update_learns_and_draws_anew(plain: CompiledTask) -> None:
     first = jax.tree.map(np.asarray, plain.initial())
     second = jax.tree.map(np.asarray, plain.update(plain.initial())[0])
     assert np.any(first.key != second.key)
@@ -175,7 +175,7 @@ def test_each_encounter_is_lost_by_its_required_separation() -> None:
 
 
 @pytest.mark.slow
-def test_a_spread_changes_the_training_and_not_the_judgement(plain: Task) -> None:
+def test_a_spread_changes_the_training_and_not_the_judgement(plain: CompiledTask) -> None:
     spread = task_of("world.separation_spread=2.0")
     assert spread.rules == plain.rules
     # So early all that end are violations, and the more is asked for the more there are.
@@ -266,7 +266,7 @@ def test_the_rules_given_are_the_rules_flown_by() -> None:
     assert flown(encounter, straight_on, separation=1_200.0).violation.all()
 
 
-def test_evaluation_flies_the_actors_mean(plain: Task) -> None:
+def test_evaluation_flies_the_actors_mean(plain: CompiledTask) -> None:
     """A network whose head is a constant turn to the left flies circles until the time is up."""
     variables = jax.tree.map(jnp.zeros_like, plain.initial().learner.actor)
     variables["params"]["trunk"]["head"]["bias"] = jnp.float32([0.0, 5.0])

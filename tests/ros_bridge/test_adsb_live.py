@@ -72,7 +72,7 @@ def read(reader: Any, *given: tuple[float, str]) -> list[Report | FieldError]:
     return [
         found
         for second, text in given
-        for found in reader.taken(text, round((T0 + second) * SECOND))
+        for found in reader.reports_of(text, round((T0 + second) * SECOND))
     ]
 
 
@@ -412,7 +412,7 @@ def drained(receiver: Receiver, reader: Any) -> list[Report | FieldError]:
         if item is None:
             reader.begin()
         else:
-            found += reader.taken(item[1], item[0])
+            found += reader.reports_of(item[1], item[0])
     return found
 
 

@@ -14,7 +14,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Circle, Keep, Level, Polygon
-from ros_bridge.core.areas import areas, placed
+from ros_bridge.core.areas import areas, to_local
 from ros_bridge.core.fields import FieldError
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, stamp
 
@@ -55,7 +55,7 @@ def message(*every: Any) -> Any:
 
 def test_an_area_stands_where_it_is_at_the_request() -> None:
     report = areas(message(area(), area(rings=[], keep=1, valid=0)))
-    cell, disc = placed(report, FRAME, NOW + 20 * SECOND, WITHIN)
+    cell, disc = to_local(report, FRAME, NOW + 20 * SECOND, WITHIN)
     assert isinstance(cell.shape, Polygon)
     expected = np.add(TRIANGLE, (100.0, -40.0))
     assert np.array(cell.shape.outer) == pytest.approx(expected, abs=1e-6)
@@ -68,8 +68,8 @@ def test_an_area_stands_where_it_is_at_the_request() -> None:
 
 def test_what_has_grown_since_the_message_is_kept_from() -> None:
     report = areas(message(area(growth=2.0)))
-    (now,) = placed(report, FRAME, NOW, WITHIN)
-    (later,) = placed(report, FRAME, NOW + 20 * SECOND, WITHIN)
+    (now,) = to_local(report, FRAME, NOW, WITHIN)
+    (later,) = to_local(report, FRAME, NOW + 20 * SECOND, WITHIN)
     assert later.clearance == 90.0
     assert signed_distance(later, 5e3, 5e3, 10.0) - later.clearance == pytest.approx(
         signed_distance(now, 5e3, 5e3, 30.0) - now.clearance
@@ -78,8 +78,8 @@ def test_what_has_grown_since_the_message_is_kept_from() -> None:
 
 def test_far_areas_are_left_out() -> None:
     far = area(rings=[], latitude=49.0)
-    assert placed(areas(message(far)), FRAME, NOW, WITHIN) == ()
-    assert len(placed(areas(message(far)), FRAME, NOW, 3e5)) == 1
+    assert to_local(areas(message(far)), FRAME, NOW, WITHIN) == ()
+    assert len(to_local(areas(message(far)), FRAME, NOW, 3e5)) == 1
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_far_areas_are_left_out() -> None:
 )
 def test_a_wrong_field_is_named(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(FieldError, match=said):
-        placed(areas(message(area(**changes))), FRAME, NOW, WITHIN)
+        to_local(areas(message(area(**changes))), FRAME, NOW, WITHIN)
 
 
 def test_messages_hold_what_an_area_is() -> None:
@@ -138,7 +138,7 @@ def test_messages_hold_what_an_area_is() -> None:
         ),
     ]
     sent = areas_message(given, NOW, FRAME, "map")
-    found = placed(areas(copy.deepcopy(sent)), FRAME, NOW, WITHIN)
+    found = to_local(areas(copy.deepcopy(sent)), FRAME, NOW, WITHIN)
     for one, other in zip(given, found, strict=True):
         for name in Area.__slots__:
             if name != "shape":

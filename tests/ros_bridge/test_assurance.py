@@ -16,26 +16,26 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.assurance.state import Flown, State
+from agents.assurance.state import FlyMode, State
 from agents.planner.planner import plan
 from agents.planner.request import Altitude
 from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
-from envs.waypoints import at, knots, legs
+from envs.waypoints import at, legs, plan_states
 from envs.wind import Wind
 from ros_bridge.core import updates
 from ros_bridge.core.assurance import (
     Supervision,
-    activated,
-    answered,
+    accept_answer,
+    activate,
     initial,
-    stepped,
+    step_monitor,
     to_fly,
     withdrawn,
 )
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.reach import Reach, vertically_apart
-from ros_bridge.core.replies import flown, plan_points, start_point, wind_of
+from ros_bridge.core.replies import plan_points, start_point, to_frame, wind_of
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation, task
 from ros_bridge.core.tracks import Rules
@@ -79,7 +79,7 @@ def published(situation: Situation, revision: int = 1, seconds: float = 0.0) -> 
 def begun() -> tuple[Supervision, Situation]:
     """Return a monitor that has just begun to watch a plan, and what was heard."""
     situation = traffic(heard(), 0.0)
-    return activated(initial(THRESHOLDS), situation, published(situation)), situation
+    return activate(initial(THRESHOLDS), situation, published(situation)), situation
 
 
 def test_a_plan_in_a_wind_is_monitored_in_it():
@@ -100,29 +100,29 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
     situation = situation_at(0.0, VehicleState(0.0, 0.0, 0.5, 75.0))
     held = published(situation)
     assert held.wind == pytest.approx((12.0, -9.0))
-    supervision = activated(initial(THRESHOLDS), situation, held)
+    supervision = activate(initial(THRESHOLDS), situation, held)
     assert supervision.frame is not None
     wind = wind_of(supervision.frame, held)
-    curves = legs(knots(*flown(supervision.frame, held), wind=wind))
+    curves = legs(plan_states(*to_frame(supervision.frame, held), wind=wind))
     for second in range(1, 13):
         place = at(curves, np.float64(second), wind)
         situation = situation_at(float(second), place)
-        supervision, verdict = stepped(supervision, situation, NOW + second * SECOND)
+        supervision, verdict = step_monitor(supervision, situation, NOW + second * SECOND)
         assert verdict is not None
         assert verdict.state is State.MONITORING, verdict.reasons
         assert abs(verdict.measured.cross_track.item()) < 0.1
     # In still air the same flight is not the plan.
-    calm = activated(initial(THRESHOLDS), situation, held._replace(wind=(0.0, 0.0), revision=9))
-    _, verdict = stepped(calm, situation, NOW + 12 * SECOND)
+    calm = activate(initial(THRESHOLDS), situation, held._replace(wind=(0.0, 0.0), revision=9))
+    _, verdict = step_monitor(calm, situation, NOW + 12 * SECOND)
     assert verdict is not None
     assert abs(verdict.measured.cross_track.item()) > 0.2
 
 
 def test_there_is_no_verdict_before_the_first_plan():
-    supervision, verdict = stepped(initial(THRESHOLDS), heard(), NOW)
+    supervision, verdict = step_monitor(initial(THRESHOLDS), heard(), NOW)
     assert verdict is None
-    assert to_fly(supervision) is Flown.NOTHING
-    assert to_fly(withdrawn(supervision, 1)) is Flown.NOTHING
+    assert to_fly(supervision) is FlyMode.NOTHING
+    assert to_fly(withdrawn(supervision, 1)) is FlyMode.NOTHING
 
 
 @given(
@@ -137,7 +137,7 @@ def test_report_handed_over_again_is_in_order(first: int, steps: list[int]):
         now += step
         if now - NOW - first > SECOND:
             break
-        supervision, verdict = stepped(supervision, situation, now)
+        supervision, verdict = step_monitor(supervision, situation, now)
         assert verdict is not None
         assert [why.message for why in verdict.reasons] == []
         assert verdict.state is State.MONITORING
@@ -149,7 +149,7 @@ def test_reports_are_handed_over_far_enough_apart_to_show_a_turn():
     for tenth in range(1, 11):
         seconds = 0.1 * tenth
         situation = own(traffic(situation, seconds), seconds)
-        supervision, _ = stepped(supervision, situation, NOW + round(seconds * SECOND))
+        supervision, _ = step_monitor(supervision, situation, NOW + round(seconds * SECOND))
         times_given.append(supervision.reported["4b1a2c"].time)
     times = sorted(set(times_given))
     assert len(times) >= 3
@@ -159,9 +159,9 @@ def test_reports_are_handed_over_far_enough_apart_to_show_a_turn():
 def test_changed_report_is_handed_over_at_once():
     supervision, situation = begun()
     situation = own(traffic(situation, 0.5), 0.5)
-    supervision, _ = stepped(supervision, situation, NOW + SECOND // 2)
+    supervision, _ = step_monitor(supervision, situation, NOW + SECOND // 2)
     situation = own(traffic(situation, 0.6, heading=-0.5 * math.pi, x=FAR - 45.0), 0.6)
-    supervision, verdict = stepped(supervision, situation, NOW + round(0.6 * SECOND))
+    supervision, verdict = step_monitor(supervision, situation, NOW + round(0.6 * SECOND))
     assert supervision.reported["4b1a2c"].time == NOW + round(0.6 * SECOND)
     assert verdict is not None and verdict.measured.intruder_velocity[0] > 50.0
 
@@ -197,9 +197,9 @@ def test_a_plan_survives_noise_that_is_declared(seed: int):
         situation = updates.traffic(situation, noisy(second, random), now, RULES)
         if second == 5:
             taken = published(situation, seconds=5.0)
-            supervision = activated(supervision, situation, taken)
-            curve = legs(knots(*flown(FRAME, taken)))
-        supervision, verdict = stepped(supervision, situation, now)
+            supervision = activate(supervision, situation, taken)
+            curve = legs(plan_states(*to_frame(FRAME, taken)))
+        supervision, verdict = step_monitor(supervision, situation, now)
         asked += verdict is not None and verdict.ask is not None
     assert asked == 0
 
@@ -208,7 +208,7 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
     supervision, situation = begun()
     bad = aircraft(0.0, 9_000.0, 0.0, 75.0, id="bad001", latitude=math.nan, time=NOW + SECOND)
     situation = updates.traffic(own(traffic(situation, 1.0), 1.0), bad, NOW + SECOND, RULES)
-    supervision, verdict = stepped(supervision, situation, NOW + SECOND)
+    supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
     assert verdict is not None and verdict.state is State.DENIED
     assert any(why.message.startswith("intruders lack a report") for why in verdict.reasons)
     situation = replace(
@@ -216,19 +216,19 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
         traffic={name: track for name, track in situation.traffic.items() if name != "bad001"},
     )
     situation = own(traffic(situation, 2.0), 2.0)
-    _, verdict = stepped(supervision, situation, NOW + 2 * SECOND)
+    _, verdict = step_monitor(supervision, situation, NOW + 2 * SECOND)
     assert verdict is not None and verdict.state is State.MONITORING
 
 
 def test_older_plan_is_ignored_and_a_withdrawal_ends_the_newer():
     supervision, situation = begun()
-    newer = activated(supervision, situation, published(situation)._replace(revision=5))
+    newer = activate(supervision, situation, published(situation)._replace(revision=5))
     assert newer.held is not None and newer.held.revision == 5
-    assert activated(newer, situation, published(situation)._replace(revision=4)) is newer
+    assert activate(newer, situation, published(situation)._replace(revision=4)) is newer
     assert withdrawn(newer, 5) is newer
     ended = withdrawn(newer, 6)
     assert ended.held is None
-    assert to_fly(ended) is Flown.BACKUP
+    assert to_fly(ended) is FlyMode.BACKUP
 
 
 def test_an_answer_that_came_late_is_flown_on_its_own_times():
@@ -237,14 +237,14 @@ def test_an_answer_that_came_late_is_flown_on_its_own_times():
     situation = own(traffic(situation, 1.0), 1.0)
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
     situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
-    supervision, verdict = stepped(supervision, situation, NOW + SECOND)
+    supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
     assert verdict is not None and verdict.ask is not None
     # The runner begins 80 ms after the monitor has asked.
     answer = published(situation, revision=2, seconds=1.08)
-    supervision, taken_up = answered(supervision, verdict.ask.number, answer)
+    supervision, taken_up = accept_answer(supervision, verdict.ask.number, answer)
     assert taken_up and supervision.held == answer
     situation = own(traffic(situation, 1.1), 1.1)
-    supervision, verdict = stepped(supervision, situation, NOW + round(1.1 * SECOND))
+    supervision, verdict = step_monitor(supervision, situation, NOW + round(1.1 * SECOND))
     assert verdict is not None and verdict.state is State.MONITORING
     assert abs(float(verdict.measured.along_track[0])) < 0.1
     assert abs(float(verdict.measured.time_error[0])) < 1e-3
@@ -255,9 +255,9 @@ def test_a_refusal_denies_the_plan():
     situation = own(traffic(situation, 1.0), 1.0)
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
     situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
-    supervision, verdict = stepped(supervision, situation, NOW + SECOND)
+    supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
     assert verdict is not None and verdict.ask is not None
-    supervision, taken_up = answered(supervision, verdict.ask.number, None)
+    supervision, taken_up = accept_answer(supervision, verdict.ask.number, None)
     assert not taken_up
     assert State(int(supervision.watch.monitor.state[0])) in (State.DENIED, State.BACKUP)
 
@@ -307,6 +307,6 @@ def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
         for second in range(1, 9):
             now = NOW + second * SECOND
             known = own(traffic(known, float(second)), float(second))
-            left, verdict = stepped(left, known, now)
+            left, verdict = step_monitor(left, known, now)
         assert verdict is not None
         assert (verdict.state is State.MONITORING) == reached

@@ -14,7 +14,7 @@ from agents.planner.planner import plan
 from agents.policy.inference import Policy
 from ros_bridge.core.adapters import adsb_vehicle
 from ros_bridge.core.adsb_live import AircraftJson, Traffic
-from ros_bridge.core.assurance import activated, initial, stepped
+from ros_bridge.core.assurance import activate, initial, step_monitor
 from ros_bridge.core.categories import Categories, number_of, separations_of
 from ros_bridge.core.conversions import aircraft as report_of
 from ros_bridge.core.fields import FieldError
@@ -72,7 +72,9 @@ def test_messages_carry_the_category() -> None:
         for now in (1_000.0, 1_001.0, 1_002.0)
     )
     read = [
-        one for n, text in enumerate(documents) for one in reader.taken(text, (1_000 + n) * SECOND)
+        one
+        for n, text in enumerate(documents)
+        for one in reader.reports_of(text, (1_000 + n) * SECOND)
     ]
     assert read and all(not isinstance(one, FieldError) and one.category == HEAVY for one in read)
 
@@ -105,8 +107,8 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
         return aircraft(6_000.0, -4_500.0, math.pi / 2.0, 75.0, **given)
 
     situation = heard(crossing(1_000.0, HEAVY), own=own)
-    supervision = activated(initial(THRESHOLDS, USUAL, CATEGORIES), situation, published(situation))
-    _, verdict = stepped(supervision, situation, NOW)
+    supervision = activate(initial(THRESHOLDS, USUAL, CATEGORIES), situation, published(situation))
+    _, verdict = step_monitor(supervision, situation, NOW)
     assert verdict is not None
     traffic = verdict.measured.traffic
     assert traffic.separation.tolist() == [[2_500.0]]
@@ -117,8 +119,8 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
     sinking = crossing(900.0, 0)
     sinking.velocity.z = -5.0
     situation = heard(sinking, own=own)
-    _, verdict = stepped(
-        activated(initial(THRESHOLDS, USUAL, CATEGORIES), situation, published(situation)),
+    _, verdict = step_monitor(
+        activate(initial(THRESHOLDS, USUAL, CATEGORIES), situation, published(situation)),
         situation,
         NOW,
     )

@@ -16,7 +16,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 import pyproj
 
 from agents.planner.request import Altitude
-from envs.formats.local_frame import LocalFrame, carried, distance
+from envs.formats.local_frame import LocalFrame, distance, fly_straight
 from ros_bridge.core import conversions
 from ros_bridge.core.adapters import adsb_vehicle, inspva, nav_sat_fix
 from ros_bridge.core.fields import FieldError
@@ -307,7 +307,7 @@ def test_the_antimeridian_is_no_border():
 
 @given(origins, st.floats(-math.pi, math.pi), st.floats(0.0, 300.0), st.floats(0.0, 30.0))
 def test_dead_reckoning_covers_the_distance_flown(origin, way: float, speed: float, seconds: float):
-    to = carried(*origin, speed * math.cos(way), speed * math.sin(way), seconds)
+    to = fly_straight(*origin, speed * math.cos(way), speed * math.sin(way), seconds)
     assert distance(*origin, *to) == pytest.approx(speed * seconds, abs=1e-6)
 
 

@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from envs.edge.command import InputError
-from envs.formats.local_frame import LocalFrame, carried, distance
+from envs.formats.local_frame import LocalFrame, distance, fly_straight
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.display.picture import OWN_STALE, STALE, VERSION, picture
@@ -59,7 +59,7 @@ def test_aircraft_are_drawn_where_they_are_to_be_expected(x, y, heading, seconds
     one = shown["traffic"][0]
     place = LocalFrame(*shown["origin"]).geodetic(one["x"], one["y"])
     velocity = message.velocity
-    expected = carried(message.latitude, message.longitude, velocity.x, velocity.y, seconds)
+    expected = fly_straight(message.latitude, message.longitude, velocity.x, velocity.y, seconds)
     assert distance(float(place.latitude), float(place.longitude), *expected) < 3.0
     track = math.degrees(math.atan2(velocity.x, velocity.y)) % 360.0
     assert abs((one["track_deg"] - track + 180.0) % 360.0 - 180.0) < 0.2

@@ -8,11 +8,11 @@ import pytest
 pytest.importorskip("websockets", reason="websockets is not installed")
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from envs.waypoints import at, knots, legs
+from envs.waypoints import at, legs, plan_states
 from ros_bridge.core import updates
-from ros_bridge.core.assurance import activated, initial, stepped
+from ros_bridge.core.assurance import activate, initial, step_monitor
 from ros_bridge.core.guidance import blank
-from ros_bridge.core.replies import flown
+from ros_bridge.core.replies import to_frame
 from ros_bridge.display.beside import supervised
 from ros_bridge.display.picture import picture
 from ros_bridge.display.scene import Scene
@@ -24,14 +24,14 @@ from tests.ros_bridge.test_guidance import RULES, with_report
 def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     before = traffic(heard(), 0.0)
     plan = published(before)
-    supervision = activated(initial(THRESHOLDS), before, plan)
-    start, points = flown(FRAME, plan)
-    own = at(legs(knots(start, points)), np.float64(1.0))
+    supervision = activate(initial(THRESHOLDS), before, plan)
+    start, points = to_frame(FRAME, plan)
+    own = at(legs(plan_states(start, points)), np.float64(1.0))
     message = aircraft(*(float(value) for value in own), id="own", time=NOW + SECOND)
     now = NOW + SECOND
     situation = with_report(traffic(before, 1.0), "new001", 7_000.0, 0.0, math.pi)
     situation = updates.ownship(situation, message, now, RULES)
-    supervision, verdict = stepped(supervision, situation, now)
+    supervision, verdict = step_monitor(supervision, situation, now)
     scene, shown = supervised(Scene(), situation, supervision, verdict, blank(THRESHOLDS), now)
     found = picture(scene, now)
     assert found["separation"] == THRESHOLDS.requirement.separation

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from ros_bridge.core import updates
-from ros_bridge.core.situation import Code, Refusal, Situation, placed, task
+from ros_bridge.core.situation import Code, Refusal, Situation, task, to_local
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
     FRAME,
@@ -267,7 +267,7 @@ def test_damaged_states_never_move_what_is_planned_with():
             for name in tracks.keys() & STARTS.keys():
                 track, last = tracks[name], tracks[name].last
                 assert last is not None
-                at, (x, y, *_) = placed(FRAME, last), truth(name, (last.time - NOW) / SECOND)
+                at, (x, y, *_) = to_local(FRAME, last), truth(name, (last.time - NOW) / SECOND)
                 allowed = RULES.jump_distance + RULES.jump_speed * max(track.age(now), EVERY)
                 assert math.hypot(at.x - x, at.y - y) <= allowed, name
     assert planned > 0.2 * rows / len(STARTS)

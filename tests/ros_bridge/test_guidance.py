@@ -14,11 +14,11 @@ from agents.assurance.alerts import Alerting, Level, Region
 from agents.assurance.state import State
 from agents.assurance.thresholds import Cause
 from envs.formats.local_frame import LocalFrame
-from envs.waypoints import at, knots, legs
+from envs.waypoints import at, legs, plan_states
 from ros_bridge.core import updates
-from ros_bridge.core.assurance import Supervision, activated, initial, stepped
+from ros_bridge.core.assurance import Supervision, activate, initial, step_monitor
 from ros_bridge.core.guidance import TRACKS, Guidance, blank, guidance
-from ros_bridge.core.replies import flown
+from ros_bridge.core.replies import to_frame
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, THRESHOLDS, aircraft, heard
@@ -36,13 +36,13 @@ def display(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
     """Return what is shown a second after a plan began."""
     before = traffic(heard(), 0.0)
     plan = published(before)
-    supervision: Supervision = activated(initial(THRESHOLDS), before, plan)
-    _, points = flown(FRAME, plan)
-    start, _ = flown(FRAME, plan)
-    place = at(legs(knots(start, points)), np.float64(1.0))
+    supervision: Supervision = activate(initial(THRESHOLDS), before, plan)
+    _, points = to_frame(FRAME, plan)
+    start, _ = to_frame(FRAME, plan)
+    place = at(legs(plan_states(start, points)), np.float64(1.0))
     own = aircraft(*(float(value) for value in place), id="own", time=NOW + SECOND)
     situation = updates.ownship(situation, own, NOW + SECOND, RULES)
-    supervision, verdict = stepped(supervision, situation, NOW + SECOND)
+    supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
     assert verdict is not None and supervision.frame is not None
     _, found = guidance(
         blank(THRESHOLDS),
@@ -95,8 +95,8 @@ def test_where_nothing_is_free_there_is_a_way_out() -> None:
 
 def test_nothing_is_shown_of_an_ownship_that_is_unknown() -> None:
     before = traffic(heard(), 0.0)
-    supervision = activated(initial(THRESHOLDS), before, published(before))
-    supervision, verdict = stepped(supervision, before, NOW + 10 * SECOND)
+    supervision = activate(initial(THRESHOLDS), before, published(before))
+    supervision, verdict = step_monitor(supervision, before, NOW + 10 * SECOND)
     assert verdict is not None and supervision.frame is not None
     assert verdict.state is State.DENIED
     assert verdict.measured.causes[0] & Cause.OWN_STALE

@@ -39,9 +39,9 @@ from eval.hifi.config import HifiConfig
 from ros_bridge.transport import parameters
 from ros_bridge.transport.settings import (
     monitor_thresholds,
+    parameters_of,
     planning_options,
     planning_settings,
-    resolved,
 )
 
 PACKAGE = Path(parameters.__file__).parents[1]
@@ -133,7 +133,7 @@ def test_params_files_name_parameters_that_exist(file: str):
     given = yaml.safe_load((PACKAGE / "launch" / file).read_text(encoding="utf-8"))
     for pattern, content in given.items():
         node = pattern.removeprefix("/**/")
-        ranges = {one.name: one for one in resolved(node.removeprefix("rlcas_"), PAPER)}
+        ranges = {one.name: one for one in parameters_of(node.removeprefix("rlcas_"), PAPER)}
         for name, value in content["ros__parameters"].items():
             assert name in DECLARED[node]
             low, high = ranges[name].low, ranges[name].high
@@ -142,7 +142,7 @@ def test_params_files_name_parameters_that_exist(file: str):
 
 def values_of(kind: str, **given: Any) -> Callable[[str], Any]:
     """Return how a node of the paper's aircraft would read its parameters."""
-    return ({one.name: one.default for one in resolved(kind, PAPER)} | given).get
+    return ({one.name: one.default for one in parameters_of(kind, PAPER)} | given).get
 
 
 def test_the_aircraft_in_flight_is_that_of_the_evaluations():
@@ -170,7 +170,7 @@ def test_defaults_are_the_usual_options_of_the_aircraft():
         aircraft = load(
             AircraftConfig, PACKAGE.parent / "configs" / "aircraft" / f"{name}.yaml"
         ).aircraft()
-        made = {one.name: one.default for one in resolved("runner", aircraft)}
+        made = {one.name: one.default for one in parameters_of("runner", aircraft)}
         options, usual = planning_options(made.get, aircraft), Options.for_aircraft(aircraft)
         assert options.requirement.separation == aircraft.separation
         assert options.max_age == pytest.approx(usual.max_age)

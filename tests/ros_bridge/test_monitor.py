@@ -19,9 +19,9 @@ from lifecycle_msgs.srv import ChangeState
 from rlcas_msgs.msg import AssuranceStatus, GuidanceBands, TrafficAlert, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
-from envs.waypoints import Legs, at, knots, legs
-from ros_bridge.core.assurance import published as plan_of
-from ros_bridge.core.replies import flown
+from envs.waypoints import Legs, at, legs, plan_states
+from ros_bridge.core.assurance import read_plan as plan_of
+from ros_bridge.core.replies import to_frame
 from ros_bridge.transport import qos
 from tests.ros_bridge.scenes import FRAME
 
@@ -83,9 +83,9 @@ class Flight:
             and self.plans[-1].revision > self.revision
         ):
             published = plan_of(self.plans[-1], 20)
-            own, waypoints = flown(FRAME, published)
+            own, waypoints = to_frame(FRAME, published)
             self.legs, self.began, self.revision = (
-                legs(knots(own, waypoints)),
+                legs(plan_states(own, waypoints)),
                 published.began,
                 published.revision,
             )

@@ -41,7 +41,7 @@ class Scene:
     def __init__(self, node: planning.Runner, client, patch: pytest.MonkeyPatch) -> None:
         self.node, self.client, self.world = node, client, World(client)
         self.begun, self.go_on = threading.Event(), threading.Event()
-        really = planning.planned
+        really = planning.plan_task
 
         def planned(wanted, policy, *, exhaustive):
             if exhaustive:
@@ -49,7 +49,7 @@ class Scene:
                 assert self.go_on.wait(20.0)
             return really(wanted, policy, exhaustive=False)
 
-        patch.setattr(planning, "planned", planned)
+        patch.setattr(planning, "plan_task", planned)
         node.trigger_configure()
         node.trigger_activate()
         self.world.reference()

@@ -19,8 +19,8 @@ from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.relative import straight_cpa
-from envs.starts import numbered
-from envs.waypoints import RoutePoint, Waypoint, knots, legs
+from envs.starts import encounters_of_seed
+from envs.waypoints import RoutePoint, Waypoint, legs, plan_states
 from ros_bridge.sim.flight_log import FlightLog, kept, table
 from ros_bridge.sim.plan_flight import PlanFlight, Verdict, plans_table
 from ros_bridge.sim.receivers import Quality, Receiver
@@ -32,7 +32,7 @@ NEEDS_JSBSIM = pytest.mark.skipif(
 
 
 def met(name: str = "crossing_left", number: int = 0):
-    return numbered(scenario(name, PAPER), 0, number, 1)
+    return encounters_of_seed(scenario(name, PAPER), 0, number, 1)
 
 
 def test_straight_flights_come_as_close_as_their_cpa():
@@ -62,7 +62,7 @@ def test_flown_plan_keeps_its_separation(kind: str, bound: float):
     route = [RoutePoint(n, own.x + east * n, own.y + north * n) for n in range(10, 90, 10)]
     made = plan(own, list(flight.traffic.values()), route, Policy.load())
     assert made.safe
-    flight.fly(legs(knots(own, made.waypoints)), 0.0, plan=True)
+    flight.fly(legs(plan_states(own, made.waypoints)), 0.0, plan=True)
     while not flight.over() and flight.time < 300.0:
         flight.step()
     assert flight.truth.error < bound
@@ -70,7 +70,7 @@ def test_flown_plan_keeps_its_separation(kind: str, bound: float):
 
 
 def test_only_intruders_that_exist_fly():
-    encounter = numbered(scenario("multi", PAPER), 0, 0, 1)
+    encounter = encounters_of_seed(scenario("multi", PAPER), 0, 0, 1)
     flight = EncounterFlight(encounter, PAPER, C208_PUBLISHED)
     assert len(flight.traffic) == int(encounter.mask.sum()) < encounter.mask.size
     flight.step()
@@ -234,7 +234,7 @@ def taken_up(late: float) -> PlanFlight:
     assert made.safe
     while flight.time < late - 1e-6:
         flight.step()
-    flight.fly(legs(knots(own, made.waypoints)), 0.0, plan=True)
+    flight.fly(legs(plan_states(own, made.waypoints)), 0.0, plan=True)
     while flight.time < late + 60.0:
         flight.step()
     (record,) = flight.plans
@@ -277,7 +277,7 @@ def test_an_intruder_that_turns_is_seen_to_leave_its_course():
         ahead = VehicleState(one.own.x, one.own.y, one.own.heading, one.own.speed)
         reach = 300.0 * ahead.speed
         x, y = ahead.x + reach * math.cos(ahead.heading), ahead.y + reach * math.sin(ahead.heading)
-        line = legs(knots(ahead, [Waypoint(0, x, y, ahead.heading, ahead.speed, 300.0)]))
+        line = legs(plan_states(ahead, [Waypoint(0, x, y, ahead.heading, ahead.speed, 300.0)]))
         one.fly(line, 0.0, plan=True)
         while one.time < 120.0:
             one.step()

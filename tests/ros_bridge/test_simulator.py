@@ -35,7 +35,7 @@ from envs.aircraft import PAPER
 from envs.edge.command import InputError
 from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.waypoints import Waypoint as LocalWaypoint
 from ros_bridge import demo
 from ros_bridge.core import conversions
@@ -84,7 +84,9 @@ def test_reports_come_back_from_their_messages_as_they_were(
 
 
 def test_route_passes_the_goal_and_is_long_enough_for_every_plan():
-    flight = EncounterFlight(numbered(scenario("circle", PAPER), 0, 3, 1), PAPER, C208_PUBLISHED)
+    flight = EncounterFlight(
+        encounters_of_seed(scenario("circle", PAPER), 0, 3, 1), PAPER, C208_PUBLISHED
+    )
     route = conversions.published_route(route_of(flight, FRAME, 1_000.0))
     at = FRAME.place([one.latitude for one in route], [one.longitude for one in route])
     assert (float(at.x[0]), float(at.y[0])) == pytest.approx(flight.goal, abs=1e-3)
@@ -95,7 +97,7 @@ def test_route_passes_the_goal_and_is_long_enough_for_every_plan():
 
 @pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed")
 def test_encounter_that_cannot_be_flown_is_a_logged_failure():
-    encounter = numbered(scenario("circle", PAPER), 0, 0, 1)
+    encounter = encounters_of_seed(scenario("circle", PAPER), 0, 0, 1)
     fast = encounter._replace(own=encounter.own._replace(speed=encounter.own.speed * 0.0 + 300.0))
     with beside(Simulator, vehicle="c208") as (node, _):
         node.begin(fast, "too fast")
@@ -148,34 +150,33 @@ def test_the_monitor_decides_which_plan_is_flown():
         message(2),
         message(9, Trajectory.STATUS_BACKUP),
     )
-    assert guidance.add_plan(first) and guidance.selected() is None
+    assert guidance.add_plan(first) and guidance.select() is None
     guidance.status = word(AssuranceStatus.FLY_PLAN, 1)
-    assert guidance.selected() is first
+    assert guidance.select() is first
     # A newer plan is flown when the monitor has taken it up, and one that has not come yet is none.
-    assert guidance.add_plan(second) and guidance.selected() is first
+    assert guidance.add_plan(second) and guidance.select() is first
     guidance.status = word(AssuranceStatus.FLY_PLAN, 2)
-    assert guidance.selected() is second
+    assert guidance.select() is second
     guidance.status = word(AssuranceStatus.FLY_PLAN, 3)
-    assert guidance.selected() is None
+    assert guidance.select() is None
     guidance.status = word(AssuranceStatus.FLY_BACKUP)
-    assert guidance.selected() is None
+    assert guidance.select() is None
     guidance.backup = backup
-    assert guidance.selected() is backup
+    assert guidance.select() is backup
     guidance.status = word(AssuranceStatus.FLY_NOTHING)
-    assert guidance.selected() is None
+    assert guidance.select() is None
 
 
 def test_unsafe_and_withdrawn_plans_are_not_flown():
     guidance = Guidance(monitored=False)
     assert (
         not guidance.add_plan(message(1, Trajectory.STATUS_UNRESOLVED))
-        and guidance.selected() is None
+        and guidance.select() is None
     )
     safe = message(2)
-    assert guidance.add_plan(safe) and guidance.selected() is safe
+    assert guidance.add_plan(safe) and guidance.select() is safe
     assert (
-        not guidance.add_plan(message(3, Trajectory.STATUS_WITHDRAWN))
-        and guidance.selected() is None
+        not guidance.add_plan(message(3, Trajectory.STATUS_WITHDRAWN)) and guidance.select() is None
     )
 
 

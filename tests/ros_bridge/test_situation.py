@@ -15,15 +15,15 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 
 from agents.planner.answer import AdvisoryCode, Apart, Plan
 from agents.planner.planner import plan
-from agents.planner.publish import rechecked
-from agents.planner.request import checked
+from agents.planner.publish import recheck
+from agents.planner.request import check_request
 from agents.policy.inference import Policy
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.conversions import Published
-from ros_bridge.core.replies import flown, plan_points, start_point
+from ros_bridge.core.replies import plan_points, start_point, to_frame
 from ros_bridge.core.reports import Unknown
-from ros_bridge.core.situation import NOTHING, Code, Situation, Task, named, task
+from ros_bridge.core.situation import NOTHING, Code, PlanTask, Situation, in_terms_of_messages, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
     FRAME,
@@ -62,7 +62,7 @@ def test_what_an_intruder_does_not_report_is_assumed_and_said_by_its_name():
     wanted = task(heard(crossing(valid=0x05)), NOW, replace(SETTINGS, unknown=unknown))
     assert (wanted.intruders[0].position_std, wanted.intruders[0].velocity_std) == unknown
     assert [
-        named(note.field, wanted.identifiers)
+        in_terms_of_messages(note.field, wanted.identifiers)
         for note in wanted.notes
         if note.code is AdvisoryCode.ASSUMED
     ] == ["intruder 4b1a2c.position_std", "intruder 4b1a2c.velocity_std"]
@@ -205,7 +205,7 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
     far = aircraft(301_000.0, 0.0, 0.0, 75.0)
     # The planner leaves out what cannot come near.
     wanted = task(heard(far), NOW, SETTINGS)
-    _, excluded, _ = checked(wanted.own, wanted.intruders, wanted.points, wanted.options)
+    _, excluded, _ = check_request(wanted.own, wanted.intruders, wanted.points, wanted.options)
     assert wanted.identifiers == ("4b1a2c",)
     assert [one.apart for one in excluded] == [Apart.FAR]
 
@@ -246,7 +246,9 @@ def test_copy_of_the_ownship_under_another_id_is_noted():
     wanted = task(heard(aircraft(30.0, -20.0, 0.02, 76.0, id="tisb01"), crossing()), NOW, SETTINGS)
     assert wanted.identifiers == ("4b1a2c", "tisb01")
     copies = [note for note in wanted.notes if note.code is AdvisoryCode.POSSIBLE_COPY]
-    assert [named(note.field, wanted.identifiers) for note in copies] == ["intruder tisb01"]
+    assert [in_terms_of_messages(note.field, wanted.identifiers) for note in copies] == [
+        "intruder tisb01"
+    ]
 
 
 def test_msl_heights_are_comparable_with_the_undulation_only():
@@ -332,7 +334,7 @@ def test_a_plan_survives_its_way_over_the_ellipsoid(origin: tuple[float, float])
     assert len(points) == 20
     assert [place.of_route for place in points] == [False] * 19 + [True]
     start = start_point(frame, wanted.own, wanted.time, wanted.own_altitude)
-    own, waypoints = flown(frame, Published(b"", 1, wanted.time, start, points, ()))
+    own, waypoints = to_frame(frame, Published(b"", 1, wanted.time, start, points, ()))
     assert own == pytest.approx(tuple(wanted.own), abs=1e-6)
     for back, out in zip(waypoints, result.waypoints, strict=True):
         assert back.index == out.index
@@ -358,7 +360,7 @@ def at(
     seconds: float,
     intruder: tuple[float, float, float],
     own: tuple[float, float, float] | None = None,
-) -> Task:
+) -> PlanTask:
     """Return the task some seconds after NOW, the ownship having flown straight on where nothing
     else is said.
     """
@@ -372,29 +374,29 @@ def at(
     return task(situation, now, SETTINGS)
 
 
-def revalidated(plan: Plan, asked: Task, present: Task) -> Plan:
+def revalidated(plan: Plan, asked: PlanTask, present: PlanTask) -> Plan:
     late, now = (present.time - asked.time) / SECOND, present
-    return rechecked(plan, late, now.own, now.intruders, now.points, now.options, now.own_altitude)
+    return recheck(plan, late, now.own, now.intruders, now.points, now.options, now.own_altitude)
 
 
 @pytest.fixture(scope="module")
-def asked() -> Task:
+def asked() -> PlanTask:
     return at(0.0, (9_000.0, 0.0, math.pi))
 
 
 @pytest.fixture(scope="module")
-def made(asked: Task) -> Plan:
+def made(asked: PlanTask) -> Plan:
     result = plan(asked.own, asked.intruders, asked.points, Policy.load(), asked.options)
     assert result.safe
     return result
 
 
-def test_plan_without_delay_is_unchanged(made: Plan, asked: Task):
+def test_plan_without_delay_is_unchanged(made: Plan, asked: PlanTask):
     assert revalidated(made, asked, asked) is made
 
 
 @pytest.mark.parametrize("late", [0.5, 2.0])
-def test_ownship_on_its_prediction_keeps_the_plan(made: Plan, asked: Task, late: float):
+def test_ownship_on_its_prediction_keeps_the_plan(made: Plan, asked: PlanTask, late: float):
     roomy = replace(
         asked.options, requirement=asked.options.requirement._replace(margin=0.0, separation=950.0)
     )
@@ -402,7 +404,7 @@ def test_ownship_on_its_prediction_keeps_the_plan(made: Plan, asked: Task, late:
     assert revalidated(made, asked, present).safe
 
 
-def test_intruder_off_its_prediction_voids_the_plan(made: Plan, asked: Task):
+def test_intruder_off_its_prediction_voids_the_plan(made: Plan, asked: PlanTask):
     side = math.copysign(1.0, made.waypoints[1].y)
     late = revalidated(made, asked, at(2.0, (2_500.0, side * 600.0, math.pi)))
     assert not late.safe
@@ -412,11 +414,11 @@ def test_intruder_off_its_prediction_voids_the_plan(made: Plan, asked: Task):
     assert "separation" in late.reasons[0].message
 
 
-def test_an_ownship_that_turned_away_cannot_join_it(made: Plan, asked: Task):
+def test_an_ownship_that_turned_away_cannot_join_it(made: Plan, asked: PlanTask):
     away = revalidated(made, asked, at(4.0, (8_700.0, 0.0, math.pi), own=(0.0, 0.0, math.pi)))
     assert not away.safe
 
 
-def test_unsafe_plan_stays_unsafe(made: Plan, asked: Task):
+def test_unsafe_plan_stays_unsafe(made: Plan, asked: PlanTask):
     unsafe = replace(made, status=type(made.status).UNRESOLVED)
     assert revalidated(unsafe, asked, at(1.0, (8_925.0, 0.0, math.pi))) is unsafe

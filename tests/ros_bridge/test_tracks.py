@@ -18,7 +18,7 @@ from envs.kinematics import SURROGATE, VehicleState
 from ros_bridge.core.conversions import aircraft as read
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.situation import turn_of
-from ros_bridge.core.tracks import UNKNOWN, Rules, Track, Verdict, forgotten, refused, taken
+from ros_bridge.core.tracks import UNKNOWN, Rules, Track, Verdict, forgotten, note_refused, take_in
 from tests.ros_bridge.scenes import NOW, SECOND, SETTINGS, aircraft
 
 RULES = Rules()
@@ -40,7 +40,7 @@ def report(seconds: float, x: float | None = None, y: float = 0.0):
 def fed(*reports, now: float = 0.0) -> tuple[Track, list[Verdict]]:
     track, verdicts = UNKNOWN, []
     for one in reports:
-        track = taken(track, one, "it", max(one.time, NOW + round(now * SECOND)), RULES)
+        track = take_in(track, one, "it", max(one.time, NOW + round(now * SECOND)), RULES)
         verdicts.append(track.verdict)
     return track, verdicts
 
@@ -82,7 +82,7 @@ def test_without_declared_noise_the_report_is_believed(flown: list[tuple[int, fl
         seconds += step
         message = aircraft(80.0 * seconds, off, heading, 80.0, time=NOW + round(seconds * SECOND))
         one = read(message, "it")
-        track = taken(track, one, "it", one.time, RULES)
+        track = take_in(track, one, "it", one.time, RULES)
         assert track.estimate == track.last
 
 
@@ -104,7 +104,7 @@ def test_errors_of_estimates_are_much_smaller_and_as_declared(latitude: float):
                 **spread,
             )
             one = read(message, "it")
-            track = taken(track, one, "it", one.time, RULES)
+            track = take_in(track, one, "it", one.time, RULES)
         assert track.estimate is not None and track.fault is None
         at = frame.place(track.estimate.latitude, track.estimate.longitude)
         east, north = at.velocity(track.estimate.east, track.estimate.north)
@@ -136,12 +136,12 @@ def test_two_reports_of_one_time_that_differ_are_a_fault():
 
 def test_a_report_from_the_future_is_a_fault_until_a_good_one_comes():
     before, _ = fed(report(0.0))
-    after = taken(before, report(2.0), "it", NOW + SECOND, RULES)
+    after = take_in(before, report(2.0), "it", NOW + SECOND, RULES)
     assert after.verdict is Verdict.FUTURE
     assert after.fault is not None and after.fault.message == (
         "it.header.stamp is 1.000 s ahead of the clock, expected 0.5 s at most"
     )
-    good = taken(after, report(1.2), "it", NOW + round(1.2 * SECOND), RULES)
+    good = take_in(after, report(1.2), "it", NOW + round(1.2 * SECOND), RULES)
     assert good.fault is None
 
 
@@ -150,7 +150,7 @@ def test_jump_is_accepted_when_a_second_report_confirms_it():
     assert verdicts[-1] is Verdict.JUMP
     assert track.last == report(0.0)
     assert track.fault is not None and track.fault.field == "it.position"
-    confirmed = taken(track, report(2.0, y=5_000.0), "it", NOW + 2 * SECOND, RULES)
+    confirmed = take_in(track, report(2.0, y=5_000.0), "it", NOW + 2 * SECOND, RULES)
     assert confirmed.verdict is Verdict.TAKEN
     assert confirmed.last == report(2.0, y=5_000.0)
     assert confirmed.fault is None
@@ -174,7 +174,7 @@ def taken_in_turns(first, second, pattern: str, every: float = 1.0) -> list[Trac
     for number, turn in enumerate(pattern):
         seconds = every * number
         one = (first if turn == "a" else second)(seconds)
-        track = taken(track, one, "it", NOW + round(seconds * SECOND), RULES)
+        track = take_in(track, one, "it", NOW + round(seconds * SECOND), RULES)
         history.append(track)
     return history
 
@@ -205,14 +205,14 @@ def test_two_aircraft_of_one_name_are_found_whatever_their_stamps(late: float):
     track = UNKNOWN
     for second in range(6):
         for one in (report(float(second)), other(second - late)):
-            track = taken(track, one, "it", NOW + second * SECOND, RULES)
+            track = take_in(track, one, "it", NOW + second * SECOND, RULES)
     assert track.fault is not None and track.fault.verdict is Verdict.SHARED
 
 
 def test_shared_name_is_free_again_when_one_aircraft_falls_silent():
     track = taken_in_turns(report, other, "abababab")[-1]
     for second in range(8, 50):
-        track = taken(track, report(float(second)), "it", NOW + second * SECOND, RULES)
+        track = take_in(track, report(float(second)), "it", NOW + second * SECOND, RULES)
         silent = second - 7.0
         assert (track.verdict is Verdict.TAKEN) == (silent > RULES.fresh_start)
 
@@ -233,7 +233,7 @@ def test_frozen_position_under_fresh_stamps_is_a_fault(every: float, moving: flo
     track, faulty = UNKNOWN, []
     for number in range(round((moving + 40.0) / every)):
         seconds = number * every
-        track = taken(
+        track = take_in(
             track, frozen(seconds, moving, jitter), "it", NOW + round(seconds * SECOND), RULES
         )
         faulty.append((seconds, track.fault is not None))
@@ -250,7 +250,7 @@ def test_position_that_moves_again_is_accepted_after_some_seconds():
     for second in range(30):
         seconds = float(second)
         one = frozen(seconds, 0.0) if second < 15 else report(seconds)
-        track = taken(track, one, "it", NOW + second * SECOND, RULES)
+        track = take_in(track, one, "it", NOW + second * SECOND, RULES)
     assert track.fault is None and track.last == report(29.0)
 
 
@@ -260,7 +260,7 @@ def test_frozen_position_is_a_fault_under_declared_noise_too(std: tuple[float, f
     for second in range(60):
         message = aircraft(0.0, 0.0, 0.0, 80.0, time=NOW + second * SECOND, valid=0xC5)
         message.position_std, message.velocity_std = std
-        track = taken(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
+        track = take_in(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
         faulty.append(track.fault is not None)
     assert faulty.index(True) <= 15 and all(faulty[faulty.index(True) :])
 
@@ -272,7 +272,7 @@ def test_velocity_in_another_unit_is_a_fault(unit: float):
     track = UNKNOWN
     for second in range(12):
         message = aircraft(80.0 * second, 0.0, 0.0, 80.0 * unit, time=NOW + second * SECOND)
-        track = taken(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
+        track = take_in(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
     assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
 
 
@@ -281,7 +281,7 @@ def test_velocity_across_the_displacement_is_a_fault(turn: float):
     track = UNKNOWN
     for second in range(6):
         message = aircraft(80.0 * second, 0.0, turn, 80.0, time=NOW + second * SECOND)
-        track = taken(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
+        track = take_in(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
     assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
 
 
@@ -289,7 +289,7 @@ def test_velocity_zero_of_an_aircraft_that_moves_is_a_fault():
     track = UNKNOWN
     for second in range(6):
         message = aircraft(80.0 * second, 0.0, 0.0, 0.0, time=NOW + second * SECOND)
-        track = taken(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
+        track = take_in(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
     assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
 
 
@@ -318,7 +318,7 @@ def test_noisy_turning_aircraft_do_not_contradict_themselves(
             float(at.speed) + up,
         )
         message = aircraft(*state, time=time, valid=0x45, position_std=10.0)
-        track = taken(track, read(message, "it"), "it", time, RULES)
+        track = take_in(track, read(message, "it"), "it", time, RULES)
         assert track.verdict is Verdict.TAKEN
 
 
@@ -345,7 +345,7 @@ def test_any_place_is_accepted_after_a_long_silence():
 def test_silent_aircraft_is_forgotten_and_a_faulty_one_is_not():
     late = NOW + 40 * SECOND
     silent = fed(report(0.0))[0]
-    noisy = refused(silent, FieldError("it.latitude", "is nan"), late, RULES)
+    noisy = note_refused(silent, FieldError("it.latitude", "is nan"), late, RULES)
     fresh = replace(silent, last=report(39.0))
     kept, gone = forgotten({"a": silent, "b": noisy, "c": fresh}, late, 30.0)
     assert set(kept) == {"b", "c"}
@@ -361,7 +361,7 @@ def turning(rate: float, every: float, std: float = 0.0, count: int = 9) -> Trac
         time = NOW + round(seconds * SECOND)
         state = tuple(float(value) for value in at)
         message = aircraft(*state, time=time, valid=0x85, velocity_std=std)
-        track = taken(track, read(message, "it"), "it", time, RULES)
+        track = take_in(track, read(message, "it"), "it", time, RULES)
     return track
 
 

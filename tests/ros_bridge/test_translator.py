@@ -36,7 +36,7 @@ from ros_bridge.core.fields import FieldError
 from ros_bridge.core.situation import Code
 from ros_bridge.nodes.monitor import Monitor
 from ros_bridge.nodes.runner import Runner
-from ros_bridge.nodes.translator import Translator, main, paired
+from ros_bridge.nodes.translator import Translator, main, pair
 from ros_bridge.transport import parameters, qos, topics
 from ros_bridge.transport.messages import time_message
 from ros_bridge.transport.overrides import refuse_unknown_nodes
@@ -104,17 +104,17 @@ def velocity(time: int, east: float = 60.0, north: float = 30.0) -> TwistStamped
 
 
 def test_a_fix_goes_with_the_velocity_of_its_time_alone():
-    report = paired(fix(NOW), velocity(NOW - SECOND // 10), "n1", "msl", 0.2)
+    report = pair(fix(NOW), velocity(NOW - SECOND // 10), "n1", "msl", 0.2)
     assert (report.east, report.north, report.time) == (60.0, 30.0, NOW)
     assert report.altitude is not None and report.altitude.reference == "msl"
-    turned = paired(fix(NOW), odometry(0.0, 0.0, 0.5 * math.pi, 70.0, 0.0, 0.0), "n1", "wgs84", 0.2)
+    turned = pair(fix(NOW), odometry(0.0, 0.0, 0.5 * math.pi, 70.0, 0.0, 0.0), "n1", "wgs84", 0.2)
     assert (turned.east, turned.north) == pytest.approx((0.0, 70.0), abs=1e-9)
     with pytest.raises(FieldError, match="velocity has not been received"):
-        paired(fix(NOW), None, "n1", "msl", 0.2)
+        pair(fix(NOW), None, "n1", "msl", 0.2)
     with pytest.raises(
         FieldError, match=r"velocity\.header\.stamp is 1\.00 s from the fix's, expected 0\.2 s"
     ):
-        paired(fix(NOW), velocity(NOW - SECOND), "n1", "msl", 0.2)
+        pair(fix(NOW), velocity(NOW - SECOND), "n1", "msl", 0.2)
 
 
 def test_good_states_are_passed_on_and_others_reported():

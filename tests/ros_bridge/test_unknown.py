@@ -18,7 +18,7 @@ import pytest
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from agents.planner.answer import AdvisoryCode
-from agents.planner.request import Altitude, Intruder, assumptions, checked, vertical_gap
+from agents.planner.request import Altitude, Intruder, assumptions, check_request, vertical_gap
 from envs.kinematics import VehicleState
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core import conversions
@@ -26,8 +26,8 @@ from ros_bridge.core.adapters import adsb_vehicle
 from ros_bridge.core.adsb_live import AircraftJson, BaseStation, Traffic
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import Refusal, Situation, Task, task
-from ros_bridge.core.tracks import UNKNOWN, refused, taken
+from ros_bridge.core.situation import PlanTask, Refusal, Situation, task
+from ros_bridge.core.tracks import UNKNOWN, note_refused, take_in
 from tests.ros_bridge.scenes import (
     FRAME,
     NOW,
@@ -116,8 +116,8 @@ def read(reader: str, scene: Scene, unsaid: frozenset[str]) -> Report | FieldErr
     if reader == "aircraft.json":
         live = AircraftJson(Traffic("0wn"))
         first = json.dumps({"now": 0.0, "aircraft": []})
-        assert list(live.taken(first, NOW - SECOND)) == []
-        [found] = live.taken(json.dumps({"now": 1.0, "aircraft": [row]}), NOW)
+        assert list(live.reports_of(first, NOW - SECOND)) == []
+        [found] = live.reports_of(json.dumps({"now": 1.0, "aircraft": [row]}), NOW)
         return found
     live = BaseStation(Traffic("0wn"))
     day = "" if "age" in unsaid else "2026/01/01"
@@ -125,7 +125,7 @@ def read(reader: str, scene: Scene, unsaid: frozenset[str]) -> Report | FieldErr
     rate = str(row.get("baro_rate", ""))
     both = f"{values[0]},{values[1]},{values[2]},{latitude},{longitude},{rate},,,,,0"
     clock = "" if "age" in unsaid else "12:00:00.000"
-    [found] = live.taken(f"MSG,3,1,1,4B1A2C,1,{day},{clock},{day},{clock},,{both}", NOW)
+    [found] = live.reports_of(f"MSG,3,1,1,4B1A2C,1,{day},{clock},{day},{clock},,{both}", NOW)
     return found
 
 
@@ -152,25 +152,25 @@ def known(found: Report | FieldError) -> Situation:
     own.altitude, own.altitude_reference = OWN_HEIGHT, 3
     situation = heard(own=own)
     if isinstance(found, FieldError):
-        track = refused(UNKNOWN, found, NOW, RULES)
+        track = note_refused(UNKNOWN, found, NOW, RULES)
     else:
-        track = taken(UNKNOWN, found, "intruder 4b1a2c", NOW, RULES)
+        track = take_in(UNKNOWN, found, "intruder 4b1a2c", NOW, RULES)
     return replace(situation, traffic={"4b1a2c": track})
 
 
-def out(wanted: Task) -> bool:
+def out(wanted: PlanTask) -> bool:
     """Return whether the planner leaves the intruder out."""
-    _, excluded, _ = checked(
+    _, excluded, _ = check_request(
         wanted.own, wanted.intruders, wanted.points, wanted.options, wanted.own_altitude
     )
     return bool(excluded)
 
 
-def end(wanted: Task) -> float:
+def end(wanted: PlanTask) -> float:
     """Return until when the planner looks, s."""
     high = Altitude(20_000.0, "pressure", 0.0)
     far = Intruder(VehicleState(0.0, 9e5, 0.0, 75.0), altitude=high)
-    _, [excluded], _ = checked(
+    _, [excluded], _ = check_request(
         wanted.own, [far], wanted.points, wanted.options, wanted.own_altitude
     )
     return excluded.until
@@ -226,7 +226,7 @@ def test_no_aircraft_is_left_out_that_the_worst_case_brings_near(reader: str) ->
     assert (judged["refused"] > SCENES) == (reader in ("aircraft.json", "BaseStation"))
 
 
-def _spread(reader: str, scene: Scene, unsaid: frozenset[str], wanted: Task) -> None:
+def _spread(reader: str, scene: Scene, unsaid: frozenset[str], wanted: PlanTask) -> None:
     """Check the standard deviations that are planned with: those said, or else those assumed."""
     [intruder] = wanted.intruders
     never = {
@@ -243,7 +243,7 @@ def _spread(reader: str, scene: Scene, unsaid: frozenset[str], wanted: Task) -> 
     assert intruder.velocity_std == pytest.approx(velocity, rel=1e-3)
 
 
-def _says(reader: str, unsaid: frozenset[str], wanted: Task) -> None:
+def _says(reader: str, unsaid: frozenset[str], wanted: PlanTask) -> None:
     """Check that every assumption is said, and no other."""
     said = [
         *wanted.notes,

@@ -49,7 +49,7 @@ def on_plane(
     """Return an area in a local frame at the time of the request; None where it lies farther than
     ``within`` (m) from the origin, and nobody can leave it.
     """
-    with named(one.where):
+    with error_place(one.where):
         rings = [np.array(_places(ring, frame)) for ring in one.rings]
         if one.centre is not None:
             rings = [np.array(_places((one.centre,), frame))]
@@ -74,7 +74,7 @@ def on_plane(
 
 
 @contextmanager
-def named(where: str) -> Generator[None]:
+def error_place(where: str) -> Generator[None]:
     """Say in an error of an area where it stands."""
     try:
         yield

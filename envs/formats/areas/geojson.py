@@ -143,10 +143,10 @@ def _geometry(area: Area, frame: LocalFrame) -> dict[str, Any]:
     if isinstance(shape, Circle):
         point = frame.geodetic(shape.x, shape.y)
         return {"type": "Point", "coordinates": [float(point.longitude), float(point.latitude)]}
-    return {"type": "Polygon", "coordinates": [_closed(ring, frame) for ring in shape.rings]}
+    return {"type": "Polygon", "coordinates": [_close_ring(ring, frame) for ring in shape.rings]}
 
 
-def _closed(ring: Ring, frame: LocalFrame) -> list[list[float]]:
+def _close_ring(ring: Ring, frame: LocalFrame) -> list[list[float]]:
     """Return a closed ring of places, with more points where an edge is not straight in degrees."""
     x, y = np.array([*ring, ring[0]]).T
     ends = frame.geodetic(x, y)

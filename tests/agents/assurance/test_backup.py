@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from agents.assurance import single as watching
-from agents.assurance.backup import STEPS, flown, refreshed, resting, search
+from agents.assurance.backup import STEPS, backup_states, refresh, resting, search
 from agents.assurance.lookahead import course, outlook
-from agents.assurance.monitor import Cause, Flown, State, Thresholds
+from agents.assurance.monitor import Cause, FlyMode, State, Thresholds
 from agents.planner.answer import Plan, Status
 from agents.planner.options import Options
 from agents.planner.planner import plan
 from agents.planner.request import Intruder
-from agents.planner.traffic import Requirement, Traffic, predicted
+from agents.planner.traffic import Requirement, Traffic, predict
 from agents.planner.validator import validate
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.trees import take
-from envs.waypoints import Knots, RoutePoint, at, legs
+from envs.waypoints import PlanStates, RoutePoint, at, legs
 from tests.agents.scenes import causes_of, flying, on_plan, other, tell
 from tests.support import random_states
 
@@ -38,18 +38,18 @@ def turning(generator: np.random.Generator, count: int, intruders: int = 2) -> T
     return Traffic(state, mask, rate, np.where(rate == 0.0, 0.0, 12.0), zero, zero, zero)
 
 
-def winding(generator: np.random.Generator, count: int) -> Knots:
+def winding(generator: np.random.Generator, count: int) -> PlanStates:
     """Return plans of 20 legs that turn all the time, from within 2 km of the origin."""
     state = random_states(generator, count, extent=2_000.0)
     parts, first = [], 0.0
     for _ in range(2):
-        knots = flown(
+        plan_states = backup_states(
             state, state.heading + generator.uniform(-2.0, 2.0, count), state.speed, THRESHOLDS
         )
-        parts.append(Knots(*knots[:4], knots.time + first))
-        state = VehicleState(*(field[:, -1] for field in knots[:4]))
+        parts.append(PlanStates(*plan_states[:4], plan_states.time + first))
+        state = VehicleState(*(field[:, -1] for field in plan_states[:4]))
         first += sum(STEPS)
-    return Knots(
+    return PlanStates(
         *(np.concatenate([a, b[:, 1:]], axis=1)[:, :21] for a, b in zip(*parts, strict=True))
     )
 
@@ -57,21 +57,23 @@ def winding(generator: np.random.Generator, count: int) -> Knots:
 def test_the_outlook_is_a_sharp_lower_bound_of_the_rest() -> None:
     generator = np.random.default_rng(3)
     count = 60
-    knots = winding(generator, count)
-    curves = legs(knots)
+    plan_states = winding(generator, count)
+    curves = legs(plan_states)
     since = generator.uniform(0.0, 150.0, count)
     traffic = turning(generator, count)
-    ahead = outlook(course(knots, curves), since, traffic, np.full(traffic.mask.shape, 1e9), 2.0)
-    end = knots.time[:, -1] - since
+    ahead = outlook(
+        course(plan_states, curves), since, traffic, np.full(traffic.mask.shape, 1e9), 2.0
+    )
+    end = plan_states.time[:, -1] - since
     least = np.full(traffic.mask.shape, np.inf)
     for share in np.linspace(0.0, 1.0, 6_001):
-        own, there = at(curves, since + share * end), predicted(traffic, (share * end)[:, None])
+        own, there = at(curves, since + share * end), predict(traffic, (share * end)[:, None])
         least = np.minimum(least, np.hypot(there.x - own.x[:, None], there.y - own.y[:, None]))
     mask = traffic.mask
     assert np.isinf(ahead.separation[~mask]).all()
     assert (ahead.separation[mask] <= least[mask] + 1e-6).all()
     assert (ahead.separation[mask] >= least[mask] - 0.02).all()
-    coarse = outlook(course(knots, curves), since, traffic, np.full(mask.shape, 1_000.0), 2.0)
+    coarse = outlook(course(plan_states, curves), since, traffic, np.full(mask.shape, 1_000.0), 2.0)
     assert (coarse.separation[mask] <= least[mask] + 1e-6).all()
     close = mask & (least < 1_000.0)
     np.testing.assert_allclose(coarse.separation[close], ahead.separation[close], atol=1e-9)
@@ -85,12 +87,16 @@ def test_the_outlook_is_a_sharp_lower_bound_of_the_rest() -> None:
 def test_the_past_of_a_plan_does_not_count() -> None:
     seconds = np.arange(21.0)[None] * 20.0
     zero = np.zeros_like(seconds)
-    knots = Knots(75.0 * seconds, zero, zero, zero + 75.0, seconds)
+    plan_states = PlanStates(75.0 * seconds, zero, zero, zero + 75.0, seconds)
     # The intruder stands at 500 m on the way: at 7 s and more it lies behind.
     standing = Traffic.straight(other(500.0, 0.0, 0.0, 0.0))
     for now in (7.0, 13.3, 47.0):
         ahead = outlook(
-            course(knots, legs(knots)), np.array([now]), standing, np.full((1, 1), 1e9), 2.0
+            course(plan_states, legs(plan_states)),
+            np.array([now]),
+            standing,
+            np.full((1, 1), 1e9),
+            2.0,
         )
         assert ahead.separation[0, 0] == pytest.approx(abs(75.0 * now - 500.0), abs=0.01)
 
@@ -98,14 +104,16 @@ def test_the_past_of_a_plan_does_not_count() -> None:
 def test_backups_are_flyable_and_their_legs_are_exact() -> None:
     own = random_states(np.random.default_rng(4), 300)
     generator = np.random.default_rng(5)
-    knots = flown(
+    plan_states = backup_states(
         own,
         own.heading + generator.uniform(-2.6, 2.6, 300),
         generator.uniform(50.0, 100.0, 300),
         THRESHOLDS,
     )
-    curves = legs(knots)
-    assert knots.x.shape == (300, len(STEPS) + 1) and np.all(knots.time[:, -1] == sum(STEPS))
+    curves = legs(plan_states)
+    assert plan_states.x.shape == (300, len(STEPS) + 1) and np.all(
+        plan_states.time[:, -1] == sum(STEPS)
+    )
     assert (
         np.ptp(curves.yaw_rate, axis=-1).max() < 1e-6
         and np.ptp(curves.acceleration, axis=-1).max() < 1e-5
@@ -115,7 +123,7 @@ def test_backups_are_flyable_and_their_legs_are_exact() -> None:
     assert SURROGATE.yaw_rate_max < np.abs(curves.yaw_rate).max() <= limits.yaw_rate_max + 1e-9
     assert curves.acceleration.max() <= limits.acceleration_max + 1e-6
     assert curves.acceleration.min() >= limits.acceleration_min - 1e-6
-    assert knots.speed.min() >= 50.0 - 1e-6 and knots.speed.max() <= 100.0 + 1e-6
+    assert plan_states.speed.min() >= 50.0 - 1e-6 and plan_states.speed.max() <= 100.0 + 1e-6
 
 
 def test_a_search_returns_a_safe_backup_or_the_clearest() -> None:
@@ -123,14 +131,14 @@ def test_a_search_returns_a_safe_backup_or_the_clearest() -> None:
     own = random_states(generator, 80, extent=2_000.0)
     traffic = turning(generator, 80)
     found = search(own, traffic, np.zeros(80), THRESHOLDS)
-    assert np.isfinite(np.stack(found.knots)).all()
-    checked = validate(found.knots, traffic, REQUIREMENT, C208_PUBLISHED)
+    assert np.isfinite(np.stack(found.plan_states)).all()
+    checked = validate(found.plan_states, traffic, REQUIREMENT, C208_PUBLISHED)
     np.testing.assert_allclose(checked.clearance, found.clearance)
     assert (checked.clearance[found.safe] > -0.006).all()
     assert 0 < found.safe.sum() < 80
     # None of the plain courses of the family is much clearer where none is safe.
     for turn in np.radians([0.0, 30.0, -30.0, 90.0, -90.0, 150.0, -150.0]):
-        plain = flown(own, own.heading + turn, np.clip(own.speed, 50.0, 100.0), THRESHOLDS)
+        plain = backup_states(own, own.heading + turn, np.clip(own.speed, 50.0, 100.0), THRESHOLDS)
         other_clearance = validate(plain, traffic, REQUIREMENT, C208_PUBLISHED).clearance
         worse = ~found.safe
         gain = other_clearance[worse] - found.clearance[worse]
@@ -143,12 +151,12 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
     own = VehicleState(zero, zero, zero, zero + 75.0)
     none = resting(1, THRESHOLDS)
     away = Traffic.straight(other(9_000.0, 0.0, math.pi))
-    first = refreshed(none, own, away, zero, THRESHOLDS)
+    first = refresh(none, own, away, zero, THRESHOLDS)
     assert first.safe[0] and first.course[0] != 0.0
     moved = own._replace(x=own.x + 75.0)
-    second = refreshed(first, moved, away, zero + 1.0, THRESHOLDS)
+    second = refresh(first, moved, away, zero + 1.0, THRESHOLDS)
     assert second.safe[0] and second.started[0] == 1.0
-    assert second.course[0] == first.course[0] and second.knots.x[0, 0] == 75.0
+    assert second.course[0] == first.course[0] and second.plan_states.x[0, 0] == 75.0
     np.testing.assert_allclose(second.legs.x[0, 0, 0], 75.0)
     into = Traffic.straight(
         other(
@@ -157,16 +165,18 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
             first.course[0] + math.pi,
         )
     )
-    third = refreshed(second, moved, into, zero + 2.0, THRESHOLDS)
+    third = refresh(second, moved, into, zero + 2.0, THRESHOLDS)
     assert third.safe[0] and third.course[0] != first.course[0]
-    np.testing.assert_allclose(third.legs.heading[0, -1, 0], third.knots.heading[0, -2], atol=1e-6)
+    np.testing.assert_allclose(
+        third.legs.heading[0, -1, 0], third.plan_states.heading[0, -2], atol=1e-6
+    )
 
 
 def test_on_top_of_an_intruder_there_is_still_a_backup() -> None:
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 100.9)
     found = search(own, Traffic.straight(other(0.0, 0.0)), zero, THRESHOLDS)
-    assert not found.safe[0] and np.isfinite(np.stack(found.knots)).all()
+    assert not found.safe[0] and np.isfinite(np.stack(found.plan_states)).all()
     nobody = take(Traffic.straight(other(0.0, 0.0)), slice(0, 1))._replace(mask=np.array([[False]]))
     found = search(own._replace(speed=zero + 75.0), nobody, zero, THRESHOLDS)
     assert found.safe[0] and found.course[0] == 0.0
@@ -179,14 +189,14 @@ def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
     best = search(own, near, zero, THRESHOLDS)
     assert not best.safe[0]
     slightly = best._replace(course=best.course - 0.02 * np.sign(best.course))
-    kept = refreshed(slightly, own, near, zero + 1.0, THRESHOLDS)
+    kept = refresh(slightly, own, near, zero + 1.0, THRESHOLDS)
     assert (
         kept.clearance[0] < best.clearance[0]
         and kept.course[0] == slightly.course[0]
         and not kept.safe[0]
     )
     wrong = best._replace(course=zero, speed=zero + 75.0)
-    changed = refreshed(wrong, own, near, zero + 1.0, THRESHOLDS)
+    changed = refresh(wrong, own, near, zero + 1.0, THRESHOLDS)
     assert changed.course[0] == best.course[0]
 
 
@@ -224,7 +234,7 @@ def test_one_aircraft_from_plan_to_replan(policy: Policy, first: Plan) -> None:
         watch, verdict = watching.step(
             watch, float(time), on(first, time, watch), {"a": parallel(time)}
         )
-        assert verdict.state is State.MONITORING and verdict.fly is Flown.PLAN
+        assert verdict.state is State.MONITORING and verdict.fly is FlyMode.PLAN
         assert verdict.ask is None and verdict.reasons == () and len(verdict.backup) == 11
     # Somebody new comes head-on.
     meeting = Intruder(VehicleState(9_000.0, 0.0, math.pi, 75.0))

@@ -12,16 +12,16 @@ from agents.assurance.bands import Bands, heading_bands, recovery, speed_bands, 
 from agents.assurance.lookahead import ANY
 from agents.planner.options import Options
 from agents.planner.planner import plan_many
-from agents.planner.traffic import Requirement, Traffic, predicted, required, uncertainty
+from agents.planner.traffic import Requirement, Traffic, predict, requirement_of, uncertainty
 from agents.planner.validator import CHECKS, validate
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, advance
-from envs.starts import numbered
-from envs.trees import column, mapped, take
-from envs.waypoints import Knots, at, legs
+from envs.starts import encounters_of_seed
+from envs.trees import column, map_leaves, take
+from envs.waypoints import PlanStates, at, legs
 from eval.flights.plan_flight import request_of
 from tests.support import mirrored, one, random_states
 
@@ -53,8 +53,8 @@ def straight_traffic(*others: tuple[float, float, float, float]) -> Traffic:
     return Traffic.straight(VehicleState(*(field[None] for field in states)))
 
 
-def manoeuvre(own: VehicleState, bands: Bands, number: int, kind: str) -> Knots:
-    """Return the manoeuvre of one band of every row as knots of legs with constant controls."""
+def manoeuvre(own: VehicleState, bands: Bands, number: int, kind: str) -> PlanStates:
+    """Return the manoeuvre of one band of every row as plan states of legs with constant controls."""
     target, reached = bands.target[:, number], bands.reached[:, number]
     reached = np.minimum(np.maximum(reached, 1.0), LOOK_AHEAD - 1.0)  # no leg without length
     states, parts = [own], 8
@@ -71,7 +71,7 @@ def manoeuvre(own: VehicleState, bands: Bands, number: int, kind: str) -> Knots:
         reached + (LOOK_AHEAD - reached) * share for share in np.linspace(0, 1, parts + 1)[1:]
     ]
     x, y, heading, speed = (np.stack(field, axis=1) for field in zip(*states, strict=True))
-    return Knots(x, y, heading, speed, np.stack(times, axis=1))
+    return PlanStates(x, y, heading, speed, np.stack(times, axis=1))
 
 
 @pytest.mark.parametrize("noise", [False, True])
@@ -128,14 +128,14 @@ def test_a_safe_plan_never_holds_a_closed_band(name: str) -> None:
     Both are at most d apart until a time, so that the band's clearance until then is at least the
     plan's less d.
     """
-    encounters = numbered(scenario(name, PAPER), 5, 0, 60)
+    encounters = encounters_of_seed(scenario(name, PAPER), 5, 0, 60)
     policy, options = Policy.load(), Options.for_aircraft(PAPER)
     request = request_of(encounters, PAPER)
     made = plan_many(request, policy, options).proposals
     safe = np.flatnonzero(made.safe)
     assert safe.size > 40
-    own, traffic, knots = take((request.own, request.traffic, made.knots), safe)
-    curves = legs(knots)
+    own, traffic, plan_states = take((request.own, request.traffic, made.plan_states), safe)
+    curves = legs(plan_states)
     telling = 0
     for look_ahead in (20.0, 40.0, 60.0, 80.0, 120.0):
         # The heading on which the plan is by then, and others.
@@ -274,19 +274,19 @@ def clearance_at(
 ) -> Any:
     """Return the clearance of a heading band's manoeuvre at a time, m, ``[N]``."""
     there, here = (
-        predicted(column(traffic), np.full((1, 1, 1), time)),
+        predict(column(traffic), np.full((1, 1, 1), time)),
         path_of(own, bands, number, time, LIMITS),
     )
     apart = np.hypot(there.x[:, 0] - here.x[:, None], there.y[:, 0] - here.y[:, None])
     grown = uncertainty(traffic, time) - uncertainty(traffic, 0.0)
-    need = required(traffic, own, REQUIREMENT) + REQUIREMENT.sigmas * grown
+    need = requirement_of(traffic, own, REQUIREMENT) + REQUIREMENT.sigmas * grown
     return np.where(traffic.mask, apart - need, np.inf).min(axis=1)
 
 
 def test_a_way_that_opens_is_clear_from_then_on() -> None:
     generator = np.random.default_rng(21)
     own = random_states(generator, 40, extent=1_000.0)
-    traffic = mapped(np.array, traffic_of(generator, 40, noise=False))
+    traffic = map_leaves(np.array, traffic_of(generator, 40, noise=False))
     bands = heading_bands(own, traffic, REQUIREMENT, LIMITS, LOOK_AHEAD)
     for number in range(0, 72, 9):
         opens = bands.opens[:, number]

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from agents.assurance import single
-from agents.assurance.frames import Frame, carried
+from agents.assurance.frames import Frame, carry
 from agents.assurance.monitor import Thresholds
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import State
 from agents.planner.answer import Plan
 from agents.planner.options import Options
-from agents.planner.publish import received
+from agents.planner.publish import as_received
 from agents.planner.request import Intruder
 from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
-from envs.trees import mapped
+from envs.trees import map_leaves
 from envs.waypoints import Waypoint
 from envs.wind import NO_WIND, Wind, over_ground
 
@@ -46,7 +46,7 @@ def plan_in(wind: Wind) -> Plan:
     for n in range(1, 21):
         state = VehicleState(SPEED * 20.0 * n, 0.0, 0.0, SPEED)
         points.append(Waypoint(n, *over_ground(state, wind, 20.0 * n), 20.0 * n))
-    return received(tuple(points), wind)
+    return as_received(tuple(points), wind)
 
 
 def reports(wind: Wind, time: float) -> dict[str, Intruder]:
@@ -112,15 +112,15 @@ def test_what_is_asked_and_backed_up_is_over_the_ground(wind: Wind, calm: list[V
 def test_memory_goes_into_another_air_mass_and_back() -> None:
     watch, _ = watched(WINDS[0])
     other = Frame(Wind(-3.0, 11.0), 7.0)
-    there = carried(watch.monitor, watch.frame, other)
+    there = carry(watch.monitor, watch.frame, other)
     assert not np.allclose(there.memory.intruders.speed, watch.monitor.memory.intruders.speed)
-    back = carried(there, other, watch.frame)
+    back = carry(there, other, watch.frame)
 
     def same(a: Any, b: Any) -> None:
         np.testing.assert_allclose(a, b, atol=1e-6)
 
-    mapped(same, back.memory, watch.monitor.memory)
-    mapped(same, back.expected, watch.monitor.expected)
+    map_leaves(same, back.memory, watch.monitor.memory)
+    map_leaves(same, back.expected, watch.monitor.expected)
 
 
 def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
@@ -135,7 +135,7 @@ def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
     for n in range(1, 21):
         place = ask.own.x + 20.0 * n * vx, ask.own.y + 20.0 * n * vy
         points.append(Waypoint(n, *place, ask.own.heading, ask.own.speed, 20.0 * n))
-    moved, taken = single.answer(watch, ask.number, received(tuple(points), second))
+    moved, taken = single.answer(watch, ask.number, as_received(tuple(points), second))
     assert taken
     assert moved.frame == Frame(second, float(asked))
     seconds = 15.0 - asked
@@ -144,5 +144,5 @@ def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
     assert verdict.measured.along_track.item() == pytest.approx(0.0, abs=1e-6)
     assert verdict.measured.cross_track.item() == pytest.approx(0.0, abs=1e-6)
     # An answer that cannot be flown leaves the active plan where it is.
-    kept, refused = single.answer(watch, ask.number, received((), second))
+    kept, refused = single.answer(watch, ask.number, as_received((), second))
     assert not refused and kept.frame == watch.frame

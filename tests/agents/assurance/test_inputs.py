@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents import assurance
-from agents.assurance.inputs import blank, updated
-from agents.assurance.monitor import Cause, Flown, Inputs, State
+from agents.assurance.inputs import blank, update
+from agents.assurance.monitor import Cause, FlyMode, Inputs, State
 from agents.assurance.thresholds import BLIND
 from envs.kinematics import VehicleState
-from envs.trees import mapped, take
+from envs.trees import map_leaves, take
 from tests.agents.scenes import (
     NAN,
     SPEED,
@@ -54,9 +54,9 @@ def test_an_own_state_that_is_no_state_is_denied_and_holds_the_backup(
         own = on_plan(time)._replace(**{field: np.array([value])})
         monitor, decision = tell(monitor, time, own)
         assert state_of(monitor) is State.DENIED and causes_of(monitor) & Cause.OWN_MISSING
-        assert decision.fly[0] == Flown.PLAN and not decision.replan[0]
+        assert decision.fly[0] == FlyMode.PLAN and not decision.replan[0]
         assert monitor.backup.started[0] == held.started[0] == 0.0
-        np.testing.assert_array_equal(monitor.backup.knots.x, held.knots.x)
+        np.testing.assert_array_equal(monitor.backup.plan_states.x, held.plan_states.x)
     monitor, _ = tell(monitor, 31.0)
     assert state_of(monitor) is State.MONITORING and monitor.backup.started[0] == 31.0
 
@@ -68,7 +68,7 @@ def test_a_flown_backup_goes_on_without_an_own_state() -> None:
     monitor, decision = tell(monitor, 1.0, GONE, ahead[1])
     assert (
         state_of(monitor) is State.DENIED
-        and decision.fly[0] == Flown.BACKUP
+        and decision.fly[0] == FlyMode.BACKUP
         and not decision.replan[0]
     )
     assert np.isfinite(np.stack(assurance.references(monitor, 1.0, 0.1, 10))).all()
@@ -184,7 +184,7 @@ def test_a_turn_is_read_from_two_reports_but_not_from_noise() -> None:
             np.full((1, 4), 75.0),
         )
         given = assurance.inputs(time, on_plan(time), seen, velocity_std=std)
-        memory, _own, traffic, _causes = updated(memory, given, THRESHOLDS)
+        memory, _own, traffic, _causes = update(memory, given, THRESHOLDS)
     np.testing.assert_allclose(traffic.turn_rate[0], [0.03, 0.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(traffic.turn_time[0], [THRESHOLDS.turn_time, 0.0, 0.0, 0.0])
 
@@ -208,9 +208,9 @@ def story(generator: np.random.Generator, count: int, seconds: int) -> list[Inpu
         given.append(
             Inputs(
                 np.full(count, float(second)),
-                mapped(spoilt, own),
+                map_leaves(spoilt, own),
                 spoilt(generator.choice([0.0, 0.4], count)),
-                mapped(spoilt, seen),
+                map_leaves(spoilt, seen),
                 spoilt(generator.choice([0.0, 1.3], (count, 2))),
                 np.ones((count, 2), dtype=bool),
                 np.zeros((count, 2)),
@@ -231,7 +231,7 @@ def played(given: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
         np.ones(monitor.state.size, bool),
         0.0,
         take(
-            updated(
+            update(
                 blank(given[0].time.size, 2, np.full(given[0].time.size, 75.0)),
                 given[0],
                 THRESHOLDS,
@@ -323,7 +323,7 @@ def test_any_input_gives_a_reason_or_a_valid_state(given: list[Inputs], safe: bo
                 and decision.traffic.mask[0].sum() == inputs.mask[0].sum()
             )
         sighted = sighted or not causes & BLIND
-        assert np.isfinite(np.stack(monitor.backup.knots)).all()
+        assert np.isfinite(np.stack(monitor.backup.plan_states)).all()
         assert np.isfinite(monitor.backup.started[0]) == sighted, (
             "from the first own state on there is a backup"
         )
@@ -335,9 +335,11 @@ def test_any_input_gives_a_reason_or_a_valid_state(given: list[Inputs], safe: bo
 
 
 def blank_traffic() -> Any:
-    return updated(
+    return update(
         blank(1, 2, np.full(1, 75.0)),
-        assurance.inputs(0.0, on_plan(0.0), mapped(lambda f: np.full((1, 2), NAN), on_plan(0.0))),
+        assurance.inputs(
+            0.0, on_plan(0.0), map_leaves(lambda f: np.full((1, 2), NAN), on_plan(0.0))
+        ),
         THRESHOLDS,
     )[2]
 
@@ -348,7 +350,7 @@ def test_an_aged_turn_is_advanced_along_its_arc_and_lasts_less() -> None:
         given = assurance.inputs(
             time, on_plan(time), other(0.0, 0.0, 0.03 * (time - age)), age=np.full((1, 1), age)
         )
-        memory, _own, traffic, _causes = updated(memory, given, THRESHOLDS)
+        memory, _own, traffic, _causes = update(memory, given, THRESHOLDS)
     assert traffic.turn_rate[0, 0] == pytest.approx(0.03)
     assert traffic.turn_time[0, 0] == pytest.approx(THRESHOLDS.turn_time - 2.0)
     radius, turned = 75.0 / 0.03, 0.03 * 3.0

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from agents import assurance
-from agents.assurance.monitor import Cause, Flown, State
+from agents.assurance.monitor import Cause, FlyMode, State
 from agents.planner.traffic import Traffic
-from envs.waypoints import Knots
+from envs.waypoints import PlanStates
 from tests.agents.scenes import (
     NAN,
     THRESHOLDS,
@@ -36,7 +36,7 @@ def test_without_a_plan_nothing_is_flown_or_asked_for() -> None:
     for time in range(5):
         monitor, decision = tell(monitor, float(time))
         assert state_of(monitor) is State.IDLE
-        assert decision.fly[0] == Flown.NOTHING
+        assert decision.fly[0] == FlyMode.NOTHING
         assert not decision.replan[0]
 
 
@@ -45,7 +45,7 @@ def test_a_plan_that_is_kept_is_monitored_and_asks_for_nothing() -> None:
     for time in range(0, 300, 2):
         monitor, decision = tell(monitor, float(time))
         assert state_of(monitor) is State.MONITORING
-        assert decision.fly[0] == Flown.PLAN
+        assert decision.fly[0] == FlyMode.PLAN
         assert not decision.replan[0] and causes_of(monitor) == Cause(0)
     assert decision.separation[0] == pytest.approx(50_000.0)
 
@@ -62,26 +62,26 @@ def test_a_plan_that_is_not_safe_is_not_flown() -> None:
         THRESHOLDS,
     )
     monitor, decision = tell(monitor, 0.0)
-    assert state_of(monitor) is State.BACKUP and decision.fly[0] == Flown.BACKUP
-    assert decision.replan[0] and np.isfinite(monitor.backup.knots.x).all()
+    assert state_of(monitor) is State.BACKUP and decision.fly[0] == FlyMode.BACKUP
+    assert decision.replan[0] and np.isfinite(monitor.backup.plan_states.x).all()
     monitor, accepted = reply(monitor, decision, safe=True)
     assert accepted.all() and state_of(monitor) is State.MONITORING
 
 
 @pytest.mark.parametrize("damage", ["nan", "times", "contradiction"])
 def test_a_plan_that_is_no_plan_is_not_flown_whatever_it_is_called(damage: str) -> None:
-    knots = straight()
+    plan_states = straight()
     if damage == "nan":
-        knots.speed[0, 7] = NAN
+        plan_states.speed[0, 7] = NAN
     elif damage == "times":
-        knots.time[0, 7] = knots.time[0, 6]
+        plan_states.time[0, 7] = plan_states.time[0, 6]
     else:
-        knots.x[0, 7] += 2_500.0
+        plan_states.x[0, 7] += 2_500.0
     idle = assurance.start(1, 1, THRESHOLDS)
     monitor = assurance.activate(
         idle,
         np.array([0]),
-        knots,
+        plan_states,
         np.array([True]),
         0.0,
         Traffic.straight(far(0.0)),
@@ -173,7 +173,7 @@ def test_no_plan_and_an_unsafe_rest_lead_to_the_backup_and_only_a_safe_plan_lead
     for time in range(1, 12):
         # The intruder is gone, and all would be well: but the backup is left for a safe plan only.
         monitor, decision = tell(monitor, float(time), mask=np.array([[False]]))
-        assert state_of(monitor) is State.BACKUP and decision.fly[0] == Flown.BACKUP
+        assert state_of(monitor) is State.BACKUP and decision.fly[0] == FlyMode.BACKUP
         assert decision.replan[0] == (time % 2 == 0)
         if decision.replan[0]:
             monitor, _ = reply(monitor, decision, safe=time == 10)
@@ -189,7 +189,7 @@ def test_no_plan_and_a_safe_rest_are_denied_until_the_cause_ends() -> None:
     monitor, decision = tell(monitor, 1.0, on_plan(1.0, left=28.0))
     assert (
         state_of(monitor) is State.DENIED
-        and decision.fly[0] == Flown.PLAN
+        and decision.fly[0] == FlyMode.PLAN
         and not decision.replan[0]
     )
     monitor, decision = tell(monitor, 2.0, on_plan(2.0, left=26.0))
@@ -266,7 +266,7 @@ def test_only_the_answer_to_the_last_request_counts() -> None:
 def test_a_safe_plan_that_came_too_late_to_be_safe_is_refused() -> None:
     monitor, decision = tell(flying(), 0.0, on_plan(0.0, left=30.0))
     monitor, _ = tell(monitor, 1.0, on_plan(1.0, left=30.0), opposing(1.0))
-    monitor, accepted = reply(monitor, decision, safe=True, knots=straight(0.0))
+    monitor, accepted = reply(monitor, decision, safe=True, plan_states=straight(0.0))
     assert not accepted.any() and state_of(monitor) is State.BACKUP
 
 
@@ -285,7 +285,7 @@ def test_references_lead_along_the_plan_or_the_backup() -> None:
     monitor, _ = reply(monitor, decision, safe=False)
     states = assurance.references(monitor, 8.0, 0.5, 10)
     assert states.x[0, 0] == pytest.approx(600.0)
-    backup = monitor.backup.knots
+    backup = monitor.backup.plan_states
     np.testing.assert_allclose(
         [states.x[10, 0], states.y[10, 0]], [backup.x[0, 1], backup.y[0, 1]], atol=1e-3
     )
@@ -344,7 +344,7 @@ def test_the_monitor_never_changes_what_it_is_given() -> None:
         )
 
     before = flat(monitor)
-    reply(monitor, decision, safe=True, knots=Knots(*straight(0.0)))
+    reply(monitor, decision, safe=True, plan_states=PlanStates(*straight(0.0)))
     reply(monitor, decision, safe=False)
     tell(monitor, 1.0, seen=opposing(1.0))
     for old, new in zip(before, flat(monitor), strict=True):

@@ -13,16 +13,23 @@ from hypothesis import strategies as st
 from agents.assurance import single
 from agents.assurance.tracker import Tracks, begin, follow
 from agents.planner import Intruder, Options, RequestError, plan
-from agents.planner.request import checked, reported
+from agents.planner.request import arrays_of_reports, check_request
 from agents.planner.separation import growth, same_flight
-from agents.planner.traffic import Requirement, advanced, predicted, required, uncertainty, whole
+from agents.planner.traffic import (
+    Requirement,
+    advance_reports,
+    predict,
+    requirement_of,
+    uncertainty,
+    whole,
+)
 from agents.policy.inference import Policy
-from benchmarks.safety.resimulation import travelled
+from benchmarks.safety.resimulation import displacement
 from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState, advance, velocity
-from envs.trees import mapped
-from envs.waypoints import RoutePoint, at, knots, legs
+from envs.trees import map_leaves
+from envs.waypoints import RoutePoint, at, legs, plan_states
 from tests.agents.scenes import THRESHOLDS
 
 POSITION, VELOCITY = 30.0, 3.0
@@ -192,15 +199,16 @@ def flown(report: Intruder, time: np.ndarray) -> np.ndarray:
     """Return where a report leads by a time since the request, complex m."""
     x, y, heading, speed = report.state
     rate = report.turn_rate if report.turn_time > 0.0 else 0.0
-    return x + 1j * y + travelled(heading, speed, rate, report.turn_time, time + report.age)
+    return x + 1j * y + displacement(heading, speed, rate, report.turn_time, time + report.age)
 
 
 def test_plan_keeps_the_separation_from_an_aged_turn_as_reported() -> None:
     answer = plan(OWN, [TURNING], ROUTE, Policy.load())
     assert answer.safe
     time = np.linspace(0.0, answer.waypoints[-1].time, 4_000)
-    path = mapped(
-        lambda field: np.broadcast_to(field, (time.size, field.size)), knots(OWN, answer.waypoints)
+    path = map_leaves(
+        lambda field: np.broadcast_to(field, (time.size, field.size)),
+        plan_states(OWN, answer.waypoints),
     )
     own = at(legs(path), time)
     apart = np.abs(own.x + 1j * own.y - flown(TURNING, time))
@@ -210,9 +218,9 @@ def test_plan_keeps_the_separation_from_an_aged_turn_as_reported() -> None:
 
 @given(reports)
 def test_reports_are_advanced_along_their_arc(report: Intruder) -> None:
-    request, _, _ = checked(OWN, [report], ROUTE, Options.for_aircraft(PAPER))
+    request, _, _ = check_request(OWN, [report], ROUTE, Options.for_aircraft(PAPER))
     for time in (0.0, 1.0, 10.0, 400.0):
-        now = predicted(request.traffic, time)
+        now = predict(request.traffic, time)
         there = flown(report, np.array(time))
         assert abs(now.x[0, 0] + 1j * now.y[0, 0] - there) < 1e-3
     np.testing.assert_array_equal(request.traffic.state.speed, report.state.speed)
@@ -220,7 +228,7 @@ def test_reports_are_advanced_along_their_arc(report: Intruder) -> None:
 
 @given(reports)
 def test_monitor_expects_what_the_planner_plans_with(report: Intruder) -> None:
-    planned = checked(OWN, [report], ROUTE, Options.for_aircraft(PAPER))[0].traffic
+    planned = check_request(OWN, [report], ROUTE, Options.for_aircraft(PAPER))[0].traffic
     expected = single.activate(
         single.begin(THRESHOLDS), STRAIGHT, OWN, {"4b1a2c": report}, 0.0
     ).monitor.expected
@@ -232,16 +240,16 @@ def test_monitor_expects_what_the_planner_plans_with(report: Intruder) -> None:
 
 @given(reports)
 def test_validator_accepts_advanced_reports(report: Intruder) -> None:
-    seen, age = reported([report, report])
-    assert same_flight(seen, age, advanced(seen, age)).all()
+    seen, age = arrays_of_reports([report, report])
+    assert same_flight(seen, age, advance_reports(seen, age)).all()
 
 
 @pytest.mark.parametrize("field", ["straight", "turn_time", "turn_rate", "speed"])
 def test_validator_finds_wrongly_advanced_reports(field: str) -> None:
-    seen, age = reported([TURNING, Intruder(OWN, 2.0)])
-    right = advanced(seen, age)
+    seen, age = arrays_of_reports([TURNING, Intruder(OWN, 2.0)])
+    right = advance_reports(seen, age)
     wrong = {
-        "straight": right._replace(state=predicted(seen._replace(turn_time=0.0 * age), age)),
+        "straight": right._replace(state=predict(seen._replace(turn_time=0.0 * age), age)),
         "turn_time": right._replace(turn_time=seen.turn_time),
         "turn_rate": right._replace(turn_rate=0.999 * right.turn_rate),
         "speed": right._replace(
@@ -263,12 +271,12 @@ def test_traffic_that_does_not_follow_from_its_reports_is_refused(
 @given(reports, st.floats(0.0, 400.0))
 def test_one_velocity_error_counts_from_the_report_on(report: Intruder, time: float) -> None:
     vague = replace(report, position_std=40.0, velocity_std=3.0)
-    now = advanced(*reported([vague]))
+    now = advance_reports(*arrays_of_reports([vague]))
     whole = math.hypot(40.0, 3.0 * (abs(report.age) + time))
     assert uncertainty(now, time).item() == pytest.approx(whole)
     asked = Requirement(1_000.0, 0.0, 2.0)
     need = (
-        required(now, VehicleState(*np.full((4, 1), 1e7)), asked)
+        requirement_of(now, VehicleState(*np.full((4, 1), 1e7)), asked)
         + growth(now, np.array([[time]]), asked)[0]
     )
     assert need.item() == pytest.approx(1_000.0 + 2.0 * whole)

@@ -18,7 +18,7 @@ from agents.baselines.baselines import (
     Sight,
     course_to_goal,
     may_return,
-    steered,
+    steer,
 )
 from envs.aircraft import PAPER
 from envs.angles import wrap
@@ -238,7 +238,7 @@ def test_steering_turns_the_short_way_and_stops_at_the_course(
     heading: float, course: float, speed: float
 ) -> None:
     own = VehicleState(np.zeros(1), np.zeros(1), np.array([heading]), np.array([speed]))
-    steering = steered(own, np.array([course]), PAPER)[0]
+    steering = steer(own, np.array([course]), PAPER)[0]
     error = wrap(np.array([course - heading]), np)[0]
     assert steering == pytest.approx(np.clip(0.5 * error / SURROGATE.yaw_rate_max, -1, 1))
     # One second of it never goes past the course.

@@ -9,13 +9,13 @@ import pytest
 
 from agents.planner.answer import AdvisoryCode, Kind, Plan, RequestError
 from agents.planner.planner import plan
-from agents.planner.publish import rechecked
+from agents.planner.publish import recheck
 from agents.planner.request import Altitude, Options
 from agents.policy.inference import Policy
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.kinematics import VehicleState
-from envs.waypoints import RoutePoint, at, knots, legs
+from envs.waypoints import RoutePoint, at, legs, plan_states
 from envs.wind import Wind
 
 POLICY = Policy.load()
@@ -27,7 +27,7 @@ CROSSING = VehicleState(9_000.0, -9_000.0, math.pi / 2.0, 80.0)
 
 def least(answer: Plan, area: Area, own: VehicleState = OWN, wind: Wind | None = None) -> float:
     """Return the smallest sampled signed distance of a plan from an area, m."""
-    curves, end = legs(knots(own, answer.waypoints, wind=wind)), answer.waypoints[-1].time
+    curves, end = legs(plan_states(own, answer.waypoints, wind=wind)), answer.waypoints[-1].time
     times = np.arange(0.0, end, 0.5)
     states = [at(curves, np.array(time), wind) for time in times]
     x, y = (np.array([float(getattr(one, axis)) for one in states]) for axis in "xy")
@@ -94,8 +94,8 @@ def test_a_late_plan_is_judged_by_the_areas_of_then() -> None:
     found = plan(OWN, [], ROUTE, POLICY, OPTIONS)
     here = OWN._replace(x=80.0)
     asked: Any = found, 1.0, here, [], ROUTE, OPTIONS
-    assert rechecked(*asked).safe
-    new = rechecked(*asked, areas=[Area(Circle(20e3, 0.0, 1e3))])
+    assert recheck(*asked).safe
+    new = recheck(*asked, areas=[Area(Circle(20e3, 0.0, 1e3))])
     assert not new.safe and "area" in new.reasons[0].message
 
 

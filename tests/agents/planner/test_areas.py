@@ -11,12 +11,12 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.planner.areas import NEARER, Counted, counted, judge, required, window
+from agents.planner.areas import NEARER, Counted, judge, relevant, required_distances, window
 from agents.planner.request import Altitude
 from envs.area_geometry import gain
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.kinematics import VehicleState
-from envs.waypoints import Knots, Legs, at, legs
+from envs.waypoints import Legs, PlanStates, at, legs
 from tests.agents.planner.test_validator import plans
 from tests.envs.test_area_geometry import star, truth
 
@@ -47,15 +47,15 @@ def random_area(rng: np.random.Generator) -> Area:
     )
 
 
-def sampled(knots: Knots, one: Counted) -> tuple[np.ndarray, np.ndarray]:
+def sampled(plan_states: PlanStates, one: Counted) -> tuple[np.ndarray, np.ndarray]:
     """Return times and the signed distances of plans then, ``[T, N]``, while the area counts."""
-    curves, area = legs(knots), one.area
-    times = np.arange(one.begin, min(one.end, float(knots.time[0, -1])) + 1e-9, STEP)
+    curves, area = legs(plan_states), one.area
+    times = np.arange(one.begin, min(one.end, float(plan_states.time[0, -1])) + 1e-9, STEP)
     away = []
     for time in np.array_split(times[:, None], math.ceil(times.size / 100)):
         rows = len(time)
         every = Legs(*(np.broadcast_to(field, (rows, *field.shape)) for field in curves))
-        state = at(every, np.broadcast_to(time, (rows, len(knots.time))))
+        state = at(every, np.broadcast_to(time, (rows, len(plan_states.time))))
         x, y = (v - w * time for v, w in zip((state.x, state.y), area.velocity, strict=True))
         away.append(truth(area.shape, area.keep, x, y) + gain(area) * time)
     return times, np.concatenate(away)
@@ -64,16 +64,16 @@ def sampled(knots: Knots, one: Counted) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("seed", range(4))
 def test_a_plan_keeps_its_clearance_exactly_if_it_is_said_to(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    knots = plans(12, seed)
-    curves = legs(knots)
+    plan_states = plans(12, seed)
+    curves = legs(plan_states)
     kept, lost = 0, 0
     for _ in range(6):
         begin, end = sorted(rng.uniform(0.0, END, 2)) if rng.random() < 0.4 else (0.0, END)
         one = Counted(3, random_area(rng), float(begin), float(end))
         margin = float(rng.choice([0.0, 0.02]))
-        found = judge(knots, curves, [one], margin)
-        times, away = sampled(knots, one)
-        need = required(one, knots.x[:, 0], knots.y[:, 0], margin)
+        found = judge(plan_states, curves, [one], margin)
+        times, away = sampled(plan_states, one)
+        need = required_distances(one, plan_states.x[:, 0], plan_states.y[:, 0], margin)
         least = away.min(axis=0) - need
         # Samples miss the nearest point by 1 m at 100 m/s at most, beside an edge by far less.
         assert np.all(found.wrong[least < -0.002])
@@ -86,16 +86,16 @@ def test_a_plan_keeps_its_clearance_exactly_if_it_is_said_to(seed: int) -> None:
             assert found.area[n] == found.nearest[n] == 3
             # The part that is noted begins before the clearance is lost; an arc at most.
             assert when - 2.1 <= found.time[n] <= when + STEP
-            state = at(legs(Knots(*(field[n] for field in knots))), found.time[n])
+            state = at(legs(PlanStates(*(field[n] for field in plan_states))), found.time[n])
             assert math.hypot(state.x - found.x[n], state.y - found.y[n]) < 0.01
-            assert knots.time[n, found.leg[n]] <= found.time[n] + 1e-9
-            assert found.time[n] <= knots.time[n, found.leg[n] + 1]
+            assert plan_states.time[n, found.leg[n]] <= found.time[n] + 1e-9
+            assert found.time[n] <= plan_states.time[n, found.leg[n] + 1]
     assert kept > 10
     assert lost > 10
 
 
 def test_the_first_and_the_nearest_of_several_areas_are_named() -> None:
-    straight = Knots(
+    straight = PlanStates(
         *(np.array([row]) for row in ([0.0, 2e3, 4e3], [0.0] * 3, [0.0] * 3, [100.0] * 3)),
         time=np.array([[0.0, 20.0, 40.0]]),
     )
@@ -116,44 +116,44 @@ def test_the_first_and_the_nearest_of_several_areas_are_named() -> None:
 
 
 def test_a_plan_that_begins_inside_the_clearance_must_not_come_nearer() -> None:
-    def way(heading: float) -> Knots:
+    def way(heading: float) -> PlanStates:
         distance = np.array([0.0, 2e3, 4e3])
         x, y = 600.0 + distance * math.cos(heading), distance * math.sin(heading)
         rest = np.full(3, heading), np.full(3, 100.0), np.array([0.0, 20.0, 40.0])
-        return Knots(*(field[None] for field in (x, y, *rest)))
+        return PlanStates(*(field[None] for field in (x, y, *rest)))
 
     one = Counted(0, Area(Circle(0.0, 0.0, 500.0), clearance=300.0), 0.0, 40.0)
     for heading, wrong in ((0.0, False), (math.pi / 2.0, False), (math.pi / 2.0 + 0.05, True)):
-        knots = way(heading)
-        assert judge(knots, legs(knots), [one]).wrong[0] == wrong, heading
-    assert required(one, 600.0, 0.0, 0.02) == pytest.approx(100.0 - NEARER)
-    assert required(one, 400.0, 0.0, 0.02) == 0.0
-    assert required(one._replace(begin=1.0), 400.0, 0.0, 0.02) == pytest.approx(300.02)
+        plan_states = way(heading)
+        assert judge(plan_states, legs(plan_states), [one]).wrong[0] == wrong, heading
+    assert required_distances(one, 600.0, 0.0, 0.02) == pytest.approx(100.0 - NEARER)
+    assert required_distances(one, 400.0, 0.0, 0.02) == 0.0
+    assert required_distances(one._replace(begin=1.0), 400.0, 0.0, 0.02) == pytest.approx(300.02)
 
 
 def test_a_plan_that_begins_inside_keeps_nothing() -> None:
-    knots = plans(20, 3)
+    plan_states = plans(20, 3)
     for keep, size in ((Keep.OUT, 9e3), (Keep.IN, 10.0)):
         one = Counted(0, Area(Circle(0.0, 0.0, size), keep), 0.0, END)
-        found = judge(knots, legs(knots), [one])
+        found = judge(plan_states, legs(plan_states), [one])
         assert found.wrong.all()
         np.testing.assert_array_equal(found.time, 0.0)
 
 
 def test_without_areas_nothing_is_wrong() -> None:
-    knots = plans(4, 1)
-    found = judge(knots, legs(knots), [])
+    plan_states = plans(4, 1)
+    found = judge(plan_states, legs(plan_states), [])
     assert not found.wrong.any()
     np.testing.assert_array_equal(found.clearance, np.inf)
 
 
 def test_a_plan_is_judged_as_if_it_were_alone() -> None:
     rng = np.random.default_rng(8)
-    knots = plans(20, 5)
+    plan_states = plans(20, 5)
     areas = [Counted(n, random_area(rng), 0.0, END) for n in range(5)]
-    together = judge(knots, legs(knots), areas)
+    together = judge(plan_states, legs(plan_states), areas)
     for n in range(20):
-        alone = Knots(*(field[n : n + 1] for field in knots))
+        alone = PlanStates(*(field[n : n + 1] for field in plan_states))
         for whole, part in zip(together, judge(alone, legs(alone), areas), strict=True):
             np.testing.assert_array_equal(whole[n : n + 1], part)
 
@@ -204,24 +204,24 @@ def test_what_cannot_be_reached_or_does_not_count_is_left_out() -> None:
         Area(Circle(0.0, 0.0, 1e3), valid_from=10.0, valid_until=20.0),
         Area(Circle(19_000.0, 0.0, 1e3), valid_until=170.0),
     ]
-    found = counted(areas, own, Altitude(500.0, "msl", 0.0), fastest=100.0, **settings)
+    found = relevant(areas, own, Altitude(500.0, "msl", 0.0), fastest=100.0, **settings)
     assert [one.number for one in found] == [1, 2, 3, 7]
     assert (found[3].begin, found[3].end) == (10.0, 20.0)
     assert (found[0].begin, found[0].end) == (0.0, 400.0)
 
 
 def test_nothing_that_is_left_out_can_be_met() -> None:
-    knots = plans(200, 9)
-    curves = legs(knots)
+    plan_states = plans(200, 9)
+    curves = legs(plan_states)
     rng = np.random.default_rng(10)
     met = 0
     for _ in range(40):
         area = random_area(rng)
         one = Counted(0, area, 0.0, END)
-        wrong = judge(knots, curves, [one]).wrong
+        wrong = judge(plan_states, curves, [one]).wrong
         for n in range(0, 200, 10):
-            own = VehicleState(*(float(field[n, 0]) for field in knots[:4]))
-            out = not counted([area], own, None, fastest=100.0, horizon=END, unknown_climb=9.0)
+            own = VehicleState(*(float(field[n, 0]) for field in plan_states[:4]))
+            out = not relevant([area], own, None, fastest=100.0, horizon=END, unknown_climb=9.0)
             assert not (out and wrong[n])
             met += wrong[n]
     assert met > 20
@@ -229,11 +229,13 @@ def test_nothing_that_is_left_out_can_be_met() -> None:
 
 def test_second_opinion_on_a_corner() -> None:
     corner = Polygon(((0.0, 0.0), (900.0, -400.0), (900.0, 400.0)))
-    knots = Knots(
+    plan_states = PlanStates(
         *(np.array([row]) for row in ([-50.0] * 2, [-2e3, 2e3], [math.pi / 2.0] * 2, [100.0] * 2)),
         time=np.array([[0.0, 40.0]]),
     )
-    found = judge(knots, legs(knots), [Counted(0, Area(corner, clearance=49.9), 0.0, 40.0)])
+    found = judge(
+        plan_states, legs(plan_states), [Counted(0, Area(corner, clearance=49.9), 0.0, 40.0)]
+    )
     line = shapely.LineString([(-50.0, -2e3), (-50.0, 2e3)])
     least = shapely.distance(line, shapely.Polygon(corner.outer))
     assert found.clearance[0] == pytest.approx(least - 49.9, abs=0.003)

@@ -7,7 +7,7 @@ import numpy as np
 from agents.planner.beyond import beyond
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request
-from agents.planner.traffic import Traffic, predicted
+from agents.planner.traffic import Traffic, predict
 from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
 
@@ -31,7 +31,7 @@ def test_estimate_beyond_the_goal_is_that_of_a_flight_along_the_route() -> None:
 
     # The goal is passed at 150 s, and the point at 32 km is the first after 380 s.
     times = np.arange(150.0, 400.01, 0.1)
-    other = predicted(traffic, times)
+    other = predict(traffic, times)
     nearest = np.hypot(other.x - speed * times, other.y).min(axis=1)
     np.testing.assert_array_equal(found, nearest >= 3_000.0)
     assert 0.05 < 1.0 - found.mean() < 0.95

@@ -11,24 +11,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, fly, fly_away, takeoff
-from agents.manoeuvres.escape_search import COARSE, STAGES, concatenated, scaled
+from agents.manoeuvres.escape_search import COARSE, STAGES, concatenate, scale
 from agents.planner import fallback_flight as fallback
-from agents.planner.fallback_flight import Effort, Flown, fly_out, stride_of
+from agents.planner.fallback_flight import Effort, ManoeuvreFlights, fly_out, stride_of
 from agents.planner.options import Options
 from agents.planner.request import Request
 from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval.flights.plan_flight import request_of
 
 OPTIONS = Options.for_aircraft(PAPER)
 STRIDE = stride_of(OPTIONS)
 
-FAMILY = scaled(concatenated(*STAGES[:2]), PAPER)
-DELAYED = take(scaled(STAGES[3], PAPER), slice(None, None, 5))
+FAMILY = scale(concatenate(*STAGES[:2]), PAPER)
+DELAYED = take(scale(STAGES[3], PAPER), slice(None, None, 5))
 LIMITS = SURROGATE._replace(speed_max=99.6, acceleration_max=0.375)
 
 turns = st.floats(-math.pi, math.pi)
@@ -48,7 +48,7 @@ manoeuvres = st.builds(
 
 
 def requests(kind: str = "circle", count: int = 12) -> Request:
-    return request_of(numbered(scenario(kind, PAPER), 5, 0, count), PAPER)
+    return request_of(encounters_of_seed(scenario(kind, PAPER), 5, 0, count), PAPER)
 
 
 def flown(
@@ -58,7 +58,7 @@ def flown(
     enough: int,
     options: Options | None = None,
     longest: float = 150.0,
-) -> Flown:
+) -> ManoeuvreFlights:
     """Fly a family for every request."""
     count, each = request.points.size, family.turn.size
     which = np.repeat(np.arange(count), each)
@@ -185,9 +185,11 @@ def test_knots_and_sums_are_those_of_the_flight() -> None:
     assert some.size
     for row in some:
         last = int(found.time[row] / STRIDE)
-        for knots, end, field in zip(found.knots, found.end, states, strict=True):
-            np.testing.assert_array_equal(knots[row][: last // 4 + 1], field[: last + 1 : 4, row])
-            assert np.isnan(knots[row][last // 4 + 1 :]).all()
+        for plan_states, end, field in zip(found.plan_states, found.end, states, strict=True):
+            np.testing.assert_array_equal(
+                plan_states[row][: last // 4 + 1], field[: last + 1 : 4, row]
+            )
+            assert np.isnan(plan_states[row][last // 4 + 1 :]).all()
             assert end[row] == field[last, row]
         speed = states.speed[: last + 1, row]
         np.testing.assert_allclose(

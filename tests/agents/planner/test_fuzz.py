@@ -20,7 +20,7 @@ from agents.planner.traffic import Requirement, Traffic
 from agents.planner.validator import CLOSE
 from agents.policy.inference import Policy
 from benchmarks.safety import published
-from benchmarks.safety.resimulation import CHECKS, Route, resimulate, travelled
+from benchmarks.safety.resimulation import CHECKS, Route, displacement, resimulate
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
 from envs.trees import take
@@ -189,14 +189,14 @@ def assert_confirmed(question: dict[str, Any], answer: Plan) -> None:
     truth = Request(VehicleState(*map(np.array, own)), traffic, x, y, np.array(len(x)))
     asked = published.Question(own, reports, question["route"], question["own_altitude"], truth)
     assert published.faults(asked, answer, options) == []
-    knots, last, arrays = take(published.as_arrays(asked, answer, options), None)
+    plan_states, last, arrays = take(published.as_arrays(asked, answer, options), None)
     limits = options.limits
     limits = limits._replace(
         speed_max=max(limits.speed_max, own.speed) + 1e-6,
         speed_min=min(limits.speed_min, own.speed) - 1e-6,
     )
     route = Route(arrays.route_x, arrays.route_y, arrays.points, last)
-    verdict = resimulate(knots, arrays.own, arrays.traffic, route, options, limits)
+    verdict = resimulate(plan_states, arrays.own, arrays.traffic, route, options, limits)
     assert {name for name, one in zip(CHECKS, verdict.wrong[:, 0], strict=True) if one} == set()
 
 
@@ -205,7 +205,7 @@ def _at_request(report: Intruder) -> tuple[float, ...]:
     x, y, heading, speed = report.state
     age, lasts = report.age, report.turn_time
     rate = report.turn_rate if lasts > 0.0 else 0.0
-    moved = complex(travelled(heading, speed, rate, lasts, age))
+    moved = complex(displacement(heading, speed, rate, lasts, age))
     turned = heading + rate * min(age, lasts)
     left = max(lasts - age, 0.0)
     return (

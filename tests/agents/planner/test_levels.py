@@ -18,14 +18,14 @@ from agents.assurance.single import activate, begin, step
 from agents.assurance.thresholds import Thresholds
 from agents.planner.levels import ALWAYS, Altitude, vertical_gap, window
 from agents.planner.planner import plan
-from agents.planner.request import Intruder, checked
+from agents.planner.request import Intruder, check_request
 from agents.planner.traffic import Requirement, Traffic, Window
 from agents.planner.validator import validate
 from benchmarks.levels import OWN_ALTITUDE, question
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.trees import take
-from envs.waypoints import at, knots, legs
+from envs.waypoints import at, legs, plan_states
 from tests.agents.planner.test_separations import OPTIONS, OWN, POLICY, ROUTE
 from tests.agents.planner.test_validator import plans, sampled, traffic
 
@@ -161,7 +161,7 @@ def test_plans_keep_all_intruders_away_in_three_dimensions_and_prove_it() -> Non
             continue
         safe += 1
         timed += bool(answer.windows)
-        curves, end = legs(knots(asked.own, answer.waypoints)), answer.waypoints[-1].time
+        curves, end = legs(plan_states(asked.own, answer.waypoints)), answer.waypoints[-1].time
         for time in np.arange(0.0, end, 0.5):
             own = at(curves, np.array(time))
             for one in asked.intruders:
@@ -256,7 +256,7 @@ def test_the_monitor_knows_when_an_intruder_counts() -> None:
 
 def test_a_request_among_others_counts_its_own_windows() -> None:
     asked = question(3, PAPER)
-    request, _, _ = checked(*asked, OPTIONS, OWN_ALTITUDE)
+    request, _, _ = check_request(*asked, OPTIONS, OWN_ALTITUDE)
     assert request.traffic.window is not None
     begin = take(request.traffic.window, 0).begin
     assert begin.shape == request.traffic.mask.shape[1:]

@@ -26,8 +26,15 @@ from agents.planner.answer import (
 )
 from agents.planner.candidates import evaluate
 from agents.planner.planner import eligible, plan, plan_many
-from agents.planner.publish import rechecked
-from agents.planner.request import Altitude, Intruder, Options, Request, least_distance, reported
+from agents.planner.publish import recheck
+from agents.planner.request import (
+    Altitude,
+    Intruder,
+    Options,
+    Request,
+    arrays_of_reports,
+    least_distance,
+)
 from agents.planner.rollout import roll
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy
@@ -38,8 +45,8 @@ from envs.encounters import Encounter, scenario
 from envs.formats.local_frame import LocalFrame
 from envs.formats.local_frame import distance as geodesic
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
-from envs.starts import numbered
-from envs.trees import mapped, take
+from envs.starts import encounters_of_seed
+from envs.trees import map_leaves, take
 from envs.waypoints import ARCS, RoutePoint, legs
 from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import fly_once
@@ -61,7 +68,7 @@ def policy() -> Policy:
 
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
-    return numbered(scenario("circle", PAPER), 7, 0, 120)
+    return encounters_of_seed(scenario("circle", PAPER), 7, 0, 120)
 
 
 def ask(request: Request, number: int) -> tuple[VehicleState, list[VehicleState], list[RoutePoint]]:
@@ -154,12 +161,14 @@ def test_plans_do_not_depend_on_the_batch(policy: Policy, encounters: Encounter)
     np.testing.assert_array_equal(
         few.proposals.min_separation, many.proposals.min_separation[50:70]
     )
-    np.testing.assert_array_equal(few.proposals.knots.x, many.proposals.knots.x[50:70])
+    np.testing.assert_array_equal(few.proposals.plan_states.x, many.proposals.plan_states.x[50:70])
 
 
 def test_the_two_rollouts_agree(policy: Policy) -> None:
     exact = Policy.load(dtype=np.float64)
-    request = request_of(numbered(scenario("multi", PAPER, intruders=(2, 4)), 3, 0, 5), PAPER)
+    request = request_of(
+        encounters_of_seed(scenario("multi", PAPER, intruders=(2, 4)), 3, 0, 5), PAPER
+    )
     goal = np.ones(5, int)
     for direct in (True, False):
         options = replace(OPTIONS, direct=direct)
@@ -170,7 +179,7 @@ def test_the_two_rollouts_agree(policy: Policy) -> None:
             # The arrays' arctangent is a polynomial, 4e-8 rad off; in closed loop that grows to
             # some metres.
             np.testing.assert_allclose(one.time[0], many.time[number], atol=1.0)
-            np.testing.assert_allclose(one.knots.x[0], many.knots.x[number], atol=20.0)
+            np.testing.assert_allclose(one.plan_states.x[0], many.plan_states.x[number], atol=20.0)
             np.testing.assert_allclose(one.path[0], many.path[number], atol=120.0)
             assert one.direct[0] == many.direct[number]
 
@@ -376,7 +385,9 @@ def test_requests_in_plain_floats_are_planned_as_if_alone(
         alone = plan_many(
             take(request, slice(row, row + 1)), policy, options, floats=True
         ).proposals
-        np.testing.assert_array_equal(np.stack(take(together.knots, [row])), np.stack(alone.knots))
+        np.testing.assert_array_equal(
+            np.stack(take(together.plan_states, [row])), np.stack(alone.plan_states)
+        )
 
 
 def test_more_intruders_than_the_policy_was_trained_with_are_planned_for_and_said(
@@ -403,7 +414,7 @@ def test_plan_among_a_hundred_is_the_same_however_they_are_numbered(policy: Poli
     together = plan_many(
         Request(own, Traffic.straight(many), x, y, np.full(2, len(asked.route))), policy, options
     )
-    found = np.stack(together.proposals.knots, axis=-1)[:, 1:]
+    found = np.stack(together.proposals.plan_states, axis=-1)[:, 1:]
     flown = [[p.x, p.y, p.heading, p.speed, p.time] for p in first.waypoints]
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_allclose(found[0], flown, atol=1.0)
@@ -424,7 +435,7 @@ def test_row_with_few_intruders_is_planned_as_alone_beside_a_crowd(policy: Polic
         kept = take(one.traffic, (slice(None), one.traffic.mask[0]))
         alone = plan_many(one._replace(traffic=kept), policy, options)
         found, expected = take(together, [row]).proposals, alone.proposals
-        mapped(np.testing.assert_array_equal, found.knots, expected.knots)
+        map_leaves(np.testing.assert_array_equal, found.plan_states, expected.plan_states)
         assert found.findings.clearance == expected.findings.clearance
         # Intruders go by their numbers in the request.
         names = np.flatnonzero(one.traffic.mask[0])
@@ -565,7 +576,7 @@ def test_no_plan_outlasts_what_an_intruder_was_left_out_for(
     answer = plan(OWN, above, ROUTE, policy, own_altitude=here)
     assert not answer.safe and answer.certificate is None
     assert [(one.kind, one.field) for one in answer.reasons] == [(Kind.SEPARATION, "intruders[0]")]
-    late = rechecked(
+    late = recheck(
         good, 20.0, OWN._replace(x=OWN.x + 20.0 * OWN.speed), above, ROUTE, OPTIONS, here
     )
     assert not late.safe and "left out" in late.reasons[0].message
@@ -646,7 +657,7 @@ def test_the_deadline_ends_the_search_and_says_what_it_left_out(policy: Policy) 
 
 @pytest.mark.usefixtures("strict")
 def test_answers_come_within_the_deadline(policy: Policy, encounters: Encounter) -> None:
-    crowds = numbered(scenario("multi", PAPER, intruders=(4, 8)), 3, 0, 12)
+    crowds = encounters_of_seed(scenario("multi", PAPER, intruders=(4, 8)), 3, 0, 12)
     request, late = request_of(crowds, PAPER), []
     trained = policy.for_aircraft(PAPER, outside="allow")
     for number in range(12):
@@ -686,7 +697,7 @@ def test_a_deadline_cuts_the_refinement_into_blocks(
         for s in (60.0, math.inf)
     )
     assert validated == [16, 16, 16, 16, 64]
-    np.testing.assert_array_equal(cut.knots, whole.knots)
+    np.testing.assert_array_equal(cut.plan_states, whole.plan_states)
 
 
 def scaled_to(request: Request, number: int, length: float, pace: float) -> tuple[Any, ...]:
@@ -757,7 +768,7 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(
     alike: Any = InOtherUnits(policy, length, pace)
     sources = set()
     for drawn in (scenario("circle", PAPER), scenario("multi", PAPER, intruders=(2, 4))):
-        request = request_of(numbered(drawn, 6, 0, 10), PAPER)
+        request = request_of(encounters_of_seed(drawn, 6, 0, 10), PAPER)
         for number in range(10):
             answer = plan(*ask(request, number), policy, mine)
             same = plan(*scaled_to(request, number, length, pace), alike, theirs)
@@ -791,10 +802,10 @@ def test_no_safe_plan_exceeds_the_limits_that_are_given(policy: Policy) -> None:
 def _safe_within_limits(aircraft: Aircraft, policy: Policy, number: int) -> int:
     """Plan twelve encounters of an aircraft; return how many plans are SAFE, within its limits."""
     flown_by = policy.for_aircraft(aircraft, outside="allow")
-    request = request_of(numbered(scenario("circle", aircraft), number, 0, 12), aircraft)
+    request = request_of(encounters_of_seed(scenario("circle", aircraft), number, 0, 12), aircraft)
     options = Options.for_aircraft(aircraft, exhaustive=False)
     plans = plan_many(request, flown_by, options).proposals
-    curves = legs(take(plans.knots, plans.safe))
+    curves = legs(take(plans.plan_states, plans.safe))
     after = curves.speed + curves.acceleration * (curves.duration[..., None] / ARCS)
     limits, swing = aircraft.limits, 1e-5
     assert np.all(curves.speed >= limits.speed_min - swing)
@@ -816,12 +827,12 @@ def test_no_plan_outlasts_its_bound(policy: Policy) -> None:
     own = VehicleState(zeros, zeros, course[:, 0], speed)
     route_x = np.cumsum(spacing * np.cos(course), axis=1)
     route_y = np.cumsum(spacing * np.sin(course), axis=1)
-    reports, _ = reported([Intruder(VehicleState(30_000.0, 0.0, 3.0, 80.0))])
-    traffic = mapped(lambda field: np.repeat(field, count, axis=0), reports)
+    reports, _ = arrays_of_reports([Intruder(VehicleState(30_000.0, 0.0, 3.0, 80.0))])
+    traffic = map_leaves(lambda field: np.repeat(field, count, axis=0), reports)
     request = Request(own, traffic, route_x, route_y, np.full(count, points))
     for extend in (False, True):
         options = Options.for_aircraft(PAPER, exhaustive=False, extend_route=extend)
-        ends = plan_many(request, policy, options).proposals.knots.time[:, -1]
+        ends = plan_many(request, policy, options).proposals.plan_states.time[:, -1]
         made = np.isfinite(ends)
         assert made.sum() > 20
         bound = options.latest_end(speed, route_x, route_y, request.points)

@@ -24,7 +24,7 @@ from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.relative import at_share
-from envs.waypoints import RoutePoint, at, knots, legs
+from envs.waypoints import RoutePoint, at, legs, plan_states
 from tests.agents.planner.test_validator import plans, traffic
 
 POLICY = Policy.load()
@@ -57,7 +57,7 @@ def scenes(count: int, seed: int) -> list[list[Intruder]]:
 
 def nearest(answer: Plan, intruder: Intruder) -> float:
     """Return the smallest sampled distance to a straight intruder, m."""
-    curves, end = legs(knots(OWN, answer.waypoints)), answer.waypoints[-1].time
+    curves, end = legs(plan_states(OWN, answer.waypoints)), answer.waypoints[-1].time
     other, least = intruder.state, math.inf
     for time in np.arange(0.0, end, 0.25):
         own = at(curves, np.array(time))

@@ -16,17 +16,17 @@ from agents.planner.answer import WAYPOINTS, Kind, Status
 from agents.planner.audit import audit
 from agents.planner.planner import plan
 from agents.planner.request import Options
-from agents.planner.traffic import Requirement, Traffic, predicted, required
+from agents.planner.traffic import Requirement, Traffic, predict, requirement_of
 from agents.planner.validator import CHECKS, validate
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
-from envs.trees import mapped, take
-from envs.waypoints import Knots, RoutePoint, Waypoint, at, legs
+from envs.trees import map_leaves, take
+from envs.waypoints import PlanStates, RoutePoint, Waypoint, at, legs
 from tests.support import random_states
 
 
-def plans(count: int, seed: int) -> Knots:
+def plans(count: int, seed: int) -> PlanStates:
     """Return gently flown plans ``[count, 11]``."""
     rng = np.random.default_rng(seed)
     state = random_states(rng, count, extent=3_000.0)
@@ -42,7 +42,7 @@ def plans(count: int, seed: int) -> Knots:
         if second % 20 == 19:
             states.append(state)
     fields = [np.stack(field, axis=-1) for field in zip(*states, strict=True)]
-    return Knots(*fields, np.broadcast_to(20.0 * np.arange(11.0), fields[0].shape).copy())
+    return PlanStates(*fields, np.broadcast_to(20.0 * np.arange(11.0), fields[0].shape).copy())
 
 
 def traffic(count: int, intruders: int, seed: int, *, turning: bool = False) -> Traffic:
@@ -56,27 +56,27 @@ def traffic(count: int, intruders: int, seed: int, *, turning: bool = False) -> 
     return one._replace(turn_rate=rate, turn_time=rng.uniform(0.0, 60.0, shape))
 
 
-def sampled(knots: Knots, intruders: Traffic, step: float) -> np.ndarray:
+def sampled(plan_states: PlanStates, intruders: Traffic, step: float) -> np.ndarray:
     """Return the distances to the intruders at times ``step`` apart, m, ``[T, N, K]``."""
-    curves = legs(knots)
+    curves = legs(plan_states)
     apart = []
-    for time in np.arange(0.0, knots.time[0, -1] + 1e-9, step):
-        own, other = at(curves, time), predicted(intruders, time)
+    for time in np.arange(0.0, plan_states.time[0, -1] + 1e-9, step):
+        own, other = at(curves, time), predict(intruders, time)
         apart.append(np.hypot(other.x - own.x[:, None], other.y - own.y[:, None]))
     return np.array(apart)
 
 
 @pytest.mark.parametrize("turning", [False, True])
 def test_the_separation_is_a_tight_lower_bound(turning: bool) -> None:
-    knots, intruders = plans(50, 1), traffic(50, 3, 2, turning=turning)
-    found = validate(knots, intruders, Requirement(300.0), C208_PUBLISHED)
-    truth = sampled(knots, intruders, 0.02).min(axis=(0, 2))
+    plan_states, intruders = plans(50, 1), traffic(50, 3, 2, turning=turning)
+    found = validate(plan_states, intruders, Requirement(300.0), C208_PUBLISHED)
+    truth = sampled(plan_states, intruders, 0.02).min(axis=(0, 2))
     # Samples 0.02 s apart miss a closest approach by at most 0.02 m wherever it is 100 m or more.
     assert np.all(found.min_separation <= truth + 1e-6)
     assert np.all(found.min_separation >= truth - 0.05)
     first = found.wrong[:, CHECKS.index("separation")]
     np.testing.assert_array_equal(first, found.clearance < 0.0)
-    base = np.minimum(300.0, sampled(knots, intruders, 1e9)[0])
+    base = np.minimum(300.0, sampled(plan_states, intruders, 1e9)[0])
     assert np.all((truth < 299.9) <= (first | (base.min(axis=-1) < 300.0)))
 
 
@@ -85,9 +85,9 @@ def test_the_separation_is_a_tight_lower_bound(turning: bool) -> None:
 def test_legs_far_from_an_intruder_are_left_out_without_a_trace(
     monkeypatch: pytest.MonkeyPatch, turning: bool, velocity_std: float
 ) -> None:
-    knots, near, far = plans(30, 3), traffic(30, 20, 4, turning=turning), traffic(30, 20, 5)
+    plan_states, near, far = plans(30, 3), traffic(30, 20, 4, turning=turning), traffic(30, 20, 5)
     away = far.state._replace(x=4.0 * far.state.x, y=4.0 * far.state.y)
-    seen = mapped(
+    seen = map_leaves(
         lambda *both: np.concatenate(both, axis=1), near, far._replace(state=away)
     )._replace(velocity_std=np.full((30, 40), velocity_std))
     looked_at: list[float] = []
@@ -99,9 +99,9 @@ def test_legs_far_from_an_intruder_are_left_out_without_a_trace(
         return found
 
     monkeypatch.setattr(validator, "_near", counted)
-    found = validate(knots, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
+    found = validate(plan_states, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
     monkeypatch.setattr(validator, "_FEW", 40)
-    every = validate(knots, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
+    every = validate(plan_states, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
     for one, other in zip(found, every, strict=True):
         np.testing.assert_array_equal(one, other)
     assert looked_at[0] < 0.5 and looked_at[1] == 1.0
@@ -114,7 +114,7 @@ def test_a_circle_keeps_its_radius_from_its_centre(duration: float, sign: float)
     rate, speed = math.radians(2.0), 60.0
     radius, turn = speed / rate, sign * rate * duration
     x, y = radius * math.sin(rate * duration), sign * radius * (1.0 - math.cos(rate * duration))
-    plan = Knots(
+    plan = PlanStates(
         *np.array([[[0.0, x]], [[0.0, y]], [[0.0, turn]], [[speed, speed]], [[0.0, duration]]])
     )
     centre = Traffic.straight(
@@ -131,11 +131,11 @@ def test_a_circle_keeps_its_radius_from_its_centre(duration: float, sign: float)
 def test_the_first_violation_has_time_and_place() -> None:
     # Head-on at 80 + 80 m/s from 8 km: 1000 m are left after 43.75 s.
     times = 20.0 * np.arange(6.0)[None]
-    knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
+    plan_states = PlanStates(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
     one = Traffic.straight(
         VehicleState(*(np.array([[value]]) for value in (8_000.0, 0.0, math.pi, 80.0)))
     )
-    found = validate(knots, one, Requirement(1_000.0), C208_PUBLISHED)
+    found = validate(plan_states, one, Requirement(1_000.0), C208_PUBLISHED)
     row = CHECKS.index("separation")
     assert found.time[0, row] == pytest.approx(43.75, abs=0.1)
     assert found.x[0, row] == pytest.approx(3_500.0, abs=10.0)
@@ -148,26 +148,26 @@ def test_the_first_violation_has_time_and_place() -> None:
 @pytest.mark.parametrize(("end", "safe"), [(16_380.0, True), (16_400.0, False)])
 def test_plan_longer_than_its_rounding_is_bounded_for_is_not_safe(end: float, safe: bool) -> None:
     times = np.array([[0.0, 20.0, 40.0, end]])
-    knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
-    found = validate(knots, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED)
+    plan_states = PlanStates(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
+    found = validate(plan_states, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED)
     assert found.safe[0] == safe
     assert found.wrong[0, CHECKS.index("times")] != safe
 
 
 def test_standing_still_is_not_safe() -> None:
     times = 20.0 * np.arange(3.0)[None]
-    knots = Knots(*np.zeros((4, 1, 3)), times)
+    plan_states = PlanStates(*np.zeros((4, 1, 3)), times)
     found = validate(
-        knots, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED._replace(speed_min=0.0)
+        plan_states, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED._replace(speed_min=0.0)
     )
     assert [CHECKS[check] for check in np.flatnonzero(found.wrong[0])] == ["speed"]
 
 
-def spoilt(knots: Knots, name: str, change: Any) -> Knots:
+def spoilt(plan_states: PlanStates, name: str, change: Any) -> PlanStates:
     """Return the plans with one waypoint changed."""
-    field = getattr(knots, name).copy()
+    field = getattr(plan_states, name).copy()
     field[:, 5] = change(field[:, 5])
-    return knots._replace(**{name: field})
+    return plan_states._replace(**{name: field})
 
 
 @pytest.mark.parametrize(
@@ -199,16 +199,16 @@ def test_every_fault_is_found(name: str, change: Any, checks: set[str]) -> None:
 @pytest.mark.parametrize(("speed", "sign"), [(100.0, 1.0), (31.0, -1.0), (100.6, 1.0)])
 def test_rounding_does_not_add_up_beyond_a_limit(speed: float, sign: float) -> None:
     time = 20.0 * np.arange(11.0)[None]
-    knots = Knots(speed * time, 0.0 * time, 0.0 * time, speed + 0.0 * time, time)
-    curves = legs(knots)
+    plan_states = PlanStates(speed * time, 0.0 * time, 0.0 * time, speed + 0.0 * time, time)
+    curves = legs(plan_states)
     creeping = np.full_like(curves.acceleration, sign * 0.4e-6 / 2.0)  # 0.4 um/s an arc of 2 s
     gained = np.arange(curves.speed.size).reshape(curves.speed.shape) * sign * 0.4e-6
     intruders, check = traffic(1, 0, 0), CHECKS.index("speed")
-    assert not validate(knots, intruders, Requirement(1_000.0), C208_PUBLISHED, curves).wrong[
+    assert not validate(plan_states, intruders, Requirement(1_000.0), C208_PUBLISHED, curves).wrong[
         0, check
     ]
     found = validate(
-        knots,
+        plan_states,
         intruders,
         Requirement(1_000.0),
         C208_PUBLISHED,
@@ -219,16 +219,16 @@ def test_rounding_does_not_add_up_beyond_a_limit(speed: float, sign: float) -> N
 
 def test_no_plans_are_no_trouble() -> None:
     found = validate(
-        Knots(*np.zeros((5, 0, 21))), traffic(0, 0, 0), Requirement(1_000.0), C208_PUBLISHED
+        PlanStates(*np.zeros((5, 0, 21))), traffic(0, 0, 0), Requirement(1_000.0), C208_PUBLISHED
     )
     assert found.safe.shape == (0,)
 
 
 def test_plans_are_judged_one_by_one() -> None:
-    knots, intruders = plans(60, 5), traffic(60, 4, 6, turning=True)
-    whole = validate(knots, intruders, Requirement(1_000.0, 5.0), C208_PUBLISHED)
+    plan_states, intruders = plans(60, 5), traffic(60, 4, 6, turning=True)
+    whole = validate(plan_states, intruders, Requirement(1_000.0, 5.0), C208_PUBLISHED)
     part = validate(
-        Knots(*(field[20:30] for field in knots)),
+        PlanStates(*(field[20:30] for field in plan_states)),
         take(intruders, slice(20, 30)),
         Requirement(1_000.0, 5.0),
         C208_PUBLISHED,
@@ -243,10 +243,10 @@ def test_no_start_is_refused_by_its_own_margin(margin: float) -> None:
     away = np.arange(1_000.0, 1_000.0 + margin + 0.005, 0.01)
     times = np.broadcast_to(20.0 * np.arange(6.0), (away.size, 6))
     zero = times * 0.0
-    straight = Knots(80.0 * times, zero, zero, zero + 80.0, times)
+    straight = PlanStates(80.0 * times, zero, zero, zero + 80.0, times)
     rate = -math.radians(1.0)
     radius = 80.0 / rate
-    turning = Knots(
+    turning = PlanStates(
         radius * np.sin(rate * times),
         radius * (1.0 - np.cos(rate * times)),
         rate * times,
@@ -254,37 +254,37 @@ def test_no_start_is_refused_by_its_own_margin(margin: float) -> None:
         times,
     )
     column = away[:, None]
-    for knots, x, y, heading in (
+    for plan_states, x, y, heading in (
         (straight, -column, column * 0.0, math.pi),
         (straight, column * 0.0, column, 0.0),
         (turning, column * 0.0, column + 0.001, 0.0),
         (turning, column * 0.0, column, 0.5),
     ):
         one = Traffic.straight(VehicleState(x, y, column * 0.0 + heading, column * 0.0 + 80.0))
-        found = validate(knots, one, Requirement(1_000.0, margin), C208_PUBLISHED)
+        found = validate(plan_states, one, Requirement(1_000.0, margin), C208_PUBLISHED)
         assert found.safe.all(), away[~found.safe][:5]
 
 
 def test_absent_intruders_do_not_count() -> None:
-    knots, intruders = plans(30, 7), traffic(30, 3, 8)
+    plan_states, intruders = plans(30, 7), traffic(30, 3, 8)
     none = intruders._replace(mask=np.zeros_like(intruders.mask))
-    found = validate(knots, none, Requirement(1_000.0), C208_PUBLISHED)
+    found = validate(plan_states, none, Requirement(1_000.0), C208_PUBLISHED)
     assert np.all(np.isinf(found.min_separation))
     assert not found.wrong[:, CHECKS.index("separation")].any()
 
 
 def test_uncertainty_enlarges_what_is_required() -> None:
     times = 20.0 * np.arange(6.0)[None]
-    knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
+    plan_states = PlanStates(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
     abeam = Traffic.straight(
         VehicleState(*(np.array([[value]]) for value in (0.0, 1_300.0, 0.0, 80.0)))
     )
-    sure = validate(knots, abeam, Requirement(1_000.0, 0.0), C208_PUBLISHED)
+    sure = validate(plan_states, abeam, Requirement(1_000.0, 0.0), C208_PUBLISHED)
     assert sure.safe[0]
     assert sure.clearance[0] == pytest.approx(300.0, abs=0.1)
     # 2 sigmas of sqrt(30^2 + (2 t)^2) exceed 300 m from t = 73.5 s on.
     vague = abeam._replace(position_std=np.array([[30.0]]), velocity_std=np.array([[2.0]]))
-    found = validate(knots, vague, Requirement(1_000.0, 0.0), C208_PUBLISHED)
+    found = validate(plan_states, vague, Requirement(1_000.0, 0.0), C208_PUBLISHED)
     assert not found.safe[0]
     assert found.time[0, CHECKS.index("separation")] == pytest.approx(73.5, abs=2.1)
 
@@ -294,17 +294,17 @@ def test_a_start_inside_the_margin_must_only_not_come_closer(distance: float) ->
     one = Traffic.straight(
         VehicleState(*(np.array([[value]]) for value in (0.0, distance, 0.0, 80.0)))
     )
-    need = required(one, VehicleState(*np.zeros((4, 1))), Requirement(1_000.0, 50.0))
+    need = requirement_of(one, VehicleState(*np.zeros((4, 1))), Requirement(1_000.0, 50.0))
     assert need[0, 0] == min(distance, 1_050.0)
     times = 20.0 * np.arange(6.0)[None]
-    knots = Knots(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
-    assert validate(knots, one, Requirement(1_000.0, 50.0), C208_PUBLISHED).safe[0]
+    plan_states = PlanStates(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
+    assert validate(plan_states, one, Requirement(1_000.0, 50.0), C208_PUBLISHED).safe[0]
 
 
 def test_the_slowest_turn_is_not_taken_for_a_straight_flight() -> None:
     time = 20.0 * np.arange(51)[None]
     zero, one = np.zeros((1, 51)), np.ones((1, 1))
-    straight = Knots(80.0 * time, zero, zero, zero + 80.0, time)
+    straight = PlanStates(80.0 * time, zero, zero, zero + 80.0, time)
     # In 1000 s at 400 m/s and 1e-9 rad/s it comes 0.2 m to its right, and then it is abeam.
     state = VehicleState(-320_000.0 * one, 1_000.05 * one, 0.0 * one, 400.0 * one)
     turning = Traffic.straight(state)._replace(turn_rate=-1e-9 * one, turn_time=1_000.0 * one)

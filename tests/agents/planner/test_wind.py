@@ -16,13 +16,13 @@ from agents.planner import plan
 from agents.planner.answer import Kind, Plan, RequestError, Status
 from agents.planner.options import Options
 from agents.planner.planner import plan_many
-from agents.planner.publish import rechecked
-from agents.planner.request import Intruder, checked, in_wind
+from agents.planner.publish import recheck
+from agents.planner.request import Intruder, check_request, in_wind
 from agents.policy.inference import Policy
 from envs.aircraft import new_aircraft
 from envs.kinematics import Limits, VehicleState
-from envs.trees import mapped
-from envs.waypoints import RoutePoint, at, knots, legs
+from envs.trees import map_leaves
+from envs.waypoints import RoutePoint, at, legs, plan_states
 from envs.wind import Wind, over_ground, through_air
 
 UAS = new_aircraft(Limits(18.0, 36.0, -0.5, 0.5, math.radians(10.0)), 610.0)
@@ -48,9 +48,9 @@ def scene(seed: int, wind: Wind) -> tuple[VehicleState, list[Intruder]]:
 
 def flown(answer: Plan, own: VehicleState, wind: Wind, times: Any) -> VehicleState:
     """Return where the plan is over the ground."""
-    curves = legs(knots(own, answer.waypoints, wind=wind))
+    curves = legs(plan_states(own, answer.waypoints, wind=wind))
     shape = np.shape(times)
-    each = mapped(lambda field: np.broadcast_to(field, (*shape, *field.shape)), curves)
+    each = map_leaves(lambda field: np.broadcast_to(field, (*shape, *field.shape)), curves)
     return at(each, times, wind)
 
 
@@ -148,12 +148,12 @@ def test_still_air_is_no_wind() -> None:
 
 def test_a_plan_is_the_same_among_others() -> None:
     winds = [Wind(9.0, -3.0), Wind(-4.0, 2.0)]
-    requests = [checked(*scene(5, wind), ROUTE, OPTIONS, wind=wind)[0] for wind in winds]
-    both = mapped(lambda *same: np.concatenate(same), *requests)
+    requests = [check_request(*scene(5, wind), ROUTE, OPTIONS, wind=wind)[0] for wind in winds]
+    both = map_leaves(lambda *same: np.concatenate(same), *requests)
     together = plan_many(both, POLICY, OPTIONS).proposals
     for row, request in enumerate(requests):
         alone = plan_many(request, POLICY, OPTIONS).proposals
-        for one, some in zip(alone.knots, together.knots, strict=True):
+        for one, some in zip(alone.plan_states, together.plan_states, strict=True):
             np.testing.assert_array_equal(one[0], some[row])
 
 
@@ -176,9 +176,9 @@ def test_a_late_plan_is_still_right_in_its_wind() -> None:
     there = flown(answer, own, wind, np.array(late))
     here = VehicleState(*(float(field) for field in there))
     older = [replace(report, age=report.age + late) for report in reports]
-    again = rechecked(answer, late, here, older, ROUTE, OPTIONS, wind=wind)
+    again = recheck(answer, late, here, older, ROUTE, OPTIONS, wind=wind)
     assert again.safe
-    calm = rechecked(answer, late, here, older, ROUTE, OPTIONS)
+    calm = recheck(answer, late, here, older, ROUTE, OPTIONS)
     assert calm.status is Status.UNRESOLVED
 
 
@@ -227,7 +227,7 @@ def test_a_turn_is_one_through_the_air() -> None:
     wind = Wind(10.0, 0.0)
     report = Intruder(VehicleState(0.0, 0.0, 0.0, 30.0), turn_rate=TURN, turn_time=50.0)
     own = VehicleState(-9_000.0, 9_000.0, 0.0, 28.0)
-    request, _, _ = checked(own, [report], ROUTE, OPTIONS, wind=wind)
+    request, _, _ = check_request(own, [report], ROUTE, OPTIONS, wind=wind)
     air = VehicleState(*(float(field[0, 0]) for field in request.traffic.state))
     assert air.speed == pytest.approx(20.0)
     assert through_air(report.state, wind, 0.0) == pytest.approx(air)

@@ -13,14 +13,14 @@ from agents.resolvability import reachable_set as survivors
 from agents.resolvability.causal_bound import Causal, causal
 from agents.resolvability.classify import Replay
 from agents.resolvability.outer_polygon import beside, outside
-from agents.resolvability.proof import Ahead, contained, look_ahead, split
+from agents.resolvability.proof import Ahead, containment_time, look_ahead, split
 from agents.resolvability.reachable_bound import (
     DIRECTIONS,
     Funnel,
     delta,
     farthest,
-    narrowed,
-    relaxed,
+    narrow,
+    relax,
     root,
     support,
 )
@@ -29,7 +29,7 @@ from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.outcome import RULES
-from envs.starts import joined, numbered
+from envs.starts import encounters_of_seed, join
 from envs.trees import take
 from tests.agents.scenes import CLOSE, CROWDED, INTERVAL, check_witness, duel
 
@@ -65,13 +65,13 @@ def test_no_flight_leaves_the_outer_set_and_some_touch_it():
     count, seconds, step = 150, 40, 0.05
     x, y, turned, speed = random_flights(count, seconds)
     times = step * np.arange(round(seconds / step) + 1)
-    everything = root(speed[0], times, relaxed(SURROGATE))
+    everything = root(speed[0], times, relax(SURROGATE))
 
     def check(funnel: Funnel, flights: Any, *, growing: bool = False) -> np.ndarray:
         """Assert that the flights obey the supports of their funnels; return how far inside they
         are.
         """
-        bounds = support(funnel, DIRECTIONS, step, relaxed(SURROGATE), stride=20, growing=growing)
+        bounds = support(funnel, DIRECTIONS, step, relax(SURROGATE), stride=20, growing=growing)
         along = (
             np.cos(DIRECTIONS)[:, None, None] * x[1:, flights]
             + np.sin(DIRECTIONS)[:, None, None] * y[1:, flights]
@@ -90,7 +90,7 @@ def test_no_flight_leaves_the_outer_set_and_some_touch_it():
     at = np.full(count, 14.0)
     nowhere = np.full(count, np.nan)
     for turn, split_speed in ((np.full(count, 0.2), nowhere), (nowhere, np.full(count, 72.0))):
-        below, above = narrowed(everything, times, at, turn, split_speed, relaxed(SURROGATE))
+        below, above = narrow(everything, times, at, turn, split_speed, relax(SURROGATE))
         low = turned[14] <= turn if np.isnan(split_speed).all() else speed[14] <= split_speed
         check(take(below, low), np.flatnonzero(low))
         check(take(above, ~low), np.flatnonzero(~low))
@@ -138,9 +138,11 @@ def test_gaps_between_intruders_that_close_are_proven_closed():
     # Searches through piecewise controls keep no more than 685 and 958 m.
     for number in (126, 204):
         ahead = look_ahead(
-            numbered(scenario("multi", PAPER, intruders=(2, 4)), 0, number, 1), RULES, SURROGATE
+            encounters_of_seed(scenario("multi", PAPER, intruders=(2, 4)), 0, number, 1),
+            RULES,
+            SURROGATE,
         )
-        assert np.isnan(contained(ahead, RULES, SURROGATE)[0])
+        assert np.isnan(containment_time(ahead, RULES, SURROGATE)[0])
         proven = split(ahead, RULES, SURROGATE, nodes=0)[0]
         assert 10.0 < proven < 46.5
         clear = flown_clear(ahead, 4_000)[1]
@@ -160,18 +162,18 @@ def test_flights_clear_of_all_intruders_are_among_the_survivors(
 ):
     kept: list[States] = []
 
-    def spy(states: States, cells: Cells, merged: Any = survivors.merged) -> States:
+    def spy(states: States, cells: Cells, merged: Any = survivors.merge) -> States:
         kept.append(merged(states, cells))
         return kept[-1]
 
-    monkeypatch.setattr(survivors, "merged", spy)
+    monkeypatch.setattr(survivors, "merge", spy)
     checked = 0
     for number in range(6):
-        ahead = look_ahead(numbered(CROWDED, 7, number, 1), RULES, SURROGATE)
+        ahead = look_ahead(encounters_of_seed(CROWDED, 7, number, 1), RULES, SURROGATE)
         kept.clear()
         discs = (ahead.x[0], ahead.y[0], RULES.separation - DELTA)
         last_time(
-            float(ahead.speed[0]), discs, (1e6, 0.0, 500.0), INTERVAL, cells, relaxed(SURROGATE)
+            float(ahead.speed[0]), discs, (1e6, 0.0, 500.0), INTERVAL, cells, relax(SURROGATE)
         )
         flights, clear = flown_clear(ahead, 500)
         for index, states in enumerate(kept):
@@ -197,7 +199,7 @@ def test_survivors_that_reach_the_goal_before_the_disc_prove_nothing():
     # The discs meet at 1 s before the ownship is at 700 m or so.
     for goal, ends in ((15_000.0, True), (2_000.0, True), (1_000.0, False)):
         time = last_time(
-            75.0, discs, (goal, 0.0, RULES.goal_radius + DELTA), INTERVAL, cells, relaxed(SURROGATE)
+            75.0, discs, (goal, 0.0, RULES.goal_radius + DELTA), INTERVAL, cells, relax(SURROGATE)
         )
         assert np.isfinite(time) == ends
 
@@ -242,10 +244,10 @@ QUICK = RULES._replace(t_max=150.0)
 
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
-    straight = numbered(
+    straight = encounters_of_seed(
         scenario("circle", PAPER, radius=SHORT, conflicts_closer_than=1_000.0), 2, 0, 3
     )
-    return joined(straight, numbered(scenario("maneuvering", PAPER, radius=SHORT), 2, 0, 3))
+    return join(straight, encounters_of_seed(scenario("maneuvering", PAPER, radius=SHORT), 2, 0, 3))
 
 
 @pytest.fixture(scope="module")
@@ -280,8 +282,8 @@ def test_what_it_solves_is_solved_in_an_independent_simulation(
 
 
 def test_it_never_solves_what_is_proven_unresolvable():
-    encounters = numbered(CLOSE, 6, 0, 300)
-    proven = ~np.isnan(contained(look_ahead(encounters, QUICK, SURROGATE), QUICK, SURROGATE))
+    encounters = encounters_of_seed(CLOSE, 6, 0, 300)
+    proven = ~np.isnan(containment_time(look_ahead(encounters, QUICK, SURROGATE), QUICK, SURROGATE))
     assert proven.sum() > 20
     lost = causal(take(encounters, np.flatnonzero(proven)[:4]), QUICK, SURROGATE)
     assert (lost.outcome == 0).all()

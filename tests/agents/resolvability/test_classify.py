@@ -8,11 +8,11 @@ import pytest
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, steps
 from agents.manoeuvres.escape_search import search
 from agents.resolvability.classify import Method, Verdict, classify, replay
-from agents.resolvability.proof import contained, look_ahead, split
+from agents.resolvability.proof import containment_time, look_ahead, split
 from agents.resolvability.reachable_bound import (
     EPSILON,
     delta,
-    relaxed,
+    relax,
 )
 from agents.resolvability.witness import SECOND, least_cost
 from envs.aircraft import PAPER
@@ -20,7 +20,7 @@ from envs.encounters import Encounter, Scenario, scenario
 from envs.intruder import Intent
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
 from envs.outcome import RULES
-from envs.starts import joined, numbered
+from envs.starts import encounters_of_seed, join
 from envs.trees import take
 from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel, reflected
 
@@ -35,7 +35,7 @@ from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel, reflected
     ],
 )
 def test_witnesses_succeed_in_an_independent_simulation(family: Scenario, count: int):
-    encounters = numbered(family, 3, 0, count)
+    encounters = encounters_of_seed(family, 3, 0, count)
     judged = classify(encounters, RULES, SURROGATE)
     found = np.flatnonzero(judged.method == Method.SEARCH)
     assert found.size > 0.5 * count
@@ -51,7 +51,7 @@ def test_witnesses_succeed_in_an_independent_simulation(family: Scenario, count:
 
 
 def test_nearly_every_circle_encounter_is_decided():
-    judged = classify(numbered(scenario("circle", PAPER), 11, 0, 800), RULES, SURROGATE)
+    judged = classify(encounters_of_seed(scenario("circle", PAPER), 11, 0, 800), RULES, SURROGATE)
     assert np.mean(judged.verdict == Verdict.UNDECIDED) <= 0.005
     assert np.mean(judged.verdict == Verdict.RESOLVABLE) > 0.99
 
@@ -118,9 +118,9 @@ def test_no_proof_touches_a_solved_encounter():
         (scenario("maneuvering", PAPER, radius=(1_500.0, 5_000.0)), 200),
         (CROWDED, 60),
     ):
-        encounters = numbered(family, 5, 0, count)
+        encounters = encounters_of_seed(family, 5, 0, count)
         ahead = look_ahead(encounters, RULES, SURROGATE)
-        unproven = np.flatnonzero(np.isnan(contained(ahead, RULES, SURROGATE)))
+        unproven = np.flatnonzero(np.isnan(containment_time(ahead, RULES, SURROGATE)))
         found = search(take(encounters, unproven), RULES, SURROGATE)
         solved = unproven[~np.isnan(found.arrival)]
         tight = solved[np.argsort(found.separation[~np.isnan(found.arrival)])[:6]]
@@ -129,9 +129,9 @@ def test_no_proof_touches_a_solved_encounter():
 
 @pytest.mark.slow
 def test_no_search_finds_a_way_out_of_what_is_proven():
-    encounters = numbered(CLOSE, 6, 0, 2_000)
+    encounters = encounters_of_seed(CLOSE, 6, 0, 2_000)
     ahead = look_ahead(encounters, RULES, SURROGATE)
-    times = contained(ahead, RULES, SURROGATE)
+    times = containment_time(ahead, RULES, SURROGATE)
     doomed = np.flatnonzero(times > 0.0)
     assert doomed.size > 100
     # Those proven last are the nearest to a way out.
@@ -140,12 +140,12 @@ def test_no_search_finds_a_way_out_of_what_is_proven():
 
 
 def test_a_proof_survives_what_makes_the_task_harder():
-    encounters = numbered(CLOSE, 8, 0, 200)
+    encounters = encounters_of_seed(CLOSE, 8, 0, 200)
     wider = Limits(45.0, 110.0, -0.6, 0.6, math.radians(3.5))
     assert C208_PUBLISHED.yaw_rate_max > wider.yaw_rate_max
-    proven = ~np.isnan(contained(look_ahead(encounters, RULES, SURROGATE), RULES, SURROGATE))
+    proven = ~np.isnan(containment_time(look_ahead(encounters, RULES, SURROGATE), RULES, SURROGATE))
     for rules, limits in ((RULES._replace(separation=900.0), SURROGATE), (RULES, wider)):
-        easier = contained(look_ahead(encounters, rules, limits), rules, limits)
+        easier = containment_time(look_ahead(encounters, rules, limits), rules, limits)
         assert proven[~np.isnan(easier)].all()
         assert np.isnan(easier).sum() > (~proven).sum()
     # An easier task never turns a witness into a proof.
@@ -160,7 +160,7 @@ def test_a_proof_survives_what_makes_the_task_harder():
     "family", [scenario("circle", PAPER), scenario("maneuvering", PAPER), CLOSE]
 )
 def test_verdicts_do_not_know_left_from_right(family: Scenario):
-    encounters = numbered(family, 9, 0, 80)
+    encounters = encounters_of_seed(family, 9, 0, 80)
     here = classify(encounters, RULES, SURROGATE)
     there = classify(reflected(encounters), RULES, SURROGATE)
     differ = here.verdict != there.verdict
@@ -171,7 +171,7 @@ def test_verdicts_do_not_know_left_from_right(family: Scenario):
 
 
 def test_verdicts_do_not_depend_on_the_batch():
-    encounters = numbered(CLOSE, 10, 0, 60)
+    encounters = encounters_of_seed(CLOSE, 10, 0, 60)
     whole = classify(encounters, RULES, SURROGATE)
     parts = [classify(take(encounters, slice(i, i + 20)), RULES, SURROGATE) for i in (0, 20, 40)]
     np.testing.assert_array_equal(whole.verdict, np.concatenate([part.verdict for part in parts]))
@@ -210,8 +210,8 @@ def test_wrong_shapes_are_refused():
 def test_the_margins_of_a_proof_are_honoured():
     assert delta(RULES, SURROGATE) == 0.1
     assert EPSILON == 1e-4
-    assert relaxed(SURROGATE).yaw_rate_max == pytest.approx(SURROGATE.yaw_rate_max * 1.0001)
-    assert relaxed(SURROGATE).speed_min < SURROGATE.speed_min
+    assert relax(SURROGATE).yaw_rate_max == pytest.approx(SURROGATE.yaw_rate_max * 1.0001)
+    assert relax(SURROGATE).speed_min < SURROGATE.speed_min
     # Half the margin short of the separation and opening: a violation, but no proof.
     opening = duel([999.95], course=0.0, speed=50.0, intruder_speed=100.0)
     assert classify(opening, RULES, SURROGATE).verdict[0] == Verdict.UNDECIDED
@@ -234,11 +234,11 @@ FEW = 4
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
     """Conflicts, manoeuvring intruders, and close starts, some of them beyond help: 11."""
-    conflicts = numbered(
+    conflicts = encounters_of_seed(
         scenario("circle", PAPER, radius=(3_000.0, 3_200.0), conflicts_closer_than=1_000.0), 1, 0, 4
     )
-    turning = numbered(scenario("maneuvering", PAPER, radius=(3_000.0, 3_200.0)), 1, 0, 4)
-    return joined(joined(conflicts, turning), numbered(CLOSE, 1, 0, 3))
+    turning = encounters_of_seed(scenario("maneuvering", PAPER, radius=(3_000.0, 3_200.0)), 1, 0, 4)
+    return join(join(conflicts, turning), encounters_of_seed(CLOSE, 1, 0, 3))
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from agents.config.load import load
 from agents.config.world import VehicleConfig
 from benchmarks import c208_figures
-from benchmarks.c208 import judged, plans_of, within_power
+from benchmarks.c208 import judge, plans_of, within_power
 from envs import follower
 from envs.c208 import validate
 from envs.c208.conditions import CALM, Conditions, Loading
@@ -27,7 +27,7 @@ from envs.c208.guidance import Path as Track
 from envs.c208.model import aircraft, engine, files, lift_curve
 from envs.c208.point_mass import PointMassVehicle
 from envs.c208.propulsion import idle_thrust, maximum_thrust, thrust
-from envs.c208.trim import TrimError, level_table, solve, stored
+from envs.c208.trim import TrimError, level_table, load_stored, solve
 from envs.c208.vehicle import C208Vehicle
 from envs.edge.command import ConfigError
 from envs.follower import PERIOD, deviation
@@ -109,7 +109,11 @@ def test_jsbsim_gives_the_thrust_of_the_propulsion_model() -> None:
 def test_the_stored_equilibria_are_the_aircrafts() -> None:
     for name, found in level_table(Fdm()).items():
         np.testing.assert_allclose(
-            stored()[name], found, rtol=1e-5, atol=1e-7, err_msg=f"{name}: python -m envs.c208.trim"
+            load_stored()[name],
+            found,
+            rtol=1e-5,
+            atol=1e-7,
+            err_msg=f"{name}: python -m envs.c208.trim",
         )
 
 
@@ -187,10 +191,10 @@ def test_a_missed_tolerance_is_reported(
 def test_more_drag_is_slower_and_more_weight_stalls_faster() -> None:
     cruise = next(point for point in POINTS if point.quantity == "cruise" and not point.pod)
     stall = next(point for point in POINTS if point.quantity == "stall")
-    assert validate.measured(cruise._replace(pod=True)) < validate.measured(cruise) - 5.0
-    light = validate.measured(stall._replace(weight=7000.0))
+    assert validate.measure(cruise._replace(pod=True)) < validate.measure(cruise) - 5.0
+    light = validate.measure(stall._replace(weight=7000.0))
     assert light == pytest.approx(
-        validate.measured(stall) * math.sqrt(7000.0 / stall.weight), rel=0.01
+        validate.measure(stall) * math.sqrt(7000.0 / stall.weight), rel=0.01
     )
 
 
@@ -213,7 +217,7 @@ def test_the_published_limits_can_be_had_all_at_once() -> None:
             f"{speed} m/s: {low:.3f}, {high:.3f}"
         )
     stall = next(point for point in POINTS if point.quantity == "stall" and point.variant == "675")
-    slowest = validate.measured(
+    slowest = validate.measure(
         stall._replace(variant="ex", weight=8807.0, altitude=2500.0 / 0.3048)
     )
     assert limits.speed_min > 1.1 * slowest * validate.KNOT / math.sqrt(0.957 / 1.225)
@@ -225,12 +229,12 @@ def test_errors_across_along_and_in_time_are_kept_apart() -> None:
     track = Track(plan.legs)
     clock = [PERIOD * number for number in range(1, 3001)]
     exact = [track.at(time) for time in clock]
-    found = judged(plan, exact, [0.0] * len(exact), np.full(len(exact), 2501.0))
+    found = judge(plan, exact, [0.0] * len(exact), np.full(len(exact), 2501.0))
     assert found.cross_track.max() < 1e-3 and found.position.max() < 1e-3
     assert found.altitude.max() == 1.0
     late = [track.at(time - 20.0) for time in clock]
     # A guess that is wrong by a second is put right.
-    found = judged(plan, late, [19.0] * len(late), np.full(len(late), 2500.0))
+    found = judge(plan, late, [19.0] * len(late), np.full(len(late), 2500.0))
     assert found.cross_track.max() < 0.05
     np.testing.assert_allclose(found.late, 20.0, atol=0.02)
     aside = [
@@ -239,7 +243,7 @@ def test_errors_across_along_and_in_time_are_kept_apart() -> None:
         )
         for state in exact
     ]
-    found = judged(plan, aside, [0.0] * len(aside), np.full(len(aside), 2500.0))
+    found = judge(plan, aside, [0.0] * len(aside), np.full(len(aside), 2500.0))
     np.testing.assert_allclose(found.cross_track, 5.0, atol=0.05)
     assert found.late.max() < 0.01
 

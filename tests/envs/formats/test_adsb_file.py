@@ -16,7 +16,7 @@ from envs.formats.adsb_pairs import Nearby, adsb_pairs
 from envs.formats.track_rows import place_of, track_of
 from envs.traffic.replay import replay
 from envs.traffic.track_units import FOOT, KNOT
-from envs.traffic.tracks import Repairs, Track, TrackError, at_times, summed
+from envs.traffic.tracks import Repairs, Track, TrackError, at_times, sum_of_repairs
 from tests.support import WGS84, case, flight, recorded, reports_file
 
 
@@ -59,7 +59,7 @@ def tracks(path: Path, **options) -> tuple[list[Track], Repairs]:
     read = list(ordered_flights(path, math.inf, **options))
     rows = {name: max(flights, key=len) for name, flights, _ in read}
     reference = place_of(next(iter(rows.values()))[0])
-    return [track_of(name, each, reference) for name, each in rows.items()], summed(
+    return [track_of(name, each, reference) for name, each in rows.items()], sum_of_repairs(
         [done for *_, done in read]
     )
 

@@ -49,7 +49,7 @@ def encounter(
 
 
 def batch(row: Encounter, count: int) -> Encounter:
-    one = starts.checked(row, PAPER)
+    one = starts.check_encounter(row, PAPER)
     return jax.tree.map(lambda field: np.repeat(field[None], count, axis=0), one)
 
 
@@ -130,7 +130,7 @@ def surrogate_flight(drawn, commands, noise, late):
 @pytest.mark.parametrize("scenario", list(SCENARIOS))
 def test_flight_in_floats_is_the_surrogate_within_a_micrometre(scenario):
     count, steps, late = 4, 300, scenario == "noisy"
-    drawn = starts.numbered(encounters.scenario(scenario, PAPER), 11, 0, count)
+    drawn = starts.encounters_of_seed(encounters.scenario(scenario, PAPER), 11, 0, count)
     commands = actions(steps, count)
     noise = np.zeros((steps, 4, count, drawn.mask.shape[1]))
     if late:
@@ -174,7 +174,7 @@ def test_the_environment_flies_what_the_evaluator_flies(scenario):
     noise = (
         simulate.sensor_noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
     )
-    drawn = starts.numbered(family, seed, 0, count)
+    drawn = starts.encounters_of_seed(family, seed, 0, count)
     flown = simulate.fly(drawn, OnObservations(decide), PAPER, noise=noise)
     env = DeconflictionEnv(scenario)
     for i in range(count):
@@ -282,7 +282,8 @@ def test_an_encounter_that_ends_begins_anew_in_the_same_step():
 def test_only_what_has_ended_begins_anew():
     close = encounter(intruder=(-3000.0, 0.0, -math.pi, 75.0))
     rows = jax.tree.map(
-        lambda a, b: np.stack([a, b]), *(starts.checked(e, PAPER) for e in (close, encounter()))
+        lambda a, b: np.stack([a, b]),
+        *(starts.check_encounter(e, PAPER) for e in (close, encounter())),
     )
     many = vector(2)
     many.reset(seed=0, options={"encounter": rows})
@@ -379,7 +380,7 @@ def test_a_violation_within_a_step_counts():
 def test_scenario_and_number_can_be_chosen_at_reset():
     for env in (DeconflictionEnv(), vector(2)):
         seen, info = env.reset(seed=4, options={"scenario": "head_on", "encounter": np.int64(9)})
-        expected = starts.numbered(encounters.scenario("head_on", PAPER), 4, 9, 1)
+        expected = starts.encounters_of_seed(encounters.scenario("head_on", PAPER), 4, 9, 1)
         own = np.ravel(seen)[1] * math.pi
         assert own == pytest.approx(expected.own.heading[0], abs=1e-5)
         assert np.ravel(info["encounter"])[0] == 9
@@ -388,7 +389,7 @@ def test_scenario_and_number_can_be_chosen_at_reset():
 
 
 def test_one_row_of_drawn_encounters_can_be_given():
-    drawn = starts.numbered(encounters.scenario("multi", PAPER), 2, 0, 4)
+    drawn = starts.encounters_of_seed(encounters.scenario("multi", PAPER), 2, 0, 4)
     env = DeconflictionEnv("multi")
     given, _ = env.reset(seed=1, options={"encounter": take(drawn, 3)})
     again, _ = env.reset(options={"encounter": take(drawn, slice(3, 4))})
@@ -421,7 +422,7 @@ def test_the_most_critical_come_first_and_absent_ones_last() -> None:
     env = DeconflictionEnv("multi", intruders=10)
     for number in range(6):
         seen, _ = env.reset(seed=3, options={"encounter": number})
-        start = starts.numbered(scenario("multi", PAPER), 3, number, 1)
+        start = starts.encounters_of_seed(scenario("multi", PAPER), 3, number, 1)
         rank = criticality(
             type(start.own)(*(field[:, None] for field in start.own)), start.intruders, PAPER, np
         )[0]

@@ -15,14 +15,14 @@ from gymnasium import error
 from envs.encounters import EncounterError
 from envs.gym.gymnasium_env import ENV_ID, DeconflictionEnv
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
-from envs.gym.rendering import GOAL, INTRUDER, OWNSHIP, VIOLATION, Drawing, Scene, view
+from envs.gym.rendering import GOAL, INTRUDER, OWNSHIP, VIOLATION, Drawing, Picture, view
 from envs.outcome import RULES
 from tests.envs.gym.test_gymnasium_env import STRAIGHT, batch, encounter, vector
 
 SIZE = 512
 
 
-def scene(steps=40, intruders=1, miss=2500.0, **changes) -> Scene:
+def scene(steps=40, intruders=1, miss=2500.0, **changes) -> Picture:
     """Own eastwards through the origin, intruders southwards at a distance behind each other."""
     time = np.arange(steps + 1.0)
     own = np.stack([-4000.0 + 75.0 * time, 0 * time, 0 * time, 75.0 + 0 * time], axis=-1)
@@ -42,7 +42,7 @@ def scene(steps=40, intruders=1, miss=2500.0, **changes) -> Scene:
         axis=1,
     )
     separations = np.hypot(*np.moveaxis(traffic[..., :2] - own[:, None, :2], -1, 0))
-    made = Scene(
+    made = Picture(
         own, traffic, separations, (4000.0, 0.0), 500.0, 1000.0, float(steps), "flying", "made up"
     )
     return made._replace(**changes)
@@ -74,7 +74,7 @@ def test_trails_turn_red_where_separation_is_lost():
     lost = scene(steps=60, miss=0.0)
     assert lost.separations.min() < 1000.0 < lost.separations[30].min()
     assert pixels(Drawing(SIZE).frame(lost), VIOLATION) > 100
-    before = Scene(*(part[:31] if isinstance(part, np.ndarray) else part for part in lost))
+    before = Picture(*(part[:31] if isinstance(part, np.ndarray) else part for part in lost))
     assert pixels(Drawing(SIZE).frame(before), VIOLATION) == 0
 
 
@@ -111,7 +111,7 @@ def test_the_view_holds_what_matters_and_only_grows():
     whole = scene(steps=300)
     sides = []
     for steps in range(0, 301, 20):
-        part = Scene(
+        part = Picture(
             *(field[: steps + 1] if isinstance(field, np.ndarray) else field for field in whole)
         )
         west, south, side = view(part)

@@ -22,8 +22,8 @@ from eval.evidence.dossier import Case, resolve
 from eval.evidence.dossier import tests_of as names_of_tests
 from eval.evidence.dossier_page import write
 from eval.evidence.listed import Evidence, found_in, read_results
-from eval.evidence.run import ROOT, main, published
-from eval.evidence.tables import generated, pages
+from eval.evidence.run import ROOT, main, published_results
+from eval.evidence.tables import fill_in, pages
 
 LISTED = load(Evidence, ROOT / "configs/evidence.yaml")
 STORE = ROOT / "docs/reference/evidence.json"
@@ -42,7 +42,7 @@ def test_published_tables_are_those_of_the_results() -> None:
     results = read_results(STORE)
     for page in pages(ROOT):
         text = page.read_text(encoding="utf-8")
-        assert text == generated(ROOT, page, text, LISTED, results), (
+        assert text == fill_in(ROOT, page, text, LISTED, results), (
             f"{page}: python -m eval.evidence --tables"
         )
 
@@ -50,7 +50,7 @@ def test_published_tables_are_those_of_the_results() -> None:
 def test_published_results_are_of_the_policy_that_ships(tmp_path: Path) -> None:
     results = read_results(STORE)
     assert results
-    assert results == published(LISTED, Policy.load().sha256, results, tmp_path)
+    assert results == published_results(LISTED, Policy.load().sha256, results, tmp_path)
     assert STORE.stat().st_size < 100_000
 
 
@@ -91,14 +91,14 @@ def test_results_of_another_policy_or_command_are_dropped(tmp_path: Path) -> Non
     some = listed(tmp_path)
     command = some.results["one"].command
     good = result(command)
-    assert published(some, "a" * 64, {"one": good}, tmp_path) == {"one": good}
+    assert published_results(some, "a" * 64, {"one": good}, tmp_path) == {"one": good}
     for stale in (result(command, policy="b" * 64), result(command + " --seed 2"), None):
-        assert not published(some, "a" * 64, {"one": stale} if stale else {}, tmp_path)
+        assert not published_results(some, "a" * 64, {"one": stale} if stale else {}, tmp_path)
     larger = result(command, 48)
     (tmp_path / "one.json").write_text(json.dumps({"one": larger}), encoding="utf-8")
-    assert published(some, "a" * 64, {"one": good}, tmp_path) == {"one": larger}
+    assert published_results(some, "a" * 64, {"one": good}, tmp_path) == {"one": larger}
     assert (
-        published(
+        published_results(
             some, "a" * 64, {"one": larger | {"n": 96, "command": command.format(n=96)}}, tmp_path
         )["one"]["n"]
         == 96
@@ -109,7 +109,7 @@ def test_a_table_says_rate_interval_and_what_is_missing(tmp_path: Path) -> None:
     some = listed(tmp_path)
     rate = {"value": 0.995, "low": 0.9876, "high": 1.0, "count": 199, "total": 200}
     text = "a\n<!-- evidence: first -->\nold\n<!-- /evidence -->\nb\n"
-    made = generated(
+    made = fill_in(
         tmp_path,
         tmp_path / "README.md",
         text,
@@ -118,10 +118,10 @@ def test_a_table_says_rate_interval_and_what_is_missing(tmp_path: Path) -> None:
     )
     assert "| one | 99.50 % [98.76, 100] |" in made and "`aaaaaaaa`" in made and "old" not in made
     assert (
-        generated(tmp_path, tmp_path / "README.md", made, some, {}).count("Not measured: one.") == 1
+        fill_in(tmp_path, tmp_path / "README.md", made, some, {}).count("Not measured: one.") == 1
     )
     with pytest.raises(ConfigError, match="'second'"):
-        generated(tmp_path, tmp_path / "README.md", text.replace("first", "second"), some, {})
+        fill_in(tmp_path, tmp_path / "README.md", text.replace("first", "second"), some, {})
 
 
 def test_figures_are_found_by_path_and_name() -> None:

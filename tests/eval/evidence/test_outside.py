@@ -22,10 +22,10 @@ from agents.policy.inference import Policy
 from envs.aircraft import PAPER, new_aircraft
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
-from envs.starts import numbered
-from envs.trees import mapped
+from envs.starts import encounters_of_seed
+from envs.trees import map_leaves
 from envs.waypoints import RoutePoint
-from eval.evidence.outside import SHIFTS, Flights, flagged, flown, inside, main
+from eval.evidence.outside import SHIFTS, Flights, flag, fly_reported, inside, main
 from tests.agents.scenes import (
     NAN,
     SPEED,
@@ -52,8 +52,10 @@ def policy() -> Policy:
 @cache
 def nominal(name: str = "maneuvering") -> Flights:
     turns = {"turn_rate": PAPER.limits.yaw_rate_max}
-    flights = flown(numbered(scenario(name, PAPER, **turns), 3, 0, COUNT), policy(), PAPER, 3)
-    part = mapped(lambda field: field[:STEPS], flights[:3])
+    flights = fly_reported(
+        encounters_of_seed(scenario(name, PAPER, **turns), 3, 0, COUNT), policy(), PAPER, 3
+    )
+    part = map_leaves(lambda field: field[:STEPS], flights[:3])
     return flights._replace(own=part[0], seen=part[1], true=part[2])
 
 
@@ -63,7 +65,7 @@ def shifted(name: str) -> Flights:
 
 
 def judged(flights: Flights, aircraft: Any = PAPER) -> np.ndarray:
-    found = flagged(flights, policy(), aircraft)
+    found = flag(flights, policy(), aircraft)
     return np.stack([found[name] for name in ("range", "rate", "consistency", "novelty")])
 
 
@@ -111,7 +113,7 @@ def test_a_scene_and_its_image_in_other_units_get_the_same_verdict(name: str) ->
 def test_nothing_that_is_no_number_passes() -> None:
     off, allowed = difference((NAN, 0.0), (0.0, 0.0), 0.0, Tolerance(1.0, 0.1, 3.0))
     assert not off <= allowed
-    box = novelty.shipped(policy().sha256)
+    box = novelty.shipped_box(policy().sha256)
     assert box is not None, (
         "the box is of the policy that ships: python -m eval.evidence.outside --box"
     )
@@ -122,7 +124,7 @@ def test_nothing_that_is_no_number_passes() -> None:
     )
     assert np.isinf(novelty.excess(box, inputs)[0]).any()
     monitor, _ = tell(flying(), 0.0)
-    monitor, _ = tell(monitor, 1.0, seen=mapped(lambda field: field + NAN, far(1.0)))
+    monitor, _ = tell(monitor, 1.0, seen=map_leaves(lambda field: field + NAN, far(1.0)))
     assert causes_of(monitor) & Cause.INTRUDER_MISSING
 
 

@@ -19,10 +19,10 @@ from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
 from envs.kinematics import C208_PUBLISHED
 from envs.outcome import RULES
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval.flights.assured_mode import Assured, fly_assured
-from eval.flights.plan_flight import Flown, request_of
+from eval.flights.plan_flight import PlanFlights, request_of
 from eval.flights.plan_mode import fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import OUTCOMES, sensor_noise
 from eval.monte_carlo import run as monte_carlo
@@ -34,7 +34,7 @@ SMALL = ("--set", "resamples=200", "--set", "figures=false")
 
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
-    return numbered(scenario("circle", PAPER), 11, 0, 16)
+    return encounters_of_seed(scenario("circle", PAPER), 11, 0, 16)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def plans(encounters: Encounter) -> Plans:
 
 
 @pytest.fixture(scope="module")
-def flown(encounters: Encounter, plans: Plans) -> Flown:
+def flown(encounters: Encounter, plans: Plans) -> PlanFlights:
     return fly_once(encounters, plans, PAPER, OPTIONS)
 
 
@@ -52,7 +52,7 @@ def table_of(out: Path) -> dict[str, np.ndarray]:
     return {name: table.column(name).to_numpy() for name in table.column_names}
 
 
-def test_safe_plans_are_flown_as_the_validator_says(plans: Plans, flown: Flown) -> None:
+def test_safe_plans_are_flown_as_the_validator_says(plans: Plans, flown: PlanFlights) -> None:
     safe = plans.proposals.safe
     assert safe.mean() > 0.9
     assert np.all(flown.flights.outcome[safe] == REACHED)
@@ -62,7 +62,7 @@ def test_safe_plans_are_flown_as_the_validator_says(plans: Plans, flown: Flown) 
 
 
 def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
-    encounters: Encounter, plans: Plans, flown: Flown
+    encounters: Encounter, plans: Plans, flown: PlanFlights
 ) -> None:
     few = take(plans, slice(10, 13))
     last = np.array([few.proposals.last[0], -1, few.proposals.last[2]])
@@ -187,7 +187,7 @@ def policy() -> Policy:
 
 @pytest.fixture(scope="module")
 def turning() -> Encounter:
-    return numbered(scenario("maneuvering", PAPER), 3, 0, 24)
+    return encounters_of_seed(scenario("maneuvering", PAPER), 3, 0, 24)
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +219,7 @@ def test_more_is_saved_than_by_the_plan_flown_once(
 
 
 def test_a_goal_that_the_plan_passes_over_is_asked_for_again(policy: Policy) -> None:
-    alone = numbered(scenario("circle", PAPER), 11, 0, 1)
+    alone = encounters_of_seed(scenario("circle", PAPER), 11, 0, 1)
     alone = alone._replace(mask=alone.mask & False)
     asked = request_of(alone, PAPER)
     onward = (asked.route_x[:, 2:] + 4_000.0, asked.route_y[:, 2:] + 4_000.0, asked.points - 2)
@@ -244,13 +244,13 @@ def test_a_plan_leaves_room_for_turns_before_they_begin(policy: Policy) -> None:
     """With what the plan at the start had to spare, neither plan nor backup was left when two of
     four turned.
     """
-    four = numbered(scenario("maneuvering", PAPER, intruders=(2, 4)), 23, 118, 1)
+    four = encounters_of_seed(scenario("maneuvering", PAPER, intruders=(2, 4)), 23, 118, 1)
     flown = fly_assured(four, plan_at_start(four, policy, PAPER, OPTIONS), policy, PAPER, OPTIONS)
     assert flown.flown.flights.outcome[0] == REACHED
 
 
 def test_noise_of_straight_traffic_asks_for_few_plans(policy: Policy) -> None:
-    starts = numbered(scenario("noisy", PAPER), 11, 0, 6)
+    starts = encounters_of_seed(scenario("noisy", PAPER), 11, 0, 6)
     noise = sensor_noise(11, 0, *starts.mask.shape)
     plans = plan_at_start(starts, policy, PAPER, OPTIONS, noise(0))
     flown = fly_assured(starts, plans, policy, PAPER, OPTIONS, noise=noise)

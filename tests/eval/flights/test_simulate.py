@@ -20,7 +20,7 @@ from envs.encounters import Encounter, scenario
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.world import begin
 from eval.flights import simulate
 from eval.flights.compiled import Compiled
@@ -146,23 +146,23 @@ def test_initial_conditions_by_hand() -> None:
     ) == (1, 50.0, 75.0)
 
 
-def flown(name: str, decider: Baseline, first: int, count: int):
-    starts = numbered(scenario(name, PAPER), 11, first, count)
+def flown(name: str, resolver: Baseline, first: int, count: int):
+    starts = encounters_of_seed(scenario(name, PAPER), 11, first, count)
     noise = sensor_noise(11, first, *starts.mask.shape) if name == "noisy" else None
-    return fly_recorded(starts, decider, PAPER, noise=noise)
+    return fly_recorded(starts, resolver, PAPER, noise=noise)
 
 
 @pytest.mark.parametrize("name", ["circle", "maneuvering", "noisy", "multi", "compiled"])
 def test_a_flight_does_not_depend_on_its_company(
     name: str, policy: Policy, shipped: Policy
 ) -> None:
-    name, decider = (
+    name, resolver = (
         ("circle", Compiled(shipped)) if name == "compiled" else (name, ByPolicy(policy))
     )
-    together, paths = flown(name, decider, 0, 300)
+    together, paths = flown(name, resolver, 0, 300)
     assert len(set(together.outcome)) > 1
     for first, count in ((0, 1), (7, 1), (0, 13), (250, 50), (299, 1)):
-        apart, other = flown(name, decider, first, count)
+        apart, other = flown(name, resolver, first, count)
         for field in simulate.Flights._fields:
             expected = getattr(together, field)[first : first + count]
             np.testing.assert_array_equal(getattr(apart, field), expected, err_msg=field)
@@ -172,11 +172,11 @@ def test_a_flight_does_not_depend_on_its_company(
 
 @pytest.mark.parametrize("name", ["circle", "multi"])
 def test_backends_decide_alike(name: str, shipped: Policy) -> None:
-    start = begin(numbered(scenario(name, PAPER), 5, 0, 300), np)
+    start = begin(encounters_of_seed(scenario(name, PAPER), 5, 0, 300), np)
     sight = Sight(start.own, start.intruders.vehicle, start.mask, start.goal_x, start.goal_y, 300.0)
     memory = np.zeros(300, np.int8)
-    decider = shipped.for_aircraft(PAPER, outside="allow")  # multi has up to eight intruders
-    plain, compiled = (kind(decider).decide(sight, memory)[0] for kind in (ByPolicy, Compiled))
+    resolver = shipped.for_aircraft(PAPER, outside="allow")  # multi has up to eight intruders
+    plain, compiled = (kind(resolver).decide(sight, memory)[0] for kind in (ByPolicy, Compiled))
     assert np.abs(plain).max() == 1.0
     np.testing.assert_allclose(compiled, plain, rtol=0.0, atol=1e-3)
 
@@ -198,10 +198,10 @@ assert not {"flax", "optax"} & sys.modules.keys()
 
 
 def test_rows_that_depend_on_their_place_are_refused(shipped: Policy) -> None:
-    decider = Compiled(shipped)
-    decider._decided = lambda _, rows: np.arange(2 * len(rows), dtype=np.float32).reshape(-1, 2)
+    resolver = Compiled(shipped)
+    resolver._decided = lambda _, rows: np.arange(2 * len(rows), dtype=np.float32).reshape(-1, 2)
     with pytest.raises(InputError, match="by its place"):
-        flown("circle", decider, 0, 2)
+        flown("circle", resolver, 0, 2)
 
 
 def test_trajectories_end_with_the_flight(policy: Policy) -> None:
@@ -216,7 +216,7 @@ def test_trajectories_end_with_the_flight(policy: Policy) -> None:
 
 
 def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
-    starts = numbered(scenario("noisy", PAPER), 3, 0, 40)
+    starts = encounters_of_seed(scenario("noisy", PAPER), 3, 0, 40)
     sees_clear, sees_noisy = OnObservations(policy), OnObservations(policy)
     clear, clear_paths = fly_recorded(starts, sees_clear, PAPER)
     noisy, noisy_paths = fly_recorded(
@@ -236,7 +236,9 @@ def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
 
 
 def test_seeds_differ_and_repeat() -> None:
-    first, again, other = (numbered(scenario("circle", PAPER), seed, 0, 10) for seed in (1, 1, 2))
+    first, again, other = (
+        encounters_of_seed(scenario("circle", PAPER), seed, 0, 10) for seed in (1, 1, 2)
+    )
     np.testing.assert_array_equal(first.own.x, again.own.x)
     assert not np.array_equal(first.own.x, other.own.x)
 
@@ -252,9 +254,9 @@ def test_parity_with_the_jax_surrogate_step_by_step(
     Single precision rounds positions of 10 km to 1 mm and headings to 2e-7 rad, 300 times.
     """
     tolerance_m, tolerance_rad = (1e-4, 1e-9) if double else (0.5, 2e-5)
-    starts = numbered(scenario(name, PAPER), 5, 0, 64)
-    decider = OnObservations(policy)
-    flights, paths = fly_recorded(starts, decider, PAPER)
+    starts = encounters_of_seed(scenario(name, PAPER), 5, 0, 64)
+    resolver = OnObservations(policy)
+    flights, paths = fly_recorded(starts, resolver, PAPER)
     with jax.enable_x64(double):
         kind = jnp.float64 if double else jnp.float32
         cast = jax.tree.map(
@@ -285,7 +287,7 @@ def test_parity_with_the_jax_surrogate_step_by_step(
             near(paths.intruders.x[t + 1], traffic.x, tolerance_m)
             near(paths.separation[t], result.separation, tolerance_m)
             if name != "multi":  # of several, which one is seen may hang on a rounding
-                off = np.abs(seen[flying] - decider.seen[t])
+                off = np.abs(seen[flying] - resolver.seen[t])
                 assert np.minimum(off, 2.0 - off).max() < 1e-4
             ended = np.stack(result.outcome)
             for code in range(len(OUTCOMES)):

@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from agents.config.load import load, validated
+from agents.config.load import load, validate
 from agents.planner.request import Options
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
@@ -33,17 +33,17 @@ from envs.follower import PERIOD
 from envs.formats.local_frame import geocentric
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.outcome import RULES
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import take
-from envs.waypoints import Knots, Legs, at, legs
+from envs.waypoints import Legs, PlanStates, at, legs
 from envs.wind import NO_WIND, Wind, over_ground, through_air
 from eval.hifi import flights as hifi_flights
-from eval.hifi.config import CONDITIONS, ConditionConfig, Drawn, HifiConfig, drawn
+from eval.hifi.config import CONDITIONS, ConditionConfig, Drawn, HifiConfig, draw_conditions
 from eval.hifi.errors import against
 from eval.hifi.figures import distributions
 from eval.hifi.flight import Flight, Traffic
 from eval.hifi.flight import fly as follow
-from eval.hifi.flights import Campaign, Flown, Scene, flown, prepared, scene_of
+from eval.hifi.flights import Beginning, Campaign, FlightRecord, fly_one, prepare, scene_of
 from eval.hifi.pilots import Follower
 from eval.hifi.rows import ERRORS, row_of
 from eval.hifi.run import campaign_of, main
@@ -53,14 +53,14 @@ from eval.hifi.wind import Made, Route, plan_for, unflyable
 from ros_bridge.sim.world import EncounterFlight
 
 OPTIONS = Options.for_aircraft(PAPER)
-KNOTS = Knots(
+STATES = PlanStates(
     np.array([0.0, 1400.0, 2700.0, 3900.0]),
     np.array([0.0, 0.0, 350.0, 1050.0]),
     np.array([0.0, 0.1, 0.4, 0.55]),
     np.array([70.0, 70.0, 69.0, 71.0]),
     np.array([0.0, 20.0, 40.0, 60.0]),
 )
-PLAN = legs(KNOTS)
+PLAN = legs(STATES)
 POLICY: list[Path] = []
 
 
@@ -74,8 +74,8 @@ def campaign(*overrides: str) -> Campaign:
     return campaign_of(load(HifiConfig, None, [f"policy={POLICY[0]}", *overrides]))[0]
 
 
-def fly(flying: Campaign, number: int) -> tuple[Flown, dict[str, Any]]:
-    one = flown(*prepared(flying, policy()), number)
+def fly(flying: Campaign, number: int) -> tuple[FlightRecord, dict[str, Any]]:
+    one = fly_one(*prepare(flying, policy()), number)
     return one, row_of(flying, number, one)
 
 
@@ -152,10 +152,10 @@ def test_plans_beyond_the_aircrafts_power_are_flown_late(
     speed = np.minimum(80.0 + gain * time, top)
     ramp = (top - 80.0) / gain
     x = np.where(time < ramp, 80.0 * time + 0.5 * gain * time**2, top * time - 0.5 * gain * ramp**2)
-    plan = legs(Knots(x, 0.0 * x, 0.0 * x, speed, time))
+    plan = legs(PlanStates(x, 0.0 * x, 0.0 * x, speed, time))
     rough = Drawn(Conditions(turbulence="moderate", seed=2), 2500.0, NO_WIND, 0.0)
     vehicle = begin("c208_ex", VehicleState(0.0, 0.0, 0.0, 80.0), rough, C208_PUBLISHED)
-    nobody = Traffic(numbered(scenario("circle", PAPER), 0, 0, 1), NO_WIND)
+    nobody = Traffic(encounters_of_seed(scenario("circle", PAPER), 0, 0, 1), NO_WIND)
     flown_with = vehicle, Follower(Track(plan), lookahead_of("c208_ex")), Navigation(0.0, 0, 0)
     found = against(follow(*flown_with, nobody, (1e6, 0.0), RULES, 140), plan, NO_WIND)
     assert bool(found.position.max() > 60.0) is beyond
@@ -294,7 +294,7 @@ def policy() -> Policy:
     return Policy.load(POLICY[0])
 
 
-def planned(scene: Scene, options: Options) -> Made:
+def planned(scene: Beginning, options: Options) -> Made:
     ground = over_ground(scene.encounter.intruders, scene.wind, 0.0)
     known = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
@@ -310,7 +310,7 @@ def test_a_plan_for_a_wind_enters_the_goal_on_the_ground(number: int, wind: floa
     found = made.plans.proposals
     if made.problem is not None or not found.safe[0] or found.goal[0] != 1:
         return  # refused, or rejoined elsewhere: said so
-    curves, rejoin = legs(take(found.knots, 0)), float(found.rejoin_time[0])
+    curves, rejoin = legs(take(found.plan_states, 0)), float(found.rejoin_time[0])
     there = over_ground(VehicleState(*(float(f) for f in at(curves, rejoin))), scene.frame, rejoin)
     assert (
         math.hypot(scene.route.x[1] - there.x, scene.route.y[1] - there.y)
@@ -376,7 +376,7 @@ def test_an_air_speed_outside_the_envelope_is_refused() -> None:
 
 def test_legs_beyond_the_air_speeds_of_the_vehicle_are_refused() -> None:
     curves = legs(
-        take(planned(scene_of(campaign(), 0), campaign().options).plans.proposals.knots, 0)
+        take(planned(scene_of(campaign(), 0), campaign().options).plans.proposals.plan_states, 0)
     )
     slow, fast = float(curves.speed.min()), float(curves.speed.max())
     assert unflyable(curves, (slow - 0.5, fast + 0.5)) is None
@@ -385,11 +385,11 @@ def test_legs_beyond_the_air_speeds_of_the_vehicle_are_refused() -> None:
 
 @given(st.integers(0, 10_000), st.sampled_from(sorted(CONDITIONS)))
 def test_conditions_follow_from_the_number_and_keep_their_ranges(number: int, name: str) -> None:
-    family = validated(ConditionConfig, {"name": name})
-    assert validated(ConditionConfig, family.model_dump()) == family
+    family = validate(ConditionConfig, {"name": name})
+    assert validate(ConditionConfig, family.model_dump()) == family
     assert family.model_dump() == {"name": name}
-    one = drawn(family, 5, number, 8807.0)
-    assert one == drawn(family, 5, number, 8807.0)
+    one = draw_conditions(family, 5, number, 8807.0)
+    assert one == draw_conditions(family, 5, number, 8807.0)
     wind = math.hypot(one.air.wind_east, one.air.wind_north)
     assert family.wind_mps[0] - 1e-9 <= wind <= family.wind_mps[1] + 1e-9
     low, high = family.weight_lb or (8807.0, 8807.0)
@@ -401,11 +401,11 @@ def test_conditions_follow_from_the_number_and_keep_their_ranges(number: int, na
 
 def test_the_error_of_the_navigation_is_as_large_as_stated_and_changes_slowly() -> None:
     here = VehicleState(0.0, 0.0, 0.0, 70.0)
-    assert Navigation(0.0, 0, 0).seen(here, 10.0) is here
-    seen = np.array([Navigation(5.0, 0, number).seen(here, 200.0)[:2] for number in range(200)])
+    assert Navigation(0.0, 0, 0).believe(here, 10.0) is here
+    seen = np.array([Navigation(5.0, 0, number).believe(here, 200.0)[:2] for number in range(200)])
     assert 4.3 < np.sqrt(np.mean(seen**2)) < 5.7
     one = Navigation(5.0, 0, 1)
-    track = np.array([one.seen(here, 0.1 * tick)[:2] for tick in range(3000)])
+    track = np.array([one.believe(here, 0.1 * tick)[:2] for tick in range(3000)])
     assert np.hypot(*np.diff(track, axis=0).T).max() < 0.5
 
 
@@ -470,11 +470,11 @@ def test_flightgear_is_sent_the_flight_in_real_time(policy_path: Path, ports: Po
     campaign = campaign._replace(aircraft=campaign.aircraft._replace(t_max=2.0))
     shown = campaign._replace(viewer=viewer(ports, paced=True))
     began = time.monotonic()
-    flight = flown(*prepared(shown, Policy.load(policy_path)), 0).flight
+    flight = fly_one(*prepare(shown, Policy.load(policy_path)), 0).flight
     assert time.monotonic() - began > 1.9
     assert flight is not None
     # It is the flight that nobody watches.
-    unseen = flown(*prepared(campaign, Policy.load(policy_path)), 0).flight
+    unseen = fly_one(*prepare(campaign, Policy.load(policy_path)), 0).flight
     assert unseen is not None
     np.testing.assert_array_equal(flight.own, unseen.own)
 
@@ -512,7 +512,7 @@ def test_flightgear_is_sent_the_flight_in_real_time(policy_path: Path, ports: Po
 
 
 def test_flightgear_is_sent_what_the_ros_simulator_flies(ports: Ports) -> None:
-    encounter = numbered(scenario("circle", PAPER), 0, 0, 1)
+    encounter = encounters_of_seed(scenario("circle", PAPER), 0, 0, 1)
     flight = EncounterFlight(encounter, PAPER, C208_PUBLISHED, "c208", viewer(ports, paced=False))
     flight.step()
     assert len(received(ports[0], OWN)) == 6

@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 from agents.baselines.baselines import BASELINES
-from agents.config.folder_lock import locked
+from agents.config.folder_lock import lock
 from agents.config.load import ConfigError
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
@@ -26,7 +26,7 @@ from envs.edge.command import run_cli
 from envs.encounters import scenario
 from envs.formats import encounter_file
 from envs.kinematics import SURROGATE
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval.config import MonteCarloConfig
 from eval.flights import simulate
@@ -208,7 +208,7 @@ def test_every_baseline_flies_in_the_policy_s_place(
     summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
     assert summary["baseline"] == name
     table = pq.read_table(tmp_path / "run" / "encounters.parquet").to_pydict()
-    starts = numbered(scenario("circle", PAPER), 0, 0, 24)
+    starts = encounters_of_seed(scenario("circle", PAPER), 0, 0, 24)
     expected = simulate.fly(starts, BASELINES[name](PAPER), PAPER)
     assert table["outcome"] == [OUTCOMES[code] for code in expected.outcome]
     np.testing.assert_allclose(table["min_separation_m"], expected.min_separation)
@@ -356,7 +356,7 @@ def test_own_file_of_encounters(
     tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mine = tmp_path / "mine.csv"
-    starts = numbered(scenario("multi", PAPER), 9, 0, 30)
+    starts = encounters_of_seed(scenario("multi", PAPER), 9, 0, 30)
     encounter_file.write(mine, starts, [f"flight {i}" for i in range(30)])
     common = ("--policy", str(policy_path), "--allow-outside-domain", *QUICK)
     fly(tmp_path / "mine", *common, "--scenario", f"file:{mine}")
@@ -548,7 +548,7 @@ def test_a_folder_in_use_is_refused(
 ) -> None:
     shutil.copytree(finished, tmp_path / "run")
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").iterdir()}
-    with locked(tmp_path / "run"), pytest.raises(ConfigError, match="is in use by process"):
+    with lock(tmp_path / "run"), pytest.raises(ConfigError, match="is in use by process"):
         monte_carlo.main(["--resume", "--out", str(tmp_path / "run")])
     del before[tmp_path / "run" / ".lock"]
     assert {path: path.stat().st_mtime_ns for path in before} == before

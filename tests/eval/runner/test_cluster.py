@@ -304,11 +304,11 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(
     """What it is sent is checked there before it flies: versions and the policy's digest."""
     from agents.policy.inference import Policy
     from eval.flights.chunks import Evaluation, Pilot, columns
-    from eval.runner.payload import Task, WorkerError, fly, packed, unpacked
+    from eval.runner.payload import Work, WorkerError, fly, pack, unpack
 
     policy = Policy.load(policy_path)
     evaluation = Evaluation(policy_path, scenario("circle", PAPER), None, 0, policy.aircraft)
-    payload = unpacked(packed("run", Task(Pilot, columns), evaluation, policy.sha256))
+    payload = unpack(pack("run", Work(Pilot, columns), evaluation, policy.sha256))
     assert payload.work.policy is None
     assert payload.versions == {name: versions(name)[name] for name in ("rlcas-toolkit", "numpy")}
     other = replace(payload, name="other", versions={"numpy": "1.0"})
@@ -322,18 +322,16 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(
     with pytest.raises(
         PolicyFileError, match=f"has changed since it was loaded: its SHA-256 is {policy.sha256}"
     ):
-        packed("run", Task(Pilot, columns), evaluation, "0" * 64)
+        pack("run", Work(Pilot, columns), evaluation, "0" * 64)
     folder = tmp_path / "trained"
     folder.mkdir()
     (folder / "policy.safetensors").write_bytes(policy_path.read_bytes())
-    in_folder = packed(
-        "run", Task(Pilot, columns), evaluation._replace(policy=folder), policy.sha256
-    )
-    assert unpacked(in_folder).policy == payload.policy
+    in_folder = pack("run", Work(Pilot, columns), evaluation._replace(policy=folder), policy.sha256)
+    assert unpack(in_folder).policy == payload.policy
     with pytest.raises(PolicyFileError, match="cannot be read again: No such file"):
-        packed(
+        pack(
             "run",
-            Task(Pilot, columns),
+            Work(Pilot, columns),
             evaluation._replace(policy=policy_path.with_name("none")),
             policy.sha256,
         )
@@ -443,8 +441,8 @@ def test_a_chunk_that_workers_die_of_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from agents.policy.inference import Policy
-    from eval.runner.cluster import connected
-    from eval.runner.payload import DECISIVE, Chunk, Task, WorkerError
+    from eval.runner.cluster import connect_scheduler
+    from eval.runner.payload import DECISIVE, Chunk, Work, WorkerError
 
     (tmp_path / "poison.py").write_text(POISON, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
@@ -456,9 +454,9 @@ def test_a_chunk_that_workers_die_of_is_named(
                 PYTHONPATH=str(tmp_path)
             )  # with a nanny, which starts another one each time
         chunks = [Chunk(first, 4) for first in range(0, 40, 4)]
-        with connected(processes.address, DECISIVE) as cluster:
+        with connect_scheduler(processes.address, DECISIVE) as cluster:
             run = cluster.fly(
-                Task(poison.prepare, poison.columns),
+                Work(poison.prepare, poison.columns),
                 poison.Work(None),
                 Policy.load().sha256,
                 chunks,

@@ -11,7 +11,7 @@ from scipy.stats import binom, multinomial
 
 from envs.aircraft import PAPER
 from envs.encounters import scenario
-from envs.starts import numbered
+from envs.starts import encounters_of_seed
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
 from eval.flights.simulate import Direct
 from eval.metrics.volumes import VOLUMES, Relative, Volume, costs, losses, lost, relative, severity
@@ -386,7 +386,7 @@ def test_a_sample_that_cannot_carry_the_claim_says_so() -> None:
 
 
 def test_costs_and_losses_of_flights() -> None:
-    starts = numbered(scenario("circle", PAPER), 3, 0, 60)
+    starts = encounters_of_seed(scenario("circle", PAPER), 3, 0, 60)
     flights, paths = fly_recorded(starts, Direct(PAPER), PAPER, endless=True)
     found = costs(starts, flights, paths)
     # Without a resolver the route is flown: nothing is lost but the turn onto it.

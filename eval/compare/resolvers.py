@@ -1,4 +1,4 @@
-"""Several deciders on the same encounters, and the table of their flights."""
+"""Several resolvers on the same encounters, and the table of their flights."""
 
 from collections.abc import Callable, Sequence
 from functools import reduce
@@ -21,7 +21,7 @@ from eval.flights.conditions import verdicts
 from eval.flights.optimal import WitnessSearch, fly_witnesses
 from eval.flights.recorded import fly_in_mode
 from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
-from eval.flights.sources import drawn
+from eval.flights.sources import draw
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder, until
 from eval.metrics.volumes import VOLUMES, costs, losses, relative, severity
 from eval.runner.options import check_digest
@@ -39,7 +39,7 @@ class Plans(NamedTuple):
     mode: str  # plan or assured
 
 
-Decider = Baseline | Plans | WitnessSearch
+Resolver = Baseline | Plans | WitnessSearch
 
 
 class Entry(NamedTuple):
@@ -47,7 +47,7 @@ class Entry(NamedTuple):
 
     name: str
     kind: str  # policy, baseline, nnet or witness
-    decider: Decider
+    resolver: Resolver
     sha256: str | None = None  # of a policy file
 
 
@@ -69,12 +69,12 @@ def policy_entries(
     if path is not None and path.suffix == ".nnet":
         return (Entry(name, "nnet", load_logic(path, aircraft)),)
     policy = Policy.load(path)
-    deciders = {
+    resolvers = {
         name: ByPolicy(policy),
         **{f"{name}, {mode}": Plans(policy, mode) for mode in modes},
     }
     return tuple(
-        Entry(each, "policy", decider, policy.sha256) for each, decider in deciders.items()
+        Entry(each, "policy", resolver, policy.sha256) for each, resolver in resolvers.items()
     )
 
 
@@ -147,13 +147,13 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     """
     evaluation = comparison.evaluation
     aircraft = evaluation.aircraft
-    starts, weights = drawn(evaluation.source, evaluation.seed, first, count)
+    starts, weights = draw(evaluation.source, evaluation.seed, first, count)
     noise = noise_of(evaluation, starts, first)
     table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
     solved = []
     for entry in comparison.entries:
-        flights, flown = _flown(
-            entry.decider, starts, evaluation, None if entry.name == REFERENCE else noise
+        flights, flown = _fly_on(
+            entry.resolver, starts, evaluation, None if entry.name == REFERENCE else noise
         )
         outcome = np.where(
             flights.min_separation < aircraft.separation,
@@ -168,22 +168,22 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     return table
 
 
-def _flown(
-    decider: Decider,
+def _fly_on(
+    resolver: Resolver,
     starts: Encounter,
     evaluation: Evaluation,
     noise: Callable[[int], np.ndarray] | None,
 ) -> tuple[Flights, Trajectories]:
     """Fly encounters on after losses of separation; the trajectories end where each flight does."""
-    if isinstance(decider, WitnessSearch):
-        return fly_witnesses(starts, decider, evaluation.aircraft)
+    if isinstance(resolver, WitnessSearch):
+        return fly_witnesses(starts, resolver, evaluation.aircraft)
     recorder = TrajectoryRecorder(starts)
-    if not isinstance(decider, Plans):
+    if not isinstance(resolver, Plans):
         flights = fly(
-            starts, decider, evaluation.aircraft, noise=noise, recorder=recorder, endless=True
+            starts, resolver, evaluation.aircraft, noise=noise, recorder=recorder, endless=True
         )
         return flights, recorder.stack()
-    pilot = Pilot(evaluation._replace(mode=decider.mode), decider.policy)
+    pilot = Pilot(evaluation._replace(mode=resolver.mode), resolver.policy)
     _, flights = fly_in_mode(pilot, starts, noise, recorder, endless=True)
     return flights, until(recorder.stack(), flights.duration, evaluation.aircraft.dt)
 
