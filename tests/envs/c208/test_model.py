@@ -32,7 +32,7 @@ from envs.c208.vehicle import C208Vehicle
 from envs.edge.command import ConfigError
 from envs.follower import PERIOD, deviation
 from envs.kinematics import SURROGATE, VehicleState, advance
-from envs.waypoints import Knots, Legs, at, legs
+from envs.waypoints import Legs, PlanStates, at, legs
 
 
 def test_the_files_that_ship_are_what_the_facts_give() -> None:
@@ -293,7 +293,7 @@ def history(seed: int, count: int = 5) -> tuple[VehicleState, Legs]:
         if second % 20 == 19:
             states.append(state)
     fields = (np.array(field, dtype=float) for field in zip(*states, strict=True))
-    return states[0], legs(Knots(*fields, 20.0 * np.arange(count + 1)))
+    return states[0], legs(PlanStates(*fields, 20.0 * np.arange(count + 1)))
 
 
 PLANS = [history(seed) for seed in range(3)]
