@@ -19,7 +19,7 @@ import math
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
@@ -52,6 +52,7 @@ from ros_bridge.mavlink.judging import (
     watch,
 )
 from ros_bridge.mavlink.link import Link
+from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.steering import PERIOD, Air, Command, command, errors, guide, sense
 from ros_bridge.mavlink.vehicle import Vehicle, check_flyable, failsafe_notes, vehicle_of
 
@@ -118,13 +119,29 @@ class Steered(NamedTuple):
     told: Command
 
 
+class View(NamedTuple):
+    """What the program knows at a moment, for a display or a log beside it."""
+
+    time: int  # ns, on the autopilot's clock
+    received: Received
+    judgement: Judgement
+    control: Control
+    mission: tuple[Item, ...]
+
+
 class Program:
-    """The program between messages: what is known, judged and flown."""
+    """The program between messages: what is known, judged and flown.
+
+    Attributes:
+        steered: the last periods of the follower.
+        viewers: called after each judgement, in the program's own thread: they must not wait.
+    """
 
     def __init__(self, link: Link, options: argparse.Namespace) -> None:
         self._link, self._options, self._fly = link, options, bool(options.fly)
         self._out: TextIO | None = None if options.quiet else sys.stdout
         self.steered: deque[Steered] = deque(maxlen=20_000)
+        self.viewers: list[Callable[[View], object]] = []
         self._told: dict[str, float] = {}
         link.find(options.wait)
         parameters = link.parameters()
@@ -158,6 +175,17 @@ class Program:
     def close(self) -> None:
         """End the connection."""
         self._link.close()
+
+    @property
+    def rules(self) -> Rules:
+        """How it is watched and planned."""
+        return self._rules
+
+    @property
+    def view(self) -> View:
+        """What is known now."""
+        now = self._link.clock.now(time.monotonic())
+        return View(now, self._received, self._judgement, self._control, self._items)
 
     # The loop.
 
@@ -228,6 +256,8 @@ class Program:
                 )
                 self._advise(now)
         self._control_step(now)
+        for show in self.viewers:
+            show(self.view)
 
     def _download(self) -> None:
         """Download the mission anew where MISSION_CURRENT says that it is another."""
