@@ -13,8 +13,8 @@ _MODULES = {
     "aircraft_message": "messages",
     "free_domain": "children",
     "plan_message": "messages",
-    "started": "children",
-    "stopped": "children",
+    "start_node": "children",
+    "stop": "children",
 }
 
 __all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]

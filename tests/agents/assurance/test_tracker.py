@@ -262,7 +262,7 @@ def test_validator_finds_wrongly_advanced_reports(field: str) -> None:
 def test_traffic_that_does_not_follow_from_its_reports_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("agents.planner.request.advanced", lambda seen, age: seen)
+    monkeypatch.setattr("agents.planner.request.advance_reports", lambda seen, age: seen)
     with pytest.raises(RequestError) as refused:
         plan(OWN, [Intruder(OWN._replace(y=30_000.0)), TURNING], ROUTE, Policy.load())
     assert refused.value.field == "intruders[1]"
