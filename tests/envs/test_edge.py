@@ -281,8 +281,8 @@ def test_an_error_shows_a_reversing_character_as_its_code(
 HOLD = """
 import sys, time
 from pathlib import Path
-from agents.config.folder_lock import locked
-with locked(Path(sys.argv[1])):
+from agents.config.folder_lock import lock
+with lock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
 """

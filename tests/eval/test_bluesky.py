@@ -132,7 +132,7 @@ import bluesky_gym
 import gymnasium
 import numpy as np
 
-from eval.bluesky.gym import ENVIRONMENT, Pilot, seen
+from eval.bluesky.gym import ENVIRONMENT, Pilot, observe
 
 bluesky_gym.register_envs()
 environment, pilot, free, drift, wrong = gymnasium.make(ENVIRONMENT), Pilot(), [], [], 0.0
@@ -141,7 +141,7 @@ for seed in range(4):
     random.seed(seed)
     observation, over = environment.reset(seed=seed)[0], False
     while not over:
-        speed, traffic, goal = seen(observation)
+        speed, traffic, goal = observe(observation)
         heading, lat, lon = (np.radians(each) for each in (bs.traf.hdg, bs.traf.lat, bs.traf.lon))
         x, y = 6_371_000 * (lon - lon[0]) * np.cos(lat[0]), 6_371_000 * (lat - lat[0])
         sine, cosine = np.sin(heading[0]), np.cos(heading[0])
