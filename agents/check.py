@@ -749,7 +749,7 @@ class Ground(NamedTuple):
     edges: list[tuple[Ball, Ball]]  # of a polygon, x + iy, m
     velocity: Ball  # m/s
 
-    def seen(self, place: Ball, t: Ball) -> Ball:
+    def place_in_area(self, place: Ball, t: Ball) -> Ball:
         """Return a place at a time where the area stands still."""
         return place - self.velocity * t
 
@@ -864,8 +864,8 @@ def check_area(
                 continue  # and the side stays
             length = arc.length / ball(n)
             sagitta = max((arc.own_acceleration * length * length / ball(8)).hi, ball(_TINY).hi)
-            first = ground.seen(own_place(arc, i, n), begin)
-            last = ground.seen(own_place(arc, i + 1, n), later)
+            first = ground.place_in_area(own_place(arc, i, n), begin)
+            last = ground.place_in_area(own_place(arc, i + 1, n), later)
             allowed = ground.inside(first) == (area.keep == "in")
             bound = ground.on_part(first, last, sagitta)
             # Inside of what is forbidden nothing is kept, unless the area shrinks from there.

@@ -56,7 +56,7 @@ def _environment() -> Any:
 
 
 @cache
-def _learned(path: str) -> Any:
+def _load_sac(path: str) -> Any:
     sac: Any = import_module("stable_baselines3").SAC
     return sac.load(path, device="cpu")
 
@@ -79,7 +79,7 @@ def episode(task: tuple[str, int]) -> dict[str, Any]:
         elif pilot == "straight":
             action = np.clip(-drift / np.radians(45.0), -1.0, 1.0)
         else:
-            action, _ = _learned(pilot).predict(seen, deterministic=True)
+            action, _ = _load_sac(pilot).predict(seen, deterministic=True)
         seen, _, reached, _, info = environment.step(action)
         if reached:
             break

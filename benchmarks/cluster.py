@@ -35,7 +35,7 @@ def idle(work: Nothing, policy: Policy) -> np.random.Generator:
     return np.random.default_rng(0)
 
 
-def made_up(crew: np.random.Generator, first: int, count: int) -> dict[str, np.ndarray]:
+def make_table(crew: np.random.Generator, first: int, count: int) -> dict[str, np.ndarray]:
     """Return a table of the usual size, 30 columns of numbers and 5 of words."""
     words = np.array(["reached", "violation", "timeout"], dtype=object)[crew.integers(0, 3, count)]
     return {f"number_{i}": crew.random(count) for i in range(30)} | {
@@ -89,7 +89,7 @@ def main() -> None:
                 "wall_s_after_first": time.perf_counter() - begun,
             }
             nothing = cluster.fly(
-                Work(idle, made_up), Nothing(None), policy.sha256, empty, lambda: False
+                Work(idle, make_table), Nothing(None), policy.sha256, empty, lambda: False
             )
             next(nothing)
             begun, busy = time.perf_counter(), time.process_time()

@@ -66,7 +66,7 @@ def requests(kind: str, first: int, count: int) -> Iterator[tuple[Any, list[Intr
         )
 
 
-def timed(
+def time_request(
     request: tuple[Any, list[Intruder], Any], limit: float, policy: Policy
 ) -> tuple[bool, float]:
     """Return whether the answer to a request with a deadline, ms, is SAFE, and its time, ms."""
@@ -84,7 +84,7 @@ def answers(block: int, policy: Policy) -> dict[str, Any]:
     spent: dict[str, list[list[float]]] = {}
     for kind in KINDS:
         rows = [
-            [timed(one, limit, policy) for limit in DEADLINES_MS]
+            [time_request(one, limit, policy) for limit in DEADLINES_MS]
             for one in requests(kind, block * EACH, EACH)
         ]
         safe[kind] = [[good for good, _ in row] for row in rows]
@@ -105,7 +105,7 @@ def late_again(blocks: list[dict[str, Any]], policy: Policy) -> dict[str, int]:
         if ms - limit > LATE_MS
     ]
     again = [
-        timed(next(requests(kind, number, 1)), limit, policy)[1] - limit
+        time_request(next(requests(kind, number, 1)), limit, policy)[1] - limit
         for kind, number, limit in late
     ]
     return {

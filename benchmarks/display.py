@@ -144,15 +144,15 @@ def _night(page: Any, text: str, count: int) -> float:
     session = page.context.new_cdp_session(page)
     page.evaluate("socket.onclose = socket.onmessage = null; socket.close()")
 
-    def held() -> float:
+    def heap_megabytes() -> float:
         session.send("HeapProfiler.collectGarbage")
         return page.evaluate("performance.memory.usedJSHeapSize") / 1e6
 
     page.set_default_timeout(3_600_000)
     page.evaluate(_NIGHT, [text, 500])
-    before = held()
+    before = heap_megabytes()
     page.evaluate(_NIGHT, [text, count])
-    return held() - before
+    return heap_megabytes() - before
 
 
 def _cpu(process: int) -> float:

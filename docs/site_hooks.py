@@ -68,7 +68,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             files.append(
                 File.generated(config, f"{folder}/README.md", content=_contents(folder, files))
             )
-    config.nav = _written_out(config.nav, files)
+    config.nav = _expand_folders(config.nav, files)
     return files
 
 
@@ -209,12 +209,12 @@ def _title(file: File) -> str:
     return found[1] if found else file.name
 
 
-def _written_out(nav: Any, files: Files) -> Any:
+def _expand_folders(nav: Any, files: Files) -> Any:
     """Return ``nav`` with its folders replaced by their pages."""
     if isinstance(nav, list):
-        return [_written_out(entry, files) for entry in nav]
+        return [_expand_folders(entry, files) for entry in nav]
     if isinstance(nav, dict):
-        return {title: _written_out(entry, files) for title, entry in nav.items()}
+        return {title: _expand_folders(entry, files) for title, entry in nav.items()}
     return _pages(nav, files) if isinstance(nav, str) and nav.endswith("/") else nav
 
 

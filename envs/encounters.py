@@ -44,7 +44,7 @@ MOST_INTRUDERS = 64
 """Most intruders of an encounter: far more than one ownship meets, and cheap to hold."""
 
 
-def _unchanged(aircraft: Aircraft) -> Mapping[str, Any]:
+def _no_changes(aircraft: Aircraft) -> Mapping[str, Any]:
     """Return the numbers in which a scenario differs from ``circle``: none."""
     return {}
 
@@ -61,7 +61,7 @@ class Sampler(NamedTuple):
     of them meet the scenario's conditions, bool ``[N]``. Each row follows from its own draws."""
     shared: int  # draws that an encounter takes
     each: int  # draws that each of its intruders takes besides
-    numbers: Callable[[Aircraft], Mapping[str, Any]] = _unchanged
+    numbers: Callable[[Aircraft], Mapping[str, Any]] = _no_changes
     """(ownship) -> the fields of :class:`Scenario` in which it differs from ``circle``."""
 
 
@@ -415,7 +415,7 @@ def _turning(aircraft: Aircraft) -> Mapping[str, Any]:
     return {"turn_rate": aircraft.limits.yaw_rate_max}
 
 
-def _poorly_seen(aircraft: Aircraft) -> Mapping[str, Any]:
+def _noise_and_latency(aircraft: Aircraft) -> Mapping[str, Any]:
     return {
         "position_std": 0.03 * aircraft.separation,
         "velocity_std": 0.03 * aircraft.limits.speed_max,
@@ -427,7 +427,7 @@ def _several(aircraft: Aircraft) -> Mapping[str, Any]:
     return {"intruders": (2, 8), "attempts": 24}
 
 
-def _around(numbers: Callable[[Aircraft], Mapping[str, Any]] = _unchanged) -> Sampler:
+def _around(numbers: Callable[[Aircraft], Mapping[str, Any]] = _no_changes) -> Sampler:
     return Sampler(conflict_point, 7, 7, numbers)
 
 
@@ -438,7 +438,7 @@ SHIPPED: dict[str, Sampler] = {
     "head_on": _around(_Conflicts(180.0, 20.0)),
     "same_course": _around(_Conflicts(0.0, 20.0)),
     "maneuvering": _around(_turning),
-    "noisy": _around(_poorly_seen),
+    "noisy": _around(_noise_and_latency),
     "multi": _around(_several),
 }
 """The scenarios that ship, by name."""

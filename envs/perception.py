@@ -51,7 +51,7 @@ def report(
     return within & xp.logical_not(silent)
 
 
-def carried_back(state: VehicleState, seconds: float, xp: Any) -> VehicleState:
+def carry_back(state: VehicleState, seconds: float, xp: Any) -> VehicleState:
     """Return where the vehicle was some seconds ago if it flew straight until now, ``[...]``."""
     vx, vy = velocity(state, xp)
     return state._replace(x=state.x - vx * seconds, y=state.y - vy * seconds)
@@ -71,7 +71,7 @@ def perceive(
     Args:
         now, before, before_that: true states at this step and one and two steps ago, ``[...]``;
             where the flight has not lasted so long, the present state carried back along its course
-            (:func:`carried_back`).
+            (:func:`carry_back`).
         sensor: its latency must not exceed ``2 dt``.
         noise: standard normal draws, four components ``[...]`` each (x, y, vx, vy).
     """

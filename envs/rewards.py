@@ -107,11 +107,13 @@ def path_excess(step: Transition, xp: Any) -> Any:
     before, after = step.before.own, step.after.own
     goal_x, goal_y = step.before.goal_x, step.before.goal_y
 
-    def left(own: VehicleState) -> Any:
+    def distance_to_goal(own: VehicleState) -> Any:
         return distance(goal_x - own.x, goal_y - own.y, xp)
 
     path = distance(after.x - before.x, after.y - before.y, xp)
-    return (0.1 / step.aircraft.separation) * (path - (left(before) - left(after)))
+    return (0.1 / step.aircraft.separation) * (
+        path - (distance_to_goal(before) - distance_to_goal(after))
+    )
 
 
 def _violation(step: Transition, xp: Any) -> Any:

@@ -171,8 +171,8 @@ def legs(plan_states: PlanStates) -> Legs:
         # the leg; of its acceleration, a push along the rest. Less their means, because the sums of
         # both controls are fixed.
         rest = ends[..., -1:] - ends + 0.5 * flown
-        turned = _centred(rest[::-1] * _QUARTER * h)
-        pushed = _centred(_from_here(flown / np.maximum(np.hypot(*flown), 1e-9) * h * h))
+        turned = _centre(rest[::-1] * _QUARTER * h)
+        pushed = _centre(_from_here(flown / np.maximum(np.hypot(*flown), 1e-9) * h * h))
         a11, a22 = _TURN * (turned * turned).sum(axis=-1) + _SPEED * (pushed * pushed).sum(axis=-1)
         a12 = _TURN * (turned[0] * turned[1]).sum(axis=-1) + _SPEED * (pushed[0] * pushed[1]).sum(
             axis=-1
@@ -184,7 +184,7 @@ def legs(plan_states: PlanStates) -> Legs:
         yaw_rate[left] = mean_turn + _TURN * (turned[0] * m1 + turned[1] * m2)
         acceleration[left] = mean_gain + _SPEED * (pushed[0] * m1 + pushed[1] * m2)
 
-    def shaped(field: Any) -> Any:
+    def by_leg(field: Any) -> Any:
         return field.reshape(*shape[:-1], shape[-1] - 1, *field.shape[1:])
 
     fields = (
@@ -195,7 +195,7 @@ def legs(plan_states: PlanStates) -> Legs:
         heading,
         speed,
     )
-    return Legs(*(shaped(field) for field in (*fields, yaw_rate, acceleration)))
+    return Legs(*(by_leg(field) for field in (*fields, yaw_rate, acceleration)))
 
 
 def at(legs: Legs, time: Any, wind: Wind | None = None) -> VehicleState:
@@ -241,5 +241,5 @@ def _from_here(parts: Any) -> Any:
     return parts.sum(axis=-1, keepdims=True) - parts.cumsum(axis=-1) + 0.5 * parts
 
 
-def _centred(effect: Any) -> Any:
+def _centre(effect: Any) -> Any:
     return effect - effect.sum(axis=-1, keepdims=True) * (1.0 / ARCS)

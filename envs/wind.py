@@ -76,7 +76,7 @@ def turn_through_air(state: VehicleState, turn_rate: float, wind: Wind) -> float
     return turn_rate * state.speed * state.speed / both
 
 
-def aimed_at(
+def aim_point(
     own: VehicleState,
     goal: tuple[Any, Any],
     drift: tuple[Any, Any] | None,

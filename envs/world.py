@@ -16,7 +16,7 @@ from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.observation import SetObservation, beside
 from envs.outcome import Outcome, Rules
-from envs.perception import Coverage, Sensor, carried_back, perceive, report
+from envs.perception import Coverage, Sensor, carry_back, perceive, report
 from envs.relative import at_share, distance, leg_separation
 
 
@@ -80,7 +80,7 @@ def begin(
     if history_dt is not None:
         previous = tuple(
             _each(
-                lambda one, ago=ago: carried_back(one, ago * history_dt, xp),
+                lambda one, ago=ago: carry_back(one, ago * history_dt, xp),
                 xp,
                 encounter.intruders,
             )

@@ -244,7 +244,7 @@ class MonteCarloConfig(Strict):
             if self.aircraft is not None and is_known(self.scenario):
                 self.sampled_scenario(self.aircraft.aircraft())
             else:
-                self._sampled()
+                self._scenario_config()
         elif self.prefix == MODEL:
             self.traffic()
         elif self.changes:
@@ -293,7 +293,7 @@ class MonteCarloConfig(Strict):
         return None if self.prefix is None else Path(self.scenario.removeprefix(self.prefix))
 
     @property
-    def wanted(self) -> int:
+    def default_count(self) -> int:
         """Number of encounters where no file says otherwise."""
         return _DEFAULT_ENCOUNTERS if self.encounters is None else self.encounters
 
@@ -333,11 +333,11 @@ class MonteCarloConfig(Strict):
         except EncounterError as problem:
             raise ConfigError(str(problem)) from None
         try:
-            return self._sampled().scenario(aircraft)
+            return self._scenario_config().scenario(aircraft)
         except ConfigError as problem:
             raise ConfigError(f"changes.{str(problem).removeprefix('changes.')}") from None
 
-    def _sampled(self) -> ScenarioConfig:
+    def _scenario_config(self) -> ScenarioConfig:
         for key in ("name", "weight"):
             if key in self.changes:
                 raise ConfigError(f"changes.{key} is unknown; expected a number of the scenario")

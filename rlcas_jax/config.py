@@ -352,9 +352,9 @@ class TrainConfig(Strict):
                 resolve_scenario(entry.name)
             except EncounterError as problem:
                 raise ConfigError(f"scenarios.{number}.name: {problem}") from None
-        return self._drawn()
+        return self._scenarios()
 
-    def _drawn(self) -> list[Scenario]:
+    def _scenarios(self) -> list[Scenario]:
         aircraft, found = self.aircraft.aircraft(), []
         for number, entry in enumerate(self.scenarios):
             try:
@@ -397,7 +397,7 @@ class TrainConfig(Strict):
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
         if all(is_known(entry.name) for entry in self.scenarios):  # others are not loaded yet
-            self._drawn()
+            self._scenarios()
         other = (
             self.aircraft.aircraft()._replace(t_max=PAPER.t_max) != PAPER or self.family.share > 0.0
         )

@@ -144,7 +144,7 @@ def _run(
     from rclpy.parameter import Parameter
 
     from ros_bridge.nodes.simulator import Simulator
-    from ros_bridge.sim.flight_log import kept, table
+    from ros_bridge.sim.flight_log import all_safe_kept, table
     from ros_bridge.sim.plan_flight import plans_table
 
     margin = (
@@ -181,7 +181,7 @@ def _run(
         raise ValueError("nothing was flown to its end")
     if options.record is not None:
         print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
-    return 0 if kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
+    return 0 if all_safe_kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
 
 
 def _fly(

@@ -99,10 +99,10 @@ def new_page() -> Iterator[Callable[..., Any]]:
             executable_path=chromium, args=["--no-sandbox"], timeout=240_000.0
         )
 
-        def opened(**settings: Any) -> Any:
+        def open_page(**settings: Any) -> Any:
             page = browser.new_page(**settings)
             page.set_default_timeout(240_000.0)
             return page
 
-        yield opened
+        yield open_page
         browser.close()

@@ -74,7 +74,7 @@ Make = Callable[[jax.Array], Algorithm]
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
-def _trained(make: Make, updates: int, rate: float, probe: Probe, cost: jax.Array) -> Any:
+def _train_compiled(make: Make, updates: int, rate: float, probe: Probe, cost: jax.Array) -> Any:
     algorithm = make(probe.discount)
     world = World(jnp.ones(COUNT), jnp.zeros(COUNT), jnp.ones(COUNT, bool), jax.random.key(0))
 
@@ -94,8 +94,8 @@ def _trained(make: Make, updates: int, rate: float, probe: Probe, cost: jax.Arra
     return jax.lax.scan(one, begin, jnp.arange(updates))[0][0]
 
 
-def trained(make: Make, updates: int, rate: float, probe: Probe) -> Any:
+def train_on_probe(make: Make, updates: int, rate: float, probe: Probe) -> Any:
     """Return an algorithm's state after updates with a learning rate that falls to 0."""
     cost = 0.0 if probe.target is None else 1.0
     given = jax.tree.map(jnp.float32, probe._replace(target=probe.target or 0.0))
-    return _trained(make, updates, rate, given, jnp.float32(cost))
+    return _train_compiled(make, updates, rate, given, jnp.float32(cost))

@@ -39,14 +39,14 @@ __all__ = [
     "flight",
     "fly_recorded",
     "headings",
-    "mirrored",
-    "moved",
+    "mirror_state",
+    "move_state",
     "one",
     "random_states",
-    "recorded",
+    "recorded_path",
     "reports_file",
     "speeds",
-    "stacked",
+    "stack_states",
     "states",
     "yaw_rates",
 ]
@@ -82,7 +82,7 @@ def fly_recorded(
     ), recorder.stack()
 
 
-def recorded(name: str) -> Path:
+def recorded_path(name: str) -> Path:
     """Return the path of a file or folder of recorded data, or skip the test."""
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     path = Path(os.environ.get("RLCAS_DATA") or beside) / name
@@ -93,7 +93,7 @@ def recorded(name: str) -> Path:
 
 def case(name: str) -> Path:
     """Return the path of a synthetic case beside the recorded data, or skip the test."""
-    path = recorded(".").parent / "cases" / name
+    path = recorded_path(".").parent / "cases" / name
     if not path.exists():
         pytest.skip(f"{name} is not part of the project: put it beside the folder of RLCAS_DATA")
     return path
@@ -169,7 +169,7 @@ class Backend:
             assert result.dtype in (self.dtype, bool), f"{self.name}: a result is {result.dtype}"
         return tuple(np.asarray(result, np.float64) for result in results)
 
-    def rounded(self, values: Any) -> np.ndarray:
+    def round_values(self, values: Any) -> np.ndarray:
         """Return float64 values that this backend represents exactly."""
         return np.asarray(values, self.dtype).astype(np.float64)
 
@@ -212,18 +212,20 @@ def one(x: float, y: float, heading: float, speed: float) -> VehicleState:
     return VehicleState(*(np.array([value], np.float64) for value in (x, y, heading, speed)))
 
 
-def stacked(*vehicles: VehicleState) -> VehicleState:
+def stack_states(*vehicles: VehicleState) -> VehicleState:
     """Return vehicles ``[...]`` side by side, ``[..., K]``."""
     return VehicleState(*(np.stack(fields, axis=-1) for fields in zip(*vehicles, strict=True)))
 
 
-def mirrored(state: VehicleState) -> VehicleState:
+def mirror_state(state: VehicleState) -> VehicleState:
     """Return the state reflected at the east axis."""
     heading = np.where(state.heading == -math.pi, state.heading, -state.heading)
     return VehicleState(state.x, -state.y, heading, state.speed)
 
 
-def moved(state: VehicleState, angle: float, east: float = 0.0, north: float = 0.0) -> VehicleState:
+def move_state(
+    state: VehicleState, angle: float, east: float = 0.0, north: float = 0.0
+) -> VehicleState:
     """Return the state rotated about the origin by an angle (rad) and then shifted (m)."""
     cosine, sine = math.cos(angle), math.sin(angle)
     heading = np.remainder(state.heading + angle + math.pi, 2.0 * math.pi) - math.pi

@@ -140,7 +140,7 @@ def test_the_table_of_the_tutorial_has_the_rows_that_an_evaluation_prints(tmp_pa
     assert names[: len(wanted)] == wanted
 
 
-def imported(name: str) -> ModuleType:
+def import_or_skip(name: str) -> ModuleType:
     """Import a module of ours, or skip the test where it needs a library that is not installed."""
     try:
         return importlib.import_module(name)
@@ -159,10 +159,10 @@ def test_code_that_is_not_run_imports_names_that_exist(page: str) -> None:
                 and node.module
                 and node.module.split(".")[0] in OURS
             ):
-                module = imported(node.module)
+                module = import_or_skip(node.module)
                 for alias in node.names:
                     if not hasattr(module, alias.name):
-                        imported(f"{node.module}.{alias.name}")
+                        import_or_skip(f"{node.module}.{alias.name}")
 
 
 NAME = re.compile(rf"`((?:{'|'.join(OURS)}|benchmarks)(?:\.\w+)+)")

@@ -141,7 +141,7 @@ def test_a_frame_with_eight_intruders_takes_less_than_16_ms(opened: Any) -> None
     session = opened.context.new_cdp_session(opened)
     session.send("Performance.enable")
 
-    def used() -> float:
+    def thread_time() -> float:
         return next(
             one["value"]
             for one in session.send("Performance.getMetrics")["metrics"]
@@ -149,9 +149,9 @@ def test_a_frame_with_eight_intruders_takes_less_than_16_ms(opened: Any) -> None
         )
 
     # The thread's own time, which other work on this machine does not lengthen.
-    begun = used()
+    begun = thread_time()
     opened.evaluate("() => { for (let i = 0; i < 60; i++) frame(last + 1000 / 60); }")
-    assert 0.0 < (used() - begun) / 60 < 0.016
+    assert 0.0 < (thread_time() - begun) / 60 < 0.016
 
 
 def test_the_keyboard_is_enough(opened: Any) -> None:

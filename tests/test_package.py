@@ -92,7 +92,7 @@ def test_versions_agree() -> None:
     assert f"<version>{PROJECT['project']['version']}</version>" in package
 
 
-def started(*command: str | Path, folder: Path) -> str:
+def start(*command: str | Path, folder: Path) -> str:
     """Return what a command prints, run in a folder as from a user's own shell."""
     clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     done = subprocess.run(
@@ -131,7 +131,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         built,
         source,
     )
-    started(sys.executable, *build, folder=source)
+    start(sys.executable, *build, folder=source)
     return next(built.glob("*.whl"))
 
 
@@ -152,11 +152,11 @@ def test_a_wheel_holds_every_data_file_of_the_packages(wheel: Path) -> None:
     assert not sorted(set(data) - set(held))
 
 
-def installed(python: str, wheel: Path, extras: str, folder: Path, *more: str) -> Path:
+def install_wheel(python: str, wheel: Path, extras: str, folder: Path, *more: str) -> Path:
     """Return the scripts' folder of a new environment that holds the wheel, its dependencies as
     pinned, and more.
     """
-    started(python, "-m", "venv", folder / "bare", folder=folder)
+    start(python, "-m", "venv", folder / "bare", folder=folder)
     pins = folder / "pins.txt"
     named = re.sub(r" \\\n(?: +--hash=.*\n?)+", "\n", (ROOT / "constraints/run.txt").read_text())
     pins.write_text(
@@ -165,7 +165,7 @@ def installed(python: str, wheel: Path, extras: str, folder: Path, *more: str) -
         )
     )
     install = ("-m", "pip", "install", "--quiet", "-c", pins, f"{wheel}{extras}", *more)
-    started(folder / "bare/bin/python", *install, folder=folder)
+    start(folder / "bare/bin/python", *install, folder=folder)
     return folder / "bare/bin"
 
 
@@ -173,13 +173,13 @@ def installed(python: str, wheel: Path, extras: str, folder: Path, *more: str) -
 def test_an_installed_wheel_trains_and_evaluates_from_any_folder(
     wheel: Path, tmp_path: Path
 ) -> None:
-    scripts = installed(sys.executable, wheel, "[train,sweep]", tmp_path)
+    scripts = install_wheel(sys.executable, wheel, "[train,sweep]", tmp_path)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     version = f"rlcas-toolkit {PROJECT['project']['version']}"
     for name in PROJECT["project"]["scripts"]:
-        assert f"usage: {name}" in started(scripts / name, "--help", folder=elsewhere)
-    assert version in started(scripts / "rlcas-train", "--version", folder=elsewhere)
+        assert f"usage: {name}" in start(scripts / name, "--help", folder=elsewhere)
+    assert version in start(scripts / "rlcas-train", "--version", folder=elsewhere)
     few = (
         "--steps",
         "1",
@@ -190,7 +190,7 @@ def test_an_installed_wheel_trains_and_evaluates_from_any_folder(
         "--out",
         "trained",
     )
-    started(scripts / "rlcas-train", "--config", "quick", *few, folder=elsewhere)
+    start(scripts / "rlcas-train", "--config", "quick", *few, folder=elsewhere)
     few = (
         "--aircraft",
         "light",
@@ -203,7 +203,7 @@ def test_an_installed_wheel_trains_and_evaluates_from_any_folder(
         "--out",
         "flown",
     )
-    started(
+    start(
         scripts / "rlcas-evaluate", "--policy", "trained/policy.safetensors", *few, folder=elsewhere
     )
     assert (elsewhere / "flown/summary.json").is_file()
@@ -220,10 +220,10 @@ def test_the_flight_path_runs_from_a_wheel_on_python(
         or subprocess.run([python, "-c", ""], capture_output=True, check=False).returncode
     ):
         pytest.skip(f"there is no python{version} here")
-    scripts = installed(python, wheel, "", tmp_path)
-    said = started(scripts / "python", "-W", "error", "-c", PROGRAM, folder=tmp_path).split()
+    scripts = install_wheel(python, wheel, "", tmp_path)
+    said = start(scripts / "python", "-W", "error", "-c", PROGRAM, folder=tmp_path).split()
     assert said[0] == PROJECT["project"]["version"]
-    assert "certificate" in started(scripts / "rlcas-check", "--version", folder=tmp_path)
+    assert "certificate" in start(scripts / "rlcas-check", "--version", folder=tmp_path)
 
 
 @pytest.mark.slow
@@ -231,7 +231,7 @@ def test_a_learner_of_others_trains_under_gymnax_as_the_page_says(
     wheel: Path, tmp_path: Path
 ) -> None:
     # gymnax wants an older Gymnasium than is pinned.
-    scripts = installed(sys.executable, wheel, "[gymnax]", tmp_path, "rejax==0.1.3", "pytest")
+    scripts = install_wheel(sys.executable, wheel, "[gymnax]", tmp_path, "rejax==0.1.3", "pytest")
     bare = (
         "-m",
         "pytest",
@@ -243,7 +243,7 @@ def test_a_learner_of_others_trains_under_gymnax_as_the_page_says(
         "-p",
         "no:cacheprovider",
     )
-    assert "passed" in started(
+    assert "passed" in start(
         scripts / "python", *bare, ROOT / "tests/rlcas_jax/test_gymnax_env.py", folder=tmp_path
     )
     page = (ROOT / "docs/howto/gymnasium.md").read_text()
@@ -253,6 +253,6 @@ def test_a_learner_of_others_trains_under_gymnax_as_the_page_says(
         if "import gymnax" in block
     )
     before, _, after = map(
-        float, started(scripts / "python", "-c", program, folder=tmp_path).strip("[] \n").split()
+        float, start(scripts / "python", "-c", program, folder=tmp_path).strip("[] \n").split()
     )
     assert after > before + 10.0

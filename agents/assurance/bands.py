@@ -122,7 +122,7 @@ class _Against(NamedTuple):
         """Return the intruders at some times, s, that broadcast."""
         return predict(self.traffic, time)
 
-    def required_at(self, time: Any) -> Any:
+    def required_distance(self, time: Any) -> Any:
         """Return the required distance at some times, m, less what the validator tolerates."""
         grown = self.base + growth(self.traffic, time, self.requirement.sigmas)
         return np.maximum(grown - CLOSE, separations(self.traffic, self.requirement) - ROUNDING)
@@ -381,7 +381,7 @@ def _judge_steps(path: RelativeMotion, times: Any, need: Any, axis: int) -> _Fou
     )
 
 
-def _while_counted(found: _Found, traffic: Traffic, begin: Any, end: Any) -> _Found:
+def _drop_uncounted(found: _Found, traffic: Traffic, begin: Any, end: Any) -> _Found:
     """Return what parts of manoeuvres from some times to others, s, hold, but for those in which an
     intruder is above or below.
     """
@@ -406,7 +406,7 @@ def _judge_ramp(
     step = min(ramp.step, _ARC / max(_fastest_turn(against), 1e-9))
     nodes = np.arange(int(np.ceil(float(reached.max()) / step - 1e-9)) + 1) * step
     times = nodes[None, :, None]
-    there, need = against.intruders_at(times), against.required_at(times)
+    there, need = against.intruders_at(times), against.required_distance(times)
     need = np.broadcast_to(need, there.x.shape)
     paths = []
     for yaw_rate, acceleration in zip(ramp.yaw_rate, ramp.acceleration, strict=True):
@@ -416,7 +416,7 @@ def _judge_ramp(
     both = np.broadcast_to(need[:, None], path.x.shape)
     each = _judge_steps(path, np.broadcast_to(times[:, None], path.x.shape), both, axis=2)
     wide, ends = map_leaves(lambda field: field[:, None], against.traffic), times[:, None]
-    each = _while_counted(each, wide, ends[:, :, :-1], ends[:, :, 1:])
+    each = _drop_uncounted(each, wide, ends[:, :, :-1], ends[:, :, 1:])
     so_far = _Found(
         _accumulate(np.minimum, each.loss, np.inf),
         _accumulate(np.maximum, each.until, -np.inf),
@@ -434,9 +434,9 @@ def _judge_ramp(
         nodes[number][..., None],
         end,
         need[rows, number],
-        against.required_at(end),
+        against.required_distance(end),
     )
-    last = _while_counted(last, against.traffic, nodes[number][..., None], end)
+    last = _drop_uncounted(last, against.traffic, nodes[number][..., None], end)
     return _combine(take(so_far, chosen), last)
 
 
@@ -475,7 +475,7 @@ def _judge_among_turning(own: VehicleState, reached: Any, until: Any, against: _
     there = against.intruders_at(reached[..., None])
     far = np.hypot(there.x - own.x[..., None], there.y - own.y[..., None])
     # No nearer than both flying at each other, and no more required than at the end.
-    bound = far - (own.speed[..., None] + there.speed) * lasts - against.required_at(until)
+    bound = far - (own.speed[..., None] + there.speed) * lasts - against.required_distance(until)
     bound = np.where(lasts > 0.0, bound, np.inf)
     found = _Found(np.full(bound.shape, np.inf), np.full(bound.shape, -np.inf), bound)
     which = np.nonzero(bound < against.interest)
@@ -487,8 +487,10 @@ def _judge_among_turning(own: VehicleState, reached: Any, until: Any, against: _
     since = np.linspace(0.0, 1.0, steps + 1) * lasts[which][:, None]
     times = reached[n, band, None] + since
     path = _relative(_straight_on(take(own, (n, band)), since), one.intruders_at(times))
-    steps_of = _judge_steps(path, times, np.broadcast_to(one.required_at(times), times.shape), 1)
-    _write(found, which, _while_counted(steps_of, one.traffic, times[:, :-1], times[:, 1:]))
+    steps_of = _judge_steps(
+        path, times, np.broadcast_to(one.required_distance(times), times.shape), 1
+    )
+    _write(found, which, _drop_uncounted(steps_of, one.traffic, times[:, :-1], times[:, 1:]))
     return found
 
 
@@ -504,9 +506,13 @@ def _judge_straight(
     far = _relative(_straight_on(own, begin - reached[..., None]), against.intruders_at(begin))
     lasts = np.maximum(over - begin, 0.0)
     found = _judge_piece(
-        far, begin, lasts, against.required_at(begin), against.required_at(begin + lasts)
+        far,
+        begin,
+        lasts,
+        against.required_distance(begin),
+        against.required_distance(begin + lasts),
     )
-    found = _while_counted(found, against.traffic, begin, over)
+    found = _drop_uncounted(found, against.traffic, begin, over)
     if not (against.traffic.velocity_std.any() and against.requirement.sigmas):
         return found
     # Growth is convex: a straight line between its ends requires more. What is clear of that is
@@ -519,7 +525,7 @@ def _judge_straight(
         times = begin[which][:, None] + since
         x, y, vx, vy = column(take(far, which))
         x, y = x + vx * since[:, :-1], y + vy * since[:, :-1]
-        need, pieces = one.required_at(times), np.diff(since, axis=1)
+        need, pieces = one.required_distance(times), np.diff(since, axis=1)
         place = RelativeMotion(x, y, vx, vy)
         _write(found, which, _judge_piece(place, times[:, :-1], pieces, need[:, :-1], need[:, 1:]))
     return found

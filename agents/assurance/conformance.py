@@ -162,12 +162,12 @@ def _deviations(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, An
     (vx, vy), (to_vx, to_vy) = velocity(traffic.state, np), velocity(there, np)
     speed = distance(vx - to_vx, vy - to_vy, np)
 
-    def known(error: Any) -> Any:
+    def where_known(error: Any) -> Any:
         return np.where(traffic.mask, np.where(expected.mask, error, np.inf), 0.0)
 
     place = np.hypot(uncertainty(expected, since[:, None]), uncertainty(traffic, 0.0))
     return (
-        known(position),
-        known(speed),
+        where_known(position),
+        where_known(speed),
         (place, np.hypot(expected.velocity_std, traffic.velocity_std)),
     )

@@ -180,7 +180,7 @@ def quote(value: Any) -> str:
     """Return a value as an error sentence quotes it: YAML in one line, texts in quotes, cut when
     long.
     """
-    text = repr(value) if isinstance(value, str) else _written(value)
+    text = repr(value) if isinstance(value, str) else _yaml_text(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
@@ -231,16 +231,16 @@ def _default(field: FieldInfo) -> str:
     if field.is_required():
         return "required"
     default = field.get_default(call_default_factory=True)
-    return "the keys below" if isinstance(default, BaseModel) else _written(default)
+    return "the keys below" if isinstance(default, BaseModel) else _yaml_text(default)
 
 
-def _written(value: Any) -> str:
+def _yaml_text(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return "null" if value is None else str(value).lower()
     if isinstance(value, BaseModel):
         value = value.model_dump(exclude_unset=True)
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{k}: {_written(v)}" for k, v in value.items()) + "}"
+        return "{" + ", ".join(f"{k}: {_yaml_text(v)}" for k, v in value.items()) + "}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_written(v) for v in value) + "]"
+        return "[" + ", ".join(_yaml_text(v) for v in value) + "]"
     return str(value)

@@ -272,7 +272,7 @@ class ScenarioConfig(Strict):
 
     @field_validator("name")
     @classmethod
-    def _known(cls, name: str) -> str:
+    def _check_name(cls, name: str) -> str:
         return known_scenario(name)
 
     @model_serializer(mode="wrap")

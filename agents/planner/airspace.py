@@ -16,7 +16,7 @@ from agents.planner.request import (
     SPEED_TOLERANCE,
     Altitude,
     Request,
-    drifted,
+    drift_points,
     eligible,
     latest_end,
     unknown_climb_of,
@@ -75,11 +75,11 @@ def amid(
         return Amid(request, ())
     seen = given if wind is None else [in_air(one, wind) for one in given]
     own = VehicleState(*(float(field[0]) for field in request.own))
-    near = _met(seen, request, own, altitude, options)
+    near = _reachable_areas(seen, request, own, altitude, options)
     left, notes = _without_points_in(near, request, own, options) if near else (request, [])
     left = _round(near, left, own, options) if near else left
     if left is not request:  # its legs may be longer, and plans of it last longer
-        near = _met(seen, left, own, altitude, options)
+        near = _reachable_areas(seen, left, own, altitude, options)
     if near:
         left = left._replace(areas=Shared(near))
     return Amid(left, (*_assumed_climb(given, altitude, options), *notes))
@@ -97,7 +97,7 @@ def _assumed_climb(
     return [unknown_climb_of(Field(Subject.OWN_ALTITUDE, "vertical_speed"), options)]
 
 
-def _met(
+def _reachable_areas(
     areas: Sequence[Area],
     request: Request,
     own: VehicleState,
@@ -117,7 +117,7 @@ def _without_points_in(
     """Return a request without the points of its route that lie in areas."""
     x, y = request.route_x[0], request.route_y[0]
     time = _reach(request, own)
-    there = drifted((x[None], y[None]), request.drift, time)
+    there = drift_points((x[None], y[None]), request.drift, time)
     holder = _holders(areas, there[0][0], there[1][0], time, options.requirement.margin)
     inside = np.flatnonzero(holder >= 0)
     if inside.size == 0:

@@ -16,7 +16,7 @@ from agents.planner.request import Request
 from agents.planner.traffic import Traffic, predict, uncertainty
 from envs.kinematics import VehicleState, velocity
 from envs.trees import column, map_leaves, take
-from envs.wind import aimed_at
+from envs.wind import aim_point
 
 CROWD = 16
 """Intruders beyond which a search looks at the nearest ones first, and beyond the goal."""
@@ -125,7 +125,7 @@ def beyond(request: Request, goal: Any, options: Options) -> Beyond:
     rows = np.arange(goal.size)
     after = np.minimum(goal + 1, request.points - 1)
     own, drift = column((request.own, request.drift))
-    route_x, route_y = aimed_at(
+    route_x, route_y = aim_point(
         own, (request.route_x, request.route_y), drift, options.finished_by, np
     )
     each = [

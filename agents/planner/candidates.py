@@ -14,7 +14,7 @@ from agents.planner.rollout import Rollout
 from agents.planner.validator import CHECKS, Findings, validate
 from envs.trees import scatter, take
 from envs.waypoints import PlanStates, legs
-from envs.wind import aimed_at
+from envs.wind import aim_point
 
 TIME_WEIGHT = 0.25
 """Cost of a metre that the time beyond the straight line would have covered."""
@@ -99,7 +99,7 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     findings = find_faults(plan_states, take(request, rows), options)
     to = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
     own, drift = take((request.own, request.drift), rows)
-    goal_x, goal_y = aimed_at(own, to, drift, options.rejoin_by, np)
+    goal_x, goal_y = aim_point(own, to, drift, options.rejoin_by, np)
     straight = (
         np.hypot(goal_x - request.own.x[rows], goal_y - request.own.y[rows])
         - options.aircraft.goal_radius

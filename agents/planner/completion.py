@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, end_speed
 from agents.planner.options import Options, task_of
-from agents.planner.request import Request, drifted, latest_end
+from agents.planner.request import Request, drift_points, latest_end
 from agents.planner.rollout import Rollout
 from envs.angles import wrap
 from envs.kinematics import VehicleState
@@ -137,7 +137,7 @@ def _next_legs(
     drift = take(request.drift, rows[tails])
 
     def legs_to(when: Any) -> _Legs:
-        x, y = drifted(at_request, drift, when)
+        x, y = drift_points(at_request, drift, when)
         arc, length, course, reached = _onto(state, x, y, task.turn_rate)
         turned = time + np.abs(arc) / task.turn_rate
         way = tails, point, x, y, state, time, arc, length, course, reached, turned

@@ -16,7 +16,7 @@ from agents.planner.areas import Counted, required_distances
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
 from envs.areas import Circle, Keep, Polygon
 from envs.kinematics import VehicleState
-from envs.wind import aimed_at
+from envs.wind import aim_point
 
 RING = 12
 """Points about an area."""
@@ -90,7 +90,7 @@ class Airspace(NamedTuple):
         same = np.ones_like(to[0])
         own = VehicleState(here.x * same, here.y * same, 0.0 * same, self.speed * same)
         now = to[0] + velocity[0] * here.time, to[1] + velocity[1] * here.time
-        x, y = aimed_at(own, now, velocity, self.latest - here.time, np)
+        x, y = aim_point(own, now, velocity, self.latest - here.time, np)
         return x, y, here.time + np.hypot(x - here.x, y - here.y) / self.speed
 
     def clear(self, here: Place, x: Any, y: Any, arrival: Any) -> Any:

@@ -14,14 +14,14 @@ from agents.planner import areas_ahead
 from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
-from agents.planner.request import Request, drifted
+from agents.planner.request import Request, drift_points
 from agents.planner.rollout import Rollout
 from agents.planner.traffic import Window, predict, requirement_of, uncertainty, within_window
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance, leg_separation
 from envs.trees import column, map_leaves, scatter, take
-from envs.wind import aimed_at
+from envs.wind import aim_point
 
 _AT_ONCE = 6  # strides flown at once at first
 _LATER = 18  # strides from turning back until uncertainty has grown to what the way back keeps
@@ -89,8 +89,8 @@ def fly_out(
         there, owner = strides[at], of[asking]
         from_there = take(flown, (at, asking))
         drift = take(request.drift, owner)
-        to = drifted((goal_x[owner], goal_y[owner]), drift, there * stride)
-        aim = aimed_at(from_there, to, drift, task.until, np)
+        to = drift_points((goal_x[owner], goal_y[owner]), drift, there * stride)
+        aim = aim_point(from_there, to, drift, task.until, np)
         clear_way = scene.way_back(from_there, aim, there, owner, manoeuvre.slack[asking], task)
         if request.areas is not None and clear_way.any():
             rows_of = np.flatnonzero(clear_way)
@@ -270,7 +270,7 @@ def _scene(request: Request, goal: Any, options: Options, last: int) -> _Scene:
     others = predict(traffic, times)
     number = np.arange(goal.size)
     to = request.route_x[number, goal], request.route_y[number, goal]
-    to = aimed_at(request.own, to, request.drift, task_of(options).until, np)
+    to = aim_point(request.own, to, request.drift, task_of(options).until, np)
     counts = None if traffic.window is None else within_window(traffic, times[:-1], times[1:])
     order = _order(request.own, to, others, required_range, times, counts)
     rest = beyond(request, goal, options) if required_range.shape[-1] > CROWD else None

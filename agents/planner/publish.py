@@ -77,7 +77,7 @@ def publish(
     if request.drift is not None:
         east, north = (-float(part[0]) for part in request.drift)
         best = _on_ground(best, Wind(east, north))
-    best = _draw_numbered(best, request)
+    best = _number_points(best, request)
     waypoints = _waypoints(best, route)
     slips = (
         audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
@@ -121,7 +121,7 @@ def publish(
     )
 
 
-def _draw_numbered(best: Proposals, request: Request) -> Proposals:
+def _number_points(best: Proposals, request: Request) -> Proposals:
     """Return a plan ``[]`` with its points numbered as in the route that was asked for."""
     if request.of_route is None or best.last < 0:
         return best
@@ -162,7 +162,7 @@ def _outlasting(one: Excluded, end: Waypoint) -> Reason:
     return Reason.of(Kind.SEPARATION, f"intruders[{one.number}]", what, end.time, end.x, end.y)
 
 
-def as_received(waypoints: tuple[Waypoint, ...], wind: Wind | None = None) -> Plan:
+def reconstruct(waypoints: tuple[Waypoint, ...], wind: Wind | None = None) -> Plan:
     """Return a plan as a receiver of its waypoints and its wind has it: only SAFE ones have any."""
     status = Status.SAFE if waypoints else Status.UNRESOLVED
     return Plan(status, Source.NONE, (), np.nan, np.nan, None, np.nan, (), waypoints, wind=wind)

@@ -305,7 +305,7 @@ def eligible(request: Request, options: Options) -> Any:
     fastest = np.maximum(options.manoeuvre.speed_max, request.own.speed)[:, None]
     near = far <= fastest * options.rejoin_by
     if request.drift is not None:  # who can meet what drifts more slowly once, can later too
-        later_x, later_y = drifted((x, y), request.drift, options.rejoin_by)
+        later_x, later_y = drift_points((x, y), request.drift, options.rejoin_by)
         later = np.hypot(request.own.x[:, None] - later_x, request.own.y[:, None] - later_y)
         near = later - options.aircraft.goal_radius <= fastest * options.rejoin_by
     if request.of_route is None:
@@ -318,7 +318,9 @@ def eligible(request: Request, options: Options) -> Any:
     return np.where(inside & (near & exists)[rows, chosen], chosen, -1)
 
 
-def drifted(points: tuple[Any, Any], drift: tuple[Any, Any] | None, time: Any) -> tuple[Any, Any]:
+def drift_points(
+    points: tuple[Any, Any], drift: tuple[Any, Any] | None, time: Any
+) -> tuple[Any, Any]:
     """Return where points of routes ``[N, ...]`` are some seconds after the request, m, as their
     drift ``[N]`` carries them.
     """

@@ -17,7 +17,7 @@ from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, clear
 from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
-from agents.planner.request import Request, drifted
+from agents.planner.request import Request, drift_points
 from agents.planner.sight import shares, visible
 from agents.planner.traffic import Traffic, Window, predict, requirement_of
 from agents.policy.inference import Policy
@@ -25,7 +25,7 @@ from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
 from envs.relative import at_share, distance
 from envs.trees import column, map_leaves, scatter, take
-from envs.wind import aimed_at
+from envs.wind import aim_point
 
 _SHARE = 0.3  # of the computation, for a policy that finds no way back among many
 # time steps for which the intruders are predicted at once; most flights take fewer
@@ -122,9 +122,9 @@ def roll(
         if step % spacing == 0:
             scatter(result.plan_states, (now.rows, step // spacing), now.state)
         seen = predict(now.traffic, time)
-        place = drifted(now.goal, now.drift, time)
+        place = drift_points(now.goal, now.drift, time)
         arrived = distance(place[0] - now.state.x, place[1] - now.state.y, np) <= task.radius
-        ended, aim = arrived, aimed_at(now.state, place, now.drift, task.until - time, np)
+        ended, aim = arrived, aim_point(now.state, place, now.drift, task.until - time, np)
         if options.direct and step % EVERY == 0:
             ended = ended | _clear_beyond(now, aim, seen, rest, time, task)
         if ended.any():
@@ -213,7 +213,7 @@ def _roll_one(
         if drift is not None:
             goal_x = begin[0] + drift[0] * step * dt
             goal_y = begin[1] + drift[1] * step * dt
-            aim = aimed_at(state, (goal_x, goal_y), drift, task.until - step * dt, FLOATS)
+            aim = aim_point(state, (goal_x, goal_y), drift, task.until - step * dt, FLOATS)
         dx, dy = goal_x - state.x, goal_y - state.y
         arrived = dx * dx + dy * dy <= square
         # Without intruders nothing is in the way, but the goal may be inside the turning circle.

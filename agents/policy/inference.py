@@ -154,7 +154,7 @@ class Policy:
         """
         if not isinstance(self._resolver, SetNetwork):
             return [*self._unlike]
-        intruders = self._looked_at(own, intruders)
+        intruders = self._most_critical(own, intruders)
         box = novelty.box_of(self.sha256, self.inputs)
         mine, each, _ = self._resolver.inputs_of_one(own, intruders, goal_x, goal_y)
         return [*self._unlike, *novelty.departures(box, self.inputs, mine, each)]
@@ -257,13 +257,13 @@ class Policy:
         """
         if len(intruders) > self.most:
             self.check_intruders(len(intruders))
-            intruders = self._looked_at(own, intruders)
+            intruders = self._most_critical(own, intruders)
         throttle, steering = self._resolver.of_one(own, intruders, goal_x, goal_y)
         if not (isfinite(throttle) and isfinite(steering)):
             raise ValueError(_NOT_FINITE)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
 
-    def _looked_at(
+    def _most_critical(
         self, own: VehicleState, intruders: Sequence[VehicleState]
     ) -> Sequence[VehicleState]:
         """Return the most critical of intruders in plain floats."""

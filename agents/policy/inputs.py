@@ -99,10 +99,10 @@ def resolve(names: Iterable[str]) -> tuple[Input, ...]:
     Raises:
         InputError: there is no such input, or it cannot be used.
     """
-    return tuple(_named(name) for name in names)
+    return tuple(_find(name) for name in names)
 
 
-def _named(name: str) -> Input:
+def _find(name: str) -> Input:
     if name in _registered:
         return _registered[name]
     if not is_extension(name):

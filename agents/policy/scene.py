@@ -96,12 +96,12 @@ def scene_of_one(
     length, speed = 1.0 / separation, 1.0 / limits.speed_max
     sine, cosine = math.sin(own.heading), math.cos(own.heading)
 
-    def seen(x: float, y: float) -> tuple[float, float]:
+    def place_in_scene(x: float, y: float) -> tuple[float, float]:
         ahead, left = _rotate((x - own.x) * length, (y - own.y) * length, cosine, sine)
         pulled = min(1.0, FARTHEST / max(math.hypot(ahead, left), 1e-6))
         return ahead * pulled, left * pulled
 
-    places = [seen(one.x, one.y) for one in intruders]
+    places = [place_in_scene(one.x, one.y) for one in intruders]
     velocities = [
         _rotate(
             one.speed * speed * math.cos(one.heading),
@@ -111,7 +111,7 @@ def scene_of_one(
         )
         for one in intruders
     ]
-    goal = seen(goal_x, goal_y)
+    goal = place_in_scene(goal_x, goal_y)
     return Scene(
         own.speed * speed,
         goal[0],

@@ -192,16 +192,16 @@ def _futures(present: Encounter, rate: Any, most: float) -> list[Encounter]:
     turning = np.abs(rate) > 1e-6
     zero = np.zeros_like(rate)
 
-    def turned(change: Any, turn_rate: Any) -> Encounter:
+    def with_turn(change: Any, turn_rate: Any) -> Encounter:
         intent = present.intent._replace(
             onset=zero, heading_change=zero + change, turn_rate=zero + turn_rate
         )
         return present._replace(intent=intent)
 
     side, fast = np.sign(rate), np.where(turning, np.abs(rate), most)
-    one = turned(np.where(turning, side * _TURN, _TURN), fast)
-    other = turned(np.where(turning, side * 0.5 * _TURN, -_TURN), fast)
-    return [turned(0.0, most), one, other]
+    one = with_turn(np.where(turning, side * _TURN, _TURN), fast)
+    other = with_turn(np.where(turning, side * 0.5 * _TURN, -_TURN), fast)
+    return [with_turn(0.0, most), one, other]
 
 
 def _value(futures: list[Encounter], tried: Any, rules: Rules, limits: Limits) -> Any:

@@ -149,7 +149,7 @@ def _decide(
         result.verdict[rows], result.method[rows] = Verdict.UNRESOLVABLE, method
         result.proof_time[rows] = times[holds]
 
-    def undecided() -> Any:
+    def undecided_rows() -> Any:
         return np.flatnonzero(result.verdict[part] == Verdict.UNDECIDED)
 
     every = np.arange(part.size)
@@ -158,7 +158,7 @@ def _decide(
     proven(every, times, Method.CONTAINMENT)
     proven(every, np.where(times == 0.0, times, np.nan), Method.START)
 
-    left = undecided()
+    left = undecided_rows()
     found = search(take(chosen, left), rules, limits)
     works = ~np.isnan(found.arrival)
     rows = part[left[works]]
@@ -166,5 +166,5 @@ def _decide(
     scatter(result.witness, rows, take(found.manoeuvre, works))
     result.arrival[rows], result.separation[rows] = found.arrival[works], found.separation[works]
 
-    left = undecided()
+    left = undecided_rows()
     proven(left, split(take(ahead, left), missed, limits), Method.SPLITTING)

@@ -80,7 +80,7 @@ def _inputs(observation: jax.Array, feature_set: str) -> jax.Array:
     )
 
 
-def _mirrored_back(actions: np.ndarray, observation: np.ndarray, feature_set: str) -> np.ndarray:
+def _mirror_back(actions: np.ndarray, observation: np.ndarray, feature_set: str) -> np.ndarray:
     """Return the actions ``[N, 2]`` in the scene as it is, not as the network saw it."""
     actions = np.array(actions, np.float32)
     actions[:, 1] *= features.mirror_sign(list(observation.T), feature_set, np)
@@ -123,7 +123,7 @@ class _FirstScenario:
         return np.array(_inputs(self._seen, self._feature_set))
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        flown = _mirrored_back(actions, self._seen, self._feature_set)
+        flown = _mirror_back(actions, self._seen, self._feature_set)
         seen, reward, terminated, truncated, _ = self._world.step(flown)
         self._seen = np.asarray(seen)
         scaled = self._config.ppo.reward_scale * reward

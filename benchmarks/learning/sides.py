@@ -351,16 +351,16 @@ def _compile(config: TrainConfig) -> tuple[Any, Any, Any]:
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
     scenarios, rewards = config.training_scenarios(), config.rewards.table()
 
-    def seen(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
+    def network_inputs(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
         inputs = derive(surrogate.observe(state, world.aircraft), feature_set)
         return inputs.mirror_sign, inputs.own
 
-    def drawn(key: jax.Array) -> surrogate.State:
+    def draw_state(key: jax.Array) -> surrogate.State:
         return draw(key, config, scenarios, config.pool_rows)
 
     def begin(pool: surrogate.State) -> tuple[surrogate.State, jax.Array, jax.Array]:
         state = jax.tree.map(lambda rows: rows[0], pool)
-        return state, *seen(state)
+        return state, *network_inputs(state)
 
     def step(
         state: surrogate.State, hand: jax.Array, action: jax.Array, pool: surrogate.State, row: int
@@ -374,6 +374,10 @@ def _compile(config: TrainConfig) -> tuple[Any, Any, Any]:
         # chooses.
         moved, reward = jax.lax.optimization_barrier((moved, reward))
         following = surrogate.restart(moved, jax.tree.map(lambda rows: rows[row], pool))
-        return following, *seen(following), jnp.stack([reward, result.reward, moved.ended], axis=-1)
+        return (
+            following,
+            *network_inputs(following),
+            jnp.stack([reward, result.reward, moved.ended], axis=-1),
+        )
 
-    return jax.jit(drawn), jax.jit(begin), jax.jit(step, donate_argnums=0)
+    return jax.jit(draw_state), jax.jit(begin), jax.jit(step, donate_argnums=0)

@@ -72,7 +72,7 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
                 state, age, rate, lasts, float(one.position_std), float(one.velocity_std), height
             )
         )
-    intruders, own_separations = _separated(seed, number, intruders, len(order), unit)
+    intruders, own_separations = _draw_separations(seed, number, intruders, len(order), unit)
     traffic = traffic._replace(separation=own_separations[np.argsort(order)])
     count = int(request.points)
     indices = rng.permutation(2 * count)[:count].tolist()
@@ -85,7 +85,7 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
     return Question(own, intruders, [RoutePoint(*point) for point in points], altitude, truth)
 
 
-def _separated(
+def _draw_separations(
     seed: int, number: int, intruders: list[Intruder], places: int, unit: float
 ) -> tuple[list[Intruder], Any]:
     """Return the intruders, a third of them with separations of their own, and those of all places,

@@ -195,22 +195,24 @@ def _judge(
     if count == 0:
         return wrong, nearest, clearance
 
-    def found(name: str, where: Any) -> None:
+    def note_wrong(name: str, where: Any) -> None:
         wrong[CHECKS.index(name)] |= where.reshape(count, -1).any(axis=1)
 
     for mine, given in zip(plan_states[:2], own[:2], strict=True):
-        found("start", np.abs(mine[:, 0] - given) > TOLERANCE)
-    found("start", np.abs(np.exp(1j * plan_states.heading[:, 0]) - np.exp(1j * own[2])) > _EXACT)
-    found("start", np.abs(plan_states.speed[:, 0] - own[3]) > _EXACT)
-    found(
+        note_wrong("start", np.abs(mine[:, 0] - given) > TOLERANCE)
+    note_wrong(
+        "start", np.abs(np.exp(1j * plan_states.heading[:, 0]) - np.exp(1j * own[2])) > _EXACT
+    )
+    note_wrong("start", np.abs(plan_states.speed[:, 0] - own[3]) > _EXACT)
+    note_wrong(
         "times", np.abs(plan_states.time[:, :-1] - options.interval * np.arange(fixed + 1)) > _EXACT
     )
-    found("times", plan_states.time[:, -1:] <= options.interval * fixed)
-    found("last", np.abs(plan_states.heading) > math.pi + _EXACT)
+    note_wrong("times", plan_states.time[:, -1:] <= options.interval * fixed)
+    note_wrong("last", np.abs(plan_states.heading) > math.pi + _EXACT)
     curves = legs(plan_states)
-    found("turn rate", np.abs(curves.yaw_rate) > limits.yaw_rate_max + _EXACT)
-    found("acceleration", curves.acceleration > limits.acceleration_max + _EXACT)
-    found("acceleration", curves.acceleration < limits.acceleration_min - _EXACT)
+    note_wrong("turn rate", np.abs(curves.yaw_rate) > limits.yaw_rate_max + _EXACT)
+    note_wrong("acceleration", curves.acceleration > limits.acceleration_max + _EXACT)
+    note_wrong("acceleration", curves.acceleration < limits.acceleration_min - _EXACT)
     need = required_distances(plan_states.x[:, 0] + 1j * plan_states.y[:, 0], traffic, requirement)
     # The last leg, which can take minutes, apart from the others.
     for part in (slice(0, fixed), slice(fixed, None)):
@@ -221,18 +223,18 @@ def _judge(
         step = math.ceil(np.max(parts) / ARCS)
         flight = _integrate(begin, one, step)
         final = tuple(field[:, :, -1] for field in flight)
-        found("leg", np.abs(final[1] - end.x - 1j * end.y) > TOLERANCE)
-        found("leg", np.abs(np.exp(1j * final[2]) - np.exp(1j * end.heading)) > _EXACT)
-        found("leg", np.abs(final[3] - end.speed) > _EXACT)
-        found("leg", np.abs(final[0] - end.time) > _EXACT)
-        found(
+        note_wrong("leg", np.abs(final[1] - end.x - 1j * end.y) > TOLERANCE)
+        note_wrong("leg", np.abs(np.exp(1j * final[2]) - np.exp(1j * end.heading)) > _EXACT)
+        note_wrong("leg", np.abs(final[3] - end.speed) > _EXACT)
+        note_wrong("leg", np.abs(final[0] - end.time) > _EXACT)
+        note_wrong(
             "speed",
             (flight[3] < limits.speed_min - _EXACT) | (flight[3] > limits.speed_max + _EXACT),
         )
         closest, short, spare = _distances(flight, one, step, traffic, need, requirement)
         nearest, clearance = np.minimum(nearest, closest), np.minimum(clearance, spare)
-        found("required", short < -TOLERANCE)
-        found("separation", spare < -TOLERANCE)
+        note_wrong("required", short < -TOLERANCE)
+        note_wrong("separation", spare < -TOLERANCE)
     return wrong, nearest, clearance
 
 
@@ -295,7 +297,7 @@ def _distances(
         there = np.abs(other.place(time[rows]) - place[rows])
         floor = 0.5 * (there[..., 1:] + there[..., :-1] - fast * h[rows])
         required_range = need[rows, k][:, None, None]
-        later = required_range + other.grown(time[rows], sigmas)
+        later = required_range + other.uncertainty_at(time[rows], sigmas)
         nearest[rows] = np.minimum(nearest[rows], apart.min(axis=(1, 2)))
         short[rows] = np.minimum(short[rows], (apart - later).min(axis=(1, 2)))
         closest = apart.min(axis=(1, 2), keepdims=True)
@@ -320,7 +322,7 @@ def _distances(
         close = np.abs(away[:, :-1] + share * chord)
         first, last = (when_[n, 0] for when_ in ends_of(traffic, rows, k))
         close = np.where((when[:, :-1] >= first) & (when[:, 1:] <= last), close, np.inf)
-        clearance = close - need[row, k][:, None] - one.grown(when[:, :-1], sigmas)
+        clearance = close - need[row, k][:, None] - one.uncertainty_at(when[:, :-1], sigmas)
         np.minimum.at(nearest, row, close.min(axis=1))
         np.minimum.at(short, row, clearance.min(axis=1))
         np.minimum.at(spare, row, close.min(axis=1) - least[row, k])
@@ -357,7 +359,7 @@ class VehicleColumns(NamedTuple):
             + displacement(self.heading, self.speed, self.rate, self.lasts, time)
         )
 
-    def grown(self, time: Any, sigmas: float) -> Any:
+    def uncertainty_at(self, time: Any, sigmas: float) -> Any:
         """Return what the uncertainty adds to the distance to keep, m."""
         now, later = (
             np.hypot(self.position_std, self.velocity_std * (self.age + t)) for t in (0.0, time)

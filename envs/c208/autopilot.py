@@ -136,7 +136,7 @@ class Autopilot:
         elevator = self._vertical(m, load, speed, equivalent, stall)
         throttle = self._speed(m, along, load, equivalent, stall)
         for index, demand in enumerate((elevator, aileron, rudder)):
-            step = _held((demand - self._servos[index]) * self._servo_share, self._servo_step)
+            step = _clamp((demand - self._servos[index]) * self._servo_share, self._servo_step)
             self._servos[index] = max(
                 self._low[index], min(self._high[index], self._servos[index] + step)
             )
@@ -149,10 +149,10 @@ class Autopilot:
         # The load that the wing can carry with the margin to the stall bounds the bank.
         load_max = max(1.02, (speed / (_FLOOR * stall)) ** 2)
         bank_max = min(BANK_MAX, math.acos(1.0 / load_max))
-        wanted_bank = _held(-math.atan(left / GRAVITY), BANK_MAX)
+        wanted_bank = _clamp(-math.atan(left / GRAVITY), BANK_MAX)
         # What the turn needs to be flown is the speed's business too.
         self._load_wanted = 1.0 / math.cos(wanted_bank)
-        demand = _held(wanted_bank, bank_max)
+        demand = _clamp(wanted_bank, bank_max)
 
         half_turn = 0.5 * self._span / speed
         rate_max = (
@@ -160,8 +160,8 @@ class Autopilot:
         )
         acceleration = _ROLL_FREQUENCY**2 * (demand - self.bank_reference)
         acceleration -= 2.0 * _ROLL_DAMPING * _ROLL_FREQUENCY * self._roll_reference
-        acceleration = _held(acceleration, _ROLL_ACCELERATION)
-        rate = _held(self._roll_reference + acceleration * TICK, rate_max)
+        acceleration = _clamp(acceleration, _ROLL_ACCELERATION)
+        rate = _clamp(self._roll_reference + acceleration * TICK, rate_max)
         acceleration = (rate - self._roll_reference) / TICK
         self.bank_reference += 0.5 * (rate + self._roll_reference) * TICK
         self._roll_reference = rate
@@ -172,13 +172,13 @@ class Autopilot:
         moment = pressure * self._area * self._span
         lift = m.weight / (pressure * self._area * max(math.cos(m.bank), 0.5))
         wanted_yaw = turn * math.cos(self.bank_reference)
-        self._aileron_integral = _held(self._aileron_integral + 0.25 * error * TICK, 0.1)
+        self._aileron_integral = _clamp(self._aileron_integral + 0.25 * error * TICK, 0.1)
         balance = acceleration * self._inertia / moment - value("roll_rate") * wanted * half_turn
         balance -= value("roll_yaw_rate") * lift * wanted_yaw * half_turn
         damping = 3.0 * (wanted - m.roll_rate) * self._inertia / moment
         aileron = (balance + damping) / value("roll_aileron") + self._aileron_integral
 
-        self._rudder_integral = _held(self._rudder_integral - 0.25 * m.beta * TICK, 0.15)
+        self._rudder_integral = _clamp(self._rudder_integral - 0.25 * m.beta * TICK, 0.15)
         yawing = (
             value("yaw_rate") * wanted_yaw + value("yaw_roll_rate") * lift * wanted
         ) * half_turn
@@ -190,12 +190,12 @@ class Autopilot:
         self, m: Measured, load: float, speed: float, equivalent: float, stall: float
     ) -> float:
         height = self._altitude - m.altitude
-        climb = _held(0.35 * height, CLIMB_MAX)
+        climb = _clamp(0.35 * height, CLIMB_MAX)
         floor = _FLOOR * stall * math.sqrt(load)
         if m.steady_airspeed < floor:
             climb = min(climb, -1.5 * (floor - m.steady_airspeed))
         else:
-            self._climb_integral = _held(self._climb_integral + 0.03 * height * TICK, 1.0)
+            self._climb_integral = _clamp(self._climb_integral + 0.03 * height * TICK, 1.0)
         alpha = self._alpha(equivalent)
         wanted = (
             climb + self._climb_integral + 0.5 * (climb - m.climb)
@@ -208,7 +208,7 @@ class Autopilot:
         rate = 1.5 * (wanted - m.pitch) / cosine + turning
         rate = min(rate, 3.0 * (limit - m.alpha) + turning)
         error = rate - m.pitch_rate
-        self._elevator_integral = _held(self._elevator_integral - 0.4 * error * TICK, 0.2)
+        self._elevator_integral = _clamp(self._elevator_integral - 0.4 * error * TICK, 0.2)
         steady = self._elevator(equivalent)
         steady -= value("pitch_rate") * rate * 0.5 * self._chord / speed / value("pitch_elevator")
         gain = 0.5 * (70.0 / speed) ** 2
@@ -236,11 +236,11 @@ class Autopilot:
         self.reach = (idle - drag) / mass - bias, (top - drag) / mass - bias
         share = (thrust - idle) / (top - idle)
         if 0.0 < share < 1.0:
-            self._thrust_integral = _held(self._thrust_integral + 0.10 * error * TICK, 0.3)
+            self._thrust_integral = _clamp(self._thrust_integral + 0.10 * error * TICK, 0.3)
         root = math.sqrt(max(0.0, min(1.0, share)))
         # The spool follows with a lag of a second; half of it is anticipated.
         return max(0.0, min(1.0, root + 1.0 * (root - m.spool)))
 
 
-def _held(number: float, most: float) -> float:
+def _clamp(number: float, most: float) -> float:
     return max(-most, min(most, number))

@@ -102,7 +102,7 @@ def solve(
         if not np.isfinite(here).all():
             break
         if np.abs(here).max() < _EXACT:
-            return _found(fdm, speed, *parts(unknown), flaps)
+            return _make_trim(fdm, speed, *parts(unknown), flaps)
         slope = np.empty((3, 3))
         for column in range(3):
             # Inwards at the end of the throttle's range, outside which nothing changes.
@@ -134,7 +134,7 @@ def surfaces(elevator: float, throttle: float) -> dict[str, float]:
     }
 
 
-def _found(
+def _make_trim(
     fdm: Fdm, speed: float, alpha: float, elevator: float, power: float, gamma: float, flaps: float
 ) -> Trim:
     low, high = -math.radians(value("elevator_up")), math.radians(value("elevator_down"))

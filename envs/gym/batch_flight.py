@@ -47,7 +47,7 @@ def begin(
         intruder and to the goal, m.
     """
     state = surrogate.reset(encounter, history_dt=setting.history_dt)
-    seen = _seen(state, jax.random.fold_in(key, tick), setting)
+    seen = _observe(state, jax.random.fold_in(key, tick), setting)
     return state, jnp.concatenate([seen, jnp.stack(_distances(state), axis=-1)], axis=-1)
 
 
@@ -96,11 +96,11 @@ def step(
     columns = jnp.stack(
         [reward, code, result.separation, result.goal_distance, *_distances(fresh)], axis=-1
     )
-    packed = [_seen(following, noise_key, setting), _seen(final, noise_key, setting), columns]
+    packed = [_observe(following, noise_key, setting), _observe(final, noise_key, setting), columns]
     return following, jnp.concatenate(packed, axis=-1)
 
 
-def _seen(state: State, key: jax.Array, setting: Setting) -> jax.Array:
+def _observe(state: State, key: jax.Array, setting: Setting) -> jax.Array:
     noise = jax.random.normal(key, (4, *state.mask.shape)) if setting.noisy else None
     aircraft = setting.world.aircraft
     if setting.intruders == 1:

@@ -22,7 +22,7 @@ from envs.edge.command import InputError
 from envs.kinematics import Limits, VehicleState, commands
 from envs.trees import map_leaves, take
 from envs.waypoints import Legs, RoutePoint, at, legs, plan_states
-from envs.wind import Wind, aimed_at, over_ground, through_air
+from envs.wind import Wind, aim_point, over_ground, through_air
 
 __all__ = ["RLCAS", "init_plugin"]
 
@@ -239,7 +239,7 @@ class RLCAS(_Resolution):
             each = Wind(wind.east[:, None], wind.north[:, None])
             own, others = through_air(ground, wind, 0.0), through_air(others, each, 0.0)
             drift = (-wind.east, -wind.north)
-            goal = aimed_at(own, goal, drift, _LONGEST, np)
+            goal = aim_point(own, goal, drift, _LONGEST, np)
         critical = policy.most_critical(own, others, present)
         seen, exists = map_leaves(
             lambda field: np.take_along_axis(field, critical, axis=-1), (others, present)

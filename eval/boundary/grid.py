@@ -199,7 +199,7 @@ def _backup(
     columns, rows = (size - 2 * margin for size in value.shape[2:])
     best = np.zeros((columns, rows), np.float32)
     for step in steps:
-        mirrored, after = _folded(heading + step.turn, value.shape[0])
+        mirrored, after = _fold(heading + step.turn, value.shape[0])
         low, part = step.low[speed], step.part[speed]
         dx, dy = step.shift[index] / cell
         i, k = margin + math.floor(dx), margin + math.floor(dy)
@@ -237,7 +237,7 @@ def _between(pair: Any, part: float) -> Any:
     return low + np.float32(part) * (high - low)
 
 
-def _folded(index: int, count: int) -> tuple[bool, int]:
+def _fold(index: int, count: int) -> tuple[bool, int]:
     """Return whether a heading of the full circle is a mirror image, and of which in [0, pi]."""
     return not 0 <= index < count, (count - 1) - abs((count - 1) - abs(index))
 

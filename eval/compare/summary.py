@@ -137,10 +137,10 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         (
             row["name"],
             *(percent(row[key]) for key in _RATES),
-            _shown(row["risk_ratio"], "{:.4f} [{:.4f}, {:.4f}]", 1.0),
-            _shown(row["path_excess_mean"], "{:.2f} %"),
-            *([_shown(row["path_excess_over_witness_mean"], "{:+.2f}")] if witness else []),
-            _shown(row["difference"], "{:+.2f} [{:+.2f}, {:+.2f}]"),
+            _format_rate(row["risk_ratio"], "{:.4f} [{:.4f}, {:.4f}]", 1.0),
+            _format_rate(row["path_excess_mean"], "{:.2f} %"),
+            *([_format_rate(row["path_excess_over_witness_mean"], "{:+.2f}")] if witness else []),
+            _format_rate(row["difference"], "{:+.2f} [{:+.2f}, {:+.2f}]"),
             f"{row['difference']['mcnemar_exact_p']:.2g}" if row["difference"] else "-",
         )
         for row in summary["entries"]
@@ -171,7 +171,7 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
     print_table(title, names, rows, notes, 240)
 
 
-def _shown(found: Mapping[str, Any] | None, form: str, unit: float = 100.0) -> str:
+def _format_rate(found: Mapping[str, Any] | None, form: str, unit: float = 100.0) -> str:
     if found is None or found["value"] is None:
         return "-"
     return form.format(*(unit * found[key] for key in ("value", "low", "high")))

@@ -136,7 +136,7 @@ def assess(
     tests = tests_of(root)
     items = resolve(root, case, listed, tests)
     outcomes = outcomes_of(tests, reports)
-    evaluated = {name: _evaluated(name, listed, results) for name in listed.results}
+    evaluated = {name: _evaluate(name, listed, results) for name in listed.results}
     reasons = {}
     for name, item in items.items():
         small = [one for one in item.results if _is_small(one, listed, results)]
@@ -280,7 +280,7 @@ def _is_small(name: str, listed: Evidence, results: Mapping[str, Any]) -> bool:
     return name not in results or results[name]["n"] < listed.results[name].n
 
 
-def _evaluated(name: str, listed: Evidence, results: Mapping[str, Any]) -> Evaluated:
+def _evaluate(name: str, listed: Evidence, results: Mapping[str, Any]) -> Evaluated:
     entry = listed.results[name]
     title = entry.title.replace("`", "")
     if name not in results:

@@ -137,7 +137,7 @@ def _fold(tests: Sequence[str], outcomes: Mapping[str, Outcome], more: str = "")
 
 def _result_cells(name: str, found: Assessment) -> list[str]:
     cells = [escape(text) for text in found.results[name]]
-    return [*cells, _named_by(found.items, {name})]
+    return [*cells, _link_items(found.items, {name})]
 
 
 def _tests_by_file(found: Assessment, named: set[str]) -> dict[str, list[str]]:
@@ -149,7 +149,7 @@ def _tests_by_file(found: Assessment, named: set[str]) -> dict[str, list[str]]:
         tests = [test for test in found.tests if file_of(test) == file]
         unnamed = [test for test in tests if test not in named]
         rows[file] = [
-            _named_by(found.items, set(tests)),
+            _link_items(found.items, set(tests)),
             str(len(tests) - len(unnamed)),
             _fold(unnamed, found.outcomes),
             _counts(tests, found.outcomes),
@@ -157,7 +157,7 @@ def _tests_by_file(found: Assessment, named: set[str]) -> dict[str, list[str]]:
     return rows
 
 
-def _named_by(items: Mapping[str, Item], names: set[str]) -> str:
+def _link_items(items: Mapping[str, Item], names: set[str]) -> str:
     """Return links to the items that name some of these tests or results."""
     ids = [by for by, item in items.items() if names & {*item.tests, *item.results}]
     return ", ".join(f'<a href="#{by}">{by}</a>' for by in ids) or "none"

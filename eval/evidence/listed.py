@@ -66,7 +66,7 @@ class Evidence(Strict):
     results: dict[str, Entry]
     tables: dict[str, Table]
 
-    def chosen(self, names: list[str]) -> list[str]:
+    def choose(self, names: list[str]) -> list[str]:
         """Return the names of results in the list's order, where names may be those of tables; of
         none, all.
         """
@@ -86,7 +86,9 @@ class Evidence(Strict):
         return self.tables[table].rows or tuple(self.results)
 
 
-def found_in(said: Mapping[str, Any], keys: tuple[str, ...], prefix: str = "") -> dict[str, Any]:
+def find_figures(
+    said: Mapping[str, Any], keys: tuple[str, ...], prefix: str = ""
+) -> dict[str, Any]:
     """Return the figures that match one of the keys, by path; a rate with its interval is one
     figure.
 
@@ -100,7 +102,7 @@ def found_in(said: Mapping[str, Any], keys: tuple[str, ...], prefix: str = "") -
         )
         group = {str(one.get("name")): one for one in value} if listed else value
         if isinstance(group, dict) and "value" not in group:
-            found |= found_in(group, keys, f"{path}/")
+            found |= find_figures(group, keys, f"{path}/")
         elif any(fnmatchcase(path, one) for one in keys):
             found[path] = (
                 {k: v for k, v in group.items() if k != "repetitions"}

@@ -29,7 +29,7 @@ from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
 from envs.encounters import Encounter, pad, scenario
 from envs.kinematics import Limits, VehicleState
-from envs.perception import carried_back, perceive
+from envs.perception import carry_back, perceive
 from envs.starts import encounters_of_seed, join
 from envs.trees import map_leaves, take
 from eval.stats.intervals import share
@@ -84,7 +84,7 @@ def fly_reported(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: in
     if max(std) > 0.0:
         rows, before = (
             [],
-            (carried_back(first, aircraft.dt, np), carried_back(first, 2.0 * aircraft.dt, np)),
+            (carry_back(first, aircraft.dt, np), carry_back(first, 2.0 * aircraft.dt, np)),
         )
         for number in range(len(others.x)):
             now = map_leaves(lambda field, number=number: field[number], others)
@@ -156,7 +156,7 @@ def inside(flights: Flights, aircraft: Aircraft) -> np.ndarray:
 # on.
 
 
-def _flown_at(
+def _fly_at_pace(
     seen: VehicleState, random: Random, aircraft: Aircraft, pace: tuple[float, float]
 ) -> VehicleState:
     """Let each fly its path at another speed, so that places and velocities agree."""
@@ -222,8 +222,8 @@ def _noisier(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleS
 
 
 SHIFTS: dict[str, Callable[[VehicleState, Random, Aircraft], VehicleState]] = {
-    "intruders at 1.5 to 2.5 of the greatest speed": partial(_flown_at, pace=(1.5, 2.5)),
-    "intruders at up to 0.3 of it": partial(_flown_at, pace=(0.02, 0.3)),
+    "intruders at 1.5 to 2.5 of the greatest speed": partial(_fly_at_pace, pace=(1.5, 2.5)),
+    "intruders at up to 0.3 of it": partial(_fly_at_pace, pace=(0.02, 0.3)),
     "turns at 2 to 4 times the greatest rate": _turning,
     "place jumps by 0.5 to 3 separations": _jumping,
     "velocity in knots": lambda seen, *_: seen._replace(speed=1.943844 * seen.speed),

@@ -24,7 +24,14 @@ from envs.edge.json_text import parse_json
 from eval.evidence.closing import show_closing
 from eval.evidence.domain import cells
 from eval.evidence.dossier_page import write
-from eval.evidence.listed import Entry, Evidence, Reading, found_in, read_results, written_results
+from eval.evidence.listed import (
+    Entry,
+    Evidence,
+    Reading,
+    find_figures,
+    read_results,
+    written_results,
+)
 from eval.evidence.tables import publish
 from eval.runner.options import real
 
@@ -43,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run or publish what the command line asks for and return the exit status."""
     options = _parser().parse_args(arguments)
     listed = load(Evidence, options.list)
-    names = listed.chosen(options.only)
+    names = listed.choose(options.only)
     policy = Policy.load().sha256
     store = ROOT / "docs/reference/evidence.json"
     results = published_results(listed, policy, read_results(store), options.out)
@@ -173,7 +180,7 @@ def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespac
     said = _json_of(command, reading, folder, options.scheduler)
     if said is None:
         return ""
-    figures = found_in(said, reading.keys) | (cells(folder) if entry.cells else {})
+    figures = find_figures(said, reading.keys) | (cells(folder) if entry.cells else {})
     seconds = round(time.perf_counter() - begun, 1)
     made = {
         "policy": policy,

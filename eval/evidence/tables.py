@@ -97,7 +97,7 @@ def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) 
     figures = {**result, **result["figures"], "command": f"`{result['command']}`"}
     if entry.claim is not None:
         key, sign, bound = entry.claim
-        value = _found(figures, key)
+        value = _figure(figures, key)
         rate: dict[str, Any] = (
             value if isinstance(value, dict) else dict.fromkeys(("value", "low", "high"), value)
         )
@@ -120,18 +120,18 @@ def _meets(value: float, sign: str, bound: float) -> bool:
 
 
 def _cell(cell: str, figures: Mapping[str, Any]) -> str:
-    values = [_shown(_found(figures, key), form) for key, form in _FIGURE.findall(cell)]
+    values = [_format_value(_figure(figures, key), form) for key, form in _FIGURE.findall(cell)]
     return _FIGURE.sub(lambda _: values.pop(0), cell) if all(values) else "-"
 
 
-def _found(figures: Mapping[str, Any], key: str) -> Any:
+def _figure(figures: Mapping[str, Any], key: str) -> Any:
     whole, _, part = key.rpartition("/")
     if key in figures:
         return figures[key]
     return figures[whole].get(part) if isinstance(figures.get(whole), dict) else None
 
 
-def _shown(value: Any, form: str) -> str:
+def _format_value(value: Any, form: str) -> str:
     if value is None or (isinstance(value, dict) and value["value"] is None):
         return ""
     if isinstance(value, dict):

@@ -33,19 +33,19 @@ def draw_aircraft(seed: int, number: int) -> AircraftConfig:
         for (name, (low, high)), draw in zip(FAMILY.items(), draws, strict=True)
     }
     # Rounded, so that the file says the same aircraft.
-    fastest = _rounded(drawn["speed_max"])
-    separation = _rounded(drawn["speed_max"] * drawn["time_unit"])
+    fastest = _round(drawn["speed_max"])
+    separation = _round(drawn["speed_max"] * drawn["time_unit"])
     unit = fastest * fastest / separation
     turn_radius = drawn["turn_radius"] * separation
     return AircraftConfig(
-        speed_min_mps=_rounded(drawn["speed_min"] * fastest),
+        speed_min_mps=_round(drawn["speed_min"] * fastest),
         speed_max_mps=fastest,
-        acceleration_min_mps2=_rounded(-drawn["acceleration_min"] * unit),
-        acceleration_max_mps2=_rounded(drawn["acceleration_max"] * unit),
-        yaw_rate_max_deg_s=_rounded(math.degrees(fastest / turn_radius)),
+        acceleration_min_mps2=_round(-drawn["acceleration_min"] * unit),
+        acceleration_max_mps2=_round(drawn["acceleration_max"] * unit),
+        yaw_rate_max_deg_s=_round(math.degrees(fastest / turn_radius)),
         separation_m=separation,
     )
 
 
-def _rounded(value: float) -> float:
+def _round(value: float) -> float:
     return float(f"{value:.5g}")

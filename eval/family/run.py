@@ -85,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return status
         text = (folder / "summary.json").read_text(encoding="utf-8")
         summaries.append(parse_json(text))
-    found = _found(options, aircraft, summaries) | {"policy_sha256": policy.sha256}
+    found = _make_summary(options, aircraft, summaries) | {"policy_sha256": policy.sha256}
     picture_folder.write(options.out, "family", found)
     _show(found, options.out)
     return 0
@@ -178,7 +178,7 @@ def _keys(options: argparse.Namespace, aircraft: AircraftConfig, file: Path) -> 
     }
 
 
-def _found(
+def _make_summary(
     options: argparse.Namespace,
     aircraft: Sequence[AircraftConfig],
     summaries: Sequence[Mapping[str, Any]],

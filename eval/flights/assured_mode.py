@@ -13,7 +13,7 @@ from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow
 from agents.planner.candidates import Proposals
 from agents.planner.planner import Plans, plan_many
-from agents.planner.request import Options, Request, drifted
+from agents.planner.request import Options, Request, drift_points
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
@@ -128,10 +128,10 @@ def _planner(
         route = take(asked, rows)
         drift = route.drift
         if kind == ALONG:
-            x, y = drifted((route.route_x, route.route_y), drift, time)
+            x, y = drift_points((route.route_x, route.route_y), drift, time)
             request = route._replace(own=own, traffic=traffic, route_x=x, route_y=y)
         else:
-            goal = drifted((state.goal_x[rows], state.goal_y[rows]), drift, time)
+            goal = drift_points((state.goal_x[rows], state.goal_y[rows]), drift, time)
             request = Request(own, traffic, *route_of(own, *goal, aircraft), drift)
         return plan_many(request, policy, options, floats=True).proposals
 

@@ -35,7 +35,7 @@ class Compiled:
 
         local_devices(jax)
 
-        def decided(known: Any, rows: Any) -> Any:
+        def decide_rows(known: Any, rows: Any) -> Any:
             encoder, trunk, numbers = known
             # What hangs on the aircraft alone is computed once for all rows of a tile.
             seen = unpacked_rows(rows)._replace(ratios=Ratios(*numbers))
@@ -48,7 +48,7 @@ class Compiled:
         self._policy = policy
         self._units = policy.aircraft.limits, policy.aircraft.separation
         known = each, hidden + head, np.array(ratios(*self._units), np.float32)
-        self._known, self._decided = jax.device_put(known), jax.jit(decided)
+        self._known, self._decided = jax.device_put(known), jax.jit(decide_rows)
         self._checked: set[int] = set()
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -46,7 +46,7 @@ def drift_of(wind: Wind | None) -> tuple[np.ndarray, np.ndarray] | None:
     return None if wind is None else (-wind.east, -wind.north)
 
 
-def seen_from_ground(flown: Trajectories, wind: Wind | None, dt: float) -> Trajectories:
+def to_ground(flown: Trajectories, wind: Wind | None, dt: float) -> Trajectories:
     """Return trajectories in the air mass, steps of dt, s, ``[T, N]``, as the ground sees them."""
     if wind is None:
         return flown

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.request import Request, drifted
+from agents.planner.request import Request, drift_points
 from agents.planner.traffic import Traffic
 from envs import intruder
 from envs.aircraft import Aircraft
@@ -20,7 +20,7 @@ from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance, leg_separation
 from envs.trees import column
 from envs.world import State, move_intruders
-from eval.flights.simulate import OUTCOMES, Flights, reversal_rate, turned_to
+from eval.flights.simulate import OUTCOMES, Flights, last_turn, reversal_rate
 
 SUBSTEPS = round(1.0 / PERIOD)  # periods of the follower in a time step
 
@@ -121,14 +121,14 @@ def fly_step(
         separation = np.minimum(
             separation, np.min(np.where(state.mask & flown, apart, np.inf), axis=-1, initial=np.inf)
         )
-        goal_x, goal_y = drifted((state.goal_x, state.goal_y), air.drift, clock)
+        goal_x, goal_y = drift_points((state.goal_x, state.goal_y), air.drift, clock)
         to_goal = distance(goal_x - moved.x, goal_y - moved.y, np)
         entered = np.isnan(reached) & (to_goal <= aircraft.goal_radius)
         reached = np.where(entered, (step + 1) * PERIOD * dt, reached)
         nearest = np.minimum(nearest, to_goal)
         path += 0.5 * period * (own.speed + moved.speed)
         error = np.maximum(error, np.hypot(*offset(moved, after)))
-        side, reversed_ = turned_to(yaw_rate, side, straight)
+        side, reversed_ = last_turn(yaw_rate, side, straight)
         reversals += reversed_
         own, other = moved, other_next
     previous = None if state.previous is None else (state.intruders.vehicle, state.previous[0])

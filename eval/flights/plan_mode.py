@@ -24,7 +24,7 @@ SOURCES = ("none", "policy", "fallback")  # names of a plan's sources by their c
 STATUSES = ("unresolved", "safe")  # names of a plan's statuses by whether it is safe
 
 
-def perceived_at_start(encounters: Encounter, dt: float, noise: Any = None) -> VehicleState:
+def perceive_at_start(encounters: Encounter, dt: float, noise: Any = None) -> VehicleState:
     """Return the intruders as known at the start, ``[N, K]``, by the sensors' noise ``[4, N, K]``;
     dt in s.
     """
@@ -41,9 +41,9 @@ def plan_at_start(
     wind: Wind | None = None,
 ) -> Plans:
     """Plan at the start of encounters ``[N]``, in a wind in its air mass; noise as of
-    :func:`perceived_at_start`.
+    :func:`perceive_at_start`.
     """
-    seen = perceived_at_start(encounters, aircraft.dt, noise)
+    seen = perceive_at_start(encounters, aircraft.dt, noise)
     request = request_of(encounters, aircraft, seen)._replace(drift=drift_of(wind))
     return plan_many(request, policy, options)
 
@@ -104,12 +104,12 @@ def promised_separation(
 
     Args:
         lost: which plans are meant, bool ``[N]``; nan for the others.
-        noise: as of :func:`perceived_at_start`.
+        noise: as of :func:`perceive_at_start`.
     """
     result = np.full(lost.size, np.nan)
     rows = np.flatnonzero(lost)
     if rows.size:
-        seen = take(perceived_at_start(encounters, aircraft.dt, noise), rows)
+        seen = take(perceive_at_start(encounters, aircraft.dt, noise), rows)
         straight = Intent(*(np.zeros(seen.x.shape) for _ in Intent._fields))
         asked = take(encounters, rows)._replace(intruders=seen, intent=straight)
         flown = fly_once(asked, take(plans, rows), aircraft, options)

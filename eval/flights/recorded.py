@@ -12,7 +12,7 @@ from envs.waypoints import on_ground
 from envs.wind import Wind
 from eval.flights.assured_mode import fly_assured
 from eval.flights.chunks import Pilot, noise_of, pick
-from eval.flights.in_wind import carry, seen_from_ground
+from eval.flights.in_wind import carry, to_ground
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
@@ -60,7 +60,7 @@ def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
     wind = pilot.evaluation.wind(np.asarray(numbers))
     starts = carry(starts, wind)
     plans, flights = fly_in_mode(pilot, starts, noise, recorder, wind=wind)
-    seen = seen_from_ground(recorder.stack(), wind, pilot.evaluation.aircraft.dt)
+    seen = to_ground(recorder.stack(), wind, pilot.evaluation.aircraft.dt)
     if wind is not None and plans is not None:
         each = Wind(wind.east[:, None], wind.north[:, None])
         plan_states = on_ground(plans.proposals.plan_states, each)

@@ -100,7 +100,7 @@ def reversal_rate(limits: Limits) -> float:
     return limits.yaw_rate_max / 6.0
 
 
-def turned_to(
+def last_turn(
     yaw_rate: np.ndarray, side: np.ndarray, straight: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the side of the last turn after a command, and whether it changed; ``[...]``.
@@ -165,7 +165,7 @@ def fly(
         after, flown = advance(state, controls, world, np)
         step += 1
 
-        side, reversed_ = turned_to(
+        side, reversed_ = last_turn(
             commands(controls, limits, np)[1], air.side, reversal_rate(limits)
         )
         closer = flown.separation < air.min_separation

@@ -162,7 +162,7 @@ class HifiConfig(MonteCarloConfig):
         return self
 
     @property
-    def wanted(self) -> int:
+    def default_count(self) -> int:
         """Number of flights where no file says otherwise."""
         return 200 if self.encounters is None else self.encounters
 

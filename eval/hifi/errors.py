@@ -58,17 +58,17 @@ def against(
     """
     clock = PERIOD * np.arange(flight.altitude.size)
 
-    def planned(time: Any) -> VehicleState:
+    def planned_state(time: Any) -> VehicleState:
         curves = Legs(*(np.broadcast_to(field, (time.size, *field.shape)) for field in legs))
         return over_ground(at(curves, time), wind, time)
 
-    own, now = flight.own, planned(clock)
+    own, now = flight.own, planned_state(clock)
     # Begun where the guidance was: a late aircraft on a winding path has several places abeam.
     abeam = clock - flight.late
     for _ in range(_SEARCH):
-        place = planned(abeam)
+        place = planned_state(abeam)
         abeam = abeam + offset(own, place)[0] / np.maximum(place.speed, 1.0)
-    place = planned(abeam)
+    place = planned_state(abeam)
     late = clock - abeam
     position = np.hypot(own.x - now.x, own.y - now.y)
     along = -late * 0.5 * (place.speed + now.speed)

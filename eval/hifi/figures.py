@@ -45,7 +45,7 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) 
     flights = []
     with threadpool_limits(1):
         loaded = prepare(campaign._replace(viewer=None), Policy.load(campaign.policy))
-        for number in chosen(table):
+        for number in choose_flights(table):
             closest = table["min_separation_m"][number]
             apart = "" if np.isnan(closest) else f", {closest:.0f} m"
             wind = (
@@ -62,7 +62,7 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) 
     return [path for name, figure in figures.items() for path in save_figure(figure, folder / name)]
 
 
-def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
+def choose_flights(table: Mapping[str, np.ndarray]) -> list[int]:
     """Return the numbers of the flights for the sheet: those that did not reach their goal
     first.
     """

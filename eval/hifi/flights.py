@@ -28,7 +28,7 @@ from envs.waypoints import Legs, legs
 from envs.wind import Wind, over_ground, through_air
 from eval.flights import sources
 from eval.flights.plan_flight import request_of
-from eval.flights.plan_mode import perceived_at_start
+from eval.flights.plan_mode import perceive_at_start
 from eval.flights.simulate import sensor_noise
 from eval.flights.sources import Source
 from eval.hifi.config import ConditionConfig, Drawn, draw_conditions
@@ -128,7 +128,7 @@ def fly_one(campaign: Campaign, policy: Policy, number: int) -> FlightRecord:
     if problem is not None:
         return FlightRecord(scene, made, curves, problem=problem)
     if campaign.mode == "assured":
-        pilot = _assured(campaign, scene, made.plans, known, policy)
+        pilot = _fly_assured(campaign, scene, made.plans, known, policy)
         flight, problem = _fly(campaign, scene, number, pilot, whole, ("violation",))
         return FlightRecord(scene, made, curves, flight, problem=problem, pilot=pilot)
     assert curves is not None
@@ -148,22 +148,22 @@ def fly_one(campaign: Campaign, policy: Policy, number: int) -> FlightRecord:
     return FlightRecord(scene, made, curves, flight, errors, problem, pilot)
 
 
-def reported_at_start(campaign: Campaign, scene: Beginning) -> VehicleState:
+def report_at_start(campaign: Campaign, scene: Beginning) -> VehicleState:
     """Return the intruders over the ground as reported at the start, ``[1, K]``."""
     noise = None if scene.noise is None else scene.noise(0)
-    seen = perceived_at_start(scene.encounter, campaign.aircraft.dt, noise)
+    seen = perceive_at_start(scene.encounter, campaign.aircraft.dt, noise)
     return over_ground(seen, scene.wind, 0.0)
 
 
 def _initial_plan(campaign: Campaign, scene: Beginning, policy: Policy) -> tuple[Made, Known]:
     """Return the plan made at the start, and the intruders that it was made with."""
-    reported = reported_at_start(campaign, scene)
+    reported = report_at_start(campaign, scene)
     known = Known.straight(through_air(reported, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
     return plan_for(own, known, scene.route, 0.0, scene.frame, policy, campaign.options), known
 
 
-def _assured(
+def _fly_assured(
     campaign: Campaign, scene: Beginning, plans: Plans, known: Known, policy: Policy
 ) -> Assured:
     options = campaign.options

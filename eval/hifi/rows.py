@@ -17,7 +17,7 @@ from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.plan_mode import SOURCES, STATUSES
 from eval.hifi.config import HifiConfig
 from eval.hifi.flight import straight_separation
-from eval.hifi.flights import Campaign, FlightRecord, fly_one, reported_at_start
+from eval.hifi.flights import Campaign, FlightRecord, fly_one, report_at_start
 from eval.hifi.pilots import Assured
 from eval.runner.outputs import RunFolder
 
@@ -155,7 +155,7 @@ def _plan(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
         "plan_source": "none" if made is None else SOURCES[int(made.plans.source[0])],
         "plan_min_separation_m": _NAN if made is None else planned,
         "plan_rejoin_s": _NAN if made is None else float(made.plans.proposals.rejoin_time[0]),
-        "verdict": _bound(campaign, one),
+        "verdict": _separability(campaign, one),
         "whole_min_separation_m": whole,
         "separation_loss_m": planned - whole,
     }
@@ -170,7 +170,7 @@ def _loss(campaign: Campaign, one: FlightRecord) -> PlanLoss:
     """
     rules, flight = campaign.aircraft.rules(), one.flight
     assert flight is not None
-    reported = reported_at_start(campaign, one.scene)
+    reported = report_at_start(campaign, one.scene)
     seconds = round(rules.t_max)
     apart = straight_separation(flight, reported, one.scene.encounter.mask, seconds)
     promised = float(apart.min(initial=np.inf))
@@ -178,7 +178,7 @@ def _loss(campaign: Campaign, one: FlightRecord) -> PlanLoss:
     return PlanLoss(kind, promised)
 
 
-def _bound(campaign: Campaign, one: FlightRecord) -> str:
+def _separability(campaign: Campaign, one: FlightRecord) -> str:
     """Say whether the separation that the plan must keep can be kept at all, within the limits of
     its manoeuvres.
     """

@@ -16,7 +16,7 @@ from agents.config.figures import save_figure
 from agents.config.progress import group_digits
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.recorded import fly_recorded
-from eval.plots.flight_sheet import chosen, trajectory_sheet
+from eval.plots.flight_sheet import choose_encounters, trajectory_sheet
 from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of, legend, tidy
 
 _ONE_KM = 1_000.0
@@ -25,7 +25,7 @@ _NEAREST_KM = 0.05  # starts nearer than this are drawn here: a logarithmic scal
 
 def draw_all(folder: Path, table: Mapping[str, np.ndarray], evaluation: Evaluation) -> list[Path]:
     """Draw every figure of a run into its folder and return the paths."""
-    numbers = chosen(table)
+    numbers = choose_encounters(table)
     # One thread, as when they were flown for the table, so that they fly the same again.
     with threadpool_limits(1):
         pilot = Pilot.load(evaluation)

@@ -82,7 +82,7 @@ def trajectory_sheet(
     return figure
 
 
-def chosen(table: Mapping[str, np.ndarray]) -> list[int]:
+def choose_encounters(table: Mapping[str, np.ndarray]) -> list[int]:
     """Return the numbers of the encounters for the sheet: failures first, then successes, each
     spread evenly.
 

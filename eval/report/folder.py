@@ -76,9 +76,9 @@ def read_run(folder: Path) -> Run:
         if name not in table:
             raise ConfigError(f"{folder / _TABLE}: has no column {name}, expected one")
     rows = len(table["encounter"])
-    if rows != config.wanted:
+    if rows != config.default_count:
         raise ConfigError(
-            f"{folder / _TABLE}: has {rows} rows, expected {config.wanted} as in {_CONFIG}"
+            f"{folder / _TABLE}: has {rows} rows, expected {config.default_count} as in {_CONFIG}"
         )
     text = (folder / _CONFIG).read_text(encoding="utf-8")
     try:

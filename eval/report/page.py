@@ -47,7 +47,7 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
     lines = headline(summary, _lost_causes(run))
     scenario = escape(visible(summary["scenario"]))
     head, tail = (
-        f"{group_digits(run.config.wanted)} encounters, scenario ",
+        f"{group_digits(run.config.default_count)} encounters, scenario ",
         escape(f", {_decides(summary)}"),
     )
     return Filled(asset("report.html")).substitute(
@@ -183,12 +183,10 @@ def _kind(run: Run, place: int, kind: str) -> str:
 
 
 def _points(run: Run, count: int) -> str:
-    if count == run.config.wanted:
+    if count == run.config.default_count:
         return "Every encounter is a point."
-    return (
-        f"{group_digits(count)} of {group_digits(run.config.wanted)} are points: tracks, failures, "
-        "and a sample of the rest."
-    )
+    shown, flown = group_digits(count), group_digits(run.config.default_count)
+    return f"{shown} of {flown} are points: tracks, failures, and a sample of the rest."
 
 
 def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:

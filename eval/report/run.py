@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
     try:
         with write_whole(options.folder / "report.html") as temporary:
-            text = _made(run, options)
+            text = _make_report(run, options)
             temporary.write_bytes(text.encode())
     except OSError as problem:
         raise ConfigError(f"{problem.filename}: cannot be written: {problem.strerror}") from None
@@ -111,7 +111,7 @@ def _numbers(text: str) -> list[int]:
     return list(dict.fromkeys(int(part) for part in parts))
 
 
-def _made(run: Run, options: argparse.Namespace) -> str:
+def _make_report(run: Run, options: argparse.Namespace) -> str:
     wanted = list(dict.fromkeys([*options.show, *options.save]))
     if len(wanted) > options.tracks:
         raise ConfigError(

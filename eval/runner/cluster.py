@@ -55,7 +55,7 @@ class Cluster:
                 workers: Any = self._client.nthreads()
                 found = len(workers)
             except (OSError, CancelledError):
-                raise self._lost() from None
+                raise self._lost_error() from None
             if found == 0 and self._known > 0:
                 self._note("has no worker left: waiting for one (Ctrl-C stops)")
             self._asked, self._known = time.monotonic(), found
@@ -143,11 +143,11 @@ class Cluster:
                 f"several workers have died that had encounters {part} to fly (out of memory?)"
             ) from None
         except (OSError, CancelledError):
-            raise self._lost() from None
+            raise self._lost_error() from None
         except Exception as problem:
             raise WorkerError(f"a worker has failed: {type(problem).__name__}: {problem}") from None
 
-    def _lost(self) -> WorkerError:
+    def _lost_error(self) -> WorkerError:
         return WorkerError(
             f"the scheduler at {self._address} has gone (killed, or the network is down)"
         )

@@ -131,15 +131,18 @@ def fly(
     config, packages = resolved.config, resolved.packages
     task = Work(command.prepare, command.columns, (*DECISIVE, *packages))
     workers = config.workers or cores() if cluster is None else cluster.size()
-    config = config.model_copy(update={"chunk": config.chunk_for(config.wanted, workers)})
+    config = config.model_copy(update={"chunk": config.chunk_for(config.default_count, workers)})
     folder = command.folder(out, config)
     fly_all = partial(fly_chunks, task, resolved.work, workers)
     if cluster is not None:
         fly_all = partial(cluster.fly, task, resolved.work, config.policy_sha256)
     if not resume:
         check_unused(folder.path)
-        needed = config.wanted * _ROW_BYTES + -(-config.wanted // config.chunk) * _PART_BYTES
-        check_space(folder.path, needed, f"{config.wanted} rows")
+        needed = (
+            config.default_count * _ROW_BYTES
+            + -(-config.default_count // config.chunk) * _PART_BYTES
+        )
+        check_space(folder.path, needed, f"{config.default_count} rows")
     with lock(folder.path):
         folder.begin(resume=resume)
         table, flown = _whole_table(folder, config, fly_all)
@@ -163,7 +166,7 @@ def _summary(
     shared = ("seed", "scenario", "changes", "mode", "policy_sha256")
     return {
         "schema_version": SCHEMA_VERSION,
-        command.unit: config.wanted,
+        command.unit: config.default_count,
         **{name: getattr(config, name) for name in shared},
         **describe(resolved.work.aircraft, named_policy(config)),
         "confidence": config.confidence,
@@ -225,7 +228,7 @@ def _whole_table(
     flown now.
     """
     assert config.chunk is not None  # it is resolved
-    total, size, stored, flown = config.wanted, config.chunk, folder.done(), 0
+    total, size, stored, flown = config.default_count, config.chunk, folder.done(), 0
     missing = [
         Chunk(first, min(size, total - first))
         for first in range(0, total, size)

@@ -262,7 +262,7 @@ def named_source(
     A file that is not the expected one, or holds fewer than are wanted, raises ``ConfigError``.
     """
     source, names = read_source(config, aircraft)
-    count = len(names) if names is not None and config.encounters is None else config.wanted
+    count = len(names) if names is not None and config.encounters is None else config.default_count
     if config.file is None:
         return source, names, {"encounters": count}
     digest = hashlib.sha256(config.file.read_bytes()).hexdigest()

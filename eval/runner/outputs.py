@@ -85,7 +85,11 @@ class RunFolder:
         import pyarrow.parquet as pq
 
         if (self.path / self.table).is_file():
-            return set(range(0, self._config.wanted, self._config.chunk or self._config.wanted))
+            return set(
+                range(
+                    0, self._config.default_count, self._config.chunk or self._config.default_count
+                )
+            )
         stored = set()
         for path in (self.path / _PARTS).glob("*.parquet"):
             try:

@@ -78,7 +78,7 @@ def _pool(data: bytes, size: int) -> Generator[ProcessPoolExecutor, None, None]:
     # A fresh interpreter each: a fork would copy the locks of whatever threads numpy has started.
     pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), _begin, (data,))
     try:
-        with _interrupts_ignored():
+        with _ignore_interrupts():
             for _ in range(size):
                 pool.submit(os.getpid)  # a process is started with each of the first calls
         yield pool
@@ -91,7 +91,7 @@ def _pool(data: bytes, size: int) -> Generator[ProcessPoolExecutor, None, None]:
 
 
 @contextmanager
-def _interrupts_ignored() -> Generator[None, None, None]:
+def _ignore_interrupts() -> Generator[None, None, None]:
     """Let processes that are started inside ignore Ctrl-C, which a terminal sends to all of them.
 
     What ignores a signal hands that down, so that there is no moment at which a young worker would

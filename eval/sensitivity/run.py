@@ -19,7 +19,7 @@ from eval.plots.style import scenario_title
 from eval.runner.options import confidence_option, extension_option, new_folder_option, whole
 from eval.sensitivity.bins import Run, bins_of, quantities, read_run
 from eval.sensitivity.figure import draw_details, overview, points_of
-from eval.sensitivity.sweep import Sweep, change_of, collect, fly, swept
+from eval.sensitivity.sweep import Sweep, change_of, collect, fly, parse_sweep
 from eval.stats.intervals import percent
 
 _SWEEPS = "sweeps"
@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
-    sweeps = [swept(text) for text in options.vary]
+    sweeps = [parse_sweep(text) for text in options.vary]
     _check(options, sweeps)
     run = None if options.run is None else read_run(options.run)
     if options.resume:
@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if status:
             print("Go on with the same command and --resume", file=sys.stderr)
             return status
-    found = _found(options, run, sweeps)
+    found = _make_summary(options, run, sweeps)
     if not found["quantities"] and not sweeps:
         raise ConfigError(
             f"--run {options.run}: varies nothing that can be shown; expected a run with a scenario"
@@ -187,7 +187,9 @@ def _keys(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _found(options: argparse.Namespace, run: Run | None, sweeps: Sequence[Sweep]) -> dict[str, Any]:
+def _make_summary(
+    options: argparse.Namespace, run: Run | None, sweeps: Sequence[Sweep]
+) -> dict[str, Any]:
     confidence = options.confidence
     bins = (
         [bins_of(run, each, confidence) for each in quantities(run.aircraft).values()]

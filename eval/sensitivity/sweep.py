@@ -68,7 +68,7 @@ class Sweep(NamedTuple):
     values: tuple[float, ...]
 
 
-def swept(text: str) -> Sweep:
+def parse_sweep(text: str) -> Sweep:
     """Return what ``NAME`` or ``NAME=V1,V2,...`` asks for; what cannot be varied raises
     ``ConfigError``.
     """

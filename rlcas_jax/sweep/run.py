@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if not options.resumed:
                 write_file(options.directory / CONFIG, dump(options.base))
             study = _open(options)
-            while _counted(study) < options.settings.trials and not interrupt.requested:
+            while _count_trials(study) < options.settings.trials and not interrupt.requested:
                 _try(study, options, interrupt)
             best = _write_results(options, study)
     except OSError as problem:
@@ -94,7 +94,7 @@ def _open(options: Options) -> Study:
     return study
 
 
-def _counted(study: Study) -> int:
+def _count_trials(study: Study) -> int:
     return len(study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.PRUNED)))
 
 
@@ -215,7 +215,7 @@ def _write_results(options: Options, study: Study) -> bool:
     states = Counter(trial.state.name.lower() for trial in trials)
     report = {
         "name": options.base.name,
-        "finished": _counted(study) >= options.settings.trials,
+        "finished": _count_trials(study) >= options.settings.trials,
         "states": states,
         "best": best and {"trial": best.number, "value": best.value, "parameters": best.params},
         "trials": [_report_of(trial) for trial in trials],

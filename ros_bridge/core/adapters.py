@@ -70,7 +70,7 @@ def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, referenc
         )
         return math.sqrt(max(each))
 
-    when = _stamped(message, "fix")
+    when = _stamp_of(message, "fix")
     return report(
         identifier("fix.id", identity), when, at, over_ground, height, position_std=spread
     )
@@ -134,7 +134,7 @@ def inspva(message: Any, identity: str) -> Report:
         return velocity("inspva", message.east_velocity, message.north_velocity)
 
     return report(
-        identifier("inspva.id", identity), _stamped(message, "inspva"), at, over_ground, height
+        identifier("inspva.id", identity), _stamp_of(message, "inspva"), at, over_ground, height
     )
 
 
@@ -166,7 +166,7 @@ def adsb_vehicle(
     def has(bit: int) -> bool:
         return bool(integer("adsb.flags", message.flags, 0, 2**16 - 1) & bit)
 
-    def needed(bit: int, what: str) -> None:
+    def demand_bit(bit: int, what: str) -> None:
         if not has(bit):
             raise FieldError(
                 "adsb.flags", f"is {message.flags:#x}, expected the bit of valid {what}"
@@ -177,15 +177,15 @@ def adsb_vehicle(
         return stamp("adsb.header.stamp", message.header.stamp) - silent * SECOND
 
     def at() -> tuple[float, float]:
-        needed(_COORDINATES, "coordinates")
+        demand_bit(_COORDINATES, "coordinates")
         return place("adsb", message.latitude, message.longitude)
 
     def speed() -> float:
-        needed(_VELOCITY, "velocity")
+        demand_bit(_VELOCITY, "velocity")
         return number("adsb.hor_velocity", message.hor_velocity, 0.0, FASTEST, "m/s")
 
     def over_ground() -> tuple[float, float]:
-        needed(_HEADING, "heading")
+        demand_bit(_HEADING, "heading")
         integer("adsb.icao_address", message.icao_address, 1, 2**24 - 1)
         heading = math.radians(number("adsb.heading", message.heading, 0.0, 360.0, "degrees"))
         return speed() * math.sin(heading), speed() * math.cos(heading)
@@ -213,5 +213,5 @@ def adsb_vehicle(
     return report(name, when, at, over_ground, height, time_std=lambda: _CUT_OFF, category=category)
 
 
-def _stamped(message: Any, name: str) -> Callable[[], int]:
+def _stamp_of(message: Any, name: str) -> Callable[[], int]:
     return lambda: stamp(f"{name}.header.stamp", message.header.stamp)

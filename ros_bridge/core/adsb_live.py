@@ -95,7 +95,7 @@ class Traffic:
                 error.sighting = error.sighting._replace(time=oldest)
             raise
         by_radar = str(row.get("type")).startswith("tisb") or "lat" in str(row.get("tisb"))
-        if by_radar and self._copied(found):
+        if by_radar and self._is_copy(found):
             self.counts["copy of the ownship"] += 1
             return None
         if len(self._reported) > _MOST:
@@ -133,7 +133,7 @@ class Traffic:
                 return Altitude(value * FOOT, reference, climb)
         return None
 
-    def _copied(self, found: Report) -> bool:
+    def _is_copy(self, found: Report) -> bool:
         """Return whether a report is about where the ownship is, as fast and known to be as
         high.
         """

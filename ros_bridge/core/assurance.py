@@ -18,7 +18,7 @@ from agents.assurance import single as watch
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Thresholds
-from agents.planner.publish import as_received
+from agents.planner.publish import reconstruct
 from agents.planner.request import Altitude, Intruder
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
@@ -104,7 +104,7 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
     }
     began = watch.activate(
         supervision.watch,
-        as_received(waypoints, wind_of(frame, published)),
+        reconstruct(waypoints, wind_of(frame, published)),
         own,
         intruders,
         _clock(zero, published.began),
@@ -121,7 +121,7 @@ def withdrawn(supervision: Supervision, revision: int) -> Supervision:
     if supervision.frame is None or _state(supervision) is State.IDLE:
         return supervision
     return replace(
-        supervision, watch=watch.activate(supervision.watch, as_received(()), _UNKNOWN, {}, 0.0)
+        supervision, watch=watch.activate(supervision.watch, reconstruct(()), _UNKNOWN, {}, 0.0)
     )
 
 
@@ -144,7 +144,7 @@ def step_monitor(
     reach = None
     if track.last is not None:
         reach = _reach(track.last, now, supervision, situation)
-    left_out = frozenset() if reach is None else _left_out(situation, reach, limits)
+    left_out = frozenset() if reach is None else _unusable_aircraft(situation, reach, limits)
     for name, other in situation.traffic.items():
         if name in left_out:
             continue
@@ -189,13 +189,13 @@ def accept_answer(
     if frame is None or ask is None:
         return supervision, False
     if published is None:
-        after, _ = watch.answer(supervision.watch, number, as_received(()))
+        after, _ = watch.answer(supervision.watch, number, reconstruct(()))
         return replace(supervision, watch=after), False
     _, waypoints = to_frame(frame, published)
     # The runner began when the request arrived; the monitor counts from when it asked.
     late = (published.began - supervision.asked) / SECOND
     shifted = tuple(replace(point, time=point.time + late) for point in waypoints)
-    plan = as_received(shifted, wind_of(frame, published))
+    plan = reconstruct(shifted, wind_of(frame, published))
     after, taken_up = watch.answer(supervision.watch, number, plan)
     revision = max(supervision.revision, published.revision)
     held = published if taken_up else supervision.held
@@ -274,7 +274,7 @@ def _vertically_apart(other: Track, reach: Reach, supervision: Supervision) -> b
     return abs(vertically_apart(reach.own, altitude, last.time, reach)) > kept
 
 
-def _left_out(situation: Situation, reach: Reach, limits: Thresholds) -> frozenset[str]:
+def _unusable_aircraft(situation: Situation, reach: Reach, limits: Thresholds) -> frozenset[str]:
     """Return the aircraft whose reports cannot be used, and that cannot come near by their last
     places.
     """

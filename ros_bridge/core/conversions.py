@@ -166,18 +166,18 @@ def aircraft(message: Any, name: str) -> Report:
     def has(bit: int) -> bool:
         return bool(flags(f"{name}.valid", message.valid, _BITS) & bit)
 
-    def needed(bit: int, what: str) -> None:
+    def demand_bit(bit: int, what: str) -> None:
         if not has(bit):
             raise FieldError(
                 f"{name}.valid", f"is {message.valid:#x}, expected the bit of the {what}"
             )
 
     def at() -> tuple[float, float]:
-        needed(POSITION, "position")
+        demand_bit(POSITION, "position")
         return place(name, message.latitude, message.longitude)
 
     def over_ground() -> tuple[float, float]:
-        needed(VELOCITY, "velocity")
+        demand_bit(VELOCITY, "velocity")
         return velocity(name, message.velocity.x, message.velocity.y)
 
     def height() -> Altitude | None:

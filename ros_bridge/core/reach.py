@@ -75,7 +75,7 @@ def out_of_reach(track: Track, reach: Reach) -> str | None:
     return reasons[0] if reasons and all(reasons) else None
 
 
-def _flown_by_both(speed: float, time: int, reach: Reach) -> float:
+def _reach_of_both(speed: float, time: int, reach: Reach) -> float:
     """Return how far an aircraft, m/s, since a time (ns), and the ownship can come until the
     horizon, m.
     """
@@ -110,7 +110,7 @@ def _beyond(seen: Sighting, speed: float, reach: Reach) -> str | None:
     own, age = reach.own, max((reach.now - seen.time) / SECOND, 0.0)
     away = distance(*own.place, *seen.place)
     since = f"{age:.1f} s ago, and cannot come near within {reach.horizon:.0f} s"
-    if away - _flown_by_both(speed, seen.time, reach) > reach.separation:
+    if away - _reach_of_both(speed, seen.time, reach) > reach.separation:
         return f"was {away / 1e3:.0f} km away {since}"
     gap = vertically_apart(own, seen.altitude, seen.time, reach)
     if abs(gap) - _CLIMB * age > reach.vertical:

@@ -151,7 +151,7 @@ def take_in(track: Track, report: Report, name: str, now: int, rules: Rules) -> 
             rules,
         )
     if verdict not in FAULTS:
-        return _counted(track, verdict)
+        return _count_verdict(track, verdict)
     if field_ == "position":
         return _elsewhere(track, track.course, report, name, now, rules, verdict, problem)
     return _faulty(track, verdict, f"{name}.{field_}", problem, now)
@@ -228,7 +228,7 @@ def _good(track: Track, course: Course, name: str, now: int, rules: Rules) -> Tr
     # So may one after a report that cannot be used and comes from elsewhere; several of those are a
     # second aircraft.
     doubtful |= any(one.again or one.since < _OUTLIER for one in track.sightings)
-    return _counted(replace(track, fault=track.fault if doubtful else None), Verdict.TAKEN)
+    return _count_verdict(replace(track, fault=track.fault if doubtful else None), Verdict.TAKEN)
 
 
 def _elsewhere(
@@ -251,7 +251,7 @@ def _elsewhere(
         track = replace(track, rival=begin_course(report), since=0, shared=False)
         return _faulty(track, verdict, f"{name}.position", problem, now)
     if again is not Verdict.TAKEN:
-        return _counted(track, again)
+        return _count_verdict(track, again)
     rival = _next(rival, report, rules)
     if track.since or track.shared or verdict is Verdict.CONFLICT:
         return _good(replace(track, rival=rival, since=0, shared=True), course, name, now, rules)
@@ -290,9 +290,9 @@ def _next(course: Course, report: Report, rules: Rules) -> Course:
 
 
 def _faulty(track: Track, verdict: Verdict, field: str, problem: str, now: int) -> Track:
-    return _counted(replace(track, fault=Fault(verdict, field, problem, now)), verdict)
+    return _count_verdict(replace(track, fault=Fault(verdict, field, problem, now)), verdict)
 
 
-def _counted(track: Track, verdict: Verdict) -> Track:
+def _count_verdict(track: Track, verdict: Verdict) -> Track:
     counts = {**track.counts, verdict: track.counts.get(verdict, 0) + 1}
     return replace(track, verdict=verdict, counts=MappingProxyType(counts))

@@ -21,7 +21,7 @@ def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
 
     With the first one of an id, its transmission, received as traffic before, goes.
     """
-    own = _followed(
+    own = _update_track(
         situation.own,
         attempt(lambda: conversions.aircraft(message, "ownship")),
         "ownship",
@@ -49,7 +49,7 @@ def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
     found, own = attempt(lambda: conversions.aircraft(message, called)), situation.own.last
     if own is not None and own.identifier == name and _near(own, found.sighting, rules):
         return situation
-    track = _followed(situation.traffic.get(name, UNKNOWN), found, called, now, rules)
+    track = _update_track(situation.traffic.get(name, UNKNOWN), found, called, now, rules)
     return replace(situation, traffic={**situation.traffic, name: track})
 
 
@@ -61,7 +61,7 @@ def alert(situation: Situation, message: Any, now: int, rules: Rules) -> Situati
         not_ahead("alert.header.stamp", new.time, now, rules.future)
         return new
 
-    held, before = _held(situation.alert, read, now), situation.alert.value
+    held, before = _update_held(situation.alert, read, now), situation.alert.value
     late = held.value is not None and before is not None and held.value.time < before.time
     return situation if late else replace(situation, alert=held)
 
@@ -69,20 +69,22 @@ def alert(situation: Situation, message: Any, now: int, rules: Rules) -> Situati
 def route(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in a Trajectory of status ROUTE."""
     return replace(
-        situation, route=_held(situation.route, lambda: conversions.published_route(message), now)
+        situation,
+        route=_update_held(situation.route, lambda: conversions.published_route(message), now),
     )
 
 
 def geo_reference(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in a GeoReference."""
     return replace(
-        situation, origin=_held(situation.origin, lambda: conversions.geo_reference(message), now)
+        situation,
+        origin=_update_held(situation.origin, lambda: conversions.geo_reference(message), now),
     )
 
 
 def areas(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
     """Take in an Areas message, which holds all areas that there are."""
-    return replace(situation, areas=_held(situation.areas, lambda: read_areas(message), now))
+    return replace(situation, areas=_update_held(situation.areas, lambda: read_areas(message), now))
 
 
 def _near(own: Report, seen: Sighting | None, rules: Rules) -> bool:
@@ -94,14 +96,14 @@ def _near(own: Report, seen: Sighting | None, rules: Rules) -> bool:
     return own.off(seen.place, seen.time) <= rules.allowed_distance(seen.time - own.time)
 
 
-def _held(before: Held[_T], read: Callable[[], _T], now: int) -> Held[_T]:
+def _update_held(before: Held[_T], read: Callable[[], _T], now: int) -> Held[_T]:
     found = attempt(read)
     if isinstance(found, FieldError):
         return before._replace(fault=Fault(Verdict.INVALID, found.field, found.problem, now))
     return Held(found)
 
 
-def _followed(
+def _update_track(
     before: Track, found: Report | FieldError, name: str, now: int, rules: Rules
 ) -> Track:
     if isinstance(found, FieldError):

@@ -16,9 +16,9 @@ from ros_bridge.core.conversions import Published
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Situation
 from ros_bridge.display.scene import Bands, Guidance, Monitor, Scene
-from ros_bridge.display.server import Board, Recording, Screen, bound
+from ros_bridge.display.server import Board, Recording, Screen, bind_socket
 
-__all__ = ["Beside", "supervised"]
+__all__ = ["Beside", "supervise"]
 
 
 class Beside:
@@ -33,7 +33,7 @@ class Beside:
         port: int = 0,
     ) -> None:
         self.screen = Screen(source, name, say)
-        self._listener: socket.socket = bound(host, port)
+        self._listener: socket.socket = bind_socket(host, port)
         self.port = int(self._listener.getsockname()[1])
         self._begun = threading.Event()
         self._end: Callable[[], object] = self._begun.is_set
@@ -66,7 +66,7 @@ class Beside:
         await self.screen.serve(self._listener, self._begun.set)
 
 
-def supervised(
+def supervise(
     scene: Scene,
     situation: Situation,
     supervision: Supervision,

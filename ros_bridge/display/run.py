@@ -23,7 +23,7 @@ from pathlib import Path
 
 from envs.edge.command import InputError, Parser, visible
 from ros_bridge.display.recording import read
-from ros_bridge.display.server import Board, Recording, Screen, bound
+from ros_bridge.display.server import Board, Recording, Screen, bind_socket
 from ros_bridge.transport.adsb_receiver import checked_source
 from ros_bridge.transport.children import FLAG, end_with_parent
 
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         end_with_parent()
     source, name, feeding = _source(options, ros)
     try:
-        listener = bound(options.host, options.port)
+        listener = bind_socket(options.host, options.port)
     except OSError as problem:
         raise InputError(
             f"--host {options.host} --port {options.port} cannot be used: {problem.strerror}"

@@ -33,7 +33,7 @@ from envs.edge.json_text import parse_json
 from ros_bridge.display.picture import VERSION, Document, picture
 from ros_bridge.display.scene import Scene
 
-__all__ = ["Board", "Recording", "Screen", "bound", "served"]
+__all__ = ["Board", "Recording", "Screen", "bind_socket", "run_server"]
 
 _FILES = {
     "/": ("ros_bridge.display", "page/index.html", "text/html"),
@@ -152,7 +152,7 @@ class Screen:
             if isinstance(self._source, Board):
                 self._source.begin()
                 group.create_task(self.broadcast())
-            group.create_task(served(self, listener, self._say))
+            group.create_task(run_server(self, listener, self._say))
             begun()
 
     async def broadcast(self) -> None:
@@ -184,7 +184,7 @@ class Screen:
             self._clients.discard(client)
             self._dropped += client.dropped
 
-    def missed(self) -> int:
+    def missed_pictures(self) -> int:
         """Return how many pictures clients were too slow for."""
         return self._dropped + sum(client.dropped for client in self._clients)
 
@@ -257,7 +257,7 @@ class _OneLine(logging.Handler):
         self._say(f"a client: {record.getMessage()}{what}")
 
 
-def bound(host: str, port: int) -> socket.socket:
+def bind_socket(host: str, port: int) -> socket.socket:
     """Return a socket that is bound to an address, or raise OSError; port 0 takes a free one."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
@@ -271,7 +271,7 @@ def bound(host: str, port: int) -> socket.socket:
     return listener
 
 
-async def served(screen: Screen, listener: socket.socket, say: Callable[[str], None]) -> None:
+async def run_server(screen: Screen, listener: socket.socket, say: Callable[[str], None]) -> None:
     """Serve at a bound socket until cancelled; ``say`` is told about clients, a sentence."""
 
     def answer(connection: ServerConnection, request: Request) -> Response | None:

@@ -154,7 +154,7 @@ def watch(
         reach = wanted.own.speed * found.time
         beyond = reach + _BEHIND * wanted.options.aircraft.separation
         wanted = _ahead(wanted, beyond)
-        return _taken_up(replace(judgement, conflict=found), situation, wanted, rules)
+        return _take_up(replace(judgement, conflict=found), situation, wanted, rules)
     except Refusal as refusal:
         return replace(judgement, conflict=None, plan=None, problem=str(refusal))
 
@@ -187,7 +187,7 @@ def supervise(
         why = "; ".join(reason.message for reason in answer.reasons)
         return replace(judgement, problem=why or "the plan came too late")
     return replace(
-        judgement, plan=answer, rejoin=answer.goal_index, rejoined_at=_rejoined(answer, wanted)
+        judgement, plan=answer, rejoin=answer.goal_index, rejoined_at=_rejoin_time(answer, wanted)
     )
 
 
@@ -286,7 +286,7 @@ def _answer(wanted: PlanTask, rules: Rules) -> Plan:
         raise refusal_of(error, wanted) from error
 
 
-def _taken_up(
+def _take_up(
     judgement: Judgement, situation: Situation, wanted: PlanTask, rules: Rules
 ) -> Judgement:
     answer = _answer(wanted, rules)
@@ -299,13 +299,13 @@ def _taken_up(
         supervision=supervision,
         plan=answer,
         rejoin=answer.goal_index,
-        rejoined_at=_rejoined(answer, wanted),
+        rejoined_at=_rejoin_time(answer, wanted),
         revision=revision,
         problem="",
     )
 
 
-def _rejoined(answer: Plan, wanted: PlanTask) -> int:
+def _rejoin_time(answer: Plan, wanted: PlanTask) -> int:
     return wanted.time + round(answer.rejoin_time * SECOND)
 
 

@@ -61,7 +61,7 @@ def item(message: Any) -> Item:
     )
 
 
-def left(items: Sequence[Item], current: int) -> tuple[Item, ...]:
+def remaining_items(items: Sequence[Item], current: int) -> tuple[Item, ...]:
     """Return the waypoints that are still to be flown through, from the current item on; the
     mission ends here where something else is to be flown (loiter, land, a jump).
     """
@@ -119,7 +119,7 @@ def route(
     return tuple(stations)
 
 
-def resumed(index: int, items: Sequence[Item]) -> int:
+def item_after_rejoin(index: int, items: Sequence[Item]) -> int:
     """Return from which item the mission goes on after a point of the route has been rejoined: the
     one that its leg leads to, and after an item's own place the next.
     """

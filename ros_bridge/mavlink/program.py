@@ -31,7 +31,7 @@ from envs.backend import FLOATS
 from envs.edge.command import InputError, Parser, run_cli
 from envs.edge.files import write_file
 from envs.formats.areas.geodetic import GeodeticArea
-from envs.perception import carried_back
+from envs.perception import carry_back
 from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.assurance import initial, to_fly
 from ros_bridge.core.fields import SECOND, FieldError
@@ -274,7 +274,7 @@ class Program:
         """Return the mission from the current item on, its first leg from where it began."""
         current = self._received.current
         own = self._received.situation.own.last
-        left = mission.left(self._items, current)
+        left = mission.remaining_items(self._items, current)
         if not left or own is None:
             raise FieldError("mission", f"is at item {current}, where no waypoint is flown to")
         if self._leg is None or self._leg[0] != current:
@@ -343,7 +343,7 @@ class Program:
     # Flying.
 
     def _control_step(self, now: int) -> None:
-        seen = self._seen(now)
+        seen = self._make_seen(now)
         before, was = self._control, self._control.phase
         done = step(self._control, seen, fly=self._fly)
         self._control = done.control
@@ -360,7 +360,7 @@ class Program:
         for order in done.orders:
             self._obey(order, now, before)
 
-    def _seen(self, now: int) -> Seen:
+    def _make_seen(self, now: int) -> Seen:
         judged, received = self._judgement, self._received
         track = received.situation.own
         fresh = track.fault is None and track.age(now) <= STALE
@@ -383,7 +383,9 @@ class Program:
             self._steer(now)
         elif order is Order.GIVE_BACK:
             if self._judgement.rejoin is not None:
-                self._link.set_current(mission.resumed(self._judgement.rejoin, self._items))
+                self._link.set_current(
+                    mission.item_after_rejoin(self._judgement.rejoin, self._items)
+                )
             self._link.set_mode(messages.Mode.AUTO)
         elif before.restore is not None:
             self._link.set_mode(before.restore)
@@ -409,7 +411,7 @@ class Program:
             self.log(f"flying {followed.key[0]} {followed.key[1]}", now)
         state = to_local(followed.frame, report)
         late = (now - report.time) / SECOND
-        state = carried_back(state, -late, FLOATS)
+        state = carry_back(state, -late, FLOATS)
         clock = (now - followed.began) / SECOND
         speeds = self._vehicle.airspeed_min, self._vehicle.airspeed_max
         airspeed = self._received.airspeed

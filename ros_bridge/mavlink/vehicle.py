@@ -56,7 +56,7 @@ def vehicle_of(parameters: Mapping[str, float], separation: float) -> Vehicle:
     Raises:
         ParameterError: a speed is missing or impossible, or no aircraft follows.
     """
-    slow, fast = (_needed(parameters, name) for name in ("AIRSPEED_MIN", "AIRSPEED_MAX"))
+    slow, fast = (_require(parameters, name) for name in ("AIRSPEED_MIN", "AIRSPEED_MAX"))
     if not 0.0 < slow < fast:
         raise ParameterError(
             f"AIRSPEED_MIN, AIRSPEED_MAX are {slow:g}, {fast:g} m/s; expected 0 < min < max"
@@ -74,7 +74,7 @@ def vehicle_of(parameters: Mapping[str, float], separation: float) -> Vehicle:
     bank = min(math.radians(given), _MOST_BANK)
     able = 0.8 * GRAVITY * math.tan(bank) / top
     climb, sink = (
-        _assumed(parameters, name, usual, notes)
+        _value_or(parameters, name, usual, notes)
         for name, usual in (("TECS_CLMB_MAX", 3.0), ("TECS_SINK_MIN", 1.0))
     )
     # TECS trades the specific power of its greatest climb and least sink rate against speed.
@@ -129,14 +129,14 @@ def failsafe_notes(parameters: Mapping[str, float], system: int) -> tuple[str, .
     return ()
 
 
-def _needed(parameters: Mapping[str, float], name: str) -> float:
+def _require(parameters: Mapping[str, float], name: str) -> float:
     found = value_of(parameters, name)
     if found is None:
         raise ParameterError(f"{name} is not among the autopilot's parameters; expected m/s")
     return found
 
 
-def _assumed(parameters: Mapping[str, float], name: str, usual: float, notes: list[str]) -> float:
+def _value_or(parameters: Mapping[str, float], name: str, usual: float, notes: list[str]) -> float:
     found = value_of(parameters, name)
     if found is None or found <= 0.0:
         notes.append(f"{name} is unknown and taken as {usual:g} m/s")

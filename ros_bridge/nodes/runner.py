@@ -162,7 +162,7 @@ class Runner(ListeningNode):
         self._withdraw()
         return super().on_shutdown(state)
 
-    def _stepped_back(self) -> None:
+    def _forget_time(self) -> None:
         before = self._situation  # route and geo-reference have no age
         self._situation = Situation(origin=before.origin, route=before.route, areas=before.areas)
         self._era += 1
@@ -227,12 +227,12 @@ class Runner(ListeningNode):
             # meanwhile.
             patient = request.reason != request.REASON_REPLAN and not self._searching
             if not result.safe and settings.options.exhaustive and patient:
-                result = await self._searched(wanted, self._policy, asked)
+                result = await self._search_beside(wanted, self._policy, asked)
         except RequestError as error:
             raise refusal_of(error, wanted) from error
         self._publish(result, wanted, response)
 
-    async def _searched(
+    async def _search_beside(
         self, wanted: PlanTask, policy: Policy, asked: conversions.Route | None
     ) -> Plan:
         """Search exhaustively in a thread beside the node, which goes on receiving and answering

@@ -185,7 +185,7 @@ class Simulator(Node):
             return
         if self._phase is _Phase.SETTLING:
             self._settle(wall)
-        elif self._judged(wall):
+        elif self._may_go_on(wall):
             self._fly()
         else:
             return
@@ -218,7 +218,7 @@ class Simulator(Node):
         self._clock = clock
         self._clocks.publish(Clock(clock=time_message(clock)))
 
-    def _judged(self, wall: float) -> bool:
+    def _may_go_on(self, wall: float) -> bool:
         """Return whether the clock may go on: the monitor has followed it, or is not waited for."""
         if not self._monitored or wall - self._last > _PATIENCE:
             return True

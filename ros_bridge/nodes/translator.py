@@ -205,7 +205,7 @@ class Translator(Node):
                 publisher.publish(sighting_message(found.sighting))
         self._counts[name] += 1
 
-    def _left_out(self) -> dict[str, int]:
+    def _count_left_out(self) -> dict[str, int]:
         """Return what of a live receiver was left out; a receiver that cannot be read or is silent
         is noted.
         """
@@ -224,7 +224,8 @@ class Translator(Node):
 
     def _on_timer(self) -> None:
         values = {
-            name: str(count) for name, count in sorted({**self._counts, **self._left_out()}.items())
+            name: str(count)
+            for name, count in sorted({**self._counts, **self._count_left_out()}.items())
         }
         level, message = (
             (DiagnosticStatus.WARN, self._wrong) if self._wrong else (DiagnosticStatus.OK, "ready")

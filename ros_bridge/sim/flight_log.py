@@ -41,7 +41,7 @@ class FlightLog:
         return not self.failure and (self.safe_at is None or self.separation >= self.required)
 
 
-def kept(logs: Iterable[FlightLog]) -> bool:
+def all_safe_kept(logs: Iterable[FlightLog]) -> bool:
     """Return whether all plans called SAFE kept the separation."""
     return all(log.kept for log in logs)
 

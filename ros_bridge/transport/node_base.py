@@ -191,11 +191,11 @@ class ListeningNode(LifecycleNode):
             self.get_logger().warning(
                 f"the clock stepped back by {back:.1f} s: all that was received is forgotten"
             )
-            self._stepped_back()
+            self._forget_time()
             self._latest, self._settled = now, now + _IN_FLIGHT
         self._latest = max(self._latest, now)
         return now
 
-    def _stepped_back(self) -> None:
+    def _forget_time(self) -> None:
         """Forget what belongs to another time."""
         self._start()

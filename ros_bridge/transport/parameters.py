@@ -506,7 +506,8 @@ def of(node: str) -> Iterator[Parameter]:
 def help_text(node: str) -> str:
     """Return a node's parameters for ``--help``; D, V and T are explained where they are used."""
     lines = [
-        f"  {one.name:20} {_shown(one)} {one.unit}{_range(one)}: {one.help}" for one in of(node)
+        f"  {one.name:20} {_format_default(one)} {one.unit}{_range(one)}: {one.help}"
+        for one in of(node)
     ]
     if any(one.unit in _UNITS for one in of(node)):
         lines.append("D, V, T: separation, greatest speed and time step of the aircraft")
@@ -523,11 +524,10 @@ def reference() -> str:
         again = [f"`{one.name}`" for one in of(node) if one in known]
         parts += [f"**{node}**", *([f"As above: {', '.join(again)}."] if again else [])]
         rows = ["| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]
-        rows += [
-            f"| `{one.name}` | {_shown(one)} | {_range(one)[2:-1]} | {one.unit} | {one.help} |"
-            for one in of(node)
-            if one not in known
-        ]
+        for one in of(node):
+            if one not in known:
+                cells = f"`{one.name}`", _format_default(one), _range(one)[2:-1], one.unit, one.help
+                rows.append(f"| {' | '.join(cells)} |")
         known.update(of(node))
         parts += ["\n".join(rows)] if len(rows) > 2 else []
     return "\n\n".join(parts) + "\n"
@@ -537,7 +537,7 @@ def _range(one: Parameter) -> str:
     return "" if one.low is None else f" ({one.low:g} to {one.high:g})"
 
 
-def _shown(one: Parameter) -> str:
+def _format_default(one: Parameter) -> str:
     if isinstance(one.default, str):
         text = one.default or '""'
         return f"`{text}`" if one.low is None else "the aircraft's"

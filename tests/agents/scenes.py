@@ -20,7 +20,7 @@ from envs.kinematics import SURROGATE, Limits, VehicleState
 from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.waypoints import PlanStates
-from tests.support import mirrored
+from tests.support import mirror_state
 
 SPEED = 75.0
 FAR = (0.0, 50_000.0)
@@ -138,12 +138,12 @@ def duel(
     )
 
 
-def reflected(encounter: Encounter) -> Encounter:
+def reflect(encounter: Encounter) -> Encounter:
     """Return the encounters reflected at the east axis."""
     return encounter._replace(
-        own=mirrored(encounter.own),
+        own=mirror_state(encounter.own),
         goal_y=-encounter.goal_y,
-        intruders=mirrored(encounter.intruders),
+        intruders=mirror_state(encounter.intruders),
         intent=encounter.intent._replace(heading_change=-encounter.intent.heading_change),
     )
 

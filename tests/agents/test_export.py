@@ -28,7 +28,7 @@ from envs.trees import column
 HIDDEN = (16, 8)
 
 
-def made(hidden=HIDDEN, feature_set="cpa", module=Actor):
+def make_actor(hidden=HIDDEN, feature_set="cpa", module=Actor):
     """Return parameters, free to be changed, of an actor whose actions are as large as a trained
     one's.
     """
@@ -61,7 +61,7 @@ def description(**changes):
     ],
 )
 def test_written_policy_decides_as_flax(tmp_path, hidden, feature_set):
-    variables = made(hidden, feature_set)
+    variables = make_actor(hidden, feature_set)
     path = tmp_path / "p.safetensors"
     described = description(hidden=hidden, feature_set=feature_set, score=3)
     written = to_policy_file(jax.tree.map(jnp.asarray, variables), described)
@@ -77,7 +77,10 @@ def test_written_policy_decides_as_flax(tmp_path, hidden, feature_set):
 def test_metadata(tmp_path):
     path = tmp_path / "p.safetensors"
     write(
-        path, to_policy_file(made(), description(limits=C208_PUBLISHED, score=-1.5, notes="a note"))
+        path,
+        to_policy_file(
+            make_actor(), description(limits=C208_PUBLISHED, score=-1.5, notes="a note")
+        ),
     )
     metadata = read(path).metadata
     assert read(path).limits == C208_PUBLISHED
@@ -104,9 +107,9 @@ def test_parity_vectors():
     np.testing.assert_array_equal(observation, parity_observations())
     assert (observation.min(0) == -1.0).all()
     assert (observation.max(0) == 1.0).all()
-    content = to_policy_file(made(), description())
+    content = to_policy_file(make_actor(), description())
     np.testing.assert_array_equal(content.parity_observation, observation)
-    mean, _ = jax.jit(Actor(HIDDEN).apply)(made(), observation)
+    mean, _ = jax.jit(Actor(HIDDEN).apply)(make_actor(), observation)
     np.testing.assert_allclose(content.parity_action, np.clip(mean, -1, 1), atol=2e-5)
     # Clipped answers would hide a wrong network, and so would tiny ones.
     assert (np.abs(content.parity_action) < 1.0).mean() > 0.5
@@ -115,19 +118,19 @@ def test_parity_vectors():
 
 def test_equal_actors_give_equal_files(tmp_path):
     for name in ("a", "b"):
-        write(tmp_path / name, to_policy_file(made(), description()))
+        write(tmp_path / name, to_policy_file(make_actor(), description()))
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 def test_double_precision_is_left_as_it_was():
-    to_policy_file(made(), description())
+    to_policy_file(make_actor(), description())
     assert jnp.zeros(1).dtype == jnp.float32
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("where", ["hidden_1", "log_std"])
 def test_diverged_parameters_are_refused(bad, where):
-    variables = made()
+    variables = make_actor()
     if where == "log_std":
         variables["params"]["log_std"][1] = bad
     else:
@@ -139,21 +142,21 @@ def test_diverged_parameters_are_refused(bad, where):
 @pytest.mark.parametrize(
     ("variables", "changes", "message"),
     [
-        (lambda: made(module=Critic), {}, "not those of agents.learning.networks.Actor"),
+        (lambda: make_actor(module=Critic), {}, "not those of agents.learning.networks.Actor"),
         (dict, {}, "not those of agents.learning.networks.Actor"),
-        (lambda: made()["params"], {}, "not those of agents.learning.networks.Actor"),
+        (lambda: make_actor()["params"], {}, "not those of agents.learning.networks.Actor"),
         (
-            made,
+            make_actor,
             {"hidden": (16, 9)},
             r"tensor actor/hidden_1/kernel has shape \[16, 8\], expected \[16, 9\]",
         ),
-        (made, {"hidden": (16,)}, "tensor 'actor/hidden_1/bias' is unexpected"),
-        (made, {"hidden": (16, 8, 4)}, "tensor 'actor/hidden_2/bias' is missing"),
-        (made, {"feature_set": "none"}, r"shape \[22, 16\], expected \[8, 16\]"),
-        (made, {"feature_set": "magic"}, "feature_set is 'magic'"),
-        (made, {"score": float("nan")}, "metadata cannot be written as JSON"),
-        (made, {"steps": -1}, "steps is -1"),
-        (made, {"config": {"a": np.zeros(2)}}, "metadata cannot be written as JSON"),
+        (make_actor, {"hidden": (16,)}, "tensor 'actor/hidden_1/bias' is unexpected"),
+        (make_actor, {"hidden": (16, 8, 4)}, "tensor 'actor/hidden_2/bias' is missing"),
+        (make_actor, {"feature_set": "none"}, r"shape \[22, 16\], expected \[8, 16\]"),
+        (make_actor, {"feature_set": "magic"}, "feature_set is 'magic'"),
+        (make_actor, {"score": float("nan")}, "metadata cannot be written as JSON"),
+        (make_actor, {"steps": -1}, "steps is -1"),
+        (make_actor, {"config": {"a": np.zeros(2)}}, "metadata cannot be written as JSON"),
     ],
 )
 def test_what_cannot_be_exported(variables, changes, message):

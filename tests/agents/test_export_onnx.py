@@ -76,7 +76,7 @@ def random_model(feature_set: str) -> Any:
     return model(random_policy(feature_set))
 
 
-def decided(made: Any, inputs: dict[str, np.ndarray]) -> np.ndarray:
+def run_onnx(made: Any, inputs: dict[str, np.ndarray]) -> np.ndarray:
     settings = onnxruntime.SessionOptions()
     settings.intra_op_num_threads = settings.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(
@@ -103,7 +103,7 @@ def as_inputs(
 def test_it_decides_as_the_shipped_policy(most: int):
     seen = states(500, most)
     flown = Policy.load().for_aircraft(PAPER, outside="allow")
-    difference = np.abs(decided(shipped_model(), as_inputs(*seen)) - flown.command(*seen)).max(
+    difference = np.abs(run_onnx(shipped_model(), as_inputs(*seen)) - flown.command(*seen)).max(
         axis=-1
     )
     # A handful of places where float32 takes another branch may differ by more.
@@ -113,7 +113,7 @@ def test_it_decides_as_the_shipped_policy(most: int):
 @pytest.mark.parametrize("feature_set", ["none", "cpa", "mirror", "set"])
 def test_every_network_is_exported(feature_set: str):
     content = random_policy(feature_set)
-    actions = decided(random_model(feature_set), inputs_of(content))
+    actions = run_onnx(random_model(feature_set), inputs_of(content))
     np.testing.assert_allclose(actions, content.parity_action, rtol=0.0, atol=PARITY)
     assert content.parity_action.std(axis=0).min() > 0.03
 
@@ -121,7 +121,7 @@ def test_every_network_is_exported(feature_set: str):
 def test_batch_and_intruders_are_free_and_the_action_clipped():
     made = shipped_model()
     for count, most in ((1, 1), (3, 5)):
-        actions = decided(made, as_inputs(*states(count, most)))
+        actions = run_onnx(made, as_inputs(*states(count, most)))
         assert actions.shape == (count, 2)
         assert np.abs(actions).max() <= 1.0
 
@@ -186,8 +186,8 @@ def test_an_observation_that_the_policy_refuses_gives_no_number(bad: float):
     spoilt[np.arange(8), np.arange(8)] = bad
     with np.errstate(invalid="ignore", over="ignore"):
         actions, expected = (
-            decided(made, {"observation": spoilt}),
-            decided(made, {"observation": good}),
+            run_onnx(made, {"observation": spoilt}),
+            run_onnx(made, {"observation": good}),
         )
     assert np.isnan(actions[:8]).all()
     assert np.array_equal(actions[8], expected[8])
@@ -200,7 +200,7 @@ def test_a_scene_that_is_not_finite_gives_no_number(bad: float):
     for name in good:
         spoilt = {key: values.copy() for key, values in good.items()}
         spoilt[name][0].flat[0] = bad
-        actions = decided(made, spoilt)
+        actions = run_onnx(made, spoilt)
         assert np.isnan(actions[0]).all()
         assert np.isfinite(actions[1:]).all()
 

@@ -144,7 +144,7 @@ def test_trailing_bytes_are_refused():
         parse(DATA + b"\0", "p")
 
 
-def forged(text):
+def forge(text):
     text += b" " * (-len(text) % 8)
     return len(text).to_bytes(8, "little") + text
 
@@ -152,7 +152,7 @@ def forged(text):
 def with_header(change):
     """Return the file with its header's text changed."""
     text = change(DATA[8:HEADER_END].decode().rstrip(" ")).encode()
-    return forged(text) + DATA[HEADER_END:]
+    return forge(text) + DATA[HEADER_END:]
 
 
 def test_nothing_can_be_hidden_beside_the_content():
@@ -175,17 +175,17 @@ def test_nothing_can_be_hidden_beside_the_content():
         (b"", "not a valid safetensors"),
         (pickle.dumps({"actor": [1.0] * 100}), "not a valid safetensors"),
         (b"\xff" * 100, "not a valid safetensors"),
-        (forged(b"\xff\xff"), "not a valid safetensors"),
-        (forged(b"[" * 100_000), "not a valid safetensors"),
-        (forged(b"[1]"), "not a valid safetensors"),
-        (forged(b"{}"), "no policy metadata"),
-        (forged(b'{"\\ud800":1}'), "not a valid safetensors"),
-        (forged(b'{"a":1,"a":1}'), "not a valid safetensors"),
-        (forged(b'{"__metadata__":{"rlcas_policy":"nonsense"}}'), "not canonical JSON"),
-        (forged(b'{"__metadata__":{"rlcas_policy":"[NaN]"}}'), "not canonical JSON"),
-        (forged(b'{"__metadata__":{"rlcas_policy":"[1]"}}'), "not one object"),
-        (forged(b'{"__metadata__":{"rlcas_policy":"{ }"}}'), "canonical JSON: edited"),
-        (forged(b'{"__metadata__":{"rlcas_policy":"{}"}}'), "metadata.schema is None"),
+        (forge(b"\xff\xff"), "not a valid safetensors"),
+        (forge(b"[" * 100_000), "not a valid safetensors"),
+        (forge(b"[1]"), "not a valid safetensors"),
+        (forge(b"{}"), "no policy metadata"),
+        (forge(b'{"\\ud800":1}'), "not a valid safetensors"),
+        (forge(b'{"a":1,"a":1}'), "not a valid safetensors"),
+        (forge(b'{"__metadata__":{"rlcas_policy":"nonsense"}}'), "not canonical JSON"),
+        (forge(b'{"__metadata__":{"rlcas_policy":"[NaN]"}}'), "not canonical JSON"),
+        (forge(b'{"__metadata__":{"rlcas_policy":"[1]"}}'), "not one object"),
+        (forge(b'{"__metadata__":{"rlcas_policy":"{ }"}}'), "canonical JSON: edited"),
+        (forge(b'{"__metadata__":{"rlcas_policy":"{}"}}'), "metadata.schema is None"),
         (save({"a": np.zeros(3, np.float32)}), "no policy metadata"),
     ],
 )
@@ -284,7 +284,7 @@ def test_wrong_metadata(path, value, message):
         parse(rebuilt(change=at(path, value)), "p")
 
 
-def altered(name, tensor):
+def alter(name, tensor):
     return {
         key: value
         for key, value in (content().tensors | {name: tensor}).items()
@@ -295,29 +295,29 @@ def altered(name, tensor):
 def nan_at(name, index, value=np.nan):
     tensor = content().tensors[name].copy()
     tensor[index] = value
-    return altered(name, tensor)
+    return alter(name, tensor)
 
 
 @pytest.mark.parametrize(
     ("tensors", "message"),
     [
-        (altered("actor/log_std", None), "tensor 'actor/log_std' is missing"),
-        (altered("parity/action", None), "tensor 'parity/action' is missing"),
+        (alter("actor/log_std", None), "tensor 'actor/log_std' is missing"),
+        (alter("parity/action", None), "tensor 'parity/action' is missing"),
         (
-            altered("critic/head/bias", np.zeros(1, np.float32)),
+            alter("critic/head/bias", np.zeros(1, np.float32)),
             "tensor 'critic/head/bias' is unexpected",
         ),
-        (altered("actor/head/bias", np.zeros(3, np.float32)), r"shape \[3\], expected \[2\]"),
+        (alter("actor/head/bias", np.zeros(3, np.float32)), r"shape \[3\], expected \[2\]"),
         (
-            altered("actor/head/bias", np.zeros((2, 1), np.float32)),
+            alter("actor/head/bias", np.zeros((2, 1), np.float32)),
             r"shape \[2, 1\], expected \[2\]",
         ),
-        (altered("actor/head/bias", np.zeros(2, np.float64)), "dtype float64, expected float32"),
-        (altered("actor/head/bias", np.zeros(2, np.float16)), "dtype float16, expected float32"),
-        (altered("actor/head/bias", np.zeros(2, np.int32)), "dtype int32, expected float32"),
-        (altered("parity/action", np.zeros((4, 2), np.float32)), r"hold \[3, 4\] vectors"),
+        (alter("actor/head/bias", np.zeros(2, np.float64)), "dtype float64, expected float32"),
+        (alter("actor/head/bias", np.zeros(2, np.float16)), "dtype float16, expected float32"),
+        (alter("actor/head/bias", np.zeros(2, np.int32)), "dtype int32, expected float32"),
+        (alter("parity/action", np.zeros((4, 2), np.float32)), r"hold \[3, 4\] vectors"),
         (
-            altered("parity/action", np.zeros((0, 2), np.float32))
+            alter("parity/action", np.zeros((0, 2), np.float32))
             | {"parity/observation": np.zeros((0, 8), np.float32)},
             r"hold \[0\] vectors",
         ),

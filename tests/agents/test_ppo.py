@@ -19,12 +19,12 @@ from scipy import stats
 from agents.learning import ppo
 from agents.learning.networks import Actor, Critic, greatest_products
 from agents.learning.ppo import Batch, Learner, LearnerState, PpoSettings
-from tests.probes import Probe, trained
+from tests.probes import Probe, train_on_probe
 
 compiled_advantages = jax.jit(ppo.advantages)
 
 
-def looped(reward, value, value_next, terminated, discount, gae_lambda) -> np.ndarray:
+def advantages_by_loop(reward, value, value_next, terminated, discount, gae_lambda) -> np.ndarray:
     """Return generalised advantages of one episode stream ``[T]``, as the definition reads: a sum
     over the future.
     """
@@ -45,7 +45,7 @@ def compare_advantages(reward, value, value_next, terminated, discount, gae_lamb
     columns = [np.asarray(column, np.float32) for column in (reward, value, value_next, terminated)]
     found = compiled_advantages(*columns, discount, gae_lambda)
     expected = [
-        looped(*(c[:, n] for c in columns), discount, gae_lambda)
+        advantages_by_loop(*(c[:, n] for c in columns), discount, gae_lambda)
         for n in range(columns[0].shape[1])
     ]
     np.testing.assert_allclose(found, np.stack(expected, axis=1), rtol=1e-4, atol=1e-4)
@@ -194,16 +194,14 @@ def test_an_update_learns_from_normalised_advantages_if_it_shall(small) -> None:
     parts, state, rollout = small
     changed = rollout._replace(advantage=40.0 * rollout.advantage + 7.0)
 
-    def learned(samples: Batch, *, normalize: bool) -> float:
+    def learn(samples: Batch, *, normalize: bool) -> float:
         settings = replace(SETTINGS, normalize_advantage=normalize)
         return float(
             update(state, samples, jax.random.key(1), 1e-3, parts, settings)[1]["policy_loss"]
         )
 
-    assert learned(changed, normalize=True) == pytest.approx(
-        learned(rollout, normalize=True), abs=1e-4
-    )
-    assert abs(learned(changed, normalize=False) - learned(rollout, normalize=False)) > 1.0
+    assert learn(changed, normalize=True) == pytest.approx(learn(rollout, normalize=True), abs=1e-4)
+    assert abs(learn(changed, normalize=False) - learn(rollout, normalize=False)) > 1.0
 
 
 def test_the_gradient_of_a_clipped_sample_is_zero() -> None:
@@ -400,9 +398,9 @@ def with_discount(discount: Any) -> ppo.Ppo:
     return ppo.Ppo(PARTS, replace(PROBE_SETTINGS, discount=discount))
 
 
-def solved(probe: Probe) -> tuple[LearnerState, np.ndarray]:
+def solve_probe(probe: Probe) -> tuple[LearnerState, np.ndarray]:
     """Train on a probe and return the learner and its action's standard deviation."""
-    state = trained(with_discount, 150, 2e-2, probe)
+    state = train_on_probe(with_discount, 150, 2e-2, probe)
     return state, np.exp(state.actor["params"]["log_std"])
 
 
@@ -416,13 +414,13 @@ def action(state: LearnerState, *observation: float) -> float:
 
 def test_value_only() -> None:
     """Every one-step episode pays 1: a failure points to the value loss or the optimiser."""
-    state, _ = solved(Probe(pays=1.0))
+    state, _ = solve_probe(Probe(pays=1.0))
     assert value(state, 0.0, 0.0) == pytest.approx(1.0, abs=0.02)
 
 
 def test_value_that_depends_on_the_observation() -> None:
     """What is paid is what was shown: a failure points to how observations reach the critic."""
-    state, _ = solved(Probe(shows_sign=1.0, pays_sign=1.0))
+    state, _ = solve_probe(Probe(shows_sign=1.0, pays_sign=1.0))
     assert value(state, 1.0, 0.0) == pytest.approx(1.0, abs=0.05)
     assert value(state, -1.0, 0.0) == pytest.approx(-1.0, abs=0.05)
 
@@ -431,14 +429,14 @@ def test_discounting() -> None:
     """The second of two steps pays 1: a failure points to the bootstrap, the discount or the ends
     of episodes.
     """
-    state, _ = solved(Probe(shows_clock=1.0, length=2.0, pays=1.0, discount=0.7))
+    state, _ = solve_probe(Probe(shows_clock=1.0, length=2.0, pays=1.0, discount=0.7))
     assert value(state, 0.0, 1.0) == pytest.approx(1.0, abs=0.05)
     assert value(state, 0.0, 0.0) == pytest.approx(0.7, abs=0.05)
 
 
 def test_policy() -> None:
     """The action 0.5 pays best: a failure points to the policy loss or to the advantages' sign."""
-    state, std = solved(Probe(target=0.5))
+    state, std = solve_probe(Probe(target=0.5))
     assert action(state, 0.0, 0.0) == pytest.approx(0.5, abs=0.05)
     # Exploring costs its variance, which therefore shrinks from its initial exp(-0.5) squared =
     # 0.37.
@@ -449,7 +447,7 @@ def test_policy_and_value_together() -> None:
     """The best action and the pay both follow what is shown: a failure points to samples that got
     out of step.
     """
-    state, std = solved(Probe(shows_sign=1.0, pays_sign=1.0, target=0.0, target_by_sign=0.5))
+    state, std = solve_probe(Probe(shows_sign=1.0, pays_sign=1.0, target=0.0, target_by_sign=0.5))
     assert action(state, 1.0, 0.0) == pytest.approx(0.5, abs=0.1)
     assert action(state, -1.0, 0.0) == pytest.approx(-0.5, abs=0.1)
     assert value(state, 1.0, 0.0) == pytest.approx(1.0 - std[0] ** 2, abs=0.1)
@@ -482,12 +480,12 @@ def test_greatest_products_have_the_gradient_of_their_definition() -> None:
     present = draws.random((5, 6)) < 0.5
     present[:, 0], present[2] = True, False  # nobody in one row
 
-    def defined(each: jax.Array, kernel: jax.Array) -> jax.Array:
+    def by_definition(each: jax.Array, kernel: jax.Array) -> jax.Array:
         return jnp.max(jnp.where(present[..., None], each @ kernel, -jnp.inf), axis=-2)
 
     def loss(function: Any) -> Any:
         return jax.value_and_grad(lambda *of: jnp.sum(jnp.tanh(function(*of))), argnums=(0, 1))
 
     found = loss(lambda *of: greatest_products(*of, jnp.asarray(present)))(each, kernel)
-    expected = loss(defined)(each, kernel)
+    expected = loss(by_definition)(each, kernel)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), found, expected)

@@ -277,7 +277,7 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
     ours = task._training_environment(config, world, pool, config.training_scenarios())
 
     @jax.jit
-    def seen_by_networks(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
+    def network_inputs(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
         seen = ours.observe(state, jax.random.key(0))
         assert isinstance(seen, SetInputs)
         return seen.own, seen.mirror_sign
@@ -286,7 +286,7 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
     generator, statistics, action = np.random.default_rng(0), [], np.zeros((8, 2), np.float32)
     for index in range(95):
         state = restart(state, index)
-        expected, hand = seen_by_networks(state)
+        expected, hand = network_inputs(state)
         np.testing.assert_allclose(inputs, expected, atol=2e-5)
         action = generator.normal(size=(8, 2)).astype(np.float32)
         state, result = step(state, action * np.stack([np.ones(8, np.float32), hand], axis=-1))

@@ -57,7 +57,7 @@ def plans(policy: Policy) -> Plans:
     return take(Plans(best.plan_states, request, best.last, best.min_separation), near)
 
 
-def found(plans: Plans) -> set[str]:
+def failed_checks(plans: Plans) -> set[str]:
     """Return the checks that fail for all of the plans."""
     request = plans.request
     route = Route(request.route_x, request.route_y, request.points, plans.last)
@@ -81,7 +81,7 @@ def nearest(plans: Plans) -> tuple[Any, Any]:
     return which, to / np.abs(to)
 
 
-def changed(plans: Plans, name: str, column: Any, change: Any) -> Plans:
+def change_waypoints(plans: Plans, name: str, column: Any, change: Any) -> Plans:
     """Return plans with one field of one waypoint of each changed."""
     field = np.array(getattr(plans.plan_states, name))
     field[np.arange(len(field)), column] += change
@@ -93,7 +93,9 @@ def towards_the_intruder(plans: Plans) -> Plans:
     # Waypoints are not where the plan comes closest: the more there is to spare, the further one
     # must be moved.
     far = 60.0 + 3.0 * (plans.separation - 1_000.0)
-    return changed(changed(plans, "x", which, far * to.real), "y", which, far * to.imag)
+    return change_waypoints(
+        change_waypoints(plans, "x", which, far * to.real), "y", which, far * to.imag
+    )
 
 
 def all_towards_the_intruder(plans: Plans) -> Plans:
@@ -115,7 +117,7 @@ def all_towards_the_intruder(plans: Plans) -> Plans:
 
 
 def too_fast(plans: Plans) -> Plans:
-    return changed(
+    return change_waypoints(
         plans, "speed", 10, OPTIONS.limits.speed_max + 20.0 - plans.plan_states.speed[:, 10]
     )
 
@@ -127,25 +129,28 @@ def later(plans: Plans) -> Plans:
 
 
 def a_second_later(plans: Plans) -> Plans:
-    return changed(plans, "time", 20, 1.0)
+    return change_waypoints(plans, "time", 20, 1.0)
 
 
 MUTATIONS: dict[str, tuple[Callable[[Plans], Plans], set[str]]] = {
     "the intruder moved": (all_towards_the_intruder, {"required", "separation"}),
     "times scaled": (later, {"times"}),
     "the last time": (a_second_later, set()),
-    "times in disorder": (lambda plans: changed(plans, "time", 5, 30.0), {"not finite"}),
+    "times in disorder": (lambda plans: change_waypoints(plans, "time", 5, 30.0), {"not finite"}),
     "a speed beyond the limit": (too_fast, {"speed", "acceleration"}),
-    "a reversed heading": (lambda plans: changed(plans, "heading", 10, 3.0), {"turn rate"}),
-    "not a number": (lambda plans: changed(plans, "y", 7, math.nan), {"not finite"}),
-    "infinite": (lambda plans: changed(plans, "speed", 19, math.inf), {"not finite"}),
-    "another start": (lambda plans: changed(plans, "x", 0, 0.01), {"start"}),
-    "another end": (lambda plans: changed(plans, "y", 20, 0.1), {"last"}),
+    "a reversed heading": (
+        lambda plans: change_waypoints(plans, "heading", 10, 3.0),
+        {"turn rate"},
+    ),
+    "not a number": (lambda plans: change_waypoints(plans, "y", 7, math.nan), {"not finite"}),
+    "infinite": (lambda plans: change_waypoints(plans, "speed", 19, math.inf), {"not finite"}),
+    "another start": (lambda plans: change_waypoints(plans, "x", 0, 0.01), {"start"}),
+    "another end": (lambda plans: change_waypoints(plans, "y", 20, 0.1), {"last"}),
     "an end that is not the route's": (
         lambda plans: plans._replace(last=plans.request.points),
         {"last"},
     ),
-    "a waypoint out of reach": (lambda plans: changed(plans, "x", 4, 3_000.0), {"leg"}),
+    "a waypoint out of reach": (lambda plans: change_waypoints(plans, "x", 4, 3_000.0), {"leg"}),
 }
 
 
@@ -165,7 +170,7 @@ def test_untouched_plans_are_confirmed(plans: Plans) -> None:
 @pytest.mark.parametrize("name", MUTATIONS)
 def test_a_spoiled_plan_is_found(plans: Plans, name: str) -> None:
     spoil, expected = MUTATIONS[name]
-    checks = found(spoil(plans))
+    checks = failed_checks(spoil(plans))
     assert checks >= expected
     if not expected:
         route = Route(
@@ -179,7 +184,7 @@ def test_a_spoiled_plan_is_found(plans: Plans, name: str) -> None:
 def test_a_waypoint_nearer_to_the_intruder_is_found(plans: Plans) -> None:
     spoiled = towards_the_intruder(plans)
     for number in range(len(plans.last)):
-        assert found(take(spoiled, slice(number, number + 1)))
+        assert failed_checks(take(spoiled, slice(number, number + 1)))
 
 
 def test_the_follower_finds_a_near_intruder_and_a_plan_that_starts_elsewhere(plans: Plans) -> None:
@@ -266,7 +271,7 @@ def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(
     tally = Tally()
     attack.judge(tally, 0, drawn_, best.plan_states, best.last, OPTIONS)
     assert tally.violations == []
-    faster = changed(
+    faster = change_waypoints(
         one._replace(plan_states=best.plan_states, request=request),
         "speed",
         1,
@@ -293,11 +298,11 @@ def test_parts_of_a_batch_add_up_to_it(policy: Policy, monkeypatch: pytest.Monke
     requests = draw_requests(0, 0, 100).request
     answer = plan_many(requests, policy.for_aircraft(PAPER, outside="allow"), OPTIONS)
 
-    def known(request: Request, *_: Any) -> Any:
+    def known_answer(request: Request, *_: Any) -> Any:
         np.testing.assert_array_equal(request.own.x, requests.own.x)
         return answer
 
-    monkeypatch.setattr(attack, "plan_many", known)
+    monkeypatch.setattr(attack, "plan_many", known_answer)
     for first in (0, 20):
         sum_.add(attack.attack(batch._replace(first=first, end=first + 20), policy))
     whole = attack.attack(batch, policy).figures()
@@ -386,14 +391,14 @@ def test_violations_are_counted_written_and_lead_to_a_failure(
 def test_an_interrupted_attack_prints_what_was_done(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(batch: Batch, policy: Policy) -> Tally:
+    def interrupt(batch: Batch, policy: Policy) -> Tally:
         if batch.hundreds[0] >= 200:
             raise KeyboardInterrupt
         tally = Tally()
         tally.requests["circle"] += 100
         return tally
 
-    monkeypatch.setattr(safety, "attack", interrupted)
+    monkeypatch.setattr(safety, "attack", interrupt)
     assert (
         safety.main(["--requests", "900", "--single", "0", "--workers", "1", "--block", "100"]) == 0
     )

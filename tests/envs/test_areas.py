@@ -36,7 +36,7 @@ def circle_of(count: int, radius: float = 5e3) -> list[tuple[float, float]]:
     )
 
 
-def moved(ring: Any, dx: float) -> Any:
+def move_ring(ring: Any, dx: float) -> Any:
     return tuple((x + dx, y) for x, y in ring)
 
 
@@ -61,16 +61,19 @@ def test_repeated_points_are_one() -> None:
         (((*SQUARE, (1e3, 0.0), (1e3, 1e3), (-1e3, 1e3)),), r"outer crosses or touches itself"),
         ((((0.0, 0.0), (2e3, 0.0), (1e3, 0.0), (1e3, 1e3)),), r"outer crosses or touches itself"),
         ((((0.0, 0.0), (1e3, 1e3), (2e3, 2e3)),), r"outer has its points on one line"),
-        ((moved(SQUARE, 1e7),), r"outer\[0\].x is 1e\+07 m, expected -1e\+06 to 1e\+06 m"),
+        ((move_ring(SQUARE, 1e7),), r"outer\[0\].x is 1e\+07 m, expected -1e\+06 to 1e\+06 m"),
         (((*SQUARE, (0.0, math.nan)),), r"outer\[4\].y is nan m, expected"),
         ((((0, 0), (math.inf, 0), (0, 1)),), r"outer\[1\].x is inf m"),
         ((((0, 0), ("a", 0), (0, 1)),), r"outer\[1\].x is 'a', expected a number"),
         ((((0, 0), (1, 0, 0), (0, 1)),), r"outer\[1\] is \(1, 0, 0\), expected x and y"),
         (("square",), r"outer is str, expected a sequence of points"),
         ((((0, 0), (111e3, 0), (0, 1e3)),), r"outer is 111 km wide in x, expected 60 km at most"),
-        ((SQUARE, (moved(HOLE, 5e3),)), r"holes\[0\] lies outside of outer, expected it inside"),
-        ((SQUARE, (moved(HOLE, 1.5e3),)), r"holes\[0\] crosses or touches outer"),
-        ((SQUARE, (HOLE, moved(HOLE, 1e2))), r"holes\[0\] crosses or touches holes\[1\]"),
+        (
+            (SQUARE, (move_ring(HOLE, 5e3),)),
+            r"holes\[0\] lies outside of outer, expected it inside",
+        ),
+        ((SQUARE, (move_ring(HOLE, 1.5e3),)), r"holes\[0\] crosses or touches outer"),
+        ((SQUARE, (HOLE, move_ring(HOLE, 1e2))), r"holes\[0\] crosses or touches holes\[1\]"),
         (
             (SQUARE, (((1e2, 1e2), (15e2, 1e2), (15e2, 15e2), (1e2, 15e2)), HOLE)),
             r"holes\[0\] and holes\[1\] lie one in the other",

@@ -328,7 +328,7 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def kept_in(monkeypatch: pytest.MonkeyPatch, cache: Path) -> str | None:
+def compile_folder(monkeypatch: pytest.MonkeyPatch, cache: Path) -> str | None:
     """Return the folder that JAX is given where this is the user's cache folder."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
@@ -339,12 +339,12 @@ def kept_in(monkeypatch: pytest.MonkeyPatch, cache: Path) -> str | None:
 def test_another_processor_keeps_its_programs_elsewhere(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    here = kept_in(monkeypatch, tmp_path)
+    here = compile_folder(monkeypatch, tmp_path)
     assert here is not None
     assert Path(here).is_dir()
-    assert kept_in(monkeypatch, tmp_path) == here
+    assert compile_folder(monkeypatch, tmp_path) == here
     monkeypatch.setattr(compiled, "_processor", lambda: "without AVX-512")
-    elsewhere = kept_in(monkeypatch, tmp_path)
+    elsewhere = compile_folder(monkeypatch, tmp_path)
     assert elsewhere is not None
     assert elsewhere != here
 
@@ -356,10 +356,10 @@ def test_kept_programs_stay_below_their_bound(
     first = tmp_path / "rlcas-toolkit" / "compiled" / "older" / "program"
     first.parent.mkdir(parents=True)
     first.write_bytes(bytes(1000))
-    assert kept_in(monkeypatch, tmp_path)
+    assert compile_folder(monkeypatch, tmp_path)
     assert first.is_file()
     first.write_bytes(bytes(1001))
-    assert kept_in(monkeypatch, tmp_path)
+    assert compile_folder(monkeypatch, tmp_path)
     assert not first.is_file()
 
 
@@ -367,7 +367,7 @@ def test_a_cache_folder_that_cannot_be_used_is_left_alone(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("")
-    assert kept_in(monkeypatch, tmp_path / "file") is None
+    assert compile_folder(monkeypatch, tmp_path / "file") is None
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "mine")
     compiled.keep_compiled()
     assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "mine"

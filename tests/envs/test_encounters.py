@@ -25,7 +25,7 @@ CONFLICTS = ("crossing_left", "crossing_right", "head_on", "same_course")
 each_scenario = pytest.mark.parametrize("name", SCENARIOS)
 
 
-def drawn(scenario: Scenario, count: int, seed: int = 0) -> Encounter:
+def draw_accepted(scenario: Scenario, count: int, seed: int = 0) -> Encounter:
     """Return accepted encounters of a scenario."""
     attempts = min(scenario.attempts, 4)
     draws = np.random.default_rng(seed).random((attempts, count, scenario.dimensions))
@@ -78,7 +78,7 @@ def test_the_scenarios_are_those_of_the_design() -> None:
 @each_scenario
 def test_ranges(name: str) -> None:
     chosen = scenario(name, PAPER)
-    encounter = drawn(chosen, 10_000)
+    encounter = draw_accepted(chosen, 10_000)
     goal = np.hypot(encounter.goal_x, encounter.goal_y)
     slack = 1e-6
     assert 3_000.0 - slack <= goal.min() < 3_100.0
@@ -105,7 +105,7 @@ def test_ranges(name: str) -> None:
 @each_scenario
 def test_without_displacement_everybody_meets_in_the_centre_at_once(name: str) -> None:
     chosen = replace(scenario(name, PAPER), displacement=0.0, min_initial_separation=0.0)
-    encounter = drawn(chosen, 2_000)
+    encounter = draw_accepted(chosen, 2_000)
     own, intruders = encounter.own, encounter.intruders
     arrival = np.hypot(own.x, own.y) / own.speed
     intruder_arrival = np.hypot(intruders.x, intruders.y) / intruders.speed
@@ -158,7 +158,7 @@ def test_displacement_moves_starts_and_nothing_else(name: str) -> None:
 def test_course_differences_of_the_four_conflicts(
     name: str, middle: float, half_width: float
 ) -> None:
-    difference = clockwise_difference(drawn(scenario(name, PAPER), 5_000))
+    difference = clockwise_difference(draw_accepted(scenario(name, PAPER), 5_000))
     away = np.remainder(difference - middle + 180.0, 360.0) - 180.0
     assert np.max(np.abs(away)) <= half_width + 1e-6
     assert away.min() < -0.9 * half_width
@@ -168,7 +168,7 @@ def test_course_differences_of_the_four_conflicts(
 @pytest.mark.parametrize(("name", "side"), [("crossing_left", 1.0), ("crossing_right", -1.0)])
 def test_a_crossing_intruder_comes_from_the_side_of_its_name(name: str, side: float) -> None:
     """It starts on that side of the own course and its velocity leads to the other."""
-    encounter = drawn(replace(scenario(name, PAPER), displacement=0.0), 5_000)
+    encounter = draw_accepted(replace(scenario(name, PAPER), displacement=0.0), 5_000)
     own = encounter.own
     x, y = encounter.intruders.x[:, 0] - own.x, encounter.intruders.y[:, 0] - own.y
     to_the_left = y * np.cos(own.heading) - x * np.sin(own.heading)
@@ -179,7 +179,9 @@ def test_a_crossing_intruder_comes_from_the_side_of_its_name(name: str, side: fl
 
 def test_courses_of_the_circle_are_uniform() -> None:
     counts, _ = np.histogram(
-        clockwise_difference(drawn(scenario("circle", PAPER, min_initial_separation=0.0), 36_000)),
+        clockwise_difference(
+            draw_accepted(scenario("circle", PAPER, min_initial_separation=0.0), 36_000)
+        ),
         36,
     )
     # Chi-square with 35 degrees of freedom: 80 is exceeded with probability 2e-5.
@@ -189,14 +191,16 @@ def test_courses_of_the_circle_are_uniform() -> None:
 @pytest.mark.parametrize("least", [1_000.0, 2_500.0])
 def test_accepted_starts_honour_the_initial_separation(least: float) -> None:
     for name in ("circle", "multi", "same_course"):
-        encounter = drawn(replace(scenario(name, PAPER), min_initial_separation=least), 3_000)
+        encounter = draw_accepted(
+            replace(scenario(name, PAPER), min_initial_separation=least), 3_000
+        )
         assert encounter.goal_x.size > 100
         assert gaps(encounter).min() >= least
 
 
 @pytest.mark.parametrize("name", CONFLICTS)
 def test_only_conflicts_are_accepted(name: str) -> None:
-    encounter = drawn(scenario(name, PAPER), 10_000)
+    encounter = draw_accepted(scenario(name, PAPER), 10_000)
     assert passing_distance(encounter).max() < 1_000.0
 
 
@@ -251,7 +255,7 @@ def test_the_first_attempt_that_meets_the_conditions_is_taken() -> None:
 
 
 def test_circle_is_passive_and_perfectly_seen() -> None:
-    encounter = drawn(scenario("circle", PAPER), 1_000)
+    encounter = draw_accepted(scenario("circle", PAPER), 1_000)
     assert encounter.mask.shape == (encounter.goal_x.size, 1)
     assert encounter.mask.all()
     assert not encounter.intent.heading_change.any()
@@ -259,7 +263,7 @@ def test_circle_is_passive_and_perfectly_seen() -> None:
 
 
 def test_maneuvering_turns_once_within_the_designs_ranges() -> None:
-    encounter = drawn(scenario("maneuvering", PAPER), 20_000)
+    encounter = draw_accepted(scenario("maneuvering", PAPER), 20_000)
     rate, change = (
         np.degrees(encounter.intent.turn_rate),
         np.degrees(encounter.intent.heading_change),
@@ -284,7 +288,7 @@ def test_maneuvering_turns_once_within_the_designs_ranges() -> None:
 
 
 def test_noisy_reports_are_as_the_design_says() -> None:
-    sensor = drawn(scenario("noisy", PAPER), 5_000).sensor
+    sensor = draw_accepted(scenario("noisy", PAPER), 5_000).sensor
     assert np.all(sensor.position_std == 30.0)
     assert np.all(sensor.velocity_std == 3.0)
     assert 1.0 <= sensor.latency.min() < 1.01
@@ -293,7 +297,7 @@ def test_noisy_reports_are_as_the_design_says() -> None:
 
 def test_multi_has_two_to_eight_intruders_equally_often() -> None:
     unfiltered = scenario("multi", PAPER, min_initial_separation=0.0)
-    encounter = drawn(unfiltered, 14_000)
+    encounter = draw_accepted(unfiltered, 14_000)
     counts = np.bincount(encounter.mask.sum(axis=-1), minlength=9)
     assert not counts[:2].any()
     np.testing.assert_allclose(counts[2:], 2_000.0, atol=5.0 * math.sqrt(2_000.0))

@@ -12,9 +12,16 @@ from envs import intruder, observation
 from envs.aircraft import PAPER
 from envs.intruder import Intent, IntruderState
 from envs.kinematics import Limits, VehicleState, advance
-from envs.perception import Sensor, carried_back, perceive
+from envs.perception import Sensor, carry_back, perceive
 from tests.envs.test_surrogate import COUNT, FEW, WORLD, encounters, observe, reset, step
-from tests.support import ARRAY_BACKENDS, Backend, angle_between, mirrored, random_states, states
+from tests.support import (
+    ARRAY_BACKENDS,
+    Backend,
+    angle_between,
+    mirror_state,
+    random_states,
+    states,
+)
 
 STEPS = 300
 HEADINGS = np.concatenate([np.linspace(-math.pi, math.pi, 97)[:-1], [-3.1415925, 3.1415925, 1e-6]])
@@ -41,7 +48,7 @@ def test_a_passive_intruder_keeps_its_course(backend: Backend) -> None:
     heading = np.repeat(HEADINGS, 3)
     speed = np.tile([20.0, 75.0, 150.0], HEADINGS.size)
     inputs = [
-        backend.rounded(field)
+        backend.round_values(field)
         for field in (0.0 * heading + 7_000.0, 0.0 * heading - 9_000.0, heading, speed)
     ]
     vehicle = VehicleState(*(backend.xp.asarray(field, backend.dtype) for field in inputs))
@@ -77,7 +84,7 @@ def maneuvering(count: int, seed: int) -> tuple[VehicleState, Intent]:
     )
 
 
-def turned(flight: list[IntruderState]) -> np.ndarray:
+def total_turn(flight: list[IntruderState]) -> np.ndarray:
     """Return the heading change since the start, without wraps, ``[time, N]``."""
     return (
         np.unwrap(np.stack([state.vehicle.heading for state in flight]), axis=0)
@@ -90,7 +97,7 @@ def test_a_change_of_intent_turns_to_the_announced_course() -> None:
     end.
     """
     vehicle, intent = maneuvering(500, seed=1)
-    change = turned(fly(vehicle, intent)) * np.sign(intent.heading_change)
+    change = total_turn(fly(vehicle, intent)) * np.sign(intent.heading_change)
     assert np.min(change) >= -1e-6, "it turned to the other side first"
     # P control closes the last error exponentially: 20 s after the turn at full rate nothing is
     # left.
@@ -106,7 +113,7 @@ def test_a_change_of_intent_turns_to_the_announced_course() -> None:
 
 def test_a_turn_is_never_quicker_than_announced() -> None:
     vehicle, intent = maneuvering(500, seed=2)
-    rate = np.abs(np.diff(turned(fly(vehicle, intent)), axis=0))
+    rate = np.abs(np.diff(total_turn(fly(vehicle, intent)), axis=0))
     assert np.all(rate <= intent.turn_rate + 1e-9)
     # And for most of a large turn it is just that quick.
     large = np.abs(intent.heading_change) > math.radians(60.0)
@@ -123,7 +130,7 @@ def test_the_turn_begins_with_the_first_step_at_or_after_its_onset(
     intent = Intent(
         np.full(4, onset), np.radians([60.0, -60.0, 120.0, -120.0]), np.full(4, math.radians(2.0))
     )
-    moving = np.abs(np.diff(turned(fly(vehicle, intent)), axis=0)) > 1e-5
+    moving = np.abs(np.diff(total_turn(fly(vehicle, intent)), axis=0)) > 1e-5
     if first is None:
         assert not moving.any()
     else:
@@ -154,9 +161,9 @@ def test_intruders_are_mirror_symmetric() -> None:
     other_way = intent._replace(heading_change=-intent.heading_change)
     left, right = (
         fly(vehicle, intent, steps=120)[-1],
-        fly(mirrored(vehicle), other_way, steps=120)[-1],
+        fly(mirror_state(vehicle), other_way, steps=120)[-1],
     )
-    expected = mirrored(left.vehicle)
+    expected = mirror_state(left.vehicle)
     np.testing.assert_allclose(right.vehicle.x, expected.x, atol=1e-3)
     np.testing.assert_allclose(right.vehicle.y, expected.y, atol=1e-3)
     assert np.max(angle_between(right.vehicle.heading, expected.heading)) < 1e-6
@@ -201,7 +208,7 @@ def test_perfect_reports_are_the_truth(
 
 @given(states(), st.floats(0.0, 2.0))
 def test_straight_flight_is_dead_reckoned_exactly(now: VehicleState, latency: float) -> None:
-    before, before_that = carried_back(now, 1.0, np), carried_back(now, 2.0, np)
+    before, before_that = carry_back(now, 1.0, np), carry_back(now, 2.0, np)
     assert_same(
         perceive(now, before, before_that, Sensor(latency=latency), SILENCE[:, 0], 1.0, np), now
     )
@@ -209,7 +216,7 @@ def test_straight_flight_is_dead_reckoned_exactly(now: VehicleState, latency: fl
 
 def test_carried_back_undoes_straight_flight() -> None:
     now = random_states(np.random.default_rng(0), 100)
-    before = carried_back(now, 2.0, np)
+    before = carry_back(now, 2.0, np)
     assert_same(advance(before, 0.0, 0.0, 2.0, LIMITS, np), now)
 
 
@@ -230,7 +237,7 @@ def errors(sensor: Sensor, count: int = 40_000) -> tuple[np.ndarray, np.ndarray]
     """Return the errors of position and velocity of reports on straight flight, ``[2, N]`` each."""
     generator = np.random.default_rng(2)
     now = random_states(generator, count)
-    history = carried_back(now, 1.0, np), carried_back(now, 2.0, np)
+    history = carry_back(now, 1.0, np), carry_back(now, 2.0, np)
     found = perceive(now, *history, sensor, generator.standard_normal((4, count)), 1.0, np)
 
     def velocities(state: VehicleState) -> np.ndarray:
@@ -264,7 +271,7 @@ def test_the_four_draws_act_on_their_own_component() -> None:
     for component, (east, north) in enumerate([(30.0, 0.0), (0.0, 30.0), (4.5, 0.0), (0.0, 4.5)]):
         noise = np.zeros((4, 1))
         noise[component] = 1.0
-        history = carried_back(now, 1.0, np), carried_back(now, 2.0, np)
+        history = carry_back(now, 1.0, np), carry_back(now, 2.0, np)
         found = perceive(now, *history, Sensor(30.0, 3.0, 1.5), noise, 1.0, np)
         np.testing.assert_allclose(
             [found.x[0] - now.x[0], found.y[0] - now.y[0]], [east, north], atol=1e-6

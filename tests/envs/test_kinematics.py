@@ -35,8 +35,8 @@ from tests.support import (
     accelerations,
     angle_between,
     headings,
-    mirrored,
-    moved,
+    mirror_state,
+    move_state,
     random_states,
     states,
     yaw_rates,
@@ -82,7 +82,7 @@ def some_motion(
     return state._replace(speed=speed), *random_commands(generator, count, limits)
 
 
-def integrated(
+def integrate(
     state: VehicleState,
     acceleration: np.ndarray,
     yaw_rate: np.ndarray,
@@ -114,7 +114,7 @@ def test_a_step_is_exact_whatever_the_command(limits: Limits) -> None:
     """Within 2 cm of a 1 ms integration, speed limits reached inside the step included."""
     state, acceleration, yaw_rate = some_motion(20_000, limits)
     found = advance(state, acceleration, yaw_rate, 1.0, limits, np)
-    expected = integrated(state, acceleration, yaw_rate, 1.0, limits)
+    expected = integrate(state, acceleration, yaw_rate, 1.0, limits)
     # The integration itself stops at a limit up to 1 ms late, which is 5e-4 m/s; the step is far
     # better than 2 cm.
     assert_same(found, expected, metres=2e-3)
@@ -169,8 +169,12 @@ def test_motion_does_not_depend_on_place_or_direction(
     east: float,
     north: float,
 ) -> None:
-    there = advance(moved(state, angle, east, north), acceleration, yaw_rate, 1.0, SURROGATE, np)
-    expected = moved(advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np), angle, east, north)
+    there = advance(
+        move_state(state, angle, east, north), acceleration, yaw_rate, 1.0, SURROGATE, np
+    )
+    expected = move_state(
+        advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np), angle, east, north
+    )
     assert_same(there, expected, metres=1e-8)
 
 
@@ -179,8 +183,8 @@ def test_motion_is_mirror_symmetric(
     state: VehicleState, acceleration: float, yaw_rate: float
 ) -> None:
     left = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
-    right = advance(mirrored(state), acceleration, -yaw_rate, 1.0, SURROGATE, np)
-    assert_same(mirrored(left), right, metres=1e-9)
+    right = advance(mirror_state(state), acceleration, -yaw_rate, 1.0, SURROGATE, np)
+    assert_same(mirror_state(left), right, metres=1e-9)
 
 
 @given(states(), accelerations, yaw_rates)
@@ -190,14 +194,14 @@ def test_motion_inside_the_limits_can_be_flown_back(
     """Turned around at its end, with the time-reversed commands, the vehicle retraces its step."""
     assume(SURROGATE.speed_min <= state.speed + acceleration <= SURROGATE.speed_max)
 
-    def turned(vehicle: VehicleState) -> VehicleState:
+    def turn_round(vehicle: VehicleState) -> VehicleState:
         return vehicle._replace(
             heading=np.remainder(vehicle.heading + 2.0 * math.pi, 2.0 * math.pi) - math.pi
         )
 
     there = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
-    back = advance(turned(there), -acceleration, -yaw_rate, 1.0, SURROGATE, np)
-    assert_same(turned(back), state, metres=1e-8, radians=1e-9)
+    back = advance(turn_round(there), -acceleration, -yaw_rate, 1.0, SURROGATE, np)
+    assert_same(turn_round(back), state, metres=1e-8, radians=1e-9)
 
 
 @EVERY_LIMIT
@@ -243,7 +247,7 @@ def test_backends_move_alike(backend: Backend) -> None:
     is 1 mm).
     """
     state, acceleration, yaw_rate = some_motion(2_000, seed=5)
-    inputs = [backend.rounded(column) for column in (*state, acceleration, yaw_rate)]
+    inputs = [backend.round_values(column) for column in (*state, acceleration, yaw_rate)]
     expected = advance(VehicleState(*inputs[:4]), inputs[4], inputs[5], 1.0, SURROGATE, np)
 
     def step(x, y, heading, speed, a, omega):

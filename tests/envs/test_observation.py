@@ -12,7 +12,16 @@ from hypothesis import strategies as st
 from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE, criticality, decode, most_critical, observe
-from tests.support import BACKENDS, Backend, mirrored, moved, one, random_states, stacked, states
+from tests.support import (
+    BACKENDS,
+    Backend,
+    mirror_state,
+    move_state,
+    one,
+    random_states,
+    stack_states,
+    states,
+)
 
 OWN_SPEED, OWN_HEADING, SPEED, HEADING, BEARING, DISTANCE, GOAL_BEARING, GOAL_DISTANCE = range(8)
 ANGLES = [OWN_HEADING, HEADING, BEARING, GOAL_BEARING]
@@ -103,7 +112,7 @@ def test_only_the_headings_notice_that_the_scene_was_moved_and_turned(
     north: float,
 ) -> None:
     goal = VehicleState(np.float64(x), np.float64(y), own.heading, own.speed)
-    there = [moved(vehicle, angle, east, north) for vehicle in (own, intruder, goal)]
+    there = [move_state(vehicle, angle, east, north) for vehicle in (own, intruder, goal)]
     before = observe(own, intruder, goal.x, goal.y, PAPER, np)
     after = observe(there[0], there[1], there[2].x, there[2].y, PAPER, np)
     lengths = [OWN_SPEED, SPEED, DISTANCE, GOAL_DISTANCE]
@@ -118,7 +127,9 @@ def test_a_mirrored_scene_flips_the_sign_of_every_angle(
     own: VehicleState, intruder: VehicleState, x: float, y: float
 ) -> None:
     left = observe(own, intruder, np.float64(x), np.float64(y), PAPER, np)
-    right = observe(mirrored(own), mirrored(intruder), np.float64(x), np.float64(-y), PAPER, np)
+    right = observe(
+        mirror_state(own), mirror_state(intruder), np.float64(x), np.float64(-y), PAPER, np
+    )
     sign = np.where(np.isin(np.arange(8), ANGLES), -1.0, 1.0)
     assert np.max(turns_apart((sign * left)[ANGLES], right[ANGLES])) < 1e-6
     np.testing.assert_allclose(np.delete(right, ANGLES), np.delete(left, ANGLES), atol=1e-9)
@@ -163,7 +174,7 @@ def test_backends_observe_alike(backend: Backend) -> None:
     generator = np.random.default_rng(0)
     own, intruder = random_states(generator, 1_000), random_states(generator, 1_000)
     goal = generator.uniform(-1e4, 1e4, (2, 1_000))
-    inputs = [backend.rounded(column) for column in (*own, *intruder, *goal)]
+    inputs = [backend.round_values(column) for column in (*own, *intruder, *goal)]
     expected = observe(
         VehicleState(*inputs[:4]), VehicleState(*inputs[4:8]), inputs[8], inputs[9], PAPER, np
     )
@@ -205,8 +216,8 @@ INSIDE_BUT_LEAVING = one(-900.0, 0.0, -math.pi, 90.0)
 """Nearer than the radius too, but it will come no closer."""
 
 
-def chosen_of(*intruders: VehicleState, mask: tuple[bool, ...] | None = None) -> int:
-    group = stacked(*intruders)
+def choose_of(*intruders: VehicleState, mask: tuple[bool, ...] | None = None) -> int:
+    group = stack_states(*intruders)
     present = np.array([mask if mask is not None else (True,) * len(intruders)])
     found = most_critical(CRUISE, group, present, PAPER, np)
     same = [
@@ -220,7 +231,7 @@ def chosen_of(*intruders: VehicleState, mask: tuple[bool, ...] | None = None) ->
 def test_criticality_is_the_time_to_the_conflict() -> None:
     own = VehicleState(*(field[:, None] for field in CRUISE))
     found = criticality(
-        own, stacked(SOON, LATER, INSIDE, INSIDE_BUT_LEAVING, PASSING_WIDE), PAPER, np
+        own, stack_states(SOON, LATER, INSIDE, INSIDE_BUT_LEAVING, PASSING_WIDE), PAPER, np
     )[0]
     soon = (4_000.0 - math.sqrt(1_500.0**2 - 200.0**2)) / 200.0
     later = (12_000.0 - math.sqrt(1_500.0**2 - 500.0**2)) / 200.0
@@ -245,12 +256,12 @@ def test_criticality_is_the_time_to_the_conflict() -> None:
 def test_the_conflict_that_comes_first_is_chosen(
     intruders: tuple[VehicleState, ...], expected: int
 ) -> None:
-    assert chosen_of(*intruders) == expected
+    assert choose_of(*intruders) == expected
 
 
 def test_an_absent_intruder_is_never_chosen() -> None:
-    assert chosen_of(INSIDE, SOON, PASSING_WIDER, mask=(False, False, True)) == 2
-    assert chosen_of(INSIDE, SOON, LATER, mask=(False, True, True)) == 1
+    assert choose_of(INSIDE, SOON, PASSING_WIDER, mask=(False, False, True)) == 2
+    assert choose_of(INSIDE, SOON, LATER, mask=(False, True, True)) == 1
 
 
 def crowd(count: int, most: int, seed: int) -> tuple[VehicleState, VehicleState, np.ndarray]:

@@ -36,7 +36,7 @@ def drawn(chosen: Scenario) -> Encounter:
     return encounters_of_seed(chosen, 3, 0, 300, whole=True)
 
 
-def flown(start: Encounter, xp: Any, steps: int = 40) -> tuple[np.ndarray, np.ndarray]:
+def fly_all(start: Encounter, xp: Any, steps: int = 40) -> tuple[np.ndarray, np.ndarray]:
     """Return the separations of each step ``[T, N, K]`` and whether it was lost, ``[T, N]``."""
     state = world.begin(map_leaves(xp.asarray, start), xp)
     nothing = xp.zeros_like(start.goal_x)
@@ -62,8 +62,8 @@ def test_separations_are_within_their_range_and_kept_at_the_start(drawn: Encount
 
 def test_an_encounter_is_lost_where_any_intruder_comes_nearer_than_its_own(drawn: Encounter):
     """Against the distances of the same flights, judged without separations of their own."""
-    counted, lost = flown(drawn, np)
-    plain, _ = flown(drawn._replace(separation=None), np)
+    counted, lost = fly_all(drawn, np)
+    plain, _ = fly_all(drawn._replace(separation=None), np)
     np.testing.assert_allclose(counted, plain * PAPER.separation / drawn.separation)
     expected = (np.where(drawn.mask, plain - drawn.separation, np.inf) < 0.0).any(axis=2)
     np.testing.assert_array_equal(lost, expected)
@@ -72,7 +72,7 @@ def test_an_encounter_is_lost_where_any_intruder_comes_nearer_than_its_own(drawn
 
 def test_the_usual_separation_of_each_changes_nothing(drawn: Encounter):
     usual = drawn._replace(separation=np.full_like(drawn.separation, PAPER.separation))
-    same = [flown(one, np) for one in (usual, drawn._replace(separation=None))]
+    same = [fly_all(one, np) for one in (usual, drawn._replace(separation=None))]
     (separations, lost), (plain, plain_lost) = same
     np.testing.assert_array_equal(separations, plain)
     np.testing.assert_array_equal(lost, plain_lost)
@@ -80,7 +80,7 @@ def test_the_usual_separation_of_each_changes_nothing(drawn: Encounter):
 
 def test_numpy_and_jax_judge_alike(drawn: Encounter):
     single = cast(drawn, np.float32)
-    (ours, ours_lost), (theirs, theirs_lost) = flown(single, np), flown(single, jnp)
+    (ours, ours_lost), (theirs, theirs_lost) = fly_all(single, np), fly_all(single, jnp)
     np.testing.assert_allclose(ours, theirs, atol=1.0)
     assert (ours_lost == theirs_lost).mean() > 0.999
 

@@ -24,8 +24,8 @@ from tests.support import (
     BACKENDS,
     Backend,
     angle_between,
-    mirrored,
-    moved,
+    mirror_state,
+    move_state,
     one,
     random_states,
     states,
@@ -135,7 +135,7 @@ def test_leg_separation_in_single_precision() -> None:
         return (leg_separation(*vehicles, 1.0, xp),)
 
     for backend in BACKENDS:
-        inputs = [backend.rounded(column) for column in columns]
+        inputs = [backend.round_values(column) for column in columns]
         (expected,) = separation(*inputs, xp=np)
         (found,) = backend.apply(lambda *fields, xp=backend.xp: separation(*fields, xp=xp), *inputs)
         tolerance = 2e-2 if backend.dtype is np.float32 else 1e-6
@@ -216,7 +216,9 @@ def test_the_scene_may_be_moved_turned_and_mirrored(
     own: VehicleState, other: VehicleState, angle: float, east: float, north: float
 ) -> None:
     before = straight_cpa(own, other, np)
-    after = straight_cpa(moved(own, angle, east, north), moved(other, angle, east, north), np)
+    after = straight_cpa(
+        move_state(own, angle, east, north), move_state(other, angle, east, north), np
+    )
     relative_speed = np.hypot(
         own.speed * np.cos(own.heading) - other.speed * np.cos(other.heading),
         own.speed * np.sin(own.heading) - other.speed * np.sin(other.heading),
@@ -224,7 +226,7 @@ def test_the_scene_may_be_moved_turned_and_mirrored(
     if relative_speed > 1.0:
         np.testing.assert_allclose(after, before, rtol=1e-6, atol=1e-4)
     np.testing.assert_allclose(
-        straight_cpa(mirrored(own), mirrored(other), np), before, rtol=1e-6, atol=1e-6
+        straight_cpa(mirror_state(own), mirror_state(other), np), before, rtol=1e-6, atol=1e-6
     )
 
 
@@ -268,7 +270,7 @@ def test_sincos_agrees_with_libm_over_its_whole_domain(backend: Backend) -> None
         -1.5 * math.pi, 1.5 * math.pi, 100_001 if backend.name != "floats" else 1_001
     )
     corners = neighbours(np.float64, 0.0, *(0.5 * math.pi * k for k in range(-2, 3)))
-    angle = backend.rounded(np.concatenate([dense[1:-1], corners, [1e-30, -1e-30, 1e-8]]))
+    angle = backend.round_values(np.concatenate([dense[1:-1], corners, [1e-30, -1e-30, 1e-8]]))
     sine, cosine = backend.apply(lambda a: sincos(a, backend.xp), angle)
     np.testing.assert_allclose(sine, np.sin(angle), rtol=0.0, atol=tolerance(backend))
     np.testing.assert_allclose(cosine, np.cos(angle), rtol=0.0, atol=tolerance(backend))
@@ -276,7 +278,7 @@ def test_sincos_agrees_with_libm_over_its_whole_domain(backend: Backend) -> None
 
 @each_array_backend
 def test_sine_of_small_angles_is_relatively_accurate(backend: Backend) -> None:
-    angle = backend.rounded(np.geomspace(1e-20, 0.1, 200))
+    angle = backend.round_values(np.geomspace(1e-20, 0.1, 200))
     sine, _ = backend.apply(lambda a: sincos(a, backend.xp), angle)
     np.testing.assert_allclose(sine, np.sin(angle), rtol=tolerance(backend))
 
@@ -286,8 +288,8 @@ def test_atan2_agrees_with_libm_all_around_at_every_length(backend: Backend) -> 
     count = 2_001 if backend.name != "floats" else 201
     angle, length = np.meshgrid(np.linspace(-math.pi, math.pi, count), [1e-3, 1.0, 567.0, 2e4, 1e7])
     y, x = (
-        backend.rounded(length * np.sin(angle)).ravel(),
-        backend.rounded(length * np.cos(angle)).ravel(),
+        backend.round_values(length * np.sin(angle)).ravel(),
+        backend.round_values(length * np.cos(angle)).ravel(),
     )
     (found,) = backend.apply(lambda a, b: (atan2(a, b, backend.xp),), y, x)
     assert np.max(angle_between(found, np.arctan2(y, x))) <= tolerance(backend)
@@ -306,7 +308,7 @@ def test_atan2_on_the_axes_and_diagonals(backend: Backend) -> None:
 @given(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5))
 def test_atan2_of_any_vector(y: float, x: float) -> None:
     for backend in ARRAY_BACKENDS[:2]:
-        rounded_y, rounded_x = backend.rounded([y]), backend.rounded([x])
+        rounded_y, rounded_x = backend.round_values([y]), backend.round_values([x])
         (found,) = backend.apply(
             lambda a, b, xp=backend.xp: (atan2(a, b, xp),), rounded_y, rounded_x
         )
@@ -320,7 +322,7 @@ def test_wrap_stays_in_the_half_open_range_at_its_edges(backend: Backend) -> Non
     """Also where rounding meets the ends: one unit inside and outside every odd multiple of pi."""
     edges = neighbours(backend.dtype, *(math.pi * k for k in range(-7, 8)), steps=8)
     (wrapped,) = backend.apply(lambda a: (wrap(a, backend.xp),), edges)
-    low, high = backend.rounded([-math.pi, math.pi])
+    low, high = backend.round_values([-math.pi, math.pi])
     assert np.all(wrapped >= low)
     assert np.all(wrapped < high)
     assert np.max(angle_between(wrapped, edges)) <= 4.0 * np.spacing(backend.dtype(22.0))
@@ -329,16 +331,16 @@ def test_wrap_stays_in_the_half_open_range_at_its_edges(backend: Backend) -> Non
 @given(st.floats(-20.0, 20.0))
 def test_wrap_keeps_the_direction(angle: float) -> None:
     for backend in (BACKENDS[0], BACKENDS[1], BACKENDS[3]):
-        exact = backend.rounded([angle])
+        exact = backend.round_values([angle])
         (wrapped,) = backend.apply(lambda a, xp=backend.xp: (wrap(a, xp),), exact)
-        low, high = backend.rounded([-math.pi, math.pi])
+        low, high = backend.round_values([-math.pi, math.pi])
         assert low <= wrapped[0] < high
         assert angle_between(wrapped, exact)[0] <= 4.0 * np.spacing(backend.dtype(20.0))
 
 
 @each_backend
 def test_wrap_leaves_wrapped_angles_alone(backend: Backend) -> None:
-    angle = backend.rounded(np.linspace(-math.pi, math.pi, 501)[:-1])
+    angle = backend.round_values(np.linspace(-math.pi, math.pi, 501)[:-1])
     (wrapped,) = backend.apply(lambda a: (wrap(a, backend.xp),), angle)
     np.testing.assert_array_equal(wrapped, angle)
 
@@ -375,7 +377,7 @@ def twin(aircraft: Aircraft, length: float, speed: float) -> Aircraft:
     )
 
 
-def drawn(aircraft: Aircraft, name: str, changes: dict[str, bool]) -> Encounter:
+def draw_encounters(aircraft: Aircraft, name: str, changes: dict[str, bool]) -> Encounter:
     more = {"turn_rate": aircraft.limits.yaw_rate_max} if "turn" in changes else {}
     if "noisy" in changes:
         noisy = scenario("noisy", aircraft)
@@ -383,7 +385,7 @@ def drawn(aircraft: Aircraft, name: str, changes: dict[str, bool]) -> Encounter:
     return starts.encounters_of_seed(scenario(name, aircraft, **more), 5, 0, COUNT)
 
 
-def scaled(state: VehicleState, length: float, speed: float) -> np.ndarray:
+def scale_state(state: VehicleState, length: float, speed: float) -> np.ndarray:
     """Return x and y in ``length``, the heading's sine and cosine, and the speed in ``speed``."""
     return np.stack(
         [
@@ -396,7 +398,7 @@ def scaled(state: VehicleState, length: float, speed: float) -> np.ndarray:
     )
 
 
-def flown(aircraft: Aircraft, encounters: Encounter) -> dict[str, np.ndarray]:
+def fly_all(aircraft: Aircraft, encounters: Encounter) -> dict[str, np.ndarray]:
     """Fly encounters by actions that depend on what is seen; lengths in separations, speeds in
     ``speed_max``.
     """
@@ -417,8 +419,8 @@ def flown(aircraft: Aircraft, encounters: Encounter) -> dict[str, np.ndarray]:
             np.clip(0.5 * wander[1] + np.sin(np.pi * observed[:, 6]) - 0.3 * observed[:, 5], -1, 1),
         )
         state, result = world.step(state, action, parameters, np)
-        logged["own"].append(scaled(state.own, *units))
-        logged["traffic"].append(scaled(state.intruders.vehicle, *units))
+        logged["own"].append(scale_state(state.own, *units))
+        logged["traffic"].append(scale_state(state.intruders.vehicle, *units))
         logged["seen"].append(observed)
         logged["set"].append(
             np.concatenate([rows.own, rows.traffic.reshape(COUNT, -1), rows.mask], axis=-1)
@@ -440,7 +442,9 @@ def test_alike_aircraft_fly_alike(name: str, changes: dict[str, bool]) -> None:
     assert ratios(small.limits, small.separation) == pytest.approx(
         ratios(PAPER.limits, PAPER.separation), rel=1e-12
     )
-    one, other = (flown(aircraft, drawn(aircraft, name, changes)) for aircraft in (PAPER, small))
+    one, other = (
+        fly_all(aircraft, draw_encounters(aircraft, name, changes)) for aircraft in (PAPER, small)
+    )
     turning = name == "maneuvering" or "turn" in changes
     for key in ("own", "traffic", "seen", "set", "apart"):
         tolerance = 0.01 if turning else 1e-8
@@ -462,7 +466,10 @@ def test_any_twin_draws_and_sees_alike(length: float, speed: float, seed: int) -
             for aircraft in (PAPER, other)
         )
         np.testing.assert_allclose(
-            scaled(there.own, length, speed), scaled(here.own, 1.0, 1.0), rtol=1e-9, atol=1e-6
+            scale_state(there.own, length, speed),
+            scale_state(here.own, 1.0, 1.0),
+            rtol=1e-9,
+            atol=1e-6,
         )
         np.testing.assert_allclose(
             there.intent.onset / (length / speed), here.intent.onset, rtol=1e-7, atol=1e-7
@@ -481,7 +488,7 @@ def test_any_twin_draws_and_sees_alike(length: float, speed: float, seed: int) -
 
 def test_one_encounter_in_plain_floats_is_the_batchs() -> None:
     aircraft = twin(PAPER, 9.26, 2.3)
-    encounters = drawn(aircraft, "multi", {"turn": True, "noisy": True})
+    encounters = draw_encounters(aircraft, "multi", {"turn": True, "noisy": True})
     batch = world.begin(encounters, np, history_dt=aircraft.dt)
     single = flight.begin(take(encounters, 0), aircraft.dt)
     rows = world.observe_set(batch, aircraft, None, 4, xp=np)

@@ -20,7 +20,7 @@ from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.relative import leg_separation
 from envs.surrogate import State, StepResult, World
-from tests.support import angle_between, mirrored
+from tests.support import angle_between, mirror_state
 
 WORLD = World(RULES, PAPER)
 COUNT, FEW, STEPS = 64, 4, 300
@@ -347,9 +347,9 @@ def test_a_mirrored_episode_stays_mirrored(flights: dict[str, Any]) -> None:
     starts = flights["starts"]
     intent = starts.intent._replace(heading_change=-starts.intent.heading_change)
     other_side = starts._replace(
-        own=mirrored(starts.own),
+        own=mirror_state(starts.own),
         goal_y=-starts.goal_y,
-        intruders=mirrored(starts.intruders),
+        intruders=mirror_state(starts.intruders),
         intent=intent,
     )
     flown, other = (

@@ -54,7 +54,7 @@ def ends(flown: VehicleState) -> PlanStates:
     )
 
 
-def left_by(flown: VehicleState) -> np.ndarray:
+def largest_distance(flown: VehicleState) -> np.ndarray:
     """Return the largest distance of the curves from the histories, m, ``[count]``."""
     curves = legs(ends(flown))
     off = [
@@ -81,7 +81,7 @@ def test_steady_turns_are_met_exactly(state: VehicleState, yaw_rate: float) -> N
     for _ in range(SECONDS):
         flown.append(advance(flown[-1], 0.0, yaw_rate, 1.0, SURROGATE, np))
     stacked = VehicleState(*(np.array(field)[:, None] for field in zip(*flown, strict=True)))
-    assert left_by(stacked).max() <= 1e-3
+    assert largest_distance(stacked).max() <= 1e-3
 
 
 @given(acceleration=accelerations, speed=st.floats(60.0, 90.0))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
 from envs.waypoints import PlanStates, Waypoint, at, in_air, leg, on_ground
-from envs.wind import Wind, aimed_at, narrow, over_ground, through_air
+from envs.wind import Wind, aim_point, narrow, over_ground, through_air
 
 STATES = st.builds(
     VehicleState,
@@ -94,14 +94,14 @@ def test_flying_straight_to_the_meeting_meets_what_drifts(
 ) -> None:
     drift = strength * math.cos(course), strength * math.sin(course)
     own = VehicleState(100.0, -50.0, 0.0, speed)
-    aim_x, aim_y = aimed_at(own, (x, y), drift, 1e9, np)
+    aim_x, aim_y = aim_point(own, (x, y), drift, 1e9, np)
     time = math.hypot(aim_x - own.x, aim_y - own.y) / speed
     assert math.hypot(aim_x - x - drift[0] * time, aim_y - y - drift[1] * time) < 1e-5
 
 
 def test_what_drifts_away_faster_is_aimed_at_where_it_will_be() -> None:
     own = VehicleState(0.0, 0.0, 0.0, 18.0)
-    assert aimed_at(own, (100.0, 0.0), (20.0, 0.0), 50.0, np) == pytest.approx((1100.0, 0.0))
+    assert aim_point(own, (100.0, 0.0), (20.0, 0.0), 50.0, np) == pytest.approx((1100.0, 0.0))
 
 
 @given(

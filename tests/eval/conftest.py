@@ -29,7 +29,7 @@ HOSTILE = "</script><img src=x onerror=\"document.title='lost'\">{b}<b>&amp;\u20
 GOAL_SINE, AHEAD_DEPTH, HOMEWARD_DEPTH = 9, 17, 21
 
 
-def hand_made() -> PolicyFile:
+def make_by_hand() -> PolicyFile:
     """Return a policy that turns right of what is ahead and else to the goal: it solves many
     encounters, not all.
     """
@@ -56,10 +56,10 @@ def hand_made() -> PolicyFile:
         "head/bias": np.zeros(2, np.float32),
         "log_std": np.zeros(2, np.float32),
     }
-    return completed(actor, (64, 64))
+    return complete(actor, (64, 64))
 
 
-def completed(actor: dict[str, np.ndarray], hidden: tuple[int, ...]) -> PolicyFile:
+def complete(actor: dict[str, np.ndarray], hidden: tuple[int, ...]) -> PolicyFile:
     """Return the policy file of an actor, its parity vectors computed here in float64."""
     from agents.policy.eight_network import EightNetwork
 
@@ -78,7 +78,7 @@ def completed(actor: dict[str, np.ndarray], hidden: tuple[int, ...]) -> PolicyFi
 def policy_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the hand-made policy's file."""
     path = tmp_path_factory.mktemp("policies") / "policy.safetensors"
-    policy_file.write(path, hand_made())
+    policy_file.write(path, make_by_hand())
     return path
 
 

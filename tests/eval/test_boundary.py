@@ -32,7 +32,7 @@ RADIUS = 50.0 / math.radians(3.0)
 HEAD_ON = Slice("head-on", 75.0, 75.0, math.pi)
 
 
-def solved(limits: Limits, intruder_speed: float, dt: float, cell: float) -> Solution:
+def solve_grid(limits: Limits, intruder_speed: float, dt: float, cell: float) -> Solution:
     return solve(
         make_grid(limits, intruder_speed, SEPARATION, dt, cell), limits, intruder_speed, SEPARATION
     )
@@ -40,12 +40,12 @@ def solved(limits: Limits, intruder_speed: float, dt: float, cell: float) -> Sol
 
 @pytest.fixture(scope="module")
 def coarse() -> Solution:
-    return solved(SURROGATE, 75.0, 5.0, 120.0)
+    return solve_grid(SURROGATE, 75.0, 5.0, 120.0)
 
 
 @pytest.fixture(scope="module")
 def fine() -> Solution:
-    return solved(SURROGATE, 75.0, 5.0, 60.0)
+    return solve_grid(SURROGATE, 75.0, 5.0, 60.0)
 
 
 def states(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +60,7 @@ def test_a_point_at_rest_is_missed_by_the_turning_circle():
     exact = np.hypot(ahead, RADIUS) - RADIUS
     errors = []
     for dt, cell in ((5.0, 60.0), (2.5, 30.0)):
-        solution = solved(TURNS_ONLY, 0.0, dt, cell)
+        solution = solve_grid(TURNS_ONLY, 0.0, dt, cell)
         errors.append(np.max(np.abs(value_at(solution, -ahead, 0.0 * ahead, 0.0, 50.0) - exact)))
     assert errors[0] < 1.0
     assert errors[1] < 0.6 * errors[0]
@@ -80,7 +80,7 @@ def test_nobody_keeps_more_than_there_is(fine: Solution):
 
 def test_no_lost_state_touches_the_edge(coarse: Solution):
     assert edge_value(coarse) > 1.1 * SEPARATION
-    assert edge_value(solved(SURROGATE, 150.0, 5.0, 120.0)) > 1.1 * SEPARATION
+    assert edge_value(solve_grid(SURROGATE, 150.0, 5.0, 120.0)) > 1.1 * SEPARATION
 
 
 @pytest.mark.parametrize("heading", [0.3, 1.0, math.pi / 2.0, 3.1])
@@ -92,7 +92,7 @@ def test_the_mirror_image_has_the_same_value(fine: Solution, heading: float):
 
 def test_wider_limits_keep_more(coarse: Solution):
     # Wider limits, the same nodes of speed and heading.
-    braking = solved(SURROGATE._replace(acceleration_min=-0.1), 75.0, 5.0, 120.0)
+    braking = solve_grid(SURROGATE._replace(acceleration_min=-0.1), 75.0, 5.0, 120.0)
     assert (coarse.value >= braking.value - 2.0).all()  # speeds between nodes are rounded
     assert (coarse.value > braking.value + 20.0).any()
 

@@ -47,7 +47,7 @@ from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.optimal import Witness, WitnessSearch, fly_witnesses
 from eval.flights.simulate import OUTCOMES
 from eval.stats.paired import mcnemar_exact, pairs, tango
-from tests.support import fly_recorded, recorded
+from tests.support import fly_recorded, recorded_path
 
 
 def make(
@@ -250,7 +250,7 @@ def test_numbers_of_a_scenario_can_be_changed(tmp_path: Path) -> None:
 
 
 def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = recorded("lincoln_lab/encounters.json")
+    path = recorded_path("lincoln_lab/encounters.json")
     out = tmp_path / "run"
     compare.main(["--scenario", f"tracks:{path}", "--baseline", "mvp_speed", "--out", str(out)])
     summary = json.loads((out / "summary.json").read_text())
@@ -529,7 +529,7 @@ def test_a_misspelt_witness_is_one_sentence(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_recorded_tracks(tmp_path: Path) -> None:
-    path = recorded("lincoln_lab/encounters.json")
+    path = recorded_path("lincoln_lab/encounters.json")
     compare.main(
         ["--scenario", f"tracks:{path}", "--baseline", "witness", "--out", str(tmp_path / "run")]
     )

@@ -27,8 +27,8 @@ from eval import convert
 from eval.config import MonteCarloConfig
 from eval.hifi.config import HifiConfig
 from eval.reference import main, tables
-from tests.envs.formats.test_encounter_file import built
-from tests.support import recorded
+from tests.envs.formats.test_encounter_file import build
+from tests.support import recorded_path
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def test_a_turn_becomes_events_and_rows(tmp_path: Path) -> None:
 
 
 def test_recorded_encounters_keep_their_tracks(tmp_path: Path) -> None:
-    source = recorded("lincoln_lab/encounters.json")
+    source = recorded_path("lincoln_lab/encounters.json")
     assert convert.main([str(source), str(tmp_path / "again.json")]) == 0
     one, again = read_lincoln(source)[1], read_lincoln(tmp_path / "again.json")[1]
     assert (again.number, again.weight) == (one.number, one.weight)
@@ -195,7 +195,7 @@ def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
         tmp_path / "three.xyz",
     ]
     encounter_file.write(
-        paths[0], built([((*own, 0.0, 0.0), (0.0, 0.0, 0.0), [(*other, *turns)])]), ["0"]
+        paths[0], build([((*own, 0.0, 0.0), (0.0, 0.0, 0.0), [(*other, *turns)])]), ["0"]
     )
     known = []
     for source, target in pairwise(paths):
@@ -219,7 +219,7 @@ def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
 def test_an_intruder_at_rest_is_written_and_read(tmp_path: Path) -> None:
     encounter_file.write(
         tmp_path / "own.csv",
-        built(
+        build(
             [
                 (
                     (0.0, 0.0, 0.0, 75.0, 9e3, 0.0),

@@ -34,7 +34,7 @@ def test_aircraft_follow_from_their_numbers_and_fill_the_family(seed: int) -> No
         assert values.max() - values.min() > 0.9 * (high - low)
 
 
-def scaled(aircraft: Aircraft, length: float, speed: float) -> Aircraft:
+def scale_aircraft(aircraft: Aircraft, length: float, speed: float) -> Aircraft:
     """Return an aircraft of the same ratios whose lengths and speeds are so many times as large."""
     limits, time = aircraft.limits, length / speed
     unit = speed / time
@@ -67,7 +67,7 @@ def test_aircraft_of_the_same_ratios_fly_the_same_flights(
     name: str, length: float, speed: float, tolerance: float
 ) -> None:
     policy, tables = Policy.load(), []
-    for aircraft in (PAPER, scaled(PAPER, length, speed)):
+    for aircraft in (PAPER, scale_aircraft(PAPER, length, speed)):
         source = (
             replace(scenario(name, aircraft), intruders=(2, 3))
             if name == "multi"

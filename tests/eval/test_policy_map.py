@@ -322,7 +322,7 @@ def scenes(count: int = 12) -> Scenes:
     )[0]
 
 
-def moved(shifts: np.ndarray, half: np.ndarray = ERROR) -> Scenes:
+def move_scenes(shifts: np.ndarray, half: np.ndarray = ERROR) -> Scenes:
     return scenes()._replace(state=scenes().state + shifts * half)
 
 
@@ -343,12 +343,12 @@ def test_bounds_hold_for_what_the_policy_commands_in_the_box(part: float):
     )  # of a relative speed near 0 nothing is known until the box is cut
     assert known.mean() > 0.8
     for each in shifts(20):
-        inner, other = box_of(policy(), moved(each, half), 0.0 * half)
+        inner, other = box_of(policy(), move_scenes(each, half), 0.0 * half)
         same = (sign == other) & known
         to_line = each * np.stack([np.ones_like(sign), sign, np.ones_like(sign), sign], axis=-1)
         line = inputs.middle + (inputs.slopes * to_line[:, None]).sum(-1)
         assert (np.abs(inner.middle - line) <= inputs.rest + inner.width + 1e-9)[same].all()
-        command = sign * answers(policy(), moved(each, half))
+        command = sign * answers(policy(), move_scenes(each, half))
         assert (
             (np.clip(low, -1.0, 1.0) - 1e-6 <= command)
             & (command <= np.clip(high, -1.0, 1.0) + 1e-6)
@@ -394,7 +394,9 @@ def test_what_is_verified_has_no_counterexample_and_the_mirror_image_is_verified
     found = decide(policy(), scenes(), ERROR, side, **SEARCH)
     assert 0 < np.sum(found == VERIFIED) < len(found)
     for each in shifts(100):
-        assert (side * answers(policy(), moved(each)) <= SEARCH["allowed"])[found == VERIFIED].all()
+        assert (side * answers(policy(), move_scenes(each)) <= SEARCH["allowed"])[
+            found == VERIFIED
+        ].all()
     pace, goal, state = scenes()
     image = Scenes(pace, goal * [1.0, -1.0], state * [1.0, -1.0, 1.0, -1.0])
     assert np.array_equal(

@@ -15,13 +15,15 @@ from envs.edge.command import run_cli
 from eval.flights.aircraft import describe
 from eval.sensitivity import run as sensitivity
 from eval.sensitivity.bins import Quantity, Run, bins_of, quantities, rates
-from eval.sensitivity.sweep import PARAMETERS, Sweep, change_of, swept
+from eval.sensitivity.sweep import PARAMETERS, Sweep, change_of, parse_sweep
 from eval.stats.intervals import clopper_pearson
 
 COUNT = 400
 
 
-def made_up(path: Path, mode: str = "policy", table: str = "encounters.parquet", **columns) -> Path:
+def make_run(
+    path: Path, mode: str = "policy", table: str = "encounters.parquet", **columns
+) -> Path:
     """Write the folder of a run whose success falls with the distance."""
     rng = np.random.default_rng(0)
     distance = rng.uniform(1_000.0, 22_000.0, COUNT)
@@ -109,7 +111,7 @@ def test_rates_are_counted_by_hand() -> None:
 
 def test_files_of_a_run_cut_into_bins(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert sensitivity.main(["--run", str(made_up(tmp_path / "run")), "--out", str(out)]) == 0
+    assert sensitivity.main(["--run", str(make_run(tmp_path / "run")), "--out", str(out)]) == 0
     found = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
     # The own speed never changes, and the rest is not recorded.
     assert [one["name"] for one in found["quantities"]] == ["relative_heading", "distance"]
@@ -133,7 +135,7 @@ def test_flights_of_the_true_aircraft_show_wind_and_turbulence(tmp_path: Path) -
     rng = np.random.default_rng(1)
     words = np.array(["none", "light", "moderate"], object)[rng.integers(0, 3, COUNT)]
     columns = {"wind_m_s": rng.uniform(0.0, 15.0, COUNT), "turbulence": words}
-    run = made_up(tmp_path / "run", "closed", "flights.parquet", **columns)
+    run = make_run(tmp_path / "run", "closed", "flights.parquet", **columns)
     out = tmp_path / "out"
     assert sensitivity.main(["--run", str(run), "--out", str(out)]) == 0
     found = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
@@ -191,8 +193,8 @@ def test_edges_of_bins_scale_with_the_aircraft() -> None:
 
 
 def test_sweeps_are_read() -> None:
-    assert swept("latency") == Sweep("latency", PARAMETERS["latency"].values)
-    assert swept("latency=0,1.5") == Sweep("latency", (0.0, 1.5))
+    assert parse_sweep("latency") == Sweep("latency", PARAMETERS["latency"].values)
+    assert parse_sweep("latency=0,1.5") == Sweep("latency", (0.0, 1.5))
 
 
 @pytest.mark.parametrize(
@@ -241,7 +243,7 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str],
     ],
 )
 def test_a_damaged_run_is_one_sentence(tmp_path: Path, capsys, spoil, said: str) -> None:
-    run = made_up(tmp_path / "run")
+    run = make_run(tmp_path / "run")
     spoil(run)
     with pytest.raises(SystemExit) as ended:
         run_cli(lambda: sensitivity.main(["--run", str(run), "--out", str(tmp_path / "x")]))

@@ -239,7 +239,7 @@ TINY = [
 ]
 
 
-def trained(directory: Path, *overrides: str) -> Run:
+def train_in(directory: Path, *overrides: str) -> Run:
     training = prepare(load(TrainConfig, None, [*TINY, *overrides]), directory)
     directory.mkdir()
     return run(training, Reporter(quiet=True))
@@ -251,13 +251,13 @@ def first_checkpoint(run: Run) -> Path:
 
 @pytest.fixture(scope="module")
 def earlier(tmp_path_factory: pytest.TempPathFactory, trained_once: None) -> Run:
-    return trained(tmp_path_factory.mktemp("runs") / "earlier")
+    return train_in(tmp_path_factory.mktemp("runs") / "earlier")
 
 
 def test_networks_and_optimiser_are_those_of_the_earlier_run(earlier: Run, tmp_path: Path) -> None:
     # Other encounters and another number of them: only the networks have to be the same.
     changes = ["seed=7", "ppo.environments=32", "scenarios=[{name: noisy}]"]
-    later = trained(tmp_path / "later", *changes, f"warm_start={earlier.directory}")
+    later = train_in(tmp_path / "later", *changes, f"warm_start={earlier.directory}")
     begun = checkpoint.restore(first_checkpoint(later), earlier.state.learner, "learner")
     fresh = checkpoint.restore(first_checkpoint(earlier), earlier.state.learner, "learner")
     for mine, theirs, new in zip(
@@ -271,8 +271,8 @@ def test_networks_and_optimiser_are_those_of_the_earlier_run(earlier: Run, tmp_p
 @pytest.mark.slow
 def test_a_checkpoint_is_as_good_as_its_run(earlier: Run, tmp_path: Path) -> None:
     file = checkpoint.latest(earlier.directory / "checkpoints")
-    of_run = trained(tmp_path / "a", f"warm_start={earlier.directory}")
-    of_file = trained(tmp_path / "b", f"warm_start={file}")
+    of_run = train_in(tmp_path / "a", f"warm_start={earlier.directory}")
+    of_file = train_in(tmp_path / "b", f"warm_start={file}")
     for mine, theirs in zip(
         jax.tree.leaves(of_run.state), jax.tree.leaves(of_file.state), strict=True
     ):
@@ -290,7 +290,7 @@ def test_other_networks_are_refused(
     overrides: list[str], said: str, earlier: Run, tmp_path: Path
 ) -> None:
     with pytest.raises(checkpoint.CheckpointError, match=said):
-        trained(tmp_path / "other", f"warm_start={earlier.directory}", *overrides)
+        train_in(tmp_path / "other", f"warm_start={earlier.directory}", *overrides)
 
 
 def test_nothing_is_created_before_everything_is_checked(tmp_path: Path) -> None:
@@ -318,7 +318,7 @@ def policy(earlier: Run) -> Path:
 def test_a_policy_begins_a_training_with_a_fresh_critic(
     earlier: Run, policy: Path, tmp_path: Path
 ) -> None:
-    later = trained(tmp_path / "later", f"warm_start={policy}", "checkpoint.every_seconds=0")
+    later = train_in(tmp_path / "later", f"warm_start={policy}", "checkpoint.every_seconds=0")
     first = sorted((later.directory / "checkpoints").glob("*.safetensors"))[0]
     learner = checkpoint.restore(first, earlier.state.learner, "learner")
     assert same(learner.actor, earlier.state.learner.actor)
@@ -334,10 +334,10 @@ def test_an_unfit_policy_file_is_refused(policy: Path, tmp_path: Path) -> None:
     with pytest.raises(
         ConfigError, match=r"warm_start: .*network\.hidden \(8, 8\); expected \(8, 9\)"
     ):
-        trained(tmp_path / "other", f"warm_start={policy}", "network.hidden=[8, 9]")
+        train_in(tmp_path / "other", f"warm_start={policy}", "network.hidden=[8, 9]")
     damaged = tmp_path / "damaged.safetensors"
     content = bytearray(policy.read_bytes())
     content[-1] ^= 1
     damaged.write_bytes(content)
     with pytest.raises(ConfigError, match=r"warm_start: .*edited or damaged"):
-        trained(tmp_path / "of_damaged", f"warm_start={damaged}")
+        train_in(tmp_path / "of_damaged", f"warm_start={damaged}")

@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 MOMENT = datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC)
 
 
-def written(options: Options) -> None:
+def write_jobs(options: Options) -> None:
     for job in options.jobs:
         job.directory.mkdir(parents=True, exist_ok=True)
     write_configurations(options)
@@ -66,7 +66,7 @@ def test_several_seeds_are_several_runs(tmp_path: Path):
     options = parse(["--set", "seed=4", "--seeds", "3", "--out", str(tmp_path / "out")])
     assert [job.config.seed for job in options.jobs] == [4, 5, 6]
     assert [job.directory.name for job in options.jobs] == ["seed-0", "seed-1", "seed-2"]
-    written(options)
+    write_jobs(options)
     assert load(TrainConfig, tmp_path / "out" / "seed-2" / "config.yaml").seed == 6
 
 
@@ -74,12 +74,12 @@ def test_several_seeds_are_several_runs(tmp_path: Path):
 def test_a_resumed_run_is_the_prepared_one(tmp_path: Path, seeds: int):
     out = tmp_path / "out"
     fresh = parse(["--set", "ppo.clip=0.3", "--seeds", str(seeds), "--out", str(out)])
-    written(fresh)
+    write_jobs(fresh)
     checkpoints = fresh.jobs[0].directory / "checkpoints"
     checkpoints.mkdir()
     (checkpoints / "checkpoint-0000000003.safetensors").touch()
     resumed = parse(["--resume", str(out), "--quiet"])
-    written(resumed)
+    write_jobs(resumed)
     assert [job.config for job in resumed.jobs] == [job.config for job in fresh.jobs]
     assert [job.directory for job in resumed.jobs] == [job.directory for job in fresh.jobs]
     # What was not begun yet begins.
@@ -200,7 +200,7 @@ with Interrupt() as interrupt:
 """
 
 
-def started(*arguments: object) -> "subprocess.Popen[str]":
+def start_process(*arguments: object) -> "subprocess.Popen[str]":
     return subprocess.Popen(
         [sys.executable, *map(str, arguments)],
         stdout=subprocess.PIPE,
@@ -211,7 +211,7 @@ def started(*arguments: object) -> "subprocess.Popen[str]":
 
 
 def busy(*arguments: str) -> "subprocess.Popen[str]":
-    process = started("-c", BUSY, *arguments)
+    process = start_process("-c", BUSY, *arguments)
     assert process.stdout is not None
     assert process.stdout.readline() == "busy\n"
     return process
@@ -249,7 +249,7 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_signal_while_a_training_starts_ends_it_with_130(
     after_s: float, config: Path, tmp_path: Path
 ) -> None:
-    process = started(
+    process = start_process(
         "-m", "rlcas_jax.train", "--config", config, "--out", tmp_path / "run", "--quiet"
     )
     time.sleep(after_s)
@@ -261,7 +261,7 @@ def test_a_signal_while_a_training_starts_ends_it_with_130(
 
 def test_one_folder_has_one_training(config: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    process = started("-m", "rlcas_jax.train", "--config", config, "--out", out, "--quiet")
+    process = start_process("-m", "rlcas_jax.train", "--config", config, "--out", out, "--quiet")
     try:
         deadline = time.monotonic() + 1_200
         while (

@@ -80,7 +80,7 @@ BEGIN = World(jnp.arange(float(COUNT)), jnp.zeros(COUNT), jnp.zeros(COUNT), jnp.
 
 
 @jax.jit
-def rolled(state: ppo.LearnerState, world: World, seed: int) -> Any:
+def roll(state: ppo.LearnerState, world: World, seed: int) -> Any:
     noise_key, key = jax.random.split(jax.random.key(seed))
     noise = jax.random.normal(noise_key, (STEPS, COUNT, 2))
     algorithm = ppo.Ppo(PARTS, SETTINGS)
@@ -95,7 +95,7 @@ def state() -> ppo.LearnerState:
 
 @pytest.fixture(scope="module")
 def rollout(state: ppo.LearnerState) -> tuple[World, ppo.Batch, dict, Seen]:
-    return rolled(state, BEGIN, 1)
+    return roll(state, BEGIN, 1)
 
 
 def test_samples_have_encounters_first_and_statistics_time_first(rollout) -> None:
@@ -177,7 +177,7 @@ def test_advantages_and_targets_bootstrap_from_the_next_observation_but_never_ac
 
 def test_rollouts_go_on_where_the_last_one_stopped(rollout, state) -> None:
     world, _, _, _ = rollout
-    _, samples, _, _ = rolled(state, world, 2)
+    _, samples, _, _ = roll(state, world, 2)
     clocks = [[(STEPS + t) % (4 + n) for t in range(STEPS)] for n in range(COUNT)]
     np.testing.assert_array_equal(samples.observation[..., 1], clocks)
 
@@ -186,9 +186,9 @@ def test_every_observation_and_action_has_a_draw_of_its_own(rollout, state) -> N
     _, samples, _, _ = rollout
     noise = np.asarray(samples.observation[..., 3])
     assert np.unique(noise).size == noise.size
-    _, again, _, _ = rolled(state, BEGIN, 1)
+    _, again, _, _ = roll(state, BEGIN, 1)
     np.testing.assert_array_equal(again.action, samples.action)
-    _, other, _, _ = rolled(state, BEGIN, 3)
+    _, other, _, _ = roll(state, BEGIN, 3)
     assert np.intersect1d(other.action, samples.action).size == 0
     assert np.intersect1d(other.observation[..., 3], noise).size == 0
 
@@ -205,7 +205,7 @@ def worth(states: surrogate.State, weight: float) -> jax.Array:
     return weight * jax.jit(of if states.steps.ndim == 1 else jax.vmap(of))(states)
 
 
-def turned(yaw_rate: Any) -> Any:
+def turn_step(yaw_rate: Any) -> Any:
     """Return a step of a command, 1 at the limit of 3 deg/s."""
     return Transition(*(Any,) * 2, (0.0, yaw_rate), Any, PAPER)
 
@@ -231,7 +231,7 @@ def test_only_termination_forfeits_the_potential() -> None:
 
 @given(st.floats(-5.0, 5.0))
 def test_the_turn_rate_cost_is_symmetric_and_bounded(yaw_rate: float) -> None:
-    costs = np.asarray(turn_rate(turned(jnp.float32([yaw_rate, -yaw_rate, 0.0])), jnp))
+    costs = np.asarray(turn_rate(turn_step(jnp.float32([yaw_rate, -yaw_rate, 0.0])), jnp))
     assert costs[0] == costs[1] == pytest.approx(min(abs(yaw_rate), 1.0) ** 2, rel=1e-5, abs=1e-30)
     assert costs[2] == 0.0
 
@@ -239,10 +239,10 @@ def test_the_turn_rate_cost_is_symmetric_and_bounded(yaw_rate: float) -> None:
 def test_the_heading_change_cost_does_not_depend_on_the_rate() -> None:
     sharp, gentle = jnp.full(10, -1.0), jnp.full(40, 0.25)
     costs = [
-        float(heading_change(turned(rates), jnp).sum()) for rates in (sharp, gentle, 5.0 * sharp)
+        float(heading_change(turn_step(rates), jnp).sum()) for rates in (sharp, gentle, 5.0 * sharp)
     ]
     np.testing.assert_allclose(costs, 30.0 / 90.0, rtol=1e-5)
-    assert float(heading_change(turned(jnp.float32(0.0)), jnp)) == 0.0
+    assert float(heading_change(turn_step(jnp.float32(0.0)), jnp)) == 0.0
 
 
 def state_of(name: str, most: int = 1, count: int = FLIGHTS) -> surrogate.State:
@@ -350,7 +350,7 @@ def test_potential_by_hand() -> None:
     np.testing.assert_allclose(worth(scene, 2.0), [-1.6, -1.6], atol=1e-5)
 
 
-def left(x: float, y: float, *, speed: float = 90.0, scale: float = 1.0) -> float:
+def way_left(x: float, y: float, *, speed: float = 90.0, scale: float = 1.0) -> float:
     """Return the potential's way to a goal ahead at x and left at y, m, for an aircraft that turns
     at 3 deg/s.
     """
@@ -380,13 +380,13 @@ def test_a_goal_that_the_next_turn_cannot_meet_counts_the_way_round() -> None:
     is farther.
     """
     radius = 90.0 / math.radians(3.0)
-    assert left(-3_000.0, 1_000.0) == pytest.approx(math.hypot(3_000.0, 1_000.0), rel=1e-5)
-    assert left(0.0, 2.0 * radius) == pytest.approx(2.0 * radius, rel=1e-5)
-    centre = left(0.0, radius)
+    assert way_left(-3_000.0, 1_000.0) == pytest.approx(math.hypot(3_000.0, 1_000.0), rel=1e-5)
+    assert way_left(0.0, 2.0 * radius) == pytest.approx(2.0 * radius, rel=1e-5)
+    centre = way_left(0.0, radius)
     assert centre == pytest.approx(radius + DETOUR * (radius - PAPER.goal_radius), rel=1e-5)
-    assert left(0.0, -radius) == pytest.approx(centre, rel=1e-5)
-    assert left(0.0, radius, scale=7.0) == pytest.approx(7.0 * centre, rel=1e-5)
+    assert way_left(0.0, -radius) == pytest.approx(centre, rel=1e-5)
+    assert way_left(0.0, radius, scale=7.0) == pytest.approx(7.0 * centre, rel=1e-5)
     # Flying straight on from there is progress though the goal gets farther, and so is slowing
     # down.
-    assert left(-300.0, radius) < centre
-    assert left(0.0, radius, speed=60.0) < centre
+    assert way_left(-300.0, radius) < centre
+    assert way_left(0.0, radius, speed=60.0) < centre

@@ -59,7 +59,7 @@ def start(*arguments: object) -> "subprocess.Popen[str]":
     )
 
 
-def ended(process: "subprocess.Popen[str]", status: int = 0) -> str:
+def output_of(process: "subprocess.Popen[str]", status: int = 0) -> str:
     output, _ = process.communicate(timeout=1_200)
     assert process.returncode == status, output
     return output
@@ -81,7 +81,7 @@ def pair(*arguments: object) -> list["subprocess.Popen[str]"]:
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory, config_file: Path) -> Path:
     out = tmp_path_factory.mktemp("alone") / "run"
-    ended(start("--config", config_file, "--out", out))
+    output_of(start("--config", config_file, "--out", out))
     return out
 
 
@@ -101,7 +101,7 @@ def assert_same_curve(out: Path, expected: Path) -> None:
 def test_virtual_devices_learn_what_one_learns(
     devices: int, tmp_path: Path, config_file: Path, alone: Path
 ) -> None:
-    ended(start("--config", config_file, "--out", tmp_path / "run", "--devices", devices))
+    output_of(start("--config", config_file, "--out", tmp_path / "run", "--devices", devices))
     assert_same_curve(tmp_path / "run", alone)
 
 
@@ -110,7 +110,7 @@ def test_two_processes_learn_what_one_learns_and_the_first_one_writes(
     tmp_path: Path, config_file: Path, alone: Path
 ) -> None:
     outputs = [
-        ended(process) for process in pair("--config", config_file, "--out", tmp_path / "run")
+        output_of(process) for process in pair("--config", config_file, "--out", tmp_path / "run")
     ]
     assert_same_curve(tmp_path / "run", alone)
     assert "resolved, of all" in outputs[0]
@@ -133,10 +133,10 @@ def test_a_run_of_two_processes_is_stopped_by_either_and_goes_on_on_two_devices(
         time.sleep(0.02)
     processes[1].send_signal(signal.SIGINT)
     for process in processes:
-        ended(process, 130)
+        output_of(process, 130)
     stopped = json.loads((out / "summary.json").read_text())
     assert not stopped["finished"]
-    ended(start("--resume", out, "--devices", 2))
+    output_of(start("--resume", out, "--devices", 2))
     assert json.loads((out / "summary.json").read_text())["finished"]
     np.testing.assert_array_equal(metrics.read(out)["update"], np.arange(1, 41))
 

@@ -29,7 +29,7 @@ def keys(number: int) -> jax.Array:
     return jax.random.split(jax.random.key(number), COUNT)
 
 
-def flown(
+def fly_steps(
     env: Deconfliction, params: Any, steps: int, action: tuple[float, float] = (0.0, 0.0)
 ) -> Any:
     """Return what each of so many steps of a batch yields, stacked over time."""
@@ -108,7 +108,7 @@ def test_an_encounter_is_flown_as_the_surrogate_flies_it(name: str) -> None:
 def test_the_time_limit_truncates_and_violation_and_goal_terminate() -> None:
     env = Deconfliction(scenario("circle", UAS, radius=(900.0, 900.0)))
     params = env.default_params.replace(max_steps_in_episode=20)
-    _, states, rewards, terminated, truncated, info = flown(env, params, 60)
+    _, states, rewards, terminated, truncated, info = fly_steps(env, params, 60)
     np.testing.assert_array_equal(truncated & ~terminated, (rewards == -10.0))
     np.testing.assert_array_equal(terminated, (rewards == 100.0) | (rewards == -100.0))
     np.testing.assert_array_equal(info["violation"] | info["reached"], terminated)

@@ -279,14 +279,14 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def trained(config: TrainConfig, directory: Path) -> Run:
+def train_in(config: TrainConfig, directory: Path) -> Run:
     directory.mkdir()
     return run(prepare(config, directory), Reporter(quiet=True))
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory, file: Path, trained_once: None) -> Run:
-    return trained(load(TrainConfig, file), tmp_path_factory.mktemp("runs") / "whole")
+    return train_in(load(TrainConfig, file), tmp_path_factory.mktemp("runs") / "whole")
 
 
 def rows(directory: Path) -> list[dict[str, float]]:
@@ -340,9 +340,9 @@ def test_a_phase_goes_on_with_the_networks_of_the_one_before(
 ) -> None:
     """Its first update is that of a training of this phase alone that begins with them."""
     config = load(TrainConfig, file, ["phases.1.steps=512"])
-    both = trained(config, tmp_path / "both")
+    both = train_in(config, tmp_path / "both")
     first = load(TrainConfig, file).phase_configs()[0]
-    alone = trained(first, tmp_path / "first")
+    alone = train_in(first, tmp_path / "first")
     assert rows(alone.directory) == rows(both.directory)[:20] == rows(whole.directory)[:20]
     second = prepare(config, tmp_path / "none").tasks[1]
     state = second.initial()

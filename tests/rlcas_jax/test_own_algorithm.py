@@ -26,7 +26,7 @@ from rlcas_jax.algorithm import algorithm_of, register
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare
 from rlcas_jax.training import Extensions, _config_of, resume, train
-from tests.probes import Probe, trained
+from tests.probes import Probe, train_on_probe
 from tests.stranger import python_blocks, run
 
 MODULE = next(
@@ -85,7 +85,7 @@ def with_discount(discount: Any) -> Any:
 
 def test_it_learns_which_action_pays_for_which_observation():
     probe = Probe(shows_sign=1.0, target=0.0, target_by_sign=0.5)
-    state = trained(with_discount, 1_000, 1e-2, probe)
+    state = train_on_probe(with_discount, 1_000, 1e-2, probe)
     mean, log_std = ACTOR.apply(state.actor, np.float32([[1.0, 0.0], [-1.0, 0.0]]))
     np.testing.assert_allclose(mean[:, 0], [0.5, -0.5], atol=0.15)
     assert log_std[0] < -1.0
@@ -93,7 +93,7 @@ def test_it_learns_which_action_pays_for_which_observation():
 
 def test_it_learns_what_a_later_reward_is_worth():
     probe = Probe(shows_clock=1.0, length=2.0, pays=1.0, discount=0.7)
-    state = trained(with_discount, 1_000, 1e-2, probe)
+    state = train_on_probe(with_discount, 1_000, 1e-2, probe)
     value: Any = CRITIC.apply(state.critic, np.float32([[0.0, 1.0], [0.0, 0.0]]))
     np.testing.assert_allclose(value, [1.0, 0.7], atol=0.1)
 
@@ -255,7 +255,7 @@ def test_a_written_configuration_names_it():
 # A training with it, as a stranger runs it.
 
 
-def logged(directory: Path) -> list[dict[str, float]]:
+def logged_rows(directory: Path) -> list[dict[str, float]]:
     """Return the logged rows without what depends on the clock."""
     rows = [json.loads(line) for line in (directory / metrics.FILE).read_text().splitlines()]
     return [
@@ -277,7 +277,7 @@ def test_a_python_call_trains_calls_back_and_resumes_bit_for_bit(folder: Path):
     assert whole == json.loads(Path("whole/summary.json").read_text())
     assert [row["update"] for row in seen] == [1, 2, 3]
     assert [row["algorithm/mean_value"] for row in seen] == pytest.approx(
-        [row["algorithm/mean_value"] for row in logged(Path("whole"))]
+        [row["algorithm/mean_value"] for row in logged_rows(Path("whole"))]
     )
     with pytest.raises(ConfigError, match="whole exists and is not empty"):
         train(given, "whole", extensions=extensions)
@@ -292,7 +292,7 @@ def test_a_python_call_trains_calls_back_and_resumes_bit_for_bit(folder: Path):
         own_algorithm._registered.clear()
         resume("parts")
     resume("parts", extensions=extensions)
-    assert logged(Path("parts")) == logged(Path("whole"))
+    assert logged_rows(Path("parts")) == logged_rows(Path("whole"))
     assert Path("parts/policy.safetensors").read_bytes() == (
         Path("whole/policy.safetensors").read_bytes()
     )
@@ -309,7 +309,7 @@ def test_a_stranger_trains_resumes_and_evaluates_it(tmp_path: Path):
     trained = run(mine, "-m", "rlcas_jax.train", "--config", "tiny.yaml", "--out", "run")
     assert trained.returncode == 0, trained.stderr
     whole = (mine / "run/policy.safetensors").read_bytes()
-    rows = logged(mine / "run")
+    rows = logged_rows(mine / "run")
 
     # The newest checkpoint is lost, as by a kill before it: the run goes on from the one before.
     max((mine / "run/checkpoints").glob("*.safetensors")).unlink()
@@ -317,7 +317,7 @@ def test_a_stranger_trains_resumes_and_evaluates_it(tmp_path: Path):
     again = run(mine, "-m", "rlcas_jax.train", "--resume", "run")
     assert again.returncode == 0, again.stderr
     assert (mine / "run/policy.safetensors").read_bytes() == whole
-    assert logged(mine / "run") == rows
+    assert logged_rows(mine / "run") == rows
 
     content = policy_file.read(mine / "run/policy.safetensors")
     assert content.metadata["training"]["config"]["algorithm"] == "my_algorithm:ActorCritic"

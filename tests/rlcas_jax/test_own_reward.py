@@ -48,7 +48,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def moved(count: int = 200, seed: int = 0) -> Transition:
+def make_transition(count: int = 200, seed: int = 0) -> Transition:
     """Return a step of random encounters near the end, numpy."""
     starts = encounters_of_seed(scenario("multi", PAPER, radius=(600.0, 3_000.0)), seed, 0, count)
     before = world.begin(starts, np)
@@ -63,7 +63,7 @@ def test_the_module_of_the_page_is_short():
 
 
 def test_a_reward_is_its_scaled_sum_and_scores_are_the_task_alone():
-    step = moved()
+    step = make_transition()
     found, parts = learning_reward(table(WEIGHTS | {"turn_rate": -3.0}), step, 0.9, np, 0.01)
     sparse = -100.0 * step.result.outcome.violation + 100.0 * step.result.outcome.reached
     near = np.clip(2.0 - step.result.separation / 1_000.0, 0.0, 1.0)
@@ -76,7 +76,7 @@ def test_a_reward_is_its_scaled_sum_and_scores_are_the_task_alone():
 
 
 def test_a_potential_is_paid_as_its_discounted_gain():
-    step = moved()
+    step = make_transition()
     _, parts = learning_reward(table({"my_rewards:clear": 3.0}), step, 0.9, np)
     module = sys.modules["my_rewards"]
     before, after = (module.room(one, PAPER, np) for one in (step.before, step.after))
@@ -87,7 +87,7 @@ def test_a_potential_is_paid_as_its_discounted_gain():
 
 
 def test_numpy_and_jax_agree_for_every_term():
-    step = moved()
+    step = make_transition()
     every = table(dict.fromkeys(TERMS, 1.0) | WEIGHTS)
     plain = learning_reward(every, step, 0.99, np, 0.5)
     compiled = jax.jit(lambda one: learning_reward(every, one, 0.99, jnp, 0.5))(step)

@@ -72,7 +72,7 @@ def stand_in(training: Any, reporter: Any, interrupt: Any = None) -> Any:
     return SimpleNamespace(config=config, directory=training.directory, finished=True)
 
 
-def evaluated(run: Any) -> dict[str, Any]:
+def evaluate(run: Any) -> dict[str, Any]:
     found = quality(run.config)
     return {
         "finished": True,
@@ -89,7 +89,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         lambda config, directory: SimpleNamespace(config=config, directory=directory),
     )
     monkeypatch.setattr(loop, "run", stand_in)
-    monkeypatch.setattr(finish, "finish", evaluated)
+    monkeypatch.setattr(finish, "finish", evaluate)
     monkeypatch.setattr(sweep, "STARTUP", 3)
     monkeypatch.setattr(
         sweep, "gc", SimpleNamespace(collect=int)
@@ -244,7 +244,7 @@ def test_a_sweep_leaves_its_study_and_the_best_configuration(
         ("prepare", lambda c, d: SimpleNamespace(config=c, directory=d)),
     ):
         monkeypatch.setattr(loop, name, stand)
-    monkeypatch.setattr(finish, "finish", evaluated)
+    monkeypatch.setattr(finish, "finish", evaluate)
     out = tmp_path / "out"
     assert sweep.main(arguments(tmp_path, trials=9)) == 0
     found = trials(out)
@@ -307,11 +307,11 @@ def test_a_sweep_whose_folder_goes_says_so(
 ) -> None:
     out = tmp_path / "out"
 
-    def gone(training: Any, reporter: Any, interrupt: Any) -> Any:
+    def remove_folder(training: Any, reporter: Any, interrupt: Any) -> Any:
         out.rename(tmp_path / "elsewhere") if moved else shutil.rmtree(out)
         return stand_in(training, reporter)
 
-    monkeypatch.setattr(loop, "run", gone)
+    monkeypatch.setattr(loop, "run", remove_folder)
     assert sweep.main(arguments(tmp_path, trials=2)) == 1
     said = capsys.readouterr().err
     assert f"error: {out} has been moved or deleted" in said
@@ -326,7 +326,7 @@ def test_a_sweep_whose_folder_goes_says_so(
 def test_an_interrupted_trial_is_repeated_on_resume(
     quick: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(training: Any, reporter: Any, interrupt: Any) -> Any:
+    def interrupt_third(training: Any, reporter: Any, interrupt: Any) -> Any:
         if training.directory.name == "trial_0002":
             interrupt.waits_for("something")
             signal.raise_signal(signal.SIGINT)
@@ -335,7 +335,7 @@ def test_an_interrupted_trial_is_repeated_on_resume(
             return SimpleNamespace(finished=False)
         return stand_in(training, reporter)
 
-    monkeypatch.setattr(loop, "run", interrupted)
+    monkeypatch.setattr(loop, "run", interrupt_third)
     out = tmp_path / "out"
     assert sweep.main(arguments(tmp_path, trials=4)) == 130
     assert f"--resume --out {out}" in capsys.readouterr().out

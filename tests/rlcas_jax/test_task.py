@@ -200,13 +200,13 @@ def to_the_goal(observation: jax.Array) -> jax.Array:
     )
 
 
-def flown(encounter: Encounter, policy: Any, **rules: Any) -> Outcome:
+def fly_out(encounter: Encounter, policy: Any, **rules: Any) -> Outcome:
     world = surrogate.World(RULES._replace(**rules), PAPER)
 
-    def decided(state: surrogate.State) -> jax.Array:
+    def decide(state: surrogate.State) -> jax.Array:
         return policy(surrogate.observe(state, PAPER))
 
-    return jax.tree.map(np.asarray, jax.jit(lambda start: fly(decided, start, world))(encounter))
+    return jax.tree.map(np.asarray, jax.jit(lambda start: fly(decide, start, world))(encounter))
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +219,7 @@ def alone() -> Encounter:
 def test_every_encounter_ends_in_exactly_one_way_and_it_is_the_first() -> None:
     """Against single steps: what happens after the end is not counted."""
     encounter = drawn_starts()
-    found = flown(encounter, to_the_goal)
+    found = fly_out(encounter, to_the_goal)
     state, first = jax.jit(surrogate.reset)(encounter), np.full(32, -1)
     world = surrogate.World(RULES, PAPER)
 
@@ -242,14 +242,14 @@ def test_every_encounter_ends_in_exactly_one_way_and_it_is_the_first() -> None:
 
 
 def test_flying_to_the_goal_alone_reaches_it(alone: Encounter) -> None:
-    assert flown(alone, to_the_goal).reached.all()
+    assert fly_out(alone, to_the_goal).reached.all()
 
 
 def test_circling_times_out(alone: Encounter) -> None:
     def circling(observation: jax.Array) -> jax.Array:
         return jnp.tile(jnp.float32([0.0, 1.0]), (observation.shape[0], 1))
 
-    assert flown(alone, circling).timeout.all()
+    assert fly_out(alone, circling).timeout.all()
 
 
 def test_the_rules_given_are_the_rules_flown_by() -> None:
@@ -262,8 +262,8 @@ def test_the_rules_given_are_the_rules_flown_by() -> None:
         speed=drawn.own.speed[:, None],
     )
     encounter = drawn._replace(intruders=beside)
-    assert not flown(encounter, straight_on).violation.any()
-    assert flown(encounter, straight_on, separation=1_200.0).violation.all()
+    assert not fly_out(encounter, straight_on).violation.any()
+    assert fly_out(encounter, straight_on, separation=1_200.0).violation.all()
 
 
 def test_evaluation_flies_the_actors_mean(plain: CompiledTask) -> None:

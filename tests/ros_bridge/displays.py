@@ -15,7 +15,7 @@ __all__ = [
     "SECOND",
     "Served",
     "guidance",
-    "known",
+    "known_scene",
     "plan",
     "serving",
     "status",
@@ -24,7 +24,7 @@ __all__ = [
 PREFIX = "rlcas_runner/input/"
 
 
-def known(*traffic: Any, own: Any = None, now: int = NOW) -> Scene:
+def known_scene(*traffic: Any, own: Any = None, now: int = NOW) -> Scene:
     """Return what is known after reports of an ownship that flies east and of these aircraft."""
     scene = take(
         Scene(separation=1_000.0),

@@ -153,7 +153,7 @@ class Client:
         futures: list[Any] = []
         last = -math.inf
 
-        def answered() -> Any:
+        def poll_once() -> Any:
             nonlocal last
             if time.monotonic() - last > AGAIN and not (once and futures):
                 futures.append(client.call_async(request))
@@ -162,7 +162,7 @@ class Client:
 
         try:
             self.spin(client.service_is_ready)
-            return self.spin(answered).result()
+            return self.spin(poll_once).result()
         finally:
             self.node.destroy_client(client)
 

@@ -37,7 +37,7 @@ __all__ = [
     "heard",
     "message",
     "point",
-    "published",
+    "publish",
     "refusal",
     "route_points",
     "stamp",
@@ -136,7 +136,7 @@ def route_points(
     ]
 
 
-def published(points: list[Any], status: int = 4) -> Any:
+def publish(points: list[Any], status: int = 4) -> Any:
     return SimpleNamespace(status=status, waypoints=points)
 
 
@@ -153,7 +153,7 @@ def heard(
     along it.
     """
     situation = updates.geo_reference(Situation(), reference or geo_reference(frame), now, RULES)
-    situation = updates.route(situation, published(points or route_points(frame=frame)), now, RULES)
+    situation = updates.route(situation, publish(points or route_points(frame=frame)), now, RULES)
     situation = updates.ownship(
         situation, own or aircraft(0.0, 0.0, 0.0, 75.0, id="own", frame=frame), now, RULES
     )

@@ -384,7 +384,7 @@ def dump1090(tmp_path: Path) -> Iterator[tuple[Callable[[], Any], int, Sky]]:
         sky = Sky(raw)
         running_now = [running]
 
-        def restarted() -> None:
+        def restart() -> None:
             running_now[-1].terminate()
             running_now[-1].wait()
             sky.close()
@@ -393,7 +393,7 @@ def dump1090(tmp_path: Path) -> Iterator[tuple[Callable[[], Any], int, Sky]]:
             sky.__init__(raw)
 
         try:
-            yield restarted, sbs, sky
+            yield restart, sbs, sky
         finally:
             sky.close()
             running_now[-1].terminate()
@@ -405,7 +405,7 @@ def _listens(port: int) -> bool:
         return one.connect_ex(("127.0.0.1", port)) == 0
 
 
-def drained(receiver: Receiver, reader: Any) -> list[Report | FieldError]:
+def drain(receiver: Receiver, reader: Any) -> list[Report | FieldError]:
     found: list[Report | FieldError] = []
     while not receiver.heard.empty():
         item = receiver.heard.get()
@@ -444,7 +444,7 @@ def test_lines_of_a_real_receiver_become_reports_and_again_after_its_restart(dum
             while not found:
                 sky.transmit()
                 traffic.own = own_now()
-                found = [one for one in drained(receiver, reader) if isinstance(one, Report)]
+                found = [one for one in drain(receiver, reader) if isinstance(one, Report)]
             assert all(map(is_traffic, found))
             assert traffic.counts["on the ground"] and traffic.counts["own echo"]
             restarted()
@@ -479,7 +479,7 @@ def test_documents_of_a_real_receiver_become_reports(
             assert time.monotonic() < end, (traffic.counts, receiver.problem)
             sky.transmit()
             traffic.own = own_now()
-            found += [one for one in drained(receiver, reader) if isinstance(one, Report)]
+            found += [one for one in drain(receiver, reader) if isinstance(one, Report)]
         receiver.stop()
         receiver.join()
         server.shutdown()

@@ -61,7 +61,7 @@ def own(situation: Situation, seconds: float) -> Situation:
     return updates.ownship(situation, message, NOW + round(seconds * SECOND), RULES)
 
 
-def published(situation: Situation, revision: int = 1, seconds: float = 0.0) -> Published:
+def publish_plan(situation: Situation, revision: int = 1, seconds: float = 0.0) -> Published:
     wanted = task(situation, NOW + round(seconds * SECOND), SETTINGS)
     # A busy machine may not find a plan in time.
     options = replace(wanted.options, deadline_s=math.inf)
@@ -76,10 +76,10 @@ def published(situation: Situation, revision: int = 1, seconds: float = 0.0) -> 
 
 
 @functools.cache
-def begun() -> tuple[Supervision, Situation]:
+def begin_watch() -> tuple[Supervision, Situation]:
     """Return a monitor that has just begun to watch a plan, and what was heard."""
     situation = traffic(heard(), 0.0)
-    return activate(initial(THRESHOLDS), situation, published(situation)), situation
+    return activate(initial(THRESHOLDS), situation, publish_plan(situation)), situation
 
 
 def test_a_plan_in_a_wind_is_monitored_in_it():
@@ -98,7 +98,7 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
         return traffic(after, seconds)
 
     situation = situation_at(0.0, VehicleState(0.0, 0.0, 0.5, 75.0))
-    held = published(situation)
+    held = publish_plan(situation)
     assert held.wind == pytest.approx((12.0, -9.0))
     supervision = activate(initial(THRESHOLDS), situation, held)
     assert supervision.frame is not None
@@ -130,7 +130,7 @@ def test_there_is_no_verdict_before_the_first_plan():
     st.lists(st.integers(SECOND // 1000, SECOND // 3), min_size=1, max_size=6),
 )
 def test_report_handed_over_again_is_in_order(first: int, steps: list[int]):
-    supervision, situation = begun()
+    supervision, situation = begin_watch()
     situation = own(traffic(situation, first / SECOND), first / SECOND)
     now = NOW + first
     for step in steps:
@@ -144,7 +144,7 @@ def test_report_handed_over_again_is_in_order(first: int, steps: list[int]):
 
 
 def test_reports_are_handed_over_far_enough_apart_to_show_a_turn():
-    supervision, situation = begun()
+    supervision, situation = begin_watch()
     times_given = []
     for tenth in range(1, 11):
         seconds = 0.1 * tenth
@@ -157,7 +157,7 @@ def test_reports_are_handed_over_far_enough_apart_to_show_a_turn():
 
 
 def test_changed_report_is_handed_over_at_once():
-    supervision, situation = begun()
+    supervision, situation = begin_watch()
     situation = own(traffic(situation, 0.5), 0.5)
     supervision, _ = step_monitor(supervision, situation, NOW + SECOND // 2)
     situation = own(traffic(situation, 0.6, heading=-0.5 * math.pi, x=FAR - 45.0), 0.6)
@@ -196,7 +196,7 @@ def test_a_plan_survives_noise_that_is_declared(seed: int):
         situation = updates.ownship(situation, aircraft(*state, id="own", time=now), now, RULES)
         situation = updates.traffic(situation, noisy(second, random), now, RULES)
         if second == 5:
-            taken = published(situation, seconds=5.0)
+            taken = publish_plan(situation, seconds=5.0)
             supervision = activate(supervision, situation, taken)
             curve = legs(plan_states(*to_frame(FRAME, taken)))
         supervision, verdict = step_monitor(supervision, situation, now)
@@ -205,7 +205,7 @@ def test_a_plan_survives_noise_that_is_declared(seed: int):
 
 
 def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
-    supervision, situation = begun()
+    supervision, situation = begin_watch()
     bad = aircraft(0.0, 9_000.0, 0.0, 75.0, id="bad001", latitude=math.nan, time=NOW + SECOND)
     situation = updates.traffic(own(traffic(situation, 1.0), 1.0), bad, NOW + SECOND, RULES)
     supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
@@ -221,10 +221,10 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
 
 
 def test_older_plan_is_ignored_and_a_withdrawal_ends_the_newer():
-    supervision, situation = begun()
-    newer = activate(supervision, situation, published(situation)._replace(revision=5))
+    supervision, situation = begin_watch()
+    newer = activate(supervision, situation, publish_plan(situation)._replace(revision=5))
     assert newer.held is not None and newer.held.revision == 5
-    assert activate(newer, situation, published(situation)._replace(revision=4)) is newer
+    assert activate(newer, situation, publish_plan(situation)._replace(revision=4)) is newer
     assert withdrawn(newer, 5) is newer
     ended = withdrawn(newer, 6)
     assert ended.held is None
@@ -232,7 +232,7 @@ def test_older_plan_is_ignored_and_a_withdrawal_ends_the_newer():
 
 
 def test_an_answer_that_came_late_is_flown_on_its_own_times():
-    supervision, situation = begun()
+    supervision, situation = begin_watch()
     # An aircraft appears ahead on the path: a plan is wanted.
     situation = own(traffic(situation, 1.0), 1.0)
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
@@ -240,7 +240,7 @@ def test_an_answer_that_came_late_is_flown_on_its_own_times():
     supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
     assert verdict is not None and verdict.ask is not None
     # The runner begins 80 ms after the monitor has asked.
-    answer = published(situation, revision=2, seconds=1.08)
+    answer = publish_plan(situation, revision=2, seconds=1.08)
     supervision, taken_up = accept_answer(supervision, verdict.ask.number, answer)
     assert taken_up and supervision.held == answer
     situation = own(traffic(situation, 1.1), 1.1)
@@ -251,7 +251,7 @@ def test_an_answer_that_came_late_is_flown_on_its_own_times():
 
 
 def test_a_refusal_denies_the_plan():
-    supervision, situation = begun()
+    supervision, situation = begin_watch()
     situation = own(traffic(situation, 1.0), 1.0)
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
     situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
@@ -293,7 +293,7 @@ def lasting(supervision: Supervision, seconds: float) -> Supervision:
 
 
 def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
-    usual, situation = begun()
+    usual, situation = begin_watch()
     # What comes near before a long plan ends is not left out.
     for x, ends, reached in (
         (320_000.0, 400.0, True),

@@ -22,7 +22,7 @@ from ros_bridge.core.reports import USUAL
 from ros_bridge.core.situation import task
 from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
 from tests.ros_bridge.scenes import NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
-from tests.ros_bridge.test_assurance import published
+from tests.ros_bridge.test_assurance import publish_plan
 
 HEAVY, DRONE = number_of("A5"), number_of("b6 ")
 CATEGORIES = Categories({HEAVY: 2_500.0, DRONE: 400.0}, {DRONE: 150.0})
@@ -107,7 +107,9 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
         return aircraft(6_000.0, -4_500.0, math.pi / 2.0, 75.0, **given)
 
     situation = heard(crossing(1_000.0, HEAVY), own=own)
-    supervision = activate(initial(THRESHOLDS, USUAL, CATEGORIES), situation, published(situation))
+    supervision = activate(
+        initial(THRESHOLDS, USUAL, CATEGORIES), situation, publish_plan(situation)
+    )
     _, verdict = step_monitor(supervision, situation, NOW)
     assert verdict is not None
     traffic = verdict.measured.traffic
@@ -120,7 +122,7 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
     sinking.velocity.z = -5.0
     situation = heard(sinking, own=own)
     _, verdict = step_monitor(
-        activate(initial(THRESHOLDS, USUAL, CATEGORIES), situation, published(situation)),
+        activate(initial(THRESHOLDS, USUAL, CATEGORIES), situation, publish_plan(situation)),
         situation,
         NOW,
     )

@@ -30,14 +30,14 @@ from tests.ros_bridge.scenes import (
     geo_reference,
     message,
     point,
-    published,
+    publish,
     stamp,
 )
 
 rubbish = st.sampled_from([math.nan, math.inf, -math.inf, 1e300, -1e300])
 
 
-def changed(message, path: str, value) -> None:
+def change_field(message, path: str, value) -> None:
     *parents, last = path.split(".")
     for name in parents:
         message = getattr(message, name)
@@ -90,7 +90,7 @@ def test_a_good_state_is_taken_field_by_field():
 @given(value=rubbish)
 def test_value_not_finite_or_out_of_range_is_refused_by_name(path: str, value: float):
     message = full()
-    changed(message, path, value)
+    change_field(message, path, value)
     with pytest.raises(FieldError) as caught:
         conversions.aircraft(message, "it")
     assert caught.value.field == f"it.{path}"
@@ -120,7 +120,7 @@ def test_value_not_finite_or_out_of_range_is_refused_by_name(path: str, value: f
 )
 def test_inconsistent_fields_are_refused_by_name(path: str, value: object, field: str):
     message = full()
-    changed(message, path, value)
+    change_field(message, path, value)
     with pytest.raises(FieldError) as caught:
         conversions.aircraft(message, "it")
     assert caught.value.field == field
@@ -138,7 +138,7 @@ def test_a_field_without_its_bit_is_not_read(value: float):
         "position_std",
         "velocity_std",
     ):
-        changed(message, path, value)
+        change_field(message, path, value)
     report = conversions.aircraft(message, "it")
     assert report.altitude is None and report.wind is None and report.true_airspeed is None
     assert report.position_std is None and report.velocity_std is None and report.time_std == 0.0
@@ -190,13 +190,13 @@ def test_alerts_that_contradict_themselves_are_refused(message, field: str):
 )
 def test_bad_routes_are_refused_by_name(points: list, field: str):
     with pytest.raises(FieldError) as caught:
-        conversions.published_route(published(points))
+        conversions.published_route(publish(points))
     assert caught.value.field == field
 
 
 def test_a_plan_is_no_route():
     with pytest.raises(FieldError, match=r"route\.status is 1, expected 4"):
-        conversions.published_route(published([point(1, 47.0, 8.0), point(2, 47.1, 8.0)], status=1))
+        conversions.published_route(publish([point(1, 47.0, 8.0), point(2, 47.1, 8.0)], status=1))
 
 
 # The local frame against PROJ's own map and its geodesics: round trips, distances, directions,

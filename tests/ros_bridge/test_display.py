@@ -34,7 +34,7 @@ from tests.ros_bridge.displays import (
     PREFIX,
     SECOND,
     guidance,
-    known,
+    known_scene,
     plan,
     serving,
     status,
@@ -55,7 +55,7 @@ def after(seconds: float) -> int:
 @given(st.floats(-30e3, 30e3), st.floats(-30e3, 30e3), st.floats(-3.1, 3.1), st.floats(0.0, 20.0))
 def test_aircraft_are_drawn_where_they_are_to_be_expected(x, y, heading, seconds):
     message = aircraft(x, y, heading, 80.0)
-    shown = picture(known(message), after(seconds))
+    shown = picture(known_scene(message), after(seconds))
     one = shown["traffic"][0]
     place = LocalFrame(*shown["origin"]).geodetic(one["x"], one["y"])
     velocity = message.velocity
@@ -67,7 +67,7 @@ def test_aircraft_are_drawn_where_they_are_to_be_expected(x, y, heading, seconds
 
 
 def test_what_is_old_is_marked_and_then_forgotten():
-    scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
     states = [
         [one["state"] for one in picture(scene, after(age))["traffic"]]
         for age in (0.0, STALE - 0.1, STALE + 0.1, FORGET + 0.1)
@@ -79,7 +79,7 @@ def test_what_is_old_is_marked_and_then_forgotten():
 
 
 def test_a_clock_that_steps_back_begins_anew():
-    scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
     assert picture(scene, after(-0.4))["traffic"]
     assert not picture(scene, after(-1.0))["traffic"]
 
@@ -90,12 +90,12 @@ def test_heights_are_compared_only_where_they_are_comparable():
 
     own = aircraft(0.0, 0.0, 0.0, 80.0, id="own", **level(1_000.0, 1))
     for other, reference, above in ((1_300.0, 1, 300.0), (1_300.0, 2, None), (900.0, 1, -100.0)):
-        scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0, **level(other, reference)), own=own)
+        scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, **level(other, reference)), own=own)
         assert picture(scene, NOW)["traffic"][0]["relative_altitude"] == above
 
 
 def test_alerts_of_the_monitor_and_of_others_are_joined():
-    scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0), aircraft(0.0, 9e3, 0.0, 80.0, id="b"))
+    scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0), aircraft(0.0, 9e3, 0.0, 80.0, id="b"))
     levels = {"intruder_ids": ["4b1a2c"], "intruder_level": [1], "intruder_loss": [40.0]}
     scene = take(scene, GUIDANCE, guidance(**levels), NOW)
     scene = take(scene, f"{PREFIX}alerts", alert("b", level=3), NOW)
@@ -114,14 +114,14 @@ def test_advice_turns_to_the_nearer_free_side(side: int):
     bands = guidance()
     bands.track_region = [2 if n in closed else 0 for n in range(72)]
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [2], [30.0]
-    scene = take(known(aircraft(5_000.0, 0.0, 0.0, 80.0)), GUIDANCE, bands, NOW)
+    scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), GUIDANCE, bands, NOW)
     advice = picture(scene, NOW)["advice"]
     assert advice["do"] == "free" and advice["turn"] == ("right" if side > 0 else "left")
     assert advice["track_deg"] == 90.0 + side * 25.0
 
 
 def test_advice_is_what_the_monitor_says_is_to_be_flown():
-    scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
     scene = take(take(scene, PLAN, plan(), NOW), STATUS, status(1), NOW)
     shown = picture(scene, NOW)
     assert shown["advice"]["do"] == "plan" and shown["advice"]["turn"] == "left"
@@ -136,14 +136,14 @@ def test_advice_is_what_the_monitor_says_is_to_be_flown():
 def test_where_nothing_is_free_the_way_out_is_said():
     bands = guidance(range(72), region=3, recovery=30)
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [3], [9.0]
-    scene = take(known(aircraft(5_000.0, 0.0, 0.0, 80.0)), GUIDANCE, bands, NOW)
+    scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), GUIDANCE, bands, NOW)
     advice = picture(scene, after(2.0))["advice"]
     assert advice["do"] == "recovery" and advice["track_deg"] == 150.0
     assert advice["after"] == 10.0 and advice["shortfall"] == 250.0
 
 
 def test_a_plan_is_drawn_through_its_waypoints_and_over_its_times():
-    shown = picture(take(known(), PLAN, plan(), NOW), after(10.0))["plan"]
+    shown = picture(take(known_scene(), PLAN, plan(), NOW), after(10.0))["plan"]
     line, point = shown["line"], shown["points"][0]
     assert line[-1][:2] == pytest.approx([point["x"], point["y"]], abs=0.2)
     times = [time for *_, time in line]
@@ -177,7 +177,7 @@ def test_a_plan_that_nobody_can_fly_is_drawn_all_the_same(steps):
             "time_of_arrival": stamp(NOW + round(time * SECOND) + number + 1),
         }
         message.waypoints.append(SimpleNamespace(**(first | more)))
-    shown = picture(take(known(), PLAN, message, NOW), NOW)
+    shown = picture(take(known_scene(), PLAN, message, NOW), NOW)
     assert json.dumps(shown, allow_nan=False)
     assert len(shown["plan"]["points"]) == len(steps) and 2 <= len(shown["plan"]["line"]) <= 500
 
@@ -195,7 +195,7 @@ def test_a_plan_that_nobody_can_fly_is_drawn_all_the_same(steps):
     ],
 )
 def test_a_message_that_cannot_be_used_is_named_and_changes_nothing(name, message, says):
-    scene = take(take(known(), STATUS, status(), NOW), GUIDANCE, guidance(), NOW)
+    scene = take(take(known_scene(), STATUS, status(), NOW), GUIDANCE, guidance(), NOW)
     before = picture(scene, NOW)
     shown = picture(take(scene, name, message, NOW), NOW)
     told = [one["text"] for one in shown["health"] if one["level"] == 2]
@@ -220,7 +220,7 @@ def test_a_receivers_reports_make_a_picture_without_ros():
 
 @given(st.lists(st.sampled_from(sorted(INPUTS)), max_size=6), st.floats(0.0, 100.0))
 def test_every_picture_is_plain_json(names: list[str], seconds: float):
-    scene = known(aircraft(5_000.0, 0.0, 0.0, 80.0, id="<b>'\"&"))
+    scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, id="<b>'\"&"))
     for name in names:
         scene = take(scene, name, SimpleNamespace(), NOW)  # a message without any field
     text = json.dumps(picture(scene, after(seconds)), allow_nan=False)
@@ -240,11 +240,11 @@ def test_names_of_the_inputs_are_those_of_the_graph():
 
 def board(*traffic: Any) -> Board:
     made = Board(clock=lambda: NOW)
-    made.scene = known(*traffic)
+    made.scene = known_scene(*traffic)
     return made
 
 
-def opened(port: int, **more: Any) -> Any:
+def open_client(port: int, **more: Any) -> Any:
     return connect(f"ws://127.0.0.1:{port}/pictures", compression=None, **more)
 
 
@@ -255,7 +255,7 @@ def pictures(client: Any, count: int) -> list[dict[str, Any]]:
 def test_twenty_clients_get_pictures_and_what_one_sends_is_refused():
     source = board(aircraft(5_000.0, 0.0, 0.0, 80.0))
     with serving(source) as server, ExitStack() as stack:
-        clients = [stack.enter_context(opened(server.port)) for _ in range(20)]
+        clients = [stack.enter_context(open_client(server.port)) for _ in range(20)]
         for client in clients:
             hello, first = pictures(client, 2)
             assert hello["type"] == "hello" and hello["live"]
@@ -287,9 +287,9 @@ def test_a_client_that_does_not_read_loses_pictures_and_nobody_else_does():
             "Connection: Upgrade\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
             "Sec-WebSocket-Version: 13\r\n\r\n".encode()
         )
-        with opened(server.port, max_size=None) as quick:
+        with open_client(server.port, max_size=None) as quick:
             got = 0
-            while server.screen.missed() < 5:  # the buffers of the system come first
+            while server.screen.missed_pictures() < 5:  # the buffers of the system come first
                 source.feed(lambda scene: scene)
                 got += len(pictures(quick, 1))
                 assert got < 2_000, "no picture was dropped"
@@ -323,10 +323,10 @@ def test_only_four_files_are_served_and_only_to_this_machines_names():
 def test_another_page_may_not_read_the_traffic():
     with serving(board()) as server:
         for origin in ("http://evil.example", "null", f"http://127.0.0.1:{server.port + 1}"):
-            with pytest.raises(InvalidStatus) as caught, opened(server.port, origin=origin):
+            with pytest.raises(InvalidStatus) as caught, open_client(server.port, origin=origin):
                 pass
             assert caught.value.response.status_code == 403
-        with opened(server.port, origin=server.url[:-1]) as client:
+        with open_client(server.port, origin=server.url[:-1]) as client:
             assert pictures(client, 2)
 
 
@@ -335,7 +335,7 @@ def test_junk_instead_of_http_leaves_a_line_and_the_server():
         for junk in (b"\x16\x03\x01\x00\xff" * 40, b"GET / HTTP/1.1\r\n" + b"a" * 100_000, b""):
             with socket.create_connection(("127.0.0.1", server.port)) as one:
                 one.sendall(junk)
-        with opened(server.port) as client:
+        with open_client(server.port) as client:
             assert pictures(client, 2)
         end = time.monotonic() + 10.0
         while not server.said and time.monotonic() < end:
@@ -380,7 +380,7 @@ def encounter(folder: Path, **more: Any) -> Path:
 def test_an_encounter_is_shown_at_the_time_that_a_client_asks_for(tmp_path: Path):
     recording = read(encounter(tmp_path))
     assert recording.length == 60.0 and recording.marks == [(20.0, 2)]
-    with serving(recording) as server, opened(server.port) as client:
+    with serving(recording) as server, open_client(server.port) as client:
         hello = pictures(client, 1)[0]
         assert not hello["live"] and hello["length"] == 60.0
         for asked, shown, level in ((10.5, 10.5, 0), (59.0, 59.0, 2), (1e9, 60.0, 2), (-5, 0.0, 0)):
@@ -473,7 +473,7 @@ def test_stamps_are_not_made_up():
     """A report without a time is refused as everywhere."""
     message = aircraft(5_000.0, 0.0, 0.0, 80.0)
     message.header.stamp = stamp(0)
-    shown = picture(known(message), NOW)
+    shown = picture(known_scene(message), NOW)
     assert shown["traffic"] == []
 
 
@@ -484,7 +484,7 @@ def test_in_a_wind_bands_are_compared_with_the_direction_through_the_air():
     )
     bands = guidance(range(18, 28))  # tracks 90 to 135: what it points at is closed
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [2], [30.0]
-    scene = take(known(aircraft(5_000.0, 0.0, 0.0, 80.0), own=own), GUIDANCE, bands, NOW)
+    scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0), own=own), GUIDANCE, bands, NOW)
     shown = picture(scene, NOW)
     assert shown["own"]["air"]["track_deg"] == pytest.approx(135.0, abs=0.1)
     assert shown["advice"]["turn"] == "right" and shown["advice"]["track_deg"] == 140.0
@@ -510,7 +510,7 @@ def test_areas_move_to_the_time_of_the_picture_and_say_when_they_hold():
         clearance=100.0,
     )
     message = SimpleNamespace(header=SimpleNamespace(stamp=stamp(NOW)), areas=[circle])
-    scene = take(known(), f"{PREFIX}areas", message, NOW)
+    scene = take(known_scene(), f"{PREFIX}areas", message, NOW)
     before, later = (picture(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
     assert before["name"] == "<i>storm" and before["keep"] == "out"
     assert before["floor"] is None and before["ceiling"] == [3_000.0, "msl"]

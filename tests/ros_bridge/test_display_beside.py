@@ -13,17 +13,17 @@ from ros_bridge.core import updates
 from ros_bridge.core.assurance import activate, initial, step_monitor
 from ros_bridge.core.guidance import blank
 from ros_bridge.core.replies import to_frame
-from ros_bridge.display.beside import supervised
+from ros_bridge.display.beside import supervise
 from ros_bridge.display.picture import picture
 from ros_bridge.display.scene import Scene
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, THRESHOLDS, aircraft, heard
-from tests.ros_bridge.test_assurance import published, traffic
+from tests.ros_bridge.test_assurance import publish_plan, traffic
 from tests.ros_bridge.test_guidance import RULES, with_report
 
 
 def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     before = traffic(heard(), 0.0)
-    plan = published(before)
+    plan = publish_plan(before)
     supervision = activate(initial(THRESHOLDS), before, plan)
     start, points = to_frame(FRAME, plan)
     own = at(legs(plan_states(start, points)), np.float64(1.0))
@@ -32,7 +32,7 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     situation = with_report(traffic(before, 1.0), "new001", 7_000.0, 0.0, math.pi)
     situation = updates.ownship(situation, message, now, RULES)
     supervision, verdict = step_monitor(supervision, situation, now)
-    scene, shown = supervised(Scene(), situation, supervision, verdict, blank(THRESHOLDS), now)
+    scene, shown = supervise(Scene(), situation, supervision, verdict, blank(THRESHOLDS), now)
     found = picture(scene, now)
     assert found["separation"] == THRESHOLDS.requirement.separation
     assert found["plan"]["revision"] == plan.revision
@@ -41,5 +41,5 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     assert {one["id"]: one["level"] for one in found["alerts"]}["new001"] == 2
     east = found["bands"]["track_deg"].index(90.0)
     assert found["bands"]["track_region"][east] == 2
-    later, _ = supervised(scene, situation, supervision, None, shown, now + SECOND)
+    later, _ = supervise(scene, situation, supervision, None, shown, now + SECOND)
     assert picture(later, now + SECOND)["monitor"] is None

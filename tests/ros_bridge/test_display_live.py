@@ -25,7 +25,7 @@ def watching(url: str) -> Iterator[Callable[[Callable[[Any], Any]], Any]]:
     with connect(f"ws{url.strip()[4:]}pictures", compression=None) as client:
         assert json.loads(client.recv(timeout=30.0))["type"] == "hello"
 
-        def seen(holds: Callable[[Any], Any]) -> Any:
+        def wait_for_picture(holds: Callable[[Any], Any]) -> Any:
             end = time.monotonic() + 60.0
             while time.monotonic() < end:
                 found = holds(json.loads(client.recv(timeout=30.0)))
@@ -33,7 +33,7 @@ def watching(url: str) -> Iterator[Callable[[Callable[[Any], Any]], Any]]:
                     return found
             raise AssertionError("no such picture came")
 
-        yield seen
+        yield wait_for_picture
 
 
 def aircraft(picture: Any, name: str) -> Any:

@@ -17,7 +17,7 @@ from playwright.sync_api import expect
 from ros_bridge.display.recording import read
 from ros_bridge.display.scene import take
 from ros_bridge.display.server import Board
-from tests.ros_bridge.displays import NOW, Served, guidance, known, plan, serving, status
+from tests.ros_bridge.displays import NOW, Served, guidance, known_scene, plan, serving, status
 from tests.ros_bridge.scenes import aircraft
 from tests.ros_bridge.test_display import GUIDANCE, PLAN, STATUS, encounter
 
@@ -27,7 +27,7 @@ SIZES = {"desk": (1280, 800), "tablet": (1024, 768), "phone": (390, 844)}
 
 def alarming() -> Board:
     """Return a board with a warning, a plan, and an aircraft whose name is markup."""
-    scene = known(
+    scene = known_scene(
         aircraft(6_000.0, 0.0, 3.1, 80.0, id=HOSTILE, valid=0xC5),
         aircraft(3_000.0, 4_000.0, 0.0, 80.0, id="late", time=NOW - 4_000_000_000),
     )
@@ -55,7 +55,7 @@ class Page:
     def text(self, selector: str) -> str:
         return self.page.inner_text(selector)
 
-    def drawn(self) -> int:
+    def count_drawn(self) -> int:
         """Return how many pixels of the map are not empty, after the next picture was drawn."""
         self.page.evaluate(
             "new Promise((done) => document.addEventListener('drawn', done, { once: true })).then(() => 1)"
@@ -89,7 +89,7 @@ def test_alert_advice_and_health_are_said_in_words(alarmed: tuple[Page, Served])
     assert [rows.nth(n).locator("td").nth(0).inner_text() for n in range(2)] == ["late", HOSTILE]
     assert "coasting, 4 s" in rows.nth(0).inner_text()
     assert page.page.locator("#table img, #alerts img").count() == 0
-    assert page.drawn() > 20_000
+    assert page.count_drawn() > 20_000
 
 
 def test_the_keyboard_does_what_the_buttons_do(alarmed: tuple[Page, Served]) -> None:
@@ -157,7 +157,7 @@ def test_texts_have_contrast_and_fit_at_every_size(new_page: Any, size: str) -> 
                 "[...document.querySelectorAll('button')].filter((b) => b.offsetParent && (b.offsetWidth < 44 || b.offsetHeight < 44)).map((b) => b.id)"
             )
             assert small == []
-            assert page.drawn() > 10_000
+            assert page.count_drawn() > 10_000
             assert page.wrong == []
             page.page.close()
 

@@ -23,7 +23,7 @@ from tests.ros_bridge.scenes import (
     crossing,
     geo_reference,
     heard,
-    published,
+    publish,
     refusal,
     route_points,
     stamp,
@@ -108,7 +108,7 @@ def test_fault_of_an_aircraft_under_the_own_id_holds():
         own = aircraft(75.0 * second, 0.0, 0.0, 75.0, id="own", time=now)
         frozen = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=now)
         situation = updates.traffic(updates.ownship(situation, own, now, RULES), frozen, now, RULES)
-        faulty.append(not answered(situation, now))
+        faulty.append(not is_answered(situation, now))
     assert True in faulty and all(faulty[faulty.index(True) :])
 
 
@@ -141,13 +141,13 @@ def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(
         situation = updates.traffic(
             updates.ownship(situation, own, now, RULES), message, now, RULES
         )
-        refusals += [] if answered(situation, now) else [second]
+        refusals += [] if is_answered(situation, now) else [second]
     # One report alone may be an outlier; from the second on there is another aircraft.
     since = [second for second, which in enumerate(pattern) if which == "n"][1]
     assert [second for second in refusals if second >= since] == list(range(since, len(pattern)))
 
 
-def answered(situation: Situation, now: int) -> bool:
+def is_answered(situation: Situation, now: int) -> bool:
     try:
         task(situation, now, SETTINGS)
     except Refusal:
@@ -159,18 +159,18 @@ def test_unusable_report_at_the_same_place_is_no_second_aircraft():
     situation = heard(aircraft(9_000.0, 0.0, math.pi, 75.0))
     late = NOW + SECOND
     situation = updates.traffic(situation, unusable("no velocity", 1, 9_000.0), late, RULES)
-    assert not answered(situation, late)
+    assert not is_answered(situation, late)
     late += SECOND
     good = aircraft(8_850.0, 0.0, math.pi, 75.0, time=late)
     situation = updates.ownship(
         situation, aircraft(150.0, 0.0, 0.0, 75.0, id="own", time=late), late, RULES
     )
-    assert answered(updates.traffic(situation, good, late, RULES), late)
+    assert is_answered(updates.traffic(situation, good, late, RULES), late)
 
 
 def test_an_aircraft_that_may_come_near_on_a_long_last_leg_is_never_left_out():
     """Without a velocity it may fly 400 m/s; the plan may last 23 minutes."""
-    long = published(route_points(spacing=45_000.0, count=2))
+    long = publish(route_points(spacing=45_000.0, count=2))
     near, late = silent(aircraft(320_000.0, 0.0, math.pi, 75.0, valid=0x01), seconds=1.0)
     with pytest.raises(Refusal) as refused:
         task(updates.route(near, long, late, RULES), late, SETTINGS)
@@ -182,7 +182,7 @@ def test_an_aircraft_that_may_come_near_on_a_long_last_leg_is_never_left_out():
 
 def test_the_bound_of_a_plans_end_is_the_planners():
     """An ownship of 49 m/s may be on its last leg of 45 km until 23 minutes after the request."""
-    long = published(route_points(spacing=45_000.0, count=2))
+    long = publish(route_points(spacing=45_000.0, count=2))
     slow = aircraft(0.0, 0.0, 0.0, 49.0, id="own")
     head_on = aircraft(320_000.0, 0.0, math.pi, 149.0)
     situation = updates.route(heard(head_on, own=slow, now=NOW), long, NOW, RULES)
@@ -212,7 +212,7 @@ def truth(name: str, seconds: float) -> tuple[float, float, float, float]:
     )
 
 
-def damaged(message, name: str, now: int, draw: random.Random) -> None:
+def damage(message, name: str, now: int, draw: random.Random) -> None:
     kind = draw.randrange(8)
     if kind == 0:
         setattr(
@@ -244,7 +244,7 @@ def damaged(message, name: str, now: int, draw: random.Random) -> None:
 def test_damaged_states_never_move_what_is_planned_with():
     draw, rows, planned = random.Random(0), 0, 0
     start = updates.geo_reference(Situation(), geo_reference(), NOW, RULES)
-    start = updates.route(start, published(route_points()), NOW, RULES)
+    start = updates.route(start, publish(route_points()), NOW, RULES)
     while rows < ROWS:
         situation = start
         for tick in range(TICKS):
@@ -252,7 +252,7 @@ def test_damaged_states_never_move_what_is_planned_with():
             for name in STARTS:
                 message = aircraft(*truth(name, seconds), id=name, time=now)
                 if tick > 3 and draw.random() < 0.33:
-                    damaged(message, name, now, draw)
+                    damage(message, name, now, draw)
                 take = updates.ownship if name == "own" else updates.traffic
                 situation, rows = take(situation, message, now, RULES), rows + 1
             try:

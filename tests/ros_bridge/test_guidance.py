@@ -22,7 +22,7 @@ from ros_bridge.core.replies import to_frame
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, THRESHOLDS, aircraft, heard
-from tests.ros_bridge.test_assurance import published, traffic
+from tests.ros_bridge.test_assurance import publish_plan, traffic
 
 RULES = Rules()
 
@@ -35,7 +35,7 @@ def with_report(situation: Situation, name: str, x: float, y: float, heading: fl
 def display(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
     """Return what is shown a second after a plan began."""
     before = traffic(heard(), 0.0)
-    plan = published(before)
+    plan = publish_plan(before)
     supervision: Supervision = activate(initial(THRESHOLDS), before, plan)
     _, points = to_frame(FRAME, plan)
     start, _ = to_frame(FRAME, plan)
@@ -95,7 +95,7 @@ def test_where_nothing_is_free_there_is_a_way_out() -> None:
 
 def test_nothing_is_shown_of_an_ownship_that_is_unknown() -> None:
     before = traffic(heard(), 0.0)
-    supervision = activate(initial(THRESHOLDS), before, published(before))
+    supervision = activate(initial(THRESHOLDS), before, publish_plan(before))
     supervision, verdict = step_monitor(supervision, before, NOW + 10 * SECOND)
     assert verdict is not None and supervision.frame is not None
     assert verdict.state is State.DENIED

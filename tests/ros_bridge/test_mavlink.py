@@ -42,14 +42,14 @@ def wire(request: pytest.FixtureRequest) -> Callable[..., Any]:
     """Return a function that sends a message of a version over a wire of bytes."""
     dialect = importlib.import_module(f"pymavlink.dialects.{request.param}.ardupilotmega")
 
-    def sent(name: str, **fields: Any) -> Any:
+    def send(name: str, **fields: Any) -> Any:
         sender, receiver = dialect.MAVLink(None, 1, 1), dialect.MAVLink(None)
         kind = getattr(dialect, f"MAVLink_{name.lower()}_message")
         message = kind(**fields)
         (parsed,) = receiver.parse_buffer(message.pack(sender))
         return parsed
 
-    return sent
+    return send
 
 
 def position(wire: Callable[..., Any], **changes: Any) -> Any:
@@ -183,9 +183,9 @@ def waypoint(number: int, east: float, command: int = 16, parameter: float = 0.0
 def test_a_route_goes_through_waypoints_until_something_else_is_flown() -> None:
     items = [waypoint(0, 0), waypoint(1, 1, 22), waypoint(2, 2), waypoint(3, 3, 178)]
     items += [waypoint(4, 5), waypoint(5, 7, 21), waypoint(6, 9)]
-    assert [one.number for one in mission.left(items, 2)] == [2, 4]
-    assert [one.number for one in mission.left(items, 4)] == [4]
-    assert mission.left(items, 5) == ()
+    assert [one.number for one in mission.remaining_items(items, 2)] == [2, 4]
+    assert [one.number for one in mission.remaining_items(items, 4)] == [4]
+    assert mission.remaining_items(items, 5) == ()
     before = mission.before(items, 4)
     assert before is not None
     assert before.number == 2
@@ -206,7 +206,7 @@ def test_a_routes_points_lie_on_its_legs_and_say_where_the_mission_goes_on(
     if len(lengths) > 1:  # a lone waypoint's leg may be doubled
         assert max(gaps) < 1.6 * spacing
     for one in route:
-        number = mission.resumed(one.index, items)
+        number = mission.item_after_rejoin(one.index, items)
         assert 1 <= number <= len(lengths) + 1
         if one.index % SUB not in (0, SUB - 1):
             assert number == one.index // SUB
@@ -280,7 +280,7 @@ def test_both_avoidances_at_once_are_refused() -> None:
 # Who flies.
 
 
-def seen(time: float = 0.0, mode: int = Mode.AUTO, **changes: Any) -> Seen:
+def make_seen(time: float = 0.0, mode: int = Mode.AUTO, **changes: Any) -> Seen:
     """Return a moment with a conflict and a plan."""
     usual = {"armed": True, "fresh": True, "conflict": True, "flyable": True, "rejoined": False}
     return Seen(time, mode, **(usual | changes))
@@ -295,17 +295,17 @@ def after(*moments: Seen, fly: bool = True) -> Step:
 
 
 def test_a_conflict_is_flown_and_the_mission_given_back() -> None:
-    moments = [seen(0.0), seen(0.2, Mode.GUIDED), seen(0.4, Mode.GUIDED)]
+    moments = [make_seen(0.0), make_seen(0.2, Mode.GUIDED), make_seen(0.4, Mode.GUIDED)]
     assert after(*moments[:1]).orders == (Order.TAKE_OVER,)
     assert after(*moments).orders == (Order.STEER,)
-    back = after(*moments, seen(60.0, Mode.GUIDED, rejoined=True))
+    back = after(*moments, make_seen(60.0, Mode.GUIDED, rejoined=True))
     assert back.orders == (Order.GIVE_BACK,)
-    again = step(back.control, seen(60.2, Mode.AUTO, conflict=False), fly=True)
+    again = step(back.control, make_seen(60.2, Mode.AUTO, conflict=False), fly=True)
     assert (again.control.phase, again.orders) == (Phase.WATCHING, ())
 
 
 _MOMENTS = st.builds(
-    seen,
+    make_seen,
     mode=st.sampled_from([*Mode, 5, 0]),
     armed=st.booleans(),
     fresh=st.booleans(),
@@ -338,32 +338,36 @@ def test_nothing_is_ordered_in_advice_nor_in_a_mode_of_the_operators(moments: li
 
 @pytest.mark.parametrize("mode", [Mode.RTL, Mode.LOITER, Mode.AVOID_ADSB, Mode.AUTO, 5])
 def test_a_mode_of_somebody_elses_ends_it_until_the_mission_flies_in_peace(mode: int) -> None:
-    ended = after(seen(0.0), seen(0.2, Mode.GUIDED), seen(0.4, mode))
+    ended = after(make_seen(0.0), make_seen(0.2, Mode.GUIDED), make_seen(0.4, mode))
     assert (ended.control.phase, ended.orders) == (Phase.YIELDED, ())
     assert "set by others" in ended.text
     for time in (1.0, 5.0, 30.0):
-        ended = step(ended.control, seen(time), fly=True)
+        ended = step(ended.control, make_seen(time), fly=True)
         assert ended.orders == ()
-    peace = step(ended.control, seen(31.0 + CLEAR, conflict=False), fly=True)
+    peace = step(ended.control, make_seen(31.0 + CLEAR, conflict=False), fly=True)
     assert peace.control.phase is Phase.WATCHING
-    assert step(peace.control, seen(50.0), fly=True).orders == (Order.TAKE_OVER,)
+    assert step(peace.control, make_seen(50.0), fly=True).orders == (Order.TAKE_OVER,)
 
 
 def test_an_operators_mode_that_our_request_crossed_is_restored() -> None:
-    crossed = after(seen(0.0), seen(0.1, Mode.RTL))
+    crossed = after(make_seen(0.0), make_seen(0.1, Mode.RTL))
     assert crossed.control.restore == Mode.RTL
-    assert step(crossed.control, seen(0.2, Mode.GUIDED), fly=True).orders == (Order.RESTORE,)
-    assert step(crossed.control, seen(0.2, Mode.RTL), fly=True).orders == ()
+    assert step(crossed.control, make_seen(0.2, Mode.GUIDED), fly=True).orders == (Order.RESTORE,)
+    assert step(crossed.control, make_seen(0.2, Mode.RTL), fly=True).orders == ()
 
 
 def test_an_autopilot_that_does_not_change_is_not_left_in_guided() -> None:
-    late = after(seen(0.0), seen(3.1))
+    late = after(make_seen(0.0), make_seen(3.1))
     assert late.control.phase is Phase.YIELDED
-    assert step(late.control, seen(3.4, Mode.GUIDED), fly=True).orders == (Order.RESTORE,)
+    assert step(late.control, make_seen(3.4, Mode.GUIDED), fly=True).orders == (Order.RESTORE,)
 
 
 def test_a_stale_state_is_not_steered_by() -> None:
-    moments = [seen(0.0), seen(0.2, Mode.GUIDED), seen(0.4, Mode.GUIDED, fresh=False)]
+    moments = [
+        make_seen(0.0),
+        make_seen(0.2, Mode.GUIDED),
+        make_seen(0.4, Mode.GUIDED, fresh=False),
+    ]
     assert after(*moments).orders == ()
 
 

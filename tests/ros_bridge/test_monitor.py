@@ -118,7 +118,7 @@ class Flight:
             if response.status == response.STATUS_SAFE and list(response.trajectory.intruder_ids):
                 return
 
-    def turned(self, heading: float) -> None:
+    def turn(self, heading: float) -> None:
         """Let the intruder fly another way from here on."""
         x, y, before, since = self.intruder
         now = self.client.now()
@@ -144,7 +144,7 @@ def flight() -> Iterator[Flight]:
             flight.close()
 
 
-def saved(flight: Flight) -> float:
+def time_to_backup(flight: Flight) -> float:
     """Kill the runner, let an aircraft come head on, and return the time from its report to the
     backup, s.
     """
@@ -198,7 +198,7 @@ def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
     flight.until(state=AssuranceStatus.STATE_MONITORING)
 
     # How soon, the slow test says: other tests run beside this one.
-    saved(flight)
+    time_to_backup(flight)
     flight.client.spin(lambda: "new001" in flight.shown[-1].intruder_ids)
     shown = flight.shown[-1]
     level = dict(zip(shown.intruder_ids, shown.intruder_level, strict=True))
@@ -210,7 +210,7 @@ def test_the_backup_is_flown_within_a_fifth_of_a_second(flight: Flight):
     flight.plan()
     flight.until(state=AssuranceStatus.STATE_MONITORING)
     flight.tick()
-    assert saved(flight) <= 0.2
+    assert time_to_backup(flight) <= 0.2
 
 
 @pytest.mark.slow
@@ -224,7 +224,7 @@ def test_monitor_requests_plans_and_finds_a_new_runner(flight: Flight):
     while flight.revision == before:
         turning = time.monotonic() - begun
         assert turning < PATIENCE, "no new plan was asked for"
-        flight.turned(0.5 * math.pi - min(0.05 * turning, math.pi))
+        flight.turn(0.5 * math.pi - min(0.05 * turning, math.pi))
         flight.tick()
     assert AssuranceStatus.STATE_REPLAN_REQUESTED in {said.state for said in flight.says}
     flight.until(state=AssuranceStatus.STATE_MONITORING)

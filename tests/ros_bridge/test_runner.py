@@ -79,7 +79,7 @@ def world(client: Client) -> World:
     return World(client)
 
 
-def asked(client: Client, **more) -> GenerateTrajectory.Response:
+def ask(client: Client, **more) -> GenerateTrajectory.Response:
     request = GenerateTrajectory.Request(
         **({"reason": GenerateTrajectory.Request.REASON_MANUAL} | more)
     )
@@ -98,7 +98,7 @@ def answer(
     """
     end = time.monotonic() + PATIENCE
     while True:
-        response = asked(client, **more)
+        response = ask(client, **more)
         right = response.status == wanted and field in (None, response.field)
         if right or time.monotonic() > end:
             assert right, f"{Code(response.status).name} {response.field}: {response.message}"
@@ -242,7 +242,7 @@ def test_unsafe_plan_is_answered_and_advised_but_not_published(client: Client, w
     assert bytes(response.trajectory.id.uuid) not in {bytes(plan.id.uuid) for plan in plans}
 
 
-def gone(world: World) -> None:
+def clear_scene(world: World) -> None:
     """Put the aircraft of the tests before out of the way, and the ownship at the origin."""
     for _ in range(2):
         world.ownship()
@@ -265,7 +265,7 @@ def gone(world: World) -> None:
 def test_a_bad_ownship_is_refused_until_a_good_one_comes(
     client: Client, world: World, change, code, field
 ):
-    answer(client, Code.SAFE, lambda: gone(world))
+    answer(client, Code.SAFE, lambda: clear_scene(world))
 
     def bad() -> None:
         given = dict(change)
@@ -293,13 +293,13 @@ def test_requests_are_checked(client: Client, world: World):
 
 
 def test_an_alert_about_an_unknown_aircraft_is_refused(client: Client, world: World):
-    answer(client, Code.SAFE, lambda: gone(world))
+    answer(client, Code.SAFE, lambda: clear_scene(world))
     response = answer(client, Code.NO_INTRUDER, lambda: world.alert("beef01"))
     assert response.field == "intruder beef01"
     world.alert("beef01", "beef01")
     assert answer(client, Code.INVALID_ALERT).field == "alert.intruder_ids[1]"
     world.alert(level=0)
-    answer(client, Code.SAFE, lambda: gone(world))
+    answer(client, Code.SAFE, lambda: clear_scene(world))
 
 
 def set_to(client: Client, name: str, value: float):
@@ -315,7 +315,7 @@ def set_to(client: Client, name: str, value: float):
 
 
 def test_a_silent_ownship_is_stale(client: Client, world: World):
-    answer(client, Code.SAFE, lambda: gone(world))
+    answer(client, Code.SAFE, lambda: clear_scene(world))
     assert set_to(client, "ownship_max_age", 0.3).successful
     client.idle(0.4)
     assert answer(client, Code.STALE_OWNSHIP).field == "ownship.header.stamp"
@@ -364,7 +364,7 @@ def test_a_publisher_that_does_not_fit_is_reported(client: Client):
 
 def test_deactivation_withdraws_the_plan(client: Client, world: World):
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
-    held = answer(client, Code.SAFE, lambda: gone(world)).trajectory
+    held = answer(client, Code.SAFE, lambda: clear_scene(world)).trajectory
     client.spin(lambda: plans and plans[-1].revision == held.revision)
     change = ChangeState.Request()
     change.transition.id = 4
@@ -379,7 +379,7 @@ def test_deactivation_withdraws_the_plan(client: Client, world: World):
         client.call(GetState, f"{NODE}/get_state", GetState.Request()).current_state.label
         == "active"
     )
-    answer(client, Code.SAFE, lambda: gone(world))
+    answer(client, Code.SAFE, lambda: clear_scene(world))
 
 
 def test_traffic_outside_the_domain_shows_in_answer_and_diagnostics(client: Client, world: World):
@@ -387,7 +387,7 @@ def test_traffic_outside_the_domain_shows_in_answer_and_diagnostics(client: Clie
     began = client.now()
 
     def fast() -> None:
-        gone(world)
+        clear_scene(world)
         world.intruder(
             30_000.0 + 140.0 * (client.now() - began) / 1e9, 30_000.0, 0.0, 140.0, id="fa57aa"
         )
@@ -427,7 +427,7 @@ def test_simulated_time_that_is_zero_or_steps_back_voids_everything():
         try:
             world = World(client)
             plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
-            assert asked(client).status == Code.NO_CLOCK
+            assert ask(client).status == Code.NO_CLOCK
             world.reference()
             world.route()
 
@@ -447,7 +447,7 @@ def test_simulated_time_that_is_zero_or_steps_back_voids_everything():
             client.idle(0.3)
             world.ownship(time=20 * 10**9)
             client.idle(0.3)
-            assert asked(client).status == Code.SAFE
+            assert ask(client).status == Code.SAFE
 
             # What was sent before, from somewhere else, and comes late is no report of the new
             # time.
@@ -456,7 +456,7 @@ def test_simulated_time_that_is_zero_or_steps_back_voids_everything():
             world.ownship(x=20_000.0, time=20 * 10**9)
             world.ownship(time=10 * 10**9)
             client.idle(0.3)
-            assert asked(client).status == Code.SAFE
+            assert ask(client).status == Code.SAFE
         finally:
             client.close()
             process.stop()

@@ -43,13 +43,13 @@ class Scene:
         self.begun, self.go_on = threading.Event(), threading.Event()
         really = planning.plan_task
 
-        def planned(wanted, policy, *, exhaustive):
+        def plan_when_told(wanted, policy, *, exhaustive):
             if exhaustive:
                 self.begun.set()
                 assert self.go_on.wait(20.0)
             return really(wanted, policy, exhaustive=False)
 
-        patch.setattr(planning, "plan_task", planned)
+        patch.setattr(planning, "plan_task", plan_when_told)
         node.trigger_configure()
         node.trigger_activate()
         self.world.reference()
@@ -178,14 +178,14 @@ def world() -> Iterator[World]:
             process.stop()
 
 
-def flown(world: World, seconds: float, reported: Callable[[int], None]) -> None:
+def report_for(world: World, seconds: float, reported: Callable[[int], None]) -> None:
     """Report for some seconds; ``reported`` is called with the number of the report."""
     for number in range(round(seconds / _EVERY)):
         reported(number)
         world.client.idle(_EVERY)
 
 
-def asked(world: World) -> GenerateTrajectory.Response:
+def ask_for_plan(world: World) -> GenerateTrajectory.Response:
     return world.client.call(GenerateTrajectory, SERVICE, GenerateTrajectory.Request(reason=3))
 
 
@@ -196,7 +196,7 @@ def becomes(
     for number in range(round(PATIENCE / _EVERY)):
         reported(number)
         world.client.idle(_EVERY)
-        response = asked(world)
+        response = ask_for_plan(world)
         if response.status == wanted:
             return response
     raise AssertionError(f"{Code(response.status).name} {response.message}, expected {wanted.name}")
@@ -213,8 +213,8 @@ def test_echo_of_the_ownship_before_its_first_state_is_no_intruder(world: World)
         world.ownship(id="4b1a2c")
         world.intruder(0.0, 0.0, 0.0, 75.0, id="4B1A2C")
 
-    flown(world, 1.0, both)
-    assert asked(world).status == Code.SAFE
+    report_for(world, 1.0, both)
+    assert ask_for_plan(world).status == Code.SAFE
 
 
 def test_far_aircraft_without_velocity_or_reports_is_excluded_by_name(world: World):
@@ -224,7 +224,7 @@ def test_far_aircraft_without_velocity_or_reports_is_excluded_by_name(world: Wor
         if number == 0:
             world.intruder(0.0, 330_000.0, math.pi, 75.0, id="silent")
 
-    flown(world, 1.6, far)
+    report_for(world, 1.6, far)
     response = becomes(world, Code.SAFE, lambda _: far(1))
     assert list(response.trajectory.intruder_ids) == []
     left_out = dict(zip(response.excluded_ids, response.excluded_reasons, strict=True))
@@ -245,11 +245,11 @@ def test_frozen_ownship_is_refused_until_it_moves(world: World):
     def frozen(number: int) -> None:
         world.ownship(x=0.3 * (number % 2), y=500.0, id="4b1a2c")
 
-    flown(world, 4.0, frozen)
+    report_for(world, 4.0, frozen)
     for number in range(5):
         frozen(number)
         world.client.idle(_EVERY)
-        response = asked(world)
+        response = ask_for_plan(world)
         assert (response.status, response.field) == (Code.INVALID_OWNSHIP, "ownship.position")
     becomes(world, Code.SAFE, lambda _: world.ownship(y=500.0, id="4b1a2c"))
 
@@ -264,7 +264,7 @@ def test_two_aircraft_under_one_id_are_never_planned_with(world: World):
     for number in range(15):
         in_turns(number)
         world.client.idle(_EVERY)
-        response = asked(world)
+        response = ask_for_plan(world)
         if number:
             assert response.status == Code.INVALID_INTRUDER, number
             fields.append(response.field)

@@ -21,7 +21,7 @@ from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.relative import straight_cpa
 from envs.starts import encounters_of_seed
 from envs.waypoints import RoutePoint, Waypoint, legs, plan_states
-from ros_bridge.sim.flight_log import FlightLog, kept, table
+from ros_bridge.sim.flight_log import FlightLog, all_safe_kept, table
 from ros_bridge.sim.plan_flight import PlanFlight, Verdict, plans_table
 from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import VEHICLES, EncounterFlight, SimulationError, vehicle
@@ -31,12 +31,12 @@ NEEDS_JSBSIM = pytest.mark.skipif(
 )
 
 
-def met(name: str = "crossing_left", number: int = 0):
+def encounter_at(name: str = "crossing_left", number: int = 0):
     return encounters_of_seed(scenario(name, PAPER), 0, number, 1)
 
 
 def test_straight_flights_come_as_close_as_their_cpa():
-    encounter = met()
+    encounter = encounter_at()
     flight = EncounterFlight(encounter, PAPER, C208_PUBLISHED)
     expected = straight_cpa(flight.own, encounter.intruders, np)
     while not flight.over():
@@ -55,7 +55,7 @@ def test_straight_flights_come_as_close_as_their_cpa():
     ],
 )
 def test_flown_plan_keeps_its_separation(kind: str, bound: float):
-    encounter = met("head_on")
+    encounter = encounter_at("head_on")
     flight = EncounterFlight(encounter, PAPER, C208_PUBLISHED, kind)
     own = flight.own
     east, north = (flight.goal[0] - own.x) / 10.0, (flight.goal[1] - own.y) / 10.0
@@ -169,7 +169,7 @@ def test_losses_can_be_total_and_a_seed_repeats_itself():
 # What is said of flights: a plan called SAFE that did not keep the separation is never passed over.
 
 
-def flown(**more) -> FlightLog:
+def make_log(**more) -> FlightLog:
     return FlightLog(
         **(
             {
@@ -186,16 +186,18 @@ def flown(**more) -> FlightLog:
 
 
 def test_safe_plans_must_keep_the_separation():
-    assert kept([flown(), flown(separation=1_000.0)])
-    assert not kept([flown(), flown(separation=999.9)])
-    assert not kept([flown(separation=math.nan)])
-    assert not kept([flown(failure="the attitude is lost")])
+    assert all_safe_kept([make_log(), make_log(separation=1_000.0)])
+    assert not all_safe_kept([make_log(), make_log(separation=999.9)])
+    assert not all_safe_kept([make_log(separation=math.nan)])
+    assert not all_safe_kept([make_log(failure="the attitude is lost")])
     # Nobody promised anything.
-    assert kept([flown(first="UNRESOLVED", safe_at=None, separation=300.0)])
+    assert all_safe_kept([make_log(first="UNRESOLVED", safe_at=None, separation=300.0)])
 
 
 def test_the_table_names_what_went_wrong():
-    text = table([flown(), flown(name="y 3", separation=900.04, latency=[0.01, 0.02], wall=9.0)])
+    text = table(
+        [make_log(), make_log(name="y 3", separation=900.04, latency=[0.01, 0.02], wall=9.0)]
+    )
     assert (
         "2 of 2 encounters had a plan called SAFE; the closest of them: 900.0 m (y 3); below 1000 "
         "m: y 3" in text
@@ -207,15 +209,15 @@ def test_the_table_names_what_went_wrong():
     )
     # Refusing is no success where the encounter could have been resolved.
     judged = [
-        flown(resolvable=True),
-        flown(resolvable=True, safe_at=None),
-        flown(resolvable=False, safe_at=None),
-        flown(),
+        make_log(resolvable=True),
+        make_log(resolvable=True, safe_at=None),
+        make_log(resolvable=False, safe_at=None),
+        make_log(),
     ]
     assert "of those that can be resolved at the separation planned with: 1 of 2 (50.0 %)" in table(
         judged
     )
-    none = table([flown(safe_at=None, failure="runner and monitor have not answered")])
+    none = table([make_log(safe_at=None, failure="runner and monitor have not answered")])
     assert (
         "none of 1 encounters had a plan called SAFE" in none and "x 0: runner and monitor" in none
     )
@@ -224,9 +226,9 @@ def test_the_table_names_what_went_wrong():
 # What is said of each plan: whether the flight was as SAFE assumes, and whether the promise held.
 
 
-def taken_up(late: float) -> PlanFlight:
+def take_up(late: float) -> PlanFlight:
     """Fly a plan that is taken up so many seconds after it was made, and return its record."""
-    flight = EncounterFlight(met(), PAPER, C208_PUBLISHED)
+    flight = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED)
     own = flight.own
     east, north = (flight.goal[0] - own.x) / 10.0, (flight.goal[1] - own.y) / 10.0
     route = [RoutePoint(n, own.x + east * n, own.y + north * n) for n in range(10, 90, 10)]
@@ -242,7 +244,7 @@ def taken_up(late: float) -> PlanFlight:
 
 
 def test_a_plan_taken_up_late_is_left_by_more_than_the_flight_was_off_then():
-    prompt, late = taken_up(0.0), taken_up(4.0)
+    prompt, late = take_up(0.0), take_up(4.0)
     assert prompt.error < 0.1 and prompt.verdict(1_000.0, 25.0) is Verdict.KEPT
     assert late.late == pytest.approx(4.0)
     # The flight was turned away from the plan, so that it goes on leaving it for a while.
@@ -271,8 +273,8 @@ def test_a_promise_is_broken_only_where_all_that_it_assumes_was_kept():
 
 
 def test_an_intruder_that_turns_is_seen_to_leave_its_course():
-    flight = EncounterFlight(met("maneuvering"), PAPER, C208_PUBLISHED)
-    straight = EncounterFlight(met("head_on"), PAPER, C208_PUBLISHED)
+    flight = EncounterFlight(encounter_at("maneuvering"), PAPER, C208_PUBLISHED)
+    straight = EncounterFlight(encounter_at("head_on"), PAPER, C208_PUBLISHED)
     for one in (flight, straight):
         ahead = VehicleState(one.own.x, one.own.y, one.own.heading, one.own.speed)
         reach = 300.0 * ahead.speed

@@ -45,7 +45,7 @@ from ros_bridge.nodes.pilot import Pilot
 from ros_bridge.nodes.series import main
 from ros_bridge.nodes.simulator import Simulator
 from ros_bridge.nodes.simulator_messages import route_of
-from ros_bridge.sim.flight_log import kept
+from ros_bridge.sim.flight_log import all_safe_kept
 from ros_bridge.sim.guidance import Guidance
 from ros_bridge.sim.world import EncounterFlight
 from ros_bridge.transport import qos
@@ -103,7 +103,7 @@ def test_encounter_that_cannot_be_flown_is_a_logged_failure():
         node.begin(fast, "too fast")
         assert not node.flying
         assert node.logs[0].failure.startswith("vehicle 'c208': the flight cannot begin")
-        assert not kept(node.logs)
+        assert not all_safe_kept(node.logs)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,7 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
 # it.
 
 
-def flown(*arguments: str, seconds: float = 600.0) -> subprocess.CompletedProcess[str]:
+def run_demo(*arguments: str, seconds: float = 600.0) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "ros_bridge.demo", *arguments]
     return subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, timeout=seconds, check=False
@@ -243,7 +243,7 @@ def test_encounter_is_flown_safely_and_recorded(tmp_path: Path):
     )
     decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
     file = tmp_path / "flight.mcap"
-    done = flown("--scenarios", "crossing_right", "--record", str(file), "--rate", "100")
+    done = run_demo("--scenarios", "crossing_right", "--record", str(file), "--rate", "100")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "1 of 1 encounters had a plan called SAFE" in done.stdout
     judged = done.stdout.split("plans that were flown\n\n")[1].splitlines()
@@ -380,7 +380,7 @@ def rows(text: str) -> list[list[str]]:
 @pytest.mark.slow
 def test_noise_of_traffic_asks_for_few_new_plans():
     """With 30 m and 3 m/s of noise and reports 1 to 2 s old."""
-    done = flown("--scenarios", "noisy", "--each", "3", seconds=900.0)
+    done = run_demo("--scenarios", "noisy", "--each", "3", seconds=900.0)
     assert done.returncode == 0, done.stdout + done.stderr
     table = rows(done.stdout)
     assert len(table) == 3 and "3 of 3 encounters had a plan called SAFE" in done.stdout
@@ -391,7 +391,7 @@ def test_noise_of_traffic_asks_for_few_new_plans():
 @pytest.mark.slow
 def test_another_aircraft_is_flown_safely_at_its_own_separation():
     uas = ("--aircraft", "configs/aircraft/uas.yaml", "--outside-domain", "allow")
-    done = flown(*uas, "--scenarios", "crossing_right")
+    done = run_demo(*uas, "--scenarios", "crossing_right")
     assert done.returncode == 0, done.stdout + done.stderr
     assert (
         "1 of 1 encounters had a plan called SAFE" in done.stdout
@@ -404,7 +404,7 @@ def test_another_aircraft_is_flown_safely_at_its_own_separation():
 def test_the_four_scenarios_are_flown_safely(vehicle: str):
     if vehicle == "c208":
         pytest.importorskip("jsbsim")
-    done = flown("--vehicle", vehicle)
+    done = run_demo("--vehicle", vehicle)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "4 of 4 encounters had a plan called SAFE" in done.stdout
 
@@ -418,7 +418,7 @@ def test_simulator_alone_names_the_missing_nodes():
     assert "the runner has not answered within 30 s" in output
 
 
-def begun(file: Path) -> tuple[GrowingFile, Any, int]:
+def begin_file(file: Path) -> tuple[GrowingFile, Any, int]:
     writer = pytest.importorskip(
         "mcap.writer", reason="mcap is not installed; to have it: make ros"
     )
@@ -445,7 +445,7 @@ def add(made: Any, channel: int, number: int, size: int = 8) -> None:
 
 def test_file_is_readable_after_each_flush_and_at_the_end(tmp_path: Path):
     file = tmp_path / "one.mcap"
-    growing, made, channel = begun(file)
+    growing, made, channel = begin_file(file)
     for number in range(20):
         add(made, channel, number)
         made.flush()
@@ -463,7 +463,7 @@ def test_file_is_readable_after_each_flush_and_at_the_end(tmp_path: Path):
 
 def test_file_that_can_grow_no_more_holds_what_it_held(tmp_path: Path):
     file = tmp_path / "one.mcap"
-    growing, made, channel = begun(file)
+    growing, made, channel = begin_file(file)
     add(made, channel, 0)
     made.flush()
     held = file.read_bytes()

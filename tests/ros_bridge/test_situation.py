@@ -37,7 +37,7 @@ from tests.ros_bridge.scenes import (
     geo_reference,
     heard,
     point,
-    published,
+    publish,
     refusal,
     route_points,
 )
@@ -367,14 +367,14 @@ def at(
     now = NOW + round(seconds * SECOND)
     rules = Rules(jump_distance=1e5)
     situation = updates.geo_reference(Situation(), geo_reference(), now, rules)
-    situation = updates.route(situation, published(route_points()), now, rules)
+    situation = updates.route(situation, publish(route_points()), now, rules)
     place = own or (75.0 * seconds, 0.0, 0.0)
     situation = updates.ownship(situation, aircraft(*place, 75.0, time=now, id="own"), now, rules)
     situation = updates.traffic(situation, aircraft(*intruder, 75.0, time=now), now, rules)
     return task(situation, now, SETTINGS)
 
 
-def revalidated(plan: Plan, asked: PlanTask, present: PlanTask) -> Plan:
+def revalidate(plan: Plan, asked: PlanTask, present: PlanTask) -> Plan:
     late, now = (present.time - asked.time) / SECOND, present
     return recheck(plan, late, now.own, now.intruders, now.points, now.options, now.own_altitude)
 
@@ -392,7 +392,7 @@ def made(asked: PlanTask) -> Plan:
 
 
 def test_plan_without_delay_is_unchanged(made: Plan, asked: PlanTask):
-    assert revalidated(made, asked, asked) is made
+    assert revalidate(made, asked, asked) is made
 
 
 @pytest.mark.parametrize("late", [0.5, 2.0])
@@ -401,12 +401,12 @@ def test_ownship_on_its_prediction_keeps_the_plan(made: Plan, asked: PlanTask, l
         asked.options, requirement=asked.options.requirement._replace(margin=0.0, separation=950.0)
     )
     present = replace(at(late, (9_000.0 - 75.0 * late, 0.0, math.pi)), options=roomy)
-    assert revalidated(made, asked, present).safe
+    assert revalidate(made, asked, present).safe
 
 
 def test_intruder_off_its_prediction_voids_the_plan(made: Plan, asked: PlanTask):
     side = math.copysign(1.0, made.waypoints[1].y)
-    late = revalidated(made, asked, at(2.0, (2_500.0, side * 600.0, math.pi)))
+    late = revalidate(made, asked, at(2.0, (2_500.0, side * 600.0, math.pi)))
     assert not late.safe
     assert late.reasons[0].message.startswith(
         "plan was found 2.0 s after the request and is too late"
@@ -415,10 +415,10 @@ def test_intruder_off_its_prediction_voids_the_plan(made: Plan, asked: PlanTask)
 
 
 def test_an_ownship_that_turned_away_cannot_join_it(made: Plan, asked: PlanTask):
-    away = revalidated(made, asked, at(4.0, (8_700.0, 0.0, math.pi), own=(0.0, 0.0, math.pi)))
+    away = revalidate(made, asked, at(4.0, (8_700.0, 0.0, math.pi), own=(0.0, 0.0, math.pi)))
     assert not away.safe
 
 
 def test_unsafe_plan_stays_unsafe(made: Plan, asked: PlanTask):
     unsafe = replace(made, status=type(made.status).UNRESOLVED)
-    assert revalidated(unsafe, asked, at(1.0, (8_925.0, 0.0, math.pi))) is unsafe
+    assert revalidate(unsafe, asked, at(1.0, (8_925.0, 0.0, math.pi))) is unsafe

@@ -37,7 +37,7 @@ def report(seconds: float, x: float | None = None, y: float = 0.0):
     )
 
 
-def fed(*reports, now: float = 0.0) -> tuple[Track, list[Verdict]]:
+def feed(*reports, now: float = 0.0) -> tuple[Track, list[Verdict]]:
     track, verdicts = UNKNOWN, []
     for one in reports:
         track = take_in(track, one, "it", max(one.time, NOW + round(now * SECOND)), RULES)
@@ -46,7 +46,7 @@ def fed(*reports, now: float = 0.0) -> tuple[Track, list[Verdict]]:
 
 
 def test_reports_in_order_are_taken():
-    track, verdicts = fed(report(0.0), report(1.0), report(2.0))
+    track, verdicts = feed(report(0.0), report(1.0), report(2.0))
     assert verdicts == [Verdict.TAKEN] * 3
     assert track.last == report(2.0)
     assert track.fault is None
@@ -54,7 +54,7 @@ def test_reports_in_order_are_taken():
 
 
 def test_repeated_and_late_reports_change_nothing_but_the_counts():
-    track, verdicts = fed(report(0.0), report(1.0), report(1.0), report(0.0))
+    track, verdicts = feed(report(0.0), report(1.0), report(1.0), report(0.0))
     assert verdicts == [Verdict.TAKEN, Verdict.TAKEN, Verdict.DUPLICATE, Verdict.REORDERED]
     assert track.last == report(1.0)
     assert track.fault is None
@@ -63,7 +63,7 @@ def test_repeated_and_late_reports_change_nothing_but_the_counts():
 
 @given(st.lists(st.integers(0, 6), min_size=1, max_size=12))
 def test_in_whatever_order_they_come_the_newest_counts(order: list[int]):
-    track, _ = fed(*(report(float(second)) for second in order), now=10.0)
+    track, _ = feed(*(report(float(second)) for second in order), now=10.0)
     assert track.last == report(float(max(order)))
     assert track.fault is None
     assert sum(track.counts.values()) == len(order)
@@ -126,7 +126,7 @@ def test_errors_of_estimates_are_much_smaller_and_as_declared(latitude: float):
 
 
 def test_two_reports_of_one_time_that_differ_are_a_fault():
-    track, verdicts = fed(report(0.0), report(0.0, x=50.0))
+    track, verdicts = feed(report(0.0), report(0.0, x=50.0))
     assert verdicts[-1] is Verdict.CONFLICT
     assert track.last == report(0.0)
     assert track.fault is not None and track.fault.message.startswith(
@@ -135,7 +135,7 @@ def test_two_reports_of_one_time_that_differ_are_a_fault():
 
 
 def test_a_report_from_the_future_is_a_fault_until_a_good_one_comes():
-    before, _ = fed(report(0.0))
+    before, _ = feed(report(0.0))
     after = take_in(before, report(2.0), "it", NOW + SECOND, RULES)
     assert after.verdict is Verdict.FUTURE
     assert after.fault is not None and after.fault.message == (
@@ -146,7 +146,7 @@ def test_a_report_from_the_future_is_a_fault_until_a_good_one_comes():
 
 
 def test_jump_is_accepted_when_a_second_report_confirms_it():
-    track, verdicts = fed(report(0.0), report(1.0, y=5_000.0))
+    track, verdicts = feed(report(0.0), report(1.0, y=5_000.0))
     assert verdicts[-1] is Verdict.JUMP
     assert track.last == report(0.0)
     assert track.fault is not None and track.fault.field == "it.position"
@@ -157,16 +157,16 @@ def test_jump_is_accepted_when_a_second_report_confirms_it():
 
 
 def test_single_outlier_is_refused():
-    track, verdicts = fed(report(0.0), report(1.0, y=5_000.0), report(2.0))
+    track, verdicts = feed(report(0.0), report(1.0, y=5_000.0), report(2.0))
     assert verdicts == [Verdict.TAKEN, Verdict.JUMP, Verdict.TAKEN]
     assert track.last == report(2.0)
     # It may be one of two aircraft that report in turns; another good report in a row shows that it
     # is not.
     assert track.fault is not None and track.fault.verdict is Verdict.JUMP
-    assert fed(report(0.0), report(1.0, y=5_000.0), report(2.0), report(3.0))[0].fault is None
+    assert feed(report(0.0), report(1.0, y=5_000.0), report(2.0), report(3.0))[0].fault is None
 
 
-def taken_in_turns(first, second, pattern: str, every: float = 1.0) -> list[Track]:
+def take_in_turns(first, second, pattern: str, every: float = 1.0) -> list[Track]:
     """Return the track after each report of two aircraft, called a and b, in the order of a
     pattern.
     """
@@ -194,7 +194,7 @@ def other(seconds: float):
     [("ababababab", 1), ("aabaabaaba", 5), ("abbabbabba", 3), ("aabbaabbaa", 4), ("abbbabbbab", 4)],
 )
 def test_name_of_two_aircraft_is_a_fault_while_both_report(pattern: str, since: int):
-    history = taken_in_turns(report, other, pattern)
+    history = take_in_turns(report, other, pattern)
     assert all(track.fault is not None for track in history[since:])
     assert history[-1].fault is not None and history[-1].fault.verdict is Verdict.SHARED
     assert history[-1].fault.field == "it.id"
@@ -210,7 +210,7 @@ def test_two_aircraft_of_one_name_are_found_whatever_their_stamps(late: float):
 
 
 def test_shared_name_is_free_again_when_one_aircraft_falls_silent():
-    track = taken_in_turns(report, other, "abababab")[-1]
+    track = take_in_turns(report, other, "abababab")[-1]
     for second in range(8, 50):
         track = take_in(track, report(float(second)), "it", NOW + second * SECOND, RULES)
         silent = second - 7.0
@@ -323,7 +323,7 @@ def test_noisy_turning_aircraft_do_not_contradict_themselves(
 
 
 def test_outliers_that_disagree_are_refused():
-    track, verdicts = fed(report(0.0), report(1.0, y=5_000.0), report(2.0, y=-5_000.0))
+    track, verdicts = feed(report(0.0), report(1.0, y=5_000.0), report(2.0, y=-5_000.0))
     assert verdicts[1:] == [Verdict.JUMP, Verdict.JUMP]
     assert track.last == report(0.0)
 
@@ -331,20 +331,20 @@ def test_outliers_that_disagree_are_refused():
 @given(st.floats(0.1, 29.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_what_lies_within_the_allowance_is_no_jump(seconds: float, ahead: float, aside: float):
     allowed = 0.69 * (RULES.jump_distance + RULES.jump_speed * seconds)
-    _, verdicts = fed(
+    _, verdicts = feed(
         report(0.0), report(seconds, x=80.0 * seconds + ahead * allowed, y=aside * allowed)
     )
     assert verdicts[-1] is Verdict.TAKEN
 
 
 def test_any_place_is_accepted_after_a_long_silence():
-    _, verdicts = fed(report(0.0), report(31.0, y=50_000.0))
+    _, verdicts = feed(report(0.0), report(31.0, y=50_000.0))
     assert verdicts[-1] is Verdict.TAKEN
 
 
 def test_silent_aircraft_is_forgotten_and_a_faulty_one_is_not():
     late = NOW + 40 * SECOND
-    silent = fed(report(0.0))[0]
+    silent = feed(report(0.0))[0]
     noisy = note_refused(silent, FieldError("it.latitude", "is nan"), late, RULES)
     fresh = replace(silent, last=report(39.0))
     kept, gone = forgotten({"a": silent, "b": noisy, "c": fresh}, late, 30.0)

@@ -207,7 +207,7 @@ while True:
 """
 
 
-def built(package: str, folder: Path, prefix: Path) -> None:
+def build_package(package: str, folder: Path, prefix: Path) -> None:
     """Build a package of the definitions as our own is built."""
     source = folder / package
     (source / "msg").mkdir(parents=True)
@@ -245,7 +245,7 @@ def test_translator_reads_the_messages_of_mavros_and_novatel(
 ):
     prefix = tmp_path / "prefix"
     for package in ("mavros_msgs", "novatel_oem7_msgs"):
-        built(package, tmp_path, prefix)
+        build_package(package, tmp_path, prefix)
     [packages] = prefix.glob("lib/python*/site-packages")
     for name, value in (("PYTHONPATH", packages), ("LD_LIBRARY_PATH", prefix / "lib")):
         monkeypatch.setenv(

@@ -65,7 +65,7 @@ class Scene(NamedTuple):
     age: float  # s
 
 
-def drawn(rng: np.random.Generator) -> Scene:
+def draw_scene(rng: np.random.Generator) -> Scene:
     """Return an aircraft near the edges of what is left out, vertically."""
     return Scene(
         rng.uniform(-20_000.0, 20_000.0),
@@ -146,7 +146,7 @@ def _of_message(scene: Scene, unsaid: frozenset[str]) -> Report | FieldError:
     return conversions.aircraft(message, "intruder 4b1a2c")
 
 
-def known(found: Report | FieldError) -> Situation:
+def situation_of(found: Report | FieldError) -> Situation:
     """Return a situation with what was read, and an ownship whose altitude and climb are known."""
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xC5 | 0x0A)
     own.altitude, own.altitude_reference = OWN_HEIGHT, 3
@@ -191,14 +191,14 @@ def test_no_aircraft_is_left_out_that_the_worst_case_brings_near(reader: str) ->
     rng = np.random.default_rng(51)
     worst, horizon = (
         OPTIONS.unknown_climb,
-        end(task(known(read(reader, drawn(rng), CHOICES[0])), NOW, SETTINGS)),
+        end(task(situation_of(read(reader, draw_scene(rng), CHOICES[0])), NOW, SETTINGS)),
     )
     judged = dict.fromkeys(("in", "out", "refused"), 0)
     for unsaid in CHOICES:
         for _ in range(SCENES):
-            scene = drawn(rng)
+            scene = draw_scene(rng)
             try:
-                wanted = task(known(read(reader, scene, unsaid)), NOW, SETTINGS)
+                wanted = task(situation_of(read(reader, scene, unsaid)), NOW, SETTINGS)
             except Refusal as refusal:
                 assert "age" in unsaid and reader in ("aircraft.json", "BaseStation"), refusal
                 judged["refused"] += 1
@@ -263,8 +263,8 @@ def _says(reader: str, unsaid: frozenset[str], wanted: PlanTask) -> None:
 def test_an_own_climb_that_is_unknown_counts_either_way() -> None:
     rng = np.random.default_rng(52)
     for _ in range(2_000):
-        scene = drawn(rng)
-        situation = known(read("AircraftState", scene, frozenset()))
+        scene = draw_scene(rng)
+        situation = situation_of(read("AircraftState", scene, frozenset()))
         own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xC5 | 0x02)
         own.altitude, own.altitude_reference = OWN_HEIGHT, 3
         own.header.stamp = stamp(NOW - SECOND)

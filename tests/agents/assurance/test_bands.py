@@ -23,7 +23,7 @@ from envs.starts import encounters_of_seed
 from envs.trees import column, map_leaves, take
 from envs.waypoints import PlanStates, at, legs
 from eval.flights.plan_flight import request_of
-from tests.support import mirrored, one, random_states
+from tests.support import mirror_state, one, random_states
 
 REQUIREMENT = Requirement(1_000.0, margin=0.02, sigmas=1.0)
 LIMITS = C208_PUBLISHED
@@ -255,8 +255,8 @@ def test_left_and_right_are_alike() -> None:
     own, traffic = random_states(generator, 20), traffic_of(generator, 20, noise=True)
     targets = wrap(own.heading[:, None] + np.radians([-100.0, -40.0, 5.0, 70.0]), np)
     there = heading_bands(own, traffic, REQUIREMENT, LIMITS, LOOK_AHEAD, targets)
-    other = traffic._replace(state=mirrored(traffic.state), turn_rate=-traffic.turn_rate)
-    here = heading_bands(mirrored(own), other, REQUIREMENT, LIMITS, LOOK_AHEAD, -targets)
+    other = traffic._replace(state=mirror_state(traffic.state), turn_rate=-traffic.turn_rate)
+    here = heading_bands(mirror_state(own), other, REQUIREMENT, LIMITS, LOOK_AHEAD, -targets)
     np.testing.assert_allclose(here.clearance, there.clearance, atol=1e-6)
     np.testing.assert_allclose(here.loss, there.loss, atol=1e-6)
 

@@ -13,7 +13,7 @@ from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import State
 from agents.planner.answer import Plan
 from agents.planner.options import Options
-from agents.planner.publish import as_received
+from agents.planner.publish import reconstruct
 from agents.planner.request import Intruder
 from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
@@ -46,7 +46,7 @@ def plan_in(wind: Wind) -> Plan:
     for n in range(1, 21):
         state = VehicleState(SPEED * 20.0 * n, 0.0, 0.0, SPEED)
         points.append(Waypoint(n, *over_ground(state, wind, 20.0 * n), 20.0 * n))
-    return as_received(tuple(points), wind)
+    return reconstruct(tuple(points), wind)
 
 
 def reports(wind: Wind, time: float) -> dict[str, Intruder]:
@@ -55,7 +55,7 @@ def reports(wind: Wind, time: float) -> dict[str, Intruder]:
     return {"a": Intruder(state, 0.25)}
 
 
-def watched(wind: Wind) -> tuple[Watch, list[Verdict]]:
+def watch_flight(wind: Wind) -> tuple[Watch, list[Verdict]]:
     """Return the monitor after 14 s of the flight in a wind, and its verdicts."""
     own = over_ground(own_at(0.0), wind, 0.0)
     watch = single.activate(single.begin(THRESHOLDS), plan_in(wind), own, reports(wind, 0.0), 0.0)
@@ -70,12 +70,12 @@ def watched(wind: Wind) -> tuple[Watch, list[Verdict]]:
 
 @pytest.fixture(scope="module")
 def calm() -> list[Verdict]:
-    return watched(NO_WIND)[1]
+    return watch_flight(NO_WIND)[1]
 
 
 @pytest.mark.parametrize("wind", WINDS)
 def test_verdicts_are_those_of_still_air(wind: Wind, calm: list[Verdict]) -> None:
-    watch, told = watched(wind)
+    watch, told = watch_flight(wind)
     assert watch.frame == Frame(wind, 0.0)
     assert {State.MONITORING, State.REPLAN_REQUESTED} <= {verdict.state for verdict in told}
     for still, blown in zip(calm, told, strict=True):
@@ -87,7 +87,7 @@ def test_verdicts_are_those_of_still_air(wind: Wind, calm: list[Verdict]) -> Non
 
 @pytest.mark.parametrize("wind", WINDS)
 def test_what_is_asked_and_backed_up_is_over_the_ground(wind: Wind, calm: list[Verdict]) -> None:
-    _, told = watched(wind)
+    _, told = watch_flight(wind)
     asked = 0
     for second, (still, blown) in enumerate(zip(calm, told, strict=True)):
         time = float(second)
@@ -110,7 +110,7 @@ def test_what_is_asked_and_backed_up_is_over_the_ground(wind: Wind, calm: list[V
 
 
 def test_memory_goes_into_another_air_mass_and_back() -> None:
-    watch, _ = watched(WINDS[0])
+    watch, _ = watch_flight(WINDS[0])
     other = Frame(Wind(-3.0, 11.0), 7.0)
     there = carry(watch.monitor, watch.frame, other)
     assert not np.allclose(there.memory.intruders.speed, watch.monitor.memory.intruders.speed)
@@ -125,7 +125,7 @@ def test_memory_goes_into_another_air_mass_and_back() -> None:
 
 def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
     first, second = WINDS[0], Wind(14.0, -7.0)
-    watch, told = watched(first)
+    watch, told = watch_flight(first)
     asked = max(n for n, verdict in enumerate(told) if verdict.ask is not None)
     ask = watch.ask
     assert ask is not None
@@ -135,7 +135,7 @@ def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
     for n in range(1, 21):
         place = ask.own.x + 20.0 * n * vx, ask.own.y + 20.0 * n * vy
         points.append(Waypoint(n, *place, ask.own.heading, ask.own.speed, 20.0 * n))
-    moved, taken = single.answer(watch, ask.number, as_received(tuple(points), second))
+    moved, taken = single.answer(watch, ask.number, reconstruct(tuple(points), second))
     assert taken
     assert moved.frame == Frame(second, float(asked))
     seconds = 15.0 - asked
@@ -144,5 +144,5 @@ def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
     assert verdict.measured.along_track.item() == pytest.approx(0.0, abs=1e-6)
     assert verdict.measured.cross_track.item() == pytest.approx(0.0, abs=1e-6)
     # An answer that cannot be flown leaves the active plan where it is.
-    kept, refused = single.answer(watch, ask.number, as_received((), second))
+    kept, refused = single.answer(watch, ask.number, reconstruct((), second))
     assert not refused and kept.frame == watch.frame

@@ -220,7 +220,7 @@ def story(generator: np.random.Generator, count: int, seconds: int) -> list[Inpu
     return given
 
 
-def played(given: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
+def play(given: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
     """Play a story for some rows; every third request is answered by a plan."""
     monitor = take(flying(count=given[0].time.size), rows)
     room = assurance.start(monitor.state.size, 2, THRESHOLDS)
@@ -258,10 +258,10 @@ def played(given: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
 
 def test_one_aircraft_is_judged_alike_alone_and_in_any_company() -> None:
     given = story(np.random.default_rng(5), 12, 25)
-    together = played(given, np.arange(12))
+    together = play(given, np.arange(12))
     assert len({int(code) for monitor, _ in together for code in monitor.state}) >= 4
     for rows in (np.array([3]), np.array([11, 0, 7])):
-        alone = played(given, rows)
+        alone = play(given, rows)
         for (monitor, decision), (part, part_decision) in zip(together, alone, strict=True):
             for a, b in zip(
                 flat(take((monitor, decision), rows)), flat((part, part_decision)), strict=True

@@ -59,7 +59,7 @@ def noisy(state: VehicleState, rng: np.random.Generator) -> VehicleState:
     return VehicleState(x, y, np.arctan2(vy, vx), np.hypot(vx, vy))
 
 
-def tracked(states: list[VehicleState]) -> tuple[list[VehicleState], list[VehicleState]]:
+def track_reports(states: list[VehicleState]) -> tuple[list[VehicleState], list[VehicleState]]:
     """Return reports and tracks second by second."""
     rng = np.random.default_rng(7)
     reports = [noisy(state, rng) for state in states]
@@ -126,7 +126,7 @@ def test_errors_of_straight_flights_are_as_large_as_said() -> None:
 
 def test_a_straight_flight_is_known_far_better_than_its_reports() -> None:
     states = flight(40)
-    reports, estimates = tracked(states)
+    reports, estimates = track_reports(states)
     position, speed = errors(estimates, states)
     raw_position, raw_speed = errors(reports, states)
     assert position[20:].mean() < 0.5 * raw_position[20:].mean()
@@ -138,7 +138,7 @@ def test_a_straight_flight_is_known_far_better_than_its_reports() -> None:
 @pytest.mark.parametrize("rate", [0.5, 1.0, 3.0, 6.0])
 def test_a_turn_misleads_for_seconds_at_most(rate: float) -> None:
     states = flight(60, math.radians(rate))
-    _, estimates = tracked(states)
+    _, estimates = track_reports(states)
     position, speed = errors(estimates, states)
     # Never far from what one report alone would give.
     assert position.max() < 1.6 * math.sqrt(2.0) * POSITION
@@ -195,7 +195,7 @@ reports = st.builds(
 )
 
 
-def flown(report: Intruder, time: np.ndarray) -> np.ndarray:
+def place_at(report: Intruder, time: np.ndarray) -> np.ndarray:
     """Return where a report leads by a time since the request, complex m."""
     x, y, heading, speed = report.state
     rate = report.turn_rate if report.turn_time > 0.0 else 0.0
@@ -211,7 +211,7 @@ def test_plan_keeps_the_separation_from_an_aged_turn_as_reported() -> None:
         plan_states(OWN, answer.waypoints),
     )
     own = at(legs(path), time)
-    apart = np.abs(own.x + 1j * own.y - flown(TURNING, time))
+    apart = np.abs(own.x + 1j * own.y - place_at(TURNING, time))
     assert apart.min() >= 1_000.0
     assert apart.min() == pytest.approx(answer.min_separation, abs=0.5)
 
@@ -221,7 +221,7 @@ def test_reports_are_advanced_along_their_arc(report: Intruder) -> None:
     request, _, _ = check_request(OWN, [report], ROUTE, Options.for_aircraft(PAPER))
     for time in (0.0, 1.0, 10.0, 400.0):
         now = predict(request.traffic, time)
-        there = flown(report, np.array(time))
+        there = place_at(report, np.array(time))
         assert abs(now.x[0, 0] + 1j * now.y[0, 0] - there) < 1e-3
     np.testing.assert_array_equal(request.traffic.state.speed, report.state.speed)
 

@@ -24,12 +24,12 @@ from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState
 from envs.relative import straight_cpa
-from tests.support import recorded
+from tests.support import recorded_path
 
 NAMES = tuple(BASELINES)
 
 
-def seen(own, others, goal=(15_000.0, 0.0), left=300.0) -> Sight:
+def make_sight(own, others, goal=(15_000.0, 0.0), left=300.0) -> Sight:
     """Return the sight of one encounter from hand-made numbers (x, y, heading, speed)."""
     return Sight(
         VehicleState(*(np.array([float(value)]) for value in own)),
@@ -45,7 +45,7 @@ def seen(own, others, goal=(15_000.0, 0.0), left=300.0) -> Sight:
 @pytest.mark.parametrize("field", ["own.x", "own.speed", "intruders.heading", "goal_y", "left"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_sight_that_is_not_finite_is_refused_by_name(name: str, field: str, value: float) -> None:
-    sight, (part, *rest) = seen((0, 0, 0, 75), [(9_000, 0, math.pi, 75)]), field.split(".")
+    sight, (part, *rest) = make_sight((0, 0, 0, 75), [(9_000, 0, math.pi, 75)]), field.split(".")
     old = getattr(sight, part)
     spoiled = old._replace(**{rest[0]: getattr(old, rest[0]) + value}) if rest else old + value
     with pytest.raises(ValueError, match=rf"^{field}.* is (nan|inf)"):
@@ -54,7 +54,9 @@ def test_a_sight_that_is_not_finite_is_refused_by_name(name: str, field: str, va
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_absent_intruder_may_be_anything(name: str) -> None:
-    sight = seen((0, 0, 0, 75), [(9_000, 0, math.pi, 75)])._replace(mask=np.zeros((1, 1), bool))
+    sight = make_sight((0, 0, 0, 75), [(9_000, 0, math.pi, 75)])._replace(
+        mask=np.zeros((1, 1), bool)
+    )
     with np.errstate(invalid="ignore"):
         nobody = decide(
             name,
@@ -70,7 +72,7 @@ def decide(name: str, sight: Sight) -> np.ndarray:
     return action
 
 
-def turned(sight: Sight, angle: float) -> Sight:
+def turn_sight(sight: Sight, angle: float) -> Sight:
     sine, cosine = math.sin(angle), math.cos(angle)
 
     def state(s: VehicleState) -> VehicleState:
@@ -87,7 +89,7 @@ def turned(sight: Sight, angle: float) -> Sight:
     )
 
 
-def mirrored(sight: Sight) -> Sight:
+def mirror_sight(sight: Sight) -> Sight:
     def state(s: VehicleState) -> VehicleState:
         return VehicleState(s.x, -s.y, wrap(-s.heading, np), s.speed)
 
@@ -124,14 +126,14 @@ def test_actions_are_finite_within_the_contract_and_held_speeds_held(name: str) 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_rotated_scene_gets_the_same_action(name: str) -> None:
     sight = random_sights(2_000, 3)
-    np.testing.assert_allclose(decide(name, turned(sight, 1.2)), decide(name, sight), atol=2e-5)
+    np.testing.assert_allclose(decide(name, turn_sight(sight, 1.2)), decide(name, sight), atol=2e-5)
 
 
 @pytest.mark.parametrize("name", ["none", "mvp", "mvp_speed"])
 def test_a_mirrored_scene_gets_the_mirrored_action(name: str) -> None:
     # The rules of the air are one-sided on purpose.
     sight = random_sights(2_000, 1)
-    ours, theirs = decide(name, sight), decide(name, mirrored(sight))
+    ours, theirs = decide(name, sight), decide(name, mirror_sight(sight))
     # Neither side is nearer in a hit: there the choice is to the right.
     own = VehicleState(*(field[:, None] for field in sight.own))
     aside = straight_cpa(own, sight.intruders, np).distance[:, 0] > 10.1
@@ -175,9 +177,9 @@ FAR = (90_000, 90_000, 0, 50)
 
 @pytest.mark.parametrize("name", NAMES)
 def test_without_conflict_everybody_goes_home(name: str) -> None:
-    assert decide(name, seen((0, 0, 0, 80), [FAR]))[0] == pytest.approx([0.0, 0.0])
-    assert decide(name, seen((0, 0, 0, 80), [FAR], (9_000, 9_000)))[0, 1] == 1.0
-    assert decide(name, seen((0, 0, 0, 80), [FAR], (9_000, -9_000)))[0, 1] == -1.0
+    assert decide(name, make_sight((0, 0, 0, 80), [FAR]))[0] == pytest.approx([0.0, 0.0])
+    assert decide(name, make_sight((0, 0, 0, 80), [FAR], (9_000, 9_000)))[0, 1] == 1.0
+    assert decide(name, make_sight((0, 0, 0, 80), [FAR], (9_000, -9_000)))[0, 1] == -1.0
 
 
 @pytest.mark.parametrize(
@@ -199,21 +201,21 @@ def test_without_conflict_everybody_goes_home(name: str) -> None:
     ],
 )
 def test_sides_by_hand(other, rules: float, mvp: float) -> None:
-    sight = seen((0, 0, 0, 80), [other])
+    sight = make_sight((0, 0, 0, 80), [other])
     assert np.sign(decide("rules", sight)[0, 1]) == rules
     assert np.sign(decide("mvp", sight)[0, 1]) == mvp
 
 
 def test_the_right_of_way_is_given_up_when_the_other_does_not_yield() -> None:
-    near = seen((0, 0, 0, 80), [(3_500, 3_400, -math.pi / 2, 80)])
+    near = make_sight((0, 0, 0, 80), [(3_500, 3_400, -math.pi / 2, 80)])
     assert decide("rules", near)[0, 1] == -1.0
 
 
 def test_mvp_passes_on_the_side_that_is_nearer_already() -> None:
     # The intruder passes ahead from right to left by 300 m: it is let pass, to its right.
-    ahead = seen((0, 0, 0, 80), [(6_000, -5_700, math.pi / 2, 80)])
+    ahead = make_sight((0, 0, 0, 80), [(6_000, -5_700, math.pi / 2, 80)])
     assert decide("mvp", ahead)[0, 1] < 0.0
-    behind = seen((0, 0, 0, 80), [(6_000, -6_700, math.pi / 2, 80)])
+    behind = make_sight((0, 0, 0, 80), [(6_000, -6_700, math.pi / 2, 80)])
     assert decide("mvp", behind)[0, 1] > 0.0
 
 
@@ -222,7 +224,7 @@ def test_mvp_s_new_velocity_touches_the_protected_zone() -> None:
     crossing from the left.
     """
     own, other = (0.0, 0.0, 0.0, 80.0), (7_000.0, 7_400.0, -math.pi / 2, 80.0)
-    sight = seen(own, [other])
+    sight = make_sight(own, [other])
     field = PotentialField(PAPER, speed=True)
     from agents.baselines.baselines import _conflicts
 
@@ -247,21 +249,21 @@ def test_steering_turns_the_short_way_and_stops_at_the_course(
 
 def test_a_goal_inside_the_turning_circle_is_flown_away_from_first() -> None:
     # At 100 m/s the circle has a radius of 1910 m; its middle is the worst place.
-    inside = seen((0, 0, 0, 100), [FAR], (0.0, 1_900.0))
+    inside = make_sight((0, 0, 0, 100), [FAR], (0.0, 1_900.0))
     assert course_to_goal(inside, PAPER)[0] == 0.0
-    outside = seen((0, 0, 0, 100), [FAR], (0.0, 4_500.0))
+    outside = make_sight((0, 0, 0, 100), [FAR], (0.0, 4_500.0))
     assert course_to_goal(outside, PAPER)[0] == pytest.approx(math.pi / 2)
 
 
 def test_the_way_back_is_free_past_the_closest_point_and_not_before() -> None:
-    before = seen((0, 0, 0, 80), [(6_000, 0, math.pi, 80)])
-    after = seen((0, 0, 0, 80), [(-2_000, 0, math.pi, 80)])
+    before = make_sight((0, 0, 0, 80), [(6_000, 0, math.pi, 80)])
+    after = make_sight((0, 0, 0, 80), [(-2_000, 0, math.pi, 80)])
     assert not may_return(before, PAPER, 1_000.0)[0]
     assert may_return(after, PAPER, 1_000.0)[0]
 
 
 def test_mvp_with_speed_hurries_when_it_is_late() -> None:
-    late = seen((0, 0, 0, 60), [FAR], (15_000, 0), left=180.0)
+    late = make_sight((0, 0, 0, 60), [FAR], (15_000, 0), left=180.0)
     assert decide("mvp_speed", late)[0, 0] == 1.0
     assert decide("mvp_speed", late._replace(left=290.0))[0, 0] == 0.0
 
@@ -292,14 +294,14 @@ SMALL = """\
 """
 
 
-def written(tmp_path: Path, text: str, name: str = "small.nnet") -> Path:
+def write_file(tmp_path: Path, text: str, name: str = "small.nnet") -> Path:
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
     return path
 
 
 def test_a_network_by_hand(tmp_path: Path) -> None:
-    network = read(written(tmp_path, SMALL))
+    network = read(write_file(tmp_path, SMALL))
     # (3, 0.5) becomes (0.5, 0): hidden (1, 0, 0), outputs (1.1, -0.8), times 3, plus 7.
     assert network(np.array([[3.0, 0.5]])) == pytest.approx(np.array([[10.3, 4.6]]))
     # Beyond the maxima the input is clipped.
@@ -313,7 +315,7 @@ def test_byte_order_mark_comments_and_blank_lines_change_nothing(tmp_path: Path)
     for number in range(len(lines) + 1):
         for more in ("", "  // between Zürich and Genève", " \t"):
             text = "\ufeff" + "\n".join([*lines[:number], more, *lines[number:]])
-            network = read(written(tmp_path, text))
+            network = read(write_file(tmp_path, text))
             assert network(np.array([[3.0, 0.5]])) == pytest.approx(np.array([[10.3, 4.6]]))
 
 
@@ -351,14 +353,14 @@ def test_byte_order_mark_comments_and_blank_lines_change_nothing(tmp_path: Path)
 )
 def test_a_malformed_file_is_refused(tmp_path: Path, change, sentence: str) -> None:
     with pytest.raises(NnetError, match=sentence):
-        read(written(tmp_path, "".join(f"{line}\n" for line in change(SMALL.splitlines()))))
+        read(write_file(tmp_path, "".join(f"{line}\n" for line in change(SMALL.splitlines()))))
 
 
 def test_every_cut_of_a_file_is_refused(tmp_path: Path) -> None:
     lines = SMALL.splitlines()
     for count in range(len(lines)):
         with pytest.raises(NnetError, match="expected"):
-            read(written(tmp_path, "\n".join(lines[:count])))
+            read(write_file(tmp_path, "\n".join(lines[:count])))
 
 
 def test_what_is_no_text_or_no_file(tmp_path: Path) -> None:
@@ -371,11 +373,11 @@ def test_what_is_no_text_or_no_file(tmp_path: Path) -> None:
     with pytest.raises(NnetError, match="not a regular file"):
         read(tmp_path / "pipe.nnet")
     with pytest.raises(NnetError, match="2 inputs and 2 outputs, expected 3 "):
-        load_logic(written(tmp_path, SMALL), PAPER)
+        load_logic(write_file(tmp_path, SMALL), PAPER)
 
 
 def test_inputs_are_checked(tmp_path: Path) -> None:
-    network = read(written(tmp_path, SMALL))
+    network = read(write_file(tmp_path, SMALL))
     with pytest.raises(ValueError, match="not finite"):
         network(np.array([[math.nan, 0.0]]))
     with pytest.raises(ValueError, match=r"expected \[N, 2\]"):
@@ -431,7 +433,7 @@ def test_a_missing_sibling_is_named(tmp_path: Path) -> None:
 
 
 def test_the_published_networks_turn_away_and_mirror() -> None:
-    path = recorded("horizontalcas/HCAS_rect_v6_pra0_tau00_25HU_3000.nnet")
+    path = recorded_path("horizontalcas/HCAS_rect_v6_pra0_tau00_25HU_3000.nnet")
     network: Network = read(path)
     assert len(network.weights) == 6
     assert [len(bias) for bias in network.biases] == [25] * 5 + [5]

@@ -18,7 +18,7 @@ from tests.agents.planner.test_airspace import CROSSING, OPTIONS, OWN, POLICY, R
 CORNERS = ((20e3, -6e3), (21e3, -6e3), (21e3, 4e3), (20e3, 2e3))
 
 
-def accepted(data: Any) -> bool:
+def is_accepted(data: Any) -> bool:
     """Return whether the checker accepts a certificate."""
     try:
         check.accept(data)
@@ -42,7 +42,7 @@ def test_moved_areas_are_refused_exactly_where_samples_lose_the_clearance(
     answer = plan(OWN, [CROSSING], ROUTE, POLICY, OPTIONS, wind=wind, areas=[area])
     assert answer.safe and answer.certificate is not None
     data = json.loads(answer.certificate)
-    assert accepted(data)
+    assert is_accepted(data)
     room = least(answer, area, wind=wind) - area.clearance
     rng, verdicts = np.random.default_rng(3), set[bool]()
     for more in (0.5 * room, room - 10.0, room + 40.0):
@@ -51,8 +51,8 @@ def test_moved_areas_are_refused_exactly_where_samples_lose_the_clearance(
         kept = least(answer, replace(area, clearance=0.0), wind=wind)
         kept -= changed["areas"][0]["clearance"]
         if abs(kept) > 7.0:  # samples may miss the nearest place by so much
-            assert accepted(changed) == (kept > 0.0), more
-            verdicts.add(accepted(changed))
+            assert is_accepted(changed) == (kept > 0.0), more
+            verdicts.add(is_accepted(changed))
     for _ in range(4):
         dx, dy = rng.normal(0.0, 1_500.0, 2)
         shape: Any = (
@@ -68,8 +68,8 @@ def test_moved_areas_are_refused_exactly_where_samples_lose_the_clearance(
             changed["areas"][0]["rings"] = [[list(place) for place in shape.outer]]
         kept = least(answer, moved, wind=wind) - area.clearance
         if abs(kept) > 7.0:
-            assert accepted(changed) == (kept > 0.0)
-            verdicts.add(accepted(changed))
+            assert is_accepted(changed) == (kept > 0.0)
+            verdicts.add(is_accepted(changed))
     assert verdicts == {True, False}
 
 
@@ -80,11 +80,11 @@ def test_heights_and_times_stand_in_the_certificate() -> None:
     answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, own_altitude=high, areas=[low, late])
     assert answer.safe and answer.certificate is not None
     data = json.loads(answer.certificate)
-    assert accepted(data)
+    assert is_accepted(data)
     for change in ({"levels": [200.0, 0.0, 200.0, 0.0]}, {"levels": None}):
-        assert not accepted(data | change)
+        assert not is_accepted(data | change)
     data["areas"][1]["valid"] = [10.0, None]
-    assert not accepted(data)
+    assert not is_accepted(data)
 
 
 def test_a_climb_that_is_not_exact_widens_the_times() -> None:
@@ -114,4 +114,4 @@ def test_what_is_no_area_is_refused(name: str, value: Any) -> None:
     assert answer.certificate is not None
     data = json.loads(answer.certificate)
     data["areas"][0][name] = value
-    assert not accepted(data)
+    assert not is_accepted(data)

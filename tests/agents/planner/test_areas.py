@@ -47,7 +47,7 @@ def random_area(rng: np.random.Generator) -> Area:
     )
 
 
-def sampled(plan_states: PlanStates, one: Counted) -> tuple[np.ndarray, np.ndarray]:
+def sample(plan_states: PlanStates, one: Counted) -> tuple[np.ndarray, np.ndarray]:
     """Return times and the signed distances of plans then, ``[T, N]``, while the area counts."""
     curves, area = legs(plan_states), one.area
     times = np.arange(one.begin, min(one.end, float(plan_states.time[0, -1])) + 1e-9, STEP)
@@ -72,7 +72,7 @@ def test_a_plan_keeps_its_clearance_exactly_if_it_is_said_to(seed: int) -> None:
         one = Counted(3, random_area(rng), float(begin), float(end))
         margin = float(rng.choice([0.0, 0.02]))
         found = judge(plan_states, curves, [one], margin)
-        times, away = sampled(plan_states, one)
+        times, away = sample(plan_states, one)
         need = required_distances(one, plan_states.x[:, 0], plan_states.y[:, 0], margin)
         least = away.min(axis=0) - need
         # Samples miss the nearest point by 1 m at 100 m/s at most, beside an edge by far less.

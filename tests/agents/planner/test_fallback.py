@@ -51,7 +51,7 @@ def requests(kind: str = "circle", count: int = 12) -> Request:
     return request_of(encounters_of_seed(scenario(kind, PAPER), 5, 0, count), PAPER)
 
 
-def flown(
+def fly_family(
     request: Request,
     family: Manoeuvre,
     least: float,
@@ -115,16 +115,16 @@ def test_a_flight_does_not_depend_on_how_many_steps_are_taken_at_once() -> None:
 @pytest.mark.parametrize("kind", ["circle", "multi"])
 def test_manoeuvres_do_not_depend_on_the_others(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     request = requests(kind)
-    together = flown(request, FAMILY, -40.0, 12)
+    together = fly_family(request, FAMILY, -40.0, 12)
     each = FAMILY.turn.size
     for number in range(0, 12, 3):
-        alone = flown(take(request, [number]), FAMILY, -40.0, 12)
+        alone = fly_family(take(request, [number]), FAMILY, -40.0, 12)
         rows = slice(number * each, (number + 1) * each)
         assert_same(alone.rollout, take(together.rollout, rows))
         np.testing.assert_array_equal(alone.clearance, together.clearance[rows])
     monkeypatch.setattr(fallback, "_AT_ONCE", 1)
     monkeypatch.setattr(fallback, "_PAIRS", 1)
-    assert_same(flown(request, FAMILY, -40.0, 12), together)
+    assert_same(fly_family(request, FAMILY, -40.0, 12), together)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1.5])
@@ -133,7 +133,7 @@ def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
     traffic = request.traffic._replace(velocity_std=np.where(request.traffic.mask, sigma, 0.0))
     request = request._replace(traffic=traffic)
     options = OPTIONS
-    found = flown(request, COARSE, -np.inf, 10_000, options)
+    found = fly_family(request, COARSE, -np.inf, 10_000, options)
     each, times = COARSE.turn.size, np.arange(0.0, 150.0, 0.25)
     assert np.isfinite(found.rollout.time).any()
     for number in range(6):
@@ -163,7 +163,10 @@ def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
 def test_manoeuvres_under_way_when_enough_have_returned_are_given_up() -> None:
     request = requests(count=4)
     each = FAMILY.turn.size
-    everybody, few = flown(request, FAMILY, -40.0, 10_000).rollout, flown(request, FAMILY, -40.0, 5)
+    everybody, few = (
+        fly_family(request, FAMILY, -40.0, 10_000).rollout,
+        fly_family(request, FAMILY, -40.0, 5),
+    )
     for number in range(4):
         rows = slice(number * each, (number + 1) * each)
         time, clearance = few.rollout.time[rows], few.clearance[rows]
@@ -177,7 +180,7 @@ def test_manoeuvres_under_way_when_enough_have_returned_are_given_up() -> None:
 
 def test_knots_and_sums_are_those_of_the_flight() -> None:
     request = requests(count=2)
-    found = flown(request, COARSE, -40.0, 10_000).rollout
+    found = fly_family(request, COARSE, -40.0, 10_000).rollout
     own = take(request.own, np.repeat(np.arange(2), COARSE.turn.size))
     every = Manoeuvre(*(np.tile(field, 2) for field in COARSE))
     states, _ = fly_away(takeoff(own, every), every, 0, 31, STRIDE, OPTIONS.manoeuvre)

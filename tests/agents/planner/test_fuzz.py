@@ -148,7 +148,7 @@ def put(node: Any, path: tuple[Any, ...], value: Any) -> Any:
 PLACES = tuple(places(GOOD))
 
 
-def answered(request: dict[str, Any]) -> Plan | RequestError:
+def answer_of(request: dict[str, Any]) -> Plan | RequestError:
     """Ask, and check that the answer is one of the three that are allowed."""
     question = dict(request)
     try:
@@ -223,7 +223,7 @@ def _at_request(report: Intruder) -> tuple[float, ...]:
 
 
 def test_the_request_that_is_spoiled_is_a_good_one() -> None:
-    answer = answered(GOOD)
+    answer = answer_of(GOOD)
     assert isinstance(answer, Plan)
     assert answer.safe
     assert len(PLACES) > 60
@@ -243,7 +243,7 @@ def test_nothing_odd_in_one_place_gets_through(path: tuple[Any, ...]) -> None:
         np.ones(3),
         object(),
     ):
-        answered(put(GOOD, path, value))
+        answer_of(put(GOOD, path, value))
 
 
 @settings(max_examples=60)
@@ -255,7 +255,7 @@ def test_nothing_odd_in_some_places_gets_through(
     # Longer paths first: what is inside of something odd cannot be reached.
     for path, value in sorted(changes, key=lambda change: -len(change[0])):
         request = put(request, path, value)
-    answered(request)
+    answer_of(request)
 
 
 angles = st.floats(-2.0 * math.pi, 2.0 * math.pi)
@@ -344,7 +344,7 @@ def test_any_geometry_is_refused_unresolved_or_solved(
     own: VehicleState, intruders: list[Any], route: list[RoutePoint], options: Options, level: bool
 ) -> None:
     altitude = Altitude(2_000.0, "msl", -2.0) if level else None
-    answered(
+    answer_of(
         {
             "own": own,
             "intruders": intruders,
@@ -374,7 +374,7 @@ def test_any_limits_are_refused_unresolved_or_kept(
     vehicle: Limits, manoeuvre: Limits, conflict: bool
 ) -> None:
     request = put(put(GOOD, ("options", "limits"), vehicle), ("options", "manoeuvre"), manoeuvre)
-    answered(request if conflict else request | {"intruders": GOOD["intruders"][1:]})
+    answer_of(request if conflict else request | {"intruders": GOOD["intruders"][1:]})
 
 
 @settings(max_examples=25)
@@ -383,5 +383,5 @@ def test_a_start_inside_the_separation_is_never_safe(
     own: VehicleState, away: float, bearing: float, vehicle: VehicleState
 ) -> None:
     close = vehicle._replace(x=own.x + away * math.cos(bearing), y=own.y + away * math.sin(bearing))
-    answer = answered(GOOD | {"own": own, "intruders": [close]})
+    answer = answer_of(GOOD | {"own": own, "intruders": [close]})
     assert isinstance(answer, RequestError) or not answer.safe

@@ -27,7 +27,7 @@ from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.trees import take
 from envs.waypoints import at, legs, plan_states
 from tests.agents.planner.test_separations import OPTIONS, OWN, POLICY, ROUTE
-from tests.agents.planner.test_validator import plans, sampled, traffic
+from tests.agents.planner.test_validator import plans, sample_distances, traffic
 
 UNKNOWN = 10.0
 heights = st.builds(
@@ -119,7 +119,7 @@ def test_windows_of_the_validator_are_two_sided() -> None:
     timed = seen._replace(window=when)
     found = validate(flown, timed, Requirement(300.0), C208_PUBLISHED)
     times = np.arange(0.0, flown.time[0, -1] + 1e-9, 0.05)
-    apart = sampled(flown, seen, 0.05)
+    apart = sample_distances(flown, seen, 0.05)
     counts = (when.begin <= times[:, None, None]) & (times[:, None, None] <= when.end)
     least = np.where(counts, apart, np.inf).min(axis=(0, 2))
     assert (found.min_separation <= least + 1e-9).all()

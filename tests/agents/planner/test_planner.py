@@ -408,7 +408,7 @@ def test_plan_among_a_hundred_is_the_same_however_they_are_numbered(policy: Poli
     first = plan(*asked, policy, options)
     again = plan(asked.own, asked.intruders[::-1], asked.route, policy, options)
     assert first.safe and again.waypoints == first.waypoints
-    many = stacked([asked.intruders, asked.intruders[::-1]])
+    many = stack_rows([asked.intruders, asked.intruders[::-1]])
     x, y = (np.array([[getattr(p, axis) for p in asked.route]] * 2) for axis in "xy")
     own = VehicleState(*(np.full(2, value) for value in asked.own))
     together = plan_many(
@@ -426,7 +426,7 @@ def test_row_with_few_intruders_is_planned_as_alone_beside_a_crowd(policy: Polic
     asked.intruders[-1] = VehicleState(25_000.0, -25_000.0, 0.5 * math.pi, 80.0)
     x, y = (np.array([[getattr(p, axis) for p in asked.route]] * 2) for axis in "xy")
     own, points = VehicleState(*(np.full(2, value) for value in asked.own)), np.full(2, 9)
-    traffic = Traffic.straight(stacked([asked.intruders, asked.intruders]))
+    traffic = Traffic.straight(stack_rows([asked.intruders, asked.intruders]))
     traffic.mask[0, :-2] = False
     request, options = Request(own, traffic, x, y, points), replace(OPTIONS, exhaustive=False)
     together = plan_many(request, policy, options)
@@ -443,7 +443,7 @@ def test_row_with_few_intruders_is_planned_as_alone_beside_a_crowd(policy: Polic
         assert found.findings.intruder[0] == (names[blamed] if blamed >= 0 else -1)
 
 
-def stacked(rows: list[list[VehicleState]]) -> VehicleState:
+def stack_rows(rows: list[list[VehicleState]]) -> VehicleState:
     """Return intruders of requests as arrays ``[N, K]``."""
     return VehicleState(*np.moveaxis(np.array(rows), -1, 0))
 
@@ -686,12 +686,12 @@ def test_a_deadline_cuts_the_refinement_into_blocks(
 ) -> None:
     request, validated = take(request_of(encounters, PAPER), slice(0, 1)), []
 
-    def counted(part: Request, flown: Any, goal: Any, options: Options) -> Any:
+    def count_and_evaluate(part: Request, flown: Any, goal: Any, options: Options) -> Any:
         validated.append(goal.size)
         return evaluate(part, flown, goal, options)
 
     monkeypatch.setattr(fallback, "_ROUNDS", 1)
-    monkeypatch.setattr(fallback, "evaluate", counted)
+    monkeypatch.setattr(fallback, "evaluate", count_and_evaluate)
     cut, whole = (
         fallback.refine(request, np.ones(1, int), OPTIONS, budget.Budget(s))
         for s in (60.0, math.inf)
@@ -700,7 +700,7 @@ def test_a_deadline_cuts_the_refinement_into_blocks(
     np.testing.assert_array_equal(cut.plan_states, whole.plan_states)
 
 
-def scaled_to(request: Request, number: int, length: float, pace: float) -> tuple[Any, ...]:
+def scale_request(request: Request, number: int, length: float, pace: float) -> tuple[Any, ...]:
     own, intruders, route = ask(request, number)
 
     def state(one: VehicleState) -> VehicleState:
@@ -771,7 +771,7 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(
         request = request_of(encounters_of_seed(drawn, 6, 0, 10), PAPER)
         for number in range(10):
             answer = plan(*ask(request, number), policy, mine)
-            same = plan(*scaled_to(request, number, length, pace), alike, theirs)
+            same = plan(*scale_request(request, number, length, pace), alike, theirs)
             assert (same.status, same.source, same.goal_index) == (
                 answer.status,
                 answer.source,

@@ -130,7 +130,7 @@ def test_bands_and_planner_are_one_truth() -> None:
             np.testing.assert_array_equal(found.clearance < 0.0, same.clearance < 0.0)
 
 
-def told(separation: float | None, ahead: float) -> Any:
+def causes_told(separation: float | None, ahead: float) -> Any:
     """Return the causes of a monitor whose plan passes an intruder at 2000 m, that many metres
     nearer than was expected.
     """
@@ -152,7 +152,7 @@ def test_the_monitor_watches_the_separation_of_each() -> None:
         (500.0, 1_400.0, False),
         (500.0, 1_600.0, True),
     ):
-        verdict = told(separation, ahead)
+        verdict = causes_told(separation, ahead)
         causes = {why.cause for why in verdict.reasons}
         assert (Cause.SEPARATION in causes) is lost, (separation, ahead)
         if verdict.ask is not None:

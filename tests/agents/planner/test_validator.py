@@ -56,7 +56,7 @@ def traffic(count: int, intruders: int, seed: int, *, turning: bool = False) -> 
     return one._replace(turn_rate=rate, turn_time=rng.uniform(0.0, 60.0, shape))
 
 
-def sampled(plan_states: PlanStates, intruders: Traffic, step: float) -> np.ndarray:
+def sample_distances(plan_states: PlanStates, intruders: Traffic, step: float) -> np.ndarray:
     """Return the distances to the intruders at times ``step`` apart, m, ``[T, N, K]``."""
     curves = legs(plan_states)
     apart = []
@@ -70,13 +70,13 @@ def sampled(plan_states: PlanStates, intruders: Traffic, step: float) -> np.ndar
 def test_the_separation_is_a_tight_lower_bound(turning: bool) -> None:
     plan_states, intruders = plans(50, 1), traffic(50, 3, 2, turning=turning)
     found = validate(plan_states, intruders, Requirement(300.0), C208_PUBLISHED)
-    truth = sampled(plan_states, intruders, 0.02).min(axis=(0, 2))
+    truth = sample_distances(plan_states, intruders, 0.02).min(axis=(0, 2))
     # Samples 0.02 s apart miss a closest approach by at most 0.02 m wherever it is 100 m or more.
     assert np.all(found.min_separation <= truth + 1e-6)
     assert np.all(found.min_separation >= truth - 0.05)
     first = found.wrong[:, CHECKS.index("separation")]
     np.testing.assert_array_equal(first, found.clearance < 0.0)
-    base = np.minimum(300.0, sampled(plan_states, intruders, 1e9)[0])
+    base = np.minimum(300.0, sample_distances(plan_states, intruders, 1e9)[0])
     assert np.all((truth < 299.9) <= (first | (base.min(axis=-1) < 300.0)))
 
 
@@ -93,12 +93,12 @@ def test_legs_far_from_an_intruder_are_left_out_without_a_trace(
     looked_at: list[float] = []
     near_of = validator._near
 
-    def counted(*given: Any) -> Any:
+    def count_and_look(*given: Any) -> Any:
         found = near_of(*given)
         looked_at.append(found.mean())
         return found
 
-    monkeypatch.setattr(validator, "_near", counted)
+    monkeypatch.setattr(validator, "_near", count_and_look)
     found = validate(plan_states, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
     monkeypatch.setattr(validator, "_FEW", 40)
     every = validate(plan_states, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
@@ -322,7 +322,7 @@ ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 300.0 * i) for i in range(6
 OWN = VehicleState(0.0, 0.0, 0.0, 80.0)
 
 
-def published() -> list[Waypoint]:
+def make_waypoints() -> list[Waypoint]:
     """Return waypoints with nothing wrong."""
     fresh = [
         Waypoint(i, 1_600.0 * (i + 1), 0.0, 0.0, 80.0, 20.0 * (i + 1)) for i in range(WAYPOINTS - 1)
@@ -331,14 +331,14 @@ def published() -> list[Waypoint]:
 
 
 def test_nothing_is_wrong_with_what_is_right() -> None:
-    assert audit(published(), ROUTE, count=WAYPOINTS) == []
-    beyond = replace(published()[-1], index=50, x=ROUTE[5].x + 5_000.0, y=ROUTE[5].y + 300.0)
-    assert audit([*published()[:-1], beyond], ROUTE, count=WAYPOINTS, extended=True) == []
+    assert audit(make_waypoints(), ROUTE, count=WAYPOINTS) == []
+    beyond = replace(make_waypoints()[-1], index=50, x=ROUTE[5].x + 5_000.0, y=ROUTE[5].y + 300.0)
+    assert audit([*make_waypoints()[:-1], beyond], ROUTE, count=WAYPOINTS, extended=True) == []
 
 
 @given(st.integers(0, WAYPOINTS - 2), st.integers(0, WAYPOINTS - 2))
 def test_a_repeated_index_is_found(a: int, b: int) -> None:
-    wrong = published()
+    wrong = make_waypoints()
     wrong[a] = replace(wrong[a], index=wrong[b].index)
     found = audit(wrong, ROUTE, count=WAYPOINTS)
     if a == b:
@@ -351,7 +351,7 @@ def test_a_repeated_index_is_found(a: int, b: int) -> None:
 
 @given(st.integers(0, WAYPOINTS - 2), st.integers(0, 5))
 def test_an_index_of_the_route_is_found(number: int, which: int) -> None:
-    wrong = published()
+    wrong = make_waypoints()
     wrong[number] = replace(wrong[number], index=ROUTE[which].index)
     assert (Kind.INDICES, f"waypoints[{number}]") in {
         (one.kind, one.field) for one in audit(wrong, ROUTE, count=WAYPOINTS)
@@ -360,7 +360,7 @@ def test_an_index_of_the_route_is_found(number: int, which: int) -> None:
 
 @given(st.sampled_from(["x", "y"]), st.floats(0.01, 1e6), st.booleans())
 def test_a_last_waypoint_beside_its_point_is_found(axis: str, off: float, extended: bool) -> None:
-    wrong = published()
+    wrong = make_waypoints()
     wrong[-1] = replace(wrong[-1], **{axis: getattr(wrong[-1], axis) + off})
     (found,) = audit(wrong, ROUTE, count=WAYPOINTS, extended=extended)
     assert found.kind is Kind.OFF_ROUTE
@@ -368,7 +368,7 @@ def test_a_last_waypoint_beside_its_point_is_found(axis: str, off: float, extend
 
 
 def test_a_last_waypoint_of_no_point_is_found() -> None:
-    wrong = [*published()[:-1], replace(published()[-1], index=77)]
+    wrong = [*make_waypoints()[:-1], replace(make_waypoints()[-1], index=77)]
     assert [one.kind for one in audit(wrong, ROUTE, count=WAYPOINTS)] == [Kind.OFF_ROUTE]
     # It stands at the route's end: there the extension begins.
     assert audit(wrong, ROUTE, count=WAYPOINTS, extended=True) == []
@@ -384,7 +384,7 @@ def test_a_last_waypoint_of_no_point_is_found() -> None:
     st.sampled_from([math.nan, math.inf]),
 )
 def test_what_is_not_finite_is_found(field: str, number: int, value: float) -> None:
-    wrong = published()
+    wrong = make_waypoints()
     wrong[number] = replace(wrong[number], **{field: value})
     assert (Kind.NOT_FINITE, f"waypoints[{number}]") in {
         (one.kind, one.field) for one in audit(wrong, ROUTE, count=WAYPOINTS)
@@ -393,7 +393,11 @@ def test_what_is_not_finite_is_found(field: str, number: int, value: float) -> N
 
 @pytest.mark.parametrize("count", [0, 1, 19, 21])
 def test_another_number_of_waypoints_is_found(count: int) -> None:
-    wrong = (published()[:1] * 2 + published()[1:]) if count == 21 else published()[20 - count :]
+    wrong = (
+        (make_waypoints()[:1] * 2 + make_waypoints()[1:])
+        if count == 21
+        else make_waypoints()[20 - count :]
+    )
     assert Kind.COUNT in {one.kind for one in audit(wrong, ROUTE, count=WAYPOINTS)}
 
 

@@ -46,7 +46,7 @@ def scene(seed: int, wind: Wind) -> tuple[VehicleState, list[Intruder]]:
     return over_ground(own, wind, 0.0), reports
 
 
-def flown(answer: Plan, own: VehicleState, wind: Wind, times: Any) -> VehicleState:
+def place_over_ground(answer: Plan, own: VehicleState, wind: Wind, times: Any) -> VehicleState:
     """Return where the plan is over the ground."""
     curves = legs(plan_states(own, answer.waypoints, wind=wind))
     shape = np.shape(times)
@@ -97,7 +97,7 @@ def test_a_safe_plan_keeps_limits_in_the_air_and_separation_over_the_ground(numb
         point = next(point for point in ROUTE if point.index == last.index)
         assert math.hypot(last.x - point.x, last.y - point.y) < 1e-3
         times = np.arange(0.0, last.time, 0.05)
-        path = flown(answer, own, wind, times)
+        path = place_over_ground(answer, own, wind, times)
         ground = path.x + 1j * path.y
         np.testing.assert_allclose(np.gradient(ground, 0.05)[1:-1], velocity(path)[1:-1], atol=0.1)
         rng = np.random.default_rng(seed)
@@ -173,7 +173,7 @@ def test_a_late_plan_is_still_right_in_its_wind() -> None:
     answer = plan(own, reports, ROUTE, POLICY, OPTIONS, wind=wind)
     assert answer.safe
     late = 1.5
-    there = flown(answer, own, wind, np.array(late))
+    there = place_over_ground(answer, own, wind, np.array(late))
     here = VehicleState(*(float(field) for field in there))
     older = [replace(report, age=report.age + late) for report in reports]
     again = recheck(answer, late, here, older, ROUTE, OPTIONS, wind=wind)

@@ -255,7 +255,7 @@ def flown(encounters: Encounter) -> Causal:
     return causal(encounters, QUICK, SURROGATE)
 
 
-def recorded(encounter: Encounter, result: Causal, number: int) -> Replay:
+def record_flight(encounter: Encounter, result: Causal, number: int) -> Replay:
     """Return one flight of the oracle against the true intruders, flown alone."""
     count = int(np.sum(~np.isnan(result.own.x[:, number])))
     traffic = VehicleState(*(field[:count] for field in tracks(encounter, steps(QUICK), QUICK)))
@@ -270,7 +270,7 @@ def test_what_it_solves_is_solved_in_an_independent_simulation(
     assert flown.solved.sum() >= 5
     for number in np.flatnonzero(flown.solved):
         encounter = take(encounters, number)
-        alone = recorded(encounter, flown, int(number))
+        alone = record_flight(encounter, flown, int(number))
         check_witness(encounter, alone)
         assert alone.time[-1] == flown.arrival[number]
         apart = np.hypot(

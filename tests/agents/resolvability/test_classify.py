@@ -22,7 +22,7 @@ from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
 from envs.outcome import RULES
 from envs.starts import encounters_of_seed, join
 from envs.trees import take
-from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel, reflected
+from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel, reflect
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_a_proof_survives_what_makes_the_task_harder():
 def test_verdicts_do_not_know_left_from_right(family: Scenario):
     encounters = encounters_of_seed(family, 9, 0, 80)
     here = classify(encounters, RULES, SURROGATE)
-    there = classify(reflected(encounters), RULES, SURROGATE)
+    there = classify(reflect(encounters), RULES, SURROGATE)
     differ = here.verdict != there.verdict
     # The refinement draws at random: what it finds only on one side is undecided on the other,
     # never disproven.
@@ -319,7 +319,7 @@ def test_witnesses_depend_on_neither_batch_nor_order(encounters: Encounter, witn
 
 def test_the_cost_hardly_knows_left_from_right(encounters: Encounter, witnesses):
     here = witnesses.path[:6]
-    there = least_cost(reflected(take(encounters, slice(0, 6))), QUICK, SURROGATE, rounds=FEW)
+    there = least_cost(reflect(take(encounters, slice(0, 6))), QUICK, SURROGATE, rounds=FEW)
     ratio = there.path / here
     known = ~np.isnan(here)
     assert np.isnan(there.path[~known]).all()

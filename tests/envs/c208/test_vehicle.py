@@ -30,7 +30,7 @@ EAST = VehicleState(0.0, 0.0, 0.0, 70.0)
 COLUMN = {name: number for number, name in enumerate(LOG_COLUMNS)}
 
 
-def flown(vehicle: Vehicle, acceleration: float, yaw_rate: float, seconds: float) -> None:
+def fly_for(vehicle: Vehicle, acceleration: float, yaw_rate: float, seconds: float) -> None:
     for _ in range(round(seconds / PERIOD)):
         vehicle.step(acceleration, yaw_rate, PERIOD)
 
@@ -52,7 +52,7 @@ def test_the_flight_begins_where_it_was_to() -> None:
 
 def test_without_commands_it_flies_straight_and_level() -> None:
     for vehicle in both(EAST):
-        flown(vehicle, 0.0, 0.0, 60.0)
+        fly_for(vehicle, 0.0, 0.0, 60.0)
         assert vehicle.state.x == pytest.approx(4200.0, abs=0.5)
         assert vehicle.state.y == pytest.approx(0.0, abs=0.05)
         assert vehicle.state.speed == pytest.approx(70.0, abs=0.01)
@@ -62,7 +62,7 @@ def test_without_commands_it_flies_straight_and_level() -> None:
 def test_a_bank_of_30_degrees_comes_soon_and_without_overshoot(side: float) -> None:
     for speed in (58.0, 75.0, 95.0):
         vehicle = C208Vehicle(EAST._replace(speed=speed))
-        flown(vehicle, 0.0, side * GRAVITY * math.tan(math.radians(30.0)) / speed, 20.0)
+        fly_for(vehicle, 0.0, side * GRAVITY * math.tan(math.radians(30.0)) / speed, 20.0)
         log = vehicle.log()
         # Positive turns are to the left, positive banks to the right.
         bank = -side * np.degrees(log[:, COLUMN["bank"]])
@@ -77,7 +77,7 @@ def test_left_and_right_are_alike() -> None:
     ends = []
     for side in (-1.0, 1.0):
         vehicle = C208Vehicle(EAST)
-        flown(vehicle, 0.1, side * 0.04, 20.0)
+        fly_for(vehicle, 0.1, side * 0.04, 20.0)
         ends.append(vehicle.state)
     # The Earth's rotation is what is left between them.
     assert ends[0].x == pytest.approx(ends[1].x, abs=0.5)
@@ -89,7 +89,7 @@ def test_left_and_right_are_alike() -> None:
 def test_speed_follows_a_ramp(first: float, last: float) -> None:
     vehicle = C208Vehicle(EAST._replace(speed=first))
     rate, seconds = math.copysign(0.5, last - first), abs(last - first) / 0.5
-    flown(vehicle, rate, 0.0, seconds)
+    fly_for(vehicle, rate, 0.0, seconds)
     log = vehicle.log()
     off = log[:, COLUMN["speed"]] - first - rate * log[:, 0]
     assert np.sqrt(np.mean(off**2)) < 0.1
@@ -100,7 +100,7 @@ def test_the_frame_is_the_ground_that_is_covered() -> None:
         EAST._replace(heading=0.8, speed=90.0),
         conditions=Conditions(wind_east=5.0, wind_north=-4.0),
     )
-    flown(vehicle, 0.0, 0.004, 200.0)
+    fly_for(vehicle, 0.0, 0.004, 200.0)
     log = vehicle.log()
     heading = np.unwrap(log[:, COLUMN["heading"]])
     for name, course in (("x", np.cos(heading)), ("y", np.sin(heading))):
@@ -112,7 +112,7 @@ def test_the_frame_is_the_ground_that_is_covered() -> None:
 def test_wind_carries_the_aircraft_and_not_its_commands() -> None:
     vehicle = C208Vehicle(EAST._replace(speed=75.0), conditions=Conditions(wind_east=10.0))
     assert vehicle.log()[0, COLUMN["airspeed"]] == pytest.approx(65.0, abs=0.2)
-    flown(vehicle, 0.0, 0.03, math.pi / 2.0 / 0.03)
+    fly_for(vehicle, 0.0, 0.03, math.pi / 2.0 / 0.03)
     # The turn over the ground is what was asked for.
     assert vehicle.state.speed == pytest.approx(75.0, abs=0.5)
     assert vehicle.state.heading == pytest.approx(math.pi / 2.0, abs=0.05)
@@ -122,12 +122,12 @@ def test_a_flight_is_the_same_to_the_last_bit() -> None:
     rough = Conditions(wind_east=3.0, turbulence="moderate", seed=5)
 
     def digest(vehicle: C208Vehicle) -> str:
-        flown(vehicle, 0.1, 0.02, 20.0)
+        fly_for(vehicle, 0.1, 0.02, 20.0)
         return hashlib.sha256(vehicle.log().tobytes()).hexdigest()
 
     vehicle = C208Vehicle(EAST, conditions=rough)
     first = digest(vehicle)
-    flown(vehicle, -0.2, -0.03, 5.0)
+    fly_for(vehicle, -0.2, -0.03, 5.0)
     vehicle.reset(EAST, rough)
     assert digest(vehicle) == first
     assert digest(C208Vehicle(EAST, conditions=rough)) == first
@@ -140,7 +140,7 @@ def test_turbulence_is_as_strong_as_it_is_named() -> None:
         vehicle = C208Vehicle(
             EAST._replace(speed=80.0), conditions=Conditions(turbulence=name, seed=1)
         )
-        flown(vehicle, 0.0, 0.0, 60.0)
+        fly_for(vehicle, 0.0, 0.0, 60.0)
         size[name] = float(np.std(vehicle.log()[:, COLUMN["alpha"]]))
     assert size["none"] < 1e-4
     assert 1e-3 < size["light"] < size["moderate"]
@@ -150,7 +150,7 @@ def test_it_cannot_be_made_to_stall() -> None:
     vehicle = C208Vehicle(
         EAST._replace(speed=60.0), conditions=Conditions(turbulence="moderate", seed=3)
     )
-    flown(vehicle, -3.0, 0.2, 60.0)
+    fly_for(vehicle, -3.0, 0.2, 60.0)
     log = vehicle.log()
     assert log[:, COLUMN["airspeed"]].min() > 45.0
     assert np.degrees(np.abs(log[:, COLUMN["bank"]])).max() < 60.0
@@ -164,7 +164,7 @@ def test_what_cannot_begin_or_go_on_is_reported(monkeypatch: pytest.MonkeyPatch)
     vehicle = C208Vehicle(EAST)
     vehicle.fdm.set("atmosphere/wind-down-fps", 200.0)
     with pytest.raises(FlightError, match=r"at [0-9.]+ s"):
-        flown(vehicle, 0.0, 0.0, 200.0)
+        fly_for(vehicle, 0.0, 0.0, 200.0)
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ def test_the_point_mass_flies_much_as_the_aircraft_does() -> None:
     ends = []
     for vehicle in both(EAST):
         for acceleration, yaw_rate in ((0.3, 0.04), (0.0, -0.05), (-0.4, 0.0)):
-            flown(vehicle, acceleration, yaw_rate, 15.0)
+            fly_for(vehicle, acceleration, yaw_rate, 15.0)
         ends.append(vehicle.state)
     assert math.hypot(ends[0].x - ends[1].x, ends[0].y - ends[1].y) < 40.0
     assert ends[0].speed == pytest.approx(ends[1].speed, abs=1.0)
@@ -206,7 +206,7 @@ def test_the_point_mass_flies_much_as_the_aircraft_does() -> None:
 
 def test_the_point_mass_climbs_to_its_altitude_and_keeps_its_limits() -> None:
     vehicle = PointMassVehicle(EAST, altitude=2500.0, start_altitude=2400.0)
-    flown(vehicle, 9.0, 9.0, 120.0)
+    fly_for(vehicle, 9.0, 9.0, 120.0)
     assert vehicle.altitude == pytest.approx(2500.0, abs=1.0)
     assert abs(math.degrees(vehicle.bank)) <= 45.0
     assert vehicle.airspeed < 110.0

@@ -17,7 +17,7 @@ from envs.formats.track_rows import place_of, track_of
 from envs.traffic.replay import replay
 from envs.traffic.track_units import FOOT, KNOT
 from envs.traffic.tracks import Repairs, Track, TrackError, at_times, sum_of_repairs
-from tests.support import WGS84, case, flight, recorded, reports_file
+from tests.support import WGS84, case, flight, recorded_path, reports_file
 
 
 def report(name: str, seconds: float, latitude: float, **changes):
@@ -47,7 +47,7 @@ REPORTS = [
 ]
 
 
-def written(tmp_path: Path, content, packed: bool = False) -> Path:
+def write_reports(tmp_path: Path, content, packed: bool = False) -> Path:
     path = tmp_path / ("reports.json.gz" if packed else "reports.json")
     data = json.dumps(content).encode()
     path.write_bytes(gzip.compress(data) if packed else data)
@@ -66,7 +66,7 @@ def tracks(path: Path, **options) -> tuple[list[Track], Repairs]:
 
 @pytest.mark.parametrize("packed", [False, True])
 def test_reports_by_hand(tmp_path: Path, packed: bool) -> None:
-    (own, other), repairs = tracks(written(tmp_path, [*REPORTS[:2], *REPORTS[3:5]], packed))
+    (own, other), repairs = tracks(write_reports(tmp_path, [*REPORTS[:2], *REPORTS[3:5]], packed))
     assert repairs == Repairs()
     assert own.time.tolist() == [100.0, 101.0]
     assert (own.x[0], own.y[0]) == (0.0, 0.0)
@@ -78,15 +78,15 @@ def test_reports_by_hand(tmp_path: Path, packed: bool) -> None:
 
 
 def test_holes_are_refused_or_repaired(tmp_path: Path) -> None:
-    path = written(tmp_path, REPORTS)
+    path = write_reports(tmp_path, REPORTS)
     with pytest.raises(
         TrackError, match="report 6, field timestamp: a gap of 799 s in the track of 'aaa'"
     ):
         tracks(path)
     with pytest.raises(TrackError, match="report 1, field altitude: nan, expected a finite number"):
-        tracks(written(tmp_path, REPORTS[2:3]))
+        tracks(write_reports(tmp_path, REPORTS[2:3]))
     (own, _), repairs = tracks(
-        written(tmp_path, [*REPORTS[:2], *REPORTS[3:]]), repair=True, max_gap=100.0
+        write_reports(tmp_path, [*REPORTS[:2], *REPORTS[3:]]), repair=True, max_gap=100.0
     )
     assert repairs == Repairs(filled=7)
     assert np.diff(own.time)[1:] == pytest.approx(799.0 / 8)
@@ -108,12 +108,12 @@ def test_holes_are_refused_or_repaired(tmp_path: Path) -> None:
 )
 def test_bad_reports_are_refused(tmp_path: Path, content, sentence: str) -> None:
     with pytest.raises(TrackError) as refused:
-        tracks(written(tmp_path, content))
+        tracks(write_reports(tmp_path, content))
     assert sentence in str(refused.value)
 
 
 def test_cut_and_absent_files(tmp_path: Path) -> None:
-    path = written(tmp_path, REPORTS, packed=True)
+    path = write_reports(tmp_path, REPORTS, packed=True)
     for share in (2, 20, 60, len(path.read_bytes()) - 1):
         cut = tmp_path / "cut.json.gz"
         cut.write_bytes(path.read_bytes()[:share])
@@ -126,11 +126,13 @@ def test_cut_and_absent_files(tmp_path: Path) -> None:
 def test_a_recorded_pair_comes_as_close_as_published(tmp_path: Path) -> None:
     # Published: 2375 m. The pair's list was made of the same second-by-second reports, repeated
     # ones included.
-    reports = json.loads(gzip.decompress(recorded("adsb/quickstart.json.gz").read_bytes()))
-    pairs = recorded("adsb/real_pairs.csv").read_text().splitlines()
+    reports = json.loads(gzip.decompress(recorded_path("adsb/quickstart.json.gz").read_bytes()))
+    pairs = recorded_path("adsb/real_pairs.csv").read_text().splitlines()
     line = next(each for each in pairs if ",4d02be,a560f3," in each).split(",")
     when = float(line[3])
-    path = written(tmp_path, [one for one in reports if abs(one["timestamp"] / 1e3 - when) <= 60.0])
+    path = write_reports(
+        tmp_path, [one for one in reports if abs(one["timestamp"] / 1e3 - when) <= 60.0]
+    )
     met = {one.name: one for one in tracks(path, repair=True)[0] if one.name in line[1:3]}
     own, other = met[line[2]], met[line[1]]
     times = np.arange(max(own.time[0], other.time[0]), min(own.time[-1], other.time[-1]))
@@ -158,7 +160,7 @@ def pairs_of(path: Path, **options):
     return adsb_pairs(path, Nearby(5_000.0, 300.0, 120.0), PAPER, **options)
 
 
-def found(path: Path, **options) -> list[tuple[str, Track, Track]]:
+def find_pairs(path: Path, **options) -> list[tuple[str, Track, Track]]:
     return [(name, own, others[0]) for name, own, others in pairs_of(path, **options)[0]]
 
 
@@ -175,7 +177,7 @@ def found(path: Path, **options) -> list[tuple[str, Track, Track]]:
 def test_a_head_on_pair_is_the_same_anywhere_on_earth(
     tmp_path: Path, latitude: float, longitude: float, track: float
 ) -> None:
-    ((name, own, other),) = found(reports_file(tmp_path, *meeting(latitude, longitude, track)))
+    ((name, own, other),) = find_pairs(reports_file(tmp_path, *meeting(latitude, longitude, track)))
     assert name == "aaa001-bbb002-1600000060"
     assert (own.x[0], own.y[0]) == pytest.approx((0.0, 0.0), abs=1e-6)
     assert np.hypot(other.x[0], other.y[0]) == pytest.approx(9_600.0, abs=0.1)
@@ -194,7 +196,7 @@ def test_times_between_whole_seconds_cross_the_antimeridian(tmp_path: Path) -> N
     one, two = meeting(-17.0, 179.9996)
     for report in (*one, *two):
         report["timestamp"] += 500.0
-    ((_, own, other),) = found(reports_file(tmp_path, one, two))
+    ((_, own, other),) = find_pairs(reports_file(tmp_path, one, two))
     assert (own.x[0], own.y[0]) == pytest.approx((0.0, 0.0), abs=1e-6)
     assert np.hypot(other.x[0], other.y[0]) == pytest.approx(9_520.0, abs=0.1)
 
@@ -205,7 +207,7 @@ def test_aircraft_far_apart_are_no_pair_in_either_order(tmp_path: Path) -> None:
     abreast = flight("ccc003", 60.2, 24.9, 0.0), flight("ddd004", y, x, 0.0)
     far = flight("eee005", 40.4, -3.7, 90.0)
     for order in ([*antipodes, *abreast, far], [far, *abreast, *antipodes]):
-        assert found(reports_file(tmp_path, *order)) == []
+        assert find_pairs(reports_file(tmp_path, *order)) == []
 
 
 def test_the_closest_approach_at_one_level_counts(tmp_path: Path) -> None:
@@ -226,8 +228,8 @@ def test_the_closest_approach_at_one_level_counts(tmp_path: Path) -> None:
         rate = 60.0 * (altitude(second + 0.5) - altitude(second - 0.5))
         above.append({**there, "altitude": altitude(0.0)})
         descending.append({**there, "altitude": altitude(second), "vertical_rate": rate})
-    assert found(reports_file(tmp_path, own, above)) == []
-    ((_, mine, other),) = found(reports_file(tmp_path, own, descending))
+    assert find_pairs(reports_file(tmp_path, own, above)) == []
+    ((_, mine, other),) = find_pairs(reports_file(tmp_path, own, descending))
     apart, higher = np.hypot(mine.x - other.x, mine.y - other.y), other.altitude - mine.altitude
     level = np.flatnonzero(abs(higher) <= 300.0)
     assert apart[level].min() == pytest.approx(
@@ -248,7 +250,7 @@ def test_an_early_approach_does_not_hide_a_later_one(tmp_path: Path) -> None:
             *(each[key] for each in (before, after) for key in ("longitude", "latitude"))
         )
         report |= {"track": out % 360.0, "groundspeed": 0.5 * length / (1_852.0 / 3_600.0)}
-    ((name, *_),) = found(reports_file(tmp_path, one, two[1:-1]))
+    ((name, *_),) = find_pairs(reports_file(tmp_path, one, two[1:-1]))
     assert 1_600_000_340 <= int(name.split("-")[-1]) <= 1_600_000_400
 
 
@@ -264,7 +266,7 @@ OUTLIERS = {
 @pytest.mark.parametrize("row", [0, 1, 60, 240])
 def test_one_impossible_report_is_refused_or_dropped(tmp_path: Path, kind: str, row: int) -> None:
     one, two = meeting(47.0, 8.0, after=100.0)
-    usual = found(reports_file(tmp_path, one, two))
+    usual = find_pairs(reports_file(tmp_path, one, two))
     two[row] |= OUTLIERS[kind]
     path = reports_file(tmp_path, one, two)
     with pytest.raises(TrackError, match=rf"report 24[2-4]|report {242 + row}"):
@@ -339,21 +341,25 @@ def test_an_address_in_upper_and_lower_case_is_one(tmp_path: Path) -> None:
 def test_aircraft_on_the_ground_do_not_fly(tmp_path: Path, value: object) -> None:
     one, two = meeting(47.0, 8.0)
     path = reports_file(tmp_path, one, [{**report, "onground": value} for report in two])
-    assert found(path) == []
+    assert find_pairs(path) == []
     assert [track.name for track in tracks(path)[0]] == ["aaa001"]
 
 
 @pytest.mark.parametrize("name", ["on_ground", "onGround"])
 def test_other_spellings_of_onground_are_read(tmp_path: Path, name: str) -> None:
     one, two = meeting(47.0, 8.0)
-    assert found(reports_file(tmp_path, one, [{**report, name: 1} for report in two])) == []
+    assert find_pairs(reports_file(tmp_path, one, [{**report, name: 1} for report in two])) == []
 
 
 @pytest.mark.parametrize("value", [False, 0, 0.0, "false", None])
 def test_aircraft_not_on_the_ground_fly(tmp_path: Path, value: object) -> None:
     one, two = meeting(47.0, 8.0)
     assert (
-        len(found(reports_file(tmp_path, one, [{**report, "onground": value} for report in two])))
+        len(
+            find_pairs(
+                reports_file(tmp_path, one, [{**report, "onground": value} for report in two])
+            )
+        )
         == 1
     )
 
@@ -405,7 +411,7 @@ def test_cases_of_public_reports(name: str) -> None:
         with pytest.raises(TrackError, match=r"report \d+, field (latitude|altitude|timestamp)"):
             pairs_of(path)
     else:
-        assert tuple(pair[0] for pair in found(path)) == plain
+        assert tuple(pair[0] for pair in find_pairs(path)) == plain
     pairs, repairs = pairs_of(path, repair=True)
     assert tuple(pair[0] for pair in pairs) == repaired
     assert any(repairs) == (plain is None)

@@ -350,7 +350,7 @@ def test_far_areas_are_left_out_but_not_those_to_be_kept_in(
     assert len(read_areas(stored(GEOJSON), far, time=NOON, within=160e3)) == 2
 
 
-def changed(content: Any, path: str, value: Any) -> Any:
+def change(content: Any, path: str, value: Any) -> Any:
     made = copy.deepcopy(content)
     *keys, last = (int(key) if key.isdigit() else key for key in path.split("/"))
     inner = made
@@ -370,92 +370,92 @@ def changed(content: Any, path: str, value: Any) -> Any:
         (GEOJSON | {"crs": {}}, r"crs: expected none"),
         (GEOJSON | {"features": 1}, r"features: is 1, expected a list"),
         (
-            changed(GEOJSON, "features/0/geometry", None),
+            change(GEOJSON, "features/0/geometry", None),
             r"features\[0\], geometry: is None, expected an object",
         ),
         (
-            changed(GEOJSON, "features/0/geometry/type", "LineString"),
+            change(GEOJSON, "features/0/geometry/type", "LineString"),
             r"geometry.type: is 'LineString', expected Polygon",
         ),
         (
-            changed(GEOJSON, "features/0/geometry/coordinates/0/1", [8.0, 95.0]),
+            change(GEOJSON, "features/0/geometry/coordinates/0/1", [8.0, 95.0]),
             r"coordinates\[0\]\[1\], latitude: is 95.0, expected -90 to 90 degrees",
         ),
         (
-            changed(GEOJSON, "features/0/geometry/coordinates/0/1", [8.0, math.nan]),
+            change(GEOJSON, "features/0/geometry/coordinates/0/1", [8.0, math.nan]),
             r"coordinates\[0\]\[1\], latitude: is nan",
         ),
         (
-            changed(GEOJSON, "features/0/geometry/coordinates/0", RING[:2]),
+            change(GEOJSON, "features/0/geometry/coordinates/0", RING[:2]),
             r"coordinates\[0\]: has 2 different points, expected 3 or more",
         ),
         (
-            changed(GEOJSON, "features/0/geometry/coordinates", []),
+            change(GEOJSON, "features/0/geometry/coordinates", []),
             r"coordinates: is empty, expected a ring",
         ),
         (
-            changed(GEOJSON, "features/0/geometry/coordinates/0", [RING[n] for n in (0, 2, 1, 3)]),
+            change(GEOJSON, "features/0/geometry/coordinates/0", [RING[n] for n in (0, 2, 1, 3)]),
             r"features\[0\]: outer crosses or touches itself",
         ),
         (
-            changed(GEOJSON, "features/0/geometry/coordinates", [[[8, 47], [9, 47], [9, 47.1]]]),
+            change(GEOJSON, "features/0/geometry/coordinates", [[[8, 47], [9, 47], [9, 47.1]]]),
             r"features\[0\]: outer is 76 km wide in x, expected 60 km at most",
         ),
-        (changed(GEOJSON, "features/0/properties/keep", "away"), r"keep: is 'away'"),
+        (change(GEOJSON, "features/0/properties/keep", "away"), r"keep: is 'away'"),
         (
-            changed(GEOJSON, "features/0/properties/floor_reference", None),
+            change(GEOJSON, "features/0/properties/floor_reference", None),
             r"floor_reference: is missing",
         ),
         (
-            changed(GEOJSON, "features/0/properties/valid_until", "2026-11-27T12:00:00Z"),
+            change(GEOJSON, "features/0/properties/valid_until", "2026-11-27T12:00:00Z"),
             r"features\[0\]: valid_until is 0 s, expected more than valid_from of 600 s",
         ),
         (
-            changed(GEOJSON, "features/0/properties/valid_from", "noon"),
+            change(GEOJSON, "features/0/properties/valid_from", "noon"),
             r"valid_from: is 'noon', expected a date",
         ),
-        (changed(GEOJSON, "features/0/properties/valid_from_s", 3), r"valid_from: is given twice"),
+        (change(GEOJSON, "features/0/properties/valid_from_s", 3), r"valid_from: is given twice"),
         (
-            changed(GEOJSON, "features/1/properties/radius_m", None),
+            change(GEOJSON, "features/1/properties/radius_m", None),
             r"features\[1\], radius_m: is None",
         ),
-        (changed(GEOJSON, "features/1/properties/radius_m", 0.0), r"radius is 0 m"),
+        (change(GEOJSON, "features/1/properties/radius_m", 0.0), r"radius is 0 m"),
         (
-            changed(ED269, "features/0/restriction", "FORBIDDEN"),
+            change(ED269, "features/0/restriction", "FORBIDDEN"),
             r"restriction: 'FORBIDDEN' is unknown, expected one of",
         ),
         (
-            changed(ED269, "features/0/geometry/0/uomDimensions", "NM"),
+            change(ED269, "features/0/geometry/0/uomDimensions", "NM"),
             r"geometry\[0\].uomDimensions: is 'NM', expected M or FT",
         ),
         (
-            changed(ED269, "features/0/geometry/0/upperVerticalReference", "FL"),
+            change(ED269, "features/0/geometry/0/upperVerticalReference", "FL"),
             r"geometry\[0\].upper, reference: is 'FL', expected one of",
         ),
         (
-            changed(ED269, "features/0/geometry/0/upperLimit", "high"),
+            change(ED269, "features/0/geometry/0/upperLimit", "high"),
             r"geometry\[0\].upper: is 'high'",
         ),
         (
-            changed(ED269, "features/0/geometry/1/horizontalProjection/type", "Ellipse"),
+            change(ED269, "features/0/geometry/1/horizontalProjection/type", "Ellipse"),
             r"type: is 'Ellipse', expected Polygon or Circle",
         ),
         (
-            changed(ED269, "features/0/applicability/0/endDateTime", "2026-11-27T11:00:00Z"),
+            change(ED269, "features/0/applicability/0/endDateTime", "2026-11-27T11:00:00Z"),
             r"applicability\[0\]: ends before it begins",
         ),
         (
-            changed(ED318, "features/0/geometry/geometries/1/extent", {"subType": "Arc"}),
+            change(ED318, "features/0/geometry/geometries/1/extent", {"subType": "Arc"}),
             r"extent.subType: is 'Arc', expected Circle",
         ),
-        (changed(ED318, "features/0/properties/type", 1), r"type: is 1, expected a text"),
-        (changed(PLAN, "geoFence/version", 1), r"geoFence.version: is 1, expected 2"),
+        (change(ED318, "features/0/properties/type", 1), r"type: is 1, expected a text"),
+        (change(PLAN, "geoFence/version", 1), r"geoFence.version: is 1, expected 2"),
         (
-            changed(PLAN, "geoFence/polygons/0/inclusion", "yes"),
+            change(PLAN, "geoFence/polygons/0/inclusion", "yes"),
             r"polygons\[0\].inclusion: is 'yes', expected true or false",
         ),
         (
-            changed(PLAN, "geoFence/circles/0/circle/radius", -1.0),
+            change(PLAN, "geoFence/circles/0/circle/radius", -1.0),
             r"circles\[0\].circle.radius: is -1.0, expected 0 to 1e\+07 m",
         ),
         (ICAROUS.replace("id: 1", "id: 0"), r"fence 1, id: is 0, expected a name of its own"),

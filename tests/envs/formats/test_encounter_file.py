@@ -47,7 +47,7 @@ encounter_values = st.tuples(
 )
 
 
-def built(values) -> Encounter:
+def build(values) -> Encounter:
     """Return the encounters of the drawn values, absent intruders marked by not-a-number."""
     most = max(len(v[2]) for v in values)
     own = np.array([v[0] for v in values]).T
@@ -70,7 +70,7 @@ def built(values) -> Encounter:
 )
 @given(values=st.lists(encounter_values, min_size=1, max_size=5))
 def test_round_trip(values, tmp_path: Path) -> None:
-    before = built(values)
+    before = build(values)
     names = [f"no. {i}, {'ü' * (i + 1)}" for i in range(len(values))]
     write(tmp_path / "encounters.csv", before, names)
     after, names_after = read(tmp_path / "encounters.csv")
@@ -151,28 +151,31 @@ def test_own_speed_range_follows_the_vehicle(tmp_path: Path) -> None:
         assert encounters.own.speed[0] == 40.0
 
 
-def replaced(column: str, text: str) -> str:
+def replace_cell(column: str, text: str) -> str:
     cells = dict(zip(HEADER.split(","), ROW.split(","), strict=True)) | {column: text}
     return f"{HEADER}\n{','.join(cells.values())}\n"
 
 
 MISTAKES = {
     "nan": (
-        replaced("own_x_m", "nan"),
+        replace_cell("own_x_m", "nan"),
         "line 2, column own_x_m: 'nan', expected a number from -1e",
     ),
-    "inf": (replaced("goal_y_m", "inf"), "line 2, column goal_y_m: 'inf', expected"),
+    "inf": (replace_cell("goal_y_m", "inf"), "line 2, column goal_y_m: 'inf', expected"),
     "text": (
-        replaced("intruder_speed_m_s", "fast"),
+        replace_cell("intruder_speed_m_s", "fast"),
         "column intruder_speed_m_s: 'fast', expected a number from 0 to 400",
     ),
-    "underscore": (replaced("own_y_m", "1_0"), "column own_y_m: '1_0'"),
+    "underscore": (replace_cell("own_y_m", "1_0"), "column own_y_m: '1_0'"),
     "range": (
-        replaced("own_heading_deg", "361"),
+        replace_cell("own_heading_deg", "361"),
         "column own_heading_deg: '361', expected a number from -360 to 360",
     ),
-    "empty cell": (replaced("own_x_m", " "), "line 2, column own_x_m: empty, expected a number"),
-    "empty name": (replaced("encounter", " "), "line 2, column encounter: empty"),
+    "empty cell": (
+        replace_cell("own_x_m", " "),
+        "line 2, column own_x_m: empty, expected a number",
+    ),
+    "empty name": (replace_cell("encounter", " "), "line 2, column encounter: empty"),
     "unknown column": (
         f"{HEADER},latency\n{ROW},1\n",
         "line 1: column 'latency' is unknown; did you mean latency_s?",

@@ -62,7 +62,7 @@ VALUES = (
 ODD = (None, True, "", "north", [], "1_0")
 
 
-def mutated(rows: list[Row], rng: np.random.Generator, time: str, name: str) -> Iterator[str]:
+def mutate(rows: list[Row], rng: np.random.Generator, time: str, name: str) -> Iterator[str]:
     """Mutate rows in place, one each time it is asked, and yield the kind."""
     while True:
         at = int(rng.integers(len(rows)))
@@ -346,7 +346,7 @@ def run(reader: Any, path: Path, count: int) -> dict[str, int]:
     rng, found = np.random.default_rng(count), {"rows": 0, "accepted": 0, "refused": 0, "tracks": 0}
     while found["rows"] < count:
         rows = copy.deepcopy(reader.rows)
-        mutating = mutated(rows, rng, reader.time, reader.name)
+        mutating = mutate(rows, rng, reader.time, reader.name)
         for _ in range(int(rng.choice([1, 1, 2, 5, 20]))):
             next(mutating)
             found["rows"] += 1

@@ -20,7 +20,7 @@ from envs.formats.track_files import read_daidalus
 from envs.traffic.replay import replay
 from envs.traffic.track_units import FAMILIES, KNOT, si
 from envs.traffic.tracks import Repairs, TrackError, at_times
-from tests.support import WGS84, flight, recorded
+from tests.support import WGS84, flight, recorded_path
 
 LOCAL = """\
 # made by hand
@@ -41,14 +41,14 @@ other 40.00955 -74.0 1000 0 -50 0 1
 """
 
 
-def written(tmp_path: Path, text: str, name: str = "tracks.daa") -> Path:
+def write_file(tmp_path: Path, text: str, name: str = "tracks.daa") -> Path:
     path = tmp_path / name
     path.write_text(text)
     return path
 
 
 def test_local_tracks_by_hand(tmp_path: Path) -> None:
-    (own, other), repairs = read_daidalus(written(tmp_path, LOCAL))
+    (own, other), repairs = read_daidalus(write_file(tmp_path, LOCAL))
     assert repairs == Repairs()
     assert (own.name, other.name) == ("own", "other")
     assert own.time.tolist() == [1.0, 2.0]
@@ -62,7 +62,7 @@ def test_local_tracks_by_hand(tmp_path: Path) -> None:
 
 
 def test_geographic_tracks_are_local_to_the_ownship(tmp_path: Path) -> None:
-    own, other = read_daidalus(written(tmp_path, GEOGRAPHIC)).tracks
+    own, other = read_daidalus(write_file(tmp_path, GEOGRAPHIC)).tracks
     assert (own.x[0], own.y[0]) == (0.0, 0.0)
     # A degree of latitude is 111 035 m here, one of longitude 85 394 m (Clarke's series for WGS
     # 84).
@@ -72,7 +72,7 @@ def test_geographic_tracks_are_local_to_the_ownship(tmp_path: Path) -> None:
 
 def test_units_scale_and_nothing_else(tmp_path: Path) -> None:
     feet = LOCAL.replace("[km]", "[ft]").replace("[ms]", "[s]").replace(", 2000\n", ", 1001\n")
-    own, other = read_daidalus(written(tmp_path, feet)).tracks
+    own, other = read_daidalus(write_file(tmp_path, feet)).tracks
     assert other.y == pytest.approx(np.array([2.0, 1.897]) * 0.3048)
     assert own.time.tolist() == [1000.0, 1001.0]
     assert si("KNOT", "speed") == si("kts", "speed") == KNOT
@@ -131,7 +131,7 @@ def test_a_bad_file_is_refused_by_line_and_field(
 ) -> None:
     assert old in LOCAL
     with pytest.raises(TrackError, match="tracks.daa " + sentence):
-        read_daidalus(written(tmp_path, LOCAL.replace(old, new, 1)))
+        read_daidalus(write_file(tmp_path, LOCAL.replace(old, new, 1)))
 
 
 @pytest.mark.parametrize("row", [2, 3, 4, 5])
@@ -156,23 +156,23 @@ def test_every_row_of_every_aircraft_keeps_to_the_ranges(
     cells[lines[0].split().index(column)] = value
     lines[row] = " ".join(cells)
     with pytest.raises(TrackError, match=f"line {row + 1}, field {names}: .*, expected -"):
-        read_daidalus(written(tmp_path, "\n".join(lines)))
+        read_daidalus(write_file(tmp_path, "\n".join(lines)))
 
 
 def test_negative_speeds_and_degrees_for_radians_are_refused(tmp_path: Path) -> None:
     with pytest.raises(TrackError, match="line 5, field gs: -200, expected 0 to 2000"):
-        read_daidalus(written(tmp_path, LOCAL.replace("180, 200", "180, -200", 1)))
+        read_daidalus(write_file(tmp_path, LOCAL.replace("180, 200", "180, -200", 1)))
     with pytest.raises(
         TrackError, match=r"line 4, field trk: 90, expected .* \(are these degrees\?\)"
     ):
-        read_daidalus(written(tmp_path, LOCAL.replace("[deg]", "[rad]")))
+        read_daidalus(write_file(tmp_path, LOCAL.replace("[deg]", "[rad]")))
 
 
 def test_names_that_differ_in_case_are_refused(tmp_path: Path) -> None:
     with pytest.raises(
         TrackError, match=r"field name: .* expected no two that differ only in case"
     ):
-        read_daidalus(written(tmp_path, LOCAL.replace("other, 1, 2", "OWN, 1, 2")))
+        read_daidalus(write_file(tmp_path, LOCAL.replace("other, 1, 2", "OWN, 1, 2")))
 
 
 @pytest.mark.parametrize("latitude", [0.0, 47.0, 80.0])
@@ -192,7 +192,7 @@ def test_velocities_are_turned_into_the_local_frame(tmp_path: Path, latitude: fl
         polar.append(f"{start} {one['track']:.12f} {speed:.12f} {end}")
         parts.append(f"{start} {speed * math.sin(track):.12f} {speed * math.cos(track):.12f} {end}")
     for lines in (polar, parts):
-        for track in read_daidalus(written(tmp_path, "\n".join(lines))).tracks:
+        for track in read_daidalus(write_file(tmp_path, "\n".join(lines))).tracks:
             flown = np.arctan2(np.diff(track.y), np.diff(track.x))
             assert abs(flown - np.arctan2(track.vy, track.vx)[1:]).max() < math.radians(0.01)
 
@@ -215,7 +215,7 @@ def test_a_missing_column_is_named(tmp_path: Path, missing: str, sentence: str) 
         cells = line.split("#")[0].split(",")
         lines.append(",".join(cells[:at] + cells[at + 1 :]))
     with pytest.raises(TrackError, match=sentence):
-        read_daidalus(written(tmp_path, "\n".join(lines)))
+        read_daidalus(write_file(tmp_path, "\n".join(lines)))
 
 
 def test_repairs_are_made_on_request_and_counted(tmp_path: Path) -> None:
@@ -225,8 +225,8 @@ def test_repairs_are_made_on_request_and_counted(tmp_path: Path) -> None:
     text += row.format(x=0, y=0, trk=350, time=0) + row.format(x="nan", y=0, trk=350, time=1000)
     text += row.format(x=0, y=0, trk=350, time=0) + row.format(x=0, y=north, trk=10, time=16_000)
     with pytest.raises(TrackError, match="line 5, field sx"):
-        read_daidalus(written(tmp_path, text))
-    (own,), repairs = read_daidalus(written(tmp_path, text), repair=True, max_gap=5.0)
+        read_daidalus(write_file(tmp_path, text))
+    (own,), repairs = read_daidalus(write_file(tmp_path, text), repair=True, max_gap=5.0)
     assert repairs == Repairs(not_finite=1, out_of_order=1, filled=3)
     assert own.time.tolist() == [0.0, 4.0, 8.0, 12.0, 16.0]
     assert own.y == pytest.approx(1e3 * north * np.linspace(0, 1, 5))
@@ -234,8 +234,10 @@ def test_repairs_are_made_on_request_and_counted(tmp_path: Path) -> None:
     assert own.vx[2] == pytest.approx(0.0, abs=1e-9)
     assert own.vy[2] == pytest.approx(100 * KNOT)
     with pytest.raises(TrackError, match="no row of 'own' is left"):
-        read_daidalus(written(tmp_path, text.replace("100, 0", "nan, 0")), repair=True)
-    whole = read_daidalus(written(tmp_path, text.replace("nan", "0")), repair=True, max_gap=100.0)
+        read_daidalus(write_file(tmp_path, text.replace("100, 0", "nan, 0")), repair=True)
+    whole = read_daidalus(
+        write_file(tmp_path, text.replace("nan", "0")), repair=True, max_gap=100.0
+    )
     assert whole.repairs == Repairs(out_of_order=1)
 
 
@@ -250,7 +252,7 @@ def test_a_damaged_file_is_read_or_refused_with_a_sentence(
 ) -> None:
     text = LOCAL[:at] + put + ("" if cut else LOCAL[at + 1 :])
     try:
-        tracks, _ = read_daidalus(written(tmp_path, text))
+        tracks, _ = read_daidalus(write_file(tmp_path, text))
     except TrackError as problem:
         assert "tracks.daa" in str(problem)
         assert "\n" not in str(problem)
@@ -264,18 +266,18 @@ def test_what_is_no_file_of_tracks(tmp_path: Path) -> None:
     with pytest.raises(TrackError, match="there is no such file"):
         read_daidalus(tmp_path / "absent.daa")
     with pytest.raises(TrackError, match="0 lines, expected"):
-        read_daidalus(written(tmp_path, ""))
+        read_daidalus(write_file(tmp_path, ""))
     (tmp_path / "binary.daa").write_bytes(b"\xff\xff")
     with pytest.raises(TrackError, match="not a text in UTF-8"):
         read_daidalus(tmp_path / "binary.daa")
     with pytest.raises(TrackError, match="line 3, field lat: 140"):
-        read_daidalus(written(tmp_path, GEOGRAPHIC.replace("own 40.0", "own 140.0", 1)))
+        read_daidalus(write_file(tmp_path, GEOGRAPHIC.replace("own 40.0", "own 140.0", 1)))
     with pytest.raises(TrackError, match="max_gap is nan"):
-        read_daidalus(written(tmp_path, LOCAL), max_gap=math.nan)
+        read_daidalus(write_file(tmp_path, LOCAL), max_gap=math.nan)
 
 
 def test_tracks_at_other_times(tmp_path: Path) -> None:
-    own = read_daidalus(written(tmp_path, LOCAL)).tracks[0]
+    own = read_daidalus(write_file(tmp_path, LOCAL)).tracks[0]
     middle = at_times(own, np.array([1.25, 1.5]))
     assert middle.x == pytest.approx(own.x[1] * np.array([0.25, 0.5]))
     with pytest.raises(TrackError, match="covers 1 to 2 s"):
@@ -302,7 +304,7 @@ def test_the_local_frame_is_a_sphere_s_but_for_the_flattening(lat, lon, north, e
     "name", ["C1_0_120.daa", "H0_0_120.daa", "H0_0_120.xyz", "H1.daa", "scenario_5.daa"]
 )
 def test_recorded_velocities_are_the_change_of_positions(name: str) -> None:
-    for track in read_daidalus(recorded(f"daidalus_scenarios/{name}")).tracks:
+    for track in read_daidalus(recorded_path(f"daidalus_scenarios/{name}")).tracks:
         dt = np.diff(track.time)
         vx, vy = 0.5 * (track.vx[1:] + track.vx[:-1]), 0.5 * (track.vy[1:] + track.vy[:-1])
         off = np.hypot(np.diff(track.x) / dt - vx, np.diff(track.y) / dt - vy)
@@ -311,7 +313,7 @@ def test_recorded_velocities_are_the_change_of_positions(name: str) -> None:
 
 
 def test_every_recorded_scenario_is_read() -> None:
-    folder = recorded("daidalus_scenarios")
+    folder = recorded_path("daidalus_scenarios")
     paths = sorted(path for path in folder.iterdir() if re.fullmatch(r"\.(daa|xyz)", path.suffix))
     assert len(paths) == 12
     for path in paths:
@@ -344,14 +346,14 @@ ONE = {
 }
 
 
-def lincoln_written(tmp_path: Path, content) -> Path:
+def write_lincoln(tmp_path: Path, content) -> Path:
     path = tmp_path / "encounters.json"
     path.write_text(json.dumps(content))
     return path
 
 
 def test_an_encounter_by_hand(tmp_path: Path) -> None:
-    (one,) = read_lincoln(lincoln_written(tmp_path, [ONE]))
+    (one,) = read_lincoln(write_lincoln(tmp_path, [ONE]))
     assert (one.number, one.weight, one.time) == (7, 2.5, pytest.approx(10.0))
     assert one.miss == pytest.approx(500.0 * FOOT)
     own, other = tracks_of(one)
@@ -380,7 +382,7 @@ def miss(one: LincolnEncounter) -> float:
 
 
 def test_flights_meet_the_published_miss_distances() -> None:
-    found = read_lincoln(recorded("lincoln_lab/encounters.json"))
+    found = read_lincoln(recorded_path("lincoln_lab/encounters.json"))
     assert len(found) == 50
     errors_ft = [abs(miss(one) - one.miss) / FOOT for one in found]
     # Some tracks exceed what the models' own vehicle could fly: the median is what can be judged.
@@ -446,12 +448,12 @@ def test_a_malformed_encounter_is_refused_by_field(tmp_path: Path, change, sente
     one = copy.deepcopy(ONE)
     change(one)
     with pytest.raises(TrackError, match=r"encounters\.json") as refused:
-        read_lincoln(lincoln_written(tmp_path, [one]))
+        read_lincoln(write_lincoln(tmp_path, [one]))
     assert sentence in str(refused.value)
 
 
 def test_what_is_no_file_of_encounters(tmp_path: Path) -> None:
-    path = lincoln_written(tmp_path, [ONE])
+    path = write_lincoln(tmp_path, [ONE])
     path.write_text(path.read_text()[:200])
     with pytest.raises(TrackError, match=r"encounters.json line 1: not JSON, or cut off"):
         read_lincoln(path)
@@ -463,15 +465,15 @@ def test_what_is_no_file_of_encounters(tmp_path: Path) -> None:
         read_lincoln(path)
     for content in ({}, [], "text"):
         with pytest.raises(TrackError, match="expected a list of encounters"):
-            read_lincoln(lincoln_written(tmp_path, content))
+            read_lincoln(write_lincoln(tmp_path, content))
     with pytest.raises(TrackError, match="encounter 2, field id: 7 stands twice"):
-        read_lincoln(lincoln_written(tmp_path, [ONE, ONE]))
+        read_lincoln(write_lincoln(tmp_path, [ONE, ONE]))
     with pytest.raises(TrackError, match="expected an object"):
-        read_lincoln(lincoln_written(tmp_path, [3]))
+        read_lincoln(write_lincoln(tmp_path, [3]))
 
 
 def test_a_replay_is_the_track_and_straight_on_after_it(tmp_path: Path) -> None:
-    (one,) = read_lincoln(lincoln_written(tmp_path, [ONE]))
+    (one,) = read_lincoln(write_lincoln(tmp_path, [ONE]))
     own, other = tracks_of(one)
     made = replay([("seven", own, [other])], PAPER, 100.0)
     assert made.names == ("seven",)
@@ -492,7 +494,7 @@ def test_what_cannot_be_flown_is_left_out_with_the_reason(tmp_path: Path) -> Non
     slow["v_ftps"][0] = 100.0
     fast["v_ftps"][1] = 600.0
     slow["id"], fast["id"] = 8, 9
-    found = read_lincoln(lincoln_written(tmp_path, [ONE, slow, fast]))
+    found = read_lincoln(write_lincoln(tmp_path, [ONE, slow, fast]))
     encounters = [
         (name, *((own, [other]) for own, other in [tracks_of(one)]))
         for name, one in zip("abc", found, strict=True)

@@ -303,7 +303,7 @@ def test_only_what_has_ended_begins_anew():
 
 
 def test_seeds_repeat_and_differ():
-    def flown(seed, name):
+    def fly_both(seed, name):
         many, single = vector(4, scenario=name), DeconflictionEnv(name)
         rows = [many.reset(seed=seed)[0], single.reset(seed=seed)[0]]
         for command in actions(5, 4):
@@ -311,8 +311,8 @@ def test_seeds_repeat_and_differ():
         return np.concatenate([row.ravel() for row in [*rows, many.reset()[0], single.reset()[0]]])
 
     for name in ("circle", "noisy"):
-        np.testing.assert_array_equal(flown(7, name), flown(7, name))
-        assert not np.allclose(flown(7, name), flown(8, name))
+        np.testing.assert_array_equal(fly_both(7, name), fly_both(7, name))
+        assert not np.allclose(fly_both(7, name), fly_both(8, name))
     assert not np.allclose(DeconflictionEnv().reset()[0], DeconflictionEnv().reset()[0])
     # The largest seed that gymnasium draws for itself is far beyond 32 bit.
     assert vector(4, scenario="noisy").reset(seed=2**64 - 1)[0].shape == (4, 8)

@@ -20,7 +20,7 @@ from envs.traffic.encounter_model_sampler import dimensions, fly_sampled, sample
 from envs.traffic.model_traffic import ModelTraffic, encounters_with
 from envs.traffic.replay import off_arcs
 from envs.traffic.track_units import KNOT
-from tests.support import recorded
+from tests.support import recorded_path
 
 SMALL = """\
 # labels_initial
@@ -61,14 +61,14 @@ SMALL = """\
 """
 
 
-def written(tmp_path: Path, text: str = SMALL) -> Path:
+def write_file(tmp_path: Path, text: str = SMALL) -> Path:
     path = tmp_path / "model.txt"
     path.write_text(text)
     return path
 
 
 def test_a_model_by_hand(tmp_path: Path) -> None:
-    model = read_model(written(tmp_path))
+    model = read_model(write_file(tmp_path))
     assert [variable.name for variable in model.initial] == [
         "G",
         "v",
@@ -88,7 +88,7 @@ def test_a_model_by_hand(tmp_path: Path) -> None:
 
 
 def test_the_public_models_are_consistent() -> None:
-    for path in sorted(recorded("encounter_models").glob("uncor_*.txt")):
+    for path in sorted(recorded_path("encounter_models").glob("uncor_*.txt")):
         model = read_model(path)
         first, second = model.initial[:2]
         # A child's counts, summed over its bins, are the counts of its parents' bins: the columns are in order.
@@ -170,7 +170,7 @@ def test_a_malformed_file_is_refused_by_line_and_block(
 ) -> None:
     assert old in SMALL
     with pytest.raises(EncounterError, match=r"model\.txt") as refused:
-        read_model(written(tmp_path, SMALL.replace(old, new, 1)))
+        read_model(write_file(tmp_path, SMALL.replace(old, new, 1)))
     assert sentence in str(refused.value)
 
 
@@ -185,7 +185,7 @@ def test_a_file_that_is_cut_off_is_refused(
 
 
 def test_initial_variables_come_as_often_as_the_tables_say(tmp_path: Path) -> None:
-    model = read_model(written(tmp_path))
+    model = read_model(write_file(tmp_path))
     sampled = sample_model(model, draws.uniforms(3, 0, 20_000, (dimensions(model, 2),)), 2)
     chances = {}
     for place, variable in enumerate(model.initial):
@@ -200,7 +200,7 @@ def test_initial_variables_come_as_often_as_the_tables_say(tmp_path: Path) -> No
 
 
 def test_a_public_model_s_joint_frequencies() -> None:
-    model = read_model(recorded("encounter_models/uncor_1200code_v2p1.txt"))
+    model = read_model(recorded_path("encounter_models/uncor_1200code_v2p1.txt"))
     sampled = sample_model(model, draws.uniforms(5, 0, 20_000, (dimensions(model, 2),)), 2)
     # The counts of airspeed under class, area and layer are the joint counts of all four.
     variable = model.initial[3]
@@ -214,7 +214,7 @@ def test_a_public_model_s_joint_frequencies() -> None:
 
 
 def test_transitions_come_as_often_as_the_tables_say(tmp_path: Path) -> None:
-    model = read_model(written(tmp_path))
+    model = read_model(write_file(tmp_path))
     # Of what turns: -6..-1 deg/s, exactly 0, 1..6 deg/s.
     sampled = sample_model(model, draws.uniforms(4, 0, 4_000, (dimensions(model, 30),)), 30)
     turn = np.sign(-sampled.turn_rate).astype(int) + 1
@@ -230,7 +230,7 @@ def test_transitions_come_as_often_as_the_tables_say(tmp_path: Path) -> None:
 
 
 def test_values_change_as_the_rates_say_and_stay_in_their_bins(tmp_path: Path) -> None:
-    model = read_model(written(tmp_path))
+    model = read_model(write_file(tmp_path))
     sampled = sample_model(model, draws.uniforms(4, 0, 4_000, (dimensions(model, 30),)), 30)
     rate = sampled.turn_rate
     stays = (rate[:, 1:] < 0.0) & (rate[:, :-1] < 0.0)
@@ -247,7 +247,7 @@ def test_values_change_as_the_rates_say_and_stay_in_their_bins(tmp_path: Path) -
 
 
 def test_a_track_is_what_was_drawn(tmp_path: Path) -> None:
-    model = read_model(written(tmp_path))
+    model = read_model(write_file(tmp_path))
     sampled = sample_model(model, draws.uniforms(1, 0, 50, (dimensions(model, 60),)), 60)
     track = fly_sampled(model, sampled, 150.0)
     assert track.x.shape == (50, 61)
@@ -275,7 +275,7 @@ def family(model: EncounterModel, **changes: Any) -> ModelTraffic:
 
 @pytest.fixture(scope="module")
 def traffic(tmp_path_factory: pytest.TempPathFactory) -> ModelTraffic:
-    return family(read_model(written(tmp_path_factory.mktemp("model"))))
+    return family(read_model(write_file(tmp_path_factory.mktemp("model"))))
 
 
 def test_recordings_have_a_row_a_time_step_of_the_aircraft(traffic: ModelTraffic) -> None:

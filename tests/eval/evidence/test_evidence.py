@@ -21,7 +21,7 @@ from eval.evidence.domain import cells, rows_of_cells
 from eval.evidence.dossier import Case, resolve
 from eval.evidence.dossier import tests_of as names_of_tests
 from eval.evidence.dossier_page import write
-from eval.evidence.listed import Evidence, found_in, read_results
+from eval.evidence.listed import Evidence, find_figures, read_results
 from eval.evidence.run import ROOT, main, published_results
 from eval.evidence.tables import fill_in, pages
 
@@ -82,13 +82,13 @@ def result(command: str, n: int = 24, policy: str = "a" * 64, **figures: Any) ->
     return made | {"command": command.format(n=n), "n": n, "figures": figures}
 
 
-def listed(folder: Path) -> Evidence:
+def load_list(folder: Path) -> Evidence:
     (folder / "list.yaml").write_text(LIST, encoding="utf-8")
     return load(Evidence, folder / "list.yaml")
 
 
 def test_results_of_another_policy_or_command_are_dropped(tmp_path: Path) -> None:
-    some = listed(tmp_path)
+    some = load_list(tmp_path)
     command = some.results["one"].command
     good = result(command)
     assert published_results(some, "a" * 64, {"one": good}, tmp_path) == {"one": good}
@@ -106,7 +106,7 @@ def test_results_of_another_policy_or_command_are_dropped(tmp_path: Path) -> Non
 
 
 def test_a_table_says_rate_interval_and_what_is_missing(tmp_path: Path) -> None:
-    some = listed(tmp_path)
+    some = load_list(tmp_path)
     rate = {"value": 0.995, "low": 0.9876, "high": 1.0, "count": 199, "total": 200}
     text = "a\n<!-- evidence: first -->\nold\n<!-- /evidence -->\nb\n"
     made = fill_in(
@@ -130,7 +130,7 @@ def test_figures_are_found_by_path_and_name() -> None:
         "b": [{"name": "x", "c": {"d": 2}}, {"name": "y", "c": {"d": 3}}],
         "e": [4],
     }
-    assert found_in(said, ("a", "b/*/d")) == {
+    assert find_figures(said, ("a", "b/*/d")) == {
         "a": {"value": 1.0, "low": 0.0},
         "b/x/c/d": 2,
         "b/y/c/d": 3,
@@ -162,7 +162,7 @@ def test_cells_count_trials_and_failures(tmp_path: Path) -> None:
 def test_a_finished_result_is_not_made_again(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    listed(tmp_path)
+    load_list(tmp_path)
     asked = [
         "--list",
         str(tmp_path / "list.yaml"),
@@ -262,7 +262,7 @@ def small_checkout(folder: Path, case: str = CASE) -> Evidence:
     (folder / "tests/test_b.py").write_text("def test_three(): ...\n")
     (folder / "configs/dossier.yaml").write_text(case, encoding="utf-8")
     claim = {"claim": ("success_given_resolvable", ">=", 0.9)}
-    some = listed(folder)
+    some = load_list(folder)
     return some.model_copy(
         update={"results": {"one": some.results["one"].model_copy(update=claim)}}
     )
@@ -282,15 +282,15 @@ def test_a_goal_of_the_dossier_is_as_good_as_its_worst_evidence(tmp_path: Path) 
         assert said.endswith("names 3 tests and 0 results")
         return said.partition("the claim is ")[2].partition(";")[0]
 
-    def found(value: float, low: float, high: float, n: int = 24) -> dict[str, Any]:
+    def make_results(value: float, low: float, high: float, n: int = 24) -> dict[str, Any]:
         rate = {"value": value, "low": low, "high": high, "count": round(value * n), "total": n}
         return {"one": result("x", n, success_given_resolvable=rate)}
 
     assert state({}) == "open"
-    assert state(found(0.95, 0.92, 1.0)) == "shown"
-    assert state(found(0.95, 0.92, 1.0, 23)) == "open"  # fewer encounters than listed
-    assert state(found(0.85, 0.8, 0.95)) == "open"
-    assert state(found(0.5, 0.4, 0.6)) == "not met"
+    assert state(make_results(0.95, 0.92, 1.0)) == "shown"
+    assert state(make_results(0.95, 0.92, 1.0, 23)) == "open"  # fewer encounters than listed
+    assert state(make_results(0.85, 0.8, 0.95)) == "open"
+    assert state(make_results(0.5, 0.4, 0.6)) == "not met"
     page = (tmp_path / "d.html").read_text(encoding="utf-8")
     assert "one 12 of 24" in page and "a &lt; b" in page
 
@@ -321,7 +321,7 @@ def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) ->
         subprocess.run(ask, cwd=tmp_path, capture_output=True, timeout=100, check=False)
         return tmp_path / name
 
-    def said(*reports: Path) -> str:
+    def state_of_claim(*reports: Path) -> str:
         state = write(tmp_path, tmp_path / "d.html", some, {}, about, tmp_path, reports)
         return state.partition("claim is ")[2].partition(";")[0]
 
@@ -331,19 +331,19 @@ def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) ->
         good.replace("in (0, 1)\n", "\n").replace("class", "@pytest.mark.skip\nclass"),
         "test",
     )
-    assert said() == "open"  # nothing was run
+    assert state_of_claim() == "open"  # nothing was run
     assert "2 not run" in (tmp_path / "d.html").read_text(encoding="utf-8")
-    assert said(one, two) == "shown"
-    assert said(one) == "open"
+    assert state_of_claim(one, two) == "shown"
+    assert state_of_claim(one) == "open"
     assert "tests/<wbr>test_<wbr>a.py: 1 not run" in (tmp_path / "d.html").read_text(
         encoding="utf-8"
     )
-    assert said(bad) == said(two, bad, one) == "not met"
+    assert state_of_claim(bad) == state_of_claim(two, bad, one) == "not met"
     page = (tmp_path / "d.html").read_text(encoding="utf-8")
     assert "test_<wbr>one (failed)" in page and "test_<wbr>two (passed)" in page
     bad.write_text("<testsuites/>")
     with pytest.raises(ConfigError, match=r"bad\.xml"):
-        said(bad)
+        state_of_claim(bad)
 
 
 @pytest.mark.parametrize(
@@ -382,7 +382,7 @@ def test_every_name_of_the_dossier_that_ships_resolves(tmp_path: Path) -> None:
 
 
 def test_an_unknown_name_is_refused(tmp_path: Path) -> None:
-    listed(tmp_path)
+    load_list(tmp_path)
     with pytest.raises(ConfigError, match="'three'"):
         main(
             [
@@ -399,7 +399,7 @@ def test_an_unknown_name_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_an_interrupt_keeps_what_is_finished_and_goes_on(tmp_path: Path) -> None:
-    listed(tmp_path)
+    load_list(tmp_path)
     out = tmp_path / "out"
     command = [
         sys.executable,

@@ -37,7 +37,7 @@ from tests.agents.scenes import (
     state_of,
     tell,
 )
-from tests.support import mirrored
+from tests.support import mirror_state
 
 COUNT, STEPS = 20, 90
 HIDDEN = "a constant delay of 5 s, not declared"
@@ -59,12 +59,12 @@ def nominal(name: str = "maneuvering") -> Flights:
     return flights._replace(own=part[0], seen=part[1], true=part[2])
 
 
-def shifted(name: str) -> Flights:
+def shift_flights(name: str) -> Flights:
     base = nominal("noisy" if name.startswith("noise") else "maneuvering")
     return base._replace(seen=SHIFTS[name](base.seen, np.random.default_rng(1), PAPER))
 
 
-def judged(flights: Flights, aircraft: Any = PAPER) -> np.ndarray:
+def judge(flights: Flights, aircraft: Any = PAPER) -> np.ndarray:
     found = flag(flights, policy(), aircraft)
     return np.stack([found[name] for name in ("range", "rate", "consistency", "novelty")])
 
@@ -72,24 +72,24 @@ def judged(flights: Flights, aircraft: Any = PAPER) -> np.ndarray:
 @pytest.mark.parametrize("name", ["maneuvering", "noisy"])
 def test_nominal_flights_are_quiet(name: str) -> None:
     assert inside(nominal(name), PAPER).all()
-    assert not judged(nominal(name)).any()
+    assert not judge(nominal(name)).any()
 
 
 @pytest.mark.parametrize("name", [name for name in SHIFTS if name != HIDDEN])
 def test_each_shift_is_caught(name: str) -> None:
-    assert judged(shifted(name)).any(axis=0).mean() >= 0.95
+    assert judge(shift_flights(name)).any(axis=0).mean() >= 0.95
 
 
 def test_a_delay_that_nothing_contradicts_is_not_seen() -> None:
     """What the documentation says of it: no test of reports alone can find it."""
-    assert judged(shifted(HIDDEN))[:3].mean() < 0.1
+    assert judge(shift_flights(HIDDEN))[:3].mean() < 0.1
 
 
 @pytest.mark.parametrize(
     "name", ["heading with the wrong sign", "turns at 2 to 4 times the greatest rate"]
 )
 def test_a_scene_and_its_image_in_other_units_get_the_same_verdict(name: str) -> None:
-    flights, length = shifted(name), 2.0
+    flights, length = shift_flights(name), 2.0
     limits = PAPER.limits
     twice = new_aircraft(
         limits._replace(
@@ -102,12 +102,12 @@ def test_a_scene_and_its_image_in_other_units_get_the_same_verdict(name: str) ->
     )
 
     def image(state: VehicleState) -> VehicleState:
-        state = mirrored(state)
+        state = mirror_state(state)
         return state._replace(x=length * state.x, y=length * state.y)
 
     goal = length * flights.goal[0], -length * flights.goal[1]
     other_flights = flights._replace(own=image(flights.own), seen=image(flights.seen), goal=goal)
-    np.testing.assert_array_equal(judged(other_flights, twice), judged(flights))
+    np.testing.assert_array_equal(judge(other_flights, twice), judge(flights))
 
 
 def test_nothing_that_is_no_number_passes() -> None:

@@ -36,7 +36,7 @@ def shipped() -> Policy:
     return Policy.load()
 
 
-def placed(own, goal, intruder, *, present: bool = True) -> Encounter:
+def place_encounter(own, goal, intruder, *, present: bool = True) -> Encounter:
     """Return one encounter of hand-made numbers (x, y, heading, speed)."""
     column = np.ones((1, 1))
     return Encounter(
@@ -60,7 +60,7 @@ FAR = (90_000, 90_000, 0, 50)
 
 
 def test_straight_flight_by_hand() -> None:
-    start = placed((0, 0, 0, 80), (8_000, 0), FAR)
+    start = place_encounter((0, 0, 0, 80), (8_000, 0), FAR)
     flight, paths = fly_recorded(start, simulate.Direct(PAPER), PAPER)
     # The disc of 500 m is reached at the end of the first step beyond 7500 m: 94 steps of 80 m.
     assert flight.outcome[0] == REACHED
@@ -73,7 +73,7 @@ def test_straight_flight_by_hand() -> None:
 
 
 def test_time_out_and_the_length_of_an_accelerated_path() -> None:
-    start = placed((0, 0, 0, 80), (-90_000, 0), FAR)
+    start = place_encounter((0, 0, 0, 80), (-90_000, 0), FAR)
     flight = simulate.fly(start, steady(1.0, 0.0), PAPER)
     assert (flight.outcome[0], flight.score[0], flight.duration[0]) == (TIMEOUT, -10.0, 300.0)
     # 40 s from 80 to 100 m/s, then 260 s at 100 m/s
@@ -81,7 +81,7 @@ def test_time_out_and_the_length_of_an_accelerated_path() -> None:
 
 
 def test_violation_ends_the_flight_and_names_its_time() -> None:
-    start = placed((0, 0, 0, 80), (20_000, 0), (6_000, 0, -math.pi, 100))
+    start = place_encounter((0, 0, 0, 80), (20_000, 0), (6_000, 0, -math.pi, 100))
     flight = simulate.fly(start, simulate.Direct(PAPER), PAPER)
     # 5000 m are closed at 180 m/s after 27.8 s, in the 28th step.
     assert (flight.outcome[0], flight.score[0], flight.duration[0]) == (VIOLATION, -100.0, 28.0)
@@ -91,7 +91,9 @@ def test_violation_ends_the_flight_and_names_its_time() -> None:
 
 def test_separation_is_watched_between_the_steps() -> None:
     # Crossing at right angles with the closest point half a second into a step, 995 m apart.
-    start = placed((0, 0, 0, 100), (20_000, 0), (10_050, -10_050 + 1_407, math.pi / 2, 100))
+    start = place_encounter(
+        (0, 0, 0, 100), (20_000, 0), (10_050, -10_050 + 1_407, math.pi / 2, 100)
+    )
     flight, paths = fly_recorded(start, simulate.Direct(PAPER), PAPER, endless=True)
     apart = np.hypot(
         paths.own.x - paths.intruders.x[..., 0], paths.own.y - paths.intruders.y[..., 0]
@@ -101,7 +103,9 @@ def test_separation_is_watched_between_the_steps() -> None:
 
 
 def test_a_start_inside_the_separation_is_a_violation_at_once() -> None:
-    flight = simulate.fly(placed((0, 0, 0, 80), (9_000, 0), (500, 0, 0, 100)), steady(0, 0), PAPER)
+    flight = simulate.fly(
+        place_encounter((0, 0, 0, 80), (9_000, 0), (500, 0, 0, 100)), steady(0, 0), PAPER
+    )
     assert (flight.outcome[0], flight.duration[0], flight.min_separation[0]) == (
         VIOLATION,
         1.0,
@@ -111,7 +115,7 @@ def test_a_start_inside_the_separation_is_a_violation_at_once() -> None:
 
 
 def test_an_absent_intruder_harms_nobody() -> None:
-    start = placed((0, 0, 0, 80), (8_000, 0), (4_000, 0, math.pi / 2, 0.0), present=False)
+    start = place_encounter((0, 0, 0, 80), (8_000, 0), (4_000, 0, math.pi / 2, 0.0), present=False)
     flight = simulate.fly(start, simulate.Direct(PAPER), PAPER)
     assert flight.outcome[0] == REACHED
     assert flight.min_separation[0] == math.inf
@@ -123,13 +127,15 @@ def test_reversals_count_changes_of_side_of_commands_that_matter() -> None:
     def decide(observation: np.ndarray) -> np.ndarray:
         return np.array([[0.0, next(commands)]], np.float32)
 
-    flight = simulate.fly(placed((0, 0, 0, 80), (90_000, 0), FAR), OnObservations(decide), PAPER)
+    flight = simulate.fly(
+        place_encounter((0, 0, 0, 80), (90_000, 0), FAR), OnObservations(decide), PAPER
+    )
     # Left, right, left: 0.1 of 3 deg/s is below the threshold.
     assert flight.reversals[0] == 2
 
 
 def test_initial_conditions_by_hand() -> None:
-    start = placed((0, 0, math.pi / 2, 50), (0, 9_000), (3_000, 4_000, math.pi, 75))
+    start = place_encounter((0, 0, math.pi / 2, 50), (0, 9_000), (3_000, 4_000, math.pi, 75))
     seen = conditions(start, PAPER)
     assert seen["distance_m"][0] == pytest.approx(5_000.0)
     assert seen["bearing_deg"][0] == pytest.approx(math.degrees(math.atan2(4, 3)) - 90.0, abs=1e-4)
@@ -146,7 +152,7 @@ def test_initial_conditions_by_hand() -> None:
     ) == (1, 50.0, 75.0)
 
 
-def flown(name: str, resolver: Baseline, first: int, count: int):
+def fly_some(name: str, resolver: Baseline, first: int, count: int):
     starts = encounters_of_seed(scenario(name, PAPER), 11, first, count)
     noise = sensor_noise(11, first, *starts.mask.shape) if name == "noisy" else None
     return fly_recorded(starts, resolver, PAPER, noise=noise)
@@ -159,10 +165,10 @@ def test_a_flight_does_not_depend_on_its_company(
     name, resolver = (
         ("circle", Compiled(shipped)) if name == "compiled" else (name, ByPolicy(policy))
     )
-    together, paths = flown(name, resolver, 0, 300)
+    together, paths = fly_some(name, resolver, 0, 300)
     assert len(set(together.outcome)) > 1
     for first, count in ((0, 1), (7, 1), (0, 13), (250, 50), (299, 1)):
-        apart, other = flown(name, resolver, first, count)
+        apart, other = fly_some(name, resolver, first, count)
         for field in simulate.Flights._fields:
             expected = getattr(together, field)[first : first + count]
             np.testing.assert_array_equal(getattr(apart, field), expected, err_msg=field)
@@ -201,11 +207,11 @@ def test_rows_that_depend_on_their_place_are_refused(shipped: Policy) -> None:
     resolver = Compiled(shipped)
     resolver._decided = lambda _, rows: np.arange(2 * len(rows), dtype=np.float32).reshape(-1, 2)
     with pytest.raises(InputError, match="by its place"):
-        flown("circle", resolver, 0, 2)
+        fly_some("circle", resolver, 0, 2)
 
 
 def test_trajectories_end_with_the_flight(policy: Policy) -> None:
-    flights, paths = flown("circle", ByPolicy(policy), 0, 50)
+    flights, paths = fly_some("circle", ByPolicy(policy), 0, 50)
     steps = flights.duration.astype(int)
     for i, step in enumerate(steps):
         assert np.isfinite(paths.own.x[: step + 1, i]).all()

@@ -26,7 +26,7 @@ from eval.monte_carlo import run as monte_carlo
 from eval.report import run as report
 from tests.envs.formats.test_track_files import ONE
 from tests.envs.traffic.test_encounter_model import SMALL
-from tests.support import recorded
+from tests.support import recorded_path
 
 QUICK = ("--set", "resamples=200", "--set", "figures=false", "--workers", "1")
 DAA = """\
@@ -124,7 +124,7 @@ def test_recorded_tracks_in_every_mode(tmp_path: Path, mode: str) -> None:
 
 @pytest.mark.slow
 def test_the_public_encounters_fly(tmp_path: Path) -> None:
-    source = recorded("lincoln_lab/encounters.json")
+    source = recorded_path("lincoln_lab/encounters.json")
     summary = fly(tmp_path / "run", "--scenario", f"tracks:{source}")
     assert summary["encounters"] + len(summary["left_out"]) == 50
     assert summary["weighted"]["effective_sample_size"] < 15.0

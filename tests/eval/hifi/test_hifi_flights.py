@@ -162,7 +162,7 @@ def test_plans_beyond_the_aircrafts_power_are_flown_late(
     assert np.abs(found.cross_track).max() < 5.0
 
 
-def judged(row: dict[str, Any]) -> None:
+def check_verdict(row: dict[str, Any]) -> None:
     """Hold a verdict against its definition."""
     assert row["outcome"] in ("reached", "violation", "timeout")
     assert (row["min_separation_m"] < 1_000.0) == (row["outcome"] == "violation")
@@ -174,7 +174,7 @@ def judged(row: dict[str, Any]) -> None:
 def test_a_flight_in_closed_loop_ends_where_it_is_decided() -> None:
     for number in range(3):
         one, row = fly(campaign("mode=closed", "condition.name=wind"), number)
-        judged(row)
+        check_verdict(row)
         assert one.flight is not None
         assert math.ceil(row["duration_s"]) == one.flight.separation.size
         assert row["plan_status"] == "none"
@@ -189,7 +189,7 @@ def test_the_assured_loop_plans_anew_for_an_intruder_that_turns() -> None:
     )
     rows = [fly(campaign("mode=assured", *turning), number)[1] for number in (0, 2)]
     for row in rows:
-        judged(row)
+        check_verdict(row)
         assert row["taken_up"] <= row["replans"]
     assert any(row["taken_up"] for row in rows)
 
@@ -294,7 +294,7 @@ def policy() -> Policy:
     return Policy.load(POLICY[0])
 
 
-def planned(scene: Beginning, options: Options) -> Made:
+def plan_scene(scene: Beginning, options: Options) -> Made:
     ground = over_ground(scene.encounter.intruders, scene.wind, 0.0)
     known = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
@@ -306,7 +306,7 @@ def planned(scene: Beginning, options: Options) -> Made:
 def test_a_plan_for_a_wind_enters_the_goal_on_the_ground(number: int, wind: float) -> None:
     flying = campaign(f"condition.wind_mps=[{wind},{wind}]")
     scene = scene_of(flying, number)
-    made = planned(scene, flying.options)
+    made = plan_scene(scene, flying.options)
     found = made.plans.proposals
     if made.problem is not None or not found.safe[0] or found.goal[0] != 1:
         return  # refused, or rejoined elsewhere: said so
@@ -376,7 +376,7 @@ def test_an_air_speed_outside_the_envelope_is_refused() -> None:
 
 def test_legs_beyond_the_air_speeds_of_the_vehicle_are_refused() -> None:
     curves = legs(
-        take(planned(scene_of(campaign(), 0), campaign().options).plans.proposals.plan_states, 0)
+        take(plan_scene(scene_of(campaign(), 0), campaign().options).plans.proposals.plan_states, 0)
     )
     slow, fast = float(curves.speed.min()), float(curves.speed.max())
     assert unflyable(curves, (slow - 0.5, fast + 0.5)) is None
@@ -454,7 +454,7 @@ def viewer(ports: Ports, *, paced: bool) -> FlightGear:
     return flightgear_at(f"localhost:{ports[0].getsockname()[1]}", paced=paced)
 
 
-def received(udp: socket.socket, layout: struct.Struct) -> list[tuple]:
+def receive(udp: socket.socket, layout: struct.Struct) -> list[tuple]:
     udp.setblocking(False)
     packets = []
     while True:
@@ -478,7 +478,7 @@ def test_flightgear_is_sent_the_flight_in_real_time(policy_path: Path, ports: Po
     assert unseen is not None
     np.testing.assert_array_equal(flight.own, unseen.own)
 
-    own = np.array(received(ports[0], OWN))[5::6]  # 60 a second, of which every sixth ends a period
+    own = np.array(receive(ports[0], OWN))[5::6]  # 60 a second, of which every sixth ends a period
     assert len(own) == 20 and (own[:, 0] == 24).all()
     longitude, latitude, altitude = own[:, 1:4].T
     np.testing.assert_allclose(altitude, flight.altitude[1:], atol=1e-6)
@@ -491,7 +491,7 @@ def test_flightgear_is_sent_the_flight_in_real_time(policy_path: Path, ports: Po
     )
     np.testing.assert_allclose(turned, 0.0, atol=0.01)  # no wind: the nose is where the track leads
 
-    others = received(ports[1], OTHER)
+    others = receive(ports[1], OTHER)
     assert len(others) == 20
     assert {(one[0], one[1], one[2], one[3]) for one in others} == {
         (0x46474653, 0x10001, 7, OTHER.size)
@@ -515,8 +515,8 @@ def test_flightgear_is_sent_what_the_ros_simulator_flies(ports: Ports) -> None:
     encounter = encounters_of_seed(scenario("circle", PAPER), 0, 0, 1)
     flight = EncounterFlight(encounter, PAPER, C208_PUBLISHED, "c208", viewer(ports, paced=False))
     flight.step()
-    assert len(received(ports[0], OWN)) == 6
-    assert len(received(ports[1], OTHER)) == len(flight.names)
+    assert len(receive(ports[0], OWN)) == 6
+    assert len(receive(ports[1], OTHER)) == len(flight.names)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.recorded import fly_recorded
 from eval.flights.simulate import OUTCOMES
 from eval.plots.encounters import draw_all, initial_conditions, separation_histogram
-from eval.plots.flight_sheet import PANELS, chosen
+from eval.plots.flight_sheet import PANELS, choose_encounters
 from eval.plots.style import kinds_of
 
 
@@ -59,7 +59,7 @@ def table_of(counts: dict[str, int]) -> dict[str, np.ndarray]:
 )
 def test_sheet_shows_failures_first(counts: dict[str, int], expected: dict[str, int]) -> None:
     table = table_of(counts)
-    numbers = chosen(table)
+    numbers = choose_encounters(table)
     assert len(set(numbers)) == len(numbers) == min(PANELS, len(table["encounter"]))
     shown = kinds_of(table)[numbers].tolist()
     assert shown == [kind for kind, count in expected.items() for _ in range(count)]
@@ -121,7 +121,7 @@ def test_kinds_put_the_proof_before_the_outcome() -> None:
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def drawn() -> Figure:
+def draw_figure() -> Figure:
     figure = Figure(figsize=(3.0, 2.0), layout="constrained")
     figure.subplots().plot(
         range(2_000), [i % 7 for i in range(2_000)], "o"
@@ -130,7 +130,7 @@ def drawn() -> Figure:
 
 
 def test_the_same_data_give_the_same_bytes(tmp_path: Path):
-    first, second = (save_figure(drawn(), tmp_path / name) for name in ("a.b", "c"))
+    first, second = (save_figure(draw_figure(), tmp_path / name) for name in ("a.b", "c"))
     assert [path.name for path in first] == ["a.b.png", "a.b.svg"]
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
 
@@ -151,7 +151,7 @@ def main():
 
 run_cli(main)
 """
-    whole = save_figure(drawn(), tmp_path / "whole")
+    whole = save_figure(draw_figure(), tmp_path / "whole")
     assert whole[1].stat().st_size > whole[0].stat().st_size + 100
     result = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False

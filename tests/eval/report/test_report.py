@@ -148,7 +148,7 @@ def test_an_unwritable_target_fails_before_anything_is_flown(
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("tempfile.mkstemp", refuse)
-    monkeypatch.setattr(report, "_made", lambda *_: pytest.fail("the work has begun"))
+    monkeypatch.setattr(report, "_make_report", lambda *_: pytest.fail("the work has begun"))
     with pytest.raises(ConfigError, match="cannot be written: Permission denied"):
         report.main([str(copy)])
 
@@ -236,7 +236,7 @@ def test_a_flight_that_differs_from_the_table_is_marked(report_run: Path) -> Non
     assert "differs" not in flight_data(flights[1])
 
 
-def unpacked(stored: dict[str, Any]) -> dict[str, np.ndarray]:
+def unpack(stored: dict[str, Any]) -> dict[str, np.ndarray]:
     """Read a flight as the page does."""
     whole = np.frombuffer(base64.b64decode(stored["packed"]), "<i2").astype(float)
     states, count = stored["steps"] + 1, stored["intruders"]
@@ -282,7 +282,7 @@ def test_a_packed_flight_is_the_flight_to_half_its_scale(
     track = Track(own, others, draw(0, size, steps), (offset, offset))
     flight = Replayed(7, track, push, turn, True, None, None, witness)
     stored = flight_data(flight)
-    found, half = unpacked(stored), 0.5 * stored["scale"] + 1e-6
+    found, half = unpack(stored), 0.5 * stored["scale"] + 1e-6
     # The origin is not stored: what matters is where everybody is from each other and from the
     # goal.
     shift = own[:, :1] - found["own"][:, :1]

@@ -38,10 +38,10 @@ class Opened:
     def text(self, selector: str) -> str:
         return self.page.inner_text(selector)
 
-    def chosen(self) -> int:
+    def chosen_number(self) -> int:
         return int(re.match(r"Encounter (\d+)", self.text("#chosen"))[1])
 
-    def listed(self) -> list[str]:
+    def list_entries(self) -> list[str]:
         return self.page.eval_on_selector_all(
             "#list option", "options => options.map((o) => o.textContent)"
         )
@@ -58,7 +58,7 @@ def opened(new_page: Any, report_page: Path) -> Iterator[Opened]:
     one.page.close()
 
 
-def stored(path: Path) -> dict[str, Any]:
+def read_data(path: Path) -> dict[str, Any]:
     return json.loads(
         re.search(r'id="data">(.*?)</script>', path.read_text(encoding="utf-8"), re.DOTALL)[1]
     )
@@ -67,7 +67,7 @@ def stored(path: Path) -> dict[str, Any]:
 def test_it_opens_on_a_flight_and_asks_for_nothing_but_itself(
     opened: Opened, report_page: Path
 ) -> None:
-    assert len(opened.listed()) == len(stored(report_page)["flights"]) == TRACKS
+    assert len(opened.list_entries()) == len(read_data(report_page)["flights"]) == TRACKS
     assert opened.asked == [report_page.as_uri()]
     assert opened.page.eval_on_selector("#tracks canvas", "canvas => canvas.width > 100")
 
@@ -87,26 +87,26 @@ def test_a_click_on_a_point_of_either_plot_replays_that_encounter(opened: Opened
         x, y, row = opened.page.evaluate(place, name)
         opened.page.click(f"#{name}", position={"x": x, "y": y})
         assert (
-            opened.chosen() == row
+            opened.chosen_number() == row
         )  # every encounter is a point here, so that the row is the number
 
 
 def test_the_filter_leaves_only_what_is_ticked(opened: Opened) -> None:
-    everything = opened.listed()
+    everything = opened.list_entries()
     opened.page.uncheck('input[name="kind"][value="0"]')
-    failures = opened.listed()
+    failures = opened.list_entries()
     assert failures == [text for text in everything if "success" not in text]
     assert 0 < len(failures) < len(everything)
     opened.page.check('input[name="kind"][value="0"]')
     opened.page.check("#near")
-    assert all(int(re.search(r"(\d+) m ·", text)[1]) <= 1_050 for text in opened.listed())
+    assert all(int(re.search(r"(\d+) m ·", text)[1]) <= 1_050 for text in opened.list_entries())
 
 
 def test_it_opens_with_the_violations_and_ends_with_what_nobody_could_solve(
     opened: Opened, report_page: Path
 ) -> None:
     rank = ["violation", "time-out", "success", "proven unresolvable"]
-    kinds = [next(kind for kind in rank if f"· {kind} ·" in text) for text in opened.listed()]
+    kinds = [next(kind for kind in rank if f"· {kind} ·" in text) for text in opened.list_entries()]
     assert "violation" in kinds and "success" in kinds
     assert kinds == sorted(kinds, key=rank.index)
     assert "· violation ·" in opened.text("#chosen")
@@ -126,7 +126,9 @@ def test_goal_tracks_and_separation_differ_in_the_legend(opened: Opened) -> None
 
 
 def test_the_replay_shows_which_ways_are_free(opened: Opened, report_page: Path) -> None:
-    runs = np.array(stored(report_page)["flights"][str(opened.chosen())]["bands"]["tracks"])
+    runs = np.array(
+        read_data(report_page)["flights"][str(opened.chosen_number())]["bands"]["tracks"]
+    )
     rows = np.repeat(runs[::2], runs[1::2]).reshape(-1, 72)
     for time in (0, len(rows) - 1):
         opened.page.evaluate(
@@ -145,10 +147,10 @@ def test_the_replay_shows_which_ways_are_free(opened: Opened, report_page: Path)
 
 
 def test_the_keyboard_is_enough(opened: Opened) -> None:
-    first = opened.chosen()
+    first = opened.chosen_number()
     opened.page.focus("#list")
     opened.page.keyboard.press("ArrowDown")
-    assert opened.chosen() != first
+    assert opened.chosen_number() != first
     opened.page.focus("#time")
     opened.page.keyboard.press("Home")
     assert opened.text("#clock") == "0 s"
@@ -191,11 +193,11 @@ def test_the_distance_shown_is_that_of_the_tracks(opened: Opened) -> None:
 def test_an_encounter_without_tracks_says_how_to_get_them(
     opened: Opened, report_page: Path
 ) -> None:
-    data = stored(report_page)
+    data = read_data(report_page)
     number = next(number for number in range(data["count"]) if str(number) not in data["flights"])
     opened.page.fill("#goto", str(number))
     opened.page.keyboard.press("Enter")
-    assert opened.chosen() == number
+    assert opened.chosen_number() == number
     assert f"--show {number}" in opened.text("#note")
     assert opened.page.is_disabled("#play")
     opened.page.fill("#goto", "987654")
@@ -204,14 +206,14 @@ def test_an_encounter_without_tracks_says_how_to_get_them(
 
 
 def test_a_fragment_names_the_encounter(new_page: Any, report_page: Path) -> None:
-    number = int(next(iter(stored(report_page)["flights"])))
+    number = int(next(iter(read_data(report_page)["flights"])))
     opened = Opened(new_page, report_page, f"#{number}")
-    assert opened.chosen() == number
+    assert opened.chosen_number() == number
     opened.page.close()
 
 
 def test_names_from_the_data_stay_text(opened: Opened) -> None:
-    assert f"\u2068{opened.chosen()} {visible(HOSTILE)}\u2069" in opened.text("#chosen")
+    assert f"\u2068{opened.chosen_number()} {visible(HOSTILE)}\u2069" in opened.text("#chosen")
     assert opened.page.title() != "lost"
     assert opened.page.eval_on_selector_all("main img, main b", "found => found.length") == 0
 
@@ -257,7 +259,7 @@ def test_ten_thousand_encounters_are_one_page_of_15_mb_that_lists_its_flights(
     table["bearing_deg"] = np.random.default_rng(0).uniform(-180.0, 180.0, count)
     config = small.config.model_copy(update={"encounters": count})
     run = small._replace(table=table, kinds=small.kinds[rows], config=config)
-    known = stored(report_page)["flights"]
+    known = read_data(report_page)["flights"]
     flights = {
         number: known[str(rows[number])] for number in range(count) if str(rows[number]) in known
     }
@@ -268,5 +270,5 @@ def test_ten_thousand_encounters_are_one_page_of_15_mb_that_lists_its_flights(
     )
     assert large.stat().st_size < 15_000_000
     opened = Opened(new_page, large)
-    assert len(opened.listed()) == 1_000
+    assert len(opened.list_entries()) == 1_000
     opened.page.close()

@@ -7,7 +7,7 @@ from eval.config import MonteCarloConfig
 from eval.runner.options import named_evaluation
 
 
-def crowded(mode: str) -> MonteCarloConfig:
+def make_crowd(mode: str) -> MonteCarloConfig:
     """Return encounters with twelve intruders, two more than the policy was trained with."""
     return MonteCarloConfig.model_validate(
         {"mode": mode, "scenario": "multi", "changes": {"intruders": (12, 12)}, "encounters": 2}
@@ -16,10 +16,10 @@ def crowded(mode: str) -> MonteCarloConfig:
 
 def test_many_intruders_are_refused_where_the_policy_decides_alone() -> None:
     with pytest.raises(OutsideDomainError, match="there are 12 intruders; expected 10"):
-        named_evaluation(crowded("policy"))
+        named_evaluation(make_crowd("policy"))
 
 
 @pytest.mark.parametrize("mode", ["plan", "assured"])
 def test_many_intruders_are_flown_where_plans_are_validated(mode: str) -> None:
-    evaluation, _, _ = named_evaluation(crowded(mode))
+    evaluation, _, _ = named_evaluation(make_crowd(mode))
     assert evaluation.mode == mode

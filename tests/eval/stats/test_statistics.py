@@ -18,7 +18,7 @@ from eval.metrics.volumes import VOLUMES, Relative, Volume, costs, losses, lost,
 from eval.metrics.weighted import ratio
 from eval.stats.intervals import clopper_pearson, mean_interval, percent, share
 from eval.stats.paired import Pairs, mcnemar_exact, pairs, tango
-from tests.support import fly_recorded, recorded
+from tests.support import fly_recorded, recorded_path
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_pairs_are_counted_and_bad_ones_refused() -> None:
 # Volumes, risk ratios and costs: by hand, against their definitions, as published.
 
 
-def seen(x, y, vx, vy) -> Relative:
+def make_relative(x, y, vx, vy) -> Relative:
     return Relative(*(np.array([float(value)]) for value in (x, y, vx, vy)))
 
 
@@ -265,11 +265,11 @@ def test_modified_tau_by_hand() -> None:
     volume = Volume(1_000.0, 100.0, 35.0)
     # Head-on at 100 m/s: (r^2 - D^2) / (100 r) = 35 at r = 3765.6 m.
     reach = 1_750.0 + math.sqrt(1_750.0**2 + 1_000.0**2)
-    assert lost(volume, seen(reach - 1.0, 0, -100, 0))[0]
-    assert not lost(volume, seen(reach + 1.0, 0, -100, 0))[0]
+    assert lost(volume, make_relative(reach - 1.0, 0, -100, 0))[0]
+    assert not lost(volume, make_relative(reach + 1.0, 0, -100, 0))[0]
     # Near, but opening, or passing aside.
-    assert not lost(volume, seen(reach - 500.0, 0, 100, 0))[0]
-    assert not lost(volume, seen(reach - 500.0, 1_001, -100, 0))[0]
+    assert not lost(volume, make_relative(reach - 500.0, 0, 100, 0))[0]
+    assert not lost(volume, make_relative(reach - 500.0, 1_001, -100, 0))[0]
 
 
 lengths = st.floats(-6_000, 6_000)
@@ -290,21 +290,21 @@ def test_a_loss_is_what_the_standard_defines(x, y, vx, vy, name) -> None:
         )
     )
     expected = apart <= volume.horizontal or (tau <= volume.tau and miss <= volume.horizontal)
-    assert lost(volume, seen(x, y, vx, vy))[0] == expected
+    assert lost(volume, make_relative(x, y, vx, vy))[0] == expected
 
 
 def test_severity_by_hand() -> None:
     volume = Volume(1_000.0, 100.0, 35.0)
     # A collision course at half the reach, level: only the range has not been penetrated fully.
-    assert severity(volume, seen(0, 0, -100, 0))[0] == pytest.approx(1.0)
+    assert severity(volume, make_relative(0, 0, -100, 0))[0] == pytest.approx(1.0)
     reach = 1_750.0 + math.sqrt(1_750.0**2 + 1_000.0**2)
-    assert severity(volume, seen(0.5 * reach, 0, -100, 0))[0] == pytest.approx(0.5)
-    assert severity(volume, seen(2 * reach, 0, -100, 0))[0] == 0.0
+    assert severity(volume, make_relative(0.5 * reach, 0, -100, 0))[0] == pytest.approx(0.5)
+    assert severity(volume, make_relative(2 * reach, 0, -100, 0))[0] == 0.0
 
 
 @given(lengths, lengths, rates, rates, st.sampled_from(sorted(VOLUMES)))
 def test_severity_is_positive_where_the_volume_is_lost_only(x, y, vx, vy, name) -> None:
-    volume, scene = VOLUMES[name], seen(x, y, vx, vy)
+    volume, scene = VOLUMES[name], make_relative(x, y, vx, vy)
     value = severity(volume, scene)[0]
     assert 0.0 <= value <= 1.0
     if value > 1e-6:
@@ -313,7 +313,7 @@ def test_severity_is_positive_where_the_volume_is_lost_only(x, y, vx, vy, name) 
 
 def test_published_risk_ratios() -> None:
     """10 000 simulated encounters with and without a system: published ratios, weighted and not."""
-    data = np.genfromtxt(recorded("lincoln_lab/results_10000.csv"), delimiter=",", names=True)
+    data = np.genfromtxt(recorded_path("lincoln_lab/results_10000.csv"), delimiter=",", names=True)
     golden = {"nmac": (0.118261, 0.126765), "lowc": (0.463995, 0.414920)}
     intervals = {"nmac": (0.095, 0.161), "lowc": (0.372, 0.465)}
     for kind, (plain, weighted) in golden.items():
