@@ -18,7 +18,6 @@ from envs.edge.command import InputError, Parser, run_cli
 from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, Result, fly, place_of
 from ros_bridge.mavlink.messages import Mode
 
-_CRUISE = 22.0  # m/s of the mission
 _UNTIL = 160.0  # s
 _STRONGEST = 8.0  # m/s of wind
 
@@ -57,7 +56,7 @@ def draw(encounter: Encounter, flight: Result, file: Path) -> None:
         above.plot([r.x for r in rows], [r.y for r in rows], ".", ms=2.0, color=colour, label=name)
     times = [row.time for row in flight.rows]
     for one in encounter.intruders:
-        places = [place_of(one, time, _CRUISE) for time in times]
+        places = [place_of(one, time, encounter.cruise) for time in times]
         above.plot(
             [p[0] for p in places], [p[1] for p in places], "--", color="C3", label="traffic"
         )

@@ -19,10 +19,9 @@ from ros_bridge.mavlink.sitl import HOME, Leg, Sitl
 SEPARATION, VERTICAL = 200.0, 50.0
 """m: closer than both at once is a loss."""
 
-AVOIDANCE = {
+_AVOIDANCE = {
     "ADSB_TYPE": 1,
     "AVD_ENABLE": 1,
-    "AVD_F_ACTION": 3,  # horizontally
     "AVD_F_RCVRY": 1,  # back to what was flown before
     "AVD_F_TIME": 40,
     "AVD_F_DIST_XY": 250,
@@ -30,9 +29,17 @@ AVOIDANCE = {
     "AVD_W_TIME": 60,
     "AVD_W_DIST_XY": 500,
 }
-"""ArduPilot's own avoidance: away horizontally, and back to the mission."""
+AVOIDANCES = {
+    "climb": {**_AVOIDANCE, "AVD_F_ACTION": 2},
+    "sideways": {**_AVOIDANCE, "AVD_F_ACTION": 3},
+}
+"""ArduPilot's own avoidance, and back to the mission: by height, and horizontally."""
 
-_BEGIN, _GOAL = 1_100.0, 6_000.0  # m east of home: the clock begins, the mission ends
+BEGIN, GOAL = 1_100.0, 6_000.0
+"""m east of home: where the clock begins, and where the mission ends by default."""
+
+_BEYOND = 3_000.0  # m, from the goal to the mission's last waypoint
+_WATCHING, _UNGUIDED = 3, 5  # reports of position in a step, where nothing of ours is flown
 _LONGEST = 420.0  # s
 _STILL = 15.0  # s of real time without a message, after which a flight has failed
 _ABOVE = 620.0  # m above mean sea level
@@ -59,6 +66,8 @@ class Encounter(NamedTuple):
     wind_from: float  # degrees
     turbulence: float = 0.0  # m/s
     fence: tuple[tuple[float, float], ...] = ()  # m east and north of home, to be kept out of
+    cruise: float = 22.0  # of the mission over the ground, m/s: by it the intruders come
+    goal: float = GOAL  # m east of home
 
 
 class Row(NamedTuple):
@@ -79,6 +88,7 @@ class Result(NamedTuple):
     rows: tuple[Row, ...]
     separation: float  # smallest horizontal distance at the same height, m
     lost: bool
+    breached: bool  # whether it was inside the fence that is to be kept out of
     arrived: float | None  # s; None: not in time
     on_mission: float  # s in AUTO
     path: float  # m
@@ -89,7 +99,7 @@ class Result(NamedTuple):
 
 def place_of(one: Intruder, time: float, cruise: float) -> tuple[float, float, float]:
     """Return x, y, m, and the course of an intruder, rad, at a time."""
-    x, y = _BEGIN + cruise * one.cpa, 0.0
+    x, y = BEGIN + cruise * one.cpa, 0.0
     cosine, sine = math.cos(one.course), math.sin(one.course)
     x, y = x - one.miss * sine, y + one.miss * cosine
     if time <= one.turn_at:
@@ -112,22 +122,32 @@ def fly(
     *,
     instance: int = 7,
     speedup: float = 20.0,
-    cruise: float = 22.0,
     until: float = _LONGEST,
     more: Sequence[str] = (),
     watch: Callable[[Sitl, float, Row], None] | None = None,
 ) -> Result:
-    """Fly an encounter by ``mission``, ``avoidance`` or ``ours``."""
+    """Fly an encounter.
+
+    Args:
+        encounter: what is flown.
+        method: ``ours``, ``mission``, or a name of :data:`AVOIDANCES`.
+        instance: of the simulation.
+        speedup: times real time at most.
+        until: s, after which the flight ends.
+        more: options of the program.
+        watch: called with each row.
+    """
     parameters = {
         "SIM_WIND_SPD": encounter.wind,
         "SIM_WIND_DIR": encounter.wind_from,
         "SIM_WIND_TURB": encounter.turbulence,
-        **(AVOIDANCE if method == "avoidance" else {}),
+        **AVOIDANCES.get(method, {}),
     }
     frame = LocalFrame(HOME[0], HOME[1])
     with Sitl(instance, speedup, parameters) as sitl:
+        last = Leg(encounter.goal + _BEYOND, 0.0)
         sitl.upload(
-            [Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(_GOAL, 0.0), Leg(9e3, 0.0)]
+            [Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(encounter.goal, 0.0), last]
         )
         if encounter.fence:
             sitl.upload_fence(encounter.fence, keep_in=False)
@@ -135,15 +155,16 @@ def fly(
         sitl.rate(33, 1e5)
         sitl.rate(74, 1e5)
         sitl.rate(0, 2e5)
-        program = _program(sitl, more) if method == "ours" else None
+        program = program_beside(sitl, more) if method == "ours" else None
         try:
-            return _fly(encounter, sitl, program, frame, cruise, until, watch)
+            return _fly(encounter, sitl, program, frame, until, watch)
         finally:
             if program is not None:
                 program.close()
 
 
-def _program(sitl: Sitl, more: Sequence[str]) -> Program:
+def program_beside(sitl: Sitl, more: Sequence[str] = ()) -> Program:
+    """Return the program with --fly beside a simulation, with more options."""
     given = [
         *("--connect", sitl.address, "--simulated", "--fly", "--separation", f"{SEPARATION:g}"),
         *("--unknown-position-std", "5", "--unknown-velocity-std", "0.2"),
@@ -154,17 +175,25 @@ def _program(sitl: Sitl, more: Sequence[str]) -> Program:
     return Program(link, options)
 
 
-def _advance(sitl: Sitl) -> list[Any]:
-    """Let the simulation go on until it has reported its position, and return what it has sent."""
+def _positions(program: Program | None) -> int:
+    """Return after how many reports of its position the simulation is to stand still."""
+    if program is None:
+        return _UNGUIDED
+    return 1 if program.view.control.flies else _WATCHING
+
+
+def advance(sitl: Sitl, positions: int) -> list[Any]:
+    """Let the simulation go on until it has reported its position so often, and return what it has
+    sent.
+    """
     sitl.signal(signal.SIGCONT)
     try:
         found = [sitl.station.recv_match(blocking=True, timeout=0.05)]
-        until = time.monotonic() + 0.2
-        while time.monotonic() < until:
+        until = time.monotonic() + 0.2 * positions
+        while positions and time.monotonic() < until:
             message = sitl.station.recv_match(blocking=True, timeout=0.005)
             found.append(message)
-            if message is not None and message.get_type() == "GLOBAL_POSITION_INT":
-                break
+            positions -= message is not None and message.get_type() == "GLOBAL_POSITION_INT"
     finally:
         sitl.signal(signal.SIGSTOP)
     while (message := sitl.station.recv_match()) is not None:
@@ -177,7 +206,6 @@ def _fly(
     sitl: Sitl,
     program: Program | None,
     frame: LocalFrame,
-    cruise: float,
     until: float,
     watch: Callable[[Sitl, float, Row], None] | None,
 ) -> Result:
@@ -190,7 +218,7 @@ def _fly(
         sitl.beat()
         if program is not None:
             program.turn(0.0)
-        for message in _advance(sitl):
+        for message in advance(sitl, _positions(program)):
             heard = time.monotonic()
             kind = message.get_type()
             if kind == "VFR_HUD":
@@ -203,29 +231,29 @@ def _fly(
                 at = frame.place(1e-7 * message.lat, 1e-7 * message.lon)
                 clock = 1e-3 * message.time_boot_ms
                 x, y = float(at.x), float(at.y)
-                if began is None and x >= _BEGIN:
+                if began is None and x >= BEGIN:
                     began = clock
                 if began is not None:
                     seconds = clock - began
                     fast = 0.01 * math.hypot(message.vx, message.vy)
                     rows.append(Row(seconds, x, y, 1e-3 * message.alt, airspeed, fast, mode))
-                    if arrived is None and x >= _GOAL - 60.0:
+                    if arrived is None and x >= encounter.goal - 60.0:
                         arrived = seconds
                     if seconds - told >= 1.0:
                         told = seconds
-                        _traffic(encounter, sitl, seconds, cruise)
+                        _traffic(encounter, sitl, seconds)
                     if watch is not None:
                         watch(sitl, seconds, rows[-1])
         if rows and (rows[-1].time > until or arrived is not None):
             break
         if time.monotonic() - heard > _STILL:
             raise RuntimeError(f"encounter {encounter.number}: the simulation says nothing")
-    return _judge(encounter, rows, arrived, cruise, program, texts)
+    return _judge(encounter, rows, arrived, program, texts)
 
 
-def _traffic(encounter: Encounter, sitl: Sitl, seconds: float, cruise: float) -> None:
+def _traffic(encounter: Encounter, sitl: Sitl, seconds: float) -> None:
     for number, one in enumerate(encounter.intruders):
-        x, y, course = place_of(one, seconds, cruise)
+        x, y, course = place_of(one, seconds, encounter.cruise)
         track = 90.0 - math.degrees(course)
         sitl.traffic(0xA00001 + number, x, y, track, one.speed, _ABOVE)
 
@@ -234,21 +262,33 @@ def _judge(
     encounter: Encounter,
     rows: Sequence[Row],
     arrived: float | None,
-    cruise: float,
     program: Program | None,
     texts: Sequence[str],
 ) -> Result:
     least, lost = math.inf, False
     for row in rows:
         for one in encounter.intruders:
-            x, y, _ = place_of(one, row.time, cruise)
+            x, y, _ = place_of(one, row.time, encounter.cruise)
             away = math.hypot(row.x - x, row.y - y)
             if abs(row.above - _ABOVE) < VERTICAL:
                 least = min(least, away)
                 lost = lost or away < SEPARATION
+    fence = encounter.fence
+    breached = bool(fence) and any(_inside(row.x, row.y, fence) for row in rows)
     pairs = list(itertools.pairwise(rows))
     path = sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in pairs)
     auto = sum(b.time - a.time for a, b in pairs if a.mode == 10)
     taken = sum(a.mode != 15 and b.mode == 15 for a, b in pairs)
     steered = () if program is None else tuple(program.steered)
-    return Result(tuple(rows), least, lost, arrived, auto, path, steered, taken, tuple(texts))
+    return Result(
+        tuple(rows), least, lost, breached, arrived, auto, path, steered, taken, tuple(texts)
+    )
+
+
+def _inside(x: float, y: float, polygon: Sequence[tuple[float, float]]) -> bool:
+    """Return whether a point is inside a polygon: a ray from it crosses an odd number of edges."""
+    crossings = sum(
+        (a[1] > y) != (b[1] > y) and x < a[0] + (y - a[1]) * (b[0] - a[0]) / (b[1] - a[1])
+        for a, b in itertools.pairwise((*polygon, polygon[0]))
+    )
+    return crossings % 2 == 1

@@ -166,7 +166,7 @@ class Link:
                 continue
             arrived = time.monotonic()
             self.heard = arrived
-            if message.get_type() == "GLOBAL_POSITION_INT":
+            if message.get_type() in ("GLOBAL_POSITION_INT", "SYSTEM_TIME"):
                 self.clock.hear(messages.boot_time(message), arrived)
             yield message, self.clock.now(arrived)
 

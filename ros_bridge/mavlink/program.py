@@ -62,6 +62,14 @@ MARGIN = 25.0
 STALE = 1.5
 """Age of the own state beyond which nothing is commanded, s."""
 
+LATE = 1.5
+"""Between two judgements, which are due every quarter of a second, s of the autopilot's clock: more
+means that the program does not keep up, and for :data:`RECOVERED` no plan is called safe.
+"""
+
+RECOVERED = 5.0
+"""For how long it must have kept up after it has been late, s."""
+
 _JUDGE = 0.25  # s between two judgements
 _BEAT = 0.5  # s between our heartbeats
 _SPEED = 0.5  # s between two airspeeds
@@ -119,6 +127,13 @@ class Steered(NamedTuple):
     told: Command
 
 
+class Spent(NamedTuple):
+    """Time that has passed, and what of it this process has computed, s."""
+
+    wall: float
+    computed: float
+
+
 class View(NamedTuple):
     """What the program knows at a moment, for a display or a log beside it."""
 
@@ -160,6 +175,9 @@ class Program:
         self._air = Air()
         self._flown: ToFly | None = None
         self._beaten = self._judged = self._steered = self._sped = 0.0
+        self._late_at = -math.inf
+        self._spent = Spent(time.monotonic(), time.process_time())
+        self._moved = False  # whether a new place has come
         self._leg: tuple[int, tuple[float, float]] | None = None
         self._causes: set[Cause] = set()
         self._mission = self._downloaded = (0, 0)  # its size and number by MISSION_CURRENT
@@ -204,9 +222,15 @@ class Program:
         for message, now in self._link.receive(ours + seconds):
             self._take(message, now)
         now = self._link.clock.now(time.monotonic())
-        if now and not 0.0 <= now / SECOND - self._judged < _JUDGE:
+        since = now / SECOND - self._judged
+        if now and not 0.0 <= since < _JUDGE:
+            if self._judged:
+                self._keep_pace(since, now)
             self._judged = now / SECOND
             self._judge(now)
+        elif self._moved and not 0.0 <= now / SECOND - self._steered < 0.9 * PERIOD:
+            self._control_step(now)
+        self._moved = False
 
     def _take(self, message: Any, now: int) -> None:
         kind = message.get_type()
@@ -220,17 +244,26 @@ class Program:
             assert self._received.heartbeat is not None
             self.log(f"mode {self._received.heartbeat.mode_name}", now)
             self._control_step(now)
-        if kind == "GLOBAL_POSITION_INT" and self._control.phase is Phase.GUIDING:
-            seconds = now / SECOND
-            if not 0.0 <= seconds - self._steered < 0.9 * PERIOD:
-                self._steered = seconds
-                self._control_step(now)
+        self._moved = self._moved or kind == "GLOBAL_POSITION_INT"
 
     def _refuse(self, why: str) -> None:
         if self._fly:
             self._fly = False
             self.log(f"{why}; nothing is flown any more")
             self._link.say("RLCAS: off, AVD_ENABLE is set")
+
+    def _keep_pace(self, since: float, now: int) -> None:
+        """Note, and say, where so many seconds have passed unseen; what is flown goes on, but is
+        no longer promised.
+        """
+        before, self._spent = self._spent, Spent(time.monotonic(), time.process_time())
+        if since <= LATE:
+            return
+        self._late_at = now / SECOND
+        text = f"late by {since:.1f} s, separation not assured"
+        wall, computed = self._spent.wall - before.wall, self._spent.computed - before.computed
+        more = f"{computed:.2f} s of processor time in {wall:.2f} s"
+        self._tell("late", text, now, send=True, more=more)
 
     # Judging.
 
@@ -255,7 +288,9 @@ class Program:
                     self._judgement, self._received.situation, route, now, self._rules
                 )
                 self._advise(now)
-        self._control_step(now)
+        done = self._link.clock.now(time.monotonic())
+        self._keep_pace((done - now) / SECOND, done)
+        self._control_step(done)
         for show in self.viewers:
             show(self.view)
 
@@ -307,11 +342,13 @@ class Program:
             self._tell("problem", self._judgement.problem, now, send=True)
         if found is None or answer is None:
             return
-        kind = f"conflict {found.name} {answer.safe}"
+        safe = self._safe(now)
+        kind = f"conflict {found.name} {safe}"
         text = f"{found.name} in {found.time:.0f} s: "
-        if not answer.safe:
+        if not safe:
             reasons = "; ".join(reason.message for reason in answer.reasons)
-            self._tell(kind, f"{text}no plan is safe", now, send=True, more=reasons)
+            more = reasons or "the program has been late"
+            self._tell(kind, f"{text}no plan is safe", now, send=True, more=more)
             return
         first = answer.waypoints[0]
         turn = f"{math.degrees(0.5 * math.pi - first.heading) % 360.0:.0f} deg"
@@ -366,15 +403,20 @@ class Program:
         fresh = track.fault is None and track.age(now) <= STALE
         rejoin = judged.rejoined_at
         on_plan = to_fly(judged.supervision) is FlyMode.PLAN
+        watching = self._control.phase is Phase.WATCHING
         return Seen(
             now / SECOND,
             self._mode,
             received.heartbeat is not None and received.heartbeat.armed,
             fresh,
             judged.conflict is not None and judged.conflict.time <= self._rules.engage,
-            judged.safe if self._control.phase is Phase.WATCHING else to_follow(judged) is not None,
+            self._safe(now) if watching else to_follow(judged) is not None,
             on_plan and rejoin is not None and now >= rejoin,
         )
+
+    def _safe(self, now: int) -> bool:
+        """Return whether there is a plan that may be called safe."""
+        return self._judgement.safe and now / SECOND - self._late_at > RECOVERED
 
     def _obey(self, order: Order, now: int, before: Control) -> None:
         if order is Order.TAKE_OVER:
@@ -417,7 +459,7 @@ class Program:
         airspeed = self._received.airspeed
         self._air = sense(self._air, state, report.wind, airspeed)
         told = command(self._guide, state, clock, self._air, speeds, _BANK_MAX)
-        seconds = now / SECOND
+        self._steered = seconds = now / SECOND
         off = errors(self._guide, state, clock)
         self.steered.append(Steered(seconds, *off, state.speed, airspeed or math.nan, told))
         speed = not 0.0 <= seconds - self._sped < _SPEED

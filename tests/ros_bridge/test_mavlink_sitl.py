@@ -2,6 +2,7 @@
 operator, and where it dies the autopilot flies on."""
 
 import math
+import signal
 import subprocess
 import sys
 import time
@@ -15,10 +16,12 @@ import pytest
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 
 from envs.edge.command import InputError
+from envs.formats.local_frame import LocalFrame
 from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, fly
 from ros_bridge.mavlink.link import Link
 from ros_bridge.mavlink.messages import Mode
-from ros_bridge.mavlink.sitl import Leg, Sitl, SitlError, folder
+from ros_bridge.mavlink.program import RECOVERED
+from ros_bridge.mavlink.sitl import HOME, Leg, Sitl, SitlError, folder
 
 ROOT = Path(__file__).parents[2]
 try:
@@ -39,6 +42,7 @@ class Sky:
         self.sitl, self.mode, self.texts = sitl, -1, []
         self.time = self.east = self.north = 0.0
         self.least = float("inf")
+        self._frame = LocalFrame(HOME[0], HOME[1])
         self._began: float | None = None
         self._told = 0.0
 
@@ -55,9 +59,11 @@ class Sky:
                 self.mode = message.custom_mode
             elif kind == "STATUSTEXT":
                 self.texts.append(message.text)
-            elif kind == "LOCAL_POSITION_NED":
-                self.time = 1e-3 * message.time_boot_ms
-                self.east, self.north = message.y, message.x
+            elif kind == "GLOBAL_POSITION_INT":
+                # Not LOCAL_POSITION_NED: its origin is where the estimator began, not home.
+                self.time = 1e-3 * float(message.time_boot_ms)
+                at = self._frame.place(1e-7 * message.lat, 1e-7 * message.lon)
+                self.east, self.north = float(at.x), float(at.y)
                 self._meet()
 
     def _meet(self) -> None:
@@ -89,7 +95,7 @@ def encounter(*options: str, **parameters: float) -> Generator[tuple[Sky, Any]]:
     with Sitl(3, 4.0, FAILSAFE | parameters) as sitl:
         sitl.upload([Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(6_000.0, 0.0)])
         sitl.take_off()
-        sitl.rate(32, 1e5)
+        sitl.rate(33, 1e5)
         sitl.rate(0, 2e5)
         command = [sys.executable, "-m", "ros_bridge.mavlink", "--connect", sitl.address]
         command += ["--simulated", "--separation", "200", "--deadline", "0.2"]
@@ -115,6 +121,27 @@ def test_an_encounter_is_resolved_beside_a_fence_and_the_mission_flown_on() -> N
     assert flight.taken_over == 1
     assert flight.rows[-1].mode == Mode.AUTO
     assert any("back to AUTO" in text for text in flight.texts)
+
+
+def test_a_program_that_did_not_keep_up_says_so_and_calls_nothing_safe_for_a_while() -> None:
+    crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
+    stalled: list[float] = []
+
+    def stall(sitl: Sitl, seconds: float, row: Any) -> None:
+        """Let the simulation go on for a while without the program, before it would take over."""
+        if seconds > 5.0 and not stalled:
+            stalled.append(seconds)
+            sitl.signal(signal.SIGCONT)
+            began = sitl.wait("GLOBAL_POSITION_INT").time_boot_ms
+            while sitl.wait("GLOBAL_POSITION_INT").time_boot_ms < began + 3_000:
+                pass
+            sitl.signal(signal.SIGSTOP)
+
+    flight = fly(Encounter(0, (crossing,), 0.0, 300.0), "ours", instance=3, until=45.0, watch=stall)
+    assert any(text.startswith("RLCAS: late by") for text in flight.texts)
+    taken = next(row.time for row in flight.rows if row.mode == Mode.GUIDED)
+    assert taken > stalled[0] + 3.0 + RECOVERED
+    assert flight.taken_over == 1
 
 
 def test_a_foreign_mode_ends_it_at_once_and_a_killed_program_leaves_the_mission_to_fly() -> None:

@@ -1,0 +1,1 @@
+"""The real ArduPlane, in its own simulation, with and without us."""

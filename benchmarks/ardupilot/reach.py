@@ -1,0 +1,303 @@
+"""Who has the aircraft, counted: a foreign mode ends what we command, and where we fall silent the
+autopilot flies on.
+
+    python -m benchmarks.ardupilot.reach [--modes 50] [--ends 20]
+
+*Modes*: while the program flies an avoidance, at a random moment, somebody else sets LOITER, RTL,
+CIRCLE or AUTO; the time from that message until the program says that it commands no more, on the
+autopilot's clock, and whether the mode is still the same three seconds later. The simulation stands
+still while the program computes.
+
+*Ends*: in real time the program is a process of its own; while it flies it is killed, its link is
+cut, or it writes to a full disk (``/dev/full``). Killed and cut: the autopilot must be in AUTO
+within 10 s (FS_LONG_TIMEOUT is 3 s). Full disk: the program must fly on for 5 s. The last line is
+one JSON object; exit status 1: a try failed.
+"""
+
+import math
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.ardupilot.chaser import Chaser
+from benchmarks.measure import report
+from envs.edge.command import Parser
+from envs.formats.local_frame import LocalFrame
+from ros_bridge.mavlink.control import Phase
+from ros_bridge.mavlink.flight import Row, advance, program_beside
+from ros_bridge.mavlink.messages import Mode
+from ros_bridge.mavlink.program import Program
+from ros_bridge.mavlink.sitl import HOME, Leg, Sitl
+
+FAILSAFE = {"FS_GCS_ENABL": 1, "MAV_GCS_SYSID": 245, "FS_LONG_ACTN": 4, "FS_LONG_TIMEOUT": 3}
+MODES = Mode.LOITER, Mode.RTL, 1, Mode.AUTO
+WAYS = "kill", "cut", "disk"
+_CROSSES = 36.0  # s until the other crosses our way
+_PATIENCE = 90.0  # s for anything, on the autopilot's clock
+_AFTER = 3.0  # s, after which a mode must still be there
+_WITHIN, _FLIES = 10.0, 5.0  # s until AUTO; for which it must fly on
+_MISSION = 60_000.0  # m
+
+LEGS = (Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(_MISSION, 0.0))
+
+
+class Try(NamedTuple):
+    """What came of one try."""
+
+    what: str
+    seconds: float  # until control was back; inf: never
+    good: bool
+
+
+class Ground:
+    """What a ground station knows: the aircraft, its mode and the texts."""
+
+    def __init__(self, sitl: Sitl) -> None:
+        self.sitl, self.row = sitl, Row(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1)
+        self.course, self.mode, self.texts = 0.0, -1, []
+        self._frame = LocalFrame(HOME[0], HOME[1])
+
+    def hear(self, message: Any) -> None:
+        """Take in a message."""
+        kind = message.get_type()
+        if kind == "HEARTBEAT" and message.get_srcComponent() == 1:
+            self.mode = message.custom_mode
+        elif kind == "STATUSTEXT":
+            self.texts.append(message.text)
+        elif kind == "GLOBAL_POSITION_INT":
+            at = self._frame.place(1e-7 * message.lat, 1e-7 * message.lon)
+            fast = 0.01 * math.hypot(message.vx, message.vy)
+            self.course = math.atan2(message.vx, message.vy)
+            x, y = float(at.x), float(at.y)
+            seconds = 1e-3 * message.time_boot_ms
+            self.row = Row(seconds, x, y, 1e-3 * message.alt, fast, fast, self.mode)
+
+    def listen(self, seconds: float = 0.05) -> None:
+        """Take in what comes within so much real time."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self.sitl.beat()
+            message = self.sitl.station.recv_match(blocking=True, timeout=0.02)
+            if message is not None:
+                self.hear(message)
+
+
+def modes(count: int, *, seed: int = 0, instance: int = 8) -> list[Try]:
+    """Return what came of so many foreign modes."""
+    draw = np.random.default_rng(seed)
+    found: list[Try] = []
+    with _flight(instance, 40.0) as sitl:
+        program = program_beside(sitl)
+        ground, chaser = Ground(sitl), Chaser(seed)
+        try:
+            while len(found) < count:
+                if not _until_guided(program, ground, chaser):
+                    continue
+                _pass(program, ground, chaser, float(draw.uniform(0.0, 6.0)))
+                mode = int(draw.choice(MODES))
+                found.append(_set_mode(program, ground, chaser, mode))
+                print(f"{len(found)}/{count} {found[-1]}", flush=True)
+        finally:
+            program.close()
+    return found
+
+
+def _until_guided(program: Program, ground: Ground, chaser: Chaser) -> bool:
+    """Let another aircraft come until the program flies; return whether it does."""
+    chaser.leave()
+    began = ground.row.time
+    while _phase(program) is not Phase.WATCHING or ground.mode != Mode.AUTO:
+        ground.sitl.command(176, 1.0, float(Mode.AUTO))
+        _pass(program, ground, chaser, 1.0)
+        if ground.row.time - began > _PATIENCE:
+            raise RuntimeError(f"the program does not watch again: {ground.texts[-3:]}")
+    _pass(program, ground, chaser, 5.0)  # onto the mission again
+    chaser.come(ground.row, ground.course, _CROSSES)
+    began = ground.row.time
+    while _phase(program) is not Phase.GUIDING:
+        _pass(program, ground, chaser, 0.0)
+        if ground.row.time - began > _CROSSES:
+            return False
+    return True
+
+
+def _phase(program: Program) -> Phase:
+    return program.view.control.phase
+
+
+def _set_mode(program: Program, ground: Ground, chaser: Chaser, mode: int) -> Try:
+    """Set a mode as a ground station does, and return how long the program commanded on."""
+    ground.texts.clear()
+    began = ground.row.time
+    ground.sitl.command(176, 1.0, float(mode))
+    took = math.inf
+    while ground.row.time - began < _AFTER:
+        _pass(program, ground, chaser, 0.0)
+        if took == math.inf and any("commanding ends" in text for text in ground.texts):
+            took = ground.row.time - began
+    commanded = program.steered[-1].time - began if program.steered else 0.0
+    good = took <= 1.0 and commanded <= took and ground.mode == mode
+    return Try(f"mode {mode}", round(took, 2), good)
+
+
+def _pass(program: Program, ground: Ground, chaser: Chaser, seconds: float) -> None:
+    """Let so many seconds pass, one step at least."""
+    until = ground.row.time + seconds
+    while True:
+        ground.sitl.beat()
+        program.turn(0.0)
+        for message in advance(ground.sitl, 1 if program.view.control.flies else 5):
+            ground.hear(message)
+        chaser.report(ground.sitl, ground.row)
+        if ground.row.time >= until:
+            return
+
+
+class Relay:
+    """A link to an autopilot that can be cut."""
+
+    def __init__(self, port: int) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.address = f"tcp:127.0.0.1:{self._listener.getsockname()[1]}"
+        self._port, self._ends = port, []
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        with suppress(OSError):
+            ours, _ = self._listener.accept()
+            theirs = socket.create_connection(("127.0.0.1", self._port))
+            self._ends = [ours, theirs]
+            for a, b in ((ours, theirs), (theirs, ours)):
+                threading.Thread(target=self._copy, args=(a, b), daemon=True).start()
+
+    @staticmethod
+    def _copy(a: socket.socket, b: socket.socket) -> None:
+        with suppress(OSError):
+            while data := a.recv(65_536):
+                b.sendall(data)
+
+    def cut(self) -> None:
+        """Cut it, for good."""
+        self._listener.close()
+        for end in self._ends:
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
+
+
+def ends(ways: Sequence[str], *, seed: int = 0, instance: int = 9) -> list[Try]:
+    """Return what came of ends of the program."""
+    found: list[Try] = []
+    with _flight(instance, 1.0) as sitl:
+        ground, chaser = Ground(sitl), Chaser(seed)
+        while len(found) < len(ways):
+            one = _end(ways[len(found)], ground, chaser)
+            if one is not None:
+                found.append(one)
+                print(f"{len(found)}/{len(ways)} {one}", flush=True)
+    return found
+
+
+def _end(way: str, ground: Ground, chaser: Chaser) -> Try | None:
+    relay = Relay(ground.sitl.port + 2)
+    with _process(relay.address, full=way == "disk") as process:
+        _wait(ground, chaser, 12.0, lambda: False)
+        chaser.come(ground.row, ground.course, _CROSSES)
+        if not _wait(ground, chaser, _CROSSES, lambda: ground.mode == Mode.GUIDED):
+            return None
+        _wait(ground, chaser, 1.0, lambda: False)
+        began = ground.row.time
+        if way == "disk":
+            left = _wait(ground, chaser, _FLIES, lambda: ground.mode != Mode.GUIDED)
+            good = not left and process.poll() is None
+            process.kill()
+            _wait(ground, chaser, _WITHIN, lambda: ground.mode == Mode.AUTO)
+        else:
+            if way == "kill":
+                process.kill()
+            else:
+                relay.cut()
+            good = _wait(ground, chaser, _WITHIN, lambda: ground.mode == Mode.AUTO)
+            good = good and (way == "kill" or process.poll() is None)
+        took = ground.row.time - began
+    relay.cut()
+    chaser.leave()
+    return Try(way, round(took, 1), good)
+
+
+def _wait(ground: Ground, chaser: Chaser, seconds: float, reached: Any) -> bool:
+    """Wait for so many seconds of the autopilot's; return whether it was reached."""
+    until = ground.row.time + seconds
+    while ground.row.time < until:
+        ground.listen()
+        chaser.report(ground.sitl, ground.row)
+        if reached():
+            return True
+    return False
+
+
+@contextmanager
+def _process(address: str, *, full: bool) -> Generator[Any]:
+    """Give a running program."""
+    command = [sys.executable, "-m", "ros_bridge.mavlink", "--connect", address, "--simulated"]
+    command += ["--separation", "200", "--fly", "--traffic-altitude", "msl"]
+    command += ["--unknown-position-std", "5", "--unknown-velocity-std", "0.2"]
+    command += ["--plan-file", "/dev/full"] * full
+    log = Path("/dev/full" if full else "/dev/null")
+    with log.open("w", encoding="utf-8") as out:
+        process = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)
+        try:
+            yield process
+        finally:
+            process.kill()
+            process.wait()
+
+
+@contextmanager
+def _flight(instance: int, speedup: float) -> Generator[Sitl]:
+    """Give an aircraft on a long mission."""
+    with Sitl(instance, max(speedup, 10.0), FAILSAFE) as sitl:
+        sitl.upload(LEGS)
+        sitl.take_off()
+        for kind, interval in ((33, 1e5), (0, 2e5)):
+            sitl.rate(kind, interval)
+        while sitl.wait("GLOBAL_POSITION_INT").relative_alt < 95_000:
+            pass
+        sitl.set("SIM_SPEEDUP", speedup)
+        yield sitl
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Try, and print."""
+    parser = Parser(prog="python -m benchmarks.ardupilot.reach", description=__doc__)
+    parser.add_argument("--modes", type=int, default=50, help="foreign modes (default 50)")
+    parser.add_argument("--ends", type=int, default=20, help="ends of the program (default 20)")
+    parser.add_argument("--seed", type=int, default=0, help="of the moments (default 0)")
+    options = parser.parse_args(arguments)
+    by_mode = modes(options.modes, seed=options.seed) if options.modes else []
+    by_end = ends([WAYS[n % 3] for n in range(options.ends)]) if options.ends else []
+    figures = {
+        "benchmark": "ardupilot.reach",
+        "modes": len(by_mode),
+        "modes_good": sum(one.good for one in by_mode),
+        "handed_back_s_max": max((one.seconds for one in by_mode), default=None),
+    }
+    for way in WAYS:
+        tries = [one for one in by_end if one.what == way]
+        figures |= {way: len(tries), f"{way}_good": sum(one.good for one in tries)}
+    report(figures, ("pymavlink",))
+    return 0 if all(one.good for one in (*by_mode, *by_end)) else 1
+
+
+if __name__ == "__main__":
+    from envs.edge.command import run_cli
+
+    run_cli("benchmarks.ardupilot.reach:main")

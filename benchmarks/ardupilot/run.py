@@ -1,0 +1,210 @@
+"""Encounters flown by the mission alone, by ArduPilot's own avoidance, and by us.
+
+    python -m benchmarks.ardupilot [--encounters 200] [--out DIR]
+
+Each encounter (:mod:`benchmarks.ardupilot.encounters`) is flown by ArduPlane in its simulation,
+which RLCAS_SITL names (docs/howto/mavlink.md): ``mission`` passes over the traffic, ``climb`` and
+``sideways`` are ArduPilot's own avoidance by height and horizontally, ``ours`` is the program with
+--fly. A loss is an aircraft nearer than 200 m while within 50 m of the height. The simulation
+stands still while the program computes. Every flight is a line of ``flights.jsonl``; the same
+command goes on after the last one. The last line is one JSON object.
+"""
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from benchmarks.ardupilot.encounters import encounter
+from benchmarks.measure import report
+from envs.edge.command import ConfigError, Parser
+from envs.edge.json_text import parse_json
+from ros_bridge.mavlink.flight import BEGIN, SEPARATION, Encounter, Result, fly
+from ros_bridge.mavlink.sitl import SitlError, folder
+
+METHODS = "mission", "climb", "sideways", "ours"
+_FILE = "flights.jsonl"
+_LATE = 120.0  # s after the mission alone, within which it must have arrived
+_TRIES = 3
+
+Row = dict[str, Any]
+
+
+class Kind(NamedTuple):
+    """A row of the table: its name, and which flights it holds."""
+
+    name: str
+    holds: Callable[[Row], bool]
+
+
+KINDS = (
+    Kind("all", lambda row: True),
+    Kind("one aircraft", lambda row: row["aircraft"] == 1),
+    Kind("two aircraft", lambda row: row["aircraft"] == 2),
+    Kind("three aircraft", lambda row: row["aircraft"] == 3),
+    Kind("some turn", lambda row: row["turning"] > 0),
+    Kind("none turns", lambda row: row["turning"] == 0),
+    Kind("wind 4 m/s and more", lambda row: row["wind"] >= 4.0),
+    Kind("a fence", lambda row: row["fence"]),
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly what is missing, and print the table."""
+    options = _parser().parse_args(arguments)
+    folder()
+    options.out.mkdir(parents=True, exist_ok=True)
+    asked = {"seed": options.seed, "separation_m": SEPARATION}
+    rows = _done(options.out / _FILE, asked)
+    flown = {(row["number"], row["method"]) for row in rows}
+    wanted = [
+        (number, method)
+        for number in range(options.encounters)
+        for method in METHODS
+        if (number, method) not in flown
+    ]
+    try:
+        with (options.out / _FILE).open("a", encoding="utf-8") as file:
+            for row in _flights(wanted, options):
+                rows.append(row)
+                print(json.dumps(row), file=file, flush=True)
+                print(json.dumps(row), flush=True)
+    except KeyboardInterrupt:
+        print("interrupted; these are the figures of what was flown", file=sys.stderr)
+    complete = _complete([row for row in rows if row["number"] < options.encounters])
+    print(table(complete))
+    report(
+        {"benchmark": "ardupilot", **asked, "encounters": len(complete) // len(METHODS)}
+        | {"rows": figures(complete)},
+        ("pymavlink",),
+    )
+    return 0
+
+
+def _flights(wanted: Sequence[tuple[int, str]], options: Any) -> Iterator[Row]:
+    for number, method in wanted:
+        one = encounter(options.seed, number)
+        yield row_of(one, method, _fly(one, method, options))
+
+
+def _fly(one: Encounter, method: str, options: Any) -> Result:
+    until = (one.goal - BEGIN) / one.cruise + _LATE
+    for left in reversed(range(_TRIES)):
+        try:
+            return fly(
+                one,
+                method,
+                instance=options.instance,
+                speedup=options.speedup,
+                until=until,
+            )
+        except (SitlError, RuntimeError) as problem:
+            # A machine that is busy with others lets a simulation start too late.
+            if not left:
+                raise
+            print(f"encounter {one.number} {method}: {problem}; again", file=sys.stderr)
+    raise AssertionError("the last try returns or raises")
+
+
+def row_of(one: Encounter, method: str, flight: Result) -> Row:
+    """Return the line of a flight; lengths in m, times in s."""
+    across = [abs(period.cross_track) for period in flight.steered]
+    along = [abs(period.along_track) for period in flight.steered]
+    return {
+        "number": one.number,
+        "method": method,
+        "aircraft": len(one.intruders),
+        "turning": sum(intruder.turn != 0.0 for intruder in one.intruders),
+        "wind": round(one.wind, 2),
+        "fence": bool(one.fence),
+        "separation": round(flight.separation, 1),
+        "lost": flight.lost,
+        "breached": flight.breached,
+        "arrived": flight.arrived,
+        "flown": flight.rows[-1].time,
+        "on_mission": round(flight.on_mission, 1),
+        "path": round(flight.path),
+        "taken_over": flight.taken_over,
+        "across": max(across, default=None),
+        "along": max(along, default=None),
+        "texts": [text for text in flight.texts if text.startswith("RLCAS")],
+    }
+
+
+def _done(path: Path, asked: Row) -> list[Row]:
+    """Return the flights of a file; a line that was cut off by an interruption is dropped."""
+    if not path.exists():
+        path.write_text(json.dumps(asked) + "\n", encoding="utf-8")
+        return []
+    first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
+    if parse_json(first) != asked:
+        raise ConfigError(
+            f"--out: {path} holds {first}; expected {json.dumps(asked)}, or another folder"
+        )
+    path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")
+    return [parse_json(line) for line in lines]
+
+
+def _complete(rows: Sequence[Row]) -> list[Row]:
+    """Return the flights of those encounters that every method has flown."""
+    numbers = [row["number"] for row in rows]
+    return [row for row in rows if numbers.count(row["number"]) == len(METHODS)]
+
+
+def figures(rows: Sequence[Row]) -> list[Row]:
+    """Return what each method did in each kind of encounters."""
+    found: list[Row] = []
+    for kind in KINDS:
+        for method in METHODS:
+            flights = [row for row in rows if row["method"] == method and kind.holds(row)]
+            if not flights:
+                continue
+            found.append({"kind": kind.name, "method": method} | _figures(flights))
+    return found
+
+
+def _figures(flights: Sequence[Row]) -> Row:
+    arrived = [row for row in flights if row["arrived"] is not None]
+    return {
+        "flights": len(flights),
+        "losses": sum(row["lost"] for row in flights),
+        "breaches": sum(row["breached"] for row in flights),
+        "arrivals": len(arrived),
+        "least_separation_m": min(row["separation"] for row in flights),
+        "path_m": _mean([row["path"] for row in arrived]),
+        "on_mission": _mean([row["on_mission"] / row["flown"] for row in flights]),
+        "across_m": max((row["across"] or 0.0 for row in flights), default=0.0),
+        "along_m": max((row["along"] or 0.0 for row in flights), default=0.0),
+    }
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Return the figures as a table."""
+    lines = [
+        f"{'':20} {'':9} flights losses breaches arrivals  least, m  path, m  on the mission, %"
+    ]
+    for one in figures(rows):
+        path = "-" if one["path_m"] is None else f"{one['path_m']:.0f}"
+        lines.append(
+            f"{one['kind']:20} {one['method']:9} {one['flights']:7} {one['losses']:6} "
+            f"{one['breaches']:8} {one['arrivals']:8} {one['least_separation_m']:10.0f} "
+            f"{path:>8} {100.0 * one['on_mission']:18.0f}"
+        )
+    return "\n".join(lines)
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return sum(values) / len(values) if values else None
+
+
+def _parser() -> Parser:
+    parser = Parser(prog="python -m benchmarks.ardupilot", description=__doc__)
+    add = parser.add_argument
+    add("--encounters", type=int, default=200, help="how many (default 200)")
+    add("--seed", type=int, default=0, help="of the encounters (default 0)")
+    out = Path("runs/ardupilot")
+    add("--out", type=Path, default=out, help=f"folder of the flights (default {out})")
+    add("--speedup", type=float, default=40.0, help="times real time at most (default 40)")
+    add("--instance", type=int, default=5, help="of the simulation's ports (default 5)")
+    return parser
