@@ -9,9 +9,9 @@ import copy
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,8 @@ _FASTEST = 100.0  # m/s of an area that moves or grows
 
 Place = tuple[float, float]
 """x east and y north, m."""
+
+_T = TypeVar("_T")
 
 Ring = tuple[Place, ...]
 """A closed line of straight edges; the first point is not repeated at the end."""
@@ -201,30 +203,43 @@ def after(area: Area, seconds: float) -> Area:
 
     What it has grown by then is added to the clearance, or taken from it as far as that reaches.
     """
-    dx, dy = (speed * seconds for speed in area.velocity)
-    shape = area.shape
-    if isinstance(shape, Circle):
-        moved: Polygon | Circle = Circle(shape.x + dx, shape.y + dy, shape.radius)
-    else:
-        outer, *holes = (tuple((x + dx, y + dy) for x, y in ring) for ring in shape.rings)
-        moved = Polygon(outer, tuple(holes))
     grown = area.growth * seconds
-    return replace(
+    return _changed(
         area,
-        shape=moved,
+        shape=_shifted(area.shape, *(speed * seconds for speed in area.velocity)),
         clearance=max(area.clearance + (grown if area.keep is Keep.OUT else -grown), 0.0),
         valid_from=area.valid_from - seconds,
         valid_until=area.valid_until - seconds,
     )
 
 
-def in_air(area: Area, wind: Wind) -> Area:
-    """Return an area as the air mass sees it that lies over the ground at the request."""
-    east, north = area.velocity
-    seen = copy.copy(area)
-    # Not by replace: in the air an area may be faster than one may be over the ground.
-    object.__setattr__(seen, "velocity", (east - float(wind.east), north - float(wind.north)))
-    return seen
+def in_air(area: Area, wind: Wind, seconds: float = 0.0) -> Area:
+    """Return an area as the air mass sees it that lay over the ground some seconds before."""
+    east, north = float(wind.east), float(wind.north)
+    # In the air an area may be faster than one may be over the ground.
+    velocity = area.velocity[0] - east, area.velocity[1] - north
+    if seconds == 0.0:
+        return _changed(area, velocity=velocity)
+    shape = _shifted(area.shape, -east * seconds, -north * seconds)
+    return _changed(area, velocity=velocity, shape=shape)
+
+
+def _shifted(shape: Polygon | Circle, dx: float, dy: float) -> Polygon | Circle:
+    """Return a shape elsewhere, m."""
+    if isinstance(shape, Circle):
+        return _changed(shape, x=shape.x + dx, y=shape.y + dy)
+    outer, *holes = (tuple((x + dx, y + dy) for x, y in ring) for ring in shape.rings)
+    return _changed(shape, outer=outer, holes=tuple(holes))
+
+
+def _changed(one: _T, **fields: object) -> _T:
+    """Return an area or a shape with other fields, of which what was checked holds as well: that
+    takes long, and areas move with every step of a monitor.
+    """
+    made = copy.copy(one)
+    for name, value in fields.items():
+        object.__setattr__(made, name, value)
+    return made
 
 
 def _real(name: str, value: object, low: float, high: float, unit: str) -> float:

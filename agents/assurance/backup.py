@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.assurance.areas import Kept, kept
+from agents.assurance.inputs import no_areas
 from agents.assurance.lookahead import ANY, chord, growth
 from agents.assurance.thresholds import Thresholds
 from agents.planner.traffic import Traffic, predict, requirement_of, within_window
@@ -59,8 +61,18 @@ class Backup(NamedTuple):
     plan_states: PlanStates  # [N, B], their times from when the backup was refreshed
     legs: Legs  # between them
     started: Any  # when that was, on the monitor's clock, s; nan where there has never been one
-    clearance: Any  # smallest distance less the required one over the horizon, m
-    safe: Any  # whether the validator found nothing wrong but its own resolution, bool
+    # smallest distance less the required one over the horizon, to intruders and areas, m
+    clearance: Any
+    safe: Any  # whether nothing was found wrong but the validator's own resolution, bool
+    depth: Any  # how deep it is in areas on average, m; 0 where it stays out of all
+    avoids: Any  # whether it keeps the required separation, bool
+
+
+def grade(backup: Backup) -> Any:
+    """Return how good backups are, ``[N]``, from 0: those that stay out of all areas come before
+    all others, then those that keep more of what is required.
+    """
+    return 4 * (backup.depth > 0.0) + 2 * ~backup.safe + ~backup.avoids
 
 
 def backup_states(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) -> PlanStates:
@@ -81,11 +93,17 @@ def backup_states(own: VehicleState, course: Any, speed: Any, thresholds: Thresh
 
 
 def refresh(
-    previous: Backup, own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds
+    previous: Backup,
+    own: VehicleState,
+    traffic: Traffic,
+    time: Any,
+    thresholds: Thresholds,
+    areas: Any = None,
 ) -> Backup:
     """Return the backups for this step, ``[N]``, from those of the step before; time on the
-    monitor's clock, s.
+    monitor's clock, s; areas as of now, object ``[N]``, None: none.
     """
+    areas = no_areas(own.x.size) if areas is None else areas
     had = np.isfinite(previous.started)
     course, speed = (
         np.where(had, previous.course, own.heading),
@@ -94,26 +112,32 @@ def refresh(
     plan_states = backup_states(own, course, speed, thresholds)
     curves = legs(plan_states)
     found = validate(plan_states, traffic, thresholds.requirement, thresholds.limits, curves)
-    safe = _safe(found, thresholds) & had
-    kept = Backup(previous.course, previous.speed, plan_states, curves, time, found.clearance, safe)
-    result = map_leaves(np.array, kept)
-    rows = np.flatnonzero(~safe)
+    from_areas = kept(plan_states, curves, areas, np.arange(own.x.size), thresholds)
+    what = previous.course, previous.speed, plan_states, curves, time, found, from_areas
+    flown = _judge(*what, thresholds)
+    result = map_leaves(np.array, flown._replace(safe=flown.safe & had))
+    rows = np.flatnonzero(~result.safe)
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
-        other = search(take(own, part), take(traffic, part), time[part], thresholds)
-        better = (
-            ~had[part]
-            | other.safe
-            | (other.clearance > result.clearance[part] + thresholds.backup_gain)
-        )
+        other = search(*take((own, traffic, time), part), thresholds, areas[part])
+        now = take(result, part)
+        grades = grade(other) - grade(now)
+        gain = _value(other) > _value(now) + thresholds.backup_gain
+        better = ~had[part] | (grades < 0) | ((grades == 0) & gain)
         scatter(result, part[better], take(other, better))
     return result
 
 
-def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds) -> Backup:
+def search(
+    own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds, areas: Any = None
+) -> Backup:
     """Return the best backup of the family at a time (s), ``[N]``: a safe one, or that of greatest
     clearance.
+
+    One that enters an area is returned only where all of the family do: that of least depth, of
+    those first that seem to keep the required separation.
     """
+    areas = no_areas(own.x.size) if areas is None else areas
     requirement, manoeuvre = thresholds.requirement, thresholds.manoeuvre
     unit = thresholds.options.aircraft.separation
     count, each = own.x.size, _FAMILY_TURN.size
@@ -127,32 +151,68 @@ def search(own: VehicleState, traffic: Traffic, time: Any, thresholds: Threshold
     speed = np.where(np.tile(_FAMILY_SPEED, count) == 0.0, held, extreme)
     base = np.where(traffic.mask, requirement_of(traffic, own, requirement), -np.inf)
     clearance = _estimate(take(own, which), course, speed, traffic, base, thresholds)
-    merit = (np.minimum(clearance, _ENOUGH * unit) - _TURN_COST * unit * np.abs(turn)).reshape(
-        count, each
-    )
-    pick = np.argsort(-merit, axis=-1, kind="stable")[:, :_TRIED] + np.arange(count)[:, None] * each
-    pick = pick.ravel()
+    depth = np.zeros(which.size)
+    amid = np.flatnonzero(np.array([bool(some) for some in areas])[which])
+    if amid.size:
+        plan_states = backup_states(take(own, which[amid]), course[amid], speed[amid], thresholds)
+        found = kept(plan_states, legs(plan_states), areas, which[amid], thresholds)
+        depth[amid] = found.depth
+        near = np.where(found.depth > 0.0, np.inf, found.clearance)
+        clearance[amid] = np.minimum(clearance[amid], near)
+    merit = np.minimum(clearance, _ENOUGH * unit) - _TURN_COST * unit * np.abs(turn)
+    enters = depth > 0.0
+    order = np.lexsort((-merit, depth, enters & (clearance < 0.0), enters, which))
+    pick = order.reshape(count, each)[:, :_TRIED].ravel()
     owners = which[pick]
     plan_states = backup_states(take(own, owners), course[pick], speed[pick], thresholds)
     curves = legs(plan_states)
     found = validate(plan_states, take(traffic, owners), requirement, thresholds.limits, curves)
-    safe, clearance = (
-        _safe(found, thresholds),
-        np.where(np.isnan(found.clearance), -np.inf, found.clearance),
+    from_areas = kept(plan_states, curves, areas, owners, thresholds)
+    tried = _judge(
+        course[pick],
+        speed[pick],
+        plan_states,
+        curves,
+        np.asarray(time)[owners],
+        found._replace(clearance=np.where(np.isnan(found.clearance), -np.inf, found.clearance)),
+        from_areas,
+        thresholds,
     )
-    order = np.lexsort((np.arange(pick.size), np.where(safe, 0.0, -clearance), ~safe, owners))
-    best = order[::_TRIED]
-    course, speed, plan_states, curves, clearance, safe = take(
-        (course[pick], speed[pick], plan_states, curves, clearance, safe), best
-    )
-    return Backup(course, speed, plan_states, curves, np.array(time), clearance, safe)
+    worse = np.where(tried.safe, 0.0, -_value(tried))
+    order = np.lexsort((np.arange(pick.size), worse, grade(tried), owners))
+    return take(tried, order[::_TRIED])
 
 
-def _safe(found: Findings, thresholds: Thresholds) -> Any:
-    """Return whether nothing is wrong; a start inside the margin must keep its present distance, to
-    the last digit.
+def _judge(
+    course: Any,
+    speed: Any,
+    plan_states: PlanStates,
+    curves: Legs,
+    time: Any,
+    found: Findings,
+    from_areas: Kept,
+    thresholds: Thresholds,
+) -> Backup:
+    """Return backups with what was found of them; a start inside the margin must keep its present
+    distance from intruders to the last digit.
     """
-    return found.legal & (found.clearance >= -thresholds.resolution)
+    avoids = found.clearance >= -thresholds.resolution
+    return Backup(
+        course,
+        speed,
+        plan_states,
+        curves,
+        np.array(time),
+        np.minimum(found.clearance, from_areas.clearance),
+        safe=found.legal & avoids & (from_areas.clearance >= 0.0),
+        depth=from_areas.depth,
+        avoids=avoids,
+    )
+
+
+def _value(backup: Backup) -> Any:
+    """Return what tells backups of one grade apart, m, ``[N]``; the more the better."""
+    return np.where(backup.depth > 0.0, -backup.depth, backup.clearance)
 
 
 def _estimate(
@@ -203,6 +263,8 @@ def resting(count: int, thresholds: Thresholds) -> Backup:
         zero + np.nan,
         zero - np.inf,
         no,
+        zero.copy(),
+        no.copy(),
     )
 
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.assurance.areas import rest
 from agents.assurance.inputs import Memory
 from agents.assurance.lookahead import Course, outlook
 from agents.assurance.state import Monitor, State
@@ -97,6 +98,8 @@ def judge(
     offset = np.hypot(off.cross_track, off.along_track)
     separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
     causes = causes | np.where(on & close, int(Cause.SEPARATION), 0)
+    amid = rest(monitor.plan, since, memory.areas, offset, thresholds)
+    causes = causes | np.where(on & amid.lost, int(Cause.AREA), 0)
     position, speed, noise = _deviations(monitor, traffic, since)
     share = np.maximum(
         position / (thresholds.intruder_position + _NOISE * noise[0]),
@@ -114,7 +117,8 @@ def judge(
         "intruder_position": np.max(position, axis=-1, initial=0.0),
         "intruder_velocity": np.max(speed, axis=-1, initial=0.0),
         "separation": np.min(separation, axis=-1, initial=np.inf) - offset,
-        "loss": loss,
+        "loss": np.minimum(loss, amid.loss),
+        "area_deficit": amid.deficit,
     }
     return sums, causes, measured
 

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.inputs import Memory
+from agents.assurance.inputs import Memory, no_areas
 from agents.assurance.state import Monitor
 from agents.planner.request import Intruder
 from agents.planner.traffic import Traffic
+from envs.areas import Area, in_air
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves
 from envs.wind import NO_WIND, Wind, over_ground, through_air
@@ -41,6 +42,16 @@ class Frame(NamedTuple):
     def report(self, given: Intruder, time: float) -> Intruder:
         """Return a report over the ground, as it is known at a time, s, as the air mass sees it."""
         return replace(given, state=self.to_air(given.state, time - given.age))
+
+    def area(self, given: Area, time: float) -> Area:
+        """Return an area as it is over the ground at a time, s, as the air mass sees it."""
+        return in_air(given, self.wind, time - self.since) if self.moves else given
+
+    def area_on_ground(self, given: Area, time: float) -> Area:
+        """Return an area as the air mass sees it at a time, s, as it is over the ground."""
+        if not self.moves:
+            return given
+        return in_air(given, Wind(-self.wind.east, -self.wind.north), time - self.since)
 
 
 STILL = Frame()
@@ -70,10 +81,21 @@ def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
             own=state(memory.own, memory.own_time),
             intruders=state(memory.intruders, memory.seen),
             drift=_drift(memory, old, new),
+            areas=_areas(memory, old, new),
         ),
         expected=traffic(monitor.expected, monitor.started),
         request_traffic=traffic(monitor.request_traffic, monitor.requested_at),
     )
+
+
+def _areas(memory: Memory, old: Frame, new: Frame) -> Any:
+    """Return the areas of the last step in another air mass."""
+    found = no_areas(memory.time.size)
+    for n, (time, some) in enumerate(zip(memory.time.tolist(), memory.areas, strict=True)):
+        found[n] = tuple(
+            one._replace(area=new.area(old.area_on_ground(one.area, time), time)) for one in some
+        )
+    return found
 
 
 def _drift(memory: Memory, old: Frame, new: Frame) -> Any:

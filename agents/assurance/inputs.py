@@ -46,6 +46,9 @@ class Inputs(NamedTuple):
     velocity_std: Any  # one sigma per axis, m/s, [N, K]
     separation: Any = None  # to be kept from each, m, [N, K]; nan, None: the requirement's
     window: Window | None = None  # when each counts, s from now, [N, K]; None: always
+    # what areas each may meet, as they are now: tuples of planner.areas.Counted, object [N]; None:
+    # none
+    areas: Any = None
 
 
 class Memory(NamedTuple):
@@ -62,6 +65,7 @@ class Memory(NamedTuple):
     separation: Any  # to be kept from each, m, [N, K]; nan: the requirement's
     window: Window  # when each counts, on the monitor's clock, s, [N, K]
     drift: Drift  # [N, K]
+    areas: Any  # as they are at the last step, object [N]
 
 
 def inputs(
@@ -100,7 +104,15 @@ def blank(count: int, intruders: int, speed: Any) -> Memory:
         separation=np.full(pairs, np.nan),
         window=Window(np.full(pairs, -np.inf), np.full(pairs, np.inf)),
         drift=unknown(pairs),
+        areas=no_areas(count),
     )
+
+
+def no_areas(count: int) -> Any:
+    """Return that there are no areas, object ``[count]``."""
+    none = np.empty(count, dtype=object)
+    none[:] = [()] * count
+    return none
 
 
 def update(
@@ -168,6 +180,7 @@ def update(
         separation,
         window,
         drift,
+        no_areas(now.size) if given.areas is None else given.areas,
     )
     return memory, *present(memory, given.mask, thresholds), causes
 

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from agents.assurance.areas import rest
 from agents.assurance.backup import refresh
 from agents.assurance.conformance import floor, has, judge, required_separations
 from agents.assurance.inputs import Inputs, present, update
 from agents.assurance.lookahead import Course, course, outlook
 from agents.assurance.state import Decision, FlyMode, Monitor, State
-from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, WANTING, Cause, Thresholds
+from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, UNSAFE, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic, whole
 from agents.planner.validator import validate
 from envs.kinematics import VehicleState
@@ -63,14 +64,16 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
 
     sighted = np.flatnonzero(~(idle | blind))
     if sighted.size:
-        fresh = refresh(*take((monitor.backup, own, traffic, now), sighted), thresholds)
+        state, amid = take((monitor.backup, own, traffic, now), sighted), memory.areas[sighted]
+        fresh = refresh(*state, thresholds, amid)
         monitor = _with(monitor, sighted, backup=fresh)
     backup = monitor.backup
     causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)
+    causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)
 
     pending = monitor.requested > monitor.answered
     silent = pending & (now - monitor.requested_at > thresholds.answer_time)
-    lost, unsafe, wants = has(causes, LOST), has(causes, Cause.SEPARATION), has(causes, WANTING)
+    lost, unsafe, wants = has(causes, LOST), has(causes, UNSAFE), has(causes, WANTING)
     refused = has(monitor.causes, Cause.REFUSED) & (wants | monitor.on_backup | blind)
     causes |= np.where(refused, int(Cause.REFUSED), 0) | np.where(silent, int(Cause.NO_ANSWER), 0)
     causes = np.where(idle, causes & int(BLIND | LOST | DOUBTFUL), causes).astype(np.int32)
@@ -126,9 +129,9 @@ def answer(
     once.
 
     A plan is taken up only if it is SAFE, answers the last request (so that it is not older than
-    the active one), and is still safe against the intruders as they are now. An answer to another
-    request changes nothing; one that cannot be flown leads to BACKUP if the rest of the active plan
-    is not safe, else to DENIED.
+    the active one), and is still safe against the intruders and the areas as they are now. An
+    answer to another request changes nothing; one that cannot be flown leads to BACKUP if the rest
+    of the active plan is not safe, else to DENIED.
 
     Returns:
         The monitors, and which of the plans are flown now, ``[M]``.
@@ -152,7 +155,8 @@ def answer(
     near = outlook(
         plan, memory.time - when, traffic, least, thresholds.requirement.sigmas
     ).separation
-    good = (near >= least).all(axis=-1)
+    amid = rest(plan, memory.time - when, memory.areas, np.zeros(when.size), thresholds)
+    good = (near >= least).all(axis=-1) & ~amid.lost
     usable = usable[good]
 
     result = _install(monitor, rows[usable], *take((plan, when, known), good))
@@ -161,7 +165,7 @@ def answer(
     refused = rows[current & ~accepted]
     result = _with(result, refused, causes=result.causes[refused] | int(Cause.REFUSED))
     seeing = rows[current & ~accepted & ~blind]
-    on_backup = result.on_backup[seeing] | has(result.causes[seeing], Cause.SEPARATION)
+    on_backup = result.on_backup[seeing] | has(result.causes[seeing], UNSAFE)
     state = np.where(on_backup, State.BACKUP, State.DENIED)
     return _with(result, seeing, on_backup=on_backup, state=state), accepted
 
@@ -200,7 +204,7 @@ def _usable(plan_states: PlanStates, wanted: Any, thresholds: Thresholds) -> tup
 
 def _install(monitor: Monitor, rows: Any, plan: Course, started: Any, expected: Traffic) -> Monitor:
     what = {"plan": plan, "started": started, "expected": expected, "sums": 0.0}
-    causes = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE)
+    causes = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE | Cause.BACKUP_IN_AREA)
     return _with(monitor, rows, **what, state=int(State.MONITORING), on_backup=False, causes=causes)
 
 

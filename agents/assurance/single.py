@@ -16,12 +16,14 @@ import numpy as np
 from agents.assurance import monitor as monitors
 from agents.assurance.backup import resting
 from agents.assurance.frames import STILL, Frame, carry
-from agents.assurance.inputs import Inputs
+from agents.assurance.inputs import Inputs, no_areas
 from agents.assurance.state import Decision, FlyMode, Monitor, State, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.planner.answer import Plan
+from agents.planner.areas import relevant
 from agents.planner.request import Altitude, Intruder, arrays_of_reports, windows
 from agents.planner.traffic import advance_reports
+from envs.areas import Area
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, take
 from envs.waypoints import PlanStates, Waypoint, plan_states
@@ -135,9 +137,10 @@ def step(
     own_age: float = 0.0,
     own_altitude: Altitude | None = None,
     gone: Sequence[str] = (),
+    areas: Sequence[Area] = (),
 ) -> tuple[Watch, Verdict]:
     """Judge one second, s, by the last reports; ``own`` is None where it is missing, ``gone`` do
-    not count any more. The own altitude is as of now.
+    not count any more. The own altitude is as of now, and so are the areas, all that there are.
     """
     names = (
         *(name for name in watch.names if name not in gone),
@@ -160,6 +163,7 @@ def step(
         seen.velocity_std,
         seen.separation,
         windows(reports, own_altitude, watch.thresholds.options),
+        _areas_met(watch, areas, own, own_altitude, time),
     )
     monitor, decision = monitors.step(watch.monitor, given, watch.thresholds)
     levels = {name: at for name, at in watch.levels.items() if name in names} | {
@@ -171,6 +175,28 @@ def step(
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
     fly, state = FlyMode(int(decision.fly[0])), State(int(decision.state[0]))
     return watch, Verdict(state, fly, asked, reasons(decision, watch.thresholds), backup, decision)
+
+
+def _areas_met(
+    watch: Watch,
+    areas: Sequence[Area],
+    own: VehicleState,
+    own_altitude: Altitude | None,
+    time: float,
+) -> np.ndarray:
+    """Return the areas that plan or backup may meet, in the monitor's air mass, object ``[1]``."""
+    limits, frame, found = watch.thresholds, watch.frame, no_areas(1)
+    if areas:
+        ends = watch.monitor.plan.plan_states.time[0, -1] + watch.monitor.started[0] - time
+        found[0] = relevant(
+            [frame.area(one, time) for one in areas],
+            own,
+            own_altitude,
+            fastest=limits.limits.speed_max,
+            horizon=max(2.0 * limits.options.finished_by, float(ends)),
+            unknown_climb=limits.options.unknown_climb,
+        )
+    return found
 
 
 def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:

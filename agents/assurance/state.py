@@ -70,7 +70,9 @@ class Decision(NamedTuple):
     intruder_velocity: Any  # m/s
     # predicted separation of the rest of the plan, less the own distance from it, m; a lower bound
     separation: Any
-    loss: Any  # when that rest falls below what is required, s from now; inf where it does not
+    # when that rest falls below what is required, of areas too, s from now; inf where it does not
+    loss: Any
+    area_deficit: Any  # by how much the rest comes nearer to an area than it may, m; 0: it does not
 
 
 def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:

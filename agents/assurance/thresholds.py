@@ -36,6 +36,8 @@ class Cause(IntFlag):
     OUTSIDE_RANGE = 1 << 17
     IMPOSSIBLE_RATE = 1 << 18
     CONTRADICTION = 1 << 19
+    AREA = 1 << 20
+    BACKUP_IN_AREA = 1 << 21
 
 
 SAYS = {
@@ -88,6 +90,15 @@ SAYS = {
         "intruders",
         "are outside_domain: places contradict velocities, and no plan can rely on them",
     ),
+    Cause.AREA: (
+        "areas",
+        "are not kept clear of by the rest of the plan: it comes {now.area_deficit:.0f} m nearer "
+        "than it may",
+    ),
+    Cause.BACKUP_IN_AREA: (
+        "backup",
+        "does not stay out of all areas, since none does; it is the one of least depth",
+    ),
 }
 """What each cause says of what: fields of a decision are ``now``'s, others those of the thresholds.
 """
@@ -115,9 +126,13 @@ WANTING = (
     | Cause.ACCUMULATED
     | Cause.INTRUDER_DEVIATION
     | Cause.SEPARATION
+    | Cause.AREA
     | Cause.PLAN_ENDING
 )
 """A new plan is wanted."""
+
+UNSAFE = Cause.SEPARATION | Cause.AREA
+"""The rest of the plan is not safe."""
 
 
 # Share of the sigmas planned with that must be left before a new plan is asked for: what is

@@ -157,7 +157,11 @@ def _beyond(
 
 
 def judge(
-    plan_states: PlanStates, curves: Legs, areas: Sequence[Counted], margin: float = 0.0
+    plan_states: PlanStates,
+    curves: Legs,
+    areas: Sequence[Counted],
+    margin: float = 0.0,
+    required: Sequence[Any] | None = None,
 ) -> AreaFindings:
     """Return whether every curve of plans keeps the clearance from every area that counts.
 
@@ -170,13 +174,18 @@ def judge(
         curves: their legs.
         areas: what counts.
         margin: what the follower leaves of the plan, m; added to the clearance.
+        required: signed distances to be kept instead, from each area, m, ``[N]``.
     """
     found = AreaFindings.blank(len(plan_states.time))
     if not areas:
         return found
     arcs = _arcs(plan_states, curves)
-    for one in areas:
-        _judge_area(found, one, arcs, curves, margin)
+    for number, one in enumerate(areas):
+        if required is None:
+            need = required_distances(one, arcs.x0[:, 0], arcs.y0[:, 0], margin)
+        else:
+            need = required[number]
+        _judge_area(found, one, arcs, curves, need)
     return found
 
 
@@ -207,11 +216,8 @@ def _arcs(plan_states: PlanStates, curves: Legs) -> _Arcs:
     )
 
 
-def _judge_area(
-    found: AreaFindings, one: Counted, arcs: _Arcs, curves: Legs, margin: float
-) -> None:
-    """Judge all plans against one area."""
-    need = required_distances(one, arcs.x0[:, 0], arcs.y0[:, 0], margin)
+def _judge_area(found: AreaFindings, one: Counted, arcs: _Arcs, curves: Legs, need: Any) -> None:
+    """Judge all plans against one area, from which they must keep distances, m, ``[N]``."""
     near = counts = (arcs.end >= one.begin) & (arcs.begin <= one.end)
     if one.area.keep is Keep.OUT:
         far = box_distance(one.area, _in_frame(one.area, arcs)) + _least_gain(one.area, arcs)

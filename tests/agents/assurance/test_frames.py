@@ -1,6 +1,7 @@
 """A monitor in a wind judges a flight as one in still air judges the same flight through the air."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,14 +9,17 @@ import pytest
 
 from agents.assurance import single
 from agents.assurance.frames import Frame, carry
+from agents.assurance.inputs import no_areas
 from agents.assurance.monitor import Thresholds
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import State
 from agents.planner.answer import Plan
+from agents.planner.areas import Counted
 from agents.planner.options import Options
 from agents.planner.publish import reconstruct
 from agents.planner.request import Intruder
 from envs.aircraft import PAPER
+from envs.areas import Area, Circle
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves
 from envs.waypoints import Waypoint
@@ -111,14 +115,25 @@ def test_what_is_asked_and_backed_up_is_over_the_ground(wind: Wind, calm: list[V
 
 def test_memory_goes_into_another_air_mass_and_back() -> None:
     watch, _ = watch_flight(WINDS[0])
+    amid = no_areas(1)
+    amid[0] = (Counted(0, Area(Circle(4e3, 5e2, 3e2), velocity=(-5.0, 2.0)), 0.0, 1e3),)
+    memory = watch.monitor.memory._replace(areas=amid)
+    watch = replace(watch, monitor=watch.monitor._replace(memory=memory))
     other = Frame(Wind(-3.0, 11.0), 7.0)
     there = carry(watch.monitor, watch.frame, other)
     assert not np.allclose(there.memory.intruders.speed, watch.monitor.memory.intruders.speed)
     back = carry(there, other, watch.frame)
 
     def same(a: Any, b: Any) -> None:
-        np.testing.assert_allclose(a, b, atol=1e-6)
+        if a.dtype != object:
+            np.testing.assert_allclose(a, b, atol=1e-6)
 
+    moved, same_area = (one.memory.areas[0][0].area for one in (there, back))
+    assert moved.velocity != pytest.approx((-5.0, 2.0))
+    assert same_area.velocity == pytest.approx((-5.0, 2.0))
+    shape = same_area.shape
+    assert isinstance(shape, Circle)
+    assert (shape.x, shape.y) == pytest.approx((4e3, 5e2), abs=1e-6)
     map_leaves(same, back.memory, watch.monitor.memory)
     map_leaves(same, back.expected, watch.monitor.expected)
 
