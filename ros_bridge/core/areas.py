@@ -1,10 +1,12 @@
 """Areas of ``rlcas_msgs`` as areas of the local frame, as they are at a request."""
 
 import math
+from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 from envs.areas import Area, AreaError, Keep, Level, after
 from envs.formats.areas.geodetic import GeodeticArea, on_plane
+from envs.formats.areas.reading import geodetic_areas
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.conversions import ALTITUDE_CODES
 from ros_bridge.core.fields import SECOND, FieldError, flags, integer, number, place, stamp
@@ -21,10 +23,21 @@ _SIDES = (Keep.OUT, Keep.IN)
 
 
 class AreaReport(NamedTuple):
-    """The areas of a message, as they are at its time."""
+    """Areas, as they are at a time."""
 
     time: int  # ns
     areas: tuple[GeodeticArea, ...]
+
+
+class Placed(NamedTuple):
+    """Areas in a local frame, as they are at the time of their report, ns."""
+
+    time: int
+    areas: tuple[Area, ...]
+
+    def at(self, now: int) -> tuple[Area, ...]:
+        """Return them as they are now, ns."""
+        return tuple(after(area, (now - self.time) / SECOND) for area in self.areas)
 
 
 def areas(message: Any, name: str = "areas") -> AreaReport:
@@ -47,15 +60,42 @@ def to_local(report: AreaReport, frame: LocalFrame, now: int, within: float) -> 
         now: time of the request, ns.
         within: areas to be kept out of that lie farther from the frame's origin are left out, m.
     """
-    later = (now - report.time) / SECOND
+    return place_areas(report, frame, within).at(now)
+
+
+def place_areas(report: AreaReport, frame: LocalFrame, within: float) -> Placed:
+    """Return the areas of a report in a local frame; see :func:`to_local`."""
     found = []
+    date = datetime.fromtimestamp(report.time / SECOND, UTC)
     for one in report.areas:
         try:
-            area = on_plane(one._replace(where="is no area"), frame, None, within)
+            area = on_plane(one._replace(where="is no area"), frame, date, within)
             if area is not None:
-                found.append(after(area, later))
+                found.append(area)
         except AreaError as problem:
             raise FieldError(one.where, str(problem)) from None
+    return Placed(report.time, tuple(found))
+
+
+def areas_of_file(path: str) -> tuple[GeodeticArea, ...]:
+    """Return the areas of a file, which stand; of "" none. Their dates count by the clock.
+
+    Raises:
+        AreaError: the file cannot be read, or an area in it moves or cannot be used.
+    """
+    if not path:
+        return ()
+    found = geodetic_areas(path)
+    for one in found:
+        for name in ("velocity", "growth", "valid_from", "valid_until"):
+            if name in one.more and one.more[name] not in (0.0, (0.0, 0.0)):
+                raise AreaError(
+                    f"{one.where}: has {name}, expected an area that stands, valid between dates: "
+                    "of what moves, or counts from a request on, messages tell"
+                )
+        # What cannot be used is refused now, in a frame about it.
+        latitude, longitude = one.centre or one.rings[0][0]
+        on_plane(one, LocalFrame(latitude, longitude), None, math.inf)
     return tuple(found)
 
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,16 +20,18 @@ from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Thresholds
 from agents.planner.publish import reconstruct
 from agents.planner.request import Altitude, Intruder
+from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
+from ros_bridge.core.areas import AreaReport, Placed
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reach import Reach, level, out_of_reach, vertically_apart
 from ros_bridge.core.replies import geodetic_points, to_frame, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
-from ros_bridge.core.situation import ACCURATE, Situation, to_local
+from ros_bridge.core.situation import ACCURATE, Held, Situation, to_local
 from ros_bridge.core.tracks import Track
 
 # time steps at least between two reports that the monitor gets: it reads turns from 0.2 on
@@ -60,6 +62,16 @@ class Supervision:
     reported: Mapping[str, Report] = field(
         default_factory=lambda: MappingProxyType({})
     )  # that the monitor got last
+    amid: "Amid | None" = None
+
+
+class Amid(NamedTuple):
+    """The areas of a situation in the monitor's frame, and from what they were placed."""
+
+    areas: Held[AreaReport]
+    fixed: tuple[GeodeticArea, ...]
+    frame: LocalFrame
+    placed: tuple[Placed, ...]
 
 
 def read_plan(message: Any, count: int, name: str = "trajectory") -> Published:
@@ -164,6 +176,7 @@ def step_monitor(
         if other.fault is not None and name not in left_out
     }
     gone = [name for name in known if name not in intruders and name not in silent]
+    amid = _amid(supervision.amid, situation, frame, now)
     after, verdict = watch.step(
         supervision.watch,
         _clock(supervision.zero, now),
@@ -172,11 +185,26 @@ def step_monitor(
         own_age=own_age,
         own_altitude=_own_altitude(supervision, situation, now),
         gone=gone,
+        areas=[area for some in amid.placed for area in some.at(now)],
     )
     asked = now if verdict.ask is not None else supervision.asked
-    return replace(
-        supervision, watch=after, reported=MappingProxyType(reported), asked=asked
-    ), verdict
+    reports = MappingProxyType(reported)
+    return replace(supervision, watch=after, reported=reports, asked=asked, amid=amid), verdict
+
+
+def _amid(before: Amid | None, situation: Situation, frame: LocalFrame, now: int) -> Amid:
+    """Return the areas in the monitor's frame, placed anew only where they are others: that takes
+    longer than a step. Where one cannot be placed, for which the runner refuses to plan, those
+    before stay.
+    """
+    areas, fixed = situation.areas, situation.fixed_areas
+    if before is not None and (areas, fixed, frame) == before[:3]:
+        return before
+    try:
+        placed = situation.placed_areas(frame, now)
+    except FieldError:
+        placed = () if before is None or before.frame != frame else before.placed
+    return Amid(areas, fixed, frame, placed)
 
 
 def accept_answer(

@@ -18,12 +18,12 @@ from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, S
 from agents.planner.request import Altitude, Intruder, Options
 from envs.angles import wrap
 from envs.areas import Area
+from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
-from ros_bridge.core.areas import AreaReport
-from ros_bridge.core.areas import to_local as placed_areas
+from ros_bridge.core.areas import AreaReport, Placed, place_areas
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
@@ -106,6 +106,14 @@ class Situation:
     alert: Held[Alert] = NOTHING
     route: Held[Route] = NOTHING
     areas: Held[AreaReport] = NOTHING
+    fixed_areas: tuple[GeodeticArea, ...] = ()  # of a file
+
+    def placed_areas(self, frame: LocalFrame, now: int) -> tuple[Placed, ...]:
+        """Return all areas that there are in a local frame, or raise :class:`FieldError`."""
+        reports = [AreaReport(now, self.fixed_areas)] if self.fixed_areas else []
+        if self.areas.value is not None:
+            reports.append(self.areas.value)
+        return tuple(place_areas(report, frame, ACCURATE) for report in reports)
 
 
 @dataclass(frozen=True)
@@ -189,18 +197,19 @@ def task(
             what = "is at the ownship's place and velocity; a copy of it (TIS-B) is not recognised"
             copy = Field(Subject.INTRUDERS, number=number)
             notes += (Advisory(AdvisoryCode.POSSIBLE_COPY, copy, what),)
-    areas = _areas(situation.areas, frame, now)
+    areas = _areas(situation, frame, now)
     height = level(report.altitude, now - report.time, undulation, climb)
     traffic = identifiers, intruders, excluded
     return PlanTask(frame, now, own, height, *traffic, route, points, options, notes, wind, areas)
 
 
-def _areas(held: Held[AreaReport], frame: LocalFrame, now: int) -> tuple[Area, ...]:
-    """Return the areas that were received, as of a moment, ns; none where none were."""
+def _areas(situation: Situation, frame: LocalFrame, now: int) -> tuple[Area, ...]:
+    """Return the areas that there are, as of a moment, ns."""
+    fault = situation.areas.fault
+    if fault is not None:
+        raise Refusal(Code.INVALID_TASK, fault.field, fault.problem)
     try:
-        if held.fault is not None:
-            raise Refusal(Code.INVALID_TASK, held.fault.field, held.fault.problem)
-        return () if held.value is None else placed_areas(held.value, frame, now, ACCURATE)
+        return tuple(area for some in situation.placed_areas(frame, now) for area in some.at(now))
     except FieldError as error:
         raise Refusal(Code.INVALID_TASK, error.field, error.problem) from error
 

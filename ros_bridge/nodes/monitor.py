@@ -11,6 +11,7 @@ namespace:
 
     in    rlcas_runner/input/ownship, rlcas_runner/input/traffic   rlcas_msgs/AircraftState   best
           effort rlcas_runner/input/geo_reference                         rlcas_msgs/GeoReference
+          latched rlcas_runner/input/areas                                 rlcas_msgs/Areas
           latched rlcas_runner/output/trajectory                           rlcas_msgs/Trajectory
           latched /diagnostics                                             of the runner: its sign
           of life

@@ -10,7 +10,8 @@ subscribes from the configuration on, and answers and publishes while it is acti
     in    ~/input/ownship, ~/input/traffic    rlcas_msgs/AircraftState   best effort ~/input/alerts
           rlcas_msgs/TrafficAlert    reliable ~/input/route
           rlcas_msgs/Trajectory      latched (parameter route_durability) ~/input/geo_reference
-          rlcas_msgs/GeoReference    latched
+          rlcas_msgs/GeoReference    latched ~/input/areas
+          rlcas_msgs/Areas           latched
     out   ~/output/trajectory                 rlcas_msgs/Trajectory      latched; SAFE plans and
           withdrawals only ~/output/advisory                   rlcas_msgs/Trajectory      reliable;
           plans that are not safe ~/output/path, ~/output/markers     nav_msgs/Path,
@@ -24,6 +25,7 @@ Parameters:
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -45,15 +47,15 @@ from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.planning import plan_task, rehearse
 from ros_bridge.core.situation import (
+    NOTHING,
     Code,
     PlanTask,
     Refusal,
-    Situation,
     in_terms_of_messages,
     refusal_of,
     task,
 )
-from ros_bridge.core.tracks import Verdict
+from ros_bridge.core.tracks import UNKNOWN, Verdict
 from ros_bridge.nodes.requests import NO_PLAN, check
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.messages import advisory_message, plan_message, trajectory_message
@@ -113,7 +115,6 @@ class Runner(ListeningNode):
         self.get_logger().info(f"policy {policy.sha256}; aircraft {aircraft_text(options)}")
         self._listen(self._on_health, private=True)
         self._subscribe(topics.ALERTS.private, self._into(updates.alert))
-        self._subscribe(topics.AREAS.private, self._into(updates.areas))
         self._subscribe(
             topics.ROUTE.private._replace(quality=qos.ROUTE[durability]), self._into(updates.route)
         )
@@ -163,8 +164,8 @@ class Runner(ListeningNode):
         return super().on_shutdown(state)
 
     def _forget_time(self) -> None:
-        before = self._situation  # route and geo-reference have no age
-        self._situation = Situation(origin=before.origin, route=before.route, areas=before.areas)
+        # What has no age stays.
+        self._situation = replace(self._situation, own=UNKNOWN, traffic={}, alert=NOTHING)
         self._era += 1
         self._withdraw()
 

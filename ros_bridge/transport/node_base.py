@@ -15,6 +15,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import QoSPolicyKind
 
 from ros_bridge.core import updates
+from ros_bridge.core.areas import areas_of_file
 from ros_bridge.core.fields import SECOND, nanoseconds
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forgotten
@@ -47,12 +48,13 @@ class ListeningNode(LifecycleNode):
         assert aircraft is not None, "runner and monitor have an aircraft"
         self._aircraft = aircraft
         planning_options(self._value, aircraft)
+        self._fixed_areas = areas_of_file(self._value("areas_file"))
         self.add_on_set_parameters_callback(self._fitting)
         self._start()
 
     def _start(self) -> None:
         """Forget everything that was received."""
-        self._situation = Situation()
+        self._situation = Situation(fixed_areas=self._fixed_areas)
         self._latest = self._settled = 0
 
     def _value(self, name: str) -> Any:
@@ -124,18 +126,22 @@ class ListeningNode(LifecycleNode):
         self._entities.append(lambda: self.destroy_timer(timer))
 
     def _listen(self, health: Callable[[], None], *, private: bool) -> None:
-        """Subscribe to ownship, traffic and geo-reference, and publish the state of health; the
-        runner privately.
+        """Subscribe to ownship, traffic, geo-reference and areas, and publish the state of health;
+        the runner privately.
         """
         inputs = (topics.OWNSHIP, updates.ownship), (topics.TRAFFIC, updates.traffic)
-        for topic, update in (*inputs, (topics.GEO_REFERENCE, updates.geo_reference)):
+        latched = (
+            (topics.GEO_REFERENCE, updates.geo_reference),
+            (topics.AREAS, updates.areas),
+        )
+        for topic, update in (*inputs, *latched):
             self._subscribe(topic.private if private else topic, self._into(update))
         self._health = self._advertise(topics.DIAGNOSTICS)
         self._call_every(self._value("diagnostics_period"), health)
 
     def _into(self, update: Callable[..., Situation]) -> Callable[[Any], None]:
-        """Return what takes a message into the situation, and logs an origin or a route that cannot
-        be used.
+        """Return what takes a message into the situation, and logs an origin, a route or areas that
+        cannot be used.
         """
 
         def take(message: Any) -> None:
@@ -146,7 +152,8 @@ class ListeningNode(LifecycleNode):
                 return
             before = self._situation
             self._situation = after = update(before, message, now, rules)
-            for held, new in ((before.origin, after.origin), (before.route, after.route)):
+            latched = "origin", "route", "areas"
+            for held, new in ((getattr(before, name), getattr(after, name)) for name in latched):
                 if new is not held and new.fault is not None:
                     self.get_logger().error(new.fault.message)
 
@@ -198,4 +205,6 @@ class ListeningNode(LifecycleNode):
 
     def _forget_time(self) -> None:
         """Forget what belongs to another time."""
+        before = self._situation
         self._start()
+        self._situation = replace(self._situation, origin=before.origin, areas=before.areas)

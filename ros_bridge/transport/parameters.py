@@ -205,6 +205,14 @@ PARAMETERS = (
     ),
     Parameter(
         _BOTH,
+        "areas_file",
+        "",
+        "areas that stand, beside those of the input: GeoJSON, ED-269, ED-318, .plan or ICAROUS "
+        "YAML; empty: none",
+        fixed=True,
+    ),
+    Parameter(
+        _BOTH,
         "unknown_climb",
         10.0,
         "climb or descent at most that is taken for an aircraft that reports none",

@@ -3,7 +3,11 @@ is named.
 """
 
 import copy
+import json
 import math
+import time
+from datetime import UTC, datetime
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,9 +17,11 @@ import pytest
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from envs.area_geometry import signed_distance
-from envs.areas import Area, Circle, Keep, Level, Polygon
-from ros_bridge.core.areas import areas, to_local
+from envs.areas import Area, AreaError, Circle, Keep, Level, Polygon
+from ros_bridge.core.areas import areas, areas_of_file, to_local
 from ros_bridge.core.fields import FieldError
+from ros_bridge.core.situation import Situation
+from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, stamp
 
 WITHIN = 1e5
@@ -145,3 +151,95 @@ def test_messages_hold_what_an_area_is() -> None:
                 assert getattr(one, name) == getattr(other, name), name
     assert np.array(found[0].shape.outer) == pytest.approx(np.array(TRIANGLE), abs=1e-6)
     assert found[1].shape.radius == 4e2
+
+
+SQUARE = [[8.1, 47.0], [8.2, 47.0], [8.2, 47.1], [8.1, 47.1], [8.1, 47.0]]
+
+
+def written(folder: Path, ring: list[list[float]] = SQUARE, **properties: object) -> str:
+    """Return the name of a file with one area."""
+    shape = {"type": "Polygon", "coordinates": [ring]}
+    feature = {"type": "Feature", "geometry": shape, "properties": properties}
+    path = folder / "areas.geojson"
+    path.write_text(json.dumps(feature))
+    return str(path)
+
+
+def test_areas_of_a_file_count_between_their_dates(tmp_path: Path) -> None:
+    assert areas_of_file("") == ()
+    held = areas_of_file(written(tmp_path, valid_until="2023-11-14T22:14:00Z", name="field"))
+    begun = datetime(2023, 11, 14, 22, 13, tzinfo=UTC)
+    for seconds in (0.0, 90.0):
+        now = round((begun.timestamp() + seconds) * SECOND)
+        (placed,) = Situation(fixed_areas=held).placed_areas(FRAME, now)
+        (one,) = placed.at(now + 10 * SECOND)
+        assert one.name == "field"
+        assert one.valid_until == pytest.approx(50.0 - seconds)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"velocity_east_m_s": 3.0}, "has velocity, expected an area that stands"),
+        ({"valid_until_s": 60.0}, "has valid_until, expected an area that stands"),
+        ({"ring": [[8.1, 47.0], [8.2, 47.1], [8.2, 47.0], [8.1, 47.1]]}, "crosses"),
+        ({"ring": [[8.1, 47.0], [9.2, 47.0], [9.2, 47.1], [8.1, 47.1]]}, "km wide"),
+        ({"clearance_m": -1.0}, "expected 0 to"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, changes: dict, says: str) -> None:
+    with pytest.raises(AreaError, match=says) as refused:
+        areas_of_file(written(tmp_path, **changes))
+    assert "areas.geojson" in str(refused.value)
+    with pytest.raises(AreaError, match="missing"):
+        areas_of_file(str(tmp_path / "missing"))
+
+
+def test_the_monitor_hears_of_areas_on_a_real_graph(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason=MISSING)
+    from rlcas_msgs.msg import AssuranceStatus, Trajectory
+    from rlcas_msgs.srv import GenerateTrajectory
+
+    from ros_bridge.transport import qos
+    from ros_bridge.transport.area_messages import areas_message
+    from ros_bridge.transport.topics import AREAS
+
+    file = written(tmp_path, [[8.1, 47.2], [8.2, 47.2], [8.2, 47.3], [8.1, 47.2]])
+    given = "--ros-args", "-p", f"areas_file:={file}"
+    with domain() as number:
+        # A busy machine takes longer than usual.
+        runner = Process("ros_bridge.runner", number, *given, "-p", "deadline:=5.0")
+        monitor = Process("ros_bridge.monitor", number, *given)
+        refused = Process("ros_bridge.monitor", number, "--ros-args", "-p", "areas_file:=/nowhere")
+        client = Client(number)
+        world = World(client)
+        says = client.hear(AssuranceStatus, "/rlcas_monitor/output/status", qos.LATCHED)
+        plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
+        publisher = client.node.create_publisher(*AREAS)
+        ahead = Area(Circle(12_000.0, 100.0, 1_500.0), clearance=100.0, name="cell")
+        world.reference()
+        world.route()
+        end = time.monotonic() + PATIENCE
+        told = 0
+        while not told or len(plans) == told:
+            assert time.monotonic() < end, [one.reasons for one in says[-3:]]
+            world.ownship()
+            client.idle(0.1)
+            if not plans:
+                request = GenerateTrajectory.Request(
+                    reason=GenerateTrajectory.Request.REASON_MANUAL
+                )
+                client.call(GenerateTrajectory, f"{NODE}/generate_trajectory", request)
+            elif says and says[-1].state == AssuranceStatus.STATE_MONITORING and not told:
+                told = len(plans)
+                publisher.publish(areas_message([ahead], time.time_ns(), FRAME, "map"))
+        assert any("kept clear" in why for one in says for why in one.reasons)
+        places = [FRAME.place(one.latitude, one.longitude) for one in plans[-1].waypoints]
+        away = [float(signed_distance(ahead, at.x, at.y)) for at in places]
+        assert min(away) >= 99.0
+        output, _ = refused.popen.communicate(timeout=PATIENCE)
+        assert refused.popen.returncode == 2 and "/nowhere" in output
+        assert "Traceback" not in output
+        client.close()
+        for process in (monitor, runner):
+            process.stop()

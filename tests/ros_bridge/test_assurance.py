@@ -20,10 +20,12 @@ from agents.assurance.state import FlyMode, State
 from agents.planner.planner import plan
 from agents.planner.request import Altitude
 from agents.policy.inference import Policy
+from envs.formats.areas.geodetic import GeodeticArea
 from envs.kinematics import VehicleState
 from envs.waypoints import at, legs, plan_states
 from envs.wind import Wind
 from ros_bridge.core import updates
+from ros_bridge.core.areas import AreaReport
 from ros_bridge.core.assurance import (
     Supervision,
     accept_answer,
@@ -37,7 +39,7 @@ from ros_bridge.core.conversions import Published
 from ros_bridge.core.reach import Reach, vertically_apart
 from ros_bridge.core.replies import plan_points, start_point, to_frame, wind_of
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import Situation, task
+from ros_bridge.core.situation import Held, Situation, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
 
@@ -310,3 +312,38 @@ def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
             left, verdict = step_monitor(left, known, now)
         assert verdict is not None
         assert (verdict.state is State.MONITORING) == reached
+
+
+def test_areas_of_the_topic_and_of_a_file_are_monitored_and_stay_with_the_frame():
+    supervision, situation = begin_watch()
+    now = NOW + SECOND
+    situation = own(situation, 1.0)
+    _, verdict = step_monitor(supervision, situation, now)
+    assert verdict is not None and verdict.state is State.MONITORING
+    latitude, longitude = geodetic_place(6_000.0, 0.0)
+    disc = GeodeticArea("disc", centre=(latitude, longitude), radius=500.0)
+    # An area that came towards the plan, as of a message of 20 s ago; it is there now.
+    coming = disc._replace(centre=geodetic_place(6_000.0, -3_000.0), more={"velocity": (0.0, 30.0)})
+    for amid in (
+        replace(situation, fixed_areas=(disc,)),
+        replace(situation, areas=Held(AreaReport(now, (disc,)))),
+        replace(situation, areas=Held(AreaReport(now - 20 * SECOND, (coming,)))),
+    ):
+        after, verdict = step_monitor(supervision, amid, now)
+        assert verdict is not None and verdict.state is State.REPLAN_REQUESTED
+        assert [why.field for why in verdict.reasons] == ["areas"]
+        again, _ = step_monitor(after, amid, now + SECOND // 2)
+        assert again.amid is after.amid
+        # Where the newest cannot be used, those before count on.
+        crossed = disc._replace(centre=None, rings=(((47.0, 8.0), (47.1, 8.0), (47.2, 8.0)),))
+        spoilt = replace(amid, areas=Held(AreaReport(now, (crossed,))))
+        _, verdict = step_monitor(after, spoilt, now + SECOND // 2)
+        assert verdict is not None and verdict.state is State.REPLAN_REQUESTED
+    beside = disc._replace(centre=geodetic_place(6_000.0, 20_000.0))
+    _, verdict = step_monitor(supervision, replace(situation, fixed_areas=(beside,)), now)
+    assert verdict is not None and verdict.state is State.MONITORING
+
+
+def geodetic_place(x: float, y: float) -> tuple[float, float]:
+    there = FRAME.geodetic(x, y)
+    return float(there.latitude), float(there.longitude)

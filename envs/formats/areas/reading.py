@@ -46,11 +46,16 @@ def read_areas(
     if time is not None and time.tzinfo is None:
         time = time.replace(tzinfo=UTC)
     source = os.fspath(path)
-    found = (on_plane(one, frame, time, within) for one in _areas(source, permitted, reference))
+    found = (
+        on_plane(one, frame, time, within) for one in geodetic_areas(source, permitted, reference)
+    )
     return [area for area in found if area is not None]
 
 
-def _areas(source: str, permitted: Collection[str], reference: str | None) -> list[GeodeticArea]:
+def geodetic_areas(
+    source: str, permitted: Collection[str] = (), reference: str | None = None
+) -> list[GeodeticArea]:
+    """Return the areas of a file on the ellipsoid; arguments as :func:`read_areas` has them."""
     text = text_of(source, AreaError)
     if text.lstrip()[:1] not in ("{", "["):
         return areas_of_icarous(yaml_of(text, source), source, reference)
