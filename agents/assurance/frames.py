@@ -5,6 +5,7 @@ does, so that limits are those in the air and a turn is one through it. A plan b
 its legs are flown in, and with that the air mass.
 """
 
+import math
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -32,8 +33,15 @@ class Frame(NamedTuple):
         return bool(self.wind.speed > 0.0)
 
     def to_air(self, state: VehicleState, time: Any) -> VehicleState:
-        """Return a state over the ground at a time, s, as the air mass sees it."""
-        return through_air(state, self.wind, time - self.since) if self.moves else state
+        """Return a state over the ground at a time, s, as the air mass sees it; NaN, one that is
+        missing, stays so.
+        """
+        missing = isinstance(state.x, float) and math.isnan(state.x)
+        return (
+            through_air(state, self.wind, time - self.since)
+            if self.moves and not missing
+            else state
+        )
 
     def to_ground(self, state: VehicleState, time: Any) -> VehicleState:
         """Return a state in the air mass at a time, s, as the ground sees it."""

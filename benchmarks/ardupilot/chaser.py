@@ -1,6 +1,7 @@
-"""An aircraft that is sent towards ours, and away again."""
+"""Aircraft that are sent towards ours, one after another, and away again."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,51 +11,65 @@ from ros_bridge.mavlink.sitl import Sitl
 _SPEED = 25.0  # m/s
 _TURN = math.radians(10.0)  # a second
 _ABOVE = 620.0  # m above mean sea level
-_FIRST = 0xB00000
+_FIRST = 0xB00001
+_FAR = 6_000.0  # m, from where an aircraft is reported no more
+_PERIOD = 1.0  # s between two reports
+
+
+@dataclass
+class _Other:
+    number: int
+    x: float
+    y: float
+    course: float  # rad
+    leaves: bool = False
+
+    def fly(self, seconds: float, own: Row) -> None:
+        if self.leaves:
+            away = math.atan2(self.y - own.y, self.x - own.x)
+            turn = math.remainder(away - self.course, 2.0 * math.pi)
+            self.course += max(-_TURN * seconds, min(turn, _TURN * seconds))
+        self.x += _SPEED * seconds * math.cos(self.course)
+        self.y += _SPEED * seconds * math.sin(self.course)
 
 
 class Chaser:
-    """One aircraft after another, each with an address of its own, reported once a second."""
+    """Sends them, each with an address of its own, and reports them once a second: one that falls
+    silent nearby would stop all planning.
+    """
 
     def __init__(self, seed: int) -> None:
         self._draw = np.random.default_rng(seed)
-        self._number = _FIRST
-        self._x = self._y = self._course = 0.0
-        self._leaves = True
-        self._time: float | None = None
+        self._next = _FIRST
+        self._others: list[_Other] = []
+        self._time = -math.inf
 
     def come(self, own: Row, course: float, seconds: float) -> None:
-        """Let another one cross our way in so many seconds; our course in rad."""
-        self._number += 1
-        side = float(self._draw.choice((-1.0, 1.0)))
-        self._course = course + side * 0.5 * math.pi
-        way = own.speed * seconds
-        back = _SPEED * seconds
-        self._x = own.x + way * math.cos(course) - back * math.cos(self._course)
-        self._y = own.y + way * math.sin(course) - back * math.sin(self._course)
-        self._time, self._leaves = None, False
+        """Let one more cross our way in so many seconds; our course in rad."""
+        across = course + float(self._draw.choice((-1.0, 1.0))) * 0.5 * math.pi
+        way, back = own.speed * seconds, _SPEED * seconds
+        x = own.x + way * math.cos(course) - back * math.cos(across)
+        y = own.y + way * math.sin(course) - back * math.sin(across)
+        self._others.append(_Other(self._next, x, y, across))
+        self._next += 1
 
     def leave(self) -> None:
-        """Let it turn away from us from now on."""
-        self._leaves = True
+        """Let all turn away from us from now on."""
+        for one in self._others:
+            one.leaves = True
 
     def report(self, sitl: Sitl, own: Row) -> None:
-        """Fly on to a time, and send where it is, where a second has passed."""
-        if self._number == _FIRST:
+        """Let them fly to the time of our row, and send where they are, where a second has
+        passed.
+        """
+        passed = own.time - self._time
+        if 0.0 <= passed < _PERIOD:
             return
-        passed = 1.0 if self._time is None else own.time - self._time
-        if 0.0 <= passed < 1.0:
-            return
-        if self._time is not None:
-            self._fly(passed, own)
         self._time = own.time
-        track = 90.0 - math.degrees(self._course)
-        sitl.traffic(self._number, self._x, self._y, track, _SPEED, _ABOVE)
-
-    def _fly(self, seconds: float, own: Row) -> None:
-        if self._leaves:
-            away = math.atan2(self._y - own.y, self._x - own.x)
-            turn = math.remainder(away - self._course, 2.0 * math.pi)
-            self._course += max(-_TURN * seconds, min(turn, _TURN * seconds))
-        self._x += _SPEED * seconds * math.cos(self._course)
-        self._y += _SPEED * seconds * math.sin(self._course)
+        for one in self._others:
+            one.fly(passed if math.isfinite(passed) else 0.0, own)
+            track = 90.0 - math.degrees(one.course)
+            sitl.traffic(one.number, one.x, one.y, track, _SPEED, _ABOVE)
+        self._others = [
+            one for one in self._others if math.hypot(one.x - own.x, one.y - own.y) < _FAR
+        ]

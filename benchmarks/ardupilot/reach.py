@@ -15,19 +15,18 @@ one JSON object; exit status 1: a try failed.
 """
 
 import math
-import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Generator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from benchmarks.ardupilot.chaser import Chaser
+from benchmarks.ardupilot.relay import Relay
 from benchmarks.measure import report
 from envs.edge.command import Parser
 from envs.formats.local_frame import LocalFrame
@@ -41,6 +40,7 @@ FAILSAFE = {"FS_GCS_ENABL": 1, "MAV_GCS_SYSID": 245, "FS_LONG_ACTN": 4, "FS_LONG
 MODES = Mode.LOITER, Mode.RTL, 1, Mode.AUTO
 WAYS = "kill", "cut", "disk"
 _CROSSES = 36.0  # s until the other crosses our way
+_ALONG = 0.2  # rad from the mission's course, within which it is flown again
 _PATIENCE = 90.0  # s for anything, on the autopilot's clock
 _AFTER = 3.0  # s, after which a mode must still be there
 _WITHIN, _FLIES = 10.0, 5.0  # s until AUTO; for which it must fly on
@@ -98,6 +98,7 @@ def modes(count: int, *, seed: int = 0, instance: int = 8) -> list[Try]:
         program = program_beside(sitl)
         ground, chaser = Ground(sitl), Chaser(seed)
         try:
+            _pass(program, ground, chaser, 1.0)
             while len(found) < count:
                 if not _until_guided(program, ground, chaser):
                     continue
@@ -119,7 +120,8 @@ def _until_guided(program: Program, ground: Ground, chaser: Chaser) -> bool:
         _pass(program, ground, chaser, 1.0)
         if ground.row.time - began > _PATIENCE:
             raise RuntimeError(f"the program does not watch again: {ground.texts[-3:]}")
-    _pass(program, ground, chaser, 5.0)  # onto the mission again
+    while abs(ground.course) > _ALONG:
+        _pass(program, ground, chaser, 1.0)
     chaser.come(ground.row, ground.course, _CROSSES)
     began = ground.row.time
     while _phase(program) is not Phase.GUIDING:
@@ -159,38 +161,6 @@ def _pass(program: Program, ground: Ground, chaser: Chaser, seconds: float) -> N
         chaser.report(ground.sitl, ground.row)
         if ground.row.time >= until:
             return
-
-
-class Relay:
-    """A link to an autopilot that can be cut."""
-
-    def __init__(self, port: int) -> None:
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.address = f"tcp:127.0.0.1:{self._listener.getsockname()[1]}"
-        self._port, self._ends = port, []
-        threading.Thread(target=self._serve, daemon=True).start()
-
-    def _serve(self) -> None:
-        with suppress(OSError):
-            ours, _ = self._listener.accept()
-            theirs = socket.create_connection(("127.0.0.1", self._port))
-            self._ends = [ours, theirs]
-            for a, b in ((ours, theirs), (theirs, ours)):
-                threading.Thread(target=self._copy, args=(a, b), daemon=True).start()
-
-    @staticmethod
-    def _copy(a: socket.socket, b: socket.socket) -> None:
-        with suppress(OSError):
-            while data := a.recv(65_536):
-                b.sendall(data)
-
-    def cut(self) -> None:
-        """Cut it, for good."""
-        self._listener.close()
-        for end in self._ends:
-            with suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
-            end.close()
 
 
 def ends(ways: Sequence[str], *, seed: int = 0, instance: int = 9) -> list[Try]:

@@ -7,8 +7,7 @@ from functools import partial
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
-from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -82,8 +81,7 @@ class Listening:
         return heard
 
     def _spin(self) -> None:
-        # It waits for events instead of building a set of what to wait for at every message.
-        executor = EventsExecutor()
+        executor = SingleThreadedExecutor()
         executor.add_node(self._node)
         try:
             while not self._stopped.is_set():

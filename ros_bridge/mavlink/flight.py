@@ -8,7 +8,8 @@ import itertools
 import math
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
@@ -125,6 +126,7 @@ def fly(
     until: float = _LONGEST,
     more: Sequence[str] = (),
     watch: Callable[[Sitl, float, Row], None] | None = None,
+    parameters: Mapping[str, float] = MappingProxyType({}),
 ) -> Result:
     """Fly an encounter.
 
@@ -136,15 +138,17 @@ def fly(
         until: s, after which the flight ends.
         more: options of the program.
         watch: called with each row.
+        parameters: of the autopilot, set before its start.
     """
-    parameters = {
+    given = {
+        **parameters,
         "SIM_WIND_SPD": encounter.wind,
         "SIM_WIND_DIR": encounter.wind_from,
         "SIM_WIND_TURB": encounter.turbulence,
         **AVOIDANCES.get(method, {}),
     }
     frame = LocalFrame(HOME[0], HOME[1])
-    with Sitl(instance, speedup, parameters) as sitl:
+    with Sitl(instance, speedup, given) as sitl:
         last = Leg(encounter.goal + _BEYOND, 0.0)
         sitl.upload(
             [Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(encounter.goal, 0.0), last]
@@ -164,17 +168,18 @@ def fly(
 
 
 def program_beside(sitl: Sitl, more: Sequence[str] = ()) -> Program:
-    """Return the program with --fly beside a simulation, with more options."""
+    """Return the program with --fly beside a simulation, with more options; --connect may be one
+    of them.
+    """
     given = [
-        *("--connect", sitl.address, "--simulated", "--fly", "--separation", f"{SEPARATION:g}"),
+        *(() if "--connect" in more else ("--connect", sitl.address)),
+        *("--simulated", "--fly", "--separation", f"{SEPARATION:g}"),
         *("--unknown-position-std", "5", "--unknown-velocity-std", "0.2"),
         *("--traffic-altitude", "msl", "--deadline", "0.5", "--quiet", *more),
     ]
     options: argparse.Namespace = options_of(given)
     link = Link(options.connect, system=options.system, simulated=True)
-    program = Program(link, options)
-    program.show()
-    return program
+    return Program(link, options)
 
 
 def _positions(program: Program | None) -> int:

@@ -19,8 +19,6 @@ from agents.planner.request import check_request, in_wind
 from agents.planner.traffic import Requirement, predict, uncertainty
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
-from envs.areas import Area, AreaError
-from envs.formats.areas.geodetic import GeodeticArea, on_plane
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
@@ -39,8 +37,6 @@ from ros_bridge.core.planning import plan_task
 from ros_bridge.core.replies import plan_points, start_point, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import Unknown
 from ros_bridge.core.situation import (
-    ACCURATE,
-    Code,
     PlanTask,
     Refusal,
     Settings,
@@ -73,7 +69,6 @@ class Rules(NamedTuple):
     thresholds: Thresholds
     engage: float  # a loss that is nearer than this, s, is planned round
     look_ahead: float  # s
-    fence: tuple[GeodeticArea, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -103,7 +98,6 @@ def rules(
     vertical: float,
     unknown: Unknown,
     deadline: float,
-    fence: tuple[GeodeticArea, ...] = (),
     sigmas: float = 2.0,
 ) -> Rules:
     """Return the rules of an aircraft; lengths in m, the margin for what the follower leaves of a
@@ -134,7 +128,7 @@ def rules(
         unknown=unknown,
     )
     times = Alerting.for_aircraft(aircraft)
-    return Rules(policy, settings, limits, times.reached.corrective, times.look_ahead, fence)
+    return Rules(policy, settings, limits, times.reached.corrective, times.look_ahead)
 
 
 def watch(
@@ -269,17 +263,7 @@ def to_follow(judgement: Judgement) -> ToFly | None:
     return None
 
 
-def _areas(wanted: PlanTask, rules: Rules) -> tuple[Area, ...]:
-    """Return the fence in the frame of a task."""
-    try:
-        found = (on_plane(one, wanted.frame, None, ACCURATE) for one in rules.fence)
-        return tuple(area for area in found if area is not None)
-    except AreaError as error:
-        raise Refusal(Code.INVALID_TASK, "fence", str(error)) from error
-
-
 def _answer(wanted: PlanTask, rules: Rules) -> Plan:
-    wanted = replace(wanted, areas=_areas(wanted, rules))
     try:
         return plan_task(wanted, rules.policy, exhaustive=False)
     except RequestError as error:

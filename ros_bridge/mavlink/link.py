@@ -25,7 +25,10 @@ _DRIFT = 1e-4  # of two clocks, s per s: a message so much later is no later
 _PATIENCE = 5.0  # s for an answer
 _TRIES = 5
 _RECONNECT = 0.2  # s between two attempts
-_MISSION, _FENCE = 0, 1
+MISSION, FENCE = 0, 1
+"""MAV_MISSION_TYPE."""
+
+_MAGIC_1 = 0xFE  # which messages of MAVLink 1 begin with
 _NO_VALUE = float("nan")
 RATES = {
     "HEARTBEAT": 5.0,
@@ -113,6 +116,7 @@ class Link:
             reason = str(error) or type(error).__name__
             raise LinkError(f"--connect {address}: cannot be opened: {reason}") from None
         self.system = self.component = 0
+        self._first_version = False  # whether the autopilot speaks MAVLink 1
 
     def find(self, patience: float) -> None:
         """Wait for the heartbeat of an autopilot of ArduPilot, and learn its numbers, or raise
@@ -183,7 +187,9 @@ class Link:
         found: dict[str, float] = {}
         missing: Any = None
         mav = self._connection.mav
-        for _ in range(_TRIES):
+        fruitless = 0  # tries in a row, of a link that loses some
+        while fruitless < _TRIES:
+            before = len(found)
             if missing is None:
                 self._send(mav.param_request_list_send, self.system, self.component)
             else:
@@ -198,16 +204,34 @@ class Link:
                 missing.discard(message.param_index)
                 if not missing:
                     return found
+            fruitless = fruitless + 1 if len(found) == before else 0
         count = "any" if missing is None else f"{len(missing)}"
         raise LinkError(f"parameters: the autopilot has not sent {count} of them; expected all")
 
     def mission(self) -> tuple[Item, ...]:
         """Return the items of the mission, or raise :class:`LinkError`."""
-        return self._download(_MISSION)
+        return self._download(MISSION)
 
     def fence(self) -> tuple[Item, ...]:
         """Return the items of the fence, or raise :class:`LinkError`."""
-        return self._download(_FENCE)
+        if self._first_version:
+            raise LinkError(
+                "the fence: the autopilot's port speaks MAVLink 1, which has none; expected "
+                "MAVLink 2 (SERIALn_PROTOCOL 2)"
+            )
+        return self._download(FENCE)
+
+    def ask_item(self, kind: int, number: int | None) -> None:
+        """Ask for an item of a mission or fence, or for their count, without waiting for it."""
+        mav, to = self._connection.mav, (self.system, self.component)
+        if number is None:
+            self._send(mav.mission_request_list_send, *to, kind)
+        else:
+            self._send(mav.mission_request_int_send, *to, number, kind)
+
+    def thank(self, kind: int) -> None:
+        """Acknowledge a mission or fence that has come whole."""
+        self._send(self._connection.mav.mission_ack_send, self.system, self.component, 0, kind)
 
     def _download(self, kind: int) -> tuple[Item, ...]:
         mav, to = self._connection.mav, (self.system, self.component)
@@ -228,7 +252,7 @@ class Link:
             if sent.seq != number:
                 raise LinkError(f"{name}: item {sent.seq} came, expected {number}")
             items.append(item(sent))
-        self._send(mav.mission_ack_send, *to, 0, kind)
+        self.thank(kind)
         return tuple(items)
 
     def _answers(self, kind: str) -> Iterator[Any]:
@@ -344,6 +368,8 @@ class Link:
         if message is not None and message.get_type() == "BAD_DATA":
             self.bad += 1
             return None
+        if message is not None and message.get_srcSystem() == self.system:
+            self._first_version = message.get_msgbuf()[0] == _MAGIC_1
         return message
 
     def _send(self, send: Callable[..., Any], *values: Any) -> None:

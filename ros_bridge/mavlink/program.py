@@ -20,7 +20,6 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
@@ -38,9 +37,10 @@ from ros_bridge.core.assurance import initial, to_fly
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.planning import rehearse
 from ros_bridge.core.reports import USUAL, Unknown
-from ros_bridge.core.situation import to_local
+from ros_bridge.core.situation import Situation, to_local
 from ros_bridge.mavlink import messages, mission
 from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
+from ros_bridge.mavlink.download import Download, accept, asked, due
 from ros_bridge.mavlink.intake import Reading, Received, forget, take
 from ros_bridge.mavlink.judging import (
     SPACING,
@@ -52,7 +52,7 @@ from ros_bridge.mavlink.judging import (
     to_follow,
     watch,
 )
-from ros_bridge.mavlink.link import Link
+from ros_bridge.mavlink.link import FENCE, MISSION, Link
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.steering import PERIOD, Air, Command, command, errors, guide, sense
 from ros_bridge.mavlink.vehicle import Vehicle, check_flyable, failsafe_notes, vehicle_of
@@ -71,9 +71,14 @@ means that the program does not keep up, and for :data:`RECOVERED` no plan is ca
 RECOVERED = 5.0
 """For how long it must have kept up after it has been late, s."""
 
+FENCE_AGAIN = 5.0
+"""After which the fence is downloaded again, in case that it has changed, s."""
+
+_REPORT = 60.0  # s between two lines about the processor
 _JUDGE = 0.25  # s between two judgements
 _BEAT = 0.5  # s between our heartbeats
 _SPEED = 0.5  # s between two airspeeds
+_RATES_AGAIN = 5.0  # s after which the rates are asked for again where the own state is stale
 _AGAIN = 5.0  # s between two texts of the same kind
 _BANK_MAX = math.radians(50.0)
 _RANGES = {
@@ -93,12 +98,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     link = Link(
         options.connect, baud=options.baud, system=options.system, simulated=options.simulated
     )
-    with ExitStack() as open_ones:
-        open_ones.callback(link.close)
+    try:
         program = Program(link, options)
-        open_ones.callback(program.close)
-        program.show()
         program.run()
+    finally:
+        link.close()
     return 0
 
 
@@ -151,6 +155,7 @@ class Program:
 
     Attributes:
         steered: the last periods of the follower.
+        planned: what the last plans took from their request, s.
         viewers: called after each judgement, in the program's own thread: they must not wait.
     """
 
@@ -158,20 +163,23 @@ class Program:
         self._link, self._options, self._fly = link, options, bool(options.fly)
         self._out: TextIO | None = None if options.quiet else sys.stdout
         self.steered: deque[Steered] = deque(maxlen=20_000)
+        self.planned: deque[float] = deque(maxlen=20_000)
         self.viewers: list[Callable[[View], object]] = []
         self._told: dict[str, float] = {}
-        self._open = ExitStack()
         link.find(options.wait)
         parameters = link.parameters()
         if self._fly:
             check_flyable(parameters)
         self._vehicle = vehicle_of(parameters, options.separation)
-        fence = _fence(link, options.margin)
-        self._rules = _rules(self._vehicle, options, fence)
+        self._corners = link.fence()
+        fence = _fence(self._corners, options.margin)
+        self._rules = _rules(self._vehicle, options)
+        self._downloads: dict[int, Download] = {}
+        self._fence_asked = 0.0
         references = {0: "msl", 1: "msl"} if options.traffic_altitude == "msl" else {}
         self._reading = Reading(references)
         self._items = link.mission()
-        self._received = Received(parameters=parameters)
+        self._received = Received(Situation(fixed_areas=fence), parameters=parameters)
         self._judgement = Judgement(initial(self._rules.thresholds, self._rules.settings.unknown))
         self._control = Control()
         self._guide: Any = None
@@ -192,23 +200,10 @@ class Program:
             self.log(f"warning: {note}")
         rehearse(self._rules.policy, self._rules.settings.options)
         link.ask_rates()
-
-    def show(self) -> None:
-        """Serve the display that the options ask for, until the program is closed."""
-        address = self._options.display
-        if address is None:
-            return
-        from ros_bridge.mavlink.showing import show
-
-        name = f"MAVLink {self._options.connect}"
-        showing, beside = show(address, name, self._rules, lambda: self.view.time, self.log)
-        self.viewers.append(showing)
-        self._open.enter_context(beside)
-        print(f"display: http://{address.rpartition(':')[0]}:{beside.port}/", flush=True)
+        self._rated = time.monotonic()
 
     def close(self) -> None:
-        """End the connection and the display."""
-        self._open.close()
+        """End the connection."""
         self._link.close()
 
     @property
@@ -226,9 +221,20 @@ class Program:
 
     def run(self) -> None:
         """Receive, judge and steer, until the end."""
-        began = time.monotonic()
-        while self._options.seconds is None or time.monotonic() - began < self._options.seconds:
+        began = reported = Spent(time.monotonic(), time.process_time())
+        while (
+            self._options.seconds is None or time.monotonic() - began.wall < self._options.seconds
+        ):
             self.turn()
+            spent = Spent(time.monotonic(), time.process_time())
+            if spent.wall - reported.wall > _REPORT:
+                self.log(self._load(reported, spent))
+                reported = spent
+        self.log(self._load(began, Spent(time.monotonic(), time.process_time())))
+
+    def _load(self, before: Spent, after: Spent) -> str:
+        share = (after.computed - before.computed) / max(after.wall - before.wall, 1e-9)
+        return f"{100.0 * share:.1f} % of a core, {len(self._received.situation.traffic)} aircraft"
 
     def turn(self, seconds: float = 0.02) -> None:
         """Receive for so long, and do what is due."""
@@ -239,6 +245,11 @@ class Program:
         for message, now in self._link.receive(ours + seconds):
             self._take(message, now)
         now = self._link.clock.now(time.monotonic())
+        if ours - self._rated > _RATES_AGAIN:
+            self._rated = ours
+            if self._received.situation.own.age(now) > STALE:
+                self._link.ask_rates()  # it was lost, or the autopilot has begun anew
+        self._ask(now / SECOND)
         since = now / SECOND - self._judged
         if now and not 0.0 <= since < _JUDGE:
             if self._judged:
@@ -262,6 +273,8 @@ class Program:
             self.log(f"mode {self._received.heartbeat.mode_name}", now)
             self._control_step(now)
         self._moved = self._moved or kind == "GLOBAL_POSITION_INT"
+        if kind in ("MISSION_COUNT", "MISSION_ITEM_INT"):
+            self._accept(message, now)
 
     def _refuse(self, why: str) -> None:
         if self._fly:
@@ -288,35 +301,72 @@ class Program:
         self._received = forget(self._received, now)
         phase = self._control.phase
         if self._mission != self._downloaded and not self._control.flies:
-            self._download()
+            # MISSION_CURRENT says that it is another one.
+            if self._downloaded != (0, 0):
+                self._downloads[MISSION] = Download(MISSION)
+            self._downloaded = self._mission
         try:
             route = self._route()
         except FieldError as error:
             route = None
             self._tell("mission", f"{error}", now, send=False)
-        if route is not None:
-            if phase in (Phase.TAKING, Phase.GUIDING):
-                self._judgement = supervise(
-                    self._judgement, self._received.situation, route, now, self._rules
-                )
-                self._explain(now)
-            elif phase is not Phase.RETURNING and self._mode == messages.Mode.AUTO:
-                self._judgement = watch(
-                    self._judgement, self._received.situation, route, now, self._rules
-                )
-                self._advise(now)
+        before, began = self._judgement, time.perf_counter()
+        situation = self._received.situation
+        if route is not None and phase in (Phase.TAKING, Phase.GUIDING):
+            self._judgement = supervise(before, situation, route, now, self._rules)
+            self._explain(now)
+        elif (
+            route is not None and phase is not Phase.RETURNING and self._mode == messages.Mode.AUTO
+        ):
+            self._judgement = watch(before, situation, route, now, self._rules)
+            self._advise(now)
+        if self._judgement.plan not in (None, before.plan):
+            self._tell_time(time.perf_counter() - began, now)
         done = self._link.clock.now(time.monotonic())
         self._keep_pace((done - now) / SECOND, done)
         self._control_step(done)
         for show in self.viewers:
             show(self.view)
 
-    def _download(self) -> None:
-        """Download the mission anew where MISSION_CURRENT says that it is another."""
-        if self._downloaded != (0, 0):
-            self._items, self._leg = self._link.mission(), None
-            self.log(f"the mission has changed: {len(self._items)} items")
-        self._downloaded = self._mission
+    # Missions and fences that change.
+
+    def _ask(self, now: float) -> None:
+        """Ask for what is missing of a download, and for the fence every now and then."""
+        if not 0.0 <= now - self._fence_asked < FENCE_AGAIN and now:
+            self._fence_asked = now
+            self._downloads.setdefault(FENCE, Download(FENCE))
+        for kind, download in self._downloads.items():
+            if due(download, now):
+                number = None if download.count is None else len(download.items)
+                self._link.ask_item(kind, number)
+                self._downloads[kind] = asked(download, now)
+
+    def _accept(self, message: Any, now: int) -> None:
+        """Take in an item; what cannot be read leaves what is there."""
+        kind = getattr(message, "mission_type", MISSION)
+        if kind not in self._downloads:
+            return
+        try:
+            download = self._downloads[kind] = accept(self._downloads[kind], message)
+            if not download.done:
+                return
+            if kind == FENCE:
+                self._change_fence(download.items, now)
+            elif not self._control.flies:
+                self._items, self._leg = download.items, None
+                self.log(f"the mission has changed: {len(self._items)} items", now)
+        except (FieldError, InputError) as problem:
+            self._tell(f"download {kind}", f"{problem}", now, send=True)
+        del self._downloads[kind]
+        self._link.thank(kind)
+
+    def _change_fence(self, corners: tuple[Item, ...], now: int) -> None:
+        if corners != self._corners:
+            fence = _fence(corners, self._options.margin)
+            self._corners = corners
+            situation = replace(self._received.situation, fixed_areas=fence)
+            self._received = replace(self._received, situation=situation)
+            self._tell("fence", f"fence has changed: {len(fence)} areas", now, send=True)
 
     @property
     def _mode(self) -> int:
@@ -334,6 +384,11 @@ class Program:
             self._leg = current, own.place if came_from is None else came_from.place
         spacing = SPACING * self._vehicle.aircraft.separation
         return mission.route(self._leg[1], left, spacing)
+
+    def _tell_time(self, seconds: float, now: int) -> None:
+        """Log what it took from the request to the plan."""
+        self.planned.append(seconds)
+        self._tell("time", f"planned within {1e3 * seconds:.0f} ms", now, send=False)
 
     def _explain(self, now: int) -> None:
         """Log why the monitor is not content, where that changes."""
@@ -413,6 +468,8 @@ class Program:
                 self._judgement = Judgement(supervision, revision=revision)
         for order in done.orders:
             self._obey(order, now, before)
+        if self._control.phase is Phase.GUIDING and not seen.fresh:
+            self._tell("stale", "own state cannot be used, nothing commanded", now, send=True)
 
     def _make_seen(self, now: int) -> Seen:
         judged, received = self._judgement, self._received
@@ -508,14 +565,14 @@ class Program:
             self._out = None
 
 
-def _fence(link: Link, clearance: float) -> tuple[GeodeticArea, ...]:
+def _fence(corners: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...]:
     try:
-        return mission.fence(link.fence(), clearance)
+        return mission.fence(corners, clearance)
     except FieldError as error:
         raise InputError(f"the autopilot's fence: {error}") from None
 
 
-def _rules(vehicle: Vehicle, options: argparse.Namespace, fence: tuple[GeodeticArea, ...]) -> Rules:
+def _rules(vehicle: Vehicle, options: argparse.Namespace) -> Rules:
     try:
         policy = load_policy(options.policy).for_aircraft(vehicle.aircraft)
     except OutsideDomainError as problem:
@@ -531,7 +588,6 @@ def _rules(vehicle: Vehicle, options: argparse.Namespace, fence: tuple[GeodeticA
         vertical=options.vertical_filter,
         unknown=Unknown(options.unknown_position_std, options.unknown_velocity_std),
         deadline=options.deadline,
-        fence=fence,
     )
 
 
@@ -566,13 +622,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
     add("--plan-file", type=Path, metavar="FILE", help="write every plan there as GeoJSON")
-    add(
-        "--display",
-        nargs="?",
-        const="127.0.0.1:8642",
-        metavar="HOST:PORT",
-        help="serve a traffic display for the browser (default address 127.0.0.1:8642)",
-    )
     add("--seconds", type=float, help="end after so many s (default: never)")
     add("--quiet", action="store_true", help="print nothing")
     simulated = "the autopilot is a simulation, whose time may run faster than real time"

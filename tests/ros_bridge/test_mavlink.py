@@ -21,6 +21,7 @@ from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import Report
 from ros_bridge.mavlink import messages, mission, vehicle
 from ros_bridge.mavlink.control import CLEAR, Control, Order, Phase, Seen, Step, step
+from ros_bridge.mavlink.download import AGAIN, Download, accept, asked, due
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.link import Clock, Link, checked_address
 from ros_bridge.mavlink.messages import Mode
@@ -412,3 +413,28 @@ def test_a_closed_port_and_a_silent_one_are_said_so() -> None:
         with pytest.raises(InputError, match=r"no autopilot was found within 0.5 s: no heartbeat"):
             link.find(0.5)
         link.close()
+
+
+@given(st.lists(st.integers(0, 5), max_size=60), st.integers(1, 5))
+def test_a_download_is_whole_whatever_is_lost_doubled_or_out_of_order(
+    arrivals: list[int], count: int
+) -> None:
+    dialect = importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
+
+    def answer(number: int | None) -> Any:
+        if number is None:
+            return dialect.MAVLink_mission_count_message(245, 191, count, 1)
+        values = (float(number), 0.0, 0.0, 0.0, 10 * number, 20, 0.0)
+        given = (245, 191, number, 0, 5003, 0, 1, *values, 1)
+        return dialect.MAVLink_mission_item_int_message(*given)
+
+    download, now = Download(1), 0.0
+    for number in arrivals:
+        download = accept(download, answer(number if number < count else None))
+    while not download.done:
+        now += 2.0 * AGAIN
+        assert due(download, now)
+        wanted = None if download.count is None else len(download.items)
+        download = accept(asked(download, now), answer(wanted))
+    assert [one.number for one in download.items] == list(range(count))
+    assert not due(download, now + 100.0)

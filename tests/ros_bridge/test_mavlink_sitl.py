@@ -110,17 +110,28 @@ def encounter(*options: str, **parameters: float) -> Generator[tuple[Sky, Any]]:
             process.communicate()
 
 
-def test_an_encounter_is_resolved_beside_a_fence_and_the_mission_flown_on() -> None:
+@pytest.mark.parametrize("in_flight", [False, True])
+def test_an_encounter_is_resolved_beside_a_fence_and_the_mission_flown_on(in_flight: bool) -> None:
     crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
-    # The simulation stands still while the program computes: a loaded machine changes nothing.
-    fence = ((1_300.0, 150.0), (2_600.0, 150.0), (2_600.0, 700.0), (1_300.0, 700.0))
-    flight = fly(Encounter(0, (crossing,), 0.0, 300.0, 0.0, fence), "ours", instance=3, until=140.0)
     # Without the fence the plan leads through it.
+    fence = ((1_300.0, 150.0), (2_600.0, 150.0), (2_600.0, 700.0), (1_300.0, 700.0))
+    waiting = [fence] if in_flight else []
+
+    def upload(sitl: Sitl, seconds: float, row: Any) -> None:
+        if waiting:
+            sitl.signal(signal.SIGCONT)
+            sitl.upload_fence(waiting.pop(), keep_in=False)
+            sitl.signal(signal.SIGSTOP)
+
+    # The simulation stands still while the program computes: a loaded machine changes nothing.
+    given = Encounter(0, (crossing,), 0.0, 300.0, 0.0, () if in_flight else fence)
+    flight = fly(given, "ours", instance=3, until=140.0, watch=upload)
     assert not [row for row in flight.rows if 1_300.0 < row.x < 2_600.0 and row.y > 150.0]
     assert flight.separation >= SEPARATION
     assert flight.taken_over == 1
     assert flight.rows[-1].mode == Mode.AUTO
     assert any("back to AUTO" in text for text in flight.texts)
+    assert in_flight == any("fence has changed: 1 areas" in text for text in flight.texts)
 
 
 def test_a_program_that_did_not_keep_up_says_so_and_calls_nothing_safe_for_a_while() -> None:

@@ -161,3 +161,12 @@ def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
     # An answer that cannot be flown leaves the active plan where it is.
     kept, refused = single.answer(watch, ask.number, reconstruct((), second))
     assert not refused and kept.frame == watch.frame
+
+
+@pytest.mark.parametrize("wind", WINDS)
+def test_what_is_missing_in_a_wind_stays_missing(wind: Wind) -> None:
+    nothing = VehicleState(math.nan, math.nan, math.nan, math.nan)
+    assert all(math.isnan(value) for value in Frame(wind, 1.0).to_air(nothing, 3.0))
+    watch, _ = watch_flight(wind)
+    watch, verdict = single.step(watch, 15.0, None, {}, own_age=3.0)
+    assert verdict.state is not State.MONITORING

@@ -1,0 +1,188 @@
+"""What fails around the program, each fault tried once in ArduPlane's simulation.
+
+    python -m benchmarks.ardupilot.faults [--only NAME,NAME]
+
+One crossing encounter is flown by the program with --fly for each fault (``--help`` names them),
+and told in a line of JSON: the smallest distance, when which mode began, and what was said.
+"""
+
+import json
+import math
+import random
+import signal
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from benchmarks.ardupilot.relay import Keep, Relay
+from benchmarks.measure import report
+from envs.edge.command import InputError, Parser
+from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, fly
+from ros_bridge.mavlink.messages import Mode
+from ros_bridge.mavlink.sitl import SitlError
+
+_UNTIL = 120.0  # s
+_SPELL = 30.0, 45.0  # s in which it fails, while the plan is flown
+_CROSSING = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
+_POSITION = 33  # GLOBAL_POSITION_INT
+_BLIND = 8.0  # s without it
+_STALL = 2_000  # ms that the program sleeps
+_INSTANCE = 11
+
+Watch = Callable[[Any, float, Row], None]
+
+
+class Fault(NamedTuple):
+    """What fails, and how."""
+
+    help: str
+    watch: Watch | None = None
+    keep: Keep | None = None  # of a link that loses messages
+    parameters: Mapping[str, float] = {}
+
+
+class _Times:
+    """Does things once, each at its time."""
+
+    def __init__(self, *steps: tuple[float, Callable[[Any], object]]) -> None:
+        self._left = list(steps)
+
+    def __call__(self, sitl: Any, seconds: float, row: Row) -> None:
+        """Do what is due."""
+        while self._left and seconds >= self._left[0][0]:
+            self._left.pop(0)[1](sitl)
+
+
+class _Blind:
+    """Loses the positions for a while."""
+
+    def __init__(self) -> None:
+        self._lost = False
+
+    def watch(self, sitl: Any, seconds: float, row: Row) -> None:
+        """Lose them while it is time."""
+        self._lost = _SPELL[0] <= seconds < _SPELL[0] + _BLIND
+
+    def keep(self, number: int) -> bool:
+        """Return whether a message passes."""
+        return not (self._lost and number == _POSITION)
+
+
+def _parameter(name: bytes, value: float) -> Callable[[Any], None]:
+    return lambda sitl: sitl.station.mav.param_set_send(1, 1, name, value, 9)
+
+
+def _mode(mode: int) -> Callable[[Any], None]:
+    return lambda sitl: sitl.command(176, 1.0, float(mode))
+
+
+def _step_the_date(sitl: Any) -> None:
+    sitl.station.mav.system_time_send(int((time.time() + 3_600.0) * 1e6), 0)
+
+
+def _beat_as_another(sitl: Any, seconds: float, row: Row) -> None:
+    """Speak as a second ground station, of another number, on the same link."""
+    mav = sitl.station.mav
+    mav.srcSystem = 254
+    mav.heartbeat_send(6, 8, 0, 0, 0)
+    mav.srcSystem = 255
+
+
+def _twin(sitl: Any, seconds: float, row: Row) -> None:
+    """Report another aircraft under the first one's address, 3 km to the south of it."""
+    if seconds % 1.0 < 0.15:
+        east = 1_100.0 + 22.0 * _CROSSING.cpa
+        north = 25.0 * (_CROSSING.cpa - seconds) - 3_000.0
+        sitl.traffic(0xA00001, east, north, 180.0, 25.0, 620.0)
+
+
+def _stall(sitl: Any, seconds: float, row: Row) -> None:
+    """Let the simulation go on without the program."""
+    if not _SPELL[0] <= seconds < _SPELL[1]:
+        return
+    sitl.signal(signal.SIGCONT)
+    began = sitl.wait("GLOBAL_POSITION_INT").time_boot_ms
+    while sitl.wait("GLOBAL_POSITION_INT").time_boot_ms < began + _STALL:
+        pass
+    sitl.signal(signal.SIGSTOP)
+
+
+def faults() -> dict[str, Fault]:
+    """Return every fault, fresh."""
+    blind, draw = _Blind(), random.Random(0)
+    both = _Times((_SPELL[0], _mode(Mode.LOITER)), (_SPELL[0] + 2.0, _mode(Mode.AUTO)))
+    gps = _Times(
+        (_SPELL[0], _parameter(b"SIM_GPS1_ENABLE", 0.0)),
+        (_SPELL[1], _parameter(b"SIM_GPS1_ENABLE", 1.0)),
+    )
+    return {
+        "none": Fault("nothing"),
+        "stale": Fault("no GLOBAL_POSITION_INT for 8 s", blind.watch, blind.keep),
+        "gps": Fault("SIM_GPS1_ENABLE is 0 for 15 s", gps),
+        "slow": Fault("the program runs only every two seconds, for 15 s", _stall),
+        "lossy": Fault("a tenth of the messages is lost", keep=lambda _: draw.random() >= 0.1),
+        "twins": Fault("two aircraft report under one address", _twin),
+        "stations": Fault("a second ground station speaks", _beat_as_another),
+        "disagree": Fault("LOITER is set, and two seconds later AUTO", both),
+        "date": Fault("the date steps by an hour", _Times((_SPELL[0], _step_the_date))),
+        "rtl": Fault("RTL is set", _Times((_SPELL[0], _mode(Mode.RTL)))),
+        "mavlink1": Fault(
+            "the autopilot's port speaks version 1", parameters={"SERIAL1_PROTOCOL": 1.0}
+        ),
+    }
+
+
+def row_of(name: str, flight: Result) -> dict[str, Any]:
+    """Return the line of a flight."""
+    modes: list[tuple[float, int]] = []
+    for row in flight.rows:
+        if not modes or modes[-1][1] != row.mode:
+            modes.append((round(row.time, 1), row.mode))
+    return {
+        "fault": name,
+        "separation_m": round(flight.separation, 1),
+        "modes": modes,
+        "texts": [text for text in flight.texts if "EKF" not in text],
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Try each, and print."""
+    known = faults()
+    parser = Parser(prog="python -m benchmarks.ardupilot.faults", description=__doc__)
+    what = "; ".join(f"{name}: {fault.help}" for name, fault in known.items())
+    parser.add_argument("--only", default=",".join(known), help=f"names with commas ({what})")
+    options = parser.parse_args(arguments)
+    rows: list[dict[str, Any]] = []
+    for name in options.only.split(","):
+        if name not in known:
+            raise InputError(f"--only has {name!r}; expected some of {', '.join(known)}")
+        fault = known[name]
+        relay = None if fault.keep is None else Relay(5_762 + 10 * _INSTANCE, fault.keep)
+        more = () if relay is None else ("--connect", relay.address)
+        try:
+            flight = fly(
+                Encounter(0, (_CROSSING,), 0.0, 300.0),
+                "ours",
+                instance=_INSTANCE,
+                speedup=40.0,
+                until=_UNTIL,
+                more=more,
+                watch=fault.watch,
+                parameters=fault.parameters,
+            )
+            rows.append(row_of(name, flight))
+        except (InputError, SitlError, RuntimeError) as problem:
+            rows.append({"fault": name, "refused": str(problem)})
+        finally:
+            if relay is not None:
+                relay.cut()
+        print(json.dumps(rows[-1]), flush=True)
+    report({"benchmark": "ardupilot.faults", "rows": rows}, ("pymavlink",))
+    return 0
+
+
+if __name__ == "__main__":
+    from envs.edge.command import run_cli
+
+    run_cli("benchmarks.ardupilot.faults:main")

@@ -1,0 +1,77 @@
+"""A link to an autopilot that can be cut, or lose messages."""
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+
+Keep = Callable[[int], bool]
+"""Whether a message passes, by its number."""
+
+
+class Relay:
+    """Passes on what comes over TCP, both ways, to one client.
+
+    Args:
+        port: of the autopilot on this host.
+        keep: asked for every message; None: all pass.
+    """
+
+    def __init__(self, port: int, keep: Keep | None = None) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.address = f"tcp:127.0.0.1:{self._listener.getsockname()[1]}"
+        self._port, self._keep = port, keep
+        self._ends: list[socket.socket] = []
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        with suppress(OSError):
+            ours, _ = self._listener.accept()
+            theirs = socket.create_connection(("127.0.0.1", self._port))
+            self._ends = [ours, theirs]
+            for a, b in ((ours, theirs), (theirs, ours)):
+                b.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                threading.Thread(target=self._copy, args=(a, b), daemon=True).start()
+
+    def _copy(self, a: socket.socket, b: socket.socket) -> None:
+        waiting = b""
+        with suppress(OSError):
+            while data := a.recv(65_536):
+                if self._keep is None:
+                    b.sendall(data)
+                    continue
+                found = list(frames(waiting + data))
+                passed = [frame for number, frame in found if number < 0 or self._keep(number)]
+                waiting = (waiting + data)[sum(len(frame) for _, frame in found) :]
+                b.sendall(b"".join(passed))
+
+    def cut(self) -> None:
+        """Cut it, for good."""
+        self._listener.close()
+        for end in self._ends:
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
+
+
+def frames(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield the whole messages of both versions that data begins with, each with its number; -1
+    for a byte that begins none.
+    """
+    at = 0
+    while at < len(data):
+        version = data[at]
+        if version not in (0xFD, 0xFE):
+            yield -1, data[at : at + 1]
+            at += 1
+            continue
+        head = 10 if version == 0xFD else 6
+        if len(data) < at + head:
+            return
+        signed = 13 if version == 0xFD and data[at + 2] & 1 else 0
+        end = at + head + data[at + 1] + 2 + signed
+        if len(data) < end:
+            return
+        here = data[at + 7 : at + 10] if version == 0xFD else data[at + 5 : at + 6]
+        yield int.from_bytes(here, "little"), data[at:end]
+        at = end

@@ -1,0 +1,50 @@
+"""A mission or fence that is downloaded message by message, while everything else goes on."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ros_bridge.mavlink.mission import Item, item
+
+AGAIN = 1.0
+"""After which what has not been answered is asked again, s."""
+
+
+@dataclass(frozen=True)
+class Download:
+    """What has come so far; never changed in place."""
+
+    kind: int  # MAV_MISSION_TYPE
+    count: int | None = None  # None: not known yet
+    items: tuple[Item, ...] = ()
+    asked: float = float("-inf")  # when, s
+
+    @property
+    def done(self) -> bool:
+        """Whether all has come."""
+        return self.count is not None and len(self.items) >= self.count
+
+
+def due(download: Download, now: float) -> bool:
+    """Return whether something is to be asked: the number of items, or the next one."""
+    return not download.done and not 0.0 <= now - download.asked < AGAIN
+
+
+def asked(download: Download, now: float) -> Download:
+    """Return the download after a question."""
+    return replace(download, asked=now)
+
+
+def accept(download: Download, message: Any) -> Download:
+    """Return the download after a message: an answer is taken in, and the next question is due.
+
+    An item that is none raises :class:`ros_bridge.core.fields.FieldError`.
+    """
+    kind = message.get_type()
+    if download.done or getattr(message, "mission_type", 0) != download.kind:
+        return download
+    if kind == "MISSION_COUNT" and download.count is None:
+        return replace(download, count=int(message.count), asked=float("-inf"))
+    if kind == "MISSION_ITEM_INT" and download.count and message.seq == len(download.items):
+        items = (*download.items, item(message))
+        return replace(download, items=items, asked=float("-inf"))
+    return download
