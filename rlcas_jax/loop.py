@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +33,7 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.devices import Devices, agree, everywhere, first, place
 from rlcas_jax.interrupt import Interrupt
 from rlcas_jax.memory import check_memory
-from rlcas_jax.task import CompiledTask, TrainState, build
+from rlcas_jax.task import CompiledTask, Figures, TrainState, build
 from rlcas_jax.warm_start import warm_learner
 
 _LEAST_ACCEPTED = 0.05  # smallest share of a scenario's draws that must meet its conditions
@@ -136,6 +136,14 @@ def run(
     return _Runner(training, reporter, interrupt or Interrupt(), callback).run()
 
 
+class _Update(NamedTuple):
+    """An update that has been started."""
+
+    number: int  # counted over all phases
+    step: int  # environment steps at its end
+    figures: Figures  # on the device, perhaps still being computed
+
+
 class _Runner:
     """One run of a training; of several processes the first one alone writes."""
 
@@ -148,7 +156,8 @@ class _Runner:
     ) -> None:
         self._training, self._reporter, self._interrupt = training, reporter, interrupt
         self._callback = callback
-        self._began = self._last_saved = time.monotonic()
+        # When the run began, when it was saved last, and when the last update was reported.
+        self._began = self._last_saved = self._tick = time.monotonic()
         # The tasks whose update and whose evaluation have been compiled last.
         self._compiled: CompiledTask | None = None
         self._evaluates: CompiledTask | None = None
@@ -216,50 +225,72 @@ class _Runner:
     def _phase(self, number: int, state: TrainState) -> tuple[TrainState, bool]:
         """Train until the phase ends or a stop is asked for; return the last state and whether it
         was.
+
+        The figures of an update are read while the next one runs, unless its state is looked at:
+        by an evaluation, in a checkpoint or at the end.
         """
-        task, every_steps = (
-            self._training.tasks[number],
-            self._training.config.evaluation.every_steps,
-        )
-        done, step, per_update = int(state.update), self._done(number, state), task.steps_per_update
-        for update in range(self._updates[number] + done + 1, self._updates[number + 1] + 1):
-            tick = time.monotonic()
-            following, figures = task.update(state)
-            row = {name: float(value) for name, value in jax.device_get(figures).items()}
-            step += per_update
-            if not row.pop("finite"):
-                raise TrainingError(
-                    f"a loss or a parameter is not finite after update {update} (step {step}); "
-                    "the last good checkpoint is "
-                    f"{checkpoint.latest(self._training.directory / 'checkpoints')}"
-                )
-            self._interrupt.waits_for("the end of this update")
-            state = following
-            row = {"step": step, "update": update} | row
-            row |= {
-                "wall_s": time.monotonic() - self._began,
-                "steps_per_s": per_update / (time.monotonic() - tick),
-            }
-            if self._log is not None:
-                if (step - per_update) // every_steps != step // every_steps:
-                    row |= self._evaluate(task, state)
-                self._log.write(row)
-            if task is not self._compiled:
-                self._compiled = task
-                self._reporter.leave_out(per_update / row["steps_per_s"])
-            self._reporter.update(row)
-            if self._callback is not None:
-                self._callback(row)
-            due = (
-                time.monotonic() - self._last_saved
-                >= self._training.config.checkpoint.every_seconds
-            )
-            stop, due = agree([self._interrupt.requested, self._writes and due])
+        task, last = self._training.tasks[number], self._updates[number + 1]
+        self._tick = time.monotonic()
+        unread: _Update | None = None
+        for update in range(self._updates[number] + int(state.update) + 1, last + 1):
+            state, figures = task.update(state)
+            step = self._steps[number] + (update - self._updates[number]) * task.steps_per_update
+            stop = due = False
+            if unread is not None:
+                stop, due = self._report(task, unread)
+            unread = _Update(update, step, figures)
+            evaluates = self._evaluates_after(step, task.steps_per_update)
+            if stop or due or evaluates or update == last or task is not self._compiled:
+                stopped, long_ago = self._report(task, unread, state if evaluates else None)
+                stop, due, unread = stop or stopped, due or long_ago, None
             if stop:
                 return state, True
             if due:
                 self._save(number, state)
         return state, False
+
+    def _evaluates_after(self, step: int, per_update: int) -> bool:
+        """Return whether the policy is evaluated after the update that ends with a step."""
+        every_steps = self._training.config.evaluation.every_steps
+        return (step - per_update) // every_steps != step // every_steps
+
+    def _report(
+        self, task: CompiledTask, update: _Update, state: TrainState | None = None
+    ) -> tuple[bool, bool]:
+        """Wait for the figures of an update, log and show them; return whether a stop is asked for,
+        and whether a checkpoint is due.
+
+        Args:
+            state: after the update, of which the policy is evaluated; None: no evaluation.
+        """
+        row = {name: float(value) for name, value in jax.device_get(update.figures).items()}
+        if not row.pop("finite"):
+            raise TrainingError(
+                f"a loss or a parameter is not finite after update {update.number} "
+                f"(step {update.step}); the last good checkpoint is "
+                f"{checkpoint.latest(self._training.directory / 'checkpoints')}"
+            )
+        self._interrupt.waits_for("the end of this update")
+        now = time.monotonic()
+        row = {"step": update.step, "update": update.number} | row
+        row |= {
+            "wall_s": now - self._began,
+            "steps_per_s": task.steps_per_update / (now - self._tick),
+        }
+        if self._log is not None:
+            if state is not None:
+                row |= self._evaluate(task, state)
+            self._log.write(row)
+        if task is not self._compiled:
+            self._compiled = task
+            self._reporter.leave_out(task.steps_per_update / row["steps_per_s"])
+        self._reporter.update(row)
+        if self._callback is not None:
+            self._callback(row)
+        self._tick = time.monotonic()
+        due = self._tick - self._last_saved >= self._training.config.checkpoint.every_seconds
+        stop, due = agree([self._interrupt.requested, self._writes and due])
+        return stop, due
 
     def _evaluate(self, task: CompiledTask, state: TrainState) -> dict[str, float]:
         """Return the deterministic policy's rates; the first evaluation of a phase compiles."""
@@ -278,7 +309,7 @@ class _Runner:
             # A phase begins with the number of updates with which the one before ended: the later
             # file counts.
             checkpoint.save(self._training.directory / "checkpoints", updates, whole, meta)
-        self._last_saved = time.monotonic()
+        self._last_saved = self._tick = time.monotonic()
 
 
 def outcomes(task: CompiledTask, state: TrainState, starts: Encounter) -> Outcome:
