@@ -17,6 +17,7 @@ from envs.edge.extension import is_extension
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Coverage, Sensor
+from envs.reaction import Reaction
 from envs.relative import distance, straight_cpa
 from envs.trees import choose, map_leaves
 
@@ -38,6 +39,7 @@ class Encounter(NamedTuple):
     coverage: Coverage | None = None  # [..., K]; None: reports of all intruders at any time
     separation: Any = None
     """To be kept from each intruder, m, ``[..., K]``; None: the aircraft's, from all."""
+    reaction: Reaction | None = None  # [..., K]; None: no intruder takes notice of the ownship
 
 
 MOST_INTRUDERS = 64
@@ -245,6 +247,7 @@ def pad(encounter: Encounter, count: int, xp: Any) -> Encounter:
         mask=mask & (xp.arange(count) < present),
         coverage=map_leaves(more, encounter.coverage),
         separation=map_leaves(more, encounter.separation),
+        reaction=map_leaves(more, encounter.reaction),
     )
 
 
@@ -284,7 +287,7 @@ def _check_shapes(scenario: Scenario, made: Any, count: int) -> None:
     found |= {"goal_y": (encounter.goal_y, (count,)), "accepted": (accepted, (count,))}
     found |= {"intruders": (encounter.intruders, wide), "mask": (encounter.mask, wide)}
     found |= {"intent": (encounter.intent, wide), "sensor": (encounter.sensor, narrow)}
-    optional = {"coverage": encounter.coverage, "separation": encounter.separation}
+    optional = {name: getattr(encounter, name) for name in ("coverage", "separation", "reaction")}
     found |= {name: (tree, wide) for name, tree in optional.items() if tree is not None}
     for name, (tree, expected) in found.items():
         fields = tree._asdict().items() if hasattr(tree, "_fields") else [("", tree)]

@@ -6,12 +6,14 @@ change of 0 rad).
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from envs.angles import atan2, sincos, wrap
 from envs.kinematics import Limits, VehicleState, advance
+from envs.reaction import Answer
 
 LOOKAHEAD = 10_000_000.0
 """Distance of the waypoint, m for each second of a time step: no intruder reaches it and turns
@@ -83,6 +85,7 @@ def step(
     gains: Gains = GAINS,
     *,
     response: Any = None,
+    answers: Callable[[VehicleState, Any], Answer] | None = None,
 ) -> IntruderState:
     """Advance the intruder by one step of its motion, or by one row of its recording.
 
@@ -92,6 +95,8 @@ def step(
         time: s since the start at the beginning of the step, ``[..., 1]`` or broadcastable.
         dt: duration of the step, s.
         response: time step that the gains count in, s, where the motion's is another; None: ``dt``.
+        answers: (vehicles, turns back to their courses, rad) -> what they do about the ownship
+            (:func:`envs.reaction.answer`); None: nothing.
     """
     response = dt if response is None else response
     far = LOOKAHEAD * response
@@ -110,6 +115,9 @@ def step(
     command = gains.proportional * error + gains.integral * error_sum + gains.derivative * change
     command = command * (1.0 / response)
     yaw_rate = xp.clip(command, -intent.turn_rate, intent.turn_rate)
+    if answers is not None:
+        answer = answers(vehicle, error)
+        yaw_rate = xp.where(answer.reacts, answer.yaw_rate, yaw_rate)
     moved = advance(vehicle, error * 0.0, yaw_rate, dt, COASTING, xp)
     return IntruderState(moved, waypoint_x, waypoint_y, error, error_sum)
 

@@ -1,13 +1,16 @@
-"""A scenario in which not all of the traffic is reported: a sensor has a range and a field of view,
-and reports drop out for seconds. What is not reported is not known.
+"""Scenarios in which not all of the traffic is reported: a sensor has a range and a field of view,
+and reports drop out for seconds, or also come late of traffic that turns. What is not reported is
+not known.
 
-It is named ``envs.partly_seen:partly_seen``, as one of the user's own (:mod:`envs.scenarios`), in
-trainings and by ``eval.monte_carlo`` in mode policy.
+They are named ``envs.partly_seen:partly_seen`` and ``:late``, as those of the user's own
+(:mod:`envs.scenarios`), in trainings and by ``eval.monte_carlo`` in mode policy.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Sampler, Scenario, between, conflict_point
 from envs.perception import Coverage
 
@@ -44,3 +47,15 @@ def around_a_point(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, 
 
 partly_seen = Sampler(around_a_point, shared=9, each=9)
 """One intruder; up to 64 by ``intruders``."""
+
+
+def _late(aircraft: Aircraft) -> Mapping[str, Any]:
+    return {
+        "latency": (aircraft.dt, 2.0 * aircraft.dt),
+        "turn_rate": aircraft.limits.yaw_rate_max,
+    }
+
+
+late = Sampler(around_a_point, shared=9, each=9, numbers=_late)
+"""As before, of traffic that turns once, with reports that are one to two time steps old when they
+are used."""

@@ -16,6 +16,7 @@ from envs.encounters import (
     Scenario,
     sample,
 )
+from envs.reaction import GIVES_WAY, TURNS_INTO
 from envs.trees import map_leaves
 
 
@@ -26,8 +27,8 @@ def encounters_of_seed(
     and ``[count, K]``.
 
     Args:
-        whole: whether the caller heeds the encounters' optional fields, separations of intruders'
-            own and the reports' coverage.
+        whole: whether the caller heeds the encounters' optional fields: separations of intruders'
+            own, the reports' coverage, and intruders that answer the ownship.
 
     Raises:
         EncounterError: seed or number are out of range, the scenario's conditions are never met, or
@@ -56,11 +57,13 @@ def check_plain(encounter: Encounter, what: str) -> None:
     """Refuse encounters with optional fields; ``what`` names them.
 
     Raises:
-        EncounterError: intruders have separations of their own, or are reported in part.
+        EncounterError: intruders have separations of their own, are reported in part, or answer
+            the ownship.
     """
     for name, said in (
         ("separation", "intruders with separations of their own"),
         ("coverage", "intruders that are not always reported"),
+        ("reaction", "intruders that answer the ownship"),
     ):
         if getattr(encounter, name) is not None:
             raise EncounterError(
@@ -146,6 +149,11 @@ def check_encounter(
         "coverage.reach": (0.0, math.inf),
         "coverage.half_angle": (0.0, math.pi),
         "coverage.silence": (0.0, math.inf),
+        "reaction.manner": (TURNS_INTO, GIVES_WAY),
+        "reaction.ahead": (0.0, math.inf),
+        "reaction.within": (0.0, math.inf),
+        "reaction.heading_change": (0.0, math.pi),
+        "reaction.turn_rate": (0.0, 1.0 / aircraft.dt),
         "separation": (0.01 * aircraft.separation, 100.0 * aircraft.separation),
     }
 
@@ -169,10 +177,11 @@ def check_encounter(
     )
     others = part("intruders", wide), present, part("intent", wide), part("sensor", narrow)
     coverage = None if encounter.coverage is None else part("coverage", wide)
+    reaction = None if encounter.reaction is None else part("reaction", wide)
     separation = encounter.separation
     if separation is not None:
         separation = numbers("separation", separation, wide)
-    return Encounter(part("own", batch), goal_x, goal_y, *others, coverage, separation)
+    return Encounter(part("own", batch), goal_x, goal_y, *others, coverage, separation, reaction)
 
 
 def _numbers(name: str, value: Any, shape: tuple[int, ...], low: float, high: float) -> np.ndarray:

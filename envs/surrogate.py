@@ -15,6 +15,7 @@ from envs import encounters, world
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.perception import EVERYTHING
+from envs.reaction import NONE
 from envs.trees import choose
 from envs.world import State, StepResult, World
 
@@ -77,7 +78,7 @@ def _alike(parts: list[Encounter], aircraft: Aircraft) -> list[Encounter]:
     """Return encounters ``[N]`` with K intruders each with the same optional fields: what some of
     them have, the others have with its usual values.
     """
-    usual = {"coverage": EVERYTHING, "separation": aircraft.separation}
+    usual = {"coverage": EVERYTHING, "separation": aircraft.separation, "reaction": NONE}
     wanted = [name for name in usual if any(getattr(one, name) is not None for one in parts)]
 
     def fill(one: Encounter) -> Encounter:

@@ -17,6 +17,7 @@ from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.observation import SetObservation, beside
 from envs.outcome import Outcome, Rules
 from envs.perception import Coverage, Sensor, carry_back, perceive, report
+from envs.reaction import Reaction, answer
 from envs.relative import at_share, distance, leg_separation
 
 
@@ -52,6 +53,7 @@ class State(NamedTuple):
     separation: Any = None
     """To be kept from each intruder, m, ``[..., K]``; None: that of the rules, from all. Distances
     to an intruder count in it: twice as near where twice as much must be kept."""
+    reaction: Reaction | None = None  # [..., K]; None: no intruder takes notice of the ownship
 
 
 class StepResult(NamedTuple):
@@ -101,6 +103,7 @@ def begin(
         required_separation,
         encounter.coverage,
         encounter.separation,
+        encounter.reaction,
     )
 
 
@@ -124,6 +127,9 @@ def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[
 def move_intruders(state: State, dt: float, xp: Any) -> Any:
     """Return the intruders one time step later, ``[..., K]``."""
     time, dt = beside((state.steps * dt, dt))
+    if state.reaction is not None:  # arrays alone
+        answers = partial(answer, own=beside(state.own), reaction=state.reaction, xp=xp)
+        return intruder.step(state.intruders, state.intent, time, dt, xp, answers=answers)
     return _each(
         lambda one, intent: intruder.step(one, intent, time, dt, xp),
         xp,

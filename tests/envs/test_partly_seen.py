@@ -113,3 +113,26 @@ def test_a_pool_covers_the_others_wholly(chosen: Scenario):
 def test_who_would_know_of_all_is_refused(chosen: Scenario):
     with pytest.raises(EncounterError, match="not always reported; expected a training"):
         encounters_of_seed(chosen, 3, 0, 4)
+
+
+def test_late_reports_of_what_turns_are_where_it_was_headed():
+    """Dead-reckoned over their age: right for what flies straight, wrong where it has turned."""
+    name = "envs.partly_seen:late"
+    resolve(name)
+    start = encounters_of_seed(scenario(name, PAPER), 3, 0, 200, whole=True)
+    registered.pop(name)
+    assert start.sensor.latency.min() >= PAPER.dt
+    state = world.begin(start, np, history_dt=PAPER.dt)
+    nothing, noise = np.zeros_like(start.goal_x), np.zeros((4, *start.mask.shape))
+    off, turned = [], []
+    for _ in range(60):
+        before = state.intruders.vehicle.heading
+        state, _ = world.step(state, (nothing, nothing), WORLD, np)
+        seen = world.seen_intruders(state, noise, PAPER, np)
+        now = state.intruders.vehicle
+        off.append(np.hypot(seen.x - now.x, seen.y - now.y)[:, 0])
+        turned.append(np.abs(now.heading - before)[:, 0] > 1e-3)
+    lately = np.array(turned[2:]) | np.array(turned[1:-1])
+    # What turns by less than 1e-3 rad a step at 100 m/s is 0.4 m off in two steps at most.
+    assert np.array(off[2:])[~lately].max() < 0.4
+    assert np.median(np.array(off[2:])[np.array(turned[2:])]) > 0.5
