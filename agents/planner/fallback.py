@@ -41,19 +41,24 @@ _PATIENCE, _PROGRESS = (
     0.2,
 )  # rounds of the refinement, and the part of what is missing that they must bring
 _FIRST = concatenate(*STAGES[:2])
+ALL, QUICK, SLOW = slice(None), slice(1), slice(1, None)
+"""Stages of the family: all of them, the first one, the others."""
+
 # Also manoeuvres that do not turn back before the intruder has passed.
 _SEEDS = concatenate(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
 
 
-def search(request: Request, goal: Any, options: Options, budget: Budget) -> Proposals:
-    """Return the best plan that the family's stages hold, ``[N]``; ``goal`` is the number of the
-    point to rejoin at.
+def search(
+    request: Request, goal: Any, options: Options, budget: Budget, which: slice = ALL
+) -> Proposals:
+    """Return the best plan that the family's stages, or some of them, hold, ``[N]``; ``goal`` is
+    the number of the point to rejoin at.
     """
     best, aircraft = empty(goal.size, options.waypoints), options.aircraft
     last = replace(options, manoeuvre=aggressive_limits(options))
     stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
     stages += [(STAGES[3], last, np.inf)] if options.exhaustive else []
-    for stage, wanted, longest in stages:
+    for stage, wanted, longest in stages[which]:
         effort = Effort(_HOPELESS * aircraft.separation, _ENOUGH, longest * aircraft.dt, budget)
         for part in _parts(np.flatnonzero(~best.safe), stage.turn.size):
             if budget.ends("fallback"):

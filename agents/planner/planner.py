@@ -7,7 +7,8 @@ beyond. Each goes through one pipeline (:mod:`agents.planner.candidates`): compl
 validated, kept where it is the best so far.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,7 +20,7 @@ from agents.planner.airspace import amid
 from agents.planner.answer import Advisory, AdvisoryCode, Plan
 from agents.planner.beyond import CROWD
 from agents.planner.budget import Budget
-from agents.planner.candidates import empty, evaluate, keep_best
+from agents.planner.candidates import Proposals, empty, evaluate, keep_best
 from agents.planner.certificate import certificate
 from agents.planner.options import Options, check
 from agents.planner.publish import Plans, publish
@@ -202,11 +203,33 @@ def _plan_rows(
         if choice == 0:
             policy_safe[rows] = plans.safe
         if wanting.any():
-            found = fallback.search(take(part, wanting), goal[wanting], options, budget)
+            stages = fallback.ALL if request.areas is None else fallback.QUICK
+            found = fallback.search(take(part, wanting), goal[wanting], options, budget, stages)
             source[keep_best(best, rows[wanting], found)] = _FALLBACK
-        # Where the route is too short for one manoeuvre it is for all.
-        left = ~best.safe[rows] & ~best.too_short[rows] & options.exhaustive
-        if left.any():
-            found = fallback.refine(take(part, left), goal[left], options, budget)
-            source[keep_best(best, rows[left], found)] = _FALLBACK
+        if request.areas is None and options.exhaustive:
+            _search_on(fallback.refine, best, source, request, goals[:, choice], options, budget)
+    if request.areas is not None:
+        # Points of a route round areas stand close together: the next one is tried long before
+        # much is tried to reach one.
+        slow = [partial(fallback.search, which=fallback.SLOW)]
+        slow += [fallback.refine] if options.exhaustive else []
+        for way, choice in itertools.product(slow, range(options.goals)):
+            _search_on(way, best, source, request, goals[:, choice], options, budget)
     return Plans(best, source, policy_safe)
+
+
+def _search_on(
+    way: Callable[[Request, Any, Options, Budget], Proposals],
+    best: Proposals,
+    source: Any,
+    request: Request,
+    goal: Any,
+    options: Options,
+    budget: Budget,
+) -> None:
+    """Search on in some way for plans to points ``[N]`` where there is none that is safe."""
+    # Where the route is too short for one manoeuvre it is for all.
+    left = np.flatnonzero(~best.safe & (goal >= 0) & ~best.too_short)
+    if left.size:
+        found = way(take(request, left), goal[left], options, budget)
+        source[keep_best(best, left, found)] = _FALLBACK

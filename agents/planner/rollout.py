@@ -9,6 +9,8 @@ of all, the policy has done its work.
 """
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +29,7 @@ from envs.relative import at_share, distance
 from envs.trees import column, map_leaves, scatter, take
 from envs.wind import aim_point
 
-_SHARE = 0.3  # of the computation, for a policy that finds no way back among many
+_SHARE = 0.3  # of the computation, for a policy that finds no way back among many or among areas
 # time steps for which the intruders are predicted at once; most flights take fewer
 _AHEAD = 13 * EVERY
 
@@ -90,8 +92,10 @@ def roll(
             beyond(take(request, rows[[row]]), goal[[row]], options) if crowd else None
             for row in rows
         ]
+        share = 1.0 if request.areas is None and not crowd else _SHARE
+        ends = partial((budget or Budget()).ends, "policy", share)
         each = [
-            _roll_one(*one, policy, options, budget or Budget(), rest)
+            _roll_one(*one, policy, options, ends, rest)
             for one, rest in zip(given, rests, strict=True)
         ]
         return map_leaves(lambda *fields: np.concatenate(fields), *each)
@@ -164,11 +168,11 @@ def _roll_one(
     required_range: Any,
     policy: Policy,
     options: Options,
-    budget: Budget,
+    ends: Callable[[], bool],
     rest: Beyond | None,
 ) -> Rollout:
-    """Roll one request in plain floats, against intruders ``[K]``; fields ``[1]`` and ``[1,
-    S]``. The goal comes with its drift.
+    """Roll one request in plain floats, against intruders ``[K]``, until the computation ends;
+    fields ``[1]`` and ``[1, S]``. The goal comes with its drift.
     """
     task, limits, dt, spacing = (
         task_of(options),
@@ -186,7 +190,6 @@ def _roll_one(
     state, (begin, drift) = VehicleState(*map(float, own)), map_leaves(float, goal)
     (goal_x, goal_y), aim = begin, begin
     many, present = len(far) > policy.most, np.ones(len(far), dtype=bool)
-    share = 1.0 if rest is None else _SHARE
     path, turn_sign, reversals = 0.0, 0.0, 0
     square, threshold = task.radius * task.radius, 0.1 * limits.yaw_rate_max
     for step in range(steps + 1):
@@ -243,7 +246,7 @@ def _roll_one(
         ):
             scatter(result[1:], 0, (state, step * dt, not arrived, path, turn_sign, reversals))
             break
-        if step == steps or (step % EVERY == 0 and budget.ends("policy", share)):
+        if step == steps or (step % EVERY == 0 and ends()):
             break
         if at_each is not None:
             seen = [at_share(state, *one) for one in zip(seen, at_each, strict=True)]

@@ -1,0 +1,72 @@
+"""Random areas keep off start and goal, scale with the aircraft, and are drawn by position."""
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.areas import questions
+from envs.aircraft import PAPER, Aircraft
+from envs.area_geometry import signed_distance
+from envs.areas import Area, Circle
+from envs.kinematics import VehicleState
+from envs.random_areas import MOST, random_areas
+
+START, GOAL = VehicleState(-8_000.0, 1_000.0, 0.1, 75.0), (9_000.0, -2_000.0)
+
+
+def drawn(number: int, count: int = MOST) -> tuple[Area, ...]:
+    return random_areas(5, number, count, START, GOAL, PAPER)
+
+
+def test_they_keep_off_start_and_goal_and_lie_about_the_way() -> None:
+    kinds, moving, left = set[type](), 0, 0
+    for number in range(60):
+        areas = drawn(number)
+        left += len(areas)
+        for area in areas:
+            kinds.add(type(area.shape))
+            moving += area.velocity != (0.0, 0.0)
+            for place in ((START.x, START.y), GOAL):
+                away = float(signed_distance(area, *place))
+                assert away >= area.clearance + 0.5 * PAPER.separation - 1e-6
+            assert math.hypot(*area.velocity) <= 0.1 * PAPER.limits.speed_max
+    assert len(kinds) == 2
+    assert 0.8 * 60 * MOST < left <= 60 * MOST
+    assert moving / left == pytest.approx(1.0 / 3.0, abs=0.08)
+
+
+def test_more_areas_leave_those_before_as_they_are() -> None:
+    for number in range(10):
+        whole = drawn(number)
+        assert drawn(number) == whole
+        for count in range(MOST + 1):
+            assert set(drawn(number, count)) <= set(whole)
+    assert drawn(0) != drawn(1)
+    assert drawn(3, 0) == ()
+    with pytest.raises(ValueError, match="count is 9, expected 0 to 8"):
+        drawn(0, 9)
+
+
+def test_they_scale_with_the_aircraft() -> None:
+    def scaled(aircraft: Aircraft) -> Aircraft:
+        return aircraft._replace(separation=2.0 * aircraft.separation)
+
+    twice = VehicleState(2.0 * START.x, 2.0 * START.y, START.heading, START.speed)
+    goal = 2.0 * GOAL[0], 2.0 * GOAL[1]
+    for number in range(10):
+        large = random_areas(5, number, 4, twice, goal, scaled(PAPER))
+        for one, other in zip(drawn(number, 4), large, strict=True):
+            assert other.clearance == pytest.approx(2.0 * one.clearance)
+            if isinstance(one.shape, Circle):
+                assert isinstance(other.shape, Circle)
+                assert other.shape.radius == pytest.approx(2.0 * one.shape.radius)
+            else:
+                assert not isinstance(other.shape, Circle)
+                np.testing.assert_allclose(other.shape.outer, 2.0 * np.array(one.shape.outer))
+
+
+def test_the_benchmark_asks_for_one_to_three_areas_and_one_to_four_intruders() -> None:
+    asked = questions(0, 24, PAPER)
+    assert {len(one.areas) for one in asked} == {1, 2, 3}
+    assert {len(one.intruders) for one in asked} == {1, 2, 3, 4}
