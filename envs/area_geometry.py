@@ -2,9 +2,10 @@
 
 The signed distance is positive where the area allows flight, and smaller by 1 m at most a metre
 away. For a whole part of a curve there is a lower bound: where a curve stays within a sagitta of
-the chord between its ends, it is nowhere nearer to an edge than the chord is, less the sagitta; and
-a curve that stays away from all edges stays on the side on which it begins (proofs/Area.v). An area
-that moves is looked at from its own frame, in which it stands still.
+the chord between its ends, its signed distance is nowhere less than the chord's, less the sagitta;
+and a chord that meets no edge stays on the side on which it begins (theorems ``keeps_near``,
+``chord_keeps_sound`` and ``side_carried`` of proofs/Signed.v). An area that moves is looked at from
+its own frame, in which it stands still.
 """
 
 from functools import lru_cache

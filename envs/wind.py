@@ -106,7 +106,8 @@ def aim_point(
 
 def narrow(limits: Limits, error: float) -> Limits:
     """Return limits that a motion must keep in the air mass of a wind, so that it keeps the given
-    ones in that of every wind that differs by ``error`` m/s at most.
+    ones in that of every wind that differs by ``error`` m/s at most (theorem ``narrow_sound`` of
+    proofs/Wind.v).
 
     The motion over the ground and its acceleration as a vector are the same in all of them. With
     an error e, an airspeed v, a turn rate r and an acceleration a along the path, in the other air

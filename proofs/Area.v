@@ -1,6 +1,5 @@
-(* Distances from the edges of an area, as envs/area_geometry.py computes them: that between a chord and an edge, that
-   of a whole curve from an edge, and on which side of the edges a curve is. A test translates the definitions of this
-   file and compares them with the code. *)
+(* Edges of an area, as envs/area_geometry.py looks at them: the distance between a chord and an edge, and on which side
+   of the edges a point is. A test translates the definitions of this file and compares them with the code. *)
 
 From Coq Require Import Reals Lra Psatz List.
 From Coquelicot Require Import Coquelicot.
@@ -212,37 +211,6 @@ Proof.
       unfold det; rewrite Rmult_0_l; field; unfold det in skew; lra.
 Qed.
 
-(* A curve within a sagitta of its chord is nowhere nearer to an edge than the chord is, less the sagitta. *)
-Theorem curve_edge_sound (x y vx vy : R -> R) a b e ax ay bx by_ t u :
-  0 <= a -> b < e -> b <= t <= e -> moves x y vx vy -> steady vx vy a b e ->
-  ~ crosses (x b) (y b) (x e) (y e) ax ay bx by_ -> inside_unit u ->
-  edge_distance (x b) (y b) (x e) (y e) ax ay bx by_ - DEGENERATE - a / 8 * ((e - b) * (e - b))
-    <= norm (x t - on_x ax bx u) (y t - on_x ay by_ u).
-Proof.
-  intros pos order inside motion slow apart u_in.
-  set (s := (t - b) / (e - b)).
-  assert (s_in : inside_unit s).
-  { unfold s, inside_unit; split.
-    - apply Rmult_le_pos; [lra|left; apply Rinv_0_lt_compat; lra].
-    - apply Rmult_le_reg_r with (e - b); [lra|].
-      replace ((t - b) / (e - b) * (e - b)) with (t - b) by (field; lra); lra. }
-  assert (bow := chord x y vx vy a b e t pos order inside motion slow); fold s in bow; simpl in bow.
-  assert (most : a / 2 * (t - b) * (e - t) <= a / 8 * ((e - b) * (e - b))).
-  { assert (4 * ((t - b) * (e - t)) <= (e - b) * (e - b)).
-    { generalize (Rle_0_sqr ((t - b) - (e - t))); unfold Rsqr; nra. }
-    assert (a / 8 * (4 * ((t - b) * (e - t))) <= a / 8 * ((e - b) * (e - b))) by (apply Rmult_le_compat_l; lra).
-    lra. }
-  assert (far := edge_distance_sound (x b) (y b) (x e) (y e) ax ay bx by_ s u apart s_in u_in).
-  unfold gap_x in far.
-  assert (near := norm_near (x t - on_x ax bx u) (y t - on_x ay by_ u)
-    (on_x (x b) (x e) s - on_x ax bx u) (on_x (y b) (y e) s - on_x ay by_ u) (a / 2 * (t - b) * (e - t))).
-  replace (x t - on_x ax bx u - (on_x (x b) (x e) s - on_x ax bx u))
-    with (x t - (x b + s * (x e - x b))) in near by (unfold on_x; ring).
-  replace (y t - on_x ay by_ u - (on_x (y b) (y e) s - on_x ay by_ u))
-    with (y t - (y b + s * (y e - y b))) in near by (unfold on_x; ring).
-  specialize (near bow); lra.
-Qed.
-
 (* ---- on which side of the edges ---- *)
 
 (* The angle under which the vector (ux, uy) turns into (vx, vy). *)
@@ -405,22 +373,22 @@ Fixpoint angles (corner : R * R) (others : list (R * R)) (px py : R) : R :=
       angle (fst corner - px) (snd corner - py) (fst next - px) (snd next - py) + angles next rest px py
   end.
 
-Fixpoint away_from (corner : R * R) (others : list (R * R)) (px py m : R) : Prop :=
+Fixpoint off_edges (corner : R * R) (others : list (R * R)) (px py : R) : Prop :=
   match others with
   | [] => True
   | next :: rest =>
       (forall s, inside_unit s ->
-        m <= norm (px - on_x (fst corner) (fst next) s) (py - on_x (snd corner) (snd next) s))
-      /\ away_from next rest px py m
+        0 < norm (px - on_x (fst corner) (fst next) s) (py - on_x (snd corner) (snd next) s))
+      /\ off_edges next rest px py
   end.
 
-Lemma angles_turn (x y : R -> R) dx dy m corner others t :
-  0 < m -> is_derive x t dx -> is_derive y t dy -> away_from corner others (x t) (y t) m ->
+Lemma angles_turn (x y : R -> R) dx dy corner others t :
+  is_derive x t dx -> is_derive y t dy -> off_edges corner others (x t) (y t) ->
   is_derive (fun s => angles corner others (x s) (y s)) t
     (turn (fst (last others corner) - x t) (snd (last others corner) - y t) (- dx) (- dy)
       - turn (fst corner - x t) (snd corner - y t) (- dx) (- dy)).
 Proof.
-  intros pos one two; revert corner; induction others as [|next rest IH]; intros corner away.
+  intros one two; revert corner; induction others as [|next rest IH]; intros corner away.
   - simpl; unfold Rminus at 1; rewrite Rplus_opp_r; apply (is_derive_const 0 t).
   - destruct away as [here further].
     assert (step := angle_turns x y dx dy (fst corner) (snd corner) (fst next) (snd next) t one two).
@@ -436,64 +404,23 @@ Proof.
           - turn (fst next - x t) (snd next - y t) (- dx) (- dy))) by ring.
     apply (is_derive_plus (fun s => angle (fst corner - x s) (snd corner - y s) (fst next - x s) (snd next - y s))
       (fun s => angles next rest (x s) (y s))); [|assumption].
-    apply step; intros s inside; generalize (here s inside); lra.
+    apply step; exact here.
 Qed.
 
-(* A curve that stays away from all edges of a ring stays on the side on which it begins. *)
-Theorem winding_constant (x y vx vy : R -> R) m corner others b e :
-  0 < m -> b <= e -> moves x y vx vy -> last others corner = corner ->
-  (forall t, b <= t <= e -> away_from corner others (x t) (y t) m) ->
+(* A curve that meets no edge of a ring stays on the side on which it begins. *)
+Theorem winding_constant (x y vx vy : R -> R) corner others b e :
+  b <= e -> moves x y vx vy -> last others corner = corner ->
+  (forall t, b <= t <= e -> off_edges corner others (x t) (y t)) ->
   angles corner others (x e) (y e) = angles corner others (x b) (y b).
 Proof.
-  intros pos order motion closed away.
+  intros order motion closed away.
   assert (flat : forall t, b <= t <= e -> is_derive (fun s => angles corner others (x s) (y s)) t 0).
   { intros t inside; destruct (motion t) as [one two].
-    assert (change := angles_turn x y (vx t) (vy t) m corner others t pos one two (away t inside)).
+    assert (change := angles_turn x y (vx t) (vy t) corner others t one two (away t inside)).
     rewrite closed in change; unfold Rminus at 1 in change; rewrite Rplus_opp_r in change; exact change. }
   destruct (MVT_gen (fun s => angles corner others (x s) (y s)) b e (fun _ => 0)) as [c [_ value]].
   - rewrite Rmin_left, Rmax_right by assumption; intros t inside; apply flat; lra.
   - rewrite Rmin_left, Rmax_right by assumption; intros t inside; apply continuity_pt_filterlim.
     apply (ex_derive_continuous (fun s => angles corner others (x s) (y s))); exists 0; apply flat; lra.
   - simpl in value; lra.
-Qed.
-
-(* ---- a part of a plan ---- *)
-
-Fixpoint chord_clear (corner : R * R) (others : list (R * R)) (px py qx qy sagitta m : R) : Prop :=
-  match others with
-  | [] => True
-  | next :: rest =>
-      ~ crosses px py qx qy (fst corner) (snd corner) (fst next) (snd next)
-      /\ m <= edge_distance px py qx qy (fst corner) (snd corner) (fst next) (snd next) - DEGENERATE - sagitta
-      /\ chord_clear next rest px py qx qy sagitta m
-  end.
-
-(* What the validator asks of the chord holds for the whole curve, at every real time. *)
-Theorem area_part_safe (x y vx vy : R -> R) a b e m corner others t :
-  0 <= a -> b < e -> b <= t <= e -> moves x y vx vy -> steady vx vy a b e -> 0 < m ->
-  last others corner = corner ->
-  chord_clear corner others (x b) (y b) (x e) (y e) (a / 8 * ((e - b) * (e - b))) m ->
-  away_from corner others (x t) (y t) m /\ angles corner others (x t) (y t) = angles corner others (x b) (y b).
-Proof.
-  intros pos order inside motion slow far closed clear.
-  assert (all : forall u, b <= u <= e -> away_from corner others (x u) (y u) m).
-  { intros u within; clear closed; revert corner clear; induction others as [|next rest IH]; intros corner clear; [exact I|].
-    destruct clear as [apart [enough further]]; split; [|apply IH; exact further].
-    intros s s_in.
-    assert (sound := curve_edge_sound x y vx vy a b e _ _ _ _ u s pos order within motion slow apart s_in); lra. }
-  split; [apply all; assumption|].
-  apply (winding_constant x y vx vy m corner others b t far); try assumption; [lra|].
-  intros u within; apply all; lra.
-Qed.
-
-(* An area that grows by r to all sides: what is c + r away from all edges is c away from all that is within r of them. *)
-Theorem grown_area_away px py qx qy ax ay bx by_ r c s :
-  c + r <= norm (px - on_x ax bx s) (py - on_x ay by_ s) -> norm (qx - on_x ax bx s) (qy - on_x ay by_ s) <= r ->
-  c <= norm (px - qx) (py - qy).
-Proof.
-  intros far near.
-  assert (way := norm_triangle (px - qx) (py - qy) (qx - on_x ax bx s) (qy - on_x ay by_ s)).
-  replace (px - qx + (qx - on_x ax bx s)) with (px - on_x ax bx s) in way by ring.
-  replace (py - qy + (qy - on_x ay by_ s)) with (py - on_x ay by_ s) in way by ring.
-  lra.
 Qed.

@@ -1,6 +1,6 @@
 (* What the theorem rests on: nothing but the axioms of Coq's real numbers. *)
 
-Require Import Area Motion Quadrature Level Safe Example.
+Require Import Signed Motion Quadrature Level Wind Safe Example.
 
 Print Assumptions safe.
 Print Assumptions apart_vertically.
@@ -14,4 +14,11 @@ Print Assumptions onward_x.
 Print Assumptions onward_y.
 Print Assumptions example.
 Print Assumptions area_part_safe.
-Print Assumptions grown_area_away.
+Print Assumptions area_out_of_reach.
+Print Assumptions keeps_away.
+Print Assumptions keeps_away_grown.
+Print Assumptions side_carried.
+Print Assumptions not_over_level.
+Print Assumptions level_window.
+Print Assumptions narrow_sound.
+Print Assumptions turned_in_other_wind.

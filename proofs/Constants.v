@@ -5,3 +5,4 @@ Open Scope R_scope.
 
 Definition CLOSE : R := 1 / 1000.
 Definition ROUNDING : R := 1 / 1000000.
+Definition NEARER : R := 1 / 100.

@@ -1,13 +1,15 @@
-(* The hypotheses of the theorem can be met: a straight plan of ten seconds beside an intruder on a parallel course. *)
+(* The hypotheses of the theorem can be met: a straight plan of ten seconds beside an intruder on a parallel course and a
+   disc to be kept out of. *)
 
 From Coq Require Import Reals Lra Psatz List.
 From Coquelicot Require Import Coquelicot.
-Require Import Vectors Chord Bound Motion Constants Safe.
+Require Import Vectors Chord Bound Motion Signed Constants Safe.
 Import ListNotations.
 Open Scope R_scope.
 
 Definition A : arc := Arc 0 10 0 0 0 80 0 0.
 Definition i : intruder := Intruder 0 3000 0 80 0 0 0 0 0 1000 0 10.
+Definition z : area := Region (Disc 0 (-5000) 1000) true 0 0 0 100 4000 0 10.
 Definition r : requirement := Requirement 0 0.
 Definition L : limits := Limits 30 100 (-1) 1 (1 / 10).
 Definition T : tolerance := Tolerance 0 0 0.
@@ -33,7 +35,7 @@ Qed.
 Lemma axis x y : 0 <= y -> x = 0 -> norm x y = y.
 Proof. intros pos zero; unfold norm; rewrite zero, Rmult_0_l, Rplus_0_l; apply sqrt_square; assumption. Qed.
 
-Theorem example : checked r L T 0 0 0 10 0 0 80 [A] [i].
+Theorem example : checked r L T 0 0 0 10 0 0 80 [A] [i] [z].
 Proof.
   constructor; simpl.
   - lra.
@@ -69,4 +71,31 @@ Proof.
     assert (away : norm (0 - 0) (3000 - 0) = 3000).
     { replace (3000 - 0) with 3000 by ring; apply axis; lra. }
     rewrite away; unfold CLOSE, ROUNDING, Rmax, Rmin; repeat destruct (Rle_dec _ _); lra.
+  - intros y [here | []]; subst y; exact I.
+  - intros y s [here | []]; subst y; unfold clear_of; simpl.
+    rewrite !Rmult_0_r, !Rminus_0_r, Rplus_0_l || idtac.
+    replace (0 - 0 * 0 - 0) with 0 by ring.
+    replace (0 - 0 * 0 - -5000) with 5000 by ring.
+    rewrite (axis 0 5000) by lra; lra.
+  - intros B y [here | []] [there | []]; subst B y.
+    exists [10]; simpl; repeat split; try lra; intros _.
+    destruct (own_straight 0) as [x0 y0]; destruct (own_straight 10) as [x1 y1].
+    exists (own_px A 0), (own_py A 0), (own_px A 10), (own_py A 10), ((4000 + 4000 - norm (-800) 0) / 2).
+    assert (self : forall x y, norm (x - x) (y - y) = 0).
+    { intros x y; replace (x - x) with 0 by ring; replace (y - y) with 0 by ring; apply norm_zero. }
+    rewrite !self; split; [lra|split; [lra|split]].
+    + rewrite x0, y0, x1, y1; simpl.
+      replace (norm (-800) 0) with (norm (80 * 0 - 0 * 0 - (80 * 10 - 0 * 10)) (0 - 0 * 0 - (0 - 0 * 10)))
+        by (unfold norm; f_equal; ring).
+      apply by_ends; simpl.
+      * replace (80 * 0 - 0 * 0 - 0) with 0 by ring; replace (0 - 0 * 0 - -5000) with 5000 by ring.
+        rewrite (axis 0 5000) by lra; lra.
+      * replace (80 * 10 - 0 * 10 - 0) with 800 by ring; replace (0 - 0 * 10 - -5000) with 5000 by ring.
+        enough (5000 <= norm 800 5000) by lra; apply le_norm; lra.
+    + assert (straight : area_sagitta (own_acceleration (speed A) (omega A) (alpha A) (duration A)) (10 - 0) = 0).
+      { unfold area_sagitta, own_acceleration; simpl; rewrite Rmult_0_r, norm_zero; field. }
+      rewrite straight; unfold area_required, area_need_with_tolerance, area_need, gain; simpl.
+      assert (way : norm (-800) 0 <= 800) by (apply norm_le; lra).
+      destruct (Rlt_dec 0 0); [lra|].
+      unfold CLOSE, ROUNDING, NEARER, Rmax, Rmin; repeat destruct (Rle_dec _ _); lra.
 Qed.

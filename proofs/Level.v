@@ -1,5 +1,6 @@
 (* When an intruder need not count: while it is above, or below, by the vertical separation V, however its altitude and
-   the ownship's differ from what is believed, within their errors. *)
+   the ownship's differ from what is believed, within their errors. And when an area need not: while the ownship is below
+   its floor or above its ceiling. *)
 
 From Coq Require Import Reals Lra Psatz.
 Open Scope R_scope.
@@ -31,4 +32,39 @@ Proof.
   unfold apart_at in between.
   unfold Rabs in mine, theirs.
   destruct sides; subst side; destruct (Rcase_abs _) in mine; destruct (Rcase_abs _) in theirs; lra.
+Qed.
+
+(* How far the ownship may be above a level (side 1) or below it (side -1) at most, t after the request. *)
+Definition over_level (side own climb e ec level t : R) : R := side * (own + climb * t - level) + (e + ec * t).
+
+Theorem not_over_level side own climb e ec level t altitude :
+  side = 1 \/ side = -1 -> Rabs (altitude - (own + climb * t)) <= e + ec * t ->
+  over_level side own climb e ec level t < 0 -> side * (altitude - level) < 0.
+Proof.
+  unfold over_level; intros sides mine short.
+  unfold Rabs in mine; destruct sides; subst side; destruct (Rcase_abs _) in mine; lra.
+Qed.
+
+(* The times at which it may be are one window, which ends or begins at the quotient of gap and rate. *)
+Definition gap_at_request (side own e level : R) : R := side * (own - level) + e.
+Definition gap_rate (side climb ec : R) : R := side * climb + ec.
+Definition level_time (gap rate : R) : R := - gap / rate.
+
+Theorem level_window side own climb e ec level t :
+  let gap := gap_at_request side own e level in
+  let rate := gap_rate side climb ec in
+  (0 < rate /\ t < level_time gap rate) \/ (rate < 0 /\ level_time gap rate < t) \/ (rate = 0 /\ gap < 0) ->
+  over_level side own climb e ec level t < 0.
+Proof.
+  intros gap rate cases; unfold level_time in cases.
+  replace (over_level side own climb e ec level t) with (gap + rate * t)
+    by (unfold over_level, gap, rate, gap_at_request, gap_rate; ring).
+  assert (met : rate <> 0 -> rate * (- gap / rate) = - gap) by (intros; field; assumption).
+  destruct cases as [[grows early] | [[shrinks late] | [steady_ below]]].
+  - assert (rate * t < rate * (- gap / rate)) by (apply Rmult_lt_compat_l; assumption).
+    rewrite met in H by lra; lra.
+  - assert (rate * t < rate * (- gap / rate)).
+    { generalize (Rmult_lt_compat_l (- rate) (- gap / rate) t); lra. }
+    rewrite met in H by lra; lra.
+  - rewrite steady_; lra.
 Qed.

@@ -1,10 +1,11 @@
-(* The theorem behind the word SAFE: if every part of every arc passes the validator's check against every intruder that
-   counts then, then at every real time of the plan every intruder that counts is as far as it has to be, and speed,
-   acceleration and turn rate stay within their limits. When an intruder need not count is told in Level.v. *)
+(* The theorem behind the word SAFE: if every part of every arc passes the validator's check against every intruder and
+   every area that counts then, then at every real time of the plan every intruder that counts is as far as it has to be,
+   every area that counts is kept out of, or in, by its clearance, and speed, acceleration and turn rate stay within their
+   limits. When an intruder or an area need not count is told in Level.v. *)
 
 From Coq Require Import Reals Lra Psatz List.
 From Coquelicot Require Import Coquelicot.
-Require Import Vectors Chord Bound Motion Constants.
+Require Import Vectors Chord Bound Motion Signed Constants.
 Import ListNotations.
 Open Scope R_scope.
 
@@ -21,6 +22,14 @@ Record intruder := Intruder {  (* at the request *)
   iage : R;  (* of the report *)
   iseparation : R;  (* to be kept from it *)
   ifrom : R; iuntil : R  (* when it counts; else it is above or below *)
+}.
+
+Record area := Region {  (* at the request *)
+  ashape : shape; aout : bool;  (* to be kept out of, or else in *)
+  avx : R; avy : R; agrowth : R;  (* velocity against the air, growth to all sides *)
+  aclearance : R;
+  astart : R;  (* the signed distance of the ownship is no more *)
+  afrom : R; auntil : R  (* when it counts; else it is not valid, or above, or below *)
 }.
 
 Record requirement := Requirement { margin : R; sigmas : R }.
@@ -282,6 +291,132 @@ Proof.
   intros near; specialize (near off); lra.
 Qed.
 
+(* ---- areas ---- *)
+
+(* What the growth of an area adds to signed distances, for each second. *)
+Definition gain (out : bool) (growth : R) : R := if out then - growth else growth.
+
+(* The signed distance of a place from an area, t after the request, is m or more. *)
+Definition clear_of (z : area) (px py t m : R) : Prop :=
+  keeps (aout z) (ashape z) (px - avx z * t) (py - avy z * t) (m - gain (aout z) (agrowth z) * t).
+
+(* A plan that begins inside the clearance must come no nearer, but for NEARER. *)
+Definition area_need (wanted start first : R) : R :=
+  if Rlt_dec 0 first then wanted else Rmin (Rmax (start - NEARER) 0) wanted.
+
+Definition area_need_with_tolerance (need : R) : R := Rmax (need - CLOSE) (- ROUNDING).
+
+Definition area_required (r : requirement) (z : area) (start : R) : R :=
+  area_need_with_tolerance (area_need (aclearance z + margin r) start (afrom z)).
+
+Lemma area_required_monotone r z s u : s <= u -> area_required r z s <= area_required r z u.
+Proof.
+  intros order; unfold area_required, area_need_with_tolerance, area_need.
+  apply Rle_max_compat_r.
+  destruct (Rlt_dec 0 (afrom z)); [lra|].
+  apply Rplus_le_compat_r, Rle_min_compat_r, Rle_max_compat_r; lra.
+Qed.
+
+Definition area_sagitta (acceleration h : R) : R := acceleration / 8 * (h * h).
+
+Definition area_passes (r : requirement) (A : arc) (z : area) (position_error eps b e : R) : Prop :=
+  exists xb yb xe ye m,
+    norm (xb - own_px A b) (yb - own_py A b) <= position_error /\
+    norm (xe - own_px A e) (ye - own_py A e) <= position_error /\
+    chord_keeps (aout z) (ashape z) (xb - avx z * b) (yb - avy z * b) (xe - avx z * e) (ye - avy z * e) m /\
+    area_required r z (astart z) - eps
+      <= m + Rmin (gain (aout z) (agrowth z) * b) (gain (aout z) (agrowth z) * e)
+        - area_sagitta (own_acceleration (speed A) (omega A) (alpha A) (duration A)) (e - b) - position_error.
+
+Lemma seen_moves A vx vy :
+  moves (fun t => own_px A t - vx * t) (fun t => own_py A t - vy * t)
+    (fun t => own_vx (psi A) (speed A) (omega A) (alpha A) (t - begin A) - vx)
+    (fun t => own_vy (psi A) (speed A) (omega A) (alpha A) (t - begin A) - vy).
+Proof.
+  assert (own := own_moves (ax A) (ay A) (psi A) (speed A) (omega A) (alpha A)).
+  apply (moves_minus (own_px A) (own_py A) _ _ (fun t => vx * t) (fun t => vy * t) (fun _ => vx) (fun _ => vy)).
+  - intros t; destruct (own (t - begin A)) as [mx my]; unfold own_px, own_py.
+    assert (shift : is_derive (fun u => u - begin A) t 1) by (auto_derive; [exact I|ring]).
+    split.
+    + generalize (is_derive_comp _ (fun u => u - begin A) t _ _ mx shift).
+      unfold scal; simpl; unfold mult; simpl; rewrite Rmult_1_l; trivial.
+    + generalize (is_derive_comp _ (fun u => u - begin A) t _ _ my shift).
+      unfold scal; simpl; unfold mult; simpl; rewrite Rmult_1_l; trivial.
+  - intros t; split; auto_derive; try exact I; ring.
+Qed.
+
+Lemma seen_steady A vx vy b e :
+  0 <= speed A -> 0 <= speed A + alpha A * duration A -> begin A <= b -> e <= begin A + duration A ->
+  steady (fun t => own_vx (psi A) (speed A) (omega A) (alpha A) (t - begin A) - vx)
+    (fun t => own_vy (psi A) (speed A) (omega A) (alpha A) (t - begin A) - vy)
+    (own_acceleration (speed A) (omega A) (alpha A) (duration A)) b e.
+Proof.
+  intros first last from until s t one two three.
+  match goal with |- norm ?p ?q <= _ => set (x := p); set (y := q) end.
+  replace x with (own_vx (psi A) (speed A) (omega A) (alpha A) (t - begin A)
+    - own_vx (psi A) (speed A) (omega A) (alpha A) (s - begin A)) by (unfold x; ring).
+  replace y with (own_vy (psi A) (speed A) (omega A) (alpha A) (t - begin A)
+    - own_vy (psi A) (speed A) (omega A) (alpha A) (s - begin A)) by (unfold y; ring).
+  replace (t - s) with (t - begin A - (s - begin A)) by ring.
+  apply (own_steady (psi A) (speed A) (omega A) (alpha A) (duration A)); try assumption; lra.
+Qed.
+
+Theorem area_part_safe r A z position_error eps b e t :
+  well_formed (ashape z) -> 0 <= speed A -> 0 <= speed A + alpha A * duration A ->
+  begin A <= b -> b < e -> e <= begin A + duration A ->
+  area_passes r A z position_error eps b e -> b <= t <= e ->
+  clear_of z (own_px A t) (own_py A t) t (area_required r z (astart z) - eps).
+Proof.
+  intros ends first last from order until [xb [yb [xe [ye [m [at_b [at_e [held enough]]]]]]]] inside.
+  assert (kept := part_keeps (aout z) (ashape z) _ _ _ _ (own_acceleration (speed A) (omega A) (alpha A) (duration A))
+    position_error b e (xb - avx z * b) (yb - avy z * b) (xe - avx z * e) (ye - avy z * e) m t ends (norm_pos _ _)
+    order inside (seen_moves A (avx z) (avy z)) (seen_steady A (avx z) (avy z) b e first last from until)).
+  simpl in kept.
+  replace (xb - avx z * b - (own_px A b - avx z * b)) with (xb - own_px A b) in kept by ring.
+  replace (yb - avy z * b - (own_py A b - avy z * b)) with (yb - own_py A b) in kept by ring.
+  replace (xe - avx z * e - (own_px A e - avx z * e)) with (xe - own_px A e) in kept by ring.
+  replace (ye - avy z * e - (own_py A e - avy z * e)) with (ye - own_py A e) in kept by ring.
+  unfold clear_of; apply keeps_less with (2 := kept at_b at_e held).
+  unfold area_sagitta in enough.
+  set (g := gain (aout z) (agrowth z)) in *.
+  assert (Rmin (g * b) (g * e) <= g * t).
+  { destruct (Rle_dec 0 g).
+    - apply Rle_trans with (1 := Rmin_l _ _); apply Rmult_le_compat_l; lra.
+    - apply Rle_trans with (1 := Rmin_r _ _); nra. }
+  lra.
+Qed.
+
+(* An area is left out that cannot be reached: nothing in it comes nearer than both fly and it grows. *)
+Theorem area_out_of_reach z x y vx vy fastest start horizon m t :
+  well_formed (ashape z) -> 0 <= fastest -> 0 <= t <= horizon ->
+  moves x y vx vy -> (forall u, 0 <= u <= horizon -> norm (vx u) (vy u) <= fastest) ->
+  clear_of z (x 0) (y 0) 0 start ->
+  m + (fastest + norm (avx z) (avy z) + Rmax (- gain (aout z) (agrowth z)) 0) * horizon <= start ->
+  clear_of z (x t) (y t) t m.
+Proof.
+  intros ends pos inside motion slow begun far; unfold clear_of in *.
+  set (g := gain (aout z) (agrowth z)) in *.
+  assert (way : norm (x t - x 0) (y t - y 0) <= fastest * (t - 0)).
+  { apply (flown x y vx vy fastest 0 t); [assumption|lra|assumption|]; intros u u_in; apply slow; lra. }
+  assert (drift : norm (avx z * t) (avy z * t) = t * norm (avx z) (avy z)).
+  { rewrite (Rmult_comm (avx z)), (Rmult_comm (avy z)); apply norm_scale; lra. }
+  rewrite !Rmult_0_r, !Rminus_0_r in begun.
+  assert (moved : norm (x 0 - (x t - avx z * t)) (y 0 - (y t - avy z * t)) <= fastest * t + t * norm (avx z) (avy z)).
+  { assert (sum := norm_triangle (- (x t - x 0)) (- (y t - y 0)) (avx z * t) (avy z * t)).
+    rewrite norm_opp, drift in sum.
+    replace (- (x t - x 0) + avx z * t) with (x 0 - (x t - avx z * t)) in sum by ring.
+    replace (- (y t - y 0) + avy z * t) with (y 0 - (y t - avy z * t)) in sum by ring.
+    lra. }
+  apply keeps_less with (2 := keeps_near _ _ _ _ _ _ _ _ ends moved begun).
+  assert (0 <= norm (avx z) (avy z)) by apply norm_pos.
+  assert (0 <= Rmax (- g) 0) by apply Rmax_r.
+  assert (- g <= Rmax (- g) 0) by apply Rmax_l.
+  set (q := fastest + norm (avx z) (avy z) + Rmax (- g) 0) in *.
+  assert (q * t <= q * horizon) by (apply Rmult_le_compat_l; unfold q; lra).
+  assert (- g * t <= Rmax (- g) 0 * t) by (apply Rmult_le_compat_r; lra).
+  unfold q in *; lra.
+Qed.
+
 (* ---- the parts of an arc, and the arcs of a plan, leave no gap ---- *)
 
 Fixpoint parts (test : R -> R -> Prop) (b : R) (ends : list R) (last : R) : Prop :=
@@ -373,7 +508,7 @@ Qed.
 (* ---- the theorem ---- *)
 
 Record checked (r : requirement) (L : limits) (T : tolerance) (slack position_error eps horizon : R)
-    (own_x0 own_y0 own_speed : R) (arcs : list arc) (traffic : list intruder) : Prop := {
+    (own_x0 own_y0 own_speed : R) (arcs : list arc) (traffic : list intruder) (areas : list area) : Prop := {
   sigmas_pos : 0 <= sigmas r;
   tolerances : 0 <= tol_speed T;
   forwards : forall A, In A arcs -> 0 <= speed A /\ 0 <= speed A + alpha A * duration A;
@@ -385,11 +520,16 @@ Record checked (r : requirement) (L : limits) (T : tolerance) (slack position_er
   turning : forall A, In A arcs -> Rabs (omega A) <= rate_max L + tol_rate T;
   parts_pass : forall A i, In A arcs -> In i traffic -> exists ends,
     parts (fun b e => counts i b e -> passes r A i (norm (ix i - own_x0) (iy i - own_y0)) position_error eps b e)
+      (begin A) ends (begin A + duration A);
+  whole : forall z, In z areas -> well_formed (ashape z);
+  starts : forall z s, In z areas -> clear_of z own_x0 own_y0 0 s -> s <= astart z;
+  areas_pass : forall A z, In A arcs -> In z areas -> exists ends,
+    parts (fun b e => afrom z <= e /\ b <= auntil z -> area_passes r A z position_error eps b e)
       (begin A) ends (begin A + duration A)
 }.
 
-Theorem safe r L T slack position_error eps horizon own_x0 own_y0 own_speed arcs traffic :
-  checked r L T slack position_error eps horizon own_x0 own_y0 own_speed arcs traffic ->
+Theorem safe r L T slack position_error eps horizon own_x0 own_y0 own_speed arcs traffic areas :
+  checked r L T slack position_error eps horizon own_x0 own_y0 own_speed arcs traffic areas ->
   forall t, 0 <= t <= horizon ->
   (exists A, In A arcs /\ during A t) /\
   forall A, In A arcs -> during A t ->
@@ -397,6 +537,8 @@ Theorem safe r L T slack position_error eps horizon own_x0 own_y0 own_speed arcs
       let away := norm (ix i - own_x0) (iy i - own_y0) in
       iseparation i - ROUNDING - eps <= distance A i t /\
       need r i away t - CLOSE - eps <= distance A i t) /\
+    (forall z start, In z areas -> afrom z <= t <= auntil z -> clear_of z own_x0 own_y0 0 start ->
+      clear_of z (own_px A t) (own_py A t) t (area_required r z start - eps)) /\
     Rmin (speed_min L) own_speed - tol_speed T - slack <= speed A + alpha A * (t - begin A)
       <= Rmax (speed_max L) own_speed + tol_speed T + slack /\
     acc_min L - tol_acc T <= alpha A <= acc_max L + tol_acc T /\
@@ -404,31 +546,41 @@ Theorem safe r L T slack position_error eps horizon own_x0 own_y0 own_speed arcs
 Proof.
   intros C t inside; split; [apply (arcs_cover 0 arcs horizon); destruct C; assumption|].
   intros A member now.
-  destruct (joined_begins 0 arcs horizon A (no_gap _ _ _ _ _ _ _ _ _ _ _ _ C) member) as [begun long].
+  destruct (joined_begins 0 arcs horizon A (no_gap _ _ _ _ _ _ _ _ _ _ _ _ _ C) member) as [begun long].
   assert (bounds : Rmin (speed_min L) own_speed - tol_speed T <= own_speed <= Rmax (speed_max L) own_speed + tol_speed T).
-  { generalize (Rmin_r (speed_min L) own_speed) (Rmax_r (speed_max L) own_speed) (tolerances _ _ _ _ _ _ _ _ _ _ _ _ C).
+  { generalize (Rmin_r (speed_min L) own_speed) (Rmax_r (speed_max L) own_speed) (tolerances _ _ _ _ _ _ _ _ _ _ _ _ _ C).
     lra. }
   destruct (speeds_ends L (tol_speed T) slack own_speed own_speed own_speed own_speed arcs A) as [one two];
     try (destruct C; assumption); try lra.
-  destruct (forwards _ _ _ _ _ _ _ _ _ _ _ _ C A member) as [forward forward_end].
+  destruct (forwards _ _ _ _ _ _ _ _ _ _ _ _ _ C A member) as [forward forward_end].
   assert (slack_pos : 0 <= slack).
   { destruct arcs as [|B rest]; [destruct member|].
-    destruct (speeds_met _ _ _ _ _ _ _ _ _ _ _ _ C) as [join _].
+    destruct (speeds_met _ _ _ _ _ _ _ _ _ _ _ _ _ C) as [join _].
     generalize (Rabs_pos (speed B - own_speed)); lra. }
-  split; [|split; [|split]].
+  split; [|split; [|split; [|split]]].
   - intros i member_k meant away.
-    destruct (parts_pass _ _ _ _ _ _ _ _ _ _ _ _ C A i member member_k) as [ends pass].
+    destruct (parts_pass _ _ _ _ _ _ _ _ _ _ _ _ _ C A i member member_k) as [ends pass].
     destruct (parts_cover _ _ _ _ t pass) as [b [e [from [order [until [at_ test]]]]]]; [lra|exact now|].
-    assert (enough := part_safe r A i away position_error eps b e t (sigmas_pos _ _ _ _ _ _ _ _ _ _ _ _ C)).
+    assert (enough := part_safe r A i away position_error eps b e t (sigmas_pos _ _ _ _ _ _ _ _ _ _ _ _ _ C)).
     assert (kept : required_at r i away t - eps <= distance A i t).
     { apply enough; try assumption; try lra; apply test; unfold counts; lra. }
     generalize (owes_separation r i away t) (owes_need r i away t); lra.
+  - intros z start member_z meant begun_.
+    destruct (areas_pass _ _ _ _ _ _ _ _ _ _ _ _ _ C A z member member_z) as [ends pass].
+    destruct (parts_cover _ _ _ _ t pass) as [b [e [from [order [until [at_ test]]]]]]; [lra|exact now|].
+    assert (kept : clear_of z (own_px A t) (own_py A t) t (area_required r z (astart z) - eps)).
+    { apply (area_part_safe r A z position_error eps b e); try assumption; try lra.
+      - apply (whole _ _ _ _ _ _ _ _ _ _ _ _ _ C); assumption.
+      - apply test; lra. }
+    unfold clear_of in *; apply keeps_less with (2 := kept).
+    assert (more := area_required_monotone r z start (astart z) (starts _ _ _ _ _ _ _ _ _ _ _ _ _ C z start member_z begun_)).
+    lra.
   - unfold during in now.
     set (u := t - begin A).
     assert (u_in : 0 <= u <= duration A) by (unfold u; lra).
     destruct (Rle_dec 0 (alpha A)); split; nra.
-  - apply (gentle _ _ _ _ _ _ _ _ _ _ _ _ C); assumption.
-  - apply (turning _ _ _ _ _ _ _ _ _ _ _ _ C); assumption.
+  - apply (gentle _ _ _ _ _ _ _ _ _ _ _ _ _ C); assumption.
+  - apply (turning _ _ _ _ _ _ _ _ _ _ _ _ _ C); assumption.
 Qed.
 
 (* ---- a report of some age and the intruder at the request fly the same ---- *)

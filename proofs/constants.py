@@ -4,9 +4,10 @@ proofs/Constants.v``.
 
 from fractions import Fraction
 
+from agents.planner.areas import NEARER
 from agents.planner.validator import CLOSE, ROUNDING
 
-CONSTANTS = {"CLOSE": CLOSE, "ROUNDING": ROUNDING}
+CONSTANTS = {"CLOSE": CLOSE, "ROUNDING": ROUNDING, "NEARER": NEARER}
 
 
 def text() -> str:

@@ -107,8 +107,15 @@ def _reachable_areas(
     """Return the areas that some plan of a request may meet."""
     end = float(np.max(latest_end(request, options)))
     fastest = max(own.speed, options.limits.speed_max) + SPEED_TOLERANCE
-    climb = options.unknown_climb
-    return relevant(areas, own, altitude, fastest=fastest, horizon=end, unknown_climb=climb)
+    return relevant(
+        areas,
+        own,
+        altitude,
+        fastest=fastest,
+        horizon=end,
+        unknown_climb=options.unknown_climb,
+        margin=options.requirement.margin,
+    )
 
 
 def _without_points_in(

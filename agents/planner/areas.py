@@ -3,7 +3,8 @@
 An area counts while it is valid and the ownship may be level with it. As with the separation
 (:mod:`agents.planner.separation`), a part of a leg of length h leaves its chord by at most a h^2 /
 8, so what :mod:`envs.area_geometry` says of the chord bounds the signed distance of the whole part
-(proofs/Area.v). Parts that are not clear are cut into :data:`~agents.planner.separation.FINE`.
+(theorem ``area_part_safe`` of proofs/Safe.v). Parts that are not clear are cut into
+:data:`~agents.planner.separation.FINE`.
 """
 
 import math
@@ -96,10 +97,12 @@ def relevant(
     fastest: float,
     horizon: float,
     unknown_climb: float,
+    margin: float,
 ) -> tuple[Counted, ...]:
     """Return the areas that count within a horizon, and when.
 
-    An area to be kept out of is left out where the ownship cannot reach its clearance in time.
+    An area to be kept out of is left out where the ownship cannot reach its clearance and the
+    margin in time (theorem ``area_out_of_reach`` of proofs/Safe.v).
 
     Args:
         own: state of the ownship at the request.
@@ -107,6 +110,7 @@ def relevant(
         fastest: highest speed over the ground of any plan, m/s.
         horizon: time of the last waypoint of any plan, s.
         unknown_climb: vertical speed either way where it is unknown, m/s.
+        margin: what the follower leaves of the plan, m; added to the clearance.
     """
     found = []
     for number, area in enumerate(areas):
@@ -115,7 +119,7 @@ def relevant(
         if begin > end:
             continue
         if area.keep is Keep.OUT:
-            away = float(signed_distance(area, own.x, own.y)) - area.clearance
+            away = float(signed_distance(area, own.x, own.y)) - area.clearance - margin
             if away > (fastest + math.hypot(*area.velocity) + max(area.growth, 0.0)) * end:
                 continue
         found.append(Counted(number, area, begin, end))

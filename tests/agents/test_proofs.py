@@ -13,13 +13,27 @@ import numpy as np
 import pytest
 
 from agents import check
-from agents.planner import separation, validator
+from agents.planner import areas, separation, validator
+from agents.planner.areas import Counted
+from agents.planner.levels import Altitude
 from agents.planner.traffic import Requirement, Traffic, advance_reports, requirement_of
 from envs import area_geometry, waypoints
-from envs.areas import Area, Polygon
-from envs.kinematics import C208_PUBLISHED, VehicleState
+from envs.areas import Area, Circle, Keep, Level, Polygon
+from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
+from envs.wind import Wind, narrow, over_ground, through_air
 
 PROOFS = Path(__file__).parents[2] / "proofs"
+FILES = (
+    "Constants",
+    "Vectors",
+    "Bound",
+    "Area",
+    "Motion",
+    "Quadrature",
+    "Level",
+    "Wind",
+    "Safe",
+)
 TOKEN = re.compile(r"\s*(\d+|[A-Za-z_][A-Za-z_0-9']*|[-+*/()])")
 HEAD = re.compile(r"Definition (\w+)((?:\s*\([^()]*\))*)\s*: R :=\s*(.*?)\.\s*(?=\n|$)", re.DOTALL)
 ARGUMENTS = re.compile(r"\(([\w\s]+):")
@@ -95,7 +109,7 @@ class Reader:
 
 def definitions() -> dict[str, Callable[..., Any]]:
     scope: dict[str, Any] = dict(PRIMITIVE)
-    for name in ("Constants", "Vectors", "Bound", "Area", "Motion", "Quadrature", "Level", "Safe"):
+    for name in FILES:
         text = re.sub(
             r"\(\*.*?\*\)", "", (PROOFS / f"{name}.v").read_text(encoding="utf-8"), flags=re.DOTALL
         )
@@ -126,6 +140,9 @@ def test_definitions_are_read() -> None:
         "own_acceleration",
         "edge_distance",
         "angle",
+        "area_need",
+        "narrow_turn",
+        "level_time",
     } <= set(COQ)
     assert COQ["norm"](3.0, 4.0) == 5.0
     assert COQ["loss"](2.0, 4.0) == pytest.approx(0.5)
@@ -136,6 +153,7 @@ def test_constants_are_the_codes() -> None:
         PROOFS / "Constants.v"
     ).read_text(encoding="utf-8")
     assert (COQ["CLOSE"], COQ["ROUNDING"]) == (validator.CLOSE, validator.ROUNDING)
+    assert COQ["NEARER"] == areas.NEARER == check._NEARER
 
 
 def ends(rng: np.random.Generator, count: int) -> Any:
@@ -214,6 +232,145 @@ def test_the_side_of_an_area_is_the_proven_winding() -> None:
     turns = found / (2.0 * math.pi)
     assert turns == pytest.approx(np.round(turns), abs=1e-9)
     assert set(np.round(turns)) == {0.0, 1.0}
+
+
+def some_area(rng: np.random.Generator, *, circle: bool) -> Area:
+    """Return an area that moves and grows, of either kind."""
+    disc = Circle(*rng.uniform(-1e3, 1e3, 2).tolist(), float(rng.uniform(500.0, 4e3)))
+    return Area(
+        disc if circle else ARROW,
+        keep=Keep.IN if rng.random() < 0.5 else Keep.OUT,
+        velocity=tuple(rng.uniform(-30.0, 30.0, 2).tolist()),
+        growth=float(rng.uniform(-3.0, 3.0)),
+        clearance=float(rng.uniform(0.0, 500.0)),
+    )
+
+
+def gain(area: Area) -> float:
+    return COQ["gain"](area.keep is Keep.OUT, area.growth)
+
+
+def test_distances_of_chords_from_circles_are_the_proven_ones() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(50):
+        area = some_area(rng, circle=True)
+        assert isinstance(area.shape, Circle)
+        x, y, radius = area.shape.x, area.shape.y, area.shape.radius
+        at = ends(rng, 20)
+        found = area_geometry.chord_distances(area, area_geometry.Parts(*at.T)).bound
+        for (px, py, qx, qy), bound in zip(at.tolist(), found, strict=True):
+            if area.keep is Keep.OUT:
+                proven = COQ["nearest"](px - x, py - y, qx - x, qy - y) - radius
+            else:
+                proven = radius - max(COQ["norm"](px - x, py - y), COQ["norm"](qx - x, qy - y))
+            assert bound == pytest.approx(proven, rel=1e-9, abs=1e-6)
+
+
+@pytest.mark.parametrize("circle", [True, False])
+def test_bounds_of_parts_of_plans_are_the_proven_ones(circle: bool) -> None:
+    rng = np.random.default_rng(9)
+    for _ in range(30):
+        area, rows = some_area(rng, circle=circle), 20
+        at, begin = rng.uniform(-5e3, 5e3, (2, rows)), rng.uniform(0.0, 300.0, rows)
+        length, bend, error = rng.uniform(0.1, 5.0, rows), rng.uniform(0.0, 9.0, rows), 1e-3
+        step = rng.normal(0.0, 100.0, (2, rows))
+        arcs = areas._Arcs(begin, begin + length, *at, *(at + step), bend, np.full(rows, error))
+        bound, attained = areas._bounds(area, arcs, np.full(rows, np.inf))
+        own = area_geometry.Parts(
+            *(at - np.outer(area.velocity, begin)),
+            *(at + step - np.outer(area.velocity, begin + length)),
+        )
+        chord = area_geometry.chord_distances(area, own)
+        for n in range(rows):
+            grown = gain(area) * begin[n], gain(area) * (begin[n] + length[n])
+            lost = COQ["area_sagitta"](bend[n], length[n]) + error
+            assert bound[n] == pytest.approx(chord.bound[n] + min(grown) - lost, abs=1e-6)
+            whole = min(chord.begin[n] + grown[0], chord.end[n] + grown[1])
+            assert attained[n] == pytest.approx(whole, abs=1e-6)
+            # The bound by the ends alone (by_ends) never says more.
+            distance = math.hypot(own.x1[n] - own.x0[n], own.y1[n] - own.y0[n])
+            assert chord.bound[n] >= 0.5 * (chord.begin[n] + chord.end[n] - distance) - 1e-6
+
+
+def test_what_plans_must_keep_of_areas_is_the_proven_need() -> None:
+    rng = np.random.default_rng(10)
+    inside = 0
+    for _ in range(600):
+        area, margin = some_area(rng, circle=False), float(rng.uniform(0.0, 100.0))
+        (x,), (y,) = place = rng.uniform(-3e3, 5e3, (2, 1))
+        first = float(rng.choice([0.0, 30.0]))
+        away = float(area_geometry.signed_distance(area, x, y))
+        need = areas.required_distances(Counted(0, area, first, 400.0), *place, margin)
+        proven = COQ["area_need"](area.clearance + margin, away, first)
+        assert need.item() == pytest.approx(proven, abs=1e-9)
+        less = areas._required_less_tolerance(need).item()
+        assert less == pytest.approx(COQ["area_need_with_tolerance"](proven), abs=1e-12)
+        inside += 0.0 < proven < area.clearance + margin
+    assert inside > 10
+
+
+def test_areas_count_in_the_proven_window() -> None:
+    rng = np.random.default_rng(11)
+    closed = 0
+    for _ in range(300):
+        value, level, climb, error, spread = rng.uniform(
+            [0.0, 0.0, -10.0, 0.0, 0.0], [3e3, 3e3, 10.0, 300.0, 2.0]
+        ).tolist()
+        above = bool(rng.random() < 0.5)
+        heights = {"floor" if above else "ceiling": Level(level, "msl")}
+        one = Area(ARROW, **heights)
+        side = 1.0 if above else -1.0
+        own = Altitude(value, "msl", climb, error, spread)
+        begin, end = areas.window(one, own, 9.0)
+        held = side, value, climb, error, spread, level
+        gap, rate = (
+            COQ["gap_at_request"](side, value, error, level),
+            COQ["gap_rate"](side, climb, spread),
+        )
+        for time in (begin, end):
+            if math.isfinite(time):
+                assert time == pytest.approx(COQ["level_time"](gap, rate))
+                assert COQ["over_level"](*held, time) == pytest.approx(0.0, abs=1e-6)
+                closed += 1
+        for time in rng.uniform(0.0, 500.0, 20).tolist():
+            assert (begin <= time <= end) or COQ["over_level"](*held, time) < 0.0
+    assert closed > 100
+
+
+def test_limits_are_narrowed_as_proven() -> None:
+    rng = np.random.default_rng(12)
+    for _ in range(200):
+        slow, fast, weak, strong, turn, error = rng.uniform(
+            [10.0, 60.0, -2.0, 0.1, 0.02, 0.01], [50.0, 200.0, -0.1, 2.0, 0.3, 9.0]
+        ).tolist()
+        found = narrow(Limits(slow, fast, weak, strong, turn), error)
+        left = COQ["narrow_turn"](slow, weak, strong, turn, error)
+        proven = (
+            COQ["narrow_speed_min"](slow, error),
+            COQ["narrow_speed_max"](fast, error),
+            COQ["narrow_acc_min"](weak, left, error),
+            COQ["narrow_acc_max"](strong, left, error),
+            left,
+        )
+        assert found == pytest.approx(proven)
+
+
+def test_turns_in_another_wind_go_where_the_proof_says() -> None:
+    rng = np.random.default_rng(13)
+    for _ in range(200):
+        heading, speed, turn = rng.uniform([-3.0, 5.0, -4.0], [3.0, 200.0, 4.0]).tolist()
+        wind = Wind(*rng.uniform(-20.0, 20.0, 2).tolist())
+        air = through_air(VehicleState(0.0, 0.0, heading, speed), wind, 0.0)
+        later = over_ground(air._replace(heading=air.heading + turn), wind, 0.0)
+        ground = speed * math.cos(heading), speed * math.sin(heading)
+        proven = (
+            COQ["turned_x"](*ground, wind.east, wind.north, turn),
+            COQ["turned_y"](*ground, wind.east, wind.north, turn),
+        )
+        assert (
+            later.speed * math.cos(later.heading),
+            later.speed * math.sin(later.heading),
+        ) == pytest.approx(proven)
 
 
 def test_checkers_bound_is_the_best_proven_one() -> None:

@@ -204,7 +204,8 @@ def test_what_cannot_be_reached_or_does_not_count_is_left_out() -> None:
         Area(Circle(0.0, 0.0, 1e3), valid_from=10.0, valid_until=20.0),
         Area(Circle(19_000.0, 0.0, 1e3), valid_until=170.0),
     ]
-    found = relevant(areas, own, Altitude(500.0, "msl", 0.0), fastest=100.0, **settings)
+    level = Altitude(500.0, "msl", 0.0)
+    found = relevant(areas, own, level, fastest=100.0, margin=0.0, **settings)
     assert [one.number for one in found] == [1, 2, 3, 7]
     assert (found[3].begin, found[3].end) == (10.0, 20.0)
     assert (found[0].begin, found[0].end) == (0.0, 400.0)
@@ -218,10 +219,11 @@ def test_nothing_that_is_left_out_can_be_met() -> None:
     for _ in range(40):
         area = random_area(rng)
         one = Counted(0, area, 0.0, END)
-        wrong = judge(plan_states, curves, [one]).wrong
+        wrong = judge(plan_states, curves, [one], margin=600.0).wrong
         for n in range(0, 200, 10):
             own = VehicleState(*(float(field[n, 0]) for field in plan_states[:4]))
-            out = not relevant([area], own, None, fastest=100.0, horizon=END, unknown_climb=9.0)
+            settings = {"fastest": 100.0, "horizon": END, "unknown_climb": 9.0}
+            out = not relevant([area], own, None, margin=600.0, **settings)
             assert not (out and wrong[n])
             met += wrong[n]
     assert met > 20
