@@ -18,7 +18,7 @@ from agents.planner.answer import WAYPOINTS, RequestError
 from agents.planner.planner import plan_many
 from agents.planner.request import Options, Request
 from agents.policy.inference import Policy
-from benchmarks.safety import published
+from benchmarks.safety import published, sky
 from benchmarks.safety.adversary import (
     FAMILIES,
     VARIANTS,
@@ -29,7 +29,7 @@ from benchmarks.safety.adversary import (
     variants,
 )
 from benchmarks.safety.reflight import refly
-from benchmarks.safety.resimulation import CHECKS, Route, resimulate
+from benchmarks.safety.resimulation import CHECKS, Route, fly, resimulate
 from envs import draws
 from envs.aircraft import PAPER, Aircraft
 from envs.kinematics import Limits
@@ -45,6 +45,7 @@ REFLOWN = 0.05
 """Share of SAFE plans that the follower flies."""
 
 _SHOWN = 10  # numbers of each check in the last line
+_SKY = ("wind", "uncertain wind", "areas", "windows", "own separations", "all of these")
 
 
 class Batch(NamedTuple):
@@ -87,7 +88,8 @@ class Tally:
     """Answers of ``plan``: safe, unresolved, refused."""
     counts: Counter[str] = field(default_factory=Counter)
     """SAFE plans re-flown, and those of them that came closer than 1000 m because they began or
-    were asked to be closer than the follower's error beyond it."""
+    were asked to be closer than the follower's error beyond it; requests of ``plan`` that have a
+    wind, areas and so on, and how many of them are SAFE."""
     violations: list[dict[str, Any]] = field(default_factory=list)
     clearance: float = np.inf
     """Smallest separation of a SAFE plan less the required one, m."""
@@ -134,6 +136,9 @@ class Tally:
                 one.name: [self.requests[one.name], self.safe[one.name]] for one in FAMILIES
             },
             "through_plan": dict(sorted(self.single.items())),
+            "through_plan_with": {
+                name: [self.counts[name], self.counts[f"{name}, safe"]] for name in _SKY
+            },
             "violations": len(self.violations),
             "violations_by_check": {
                 name: {"count": len(numbers), "first": sorted(numbers)[:_SHOWN]}
@@ -283,9 +288,15 @@ def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, option
         tally.single[answer.status.value] += 1
         for check in published.faults(question, answer, options):
             _blame(tally, check, requests, row)
+        names = _what_stands_around(question)
+        tally.counts.update(names)
         if answer.safe and len(answer.waypoints) == WAYPOINTS:
+            tally.counts.update(f"{name}, safe" for name in names)
             judged.append(published.as_arrays(question, answer, options))
             places.append(row)
+            flown = fly(judged[-1][0])
+            for check in sky.faults(question.sky, flown, options, question.altitude):
+                _blame(tally, check, requests, row)
     if judged:
         plan_states, last, request = map_leaves(lambda *fields: np.stack(fields), *judged)
         judge(
@@ -296,6 +307,25 @@ def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, option
             last,
             options,
         )
+
+
+def _what_stands_around(question: published.Question) -> list[str]:
+    """Return which of :data:`_SKY` a request has."""
+    wind, areas = question.sky
+    level = question.altitude
+    holds = (
+        wind is not None,
+        wind is not None and wind.std > 0.0,
+        bool(areas),
+        level is not None
+        and any(
+            one.altitude is not None and one.altitude.reference == level.reference
+            for one in question.intruders
+        ),
+        any(one.separation is not None for one in question.intruders),
+    )
+    names = [name for name, one in zip(_SKY, holds, strict=False) if one]
+    return [*names, *(_SKY[-1:] if all(holds) else ())]
 
 
 def _families(requests: Drawn, rows: Any) -> Counter[str]:

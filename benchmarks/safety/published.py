@@ -3,8 +3,9 @@ keep.
 
 The reports of the intruders are some seconds old, turning ones turned then already, some straight
 ones have just ended a turn, some have altitudes, and the indices of the route are drawn so that
-careless new ones would meet them. What the planner is given is the report; what it is judged by is
-where that leads, by this package's own arithmetic.
+careless new ones would meet them. Most fly in a wind and among areas
+(:mod:`benchmarks.safety.sky`). What the planner is given is the report over the ground; what it is
+judged by is where that leads in the air mass, by this package's own arithmetic.
 """
 
 import math
@@ -13,18 +14,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.answer import WAYPOINTS, Plan
+from agents.planner.answer import WAYPOINTS, Apart, Plan
 from agents.planner.planner import plan
 from agents.planner.request import Altitude, Intruder, Options, Request
 from agents.planner.traffic import Traffic, Window
 from agents.policy.inference import Policy
 from benchmarks.safety.resimulation import CLOSE, displacement
-from envs import waypoints
+from benchmarks.safety.sky import Sky, draw_sky
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint
 
-__all__ = ["Question", "as_arrays", "faults", "question"]
+__all__ = ["STILL", "Question", "as_arrays", "faults", "question"]
+
+STILL = Sky(None, ())
+"""Still air without areas."""
 
 
 class Question(NamedTuple):
@@ -35,18 +39,28 @@ class Question(NamedTuple):
     route: list[RoutePoint]
     altitude: Altitude | None
     truth: Request
-    """The same as arrays without leading axis, intruders ``[K]``: those reported, at the request.
-    """
+    """The same as arrays without leading axis, intruders ``[K]``: those reported, at the request,
+    in the air mass."""
+    sky: Sky = STILL
 
     def ask(self, policy: Policy, options: Options) -> Plan:
         """Return the planner's answer."""
         return plan(
-            self.own, self.intruders, self.route, policy, options, own_altitude=self.altitude
+            self.own,
+            self.intruders,
+            self.route,
+            policy,
+            options,
+            own_altitude=self.altitude,
+            wind=self.sky.wind,
+            areas=self.sky.areas,
         )
 
 
 def question(seed: int, number: int, request: Request, unit: float) -> Question:
-    """Return a request ``[]`` of the attack as ``plan`` takes it; ``unit``: the separation, m."""
+    """Return a request ``[]`` of the attack, which is one in the air mass, as ``plan`` takes it;
+    ``unit``: the separation, m.
+    """
     rng = np.random.default_rng([seed, number])
     traffic = request.traffic
     ages = np.array(traffic.age)
@@ -82,7 +96,36 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
     own = VehicleState(*(float(value) for value in request.own))
     altitude = Altitude(2_000.0, "msl", float(rng.normal(0.0, 3.0))) if rng.random() < 0.7 else None
     truth = request._replace(traffic=take(traffic._replace(age=ages), order))
-    return Question(own, intruders, [RoutePoint(*point) for point in points], altitude, truth)
+    sky = draw_sky(seed, number, request, unit, altitude)
+    intruders = [
+        replace(one, state=_over_ground(one.state, sky.blows, -one.age)) for one in intruders
+    ]
+    route = [RoutePoint(*point) for point in points]
+    own = _over_ground(own, sky.blows, 0.0)
+    return Question(own, intruders, route, altitude, _in_wind(truth, intruders, sky), sky)
+
+
+def _over_ground(state: VehicleState, blows: complex, time: float) -> VehicleState:
+    """Return a state in the air mass, some seconds after the request, as the ground sees it."""
+    if blows == 0.0:
+        return state
+    velocity = state.speed * np.exp(1j * state.heading) + blows
+    place = state.x + 1j * state.y + blows * time
+    return VehicleState(
+        float(place.real), float(place.imag), float(np.angle(velocity)), float(abs(velocity))
+    )
+
+
+def _in_wind(truth: Request, intruders: list[Intruder], sky: Sky) -> Request:
+    """Return a request in a wind that is not known exactly: what turns through the air gets over
+    the ground where the wind takes it.
+    """
+    if sky.wind is None:
+        return truth
+    drift = np.array(truth.traffic.velocity_std)
+    for place, one in enumerate(intruders):
+        drift[place] += sky.wind.std * min(abs(one.turn_rate) * one.turn_time, 2.0)
+    return truth._replace(traffic=truth.traffic._replace(velocity_std=drift))
 
 
 def _draw_separations(
@@ -147,7 +190,8 @@ def faults(question: Question, answer: Plan, options: Options) -> list[str]:
         wrong.append("last index")
     end = answer.waypoints[-1].time
     times = np.arange(0.0, end, CLOSE)
-    if any(_level(question, one.number, times, options).any() for one in answer.excluded):
+    above_or_below = [one.number for one in answer.excluded if one.apart is Apart.VERTICALLY]
+    if any(_level(question, number, times, options).any() for number in above_or_below):
         wrong.append("vertical")
     return wrong
 
@@ -179,14 +223,15 @@ def as_arrays(
     """Return a plan's states ``[21]``, the number of its last point of the route, and the request
     as it was planned for.
 
-    The request has no leading axis; intruders that were left out are masked.
+    Both are in the air mass, the route as it lies there when the plan ends. The request has no
+    leading axis; intruders that were left out as above or below are masked.
     """
     indices = [point.index for point in question.route]
     last = answer.waypoints[-1].index
     number = indices.index(last) if last in indices else len(indices)
     mask = np.zeros(np.shape(question.truth.traffic.mask), dtype=bool)
     mask[: len(question.intruders)] = True
-    mask[[one.number for one in answer.excluded]] = False
+    mask[[one.number for one in answer.excluded if one.apart is Apart.VERTICALLY]] = False
     times = np.arange(0.0, answer.waypoints[-1].time + CLOSE, CLOSE)
     begin, end = np.full((2, mask.size), np.inf)
     for k in np.flatnonzero(mask):
@@ -194,5 +239,23 @@ def as_arrays(
         begin[k], end[k] = (level[0], level[-1]) if level.size else (np.inf, -np.inf)
         begin[k] = begin[k] if begin[k] > 0.0 else -np.inf
     traffic = question.truth.traffic._replace(mask=mask, window=Window(begin, end))
-    plan_states = waypoints.plan_states(question.own, answer.waypoints)
-    return plan_states, np.array(number), question.truth._replace(traffic=traffic)
+    moved = question.sky.blows * answer.waypoints[-1].time
+    truth = question.truth._replace(
+        traffic=traffic,
+        route_x=question.truth.route_x - moved.real,
+        route_y=question.truth.route_y - moved.imag,
+    )
+    return _plan_states(question, answer), np.array(number), truth
+
+
+def _plan_states(question: Question, answer: Plan) -> PlanStates:
+    """Return a published plan ``[W + 1]`` as the air mass sees it."""
+    rows = [(*question.own, 0.0)]
+    rows += [(one.x, one.y, one.heading, one.speed, one.time) for one in answer.waypoints]
+    x, y, heading, speed, time = np.array(rows, dtype=float).T
+    blows = question.sky.blows
+    if blows == 0.0:
+        return PlanStates(x, y, heading, speed, time)
+    place = x + 1j * y - blows * time
+    velocity = speed * np.exp(1j * heading) - blows
+    return PlanStates(place.real, place.imag, np.angle(velocity), np.abs(velocity), time)

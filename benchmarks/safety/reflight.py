@@ -12,7 +12,7 @@ import numpy as np
 from agents.planner.options import default_margin
 from agents.planner.request import Request
 from agents.planner.traffic import Requirement, Traffic
-from benchmarks.safety.resimulation import VehicleColumns, required_distances
+from benchmarks.safety.resimulation import VehicleColumns, least_of, required_distances
 from envs.aircraft import PAPER
 from envs.follower import PERIOD, steer
 from envs.kinematics import Limits, VehicleState
@@ -23,7 +23,7 @@ __all__ = ["Reflight", "refly"]
 
 _MARGIN = default_margin(PAPER)
 _ALLOWED = _MARGIN + 1e-2  # distance from the plan, m
-_LOOK = 1_040.0  # distance below which the parts of a period are looked at, m
+_LOOK = 40.0  # m beyond what must be kept below which the parts of a period are looked at
 _PARTS = np.linspace(0.0, PERIOD, 6)
 _COMPRESS = 100  # periods between two looks at which have arrived
 
@@ -36,7 +36,7 @@ class Reflight(NamedTuple):
     error: Any
     """Largest distance from where the plan was at the time, m."""
     too_close: Any
-    """Closer than 1000 m, bool. Where less than 1000 m and the follower's
+    """Closer to an intruder than its separation, bool. Where less than that and the follower's
     default margin was asked for, or was there at the request, the margin less than that."""
     astray: Any
     """Farther from the plan than the follower's margin and 1 cm, bool."""
@@ -54,10 +54,10 @@ def refly(
         limits: of the vehicle; a speed beyond them at the request may stay.
     """
     count = len(plan_states.time)
-    separation, error = np.full(count, np.inf), np.zeros(count)
+    separation, spare, error = np.full(count, np.inf), np.full(count, np.inf), np.zeros(count)
     traffic = request.traffic
     need = required_distances(request.own.x + 1j * request.own.y, traffic, requirement)
-    nearest = np.min(np.where(traffic.mask, need, np.inf), axis=1, initial=np.inf)
+    floor = np.minimum(least_of(traffic, requirement), need - _MARGIN)  # of each intruder
     others = VehicleColumns(*(field[..., None] for field in (*traffic.state, *traffic[2:7])))
     rows, curves, mask = np.arange(count), legs(plan_states), traffic.mask
     ends = plan_states.time[:, -1]
@@ -77,11 +77,15 @@ def refly(
         counts = in_window(traffic, rows, time)
         apart = np.where(mask & flying[:, None] & counts, apart, np.inf)
         separation[rows] = np.minimum(separation[rows], np.min(apart, axis=1, initial=np.inf))
-        n, k = np.nonzero(apart < _LOOK)
+        least = np.min(apart - floor[rows], axis=1, initial=np.inf)
+        spare[rows] = np.minimum(spare[rows], least)
+        n, k = np.nonzero(apart < np.maximum(floor[rows], requirement.separation) + _LOOK)
         if n.size:
             place = flight[n] + (own.x + 1j * own.y)[n, None]
             away = VehicleColumns(*(field[n, k] for field in others)).place(time + _PARTS) - place
-            np.minimum.at(separation, rows[n], _closest(away))
+            closest = _closest(away)
+            np.minimum.at(separation, rows[n], closest)
+            np.minimum.at(spare, rows[n], closest - floor[rows[n], k])
         end = flight[:, -1]
         own = VehicleState(
             own.x + end.real,
@@ -98,8 +102,7 @@ def refly(
             rows, curves, mask, ends, own, now, others = take(
                 (rows, curves, mask, ends, own, now, others), on
             )
-    floor = np.minimum(1_000.0, nearest - _MARGIN)
-    return Reflight(separation, error, separation < floor - 1e-3, error > _ALLOWED)
+    return Reflight(separation, error, spare < -1e-3, error > _ALLOWED)
 
 
 def in_window(traffic: Traffic, rows: Any, time: float) -> Any:

@@ -24,9 +24,11 @@ __all__ = [
     "CLOSE",
     "COARSE",
     "TOLERANCE",
+    "Flown",
     "Route",
     "Verdict",
     "displacement",
+    "fly",
     "growth",
     "required_distances",
     "resimulate",
@@ -67,6 +69,23 @@ class Route(NamedTuple):
     """Number of the point that ends the plan."""
 
 
+class Flown(NamedTuple):
+    """A plan in the air mass at sampled times; fields ``[S]``."""
+
+    time: Any
+    """s after the request."""
+    place: Any
+    """Complex, m."""
+    heading: Any
+    """rad."""
+    speed: Any
+    """m/s."""
+    acceleration: Any
+    """Along the path from then on, m/s^2."""
+    turn_rate: Any
+    """From then on, rad/s."""
+
+
 class Verdict(NamedTuple):
     """What was found."""
 
@@ -76,6 +95,20 @@ class Verdict(NamedTuple):
     """Smallest sampled distance to any intruder, m, ``[N]``; inf without any."""
     clearance: Any
     """Smallest sampled distance less the separation of the intruder, m, ``[N]``."""
+
+
+def fly(plan_states: PlanStates) -> Flown:
+    """Return a plan ``[W + 1]`` as it is flown, sampled every :data:`CLOSE` s at most."""
+    curves = legs(PlanStates(*(field[None] for field in plan_states)))
+    parts = []
+    for leg in range(curves.duration.shape[1]):
+        one = Legs(*(field[:, leg : leg + 1] for field in curves))
+        begin = PlanStates(*(field[None, leg : leg + 1] for field in plan_states))
+        step = math.ceil(float(one.duration.max()) / ARCS / CLOSE)
+        flight = (field[0, 0] for field in _integrate(begin, one, step))
+        controls = (np.repeat(field[0, 0], step) for field in (one.acceleration, one.yaw_rate))
+        parts.append((*flight, *(np.append(field, field[-1]) for field in controls)))
+    return Flown(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def displacement(heading: Any, speed: Any, rate: Any, lasts: Any, time: Any) -> Any:

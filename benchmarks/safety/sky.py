@@ -1,0 +1,247 @@
+"""Wind and areas of the attack's requests, and what a SAFE plan must keep of them.
+
+Everything is sampled over the ground, :data:`~benchmarks.safety.resimulation.CLOSE` s apart: the
+distance from an area by shapely, the limits in other winds by the definition of velocity and
+acceleration there. Nothing of :mod:`envs.area_geometry` or :mod:`envs.wind` is used.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from agents.planner.options import Options
+from agents.planner.request import Altitude, Request
+from benchmarks.safety.resimulation import Flown
+from envs.areas import Area, Circle, Keep, Level, Polygon
+from envs.kinematics import Limits
+from envs.wind import Wind
+
+__all__ = ["Sky", "draw_sky", "faults"]
+
+_TOLERANCE = 1e-3  # of the judgement: m
+_PART = 1e-3 + 3e-6  # m of a clearance that may be missing
+_NEARER = 0.01  # m that a plan may come nearer which begins inside a clearance
+_EDGE = 3e-6  # m by which it may be beyond the edge itself
+_EXACT = 1e-5  # of speeds, accelerations and turn rates in other winds
+_DIRECTIONS = np.exp(2j * math.pi * np.arange(16) / 16)
+_PIECE = 25  # samples that are looked at together first
+_WIDEST = 25_000.0  # m of a radius
+_FARTHEST = 5e5  # m from the frame's origin
+
+
+class Sky(NamedTuple):
+    """What stands around a request."""
+
+    wind: Wind | None
+    areas: tuple[Area, ...]
+
+    @property
+    def blows(self) -> complex:
+        """Velocity of the air towards east + i north, m/s."""
+        return complex(0.0) if self.wind is None else complex(self.wind.east, self.wind.north)
+
+
+def draw_sky(
+    seed: int, number: int, request: Request, unit: float, altitude: Altitude | None
+) -> Sky:
+    """Return wind for two of three requests ``[]``, and one to three areas for as many.
+
+    Areas stand on the way to one of the next points of the route, or somewhat beside it.
+
+    Args:
+        seed: of the attack.
+        number: of the request.
+        request: in the air mass.
+        unit: the separation, m.
+        altitude: of the ownship.
+    """
+    rng = np.random.default_rng([seed, number, 54])
+    speed = float(request.own.speed)
+    wind = None
+    if rng.random() < 2.0 / 3.0:
+        to = speed * float(rng.uniform(0.0, 0.7)) * np.exp(2j * math.pi * rng.uniform())
+        std = 0.02 * speed * float(rng.uniform()) if rng.random() < 0.5 else 0.0
+        wind = Wind(float(to.real), float(to.imag), std)
+    place = max(abs(float(request.own.x)), abs(float(request.own.y)))
+    local = place + 12.0 * unit < _FARTHEST  # areas stand in the local frame
+    count = int(rng.integers(1, 4)) if rng.random() < 2.0 / 3.0 and local else 0
+    areas = tuple(_area(rng, request, unit, altitude) for _ in range(count))
+    return Sky(wind, areas)
+
+
+def _area(
+    rng: np.random.Generator, request: Request, unit: float, altitude: Altitude | None
+) -> Area:
+    own = complex(request.own.x, request.own.y)
+    speed = float(request.own.speed)
+    point = int(rng.integers(min(int(request.points), 4)))
+    way = complex(request.route_x[point], request.route_y[point]) - own
+    keep_in = rng.random() < 0.15
+    size = unit * float(0.2 * 20.0 ** rng.uniform())
+    place = own + way * float(rng.uniform(0.0, 1.2))
+    place += float(rng.normal()) * size * np.exp(2j * math.pi * rng.uniform())
+    if keep_in:
+        size = min(unit * float(rng.uniform(10.0, 40.0)), _WIDEST)
+        place = own + 0.5 * size * float(rng.uniform()) * way / max(abs(way), 1.0)
+    size = min(size, _WIDEST)
+    pace, grows = 0.0, 0.0
+    if rng.random() < 0.4:
+        pace, grows = 0.3 * speed * float(rng.uniform()), 0.01 * speed * float(rng.normal())
+    course = 2.0 * math.pi * float(rng.uniform())
+    begin, end = -math.inf, math.inf
+    if rng.random() < 0.3:
+        begin = float(rng.uniform(-50.0, 200.0))
+        end = begin + float(rng.uniform(10.0, 200.0))
+    floor, ceiling = None, None
+    if altitude is not None and rng.random() < 0.3:
+        middle = altitude.value + float(rng.normal(0.0, 500.0))
+        floor = Level(middle - 200.0, "msl" if rng.random() < 0.9 else "wgs84")
+        ceiling = Level(middle + 200.0, "msl")
+    return Area(
+        _circle(place, size) if rng.random() < 0.3 else _polygon(rng, place, size),
+        Keep.IN if keep_in else Keep.OUT,
+        (pace * math.cos(course), pace * math.sin(course)),
+        grows,
+        floor,
+        ceiling,
+        begin,
+        end,
+        float(rng.choice([0.0, 0.05, 0.3])) * unit,
+    )
+
+
+def _circle(place: complex, size: float) -> Circle:
+    return Circle(place.real, place.imag, size)
+
+
+def _polygon(rng: np.random.Generator, place: complex, size: float) -> Polygon:
+    """Return a star of 3 to 12 corners, a third of them with a smaller one as a hole."""
+    corners = int(rng.integers(3, 13))
+    around = np.exp(2j * math.pi * (np.arange(corners) + rng.uniform(-0.2, 0.2, corners)) / corners)
+    star = size * rng.uniform(0.3, 1.0, corners) * around
+    holes = (_ring(place + float(rng.uniform(0.2, 0.7)) * star),) if rng.random() < 0.3 else ()
+    return Polygon(_ring(place + star), holes)
+
+
+def _ring(points: Any) -> tuple[tuple[float, float], ...]:
+    return tuple((float(point.real), float(point.imag)) for point in points)
+
+
+def faults(sky: Sky, flown: Flown, options: Options, altitude: Altitude | None) -> list[str]:
+    """Return what a plan breaks: ``area``, ``speed``, ``acceleration`` or ``turn rate in another
+    wind``.
+
+    Args:
+        sky: what stands around the request.
+        flown: the plan in the air mass, sampled, fields ``[S]``.
+        options: how it was made, with the limits of the vehicle.
+        altitude: of the ownship at the request.
+    """
+    over_ground = flown.place + sky.blows * flown.time
+    kept = [_kept(one, flown.time, over_ground, options, altitude) for one in sky.areas]
+    wrong = [] if all(kept) else ["area"]
+    if sky.wind is not None and sky.wind.std > 0.0:
+        seldom = Flown(*(field[::_PIECE] for field in flown))
+        wrong += _in_other_winds(seldom, options.requirement.sigmas * sky.wind.std, options.limits)
+    return wrong
+
+
+def _in_other_winds(flown: Flown, error: float, limits: Limits) -> list[str]:
+    """Return which limits a plan leaves in winds that are off by an error, m/s.
+
+    What begins beyond the speeds that the error leaves may stay there, and is not judged by its
+    turns then.
+    """
+    unit = np.exp(1j * flown.heading)
+    change = (flown.acceleration + 1j * flown.speed * flown.turn_rate) * unit
+    velocity = flown.speed * unit - error * _DIRECTIONS[:, None]
+    speed = np.abs(velocity)
+    change = change * np.conj(velocity) / speed
+    lowest = min(limits.speed_min, float(flown.speed[0]) - error)
+    highest = max(limits.speed_max, float(flown.speed[0]) + error)
+    turning = np.where(flown.speed >= limits.speed_min + error, np.abs(change.imag) / speed, 0.0)
+    checks = {
+        "speed": (speed < lowest - _EXACT) | (speed > highest + _EXACT),
+        "acceleration": (change.real > limits.acceleration_max + _EXACT)
+        | (change.real < limits.acceleration_min - _EXACT),
+        "turn rate": turning > limits.yaw_rate_max + _EXACT,
+    }
+    return [f"{name} in another wind" for name, bad in checks.items() if bad.any()]
+
+
+def _kept(one: Area, time: Any, place: Any, options: Options, altitude: Altitude | None) -> bool:
+    """Return whether places over the ground keep what they must of an area while it counts."""
+    counts = _counts(one, time, options, altitude)
+    if not counts.any():
+        return True
+    inner = place - complex(*one.velocity) * time
+    gain = one.growth if one.keep is Keep.IN else -one.growth
+    wanted = one.clearance + options.requirement.margin
+    if counts[0]:
+        begun = float(_distances(one, inner[:1])[0])
+        wanted = min(wanted, max(begun - _NEARER, 0.0))
+    least = max(wanted - _PART, -_EDGE) - _TOLERANCE
+    # Where the area may be near: nothing gets nearer than it flies from one look to the next.
+    pieces = range(0, len(time) - 1, _PIECE)
+    fast = np.abs(np.diff(inner)) + abs(gain) * np.diff(time)
+    for first in pieces:
+        last = min(first + _PIECE, len(time) - 1)
+        if not counts[first : last + 1].any():
+            continue
+        here = float(_distances(one, inner[first : first + 1])[0]) + gain * time[first]
+        if here - float(fast[first:last].sum()) > least:
+            continue
+        steps = slice(first, last)
+        both = counts[first:last] & counts[first + 1 : last + 1]
+        ends = np.stack([inner[first:last], inner[first + 1 : last + 1]], axis=-1)[both]
+        grown = gain * time[steps][both]
+        if ends.size and float((_chords(one, ends) + grown).min()) < least:
+            return False
+        at = _distances(one, inner[first : last + 1]) + gain * time[first : last + 1]
+        if (at < least)[counts[first : last + 1]].any():
+            return False
+    return True
+
+
+def _counts(one: Area, time: Any, options: Options, altitude: Altitude | None) -> Any:
+    """Return when an area is valid and the ownship may be level with it, bool."""
+    counts = (time >= one.valid_from) & (time <= one.valid_until)
+    if altitude is None or one.keep is Keep.IN:
+        return counts
+    climb, off = altitude.vertical_speed, altitude.climb_error
+    if climb is None:
+        climb, off = 0.0, options.unknown_climb
+    middle, width = altitude.value + climb * time, altitude.error + off * time
+    if one.floor is not None and one.floor.reference == altitude.reference:
+        counts &= middle + width >= one.floor.value
+    if one.ceiling is not None and one.ceiling.reference == altitude.reference:
+        counts &= middle - width <= one.ceiling.value
+    return counts
+
+
+def _distances(one: Area, places: Any) -> Any:
+    """Return the signed distances of places ``[m]`` in the area's frame, without growth, m."""
+    sign = -1.0 if one.keep is Keep.IN else 1.0
+    if isinstance(one.shape, Circle):
+        return sign * (np.abs(places - complex(one.shape.x, one.shape.y)) - one.shape.radius)
+    shape = shapely.Polygon(one.shape.outer, one.shape.holes)
+    away = shapely.distance(shape.boundary, shapely.points(places.real, places.imag))
+    within = shapely.contains_xy(shape, places.real, places.imag)
+    return sign * np.where(within, -away, away)
+
+
+def _chords(one: Area, ends: Any) -> Any:
+    """Return lower bounds of the signed distance on straight ways ``[m, 2]``, m: 0 on an edge."""
+    at = np.minimum(_distances(one, ends[:, 0]), _distances(one, ends[:, 1]))
+    if isinstance(one.shape, Circle):
+        if one.keep is Keep.IN:
+            return at
+        away, chord = ends[:, 0] - complex(one.shape.x, one.shape.y), ends[:, 1] - ends[:, 0]
+        length = np.maximum(np.abs(chord) ** 2, 1e-12)
+        share = np.clip(-(away * np.conj(chord)).real / length, 0.0, 1.0)
+        return np.abs(away + share * chord) - one.shape.radius
+    shape = shapely.Polygon(one.shape.outer, one.shape.holes)
+    ways = shapely.linestrings(np.stack([ends.real, ends.imag], axis=-1))
+    return np.where(at > 0.0, shapely.distance(shape.boundary, ways), at)
