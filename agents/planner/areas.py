@@ -224,8 +224,10 @@ def _judge_area(found: AreaFindings, one: Counted, arcs: _Arcs, curves: Legs, ne
     """Judge all plans against one area, from which they must keep distances, m, ``[N]``."""
     near = counts = (arcs.end >= one.begin) & (arcs.begin <= one.end)
     if one.area.keep is Keep.OUT:
-        far = box_distance(one.area, _in_frame(one.area, arcs)) + _least_gain(one.area, arcs)
-        far -= _chord_error(arcs)
+        away = box_distance(one.area, _in_frame(one.area, arcs))
+        # Within the rectangle it says nothing: signed distances there may be negative.
+        away = np.where(away > 0.0, away, -np.inf)
+        far = away + _least_gain(one.area, arcs) - _chord_error(arcs)
         near = counts & ~(far > need[:, None])
         away = np.where(counts & ~near, far - need[:, None], np.inf)
         least = np.argmin(away, axis=1)

@@ -229,6 +229,20 @@ def test_nothing_that_is_left_out_can_be_met() -> None:
     assert met > 20
 
 
+@pytest.mark.parametrize(
+    "shape", [Circle(0.0, 0.0, 900.0), Polygon(((-9e2, -9e2), (9e2, 0.0), (-9e2, 9e2)))]
+)
+def test_an_area_that_shrinks_is_not_flown_through(shape: Polygon | Circle) -> None:
+    ends = ([-3e3, 3e3], [0.0, 0.0], [0.0, 0.0], [100.0, 100.0], [0.0, 60.0])
+    plan_states = PlanStates(*(np.array([row]) for row in ends))
+    curves = legs(plan_states)
+    for growth, wrong in ((0.0, True), (-0.3, True), (-60.0, False)):
+        area = Area(shape, growth=growth, clearance=1.0)
+        found = judge(plan_states, curves, [Counted(0, area, 0.0, 60.0)])
+        assert found.wrong[0] == wrong
+        assert (found.clearance[0] < 0.0) == wrong
+
+
 def test_second_opinion_on_a_corner() -> None:
     corner = Polygon(((0.0, 0.0), (900.0, -400.0), (900.0, 400.0)))
     plan_states = PlanStates(
