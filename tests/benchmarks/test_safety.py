@@ -16,19 +16,21 @@ from agents.planner.answer import Excluded
 from agents.planner.planner import plan_many
 from agents.planner.request import Altitude, Intruder, Options, Request
 from agents.policy.inference import Policy
-from benchmarks.safety import attack, certificates, judgement, mutation, published
+from benchmarks.safety import attack, certificates, judgement, mutation, published, sky
 from benchmarks.safety import run as safety
 from benchmarks.safety.adversary import draw_requests
 from benchmarks.safety.attack import Batch, Tally, tasks
 from benchmarks.safety.reflight import refly
-from benchmarks.safety.resimulation import CHECKS, Route, resimulate
+from benchmarks.safety.resimulation import CHECKS, Route, fly, resimulate
 from envs.aircraft import PAPER
+from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.edge.command import ConfigError
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint, at, legs
+from envs.wind import Wind
 from eval.flights.plan_flight import request_of
 
 OPTIONS = Options.for_aircraft(PAPER, exhaustive=False)
@@ -197,6 +199,16 @@ def test_the_follower_finds_a_near_intruder_and_a_plan_that_starts_elsewhere(pla
     assert refly(plans.plan_states, elsewhere, OPTIONS.requirement, OPTIONS.limits).astray.all()
 
 
+def test_the_follower_judges_each_intruder_by_its_own_separation(plans: Plans) -> None:
+    moved = all_towards_the_intruder(plans)  # to 990 m
+    for own, wrong in ((600.0, False), (985.0, False), (1_000.0, True)):
+        shape = moved.request.traffic.mask.shape
+        traffic = moved.request.traffic._replace(separation=np.full(shape, own))
+        request = moved.request._replace(traffic=traffic)
+        flight = refly(moved.plan_states, request, OPTIONS.requirement, OPTIONS.limits)
+        assert (flight.too_close == wrong).all()
+
+
 def test_the_follower_does_not_judge_beyond_the_plan(plans: Plans) -> None:
     # An intruder that stands where the plan would lead ten seconds after its last waypoint.
     curves, end = legs(plans.plan_states), plans.plan_states.time[:, -1]
@@ -255,6 +267,92 @@ def test_what_plan_publishes_is_judged_too(policy: Policy) -> None:
     assert published.faults(level._replace(intruders=above(2_500.0, 0.0)), left_out, OPTIONS) == [
         "vertical"
     ]
+
+
+STRAIGHT = PlanStates(
+    np.array([-2e3, 0.0, 2e3]),
+    np.zeros(3),
+    np.zeros(3),
+    np.full(3, 100.0),
+    np.array([0.0, 20.0, 40.0]),
+)
+SHAPES = {
+    "circle": (Circle(0.0, 1_500.0, 500.0), Keep.OUT, 1_000.0),
+    "corner": (Polygon(((-3.0, 1e3), (-400.0, 2e3), (400.0, 2e3))), Keep.OUT, 1_000.0),
+    "hole": (
+        Polygon(
+            ((-9e3, -9e3), (9e3, -9e3), (9e3, 9e3), (-9e3, 9e3)),
+            (((-3e3, -1e3), (3e3, -800.0), (3e3, 2e3), (-3e3, 2e3)),),
+        ),
+        Keep.OUT,
+        math.cos(math.atan(1.0 / 30.0)) * (900.0 - 2e3 / 30.0),
+    ),
+    "kept in": (Circle(0.0, 0.0, 5_000.0), Keep.IN, 3_000.0),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_judge_of_areas_is_good_to_millimetres(name: str) -> None:
+    shape, keep, away = SHAPES[name]
+    options = replace(OPTIONS, requirement=OPTIONS.requirement._replace(margin=0.0))
+    for blows in (0j, 12.0 - 5.0j):  # an area that moves with the air is the same as in still air
+        wind = Wind(blows.real, blows.imag)
+        for more, faults in ((-0.01, []), (0.01, ["area"])):
+            velocity = (blows.real, blows.imag)
+            area = Area(shape, keep, velocity, clearance=away + more, valid_from=0.01)
+            around = sky.Sky(wind, (area,))
+            assert sky.faults(around, fly(STRAIGHT), options, None) == faults
+            # It grows by what the clearance lacks, or counts at another height or time only.
+            grows = replace(area, clearance=away - 1.0, growth=-0.2 if keep is Keep.IN else 0.2)
+            assert sky.faults(sky.Sky(wind, (grows,)), fly(STRAIGHT), options, None) == ["area"]
+            late = replace(area, valid_from=40.1)
+            assert sky.faults(sky.Sky(wind, (late,)), fly(STRAIGHT), options, None) == []
+            high = replace(area, floor=Level(1e3, "msl"))
+            below = sky.faults(
+                sky.Sky(wind, (high,)), fly(STRAIGHT), options, Altitude(900.0, "msl", 0.0)
+            )
+            assert below == ([] if keep is Keep.OUT else faults)
+
+
+def test_the_judge_of_other_winds_finds_what_is_not_narrowed() -> None:
+    sigmas, limits = OPTIONS.requirement.sigmas, OPTIONS.limits
+    wind = Wind(5.0, 0.0, 3.0 / sigmas)
+    options = replace(OPTIONS, limits=limits._replace(speed_max=103.0))
+    assert sky.faults(sky.Sky(wind, ()), fly(STRAIGHT), options, None) == []
+    faster = STRAIGHT._replace(speed=np.array([100.0, 101.0, 101.0]))
+    faster = faster._replace(x=np.array([-2e3, 10.0, 2_030.0]))
+    assert sky.faults(sky.Sky(wind, ()), fly(faster), options, None) == ["speed in another wind"]
+    turned = STRAIGHT._replace(heading=np.array([0.0, 1.6, 0.0]))
+    rate = float(np.abs(legs(PlanStates(*(field[None] for field in turned))).yaw_rate).max())
+    narrow = replace(options, limits=limits._replace(speed_max=200.0, yaw_rate_max=rate))
+    assert "turn rate in another wind" in sky.faults(sky.Sky(wind, ()), fly(turned), narrow, None)
+
+
+def test_plans_in_wind_and_among_areas_are_judged_in_the_air_mass(policy: Policy) -> None:
+    requests, seen = draw_requests(53, 0, 40), 0
+    for row in range(40):
+        asked = published.question(53, row, take(requests.request, row), 1_000.0)
+        if asked.sky.wind is None or not asked.sky.areas:
+            continue
+        answer = asked.ask(policy, replace(OPTIONS, deadline_s=1.0))
+        if not answer.safe:
+            continue
+        states, last, request = take(published.as_arrays(asked, answer, OPTIONS), None)
+        route = Route(request.route_x, request.route_y, request.points, last)
+        verdict = resimulate(states, request.own, request.traffic, route, OPTIONS, OPTIONS.limits)
+        assert not verdict.wrong.any()
+        flown = fly(take(states, 0))
+        assert sky.faults(asked.sky, flown, OPTIONS, asked.altitude) == []
+        # Somewhere else, or in another wind, the same waypoints are no plan.
+        other = asked._replace(sky=sky.Sky(Wind(0.0, 30.0), ()))
+        states, last, request = take(published.as_arrays(other, answer, OPTIONS), None)
+        route = Route(request.route_x, request.route_y, request.points, last)
+        verdict = resimulate(states, request.own, request.traffic, route, OPTIONS, OPTIONS.limits)
+        assert verdict.wrong.any()
+        seen += 1
+        if seen == 3:
+            break
+    assert seen == 3
 
 
 def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(
