@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents.planner.answer import WAYPOINTS, RequestError
+from agents.check import accept
+from agents.planner.answer import WAYPOINTS, Plan, RequestError
 from agents.planner.planner import plan_many
 from agents.planner.request import Options, Request
 from agents.policy.inference import Policy
@@ -29,9 +30,10 @@ from benchmarks.safety.adversary import (
     variants,
 )
 from benchmarks.safety.reflight import refly
-from benchmarks.safety.resimulation import CHECKS, Route, fly, resimulate
+from benchmarks.safety.resimulation import CHECKS, Flown, Route, fly, resimulate
 from envs import draws
 from envs.aircraft import PAPER, Aircraft
+from envs.edge.json_text import parse_json
 from envs.kinematics import Limits
 from envs.trees import map_leaves, take
 from envs.waypoints import ARCS, PlanStates, legs
@@ -46,6 +48,7 @@ REFLOWN = 0.05
 
 _SHOWN = 10  # numbers of each check in the last line
 _SKY = ("wind", "uncertain wind", "areas", "windows", "own separations", "all of these")
+_CERTIFICATES = ("right", "moved and right", "moved and wrong")
 
 
 class Batch(NamedTuple):
@@ -146,6 +149,7 @@ class Tally:
             },
             "smallest_clearance_m": self.clearance if np.isfinite(self.clearance) else None,
             "largest_limit_use": self.use,
+            "certificates": {name: self.counts[f"certificate {name}"] for name in _CERTIFICATES},
             "reflown_share": reflown / max(self.safe.total() + self.single["safe"], 1),
             "reflown": reflown,
             "reflown_below_1000_m": self.counts["below 1000 m"],
@@ -286,8 +290,8 @@ def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, option
             _blame(tally, "exception", requests, row, what=repr(problem))
             continue
         tally.single[answer.status.value] += 1
-        for check in published.faults(question, answer, options):
-            _blame(tally, check, requests, row)
+        for fault in published.faults(question, answer, options):
+            _blame(tally, fault, requests, row)
         names = _what_stands_around(question)
         tally.counts.update(names)
         if answer.safe and len(answer.waypoints) == WAYPOINTS:
@@ -295,8 +299,11 @@ def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, option
             judged.append(published.as_arrays(question, answer, options))
             places.append(row)
             flown = fly(judged[-1][0])
-            for check in sky.faults(question.sky, flown, options, question.altitude):
-                _blame(tally, check, requests, row)
+            for fault in sky.faults(question.sky, flown, options, question.altitude):
+                _blame(tally, fault, requests, row)
+            moved = sky.move(question.sky, np.random.default_rng([seed, int(number), 55]))
+            for fault in _certificates(tally, question, answer, flown, moved, options):
+                _blame(tally, fault, requests, row)
     if judged:
         plan_states, last, request = map_leaves(lambda *fields: np.stack(fields), *judged)
         judge(
@@ -307,6 +314,44 @@ def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, option
             last,
             options,
         )
+
+
+def _certificates(
+    tally: Tally,
+    question: published.Question,
+    answer: Plan,
+    flown: Flown,
+    moved: sky.Sky,
+    options: Options,
+) -> list[str]:
+    """Return what the independent checker decides wrongly of a plan's certificate, and of the same
+    with wind and areas as they are ``moved``.
+    """
+    assert answer.certificate is not None
+    data = parse_json(answer.certificate)
+    wrong = [] if _is_accepted(data) else ["certificate refused"]
+    tally.counts["certificate right"] += 1
+    for row, one in zip(data["areas"], moved.areas, strict=True):
+        row |= {
+            "clearance": one.clearance,
+            "velocity": list(one.velocity),
+            "growth": one.growth,
+        }
+    if moved.wind is not None:
+        data["wind"]["std"] = moved.wind.std
+    bad = sky.faults(moved, flown, options, question.altitude)
+    tally.counts[f"certificate moved and {'wrong' if bad else 'right'}"] += 1
+    if bad and _is_accepted(data):
+        wrong.append("wrong certificate accepted")
+    return wrong
+
+
+def _is_accepted(data: dict[str, Any]) -> bool:
+    try:
+        accept(data)
+    except (ValueError, ArithmeticError):
+        return False
+    return True
 
 
 def _what_stands_around(question: published.Question) -> list[str]:

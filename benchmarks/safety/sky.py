@@ -6,6 +6,7 @@ acceleration there. Nothing of :mod:`envs.area_geometry` or :mod:`envs.wind` is 
 """
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.kinematics import Limits
 from envs.wind import Wind
 
-__all__ = ["Sky", "draw_sky", "faults"]
+__all__ = ["Sky", "draw_sky", "faults", "move"]
 
 _TOLERANCE = 1e-3  # of the judgement: m
 _PART = 1e-3 + 3e-6  # m of a clearance that may be missing
@@ -127,6 +128,29 @@ def _polygon(rng: np.random.Generator, place: complex, size: float) -> Polygon:
 
 def _ring(points: Any) -> tuple[tuple[float, float], ...]:
     return tuple((float(point.real), float(point.imag)) for point in points)
+
+
+def move(sky: Sky, rng: np.random.Generator) -> Sky:
+    """Return what stands around a request with one thing moved: an area's clearance, velocity or
+    growth, or how well the wind is known.
+    """
+    size = float(10.0 ** rng.uniform(0.0, 4.0))  # m
+    if not sky.areas or (sky.wind is not None and rng.random() < 0.3):
+        wind = sky.wind
+        return sky if wind is None else sky._replace(wind=wind._replace(std=wind.std + 1e-3 * size))
+    areas = list(sky.areas)
+    which = int(rng.integers(len(areas)))
+    one = areas[which]
+    kind = int(rng.integers(3))
+    if kind == 0:
+        areas[which] = replace(one, clearance=one.clearance + size)
+    elif kind == 1:
+        east, north = one.velocity
+        areas[which] = replace(one, velocity=(east + 2e-3 * size, north - 2e-3 * size))
+    else:
+        more = 2e-3 * size
+        areas[which] = replace(one, growth=one.growth + (-more if one.keep is Keep.IN else more))
+    return sky._replace(areas=tuple(areas))
 
 
 def faults(sky: Sky, flown: Flown, options: Options, altitude: Altitude | None) -> list[str]:

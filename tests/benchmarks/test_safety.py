@@ -34,6 +34,7 @@ from envs.wind import Wind
 from eval.flights.plan_flight import request_of
 
 OPTIONS = Options.for_aircraft(PAPER, exhaustive=False)
+ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
 
 
 class Plans(NamedTuple):
@@ -355,6 +356,22 @@ def test_plans_in_wind_and_among_areas_are_judged_in_the_air_mass(policy: Policy
     assert seen == 3
 
 
+def test_moved_certificates_are_refused_where_the_judge_finds_them_wrong(policy: Policy) -> None:
+    ahead = Area(Circle(12_000.0, -300.0, 1_500.0), clearance=50.0)
+    around = sky.Sky(Wind(5.0, -3.0, 0.5), (ahead,))
+    own = VehicleState(0.0, 0.0, 0.0, 80.0)
+    answer = plan(own, [], ROUTE, policy, OPTIONS, wind=around.wind, areas=around.areas)
+    assert answer.safe
+    truth = take(draw_requests(0, 0, 1).request, 0)
+    asked = published.Question(own, [], ROUTE, None, truth, around)
+    flown, tally = fly(take(published.as_arrays(asked, answer, OPTIONS)[0], ())), Tally()
+    for number in range(24):
+        moved = sky.move(around, np.random.default_rng(number))
+        assert attack._certificates(tally, asked, answer, flown, moved, OPTIONS) == []
+    assert tally.counts["certificate moved and wrong"] > 3
+    assert tally.counts["certificate moved and right"] > 3
+
+
 def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(
     policy: Policy, plans: Plans
 ) -> None:
@@ -534,9 +551,6 @@ def test_the_judgement_is_exact_for_aircraft_that_turn_fast(policy: Policy) -> N
 
 
 # The attack on certificates: its judgement is good to micrometres, and a stopped run goes on.
-
-
-ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
 
 
 @pytest.fixture(scope="module")
