@@ -13,7 +13,7 @@ from eval.evidence.tables import row_of
 from eval.metrics.summary import print_table
 
 _STATES = ("missed", "undecided", "met", "without a claim", "not measured")
-_CLAIMS = {"yes": "met", "undecided": "undecided", "no": "missed"}
+_CLAIMS = {"yes": "met", "undecided": "undecided", "no": "missed", "open": "not measured"}
 _NAMED = 12  # results that a line names
 _CELLS = {
     "claimed": "{claim}",

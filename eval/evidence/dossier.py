@@ -263,7 +263,9 @@ def _test_reasons(item: Item, outcomes: Mapping[str, Outcome]) -> list[Reason]:
 def _result_reasons(
     item: Item, evaluated: Mapping[str, Evaluated], small: list[str]
 ) -> list[Reason]:
-    """Say which results miss their claim, cannot decide it, or are smaller than listed."""
+    """Say which results miss their claim, cannot decide it, lack its figure, or are smaller than
+    listed.
+    """
     reasons = []
     for name in item.results:
         one = evaluated[name]
@@ -271,6 +273,8 @@ def _result_reasons(
             reasons.append(Reason(State.NOT_MET, f"{name}: {one.found}"))
         if one.met == "undecided":
             reasons.append(Reason(State.OPEN, f"{name}: {one.size}, undecided"))
+        elif one.met == "open":
+            reasons.append(Reason(State.OPEN, f"{name}: {one.size}, without the claimed figure"))
         elif name in small:
             reasons.append(Reason(State.OPEN, f"{name}: {one.size}"))
     return reasons

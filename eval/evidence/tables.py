@@ -93,26 +93,34 @@ def _parts(result: Mapping[str, Any], table: Table) -> list[list[str]]:
 
 
 def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) -> list[str]:
-    """Return the title of a result and its cells."""
+    """Return the title of a result and its cells.
+
+    ``met`` of a claim is yes, no, undecided, or open where the result lacks the figure.
+    """
     figures = {**result, **result["figures"], "command": f"`{result['command']}`"}
     if entry.claim is not None:
         key, sign, bound = entry.claim
         value = _figure(figures, key)
-        rate: dict[str, Any] = (
-            value if isinstance(value, dict) else dict.fromkeys(("value", "low", "high"), value)
-        )
-        best = rate["high" if sign == ">=" else "low"]
-        if _meets(rate["value"], sign, bound):
-            figures["met"] = "yes"
-        else:
-            figures["met"] = "undecided" if _meets(best, sign, bound) else "no"
         figures["claim"] = (
             f"{sign} {_percent(bound, 0)} %"
-            if rate is value
+            if isinstance(value, dict)
             else f"{key} {sign} {bound:g}".replace("_", " ")
         )
+        figures["met"] = _met(value, sign, bound)
         figures["found"] = value
     return [entry.title, *(_cell(cell, figures) for cell in columns.values())]
+
+
+def _met(figure: Any, sign: str, bound: float) -> str:
+    """Return whether a figure, a number or a rate with its interval, meets a bound."""
+    if not isinstance(figure, dict):
+        figure = dict.fromkeys(("value", "low", "high"), figure)
+    if figure["value"] is None:
+        return "open"
+    if _meets(figure["value"], sign, bound):
+        return "yes"
+    best = figure["high" if sign == ">=" else "low"]
+    return "undecided" if _meets(best, sign, bound) else "no"
 
 
 def _meets(value: float, sign: str, bound: float) -> bool:

@@ -23,7 +23,7 @@ from eval.evidence.dossier import tests_of as names_of_tests
 from eval.evidence.dossier_page import write
 from eval.evidence.listed import Evidence, find_figures, read_results
 from eval.evidence.run import ROOT, main, published_results
-from eval.evidence.tables import fill_in, pages
+from eval.evidence.tables import fill_in, pages, row_of
 
 LISTED = load(Evidence, ROOT / "configs/evidence.yaml")
 STORE = ROOT / "docs/reference/evidence.json"
@@ -210,6 +210,41 @@ def test_a_run_ends_with_what_was_met_missed_and_left_open(
     if not terminal:
         named = next(line for line in lines if line.startswith("met: "))
         assert counts["met"] > 0 and claimed[0] in "".join(lines) and "claimed" not in named
+
+
+@pytest.mark.parametrize(
+    ("figures", "met", "found"),
+    [
+        ({"broken": 0}, "yes", "0"),
+        ({"broken": 2}, "no", "2"),
+        ({"broken": {"value": None, "low": None, "high": None, "total": 0}}, "open", "-"),
+        ({"others": 0}, "open", "-"),
+    ],
+)
+def test_a_claim_whose_figure_is_not_there_is_open(
+    figures: dict[str, Any], met: str, found: str, tmp_path: Path, capsys: Any
+) -> None:
+    some = load_list(tmp_path)
+    entry = some.results["one"].model_copy(update={"claim": ("broken", "<=", 0.0)})
+    some = some.model_copy(update={"results": {"one": entry}})
+    made = {"one": result(entry.command, **figures)}
+    assert row_of(entry, made["one"], {"met": "{met}", "found": "{found}"})[1:] == [met, found]
+    show_closing(some, made, ["one"], tmp_path)
+    state = {"yes": "met", "no": "missed", "open": "not measured"}[met]
+    assert capsys.readouterr().out.startswith(f"1 results: 1 {state}\n")
+    small_checkout(tmp_path, CASE.replace("tests: [tests/test_a.py], ", ""))
+    about = {"policy": "a" * 64, "commit": "c"}
+    said = write(tmp_path, tmp_path / "d.html", some, made, about, tmp_path)
+    judged = {"yes": "shown", "no": "not met", "open": "open"}[met]
+    assert f"the claim is {judged};" in said
+
+
+def test_no_plan_breaks_its_promise_is_claimed_where_intruders_turn() -> None:
+    entry = LISTED.results["plan_maneuvering"]
+    assert entry.claim == ("safe_plans_broken", "<=", 0.0)
+    assert "--mode plan" in entry.command and "--scenario maneuvering" in entry.command
+    for module in ("eval.monte_carlo", "eval.hifi"):
+        assert {"safe_plans_broken", "safe_plans_not_promised"} <= {*LISTED.readings[module].keys}
 
 
 def test_an_attack_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
