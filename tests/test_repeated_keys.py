@@ -18,15 +18,20 @@ from agents.config.yaml import YamlError, check_distinct
 from agents.config.yaml import read as read_yaml
 from agents.policy.file import PolicyFileError, parse
 from envs.edge.json_text import RepeatedKeyError, parse_json
+from envs.formats.areas import read_areas
+from envs.formats.local_frame import LocalFrame
 from envs.traffic.text_file import json_of
+from eval.evidence.dossier_page import _picture
 from eval.evidence.listed import read_results
 from eval.report.folder import read_run as read_report
 from eval.sensitivity.bins import read_run
 from rlcas_jax import checkpoint, metrics
 from ros_bridge.core.adsb_live import AircraftJson, Traffic
+from ros_bridge.display.recording import read as read_recording
 from ros_bridge.transport.overrides import refuse_unknown_nodes
 
 ROOT = Path(__file__).resolve().parent.parent
+FRAME = LocalFrame(47.0, 8.0)
 TWICE = '{"a": 1, "b": [{"c": 1, "c": 2}]}'
 
 
@@ -87,6 +92,19 @@ def of_aircraft(folder: Path) -> None:
     load(AircraftConfig, file_with(folder, "own.yaml", f"{text}\n{key}\n"))
 
 
+def of_sections(folder: Path) -> None:
+    """Two names of one node: ROS takes the later section."""
+    text = "rlcas_runner: {ros__parameters: {margin: 50.0}}\n"
+    text += "/: {rlcas_runner: {ros__parameters: {margin: 5.0}}}\n"
+    path = file_with(folder, "parameters.yaml", text)
+    refuse_unknown_nodes(["--ros-args", "--params-file", str(path)], ["rlcas_runner"])
+
+
+def of_failures(folder: Path) -> None:
+    path = file_with(folder, "failures.json", TWICE)
+    _picture(path.with_suffix(".png"), "policy")
+
+
 READERS: dict[str, Callable[[Path], Any]] = {
     "a text": lambda _: parse_json(TWICE),
     "a data file": lambda folder: json_of(str(file_with(folder, "tracks.json", TWICE))),
@@ -106,6 +124,19 @@ READERS: dict[str, Callable[[Path], Any]] = {
     ),
     "an aircraft": of_aircraft,
     "parameters of a node": of_parameters,
+    "sections of a node": of_sections,
+    "results of the evidence": lambda folder: read_results(
+        file_with(folder, "evidence.json", TWICE)
+    ),
+    "pictures of the assurance case": of_failures,
+    "an encounter to look at": lambda folder: read_recording(file_with(folder, "a.json", TWICE)),
+    "areas in GeoJSON": lambda folder: read_areas(file_with(folder, "a.geojson", TWICE), FRAME),
+    "areas of a plan of QGroundControl": lambda folder: read_areas(
+        file_with(folder, "a.plan", TWICE), FRAME
+    ),
+    "areas in YAML": lambda folder: read_areas(
+        file_with(folder, "a.yaml", "geofences: {1: 2, 0x1: 3}"), FRAME
+    ),
 }
 
 
@@ -120,17 +151,19 @@ def test_files_that_say_what_they_are_by_their_form_refuse_it_too(tmp_path: Path
     # The library that reads safetensors refuses it, or the header is not in its one spelling.
     with pytest.raises(PolicyFileError, match=r"not a valid safetensors|canonical"):
         of_policy('{"a":1,"a":1}')(tmp_path)
-    with pytest.raises(ValueError, match="is not a file of results"):
-        read_results(file_with(tmp_path, "evidence.json", TWICE))
 
 
 def test_keys_that_stand_once_in_each_object_are_read():
     text = '{"a": [{"c": 1}, {"c": NaN}], "c": {"a": 2}}'
     assert parse_json(text)["c"] == {"a": 2}
     check_distinct("a: &x {c: 1}\nb: *x\n? [1, 2]\n: 3\n")
+    check_distinct("a: &x {c: 1}\nb: {<<: *x, c: 2}\n1: one\n")
     for wrong in ('{"c": {"c": 1, "c": 1}}', '[[{"": 1, "": 1}]]'):
         with pytest.raises(RepeatedKeyError):
             parse_json(wrong)
+    for same in ("1: a\n0x1: b\n", "yes: a\ntrue: b\n", "1: a\n'1': b\n"):
+        with pytest.raises(YamlError, match=r"line 2: key .* stands twice"):
+            check_distinct(same)
     with pytest.raises(YamlError, match="line 2: key a stands twice"):
         check_distinct("- {a: 1}\n- {a: 1, 'a': 2}\n")
 

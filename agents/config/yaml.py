@@ -115,15 +115,18 @@ def check_distinct(text: str) -> None:
         if isinstance(node, yaml.SequenceNode):
             todo += node.value
         if isinstance(node, yaml.MappingNode):
-            seen: set[str] = set()
+            seen: set[Any] = set()
             for key, value in node.value:
                 todo.append(value)
                 if not isinstance(key, yaml.ScalarNode):
                     continue
-                if key.value in seen:
+                # One value may be written in two ways, such as 1 and 0x1.
+                merges = key.tag == "tag:yaml.org,2002:merge"
+                made = None if merges else yaml.SafeLoader("").construct_object(key)
+                if key.value in seen or (not merges and (type(made), made) in seen):
                     line = key.start_mark.line + 1
                     raise YamlError(f"line {line}: key {key.value} stands twice")
-                seen.add(key.value)
+                seen |= {key.value, (type(made), made)}
 
 
 def _parse(text: str, name: str) -> Any:

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from agents.config.load import load
+from agents.config.load import ConfigError, load
 from envs.edge.files import write_file
 from envs.edge.installation import versions
 from envs.edge.json_text import parse_json
@@ -187,12 +187,18 @@ def _failures(root: Path, results: Mapping[str, Any], policy: str, out: Path) ->
 
 def _picture(path: Path, policy: str) -> list[str]:
     """Return a picture of failures as HTML; none where it is of another policy."""
-    drawn = parse_json(path.with_suffix(".json").read_text(encoding="utf-8"))
-    if drawn["policy_sha256"] != policy:
-        return []
-    run = Path(drawn["run"]).name
-    caption = f"{drawn['failures']} of {drawn['encounters']} encounters of {run}"
-    return [figure(caption, path.read_bytes())]
+    source = path.with_suffix(".json")
+    try:
+        drawn = parse_json(source.read_text(encoding="utf-8"))
+        if drawn["policy_sha256"] != policy:
+            return []
+        run = Path(drawn["run"]).name
+        caption = f"{drawn['failures']} of {drawn['encounters']} encounters of {run}"
+        return [figure(caption, path.read_bytes())]
+    except (OSError, ValueError, TypeError, KeyError) as problem:
+        raise ConfigError(
+            f"{source}: {problem}, expected what python -m eval.failures wrote"
+        ) from None
 
 
 # ---- the diagrams ----

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from agents.config.load import ConfigError, Strict
-from envs.edge.json_text import parse_json
+from envs.edge.json_text import RepeatedKeyError, parse_json
 
 
 class Entry(Strict):
@@ -121,6 +121,8 @@ def read_results(path: Path) -> dict[str, Any]:
             for name, one in found.items()
             if one["policy"] and one["command"]
         }
+    except RepeatedKeyError as problem:
+        raise ConfigError(f"{path}: {problem}, expected each key once") from None
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         raise ConfigError(
             f"{path}: is not a file of results; expected what python -m eval.evidence wrote"

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.edge.command import InputError
-from envs.edge.json_text import parse_json
+from envs.edge.json_text import RepeatedKeyError, parse_json
 from ros_bridge.core.fields import SECOND
 from ros_bridge.display.picture import VERSION, Document, advice, picture
 from ros_bridge.display.scene import INPUTS, Scene, clock_of, note, take
@@ -174,7 +174,9 @@ class FlightRecording:
         try:
             document = parse_json(path.read_text(encoding="utf-8"))
             kind = document["format"], document["version"]
-        except (ValueError, KeyError, TypeError, RecursionError):
+        except RepeatedKeyError as problem:
+            raise InputError(f"{path}: {problem}, expected an encounter with it once") from None
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             document, kind = {}, None
         if kind != ("rlcas-encounter", 1):
             raise InputError(f"{path} is no encounter, expected a file of eval.report --save")

@@ -8,7 +8,7 @@ default.
 
 import difflib
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,11 +48,15 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
                 text = Path(value).read_text(encoding="utf-8")
                 # ROS takes the last of two values and says nothing.
                 check_distinct(text)
-                sections = list(_sections(yaml.safe_load(text)))
+                full = list(_sections(yaml.safe_load(text)))
             except YamlError as problem:
                 raise ValueError(f"{value}: {problem}") from None
             except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
                 continue  # ROS refuses it itself
+            for name in full:
+                if full.count(name) > 1:
+                    raise ValueError(f"{value}: the section of {name} stands twice")
+            sections = [name.rpartition("/")[2] for name in full]
         elif flag in ("-p", "--param") and ":" in value.partition(":=")[0]:
             sections, where = [value.partition(":")[0].rpartition("/")[2]], f"{flag} {value}"
         for name in sections:
@@ -65,15 +69,17 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
                 )
 
 
-def _sections(tree: Any) -> Iterable[str]:
-    """Yield the names of the nodes that a file's sections are for; sections inside others are in a
-    namespace.
+def _sections(tree: Any, inside: str = "") -> Iterator[str]:
+    """Yield the full names of the nodes that a file's sections are for; sections inside others are
+    in a namespace.
     """
-    for name, inside in tree.items() if isinstance(tree, dict) else ():
-        if isinstance(inside, dict) and "ros__parameters" in inside:
-            yield str(name).rpartition("/")[2]
+    for name, section in tree.items() if isinstance(tree, dict) else ():
+        part = str(name).strip("/")
+        full = f"{inside}/{part}" if part else inside
+        if isinstance(section, dict) and "ros__parameters" in section:
+            yield full
         elif name != "ros__parameters":
-            yield from _sections(inside)
+            yield from _sections(section, full)
 
 
 def _near(name: str, known: Iterable[str]) -> str:

@@ -98,8 +98,15 @@ def yaml_of(text: str, source: str) -> Any:
 
         def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
             keys = [key.value for key, _ in node.value]
+            # One value may be written in two ways, such as 1 and 0x1.
+            values = [
+                key.value
+                if key.tag == "tag:yaml.org,2002:merge"
+                else self.construct_object(key, deep=True)
+                for key, _ in node.value
+            ]
             for n, key in enumerate(keys):
-                if key in keys[:n]:
+                if key in keys[:n] or values[n] in values[:n]:
                     line = node.value[n][0].start_mark.line + 1
                     raise AreaError(f"{source} line {line}: key {key!r:.40} stands twice")
             return super().construct_mapping(node, deep)
