@@ -41,6 +41,7 @@ from ros_bridge.core.situation import (
     Refusal,
     Settings,
     Situation,
+    in_terms_of_messages,
     refusal_of,
     task,
 )
@@ -82,6 +83,7 @@ class Judgement:
     rejoined_at: int | None = None  # when, ns
     revision: int = 0
     problem: str = ""  # why nothing can be planned; "": it can
+    remarks: tuple[str, ...] = ()  # what was assumed, and what else the answer remarks on
     verdict: Verdict | None = None
 
     @property
@@ -143,6 +145,7 @@ def watch(
         wanted = task(situation, now, rules.settings, route)
         wanted = _ahead(wanted, 0.0)
         found = conflict(wanted, rules.look_ahead)
+        judgement = replace(judgement, remarks=_remarks(wanted))
         if found is None or found.time > rules.engage:
             return replace(judgement, conflict=found, plan=None, problem="")
         reach = wanted.own.speed * found.time
@@ -173,6 +176,7 @@ def supervise(
     except Refusal as refusal:
         after, _ = accept_answer(supervision, number, None)
         return replace(judgement, supervision=after, problem=str(refusal))
+    judgement = replace(judgement, remarks=_remarks(wanted, answer))
     revision = judgement.revision + 1
     sent = publish(answer, wanted, revision) if answer.safe else None
     after, taken_up = accept_answer(supervision, number, sent)
@@ -274,6 +278,7 @@ def _take_up(
     judgement: Judgement, situation: Situation, wanted: PlanTask, rules: Rules
 ) -> Judgement:
     answer = _answer(wanted, rules)
+    judgement = replace(judgement, remarks=_remarks(wanted, answer))
     if not answer.safe:
         return replace(judgement, plan=answer, problem="")
     revision = judgement.revision + 1
@@ -286,6 +291,14 @@ def _take_up(
         rejoined_at=_rejoin_time(answer, wanted),
         revision=revision,
         problem="",
+    )
+
+
+def _remarks(wanted: PlanTask, answer: Plan | None = None) -> tuple[str, ...]:
+    """Return what is remarked of a task and its answer, a sentence each."""
+    said = wanted.notes if answer is None else (*answer.advisory, *wanted.notes)
+    return tuple(
+        f"{in_terms_of_messages(one.field, wanted.identifiers)} {one.text}" for one in said
     )
 
 

@@ -191,6 +191,7 @@ class Program:
         self._moved = False  # whether a new place has come
         self._leg: tuple[int, tuple[float, float]] | None = None
         self._causes: set[Cause] = set()
+        self._remarked: set[str] = set()
         self._mission = self._downloaded = (0, 0)  # its size and number by MISSION_CURRENT
         self.log(f"autopilot {link.system}/{link.component}, mission of {len(self._items)} items")
         self.log(f"fence of {len(fence)} areas")
@@ -322,6 +323,7 @@ class Program:
             self._advise(now)
         if self._judgement.plan not in (None, before.plan):
             self._tell_time(time.perf_counter() - began, now)
+        self._remark(now)
         done = self._link.clock.now(time.monotonic())
         self._keep_pace((done - now) / SECOND, done)
         self._control_step(done)
@@ -407,6 +409,13 @@ class Program:
                 now,
                 send=False,
             )
+
+    def _remark(self, now: int) -> None:
+        """Log what is assumed, such as an accuracy that nobody sends: each once."""
+        for remark in self._judgement.remarks:
+            if remark not in self._remarked:
+                self._remarked.add(remark)
+                self.log(remark, now)
 
     def _advise(self, now: int) -> None:
         found, answer = self._judgement.conflict, self._judgement.plan

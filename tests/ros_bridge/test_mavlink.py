@@ -14,15 +14,18 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 
+from agents.policy.inference import Policy
 from envs.areas import Keep
 from envs.edge.command import ConfigError, InputError
 from envs.formats.local_frame import distance
+from ros_bridge.core.assurance import initial
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.reports import Report
+from ros_bridge.core.reports import USUAL, Report
 from ros_bridge.mavlink import messages, mission, vehicle
 from ros_bridge.mavlink.control import CLEAR, Control, Order, Phase, Seen, Step, step
 from ros_bridge.mavlink.download import AGAIN, Download, accept, asked, due
 from ros_bridge.mavlink.intake import Reading, Received, take
+from ros_bridge.mavlink.judging import Judgement, rules, watch
 from ros_bridge.mavlink.link import Clock, Link, checked_address
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import SUB, Item
@@ -211,6 +214,28 @@ def test_a_routes_points_lie_on_its_legs_and_say_where_the_mission_goes_on(
         assert 1 <= number <= len(lengths) + 1
         if one.index % SUB not in (0, SUB - 1):
             assert number == one.index // SUB
+
+
+def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
+    """Of an aircraft that is known within nothing, and an ownship that reports no wind."""
+    flown = vehicle.vehicle_of(PARAMETERS, 200.0)
+    policy = Policy.load().for_aircraft(flown.aircraft)
+    kept = rules(flown.aircraft, policy, margin=25.0, vertical=100.0, unknown=USUAL, deadline=5.0)
+    route = mission.route((47.4, 8.5), [waypoint(1, 3.0)], 1_000.0)
+    # Eastward, and one head-on 900 m ahead, at a height and climb that it does not report.
+    own = position(wire, vx=0, vy=2_000, lat=474_000_000, lon=85_000_000)
+    ahead = vehicle_message(wire, lon=85_120_000, heading=27_000, hor_velocity=2_000, flags=0x0D)
+    received, now = Received(), 12_345 * SECOND // 1_000
+    for message in (own, ahead):
+        received = take(received, message, now, READING)
+    judgement = Judgement(initial(kept.thresholds, USUAL))
+    judgement = watch(judgement, received.situation, route, now, kept)
+    assert judgement.conflict is not None, judgement.problem
+    said = "\n".join(judgement.remarks)
+    assert "ownship.wind is unknown and taken as calm" in said
+    for field in ("position_std", "velocity_std"):
+        assert f"intruder abc123.{field} is unknown and taken as" in said
+    assert "intruder abc123.header.stamp is known within 0.58 s" in said
 
 
 def test_a_mission_without_a_waypoint_left_is_said_so() -> None:
