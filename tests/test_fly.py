@@ -212,7 +212,11 @@ def put_head_on(page: Any, separations: float) -> None:
 
 @pytest.mark.parametrize(
     ("far", "says"),
-    [(3.0, "simple manoeuvres keeps it; the best"), (0.5, "no manoeuvre can keep it")],
+    [
+        (3.5, "simple manoeuvres keeps it, others are not ruled out; the best"),
+        (3.0, "No manoeuvre can keep it (proven); the best"),
+        (0.5, "no manoeuvre can keep it"),
+    ],
 )
 def test_a_lost_separation_says_whether_another_manoeuvre_was_found(
     far: float, says: str, opened: Any
@@ -252,6 +256,52 @@ def test_the_manoeuvres_are_flown_as_the_surrogate_flies_them(opened: Any) -> No
             least = min(least, leg_separation(own, own_next, other, other_next, dt, np))
             own, other = own_next, other_next
         assert found == pytest.approx(float(least), rel=1e-7)
+
+
+def test_no_manoeuvre_keeps_what_is_proven_lost(opened: Any) -> None:
+    """Random commands among them, and at the limits; what is far or passes by is not proven lost."""
+    rng, proven = np.random.default_rng(12), 0
+    for name, aircraft in aircraft_of(opened).items():
+        limits, length = aircraft.limits, aircraft.separation
+        for _ in range(60):
+            speed = rng.uniform(limits.speed_min, limits.speed_max)
+            place = length * rng.uniform(1.0, 5.0) * np.exp(1j * rng.uniform(-1.0, 1.0))
+            own = [0.0, 0.0, 0.0, speed]
+            other = [place.real, place.imag, np.pi + np.angle(place) + rng.normal(0.0, 0.2), speed]
+            goal = length * rng.uniform(1.0, 12.0)
+            if opened.evaluate(
+                f"""([own, other, goal, name]) => {{ {STATE}
+                const one = WEIGHTS.aircraft[name], {{ separation: D, limits }} = one, V = limits.speed_max;
+                choose(name);
+                const plane = ([x, y, heading, speed]) => state([x / D, y / D, heading, speed / V]);
+                return unavoidable([{{ ...plane(own), goalX: goal / D, goalY: 0 }}, plane(other)], aircraft); }}""",
+                [own, other, float(goal), name],
+            ):
+                proven += 1
+                assert _lost_by_all(aircraft, own, other, goal, rng)
+    assert proven > 20
+
+
+def _lost_by_all(
+    aircraft: Aircraft, own: list[float], other: list[float], goal: float, rng: Any
+) -> bool:
+    """Fly commands that change at random; return whether all lose the separation before the goal."""
+    limits, dt, count = aircraft.limits, aircraft.dt, 400
+    states = VehicleState(*(np.full(count, value) for value in own))
+    intruder = VehicleState(*map(np.float64, other))
+    still = commands((np.float64(0.0), np.float64(0.0)), limits, np)
+    actions = np.sign(rng.uniform(-1.0, 1.0, (2, count)))
+    lost, arrived = np.zeros(count, bool), np.zeros(count, bool)
+    for _ in range(round(8.0 * aircraft.separation / limits.speed_max / dt)):
+        changed = rng.uniform(size=(2, count)) < 0.05
+        actions = np.where(changed, rng.choice([-1.0, 0.0, 1.0], (2, count)), actions)
+        after = advance(states, *commands(tuple(actions), limits, np), dt, limits, np)
+        intruder_after = advance(intruder, *still, dt, limits, np)
+        distance = leg_separation(states, after, intruder, intruder_after, dt, np)
+        lost |= ~arrived & (distance < aircraft.separation)
+        arrived |= np.hypot(after.x - goal, after.y) <= aircraft.goal_radius
+        states, intruder = after, intruder_after
+    return bool(lost.all())
 
 
 def test_a_solution_that_the_policy_misses_is_named(opened: Any) -> None:

@@ -167,7 +167,9 @@ function alternatives() {
   if (others.some((one) => Math.hypot(one.x - own.x, one.y - own.y) < 1)) return "It is lost at the start already: no manoeuvre can keep it.";
   if (search.distance >= 1 && search.done) return `The policy misses a solution: ${inWords(search.best)} from the start keeps ${metres(search.distance)}.`;
   if (!search.done) return "Other manoeuvres are tried …";
-  return `None of ${CANDIDATES.length} simple manoeuvres keeps it; the best, ${inWords(search.best)}, keeps ${metres(search.distance)}.`;
+  const best = `${inWords(search.best)}, keeps ${metres(search.distance)}.`;
+  if (search.lost) return `No manoeuvre can keep it (proven); the best of ${CANDIDATES.length}, ${best}`;
+  return `None of ${CANDIDATES.length} simple manoeuvres keeps it, others are not ruled out; the best, ${best}`;
 }
 
 function inWords({ turn, throttle }) {
@@ -346,7 +348,7 @@ function drawChart() {
     const place = x(moment / type.dt);
     pen.strokeStyle = colours.soft;
     rule(place, bottom, place, bottom + 4);
-    pen.fillText(`${moment} s`, clip(place, left, width - 12), height - 3);
+    pen.fillText(`${moment} s`, clip(place, left, width - 16), height - 3);
   }
   const curve = (to) => {
     pen.beginPath();
@@ -564,7 +566,7 @@ function lookElsewhere(until) {
     search = null;
     return false;
   }
-  if (search?.planes !== line.frames[0].planes) search = beginSearch(line.frames[0].planes);
+  if (search?.planes !== line.frames[0].planes) search = beginSearch(line.frames[0].planes, aircraft);
   if (!search.done) searchOn(search, until, dt, aircraft, STEPS);
   return !search.done;
 }
