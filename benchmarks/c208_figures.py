@@ -34,11 +34,11 @@ _COLORS = (ORANGE, GREEN, BLUE, VERMILION)
 
 def figure() -> Figure:
     """Return the three panels."""
-    picture = Figure(figsize=(14.0, 4.6), layout="constrained")
-    left, middle, right = picture.subplots(1, 3)
-    _accelerations(left)
-    _publish(middle)
-    _step(right)
+    picture = Figure(figsize=(9.0, 7.4), layout="constrained")
+    places = picture.subplot_mosaic([["speeds", "step"], ["published", "published"]])
+    _accelerations(places["speeds"])
+    _step(places["step"])
+    _publish(places["published"])
     return picture
 
 
@@ -72,7 +72,7 @@ def _accelerations(axes: Any) -> None:
     )
     axes.set_xlabel("true airspeed, m/s")
     axes.set_ylabel("acceleration in level flight, m/s²")
-    axes.set_title("full power (solid) and idle (dashed), 2500 m", fontsize=11)
+    axes.set_title("full power (solid) and idle (dashed), 2500 m", fontsize=10)
     axes.legend(frameon=False, fontsize=8)
 
 
@@ -117,7 +117,7 @@ def steps_figure() -> Figure:
 
     The demand is half of the speed's error a second. The surrogate's limits are drawn in.
     """
-    picture = Figure(figsize=(12.0, 7.0), layout="constrained")
+    picture = Figure(figsize=(9.6, 6.6), layout="constrained")
     grid = picture.subplots(2, 2, sharex=True)
     for column, (steps, title) in enumerate(((_UP, "acceleration"), (_DOWN, "deceleration"))):
         for (first, last), color in zip(steps, _COLORS, strict=True):
@@ -129,7 +129,7 @@ def steps_figure() -> Figure:
         grid[1, column].axhline(
             limit, color="black", linestyle="--", linewidth=1.0, label="surrogate's limit"
         )
-        grid[0, column].set_title(f"steps of the speed: {title}, 8807 lb, 2500 m", fontsize=11)
+        grid[0, column].set_title(f"steps of the speed: {title}, 8807 lb, 2500 m", fontsize=9.5)
         grid[0, column].legend(frameon=False, fontsize=8)
         grid[1, column].legend(frameon=False, fontsize=8)
         grid[1, column].set_xlabel("time, s")
@@ -157,8 +157,8 @@ def limits_figure() -> Figure:
     """Return where the surrogate's limits lie inside the aircraft's, over weights, altitudes and
     speeds.
     """
-    picture = Figure(figsize=(14.0, 4.6), layout="constrained")
-    left, middle, right = picture.subplots(1, 3)
+    picture = Figure(figsize=(9.6, 3.8), layout="constrained")
+    left, middle, right = picture.subplots(1, 3, sharey=True)
     altitudes = np.array([500.0, 1500.0, 2500.0, 3500.0, 4500.0, 5500.0])
     for weight, color in ((6500.0, GREEN), (7700.0, BLUE), (8807.0, VERMILION)):
         found = [margins(weight, float(altitude)) for altitude in altitudes]
@@ -168,17 +168,17 @@ def limits_figure() -> Figure:
         right.plot([one[3] for one in found], altitudes, color=color)
     left.axvspan(SURROGATE.speed_min, SURROGATE.speed_max, color="#E5E5E5", label="surrogate")
     left.set_xlabel("true airspeed, m/s")
-    left.set_title("1.08 of the stall (solid), VMO (dashed)", fontsize=11)
+    left.set_title("1.08 of the stall (solid), VMO (dashed)", fontsize=9.5)
     middle.axvline(SURROGATE.speed_max, color="black", linestyle="--", linewidth=1.0)
     middle.set_xlabel("fastest with 0.5 m/s² to spare, m/s")
     right.axvline(-SURROGATE.acceleration_min, color="black", linestyle="--", linewidth=1.0)
     right.set_xlabel("least deceleration at idle, m/s²")
-    middle.set_title("dashed: the surrogate's maximum", fontsize=11)
-    right.set_title("50 to 100 m/s; dashed: the surrogate's", fontsize=11)
+    middle.set_title("dashed: the surrogate's maximum", fontsize=9.5)
+    right.set_title("50 to 100 m/s; dashed: the surrogate's", fontsize=9.5)
+    left.set_ylabel("altitude, m")
     for axes in (left, middle, right):
-        axes.set_ylabel("altitude, m")
         axes.grid(color="#EBEBEB", linewidth=0.5)
-    left.legend(frameon=False, fontsize=8)
+    left.legend(framealpha=1.0, edgecolor="white", fontsize=8)
     return picture
 
 

@@ -117,8 +117,9 @@ def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
     if any(one.errors is not None for _, one in flights):
         rows += ["cross-track, m", "along-track, m", "arrival, s late", "accumulated, m s"]
     count = len(flights)
-    figure = Figure(figsize=(4.2 * count, 4.0 + 1.75 * len(rows)), layout="constrained")
-    grid = figure.add_gridspec(1 + len(rows), count, height_ratios=[2.6, *([1.0] * len(rows))])
+    # Narrow panels: a page shows four of them side by side, with letters that can be read.
+    figure = Figure(figsize=(max(2.4 * count, 4.8), 3.4 + 1.3 * len(rows)), layout="constrained")
+    grid = figure.add_gridspec(1 + len(rows), count, height_ratios=[2.0, *([1.0] * len(rows))])
     for i, (title, one) in enumerate(flights):
         axes = figure.add_subplot(grid[0, i])
         axes.set_title(title, fontsize=9)

@@ -18,21 +18,23 @@ def cells_figure(
     least: float,
     of: str,
 ) -> Any:
-    """Return a figure of the cells: of each panel a title, percentages in colour from ``least`` on,
-    and texts.
+    """Return a figure of the cells, one panel below the other: of each a title, percentages in
+    colour from ``least`` on, and texts.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure((5.4 * len(panels), 1.4 + 0.5 * len(courses)), layout="constrained")
-    row = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    for axes, (title, values, texts) in zip(row, panels, strict=True):
+    height = 0.6 + 0.45 * len(courses)
+    figure = Figure((7.4, 0.6 + height * len(panels)), layout="constrained")
+    column = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (title, values, texts) in zip(column, panels, strict=True):
         axes.imshow(values, vmin=least, vmax=100.0, cmap="cividis", aspect="auto")
         for (i, j), value in np.ndenumerate(values):
             color = "white" if value < least + 0.6 * (100.0 - least) else "black"
             axes.text(j, i, texts[i][j], ha="center", va="center", fontsize=8, color=color)
         axes.set_xticks(range(len(ratios)), ratios, fontsize=8)
         axes.set_yticks(range(len(courses)), courses, fontsize=8)
-        axes.set(xlabel="intruder's speed / own speed", title=title)
-    row[0].set_ylabel("courses differ by")
-    figure.colorbar(row[0].images[0], ax=row, label=of)
+        axes.set_title(title, fontsize=10)
+        axes.set_ylabel("courses differ by")
+    column[-1].set_xlabel("intruder's speed / own speed")
+    figure.colorbar(column[0].images[0], ax=column, label=of)
     return figure

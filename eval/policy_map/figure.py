@@ -36,50 +36,33 @@ _EDGE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}
 
 
 def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) -> Figure:
-    """Return the figure: a column for each map, turn rate above acceleration; full deflection is
+    """Return the figure: a row for each map, turn rate beside acceleration; full deflection is
     darkest.
 
     The maps, at least one, are of the same extent and differ in relative heading; the policy's name
     is for the title.
     """
-    limits, scene, columns = aircraft.limits, advisories[0].scene, len(advisories)
-    figure = Figure(figsize=(max(3.5 * columns + 1.9, 8.0), 8.4), layout="constrained")
-    axes = figure.subplots(2, columns, sharex=True, sharey=True, squeeze=False)
+    limits, scene, rows = aircraft.limits, advisories[0].scene, len(advisories)
+    figure = Figure(figsize=(8.2, 3.7 * rows + 2.2), layout="constrained")
+    axes = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
     full = math.degrees(limits.yaw_rate_max)
     turns: Any = (
-        "commanded turn rate, degrees per second",
+        "turn rate, deg/s",
         _TURN,
         TwoSlopeNorm(0.0, -full, full),
         ("right", "left"),
     )
     scale = TwoSlopeNorm(0.0, limits.acceleration_min, limits.acceleration_max)
-    speeds: Any = "commanded acceleration, m/s²", _SPEED, scale, ("brake", "accelerate")
-    for row, (label, colours, norm, ends) in zip(axes, (turns, speeds), strict=True):
-        for panel, advisory in zip(row, advisories, strict=True):
-            edge = _KM * advisory.extent
-            values = np.degrees(advisory.yaw_rate) if colours is _TURN else advisory.acceleration
-            place: Any = {
-                "extent": (-edge, edge, -edge, edge),
-                "origin": "lower",
-                "interpolation": "nearest",
-            }
-            panel.imshow(values, cmap=colours, norm=norm, **place)
-            _geometry(panel, advisory, aircraft)
-        row[0].set_ylabel("intruder ahead, km")
-        bar = figure.colorbar(row[0].images[0], ax=list(row), shrink=0.86, aspect=22.0, pad=0.015)
-        low, high = norm.vmin, norm.vmax
-        texts = [
-            f"{-low:g} {ends[0]}",
-            f"{-0.5 * low:g}",
-            "0",
-            f"{0.5 * high:g}",
-            f"{high:g} {ends[1]}",
-        ]
-        bar.set_ticks([low, 0.5 * low, 0.0, 0.5 * high, high], labels=texts)
-        bar.set_label(label)
-    for above, below, advisory in zip(*axes, advisories, strict=True):
+    speeds: Any = "acceleration, m/s²", _SPEED, scale, ("brake", "accelerate")
+    for column, command in zip(axes.T, (turns, speeds), strict=True):
+        _column(figure, column, advisories, aircraft, *command)
+    for (left, _), advisory in zip(axes, advisories, strict=True):
         heading = advisory.scene.relative_heading
-        above.set_title(f"{name_of(heading)} ({math.degrees(heading):+.4g}°)", fontsize=11)
+        left.set_title(
+            f"{name_of(heading)} ({math.degrees(heading):+.4g}°)", fontsize=11, loc="left"
+        )
+        left.set_ylabel("intruder ahead, km")
+    for below in axes[-1]:
         below.set_xlabel("intruder to the right, km")
     figure.suptitle(
         f"Advisory map of {policy}: the command for every place of the intruder\n"
@@ -90,8 +73,38 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
         "in brackets: heading of the intruder less own heading; angles count counter-clockwise",
         fontsize=11,
     )
-    legend(figure, _handles(aircraft), 4 if columns > 2 else 2, 10)
+    legend(figure, _handles(aircraft), 2, 10)
     return figure
+
+
+def _column(
+    figure: Figure,
+    panels: Sequence[Any],
+    advisories: Sequence[Advisory],
+    aircraft: Aircraft,
+    label: str,
+    colours: LinearSegmentedColormap,
+    norm: Any,
+    ends: tuple[str, str],
+) -> None:
+    """Draw one of the two commands, a panel for each map, under the scale of its colours."""
+    for panel, advisory in zip(panels, advisories, strict=True):
+        edge = _KM * advisory.extent
+        values = np.degrees(advisory.yaw_rate) if colours is _TURN else advisory.acceleration
+        place: Any = {
+            "extent": (-edge, edge, -edge, edge),
+            "origin": "lower",
+            "interpolation": "nearest",
+        }
+        panel.imshow(values, cmap=colours, norm=norm, **place)
+        _geometry(panel, advisory, aircraft)
+    bar = figure.colorbar(
+        panels[0].images[0], ax=list(panels), location="top", aspect=26.0, pad=0.015
+    )
+    low, high = norm.vmin, norm.vmax
+    ticks = [low, 0.5 * low, 0.0, 0.5 * high, high]
+    bar.set_ticks(ticks, labels=[f"{abs(tick):g}" for tick in ticks])
+    bar.set_label(f"{ends[0]} \N{LEFTWARDS ARROW} {label} \N{RIGHTWARDS ARROW} {ends[1]}")
 
 
 def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:

@@ -23,13 +23,13 @@ HEADINGS = (
     -90.0,
     90.0,
     -30.0,
-)  # relative headings of the default columns, degrees counter-clockwise
-_MOST_COLUMNS = 8
+)  # relative headings of the default maps, degrees counter-clockwise
+_MOST_MAPS = 8
 
 _DESCRIPTION = """\
 Draw what a policy commands: the intruder's place around the ownship (at the origin, heading up),
-coloured by turn rate and by acceleration, a column for each relative heading. And measure chatter
-and heading reversals of flights.
+coloured by turn rate and by acceleration, a row for each relative heading. And measure chatter and
+heading reversals of flights.
 
 Written to --out: policy_map.png, policy_map.svg, policy_map.json (contents in
 docs/howto/failures.md)."""
@@ -93,8 +93,7 @@ def _parser() -> argparse.ArgumentParser:
         "of the intruder (default: half of the traffic's greatest)",
     )
     heading = (
-        "intruder's less the own one; may be repeated, a column each (default: 180, -90, 90 "
-        "and -30)"
+        "intruder's less the own one; may be repeated, a row each (default: 180, -90, 90 and -30)"
     )
     add("--relative-heading", angle, "DEG", heading, action="append")
     add("--goal-bearing", angle, "DEG", "of the goal from the own heading (default: 0)", 0.0)
@@ -132,9 +131,9 @@ def _scenes(options: argparse.Namespace, aircraft: Aircraft) -> list[FixedStates
             raise ConfigError(f"--{name.replace('_', '-')}: {said}")
         setattr(options, name, value)
     headings = options.relative_heading or HEADINGS
-    if len(headings) > _MOST_COLUMNS:
+    if len(headings) > _MOST_MAPS:
         raise ConfigError(
-            f"--relative-heading: given {len(headings)} times; expected at most {_MOST_COLUMNS}"
+            f"--relative-heading: given {len(headings)} times; expected at most {_MOST_MAPS}"
         )
     goal = math.radians(options.goal_bearing), options.goal_distance
     return [
