@@ -264,7 +264,9 @@ function drawTraffic(pen, { traffic, own }, { place, width, height, turn, centre
     }
   }
   for (const { one, at: [x, y] } of shown) {
-    const lines = [above(one.relative_altitude) + climbing(one.climb), one.id.length > 14 ? `${one.id.slice(0, 13)}…` : one.id];
+    // A climb that is not known is no level flight.
+    const trend = one.relative_altitude !== null && one.climb === null ? "?" : climbing(one.climb);
+    const lines = [above(one.relative_altitude) + trend, one.id.length > 14 ? `${one.id.slice(0, 13)}…` : one.id];
     if (one.state !== "fresh") lines.push(one.state === "faulty" ? "faulty" : `${one.state} ${seconds(one.age)}`);
     const side = x < centre[0] ? -1 : 1, box = [side < 0 ? x - 76 : x + 12, y - 22, 64, 15 * lines.length];
     const covered = taken.some(([bx, by, bw, bh]) => box[0] < bx + bw && bx < box[0] + box[2] && box[1] < by + bh && by < box[1] + box[3]);
