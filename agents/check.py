@@ -702,8 +702,9 @@ def check_separation(
             i, n = todo.pop()
             later = arc.begin + arc.length * ball(i + 1) / ball(n)
             if times:
-                now = arc.begin + arc.length * ball(i) / ball(n)
-                if any(begin.hi <= now.lo and later.hi <= end.lo for begin, end in times):
+                # No part begins before the request, though rounding may leave that open.
+                now = max((arc.begin + arc.length * ball(i) / ball(n)).lo, 0)
+                if any(begin.hi <= now and later.hi <= end.lo for begin, end in times):
                     continue
             growth = (sigmas * (other.uncertainty(age + later) - at_request)).hi
             required = max(

@@ -173,7 +173,7 @@ def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Any:
         time = flight.begin[row, arc] + seconds
         away = apart(flight, traffic[:, pair], row, arc, seconds) - needs.at(pair, time)
         begin, end = np.moveaxis(levels[pair], -1, 0)
-        above_or_below = (begin < time[..., None]) & (time[..., None] < end)
+        above_or_below = (begin <= time[..., None]) & (time[..., None] <= end)
         return np.where(above_or_below.any(axis=-1), np.inf, away)
 
     # Legs apart, because the last can be far longer than the others.

@@ -153,6 +153,20 @@ def test_only_a_safe_plan_has_a_certificate() -> None:
     assert replace(safe, status=Status.UNRESOLVED).certificate is None
 
 
+def test_an_intruder_close_by_but_above_at_the_request_is_accepted() -> None:
+    """It counts from 100 s on; at the request it is nearer than the separation."""
+    above = Altitude(HEIGHT.value + 800.0, "msl", -2.0)
+    near = Intruder(VehicleState(-300.0, 200.0, 2.5, 70.0), altitude=above)
+    answer = plan(OWN, [near], ROUTE, Policy.load(), own_altitude=HEIGHT)
+    assert answer.safe and answer.windows[0].begin == pytest.approx(100.0, abs=1.0)
+    data = json.loads(answer.certificate or b"")
+    check.accept(data)
+    assert wrong([data]) == [""]
+    data["apart"][0][1] = 5.0
+    assert refusal(data).startswith("intruder 0 may come too close before")
+    assert wrong([data]) != [""]
+
+
 def test_intruder_on_the_plan_is_refused(data: dict[str, Any]) -> None:
     edited = copy.deepcopy(data)
     x, y, heading, speed, at = edited["waypoints"][8]
