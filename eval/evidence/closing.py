@@ -65,10 +65,13 @@ def _row(listed: Evidence, results: Mapping[str, Any], name: str) -> list[str]:
 
 
 def _names(state: str, rows: Sequence[Sequence[str]]) -> str:
-    """Return the results of a state; of those that must be looked at the figures, too."""
+    """Return the results of a state; of those that must be looked at the figures, too, and
+    the size where it is smaller than listed.
+    """
     texts = []
-    for name, _, claimed, found, _ in rows:
-        told = state in ("missed", "undecided")
-        texts.append(f"{name} ({found}, claimed {claimed})" if told else name)
+    for name, size, claimed, found, _ in rows:
+        told = [f"{found}, claimed {claimed}"] if state in ("missed", "undecided") else []
+        told += [size] if " of " in size and state != "not measured" else []
+        texts.append(f"{name} ({', '.join(told)})" if told else name)
     more = f", and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
     return ", ".join(texts[:_NAMED]) + more
