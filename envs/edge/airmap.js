@@ -163,7 +163,7 @@ const airmap = (() => {
       pen.fillRect(left + width - thick, y(target + half), thick, y(target - half) - y(target + half) + 0.5);
     });
     for (let one = Math.ceil((value - span / 2) / step) * step; one <= value + span / 2; one += step) {
-      if (one < 0) continue;
+      if (one < 0 || Math.abs(y(one) - middle) > height / 2 - 8) continue; // cut by the edge
       line(pen, [[left + width - 16, y(one)], [left + width - 24, y(one)]]);
       stroke(pen, colours.soft, 1.4);
       text(pen, String(Math.round(one)), left + width - 28, y(one) + 4, colours.ink, colours.paper, { size: 13, weight: 400, align: "right" });

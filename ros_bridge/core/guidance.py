@@ -22,6 +22,7 @@ from agents.assurance.single import Verdict
 from agents.assurance.thresholds import BLIND, Thresholds
 from envs.angles import wrap
 from envs.formats.local_frame import LocalFrame
+from ros_bridge.core.fields import SECOND
 
 TRACKS = np.arange(HEADINGS) * (360.0 / HEADINGS)
 """Directions that are looked at, degrees clockwise from true north."""
@@ -32,6 +33,7 @@ class Shown(NamedTuple):
 
     names: tuple[str, ...]
     alerts: Alerts  # [1, K]
+    time: int | None = None  # ns, when they were looked at; None: never
 
 
 class Row(NamedTuple):
@@ -65,15 +67,18 @@ def guidance(
     shown: Shown,
     names: tuple[str, ...],
     verdict: Verdict,
-    time: float,
+    now: int,
     frame: LocalFrame,
     thresholds: Thresholds,
 ) -> tuple[Shown, Guidance | None]:
-    """Return what is shown at a time, s; None where the ownship's state is unknown.
+    """Return what is shown at a time, ns; None where the ownship's state is unknown, and within a
+    time step of the last time. A clock that steps back begins anew.
 
     ``names`` are those of the monitor's intruders, by place.
     """
-    measured = verdict.measured
+    measured, step = verdict.measured, thresholds.options.aircraft.dt * SECOND
+    if shown.time is not None and 0 <= now - shown.time < step:
+        return shown, None
     if int(measured.causes[0]) & BLIND:
         return shown, None
     own, traffic, requirement = measured.own, measured.traffic, thresholds.requirement
@@ -93,7 +98,7 @@ def guidance(
     losses = losses_on_course(own, traffic, requirement, look_ahead)
     places = [shown.names.index(name) if name in shown.names else -1 for name in names]
     before = rearrange(shown.alerts, places, alerting)
-    alerts = update(before, np.array([time]), losses, traffic.mask, alerting)
+    alerts = update(before, np.array([now / SECOND]), losses, traffic.mask, alerting)
     way_out = recovery(headings, aircraft.separation)
     number = int(way_out.index[0])
     known = [k for k in range(len(names)) if traffic.mask[0, k]]
@@ -108,7 +113,7 @@ def guidance(
         alerts.level[0, known].tolist(),
         [_or_never(loss) for loss in losses[0, known].tolist()],
     )
-    return Shown(names, alerts), found
+    return Shown(names, alerts, now), found
 
 
 def _row(targets: np.ndarray, bands: Bands, alerting: Alerting, separation: float) -> Row:

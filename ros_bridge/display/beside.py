@@ -8,13 +8,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
-from agents.assurance.single import Verdict, reasons
-from agents.assurance.state import FlyMode, State
+from agents.assurance.single import Verdict
+from agents.assurance.state import FlyMode
 from ros_bridge.core import guidance
-from ros_bridge.core.assurance import Supervision, backup, to_fly
+from ros_bridge.core.assurance import Supervision, backup
 from ros_bridge.core.conversions import Published
-from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import Situation
+from ros_bridge.core.status import status
 from ros_bridge.display.scene import Bands, Guidance, Monitor, Scene
 from ros_bridge.display.server import Board, Recording, Screen, bind_socket
 
@@ -85,41 +85,44 @@ def supervise(
         now: the program's clock, ns.
     """
     limits = supervision.watch.thresholds
-    arrived = {**scene.arrived, "ownship": now, "status": now}
     scene = replace(
         scene.at(now),
         situation=situation,
         plan=supervision.held,
         separation=limits.requirement.separation,
-        arrived=arrived,
+        arrived={**scene.arrived, **_arrived(situation), "status": now},
     )
     if verdict is None:
         return replace(scene, monitor=None), shown
-    watched, measured = supervision.watch.monitor, verdict.measured
-    flown = to_fly(supervision)
-    kept = float(measured.separation[0])
-    lost = float(measured.loss[0])
+    said = status(supervision, verdict)
     monitor = Monitor(
-        time=now,
-        state=int(State(int(watched.state[0]))),
-        fly=int(flown),
-        reasons=tuple(one.message for one in reasons(measured, limits)),
-        measured=flown is FlyMode.PLAN,
-        cross_track=float(measured.cross_track[0]),
-        along_track=float(measured.along_track[0]),
-        time_error=float(measured.time_error[0]),
-        separation=max(kept, 0.0) if math.isfinite(kept) else -1.0,
-        time_to_loss=max(lost, 0.0) if math.isfinite(lost) else -1.0,
-        runner_silence=0.0,
+        now,
+        int(said.state),
+        int(said.fly),
+        said.reasons,
+        said.measured,
+        said.cross_track,
+        said.along_track,
+        said.time_error,
+        said.separation,
+        said.time_to_loss,
     )
-    scene = replace(scene, monitor=monitor, backup=_backup(supervision, situation, flown, scene))
+    scene = replace(scene, monitor=monitor, backup=_backup(supervision, situation, said.fly, scene))
     if supervision.frame is None:
         return scene, shown
     names = supervision.watch.names
-    shown, found = guidance.guidance(shown, names, verdict, now / SECOND, supervision.frame, limits)
+    shown, found = guidance.guidance(shown, names, verdict, now, supervision.frame, limits)
     if found is None:
         return scene, shown
     return replace(scene, guidance=_guidance(found, now)), shown
+
+
+def _arrived(situation: Situation) -> dict[str, int]:
+    """Return when the ownship and other aircraft were last heard of, ns."""
+    own = situation.own.last
+    others = [track.last.time for track in situation.traffic.values() if track.last is not None]
+    found = {} if own is None else {"ownship": own.time}
+    return found | ({"traffic": max(others)} if others else {})
 
 
 def _backup(

@@ -7,7 +7,8 @@ from functools import partial
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -81,7 +82,8 @@ class Listening:
         return heard
 
     def _spin(self) -> None:
-        executor = SingleThreadedExecutor()
+        # It waits for events instead of building a set of what to wait for at every message.
+        executor = EventsExecutor()
         executor.add_node(self._node)
         try:
             while not self._stopped.is_set():

@@ -64,7 +64,6 @@ class Monitor(NamedTuple):
     time_error: float  # s late
     separation: float  # of the rest of the plan, m; -1: no intruder
     time_to_loss: float  # s; -1: none
-    runner_silence: float  # s; -1: never heard
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +225,6 @@ def _status(scene: Scene, message: Any, now: int) -> Scene:
         time_error=real("time_error"),
         separation=real("separation"),
         time_to_loss=real("time_to_loss"),
-        runner_silence=real("runner_silence"),
     )
     return replace(scene, monitor=found)
 

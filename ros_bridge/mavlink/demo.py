@@ -1,6 +1,6 @@
 """One encounter flown by ArduPlane's own simulation, and a picture of it, within two minutes.
 
-    python -m ros_bridge.mavlink.demo [--wind 4] [--out encounter.png]
+    python -m ros_bridge.mavlink.demo [--wind 4] [--out encounter.png] [--display]
 
 Starts the simulation that RLCAS_SITL names, flies a mission towards a crossing aircraft whose
 reports go to the autopilot as a receiver's do, and lets the program fly round it. The simulation
@@ -29,7 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError(f"--wind is {options.wind:g} m/s; expected 0 to {_STRONGEST:g} m/s")
     crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
     encounter = Encounter(0, (crossing,), options.wind, 300.0)
-    flight = fly(encounter, "ours", instance=options.instance, until=_UNTIL)
+    more = () if options.display is None else ("--display", options.display)
+    flight = fly(encounter, "ours", instance=options.instance, until=_UNTIL, more=more)
     for text in flight.texts:
         if text.startswith("RLCAS"):
             print(text)
@@ -84,6 +85,13 @@ def _parser() -> argparse.ArgumentParser:
     picture = Path("encounter.png")
     parser.add_argument("--out", type=Path, default=picture, help=f"picture (default {picture})")
     ports = "10 times this is added to the simulation's ports (default 0)"
+    parser.add_argument(
+        "--display",
+        nargs="?",
+        const="127.0.0.1:8642",
+        metavar="HOST:PORT",
+        help="serve the traffic display meanwhile (default address 127.0.0.1:8642)",
+    )
     parser.add_argument("--instance", type=int, default=0, help=ports)
     return parser
 

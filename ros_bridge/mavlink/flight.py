@@ -179,7 +179,9 @@ def program_beside(sitl: Sitl, more: Sequence[str] = ()) -> Program:
     ]
     options: argparse.Namespace = options_of(given)
     link = Link(options.connect, system=options.system, simulated=True)
-    return Program(link, options)
+    program = Program(link, options)
+    program.show()
+    return program
 
 
 def _positions(program: Program | None) -> int:

@@ -20,6 +20,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
@@ -98,11 +99,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     link = Link(
         options.connect, baud=options.baud, system=options.system, simulated=options.simulated
     )
-    try:
+    with ExitStack() as open_ones:
+        open_ones.callback(link.close)
         program = Program(link, options)
+        open_ones.callback(program.close)
+        program.show()
         program.run()
-    finally:
-        link.close()
     return 0
 
 
@@ -166,6 +168,7 @@ class Program:
         self.planned: deque[float] = deque(maxlen=20_000)
         self.viewers: list[Callable[[View], object]] = []
         self._told: dict[str, float] = {}
+        self._open = ExitStack()
         link.find(options.wait)
         parameters = link.parameters()
         if self._fly:
@@ -203,8 +206,22 @@ class Program:
         link.ask_rates()
         self._rated = time.monotonic()
 
+    def show(self) -> None:
+        """Serve the display that the options ask for, until the program is closed."""
+        address = self._options.display
+        if address is None:
+            return
+        from ros_bridge.mavlink.showing import show
+
+        name = f"MAVLink {self._options.connect}"
+        showing, beside = show(address, name, self._rules, lambda: self.view.time, self.log)
+        self.viewers.append(showing)
+        self._open.enter_context(beside)
+        print(f"display: http://{address.rpartition(':')[0]}:{beside.port}/", flush=True)
+
     def close(self) -> None:
-        """End the connection."""
+        """End the connection and the display."""
+        self._open.close()
         self._link.close()
 
     @property
@@ -631,6 +648,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
     add("--plan-file", type=Path, metavar="FILE", help="write every plan there as GeoJSON")
+    add(
+        "--display",
+        nargs="?",
+        const="127.0.0.1:8642",
+        metavar="HOST:PORT",
+        help="serve a traffic display for the browser (default address 127.0.0.1:8642)",
+    )
     add("--seconds", type=float, help="end after so many s (default: never)")
     add("--quiet", action="store_true", help="print nothing")
     simulated = "the autopilot is a simulation, whose time may run faster than real time"

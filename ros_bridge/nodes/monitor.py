@@ -35,10 +35,8 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rlcas_msgs.msg import AssuranceStatus, GuidanceBands, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
-from agents.assurance import single as watch
 from agents.assurance.single import Ask, Verdict
 from agents.assurance.state import FlyMode, State
-from agents.assurance.thresholds import Cause
 from ros_bridge.core.assurance import (
     Published,
     Supervision,
@@ -53,6 +51,7 @@ from ros_bridge.core.assurance import (
 )
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.guidance import Guidance, blank, guidance
+from ros_bridge.core.status import status
 from ros_bridge.transport import process, topics
 from ros_bridge.transport.messages import add_wind, header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
@@ -63,7 +62,6 @@ from ros_bridge.transport.settings import (
     unknown_spread,
 )
 
-_ERRORS = ("cross_track", "along_track", "time_error")
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
 
 
@@ -87,7 +85,7 @@ class Monitor(ListeningNode):
         self._waiting: Published | None = None
         self._backup_at = 0
         self._backups = 0
-        self._shown, self._guided_at = blank(self._supervision.watch.thresholds), 0
+        self._shown = blank(self._supervision.watch.thresholds)
 
     # Life cycle.
 
@@ -229,60 +227,38 @@ class Monitor(ListeningNode):
     def _guide(self, now: int, judged: Supervision) -> None:
         """Publish bands and alerts, once in a time step, of what the last verdict judged."""
         watched, frame = judged.watch, judged.frame
-        step = watched.thresholds.options.aircraft.dt * SECOND
-        # A clock that steps back begins anew.
-        due = not 0 <= now - self._guided_at < step
-        if self._verdict is None or frame is None or not due:
+        if self._verdict is None or frame is None:
             return
-        self._guided_at = now
         self._shown, found = guidance(
-            self._shown, watched.names, self._verdict, now / SECOND, frame, watched.thresholds
+            self._shown, watched.names, self._verdict, now, frame, watched.thresholds
         )
         if found is not None:
             self._guidance.publish(_message(found, now, self._value("map_frame")))
 
     def _status(self, now: int) -> AssuranceStatus:
         limits = self._supervision.watch.thresholds
+        said = status(self._supervision, self._verdict)
         message = AssuranceStatus(
             header=header(now, self._value("map_frame")),
-            separation=-1.0,
-            time_to_loss=-1.0,
+            state=int(said.state),
+            fly=int(said.fly),
+            causes=said.causes,
+            reasons=list(said.reasons),
+            measured=said.measured,
+            cross_track=said.cross_track,
+            along_track=said.along_track,
+            time_error=said.time_error,
+            cross_track_limit=limits.cross_track,
+            along_track_limit=limits.along_track,
+            time_error_limit=limits.time_error,
+            accumulated=said.accumulated,
+            separation=said.separation,
+            time_to_loss=said.time_to_loss,
             runner_silence=self._silence(now),
         )
-        for name in _ERRORS:
-            setattr(message, f"{name}_limit", getattr(limits, name))
         if self._supervision.held is not None:
             message.trajectory_id.uuid = list(self._supervision.held.unique)
             message.trajectory_revision = self._supervision.held.revision
-        if self._verdict is None:
-            message.reasons = ["there is no plan to monitor"]
-            return message
-        monitor, measured = self._supervision.watch.monitor, self._verdict.measured
-        # An answer may have changed the state since then.
-        causes = int(monitor.causes[0])
-        message.state, message.fly, message.causes = (
-            int(monitor.state[0]),
-            int(to_fly(self._supervision)),
-            causes,
-        )
-        message.reasons = [
-            why.message for why in watch.reasons(measured._replace(causes=monitor.causes), limits)
-        ]
-        own = not causes & int(Cause.OWN_MISSING | Cause.OWN_STALE | Cause.CLOCK)
-        message.measured = own and message.fly == int(FlyMode.PLAN)
-        if message.measured:
-            full = limits.sustained * limits.memory
-            for name in _ERRORS:
-                setattr(message, name, float(getattr(measured, name)[0]))
-            shares = (getattr(limits, name) * full for name in _ERRORS)
-            message.accumulated = [
-                float(sum_ / share) for sum_, share in zip(monitor.sums[0], shares, strict=True)
-            ]
-            if math.isfinite(measured.separation[0]):
-                # A lower bound, which the own distance from the plan may bring below zero.
-                message.separation = max(float(measured.separation[0]), 0.0)
-            if math.isfinite(measured.loss[0]):
-                message.time_to_loss = max(float(measured.loss[0]), 0.0)
         return message
 
     def _silence(self, now: int) -> float:

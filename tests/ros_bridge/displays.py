@@ -71,7 +71,6 @@ def status(fly: int = 1, **more: Any) -> Any:
         "time_error": 0.1,
         "separation": 1_100.0,
         "time_to_loss": -1.0,
-        "runner_silence": 0.1,
     }
     return SimpleNamespace(**(fields | more))
 

@@ -48,7 +48,7 @@ def display(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
         blank(THRESHOLDS),
         supervision.watch.names,
         verdict,
-        1.0,
+        NOW + SECOND,
         frame or supervision.frame,
         THRESHOLDS,
     )
@@ -102,6 +102,11 @@ def test_nothing_is_shown_of_an_ownship_that_is_unknown() -> None:
     assert verdict.measured.causes[0] & Cause.OWN_STALE
     shown_before = blank(THRESHOLDS)
     after, found = guidance(
-        shown_before, supervision.watch.names, verdict, 10.0, supervision.frame, THRESHOLDS
+        shown_before,
+        supervision.watch.names,
+        verdict,
+        NOW + 10 * SECOND,
+        supervision.frame,
+        THRESHOLDS,
     )
     assert found is None and after is shown_before

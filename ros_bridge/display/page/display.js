@@ -14,14 +14,14 @@ const UNITS = {
 
 const sky = { canvas: document.querySelector("#map canvas"), box: get("map") };
 const bar = { canvas: document.querySelector("#bar canvas"), box: get("bar") };
-const state = { picture: null, arrived: 0, hello: null, trackUp: true, range: 2, units: "aviation", sound: null, levels: new Map(), colours: {}, wish: null, asked: false };
+const state = { picture: null, arrived: 0, hello: null, trackUp: true, range: 2, ranged: false, units: "aviation", sound: null, levels: new Map(), colours: {}, wish: null, asked: false };
 const replay = { at: 0, playing: false, waiting: false, length: 0, last: 0 };
 let socket = null, wait = 1000, scheduled = false;
 
 // ---- words ----
 
 const units = () => UNITS[state.units];
-const distance = (metres) => metres < 200 ? `${Math.round(metres)} m` : `${(metres / units().metres).toFixed(metres < 10 * units().metres ? 1 : 0)} ${units().far}`;
+const distance = (metres) => metres < 1000 ? `${Math.round(metres)} m` : `${(metres / units().metres).toFixed(metres < 10 * units().metres ? 1 : 0)} ${units().far}`;
 const degrees = (value) => `${String(Math.round(value) % 360).padStart(3, "0")}°`;
 const speed = (value) => `${Math.round(value * units().speed)} ${units().fast}`;
 const seconds = (value) => (value < 100 ? `${Math.round(value)} s` : `${Math.floor(value / 60)} min ${String(Math.round(value % 60)).padStart(2, "0")} s`);
@@ -226,7 +226,7 @@ function drawAreas(pen, areas, { place, scale }) {
   }
 }
 
-function drawPlan(pen, plan, now, colour, dash, { place, width, height }) {
+function drawPlan(pen, plan, now, colour, dash, { place, centre, radius }) {
   const { colours } = state, coming = plan.line.filter(([, , time]) => time >= now - 4);
   line(pen, plan.line.map(([x, y]) => place(x, y)));
   stroke(pen, tint(colour, 0.35), 2, dash);
@@ -237,7 +237,7 @@ function drawPlan(pen, plan, now, colour, dash, { place, width, height }) {
   for (const point of plan.points) {
     if (point.in <= 0) continue;
     const [x, y] = place(point.x, point.y);
-    if (x < 0 || y < 0 || x > width || y > height) continue;
+    if (Math.hypot(x - centre[0], y - centre[1]) > radius - 8) continue; // the ring stays readable
     circle(pen, x, y, 4);
     pen.fillStyle = colour;
     pen.fill();
@@ -307,6 +307,15 @@ function redraw() {
   requestAnimationFrame(draw);
 }
 
+// The range of the first picture: a hundred seconds ahead, and eight separations.
+function suit({ own, separation }) {
+  if (state.ranged || !own) return;
+  state.ranged = true;
+  const wanted = Math.max(100 * own.speed, 8 * (separation ?? 0)) / units().metres, fits = units().ranges.findIndex((range) => range >= wanted);
+  state.range = fits < 0 ? units().ranges.length - 1 : fits;
+  show();
+}
+
 function receive(message) {
   const document_ = JSON.parse(message);
   if (document_.version !== VERSION) return warn("The server is of another version: load this page again");
@@ -314,6 +323,7 @@ function receive(message) {
   state.picture = document_;
   state.arrived = performance.now();
   replay.waiting = false;
+  suit(document_);
   tell(document_);
   redraw();
   if (!state.hello.live) moment(document_.at);
@@ -419,8 +429,8 @@ function show() {
 
 const actions = {
   up: () => (state.trackUp = !state.trackUp),
-  closer: () => (state.range = Math.max(state.range - 1, 0)),
-  farther: () => (state.range = Math.min(state.range + 1, units().ranges.length - 1)),
+  closer: () => (state.range = Math.max(state.range - 1, 0), state.ranged = true),
+  farther: () => (state.range = Math.min(state.range + 1, units().ranges.length - 1), state.ranged = true),
   theme: () => ((state.wish = document.documentElement.dataset.theme !== "night"), theme()),
   units: () => (state.units = state.units === "aviation" ? "metric" : "aviation"),
   sound: () => {

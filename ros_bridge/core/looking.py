@@ -1,0 +1,54 @@
+"""A monitor without a plan: it looks at the traffic about the ownship, for bands and alerts.
+
+Pure, as :mod:`ros_bridge.core.assurance`, whose monitor it is; what it has no plan for it does not
+judge.
+"""
+
+import math
+from dataclasses import replace
+
+from agents.assurance.frames import STILL, Frame
+from agents.assurance.single import Verdict
+from envs.formats.local_frame import LocalFrame
+from envs.wind import NO_WIND, Wind
+from ros_bridge.core.assurance import Supervision, initial, step_monitor
+from ros_bridge.core.reports import Report
+from ros_bridge.core.situation import ACCURATE, Situation, wind_in
+
+_OTHER_WIND = 1.0  # m/s from the wind that it began in, from which on it begins anew
+
+
+def look(
+    looking: Supervision, situation: Situation, now: int
+) -> tuple[Supervision, Verdict | None]:
+    """Return the monitor after the present moment, ``now`` in ns, and what it sees; None while the
+    ownship is unknown.
+
+    It begins anew where the ownship has flown far, or where the wind has changed.
+    """
+    own = situation.own.last
+    if own is not None and not _serves(looking, own):
+        looking = _begin(looking, own, now)
+    return step_monitor(looking, situation, now)
+
+
+def _serves(looking: Supervision, own: Report) -> bool:
+    frame = looking.frame
+    if frame is None:
+        return False
+    at = frame.place(own.latitude, own.longitude)
+    wind, before = _wind(frame, own), looking.watch.frame.wind
+    changed = math.hypot(wind.east - before.east, wind.north - before.north)
+    return math.hypot(float(at.x), float(at.y)) <= 0.5 * ACCURATE and changed <= _OTHER_WIND
+
+
+def _begin(looking: Supervision, own: Report, now: int) -> Supervision:
+    frame = LocalFrame(own.latitude, own.longitude)
+    wind = _wind(frame, own)
+    fresh = initial(looking.watch.thresholds, looking.unknown, looking.categories)
+    air = Frame(wind, 0.0) if wind.speed > 0.0 else STILL
+    return replace(fresh, watch=replace(fresh.watch, frame=air), frame=frame, zero=now)
+
+
+def _wind(frame: LocalFrame, own: Report) -> Wind:
+    return wind_in(frame, own.latitude, own.longitude, own.wind or (0.0, 0.0)) or NO_WIND

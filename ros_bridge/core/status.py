@@ -1,0 +1,72 @@
+"""What the monitor says of itself: numbers as the message ``AssuranceStatus`` has them."""
+
+import math
+from typing import NamedTuple
+
+from agents.assurance import single as watch
+from agents.assurance.single import Verdict
+from agents.assurance.state import FlyMode, State
+from agents.assurance.thresholds import Cause
+from ros_bridge.core.assurance import Supervision, to_fly
+
+_BLIND = Cause.OWN_MISSING | Cause.OWN_STALE | Cause.CLOCK
+
+
+class Status(NamedTuple):
+    """The monitor's state, and how the plan is flown where that is measured."""
+
+    state: State = State.IDLE
+    fly: FlyMode = FlyMode.NOTHING
+    causes: int = 0  # bits of Cause
+    reasons: tuple[str, ...] = ("there is no plan to monitor",)
+    measured: bool = False
+    cross_track: float = 0.0  # m to the left of the plan
+    along_track: float = 0.0  # m ahead of it
+    time_error: float = 0.0  # s late
+    accumulated: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the three, shares of the limits
+    separation: float = -1.0  # of the rest of the plan, m; -1: no intruder
+    time_to_loss: float = -1.0  # s; -1: none
+
+
+def status(supervision: Supervision, verdict: Verdict | None) -> Status:
+    """Return what holds after a verdict, and after the answer that it asked for; None: before any
+    plan.
+    """
+    if verdict is None:
+        return Status()
+    monitor, measured = supervision.watch.monitor, verdict.measured
+    limits = supervision.watch.thresholds
+    causes, flown = int(monitor.causes[0]), to_fly(supervision)
+    found = Status(
+        State(int(monitor.state[0])),
+        flown,
+        causes,
+        tuple(
+            why.message for why in watch.reasons(measured._replace(causes=monitor.causes), limits)
+        ),
+        flown is FlyMode.PLAN and not causes & int(_BLIND),
+    )
+    if not found.measured:
+        return found
+    full = limits.sustained * limits.memory
+    cross, along, late = (
+        float(sum_ / (limit * full))
+        for sum_, limit in zip(
+            monitor.sums[0],
+            (limits.cross_track, limits.along_track, limits.time_error),
+            strict=True,
+        )
+    )
+    return found._replace(
+        cross_track=float(measured.cross_track[0]),
+        along_track=float(measured.along_track[0]),
+        time_error=float(measured.time_error[0]),
+        accumulated=(cross, along, late),
+        # A lower bound, which the own distance from the plan may bring below zero.
+        separation=_or_none(float(measured.separation[0])),
+        time_to_loss=_or_none(float(measured.loss[0])),
+    )
+
+
+def _or_none(value: float) -> float:
+    return max(value, 0.0) if math.isfinite(value) else -1.0

@@ -1,0 +1,110 @@
+"""The traffic display beside the program: what it knows, as a scene of the display."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+from agents.assurance.state import FlyMode, State
+from envs.edge.command import InputError, visible
+from ros_bridge.core.areas import AreaReport
+from ros_bridge.core.assurance import initial
+from ros_bridge.core.conversions import Station
+from ros_bridge.core.guidance import blank
+from ros_bridge.core.looking import look
+from ros_bridge.core.situation import Held
+from ros_bridge.display.beside import Beside, supervise
+from ros_bridge.display.scene import Health, HeldAreas, Monitor, Scene
+from ros_bridge.display.server import Board
+from ros_bridge.mavlink import mission
+from ros_bridge.mavlink.control import Phase
+from ros_bridge.mavlink.judging import Rules
+from ros_bridge.mavlink.program import View
+
+__all__ = ["Showing", "show"]
+
+
+class Showing:
+    """Feeds a board with what the program knows, in the display's thread.
+
+    While the program flies, bands and alerts are its monitor's; before that they are those of a
+    monitor without a plan.
+    """
+
+    def __init__(self, rules: Rules, board: Board) -> None:
+        self._board = board
+        self._looking = initial(rules.thresholds, rules.settings.unknown)
+        self._shown = blank(rules.thresholds)
+
+    def __call__(self, view: View) -> None:
+        """Take over what is known now."""
+        self._board.feed(partial(self.after, view=view))
+
+    def after(self, scene: Scene, view: View) -> Scene:
+        """Return the scene of a view."""
+        situation, now, judgement = view.received.situation, view.time, view.judgement
+        flies = view.control.phase in (Phase.TAKING, Phase.GUIDING)
+        if flies and judgement.verdict is not None:
+            supervision, verdict = judgement.supervision, judgement.verdict
+        else:
+            self._looking, verdict = look(self._looking, situation, now)
+            supervision = self._looking
+        filed = replace(situation, route=Held(_route(view)))
+        scene, self._shown = supervise(scene, filed, supervision, verdict, self._shown, now)
+        if supervision is self._looking:
+            plan = judgement.supervision.held if judgement.safe or flies else None
+            scene = replace(scene, plan=plan, monitor=_advice(view))
+        arrived = {**scene.arrived, "route": now} if view.mission else scene.arrived
+        fence = situation.fixed_areas
+        areas = HeldAreas(AreaReport(0, fence)) if fence else None
+        return replace(scene, areas=areas, arrived=arrived, nodes=_nodes(view))
+
+
+def show(
+    address: str, name: str, rules: Rules, clock: Callable[[], int], say: Callable[[str], None]
+) -> tuple[Showing, Beside]:
+    """Return what feeds a display and the display, which serves at an address (HOST:PORT)."""
+    host, _, port = address.rpartition(":")
+    if not (host and port.isascii() and port.isdecimal() and int(port) <= 65_535):
+        raise InputError(f"--display {address}; expected HOST:PORT, such as 127.0.0.1:8642")
+    board = Board(clock)
+    try:
+        beside = Beside(board, visible(name), say, host.strip("[]"), int(port))
+    except OSError as problem:
+        raise InputError(f"--display {address} cannot be used: {problem.strerror}") from None
+    return Showing(rules, board), beside
+
+
+def _route(view: View) -> tuple[Station, ...]:
+    """Return the rest of the mission, from where its first leg begins."""
+    current = view.received.current
+    left = mission.remaining_items(view.mission, current)
+    came_from = mission.before(view.mission, current)
+    items = left if came_from is None else (came_from, *left)
+    return tuple(Station(one.number, *one.place, None) for one in items)
+
+
+def _advice(view: View) -> Monitor:
+    """Return what the program says while it does not fly: a safe plan is to be flown."""
+    judgement = view.judgement
+    reasons = [judgement.problem] if judgement.problem else []
+    found = judgement.conflict
+    if found is not None:
+        left = max(found.time, 0.0)
+        reasons.append(f"{found.name}: on the mission the separation is lost in {left:.0f} s")
+    if found is not None and judgement.plan is not None and not judgement.safe:
+        reasons.append("no plan is safe")
+    fly = FlyMode.PLAN if judgement.safe else FlyMode.NOTHING
+    state = State.MONITORING if judgement.safe else State.IDLE
+    return Monitor(
+        view.time, int(state), int(fly), tuple(reasons), False, 0.0, 0.0, 0.0, -1.0, -1.0
+    )
+
+
+def _nodes(view: View) -> dict[str, Health]:
+    """Return the states of autopilot and program."""
+    found = {"rlcas_mavlink": Health(view.time, 0, view.control.phase.value)}
+    said = view.received.heartbeat
+    if said is not None:
+        armed = "armed" if said.armed else "disarmed"
+        found["autopilot"] = Health(view.received.heard, 0, f"{said.mode_name}, {armed}")
+    return found

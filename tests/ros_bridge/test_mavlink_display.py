@@ -1,0 +1,161 @@
+"""What the MAVLink program knows, as a picture: from pymavlink's own messages, without a
+simulation."""
+
+import argparse
+
+import pytest
+
+pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
+pytest.importorskip("websockets", reason="websockets is not installed")
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from envs.edge.command import InputError
+from envs.formats.areas.geodetic import GeodeticArea
+from envs.formats.local_frame import LocalFrame
+from ros_bridge.core.aircraft import load_policy
+from ros_bridge.core.assurance import initial
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.reports import Unknown
+from ros_bridge.core.situation import Situation
+from ros_bridge.display.picture import picture
+from ros_bridge.display.scene import Scene
+from ros_bridge.display.server import Board
+from ros_bridge.mavlink import mission
+from ros_bridge.mavlink.control import Control
+from ros_bridge.mavlink.intake import Reading, Received, take
+from ros_bridge.mavlink.judging import Judgement, Rules, rules, watch
+from ros_bridge.mavlink.mission import Item
+from ros_bridge.mavlink.program import View, options_of
+from ros_bridge.mavlink.showing import Showing, show
+from ros_bridge.mavlink.vehicle import vehicle_of
+from tests.ros_bridge.test_mavlink import PARAMETERS
+
+HOME = LocalFrame(47.4, 8.5)
+READING = Reading({1: "msl"})
+SPEED = 22.0  # m/s, of the ownship, which flies east
+PLACES = ((1, 0.0), (2, 5_000.0), (3, 9_000.0))  # numbers of items, and m east
+ITEMS = tuple(
+    Item(number, 16, float(at.latitude), float(at.longitude), 100.0)
+    for number, at in ((number, HOME.geodetic(x, 0.0)) for number, x in PLACES)
+)
+
+
+@pytest.fixture(scope="module")
+def followed() -> Rules:
+    """Return the rules of a small aircraft."""
+    aircraft = vehicle_of(PARAMETERS, 200.0).aircraft
+    return rules(
+        aircraft,
+        load_policy("").for_aircraft(aircraft),
+        margin=25.0,
+        vertical=600.0,
+        unknown=Unknown(5.0, 0.2),
+        deadline=20.0,
+    )
+
+
+def received(seconds: float, *, wind: float = 0.0, crossing: bool = True) -> Received:
+    """Return what is known on the mission, of a fence that is a circle, and of an aircraft that
+    comes from the right.
+    """
+    fence = (GeodeticArea("fence item 1", centre=(47.42, 8.53), radius=300.0, name="fence 1"),)
+    heard = Received(Situation(fixed_areas=fence))
+    now = round((10.0 + seconds) * SECOND)
+    boot = now // 1_000_000
+    there = {"heading": 0, "hor_velocity": 2_000, "ver_velocity": 0, "callsign": b"ABC"}
+    messages = [
+        dialect.MAVLink_heartbeat_message(1, 3, 0x80, 10, 4, 3),
+        dialect.MAVLink_wind_message(270.0, wind, 0.0),
+        dialect.MAVLink_mission_current_message(2),
+        dialect.MAVLink_global_position_int_message(
+            boot, *_place(SPEED * seconds, 0.0), 600_000, 100_000, 0, round(100 * SPEED), 0, 9_000
+        ),
+    ]
+    if crossing:
+        place = _place(SPEED * 40.0, -20.0 * (40.0 - seconds))
+        messages.append(
+            dialect.MAVLink_adsb_vehicle_message(
+                0xABC123, *place, 1, 600_000, **there, emitter_type=1, tslc=0, flags=0x8F, squawk=0
+            )
+        )
+    for message in messages:
+        heard = take(heard, message, now, READING)
+    return heard
+
+
+def _place(x: float, y: float) -> tuple[int, int]:
+    at = HOME.geodetic(x, y)
+    return round(1e7 * float(at.latitude)), round(1e7 * float(at.longitude))
+
+
+def view(heard: Received, judgement: Judgement) -> View:
+    """Return what the program knows, while it only advises."""
+    assert heard.situation.own.last is not None
+    return View(heard.situation.own.last.time, heard, judgement, Control(), ITEMS)
+
+
+def judge(heard: Received, followed: Rules) -> Judgement:
+    """Return what the program makes of it."""
+    assert heard.situation.own.last is not None
+    route = mission.route(ITEMS[0].place, mission.remaining_items(ITEMS, heard.current), 800.0)
+    fresh = Judgement(initial(followed.thresholds, followed.settings.unknown))
+    now = heard.situation.own.last.time
+    return watch(fresh, heard.situation, route, now, followed)
+
+
+def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(followed: Rules) -> None:
+    heard = received(5.0)
+    judgement = judge(heard, followed)
+    assert judgement.safe and judgement.conflict is not None
+    seen = view(heard, judgement)
+    found = picture(Showing(followed, Board()).after(Scene(), seen), seen.time)
+    assert found["plan"]["revision"] == 1
+    assert found["advice"]["do"] == "plan"
+    assert any("on the mission" in why for why in found["advice"]["reasons"])
+    east = found["bands"]["track_deg"].index(90.0)
+    assert found["bands"]["track_region"][east] > 0
+    assert [one["id"] for one in found["alerts"]] == ["abc123"]
+    assert found["alerts"][0]["loss"] == pytest.approx(judgement.conflict.time, abs=2.0)
+    assert [area["name"] for area in found["areas"]] == ["fence 1"]
+    assert len(found["route"]) == 3
+    assert {one["name"]: one["text"] for one in found["health"]}["autopilot"] == "AUTO, armed"
+
+
+def test_in_a_wind_bands_are_those_of_the_air_that_is_flown_in(followed: Rules) -> None:
+    showing = Showing(followed, Board())
+    scene = Scene()
+    for seconds, wind in ((0.0, 0.0), (2.0, 8.0)):
+        seen = view(
+            received(seconds, wind=wind), judge(received(seconds, crossing=False), followed)
+        )
+        scene = showing.after(scene, seen)
+        found = picture(scene, seen.time)
+        assert found["wind"] == ([0.0, 0.0] if wind == 0.0 else [8.0, 0.0])
+        # The ownship flies 22 m/s over the ground: as fast as that less the tail wind.
+        assert found["own"]["air"]["speed"] == pytest.approx(SPEED - wind, abs=0.1)
+        assert found["bands"] is not None
+
+
+def test_without_traffic_nothing_is_closed_and_the_mission_is_flown(followed: Rules) -> None:
+    heard = received(0.0, crossing=False)
+    seen = view(heard, judge(heard, followed))
+    found = picture(Showing(followed, Board()).after(Scene(), seen), seen.time)
+    assert found["plan"] is None and found["alerts"] == []
+    assert not any(found["bands"]["track_region"])
+    assert found["advice"] == {"do": "own route", "reasons": []}
+
+
+@pytest.mark.parametrize("address", ["8642", "host:", "127.0.0.1:99999", "127.0.0.1:x"])
+def test_an_address_that_cannot_be_is_refused_in_a_sentence(address: str, followed: Rules) -> None:
+    with pytest.raises(InputError, match="expected HOST:PORT"):
+        show(address, "a test", followed, lambda: 0, lambda _: None)
+
+
+def test_the_display_is_asked_for_by_an_option() -> None:
+    def given(*more: str) -> argparse.Namespace:
+        return options_of(["--connect", "udp:127.0.0.1:14550", *more])
+
+    assert given().display is None
+    assert given("--display").display == "127.0.0.1:8642"
+    assert given("--display", "0.0.0.0:80").display == "0.0.0.0:80"
