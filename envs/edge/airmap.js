@@ -154,7 +154,7 @@ const airmap = (() => {
     pen.beginPath();
     pen.rect(left, top, width, height);
     pen.clip();
-    pen.fillStyle = tint(colours.paper, 0.85);
+    pen.fillStyle = colours.paper;
     pen.fillRect(left, top, width, height);
     const half = targets.length > 1 ? (targets.at(-1) - targets[0]) / (targets.length - 1) / 2 : 0;
     targets.forEach((target, n) => {

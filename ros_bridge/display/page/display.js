@@ -26,6 +26,7 @@ const degrees = (value) => `${String(Math.round(value) % 360).padStart(3, "0")}�
 const speed = (value) => `${Math.round(value * units().speed)} ${units().fast}`;
 const seconds = (value) => (value < 100 ? `${Math.round(value)} s` : `${Math.floor(value / 60)} min ${String(Math.round(value % 60)).padStart(2, "0")} s`);
 const above = (metres) => (metres === null ? "?" : `${metres < 0 ? "−" : "+"}${String(Math.round(Math.abs(metres) * units().high)).padStart(2, "0")}`);
+const reported = (metres) => (metres === null ? "?" : String(Math.round(metres * units().high)).padStart(3, "0"));
 const climbing = (rate) => (rate === null ? "" : rate * UNITS.aviation.climb > 400 ? "↑" : rate * UNITS.aviation.climb < -400 ? "↓" : "");
 
 function order({ do: what, turn, track_deg: track, speed: wanted, in: left }, own) {
@@ -89,7 +90,7 @@ function planned({ plan, monitor, own }) {
   const lines = [];
   if (plan) {
     const left = plan.points.filter((point) => point.in > 0);
-    lines.push(`Revision ${plan.revision}, ${left.length} waypoints to go${left.length ? `, the next in ${seconds(left[0].in)}` : ""}.`);
+    lines.push(`Revision ${plan.revision}, waypoints to go: ${left.length}${left.length ? `, the next in ${seconds(left[0].in)}` : ""}.`);
   } else lines.push("None.");
   if (monitor) {
     lines.push(`Monitor: ${monitor.state}.`);
@@ -133,7 +134,7 @@ function hear({ alerts }) { // a tone where a level is raised to corrective or m
 function view(picture, width, height) {
   const top = get("advice").offsetHeight, low = get("controls").offsetHeight + 14, { own, traffic } = picture;
   const left = width < 620 ? 56 : 0; // of the tape
-  const room = Math.min(width - left, height - top - low), radius = room / 2 - 34;
+  const radius = Math.min((width - left) / 2 - 34, (height - top - low) / 2 - 46); // bands stand outside, and the direction above them
   const centre = [(left + width) / 2, top + (height - top - low) / 2];
   const metres = units().ranges[state.range] * units().metres, scale = radius / metres;
   const here = own ?? { x: 0, y: 0, vx: 0, vy: 1, track_deg: 0 };
@@ -264,11 +265,13 @@ function drawTraffic(pen, { traffic, own }, { place, width, height, turn, centre
     }
   }
   for (const { one, at: [x, y] } of shown) {
+    const high = own ? above(one.relative_altitude) : reported(one.altitude);
     // A climb that is not known is no level flight.
-    const trend = one.relative_altitude !== null && one.climb === null ? "?" : climbing(one.climb);
-    const lines = [above(one.relative_altitude) + trend, one.id.length > 14 ? `${one.id.slice(0, 13)}…` : one.id];
+    const trend = high !== "?" && one.climb === null ? "?" : climbing(one.climb);
+    const lines = [high + trend, one.id.length > 14 ? `${one.id.slice(0, 13)}…` : one.id];
     if (one.state !== "fresh") lines.push(one.state === "faulty" ? "faulty" : `${one.state} ${seconds(one.age)}`);
-    const side = x < centre[0] ? -1 : 1, box = [side < 0 ? x - 76 : x + 12, y - 22, 64, 15 * lines.length];
+    const outwards = x < centre[0] ? -1 : 1, room = outwards < 0 ? x : width - x;
+    const side = room < 90 ? -outwards : outwards, box = [side < 0 ? x - 76 : x + 12, y - 22, 64, 15 * lines.length];
     const covered = taken.some(([bx, by, bw, bh]) => box[0] < bx + bw && bx < box[0] + box[2] && box[1] < by + bh && by < box[1] + box[3]);
     if (covered && one.level === 0) continue; // the table has it
     taken.push(box);
