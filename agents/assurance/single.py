@@ -195,6 +195,7 @@ def _areas_met(
             fastest=limits.limits.speed_max,
             horizon=max(2.0 * limits.options.finished_by, float(ends)),
             unknown_climb=limits.options.unknown_climb,
+            margin=limits.requirement.margin,
         )
     return found
 
