@@ -4,7 +4,7 @@ policy.
 It flies the policy from the moment BlueSky detects a conflict until the closest approach of its
 last conflict is past, and its autopilot otherwise; climbs and descents stay with the autopilot
 (docs/howto/bluesky.md). With ``RLCASPLAN ON`` it flies the planner's plans instead, where they are
-SAFE.
+SAFE, and with ``RLCASAREAS ON`` these keep out of BlueSky's areas.
 """
 
 import math
@@ -17,7 +17,9 @@ import numpy as np
 from agents.inference import Policy
 from agents.planner import RequestError, plan
 from agents.planner.options import Options
+from agents.planner.request import Altitude
 from envs.aircraft import new_aircraft
+from envs.areas import Area, AreaError, Circle, Level, Polygon
 from envs.edge.command import InputError
 from envs.kinematics import Limits, VehicleState, commands
 from envs.trees import map_leaves, take
@@ -32,13 +34,17 @@ bs: Any = import_module("bluesky") if _HERE else None
 _Resolution: Any = import_module("bluesky.traffic.asas").ConflictResolution if _HERE else object
 _command: Any = bs.stack.command if _HERE else lambda **_: lambda function: function
 _ROTOR = import_module("bluesky.traffic.performance.openap.coeff").LIFT_ROTOR if _HERE else None
+# BlueSky's boxes, circles and polygons, by name.
+_SHAPES: Any = import_module("bluesky.tools.areafilter").basic_shapes if _HERE else {}
 _EARTH, _GRAVITY = 6_371_000.0, 9.80665  # m, m/s^2, as BlueSky
+_MILE, _LIMITLESS = 1_852.0, 9e8  # m; limits of heights beyond this are none
 
 _AHEAD = 20.0  # required separations; where the goal of an aircraft without a waypoint lies
 # required separations, beyond which an aircraft that has waited long leaves the way to the other
 _APART = 1.5
 _ACCELERATION = 0.5  # m/s^2; the least that BlueSky grants every aircraft in flight
 _SHARPEST = 0.11  # required separations; a tighter turn takes more than 1 rad in a time step
+_REFERENCE = "pressure"  # of heights
 _LONGEST = 3_600.0  # s, for which a goal is aimed at in a wind
 _PLANNED = 10.0  # s, after which an aircraft plans again: the others decide, too
 _SEARCH = {"exhaustive": False, "deadline_s": math.inf}  # no clock decides: a run can be repeated
@@ -69,6 +75,31 @@ def _wind_at(flown: np.ndarray) -> Wind | None:
     return Wind(east, north, np.zeros(len(flown))) if east.any() or north.any() else None
 
 
+def _east_north(lat: Any, lon: Any, own_lat: Any, own_lon: Any) -> tuple[Any, Any]:
+    """Return places, degrees, as seen from ownships, m."""
+    middle = np.radians(0.5 * (np.asarray(lat) + own_lat))
+    east = np.radians((np.asarray(lon) - own_lon + 180.0) % 360.0 - 180.0) * np.cos(middle)
+    return _EARTH * east, _EARTH * np.radians(np.asarray(lat) - own_lat)
+
+
+def _area(shape: Any, own_lat: float, own_lon: float) -> Area:
+    """Return one of BlueSky's shapes as an area to be kept out of, as seen from an ownship."""
+    numbers = np.array(shape.coordinates, dtype=float)
+    lat, lon = numbers[:2] if shape.kind() == "CIRCLE" else (numbers[::2], numbers[1::2])
+    if shape.kind() == "BOX":  # by two opposite corners
+        lat, lon = lat[[0, 0, 1, 1]], lon[[0, 1, 1, 0]]
+    x, y = _east_north(lat, lon, own_lat, own_lon)
+    limits: dict[str, Any] = {
+        name: Level(float(value), _REFERENCE)
+        for name, value in (("floor", shape.bottom), ("ceiling", shape.top))
+        if abs(value) < _LIMITLESS
+    }
+    if shape.kind() == "CIRCLE":
+        disc = Circle(float(x), float(y), float(numbers[2]) * _MILE)
+        return Area(disc, name=shape.name, **limits)
+    return Area(Polygon(tuple(zip(x.tolist(), y.tolist(), strict=True))), name=shape.name, **limits)
+
+
 class RLCAS(_Resolution):
     """Conflict resolution by the policy: every aircraft in conflict, one call for all of equal
     limits.
@@ -85,7 +116,7 @@ class RLCAS(_Resolution):
         self._begin()
 
     def _begin(self) -> None:
-        self.outside, self.planning = "refuse", False
+        self.outside, self.planning, self.among_areas = "refuse", False, False
         self._known: dict[tuple[float, ...], Policy | str] = {}
         self._said: set[str] = set()
         self._lasting: dict[str, float] = {}  # s, for how long an aircraft has been in conflict
@@ -124,6 +155,21 @@ class RLCAS(_Resolution):
         flown = "plans, where they are SAFE" if self.planning else "the policy"
         state = "ON" if self.planning else "OFF"
         return True, f"RLCASPLAN is {state}: aircraft in conflict fly {flown}"
+
+    @_command(name="RLCASAREAS", annotations="onoff")
+    def setareas(self, keep: bool | None = None) -> tuple[bool, str]:
+        """Set whether plans keep out of BlueSky's areas (BOX, CIRCLE, POLY, POLYALT); without an
+        argument say it.
+        """
+        if keep is not None:
+            self.among_areas = keep
+            self.plans.clear()
+        kept = "keep out of the areas" if self.among_areas else "take no account of areas"
+        needs = (
+            "" if self.planning or not self.among_areas else " (RLCASPLAN is OFF: none are made)"
+        )
+        state = "ON" if self.among_areas else "OFF"
+        return True, f"RLCASAREAS is {state}: plans {kept}{needs}"
 
     def update(self, conf: Any, ownship: Any, intruder: Any) -> None:
         """Decide which aircraft resolve a conflict, as every method of BlueSky does, and what each
@@ -200,11 +246,7 @@ class RLCAS(_Resolution):
         dt, separation = float(bs.traf.asastimer.dt_act), policy.aircraft.separation
 
         def east_north(lat: Any, lon: Any) -> tuple[np.ndarray, np.ndarray]:
-            own_lat, own_lon = ownship.lat[flown][:, None], ownship.lon[flown][:, None]
-            east = np.radians((lon - own_lon + 180.0) % 360.0 - 180.0) * np.cos(
-                np.radians(0.5 * (lat + own_lat))
-            )
-            return _EARTH * east, _EARTH * np.radians(lat - own_lat)
+            return _east_north(lat, lon, ownship.lat[flown][:, None], ownship.lon[flown][:, None])
 
         x, y = east_north(intruder.lat[None], intruder.lon[None])
         above, climb = (
@@ -269,6 +311,21 @@ class RLCAS(_Resolution):
                 self.trk[index] = (90.0 - np.degrees(planned.heading)) % 360.0
                 self.tas[index] = planned.speed
 
+    def _areas(self, name: str) -> tuple[list[Area], Altitude]:
+        """Return the areas that an aircraft keeps out of, and its altitude; what cannot be used is
+        said once.
+        """
+        index, traffic, found = bs.traf.id.index(name), bs.traf, list[Area]()
+        for shape in list(_SHAPES.values()) if self.among_areas else ():
+            if shape.kind() not in ("BOX", "CIRCLE", "POLY"):
+                continue
+            try:
+                found.append(_area(shape, float(traffic.lat[index]), float(traffic.lon[index])))
+            except AreaError as problem:
+                self._say(f"{shape.name} area", f"{shape.name} is no area for plans: {problem}")
+        climb = float(traffic.vs[index])
+        return found, Altitude(float(traffic.alt[index]), _REFERENCE, climb)
+
     def _planned_state(
         self,
         name: str,
@@ -290,7 +347,9 @@ class RLCAS(_Resolution):
             ]
             options = Options.for_aircraft(policy.aircraft, extend_route=True, **_SEARCH)
             try:
-                answer = plan(own, traffic, route, policy, options, wind=wind)
+                areas, height = self._areas(name)
+                among: dict[str, Any] = {"areas": areas, "own_altitude": height} if areas else {}
+                answer = plan(own, traffic, route, policy, options, wind=wind, **among)
             except RequestError as problem:
                 self._say(
                     f"{name} plan",

@@ -3,6 +3,7 @@ bluesky`` makes.
 """
 
 import json
+import math
 import os
 import subprocess
 from pathlib import Path
@@ -46,9 +47,10 @@ def fly(method, kind, seconds=700, more="OP", crowd=0, crossing=0.9, wind=None):
     for angle in np.linspace(0.3, 5.3, crowd):  # more that meet in the same place
         place = float(np.sin(angle)), float(0.95 + np.cos(angle))
         bs.traf.cre(f"B{angle:.1f}", kind, *place, float(-90 - np.degrees(angle)) % 360, 30_000 * 0.3048, 0.75)
-    least, turned, level_off, resolving, planned = 1e9, 0.0, 0.0, 0, 0
+    least, turned, level_off, resolving, planned, path = 1e9, 0.0, 0.0, 0, 0, []
     for _ in range(seconds):
         bs.sim.step()
+        path.append((float(bs.traf.lat[0]), float(bs.traf.lon[0])))
         y, x = (np.radians(each[:3]) * 6_371_000 for each in (bs.traf.lat, bs.traf.lon))
         least = min(least, np.hypot(x[:, None] - x, y[:, None] - y)[np.triu_indices(3, 1)].min() / 1852)
         resolving = max(resolving, int(bs.traf.cr.active.sum()))
@@ -57,11 +59,15 @@ def fly(method, kind, seconds=700, more="OP", crowd=0, crossing=0.9, wind=None):
         level_off = max(level_off, np.abs(bs.traf.vs).max())
     return {"least": float(least), "turned_below": float(turned), "climb": float(level_off), "said": list(said),
             "course": float(bs.traf.hdg[0]), "resolving": resolving, "planned": planned,
-            "track": float(bs.traf.trk[0]), "blown": float(np.hypot(bs.traf.windeast[0], bs.traf.windnorth[0]))}
+            "path": path, "track": float(bs.traf.trk[0]), "blown": float(np.hypot(bs.traf.windeast[0], bs.traf.windnorth[0]))}
 
 
 found = {"OFF": fly("OFF", "A320", 500), "RLCAS": fly("RLCAS", "A320")}
 found["plans"] = fly("RLCAS", "A320", more="RLCASPLAN ON")
+lat, lon = max(found["plans"]["path"], key=lambda place: abs(place[0]))
+areas = f"RLCASPLAN ON;RLCASAREAS ON;CIRCLE LAKE {lat} {lon} 4;POLYALT LOW 1000 0 -0.1 0.8 0.1 0.8 0.1 1.1 -0.1 1.1;LINE L 0 0 1 1"
+found["areas"] = fly("RLCAS", "A320", more=areas) | {"lake": (lat, lon)}
+found["wide area"] = fly("RLCAS", "A320", 200, f"{areas};BOX STATE -1 -1 1 1")
 found["policy in wind"] = fly("RLCAS", "A320", wind=(60.0, 42.0))
 found["plans in wind"] = fly("RLCAS", "A320", more="RLCASPLAN ON", wind=(60.0, 42.0))
 found["unknown"] = fly("RLCAS", "XQ99", 200)
@@ -179,6 +185,11 @@ def run(program: str, folder: Path) -> dict:
     return json.loads(done.stdout.splitlines()[-1])
 
 
+def from_lake(path: list[list[float]], lake: list[float]) -> float:
+    """Return how near a path about the equator comes to a place, NM."""
+    return min(60.0 * math.hypot(lat - lake[0], lon - lake[1]) for lat, lon in path)
+
+
 def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
     found = run(PLUGIN, tmp_path)
     assert found["OFF"]["least"] < 1.0
@@ -197,6 +208,16 @@ def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
     assert by_plan["planned"] >= 2
     assert by_plan["least"] >= 5.0
     assert abs(by_plan["course"] - 90.0) < 5.0
+
+    amid, lake = found["areas"], found["areas"]["lake"]
+    assert from_lake(by_plan["path"], lake) < 0.1, "without the command plans take no account"
+    assert from_lake(amid["path"], lake) >= 4.0
+    assert amid["least"] >= 5.0
+    assert not [text for text in amid["said"] if text.startswith("RLCAS:")]
+    says = [text for text in found["wide area"]["said"] if text.startswith("RLCAS:")]
+    assert len(says) == 1
+    assert "STATE is no area for plans" in says[0]
+    assert "km wide" in says[0]
 
     for method in ("policy in wind", "plans in wind"):
         flown = found[method]
