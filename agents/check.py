@@ -446,7 +446,9 @@ def through_air(plan_state: PlanState | Report, time: Ball, wind: Wind) -> State
     blows = ball(wind.east, wind.north)
     velocity = course * speed - blows
     speed = velocity.size()
-    demand(speed.lo > ball(_FINE).hi, "an aircraft stands still in the air")
+    if speed.hi <= ball(_FINE).hi:  # it goes with the air, on any course
+        return State(place - blows * time, ONE, Ball(0, 0, speed.hi))
+    demand(speed.lo > ball(_FINE).hi, "an aircraft hardly moves through the air")
     return State(place - blows * time, velocity / speed, speed)
 
 

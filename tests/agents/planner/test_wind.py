@@ -167,6 +167,25 @@ def test_the_certificate_of_another_wind_is_refused() -> None:
             accept({**data, "wind": {**data["wind"], name: value}})
 
 
+def test_the_checker_follows_what_goes_with_the_air() -> None:
+    wind = Wind(6.0, -4.0, 0.3)
+    balloon = over_ground(VehicleState(2_500.0, 100.0, 0.0, 0.0), wind, 0.0)
+    own = over_ground(VehicleState(0.0, 0.0, 0.0, 28.0), wind, 0.0)
+    for turn_time in (0.0, 20.0):
+        report = Intruder(balloon, 0.4, TURN, turn_time)
+        answer = plan(own, [report], ROUTE, POLICY, OPTIONS, wind=wind)
+        assert answer.safe
+        data = json.loads(answer.certificate or b"")
+        accept(data)
+        path = place_over_ground(answer, own, wind, 60.0)
+        data["intruders"][0][:2] = [
+            float(path.x) - 60.0 * wind.east,
+            float(path.y) - 60.0 * wind.north,
+        ]
+        with pytest.raises(RefusedError, match="too close"):
+            accept(data)
+
+
 def test_a_late_plan_is_still_right_in_its_wind() -> None:
     wind = Wind(6.0, -5.0)
     own, reports = scene(2, wind)
