@@ -303,9 +303,7 @@ def main() -> None:
     parser.add_argument(
         "--plans", type=int, default=100, help="plans made; the SAFE ones are flown (default 100)"
     )
-    parser.add_argument(
-        "--scenario", default="circle", help="family of encounters (default circle)"
-    )
+    parser.add_argument("--scenario", default="circle", help="of the encounters (default circle)")
     parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
     parser.add_argument(
         "--resets", type=int, default=3_000, help="over which memory is watched (default 3000)"

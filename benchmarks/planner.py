@@ -71,9 +71,7 @@ def main() -> None:
     parser = Parser(description=__doc__)
     parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
     parser.add_argument("--requests", type=int, default=2_000, help="requests timed (default 2000)")
-    parser.add_argument(
-        "--scenario", default="circle", help="family of encounters (default circle)"
-    )
+    parser.add_argument("--scenario", default="circle", help="of the encounters (default circle)")
     options = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})

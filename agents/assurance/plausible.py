@@ -132,10 +132,6 @@ def follow(
         np.where(known, flown_y, drift.flown_y),
     )
     window = [np.where(anew, a, b) for a, b in zip(start, kept, strict=True)]
-    return Drift(
-        *window,
-        *(
-            np.where(a, until, b)
-            for a, b in ((sudden, drift.rate_until), (apart, drift.place_until))
-        ),
-    )
+    rate_until = np.where(sudden, until, drift.rate_until)
+    place_until = np.where(apart, until, drift.place_until)
+    return Drift(*window, rate_until, place_until)

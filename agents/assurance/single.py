@@ -31,7 +31,8 @@ from envs.wind import NO_WIND
 
 _SAME = 1e-6  # s by which the times of one report may differ
 _ONE = np.array([0])
-_MISSING, _NOWHERE = VehicleState(*[float("nan")] * 4), VehicleState(0.0, 0.0, 0.0, 0.0)
+_MISSING = VehicleState(math.nan, math.nan, math.nan, math.nan)
+_NOWHERE = VehicleState(0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

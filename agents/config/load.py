@@ -19,8 +19,8 @@ from agents.config.keys import (
     one_of,
     quote,
 )
-from agents.config.yaml import YamlError, coerce, read, write
 from envs.edge.command import ConfigError, Parser
+from envs.edge.yaml import YamlError, coerce, read, write
 
 __all__ = [
     "AIRCRAFT",
@@ -226,7 +226,7 @@ def _complaint(model: type[BaseModel], error: Any) -> str:
         if moved is not None and field_at(model, moved.split(".")) is not None:
             return f"{key} is now called {moved}"
         close = nearest(str(location[-1]), names)
-        either = f"expected {'one of ' * (len(names) > 1)}{', '.join(names)}"
+        either = f"expected {'one of ' if len(names) > 1 else ''}{', '.join(names)}"
         hint = f"did you mean {'.'.join(map(str, (*location[:-1], close)))}?" if close else either
         return f"{key} is unknown (its value is {quote(value)}); {hint}"
     field = field_at(model, location)

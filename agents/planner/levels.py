@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-_SLIP = 1e-6
+_ROUNDING = 1e-6
 """m by which the separation at the ends of a window is more than required, for rounding's sake."""
 
 ALWAYS = -math.inf, math.inf
@@ -75,7 +75,7 @@ def window(
     rise, spread = other.climb(unknown_climb)
     above = other.value + rise * age - own.value
     rate, widens = rise - climb, own_spread + spread
-    level = vertical + _SLIP + own.error + other.error + spread * abs(age)
+    level = vertical + _ROUNDING + own.error + other.error + spread * abs(age)
     begin, end = ALWAYS
     # It counts while |above + rate t| <= level + widens t.
     for side in (1.0, -1.0):

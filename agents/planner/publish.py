@@ -79,20 +79,20 @@ def publish(
         best = _on_ground(best, Wind(east, north))
     best = _number_points(best, request)
     waypoints = _waypoints(best, route)
-    slips = (
+    faults = (
         audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
         if waypoints
         else []
     )
-    slips += [
+    faults += [
         _outlasting(one, waypoints[-1])
         for one in excluded
         if waypoints and not waypoints[-1].time <= one.until
     ]
     valid = bool(best.findings.safe)
-    safe = valid and not slips
+    safe = valid and not faults
     reasons = (
-        tuple(slips) if valid else (*_reasons(request, best, next_goal, kept, options), *slips)
+        tuple(faults) if valid else (*_reasons(request, best, next_goal, kept, options), *faults)
     )
     if skipped and not safe:
         what = (

@@ -35,7 +35,7 @@ ROUNDING = 1e-6
 """How much of the separation itself may be missing, m."""
 
 _FEW = 4  # intruders whom it costs more to leave out than to look at
-_SLIP = 0.01  # m by which the bounds that leave legs out may be off: tolerance and rounding
+_BOUND_ERROR = 0.01  # m by which the bounds that leave legs out may be off: tolerance and rounding
 
 LONGEST = 16_384.0
 """Time of a plan's last waypoint at most, s: so far the rounding of positions is bounded
@@ -315,14 +315,20 @@ def _near(
     bend = own_acceleration.max(axis=-1)[..., None] + _acceleration(seen)[:, None]
     step = own.duration[..., None]
     left = (
-        away - both * step - 0.125 * bend * (step / ARCS) ** 2 - position_error[..., None] - _SLIP
+        away
+        - both * step
+        - 0.125 * bend * (step / ARCS) ** 2
+        - position_error[..., None]
+        - _BOUND_ERROR
     )
     now = base[:, None] + growth(seen, own.time, requirement)
     later = base[:, None] + growth(seen, own.time + own.duration, requirement)
     # Where an intruder does not count at the beginning of a leg, its distance there is no finding.
     away = np.where(told, away, np.inf)
     least, clearance = (np.min(each, axis=(1, 2), keepdims=True) for each in (away, away - now))
-    return ((left <= np.maximum(later, least)) | (left - later <= clearance + _SLIP)) & counts
+    return (
+        (left <= np.maximum(later, least)) | (left - later <= clearance + _BOUND_ERROR)
+    ) & counts
 
 
 def _note_fine(

@@ -64,9 +64,8 @@ class TrajectoryRecorder:
         """Return everything recorded; one empty step if nothing was."""
         if not self._steps:
             none, others = np.zeros(0), np.zeros((0, self._intruders[0].shape[1]))
-            self.append(
-                none.astype(int), VehicleState(*[none] * 4), VehicleState(*[others] * 4), none
-            )
+            own = VehicleState(none, none, none, none)
+            self.append(none.astype(int), own, VehicleState(others, others, others, others), none)
         own, traffic = np.stack(self._own), np.stack(self._intruders)
         return Trajectories(
             VehicleState(*np.moveaxis(own, -1, 0)),

@@ -171,13 +171,12 @@ def program_beside(sitl: Sitl, more: Sequence[str] = ()) -> Program:
     """Return the program with --fly beside a simulation, with more options; --connect may be one
     of them.
     """
-    given = [
-        *(() if "--connect" in more else ("--connect", sitl.address)),
-        *("--simulated", "--fly", "--separation", f"{SEPARATION:g}"),
-        *("--unknown-position-std", "5", "--unknown-velocity-std", "0.2"),
-        *("--traffic-altitude", "msl", "--deadline", "0.5", "--quiet", *more),
-    ]
-    options: argparse.Namespace = options_of(given)
+    given = (
+        f"--simulated --fly --quiet --separation {SEPARATION:g} --unknown-position-std 5 "
+        "--unknown-velocity-std 0.2 --traffic-altitude msl --deadline 0.5"
+    )
+    address = [] if "--connect" in more else ["--connect", sitl.address]
+    options: argparse.Namespace = options_of([*given.split(), *address, *more])
     link = Link(options.connect, system=options.system, simulated=True)
     program = Program(link, options)
     program.show()

@@ -87,8 +87,12 @@ class Sitl:
         self._process = subprocess.Popen(
             [
                 str(program / "arduplane"),
-                *("--model", "plane", "--speedup", f"{speedup:g}", "--home", home, "-w"),
-                *("--defaults", f"{program / 'plane.parm'},{extra}", "-I", str(instance)),
+                "-w",
+                "--model=plane",
+                f"--speedup={speedup:g}",
+                f"--home={home}",
+                f"--defaults={program / 'plane.parm'},{extra}",
+                f"--instance={instance}",
             ],
             cwd=where,
             stdout=self._log,
