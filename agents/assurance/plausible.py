@@ -125,13 +125,13 @@ def follow(
     anew = good & (~known | apart | (length >= _WINDOW * dt))
     began, until = time[1], time[1] + _WINDOW * dt
     zero = np.zeros(elapsed.shape)
-    start = (began, new.x, new.y, position_std, zero, zero)
-    kept = (
-        *drift[:4],
-        np.where(known, flown_x, drift.flown_x),
-        np.where(known, flown_y, drift.flown_y),
+    start = Drift(began, new.x, new.y, position_std, zero, zero, until, until)
+    going_on = drift._replace(
+        flown_x=np.where(known, flown_x, drift.flown_x),
+        flown_y=np.where(known, flown_y, drift.flown_y),
     )
-    window = [np.where(anew, a, b) for a, b in zip(start, kept, strict=True)]
-    rate_until = np.where(sudden, until, drift.rate_until)
-    place_until = np.where(apart, until, drift.place_until)
-    return Drift(*window, rate_until, place_until)
+    window = Drift(*(np.where(anew, a, b) for a, b in zip(start, going_on, strict=True)))
+    return window._replace(
+        rate_until=np.where(sudden, until, drift.rate_until),
+        place_until=np.where(apart, until, drift.place_until),
+    )
