@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from agents.config.figures import save_figure
 from envs.c208.conditions import Conditions, Loading
 from envs.c208.facts import GRAVITY, POINTS, value
 from envs.c208.validate import envelope, measure
 from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle
 from envs.edge.command import Parser, run_cli
+from envs.edge.figures import save_figure
 from envs.follower import PERIOD
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from eval.plots import save

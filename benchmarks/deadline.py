@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents.config.figures import save_figure
 from agents.planner import Intruder, Options, plan
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from benchmarks.planner import question
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
+from envs.edge.figures import save_figure
 from envs.edge.files import write_file
 from envs.edge.json_text import parse_json
 from envs.encounters import scenario

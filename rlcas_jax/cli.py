@@ -8,10 +8,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from agents.config.folder_lock import is_unused
 from agents.config.keys import help_text
 from agents.config.load import ConfigError, Parser, dump, load
 from envs.edge.files import write_file
+from envs.edge.folder_lock import is_unused
 from rlcas_jax.config import SEED_END, TrainConfig
 
 NAMES = "best, paper, quick, sprint"

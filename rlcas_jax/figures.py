@@ -66,7 +66,7 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
     """
     import matplotlib as mpl
 
-    from agents.config.figures import save_figure
+    from envs.edge.figures import save_figure
 
     logs = [log for log in map(read, runs) if "step" in log]
     if not logs:

@@ -11,13 +11,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from agents.config.folder_lock import is_unused, lock
 from agents.config.load import ConfigError, load, validate
 from agents.learning.algorithm import Algorithm
 from agents.policy import inputs as own_inputs
 from agents.policy.inputs import Input
 from envs import rewards as own_rewards
 from envs import scenarios as own_scenarios
+from envs.edge.folder_lock import is_unused, lock
 from envs.encounters import Sampler
 from envs.rewards import Term
 from rlcas_jax import algorithm as own_algorithm

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from agents.config.figures import save_figure
 from benchmarks.learning.curves import CONFIDENCE, Axis, Point, t_mean
+from envs.edge.figures import save_figure
 from rlcas_jax.figures import STYLE
 
 if TYPE_CHECKING:

@@ -19,13 +19,13 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from agents.config.progress import Progress
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
 from envs.edge.command import ConfigError, Parser
 from envs.edge.json_text import parse_json
+from envs.edge.progress import Progress
 from eval.runner.workers import cores
 
 __all__ = ["BLOCK", "main"]

@@ -1,3 +1,6 @@
-"""The edge of every program: its command line, its refusals and its files; the standard library
-alone.
+"""What every program shares at its edge: command line and refusals, files and locks, progress,
+figures and YAML.
+
+What the flight path uses of it is the standard library alone (the contract ``flight-path`` in
+pyproject.toml lists it).
 """

@@ -11,8 +11,8 @@ import os
 from collections.abc import Iterator
 from typing import Any
 
+from envs.edge.text_file import json_of, text_of
 from envs.formats.track_rows import Reading, Rows, flights_of
-from envs.traffic.text_file import json_of, text_of
 from envs.traffic.track_units import FOOT, KNOT, Range
 from envs.traffic.tracks import Repairs, TrackError
 
@@ -39,7 +39,7 @@ def is_adsb(path: str | os.PathLike[str]) -> bool:
     """Return whether an ``icao24`` is in a JSON file's first 4096 characters; a TrackError if it
     cannot be read.
     """
-    return '"icao24"' in text_of(os.fspath(path))[:4096]
+    return '"icao24"' in text_of(os.fspath(path), TrackError)[:4096]
 
 
 def ordered_flights(
@@ -73,7 +73,7 @@ def ordered_flights(
 
 def _airborne(source: str) -> Iterator[tuple[int, str, dict[str, Any]]]:
     """Yield the reports that are not on the ground: number, address, and the report."""
-    found = json_of(source)
+    found = json_of(source, TrackError)
     if not isinstance(found, list):
         raise TrackError(f"{source}: expected a list of reports")
     for number, report in enumerate(found, start=1):

@@ -19,11 +19,11 @@ import numpy as np
 from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.edge.files import write_whole
+from envs.edge.text_file import number_of, text_of
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError
 from envs.intruder import Intent
 from envs.kinematics import FASTEST, VehicleState
 from envs.perception import Sensor
-from envs.traffic.text_file import number_of, text_of
 
 _MOST_PLACES = 2_000_000  # encounters times the intruders of the fullest one
 _FAR = 1_000_000.0
@@ -226,7 +226,7 @@ def write_rows(
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
-    reader = csv.reader(io.StringIO(text_of(source), newline=""), strict=True)
+    reader = csv.reader(io.StringIO(text_of(source, EncounterError), newline=""), strict=True)
     try:
         # A quoted cell may span lines: its row is named by its last one.
         lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader]

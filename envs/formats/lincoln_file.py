@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.traffic.text_file import json_of
+from envs.edge.text_file import json_of
 from envs.traffic.track_units import DEGREES, FOOT, KNOT, Range
 from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, sum_of_repairs
 
@@ -72,7 +72,7 @@ def read_lincoln(path: str | os.PathLike[str], *, repair: bool = False) -> list[
             encounter and field (the line, where the file is no JSON at all).
     """
     source = os.fspath(path)
-    found = json_of(source)
+    found = json_of(source, TrackError)
     if not isinstance(found, list) or not found:
         raise TrackError(f"{source}: expected a list of encounters that is not empty")
     encounters = [

@@ -11,8 +11,8 @@ import os
 import re
 from typing import NamedTuple
 
+from envs.edge.text_file import lines_of, number_of
 from envs.formats.track_rows import Reading, Rows, track_file
-from envs.traffic.text_file import lines_of, number_of
 from envs.traffic.track_units import DEGREES, FAMILIES, FOOT, KNOT, Range, si
 from envs.traffic.tracks import DISTANT, TrackError, TrackFile
 
@@ -114,7 +114,7 @@ def read_daidalus(
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:
     lines = []
-    for number, line in enumerate(lines_of(source), start=1):
+    for number, line in enumerate(lines_of(source, TrackError), start=1):
         line = line.split("#", 1)[0].strip()  # noqa: PLW2901
         if line:
             cells = line.split(",") if "," in line else re.split(r"\s+", line)

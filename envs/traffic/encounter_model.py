@@ -28,8 +28,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from envs.edge.text_file import lines_of, number_of
 from envs.encounters import EncounterError
-from envs.traffic.text_file import lines_of, number_of
 
 SPEED, ACCELERATION, CLIMB, TURN = (
     "v",
@@ -149,7 +149,7 @@ class _File:
         self.blocks: dict[str, list[tuple[int, str]]] = {}
         """Lines of each block, with their numbers from 1."""
         name, begins = "", {}
-        for number, line in enumerate(lines_of(source), start=1):
+        for number, line in enumerate(lines_of(source, EncounterError), start=1):
             line = line.strip()  # noqa: PLW2901
             where = f"{source} line {number}"
             if line.startswith("#"):

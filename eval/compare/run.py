@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
-from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser
+from envs.edge.figures import save_figure
 from envs.edge.files import write_whole
 from envs.edge.installation import versions
 from envs.traffic.replay import Replay

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.config.progress import group_digits
+from envs.edge.progress import group_digits
 from eval.evidence.listed import Evidence
 from eval.evidence.tables import row_of
 from eval.metrics.summary import print_table

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from threadpoolctl import threadpool_limits
 
-from agents.config.figures import save_figure
 from agents.policy.inference import Policy
+from envs.edge.figures import save_figure
 from envs.follower import PERIOD
 from envs.kinematics import VehicleState
 from envs.outcome import Rules

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from agents.config.load import ConfigError, Parser
-from agents.config.progress import group_digits
 from envs.c208.flightgear import flightgear_at
+from envs.edge.progress import group_digits
 from eval.hifi.config import HifiConfig
 from eval.hifi.flights import Campaign, prepare
 from eval.hifi.rows import HifiFolder, columns

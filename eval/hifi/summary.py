@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.config.progress import group_digits
+from envs.edge.progress import group_digits
 from eval.hifi.rows import ERRORS, HIFI_OUTCOMES
 from eval.stats.intervals import quantiles, share
 

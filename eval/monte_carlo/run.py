@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from agents.config.load import Parser, load
-from agents.config.progress import group_digits
 from agents.policy.domain import excess
+from envs.edge.progress import group_digits
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.sources import describe_tracks, say

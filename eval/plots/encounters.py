@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from threadpoolctl import threadpool_limits
 
-from agents.config.figures import save_figure
-from agents.config.progress import group_digits
+from envs.edge.figures import save_figure
+from envs.edge.progress import group_digits
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.recorded import fly_recorded
 from eval.plots.flight_sheet import choose_encounters, trajectory_sheet

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from agents.config.figures import save_figure
 from agents.config.load import ConfigError
+from envs.edge.figures import save_figure
 from envs.edge.files import check_space, write_file
 from eval.runner.outputs import check_unused
 

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
-from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser, dump
+from envs.edge.figures import save_figure
 from envs.edge.files import write_file
 from envs.edge.installation import versions
 from envs.formats import encounter_file

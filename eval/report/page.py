@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.config.progress import group_digits
 from envs.edge.command import visible
+from envs.edge.progress import group_digits
 from eval.flights.aircraft import lines_about
 from eval.metrics.summary import Line, headline
 from eval.plots.style import MARKERS

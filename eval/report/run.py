@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from agents.config.load import ConfigError, Parser
-from agents.config.progress import Progress
 from envs.edge.files import write_file, write_whole
 from envs.edge.installation import versions
+from envs.edge.progress import Progress
 from eval.flights.chunks import Evaluation
 from eval.report.bands import encounter_data
 from eval.report.data import Choice, choose, flight_data, page_data, points
@@ -47,13 +47,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     load_extensions(options.extension)
     run = read_run(options.folder)
-    for option, number in [
-        *(("--show", number) for number in options.show),
-        *(("--save", number) for number in options.save),
-    ]:
-        if number >= len(run.kinds):
+    for option, numbers in {"--show": options.show, "--save": options.save}.items():
+        if numbers and max(numbers) >= len(run.kinds):
             raise ConfigError(
-                f"{option}: {number}; expected numbers of encounters, 0 to {len(run.kinds) - 1}"
+                f"{option}: {max(numbers)}; expected numbers of encounters, 0 to "
+                f"{len(run.kinds) - 1}"
             )
     try:
         with write_whole(options.folder / "report.html") as temporary:

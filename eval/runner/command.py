@@ -15,12 +15,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
-from agents.config.folder_lock import lock
 from agents.config.keys import help_text
 from agents.config.load import ConfigError
-from agents.config.progress import Progress, group_digits
 from envs.edge.files import check_space, write_file
+from envs.edge.folder_lock import lock
 from envs.edge.installation import versions
+from envs.edge.progress import Progress, group_digits
 from eval.config import MonteCarloConfig
 from eval.flights.aircraft import describe, lines_about
 from eval.runner.options import load_config, named_policy

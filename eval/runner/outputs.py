@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.config.folder_lock import is_unused
 from agents.config.load import ConfigError, dump, load
 from envs.edge.files import write_file, write_whole
+from envs.edge.folder_lock import is_unused
 from envs.edge.installation import versions
 from eval.config import MonteCarloConfig
 

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.config.figures import save_figure
 from agents.config.load import ConfigError, Parser
-from agents.config.progress import group_digits
+from envs.edge.figures import save_figure
 from envs.edge.installation import versions
+from envs.edge.progress import group_digits
 from eval.config import PREFIXES
 from eval.plots import save as picture_folder
 from eval.plots.style import scenario_title

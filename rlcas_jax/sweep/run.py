@@ -20,10 +20,10 @@ from optuna.exceptions import StorageInternalError
 from optuna.study import Study
 from optuna.trial import FrozenTrial, Trial, TrialState
 
-from agents.config.folder_lock import lock
 from agents.config.load import ConfigError, dump, load
 from envs.edge.compiled import keep_compiled
 from envs.edge.files import write_file
+from envs.edge.folder_lock import lock
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.interrupt import INTERRUPTED, Interrupt
 from rlcas_jax.progress import Reporter

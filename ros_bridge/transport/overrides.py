@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from agents.config.yaml import YamlError, check_distinct
+from envs.edge.yaml import YamlError, check_distinct
 
 _OURS = "rlcas_"
 

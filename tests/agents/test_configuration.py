@@ -14,9 +14,9 @@ from pydantic import Field, ValidationError, model_validator
 from agents.config.keys import RENAMED, help_text, keys, markdown
 from agents.config.load import ConfigError, Parser, Strict, dump, load
 from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig, VehicleConfig
-from agents.config.yaml import read, write
 from envs.aircraft import PAPER, new_aircraft
 from envs.edge.command import run_cli
+from envs.edge.yaml import read, write
 from envs.encounters import SCENARIOS, Scenario, scenario
 from envs.kinematics import SURROGATE
 

@@ -16,10 +16,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.config.folder_lock import LOCK, is_unused, lock
 from envs.edge import compiled
 from envs.edge.command import ConfigError, InputError, Parser, run_cli, visible
 from envs.edge.files import check_regular, check_space, write_file, write_whole
+from envs.edge.folder_lock import LOCK, is_unused, lock
 from envs.edge.installation import PACKAGES, extra_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -281,7 +281,7 @@ def test_an_error_shows_a_reversing_character_as_its_code(
 HOLD = """
 import sys, time
 from pathlib import Path
-from agents.config.folder_lock import lock
+from envs.edge.folder_lock import lock
 with lock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

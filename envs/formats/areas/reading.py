@@ -6,13 +6,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 from envs.areas import Area, AreaError
+from envs.edge.text_file import json_of, text_of
 from envs.formats.areas import geojson
-from envs.formats.areas.fences import areas_of_icarous, areas_of_plan, yaml_of
+from envs.formats.areas.fences import areas_of_icarous, areas_of_plan
 from envs.formats.areas.geodetic import GeodeticArea, on_plane
 from envs.formats.areas.uas_zones import areas_of_ed269, areas_of_ed318, is_ed269, is_ed318
 from envs.formats.local_frame import LocalFrame
-from envs.traffic.text_file import json_of, text_of
-from envs.traffic.tracks import TrackError
 
 WITHIN = 100_000.0
 """Distance from the frame's origin beyond which areas to be kept out of are left out, m."""
@@ -58,11 +57,8 @@ def geodetic_areas(
     """Return the areas of a file on the ellipsoid; arguments as :func:`read_areas` has them."""
     text = text_of(source, AreaError)
     if text.lstrip()[:1] not in ("{", "["):
-        return areas_of_icarous(yaml_of(text, source), source, reference)
-    try:
-        content: Any = json_of(source)
-    except TrackError as problem:
-        raise AreaError(str(problem)) from None
+        return areas_of_icarous(_yaml_of(text, source), source, reference)
+    content: Any = json_of(source, AreaError)
     if is_ed269(content):
         return areas_of_ed269(content, source, permitted)
     if not isinstance(content, dict):
@@ -72,3 +68,12 @@ def geodetic_areas(
     if is_ed318(content):
         return areas_of_ed318(content, source, permitted)
     return geojson.areas_of(content, source)
+
+
+def _yaml_of(text: str, source: str) -> Any:
+    from envs.edge import yaml  # the flight path has no PyYAML
+
+    try:
+        return yaml.parse(text, source)
+    except yaml.YamlError as problem:
+        raise AreaError(str(problem)) from None

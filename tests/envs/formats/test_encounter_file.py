@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from envs.aircraft import PAPER
 from envs.draws import uniforms
+from envs.edge.text_file import json_of, lines_of, text_of
 from envs.encounters import SCENARIOS, Encounter, EncounterError, sample, scenario
 from envs.formats import encounter_file
 from envs.formats.encounter_file import COLUMNS, MOST_INTRUDERS, read, write
@@ -26,7 +27,6 @@ from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.traffic.encounter_model import read_model
-from envs.traffic.text_file import json_of, lines_of, text_of
 from envs.traffic.tracks import TrackError
 from tests.envs.formats.test_adsb_file import pairs_of
 
@@ -298,7 +298,7 @@ def test_a_plain_file_has_the_same_bound(tmp_path: Path) -> None:
     with path.open("wb") as file:
         file.truncate(129 * MIB)
     with pytest.raises(TrackError, match="more than 128 MiB, expected"):
-        text_of(str(path))
+        text_of(str(path), TrackError)
 
 
 @pytest.mark.parametrize("cut", [2, 12, 40, -1])
@@ -306,32 +306,32 @@ def test_a_gzip_file_that_is_cut_off_is_refused(tmp_path: Path, cut: int) -> Non
     path = tmp_path / "cut.json.gz"
     path.write_bytes(gzip.compress(b"[1, 2, 3]" + os.urandom(100).hex().encode())[:cut])
     with pytest.raises(TrackError, match="not a gzip file, or cut off"):
-        json_of(str(path))
+        json_of(str(path), TrackError)
 
 
 def test_lines_lists_and_depth_are_bounded(tmp_path: Path) -> None:
     path = tmp_path / "many"
     path.write_bytes(b"\n" * 2_000_001)
     with pytest.raises(TrackError, match="more than 2000000 lines"):
-        lines_of(str(path))
+        lines_of(str(path), TrackError)
     path.write_bytes(b"[" + b"[]," * 10_000_000 + b"1]")
     with pytest.raises(TrackError, match="more than 10000000 lists"):
-        json_of(str(path))
+        json_of(str(path), TrackError)
     path.write_text('[{"latitude": 1, "latitude": 2}]')
     with pytest.raises(
         TrackError, match="not usable as JSON: 'latitude' stands twice in one object"
     ):
-        json_of(str(path))
+        json_of(str(path), TrackError)
     path.write_bytes(b"[" * 100_000)
     with pytest.raises(TrackError, match="not usable as JSON"):
-        json_of(str(path))
+        json_of(str(path), TrackError)
 
 
 def test_text_is_utf_8_with_or_without_a_byte_order_mark(tmp_path: Path) -> None:
     path = tmp_path / "text"
     for data in ("\ufeffé".encode(), "é".encode(), gzip.compress("é".encode())):
         path.write_bytes(data)
-        assert text_of(str(path)) == "é"
+        assert text_of(str(path), TrackError) == "é"
     path.write_bytes(b"\xff\xfe")
     with pytest.raises(TrackError, match=r"not a text in UTF-8 \(byte 0\)"):
-        text_of(str(path))
+        text_of(str(path), TrackError)

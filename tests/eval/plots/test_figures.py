@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from agents.config.figures import save_figure
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
+from envs.edge.figures import save_figure
 from envs.encounters import scenario
 from envs.outcome import RULES
 from eval.flights.chunks import Evaluation, Pilot, columns
@@ -140,12 +140,12 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_half_figure(tmp_path: Path):
     program = f"""
 import resource
 from pathlib import Path
-from agents.config.figures import save_figure
+from envs.edge.figures import save_figure
 from envs.edge.command import run_cli
-from tests.eval.plots.test_figures import drawn
+from tests.eval.plots.test_figures import draw_figure
 
 def main():
-    figure, size = drawn(), len(Path({str(tmp_path / "whole.png")!r}).read_bytes())
+    figure, size = draw_figure(), len(Path({str(tmp_path / "whole.png")!r}).read_bytes())
     resource.setrlimit(resource.RLIMIT_FSIZE, (size + 100, size + 100))
     save_figure(figure, Path({str(tmp_path / "half")!r}))
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 import yaml
 
-from envs.traffic.text_file import text_of
+from envs.edge.text_file import text_of
 
 
 class YamlError(ValueError):
@@ -88,11 +88,11 @@ def read(source: Path | str) -> Any:
     YamlError.
     """
     if isinstance(source, str):
-        return _parse(source, repr(source))
+        return parse(source, repr(source))
     text = text_of(str(source), YamlError)
     if len(text) > _MOST:
         raise YamlError(f"{source}: {len(text)} characters; expected at most {_MOST}")
-    values = _parse(text, str(source))
+    values = parse(text, str(source))
     if values is None:
         return {}
     if not isinstance(values, dict):
@@ -129,7 +129,8 @@ def check_distinct(text: str) -> None:
                 seen |= {key.value, (type(made), made)}
 
 
-def _parse(text: str, name: str) -> Any:
+def parse(text: str, name: str) -> Any:
+    """Return the content of a text, whose name messages say; may raise a YamlError."""
     try:
         return yaml.load(text, _Loader)  # a SafeLoader
     except YamlError as problem:

@@ -10,14 +10,13 @@ from typing import Any
 
 from envs.edge.files import check_regular
 from envs.edge.json_text import parse_json
-from envs.traffic.tracks import TrackError
 
 _MOST_BYTES = 128 * 2**20  # of the text, after unpacking
 _MOST_LINES = 2_000_000
 _MOST_PARTS = 10_000_000  # lists and objects in a JSON file
 
 
-def text_of(source: str, error: type[Exception] = TrackError) -> str:
+def text_of(source: str, error: type[Exception]) -> str:
     """Return the text of a file in UTF-8, with or without a byte order mark, plain or gzipped, or
     raise the error.
     """
@@ -41,32 +40,32 @@ def text_of(source: str, error: type[Exception] = TrackError) -> str:
         raise error(f"{source}: not a text in UTF-8 (byte {problem.start})") from None
 
 
-def lines_of(source: str) -> list[str]:
+def lines_of(source: str, error: type[Exception]) -> list[str]:
     """Return the lines of a file; raises as :func:`text_of` does."""
-    text = text_of(source)
+    text = text_of(source, error)
     if text.count("\n") > _MOST_LINES:
-        raise TrackError(
+        raise error(
             f"{source}: more than {_MOST_LINES} lines, expected at most so many: divide the file"
         )
     return text.splitlines()
 
 
-def json_of(source: str) -> Any:
+def json_of(source: str, error: type[Exception]) -> Any:
     """Return the content of a JSON file, NaN and Infinity allowed; raises as
     :func:`text_of` does.
     """
-    text = text_of(source)
+    text = text_of(source, error)
     if text.count("{") + text.count("[") > _MOST_PARTS:
         most = f"{_MOST_PARTS} lists and objects"
-        raise TrackError(f"{source}: more than {most}, expected at most so many: divide the file")
+        raise error(f"{source}: more than {most}, expected at most so many: divide the file")
     try:
         return parse_json(text)
     except json.JSONDecodeError as problem:
-        raise TrackError(
+        raise error(
             f"{source} line {problem.lineno}: not JSON, or cut off: {problem.msg}"
         ) from None
     except (ValueError, RecursionError) as problem:
-        raise TrackError(f"{source}: not usable as JSON: {problem}") from None
+        raise error(f"{source}: not usable as JSON: {problem}") from None
 
 
 def number_of(text: str) -> float:
