@@ -16,12 +16,12 @@ from agents.policy.domain import TRAFFIC_SPEED
 from agents.policy.inference import Policy
 from envs.aircraft import ratios
 from envs.edge.files import write_file
-from envs.edge.json_text import parse_json
 from envs.scenarios import resolve
 from eval.config import PREFIXES
 from eval.family.aircraft import draw_aircraft
 from eval.monte_carlo.run import evaluate
 from eval.plots import save as picture_folder
+from eval.runner.command import UnfinishedError
 from eval.runner.options import (
     check_digest,
     confidence_option,
@@ -77,14 +77,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     summaries = []
     for number, one in enumerate(aircraft):
         file = options.out / f"aircraft_{number:02}.yaml"
-        folder = file.with_suffix("")
         write_file(file, dump(one))
         print(f"aircraft {number} of {options.count}", file=sys.stderr, flush=True)
-        status = evaluate(_keys(options, one, file), folder)
-        if status:
-            return status
-        text = (folder / "summary.json").read_text(encoding="utf-8")
-        summaries.append(parse_json(text))
+        try:
+            summaries.append(evaluate(_keys(options, one, file), file.with_suffix("")).summary)
+        except UnfinishedError as end:
+            print(end, file=sys.stderr)
+            return end.status
     found = _make_summary(options, aircraft, summaries) | {"policy_sha256": policy.sha256}
     picture_folder.write(options.out, "family", found)
     _show(found, options.out)

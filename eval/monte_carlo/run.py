@@ -4,7 +4,6 @@ runs/first``.
 
 import argparse
 import json
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.flights.sources import describe_tracks, say
 from eval.metrics.summary import headline, print_table, summarise
-from eval.runner.command import Command, Resolved, UnfinishedError, fly, run
+from eval.runner.command import Command, Finished, Resolved, fly, run
 from eval.runner.options import (
     first_options,
     last_options,
@@ -61,24 +60,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def evaluate(
     keys: Mapping[str, Any], folder: Path, *, sets: Iterable[str] = (), resume: bool = False
-) -> int:
-    """Fly one of several evaluations, without figures and without its table for a person; return
-    the exit status.
+) -> Finished:
+    """Fly one of several evaluations, without figures and without its table for a person.
 
-    ``keys`` are keys of the configuration with their values (None: the default), ``sets`` more of
-    them as ``KEY=VALUE``; bad ones raise ``InputError``. A run that was begun goes on.
+    Args:
+        keys: of the configuration, with their values; None: the default.
+        folder: of the run.
+        sets: more keys, as ``KEY=VALUE``.
+        resume: a run that was begun goes on.
+
+    Raises:
+        InputError: a key, its value or the folder is refused.
+        UnfinishedError: it was interrupted, or a worker or the disk failed.
     """
     begun = folder / "config.yaml"
     resume = resume and begun.is_file()
     given = [f"{key}={_override_text(value)}" for key, value in keys.items() if value is not None]
     config = load(MonteCarloConfig, begun if resume else None, [*given, *sets, "figures=false"])
     load_code(config)
-    try:
-        fly(_COMMAND, resolve_config(config), folder, resume=resume)
-    except UnfinishedError as end:
-        print(end, file=sys.stderr)
-        return end.status
-    return 0
+    return fly(_COMMAND, resolve_config(config), folder, resume=resume)
 
 
 def _override_text(value: Any) -> str:

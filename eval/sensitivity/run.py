@@ -16,6 +16,7 @@ from envs.edge.progress import group_digits
 from eval.config import PREFIXES
 from eval.plots import save as picture_folder
 from eval.plots.style import scenario_title
+from eval.runner.command import UnfinishedError
 from eval.runner.options import confidence_option, extension_option, new_folder_option, whole
 from eval.sensitivity.bins import Run, bins_of, quantities, read_run
 from eval.sensitivity.figure import draw_details, overview, points_of
@@ -67,12 +68,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             file=sys.stderr,
             flush=True,
         )
-        status = fly(
-            sweep, _keys(options), options.set, options.out / _SWEEPS, resume=options.resume
-        )
-        if status:
-            print("Go on with the same command and --resume", file=sys.stderr)
-            return status
+        try:
+            fly(sweep, _keys(options), options.set, options.out / _SWEEPS, resume=options.resume)
+        except UnfinishedError as end:
+            print(f"{end}\nGo on with the same command and --resume", file=sys.stderr)
+            return end.status
     found = _make_summary(options, run, sweeps)
     if not found["quantities"] and not sweeps:
         raise ConfigError(

@@ -94,17 +94,13 @@ def parse_sweep(text: str) -> Sweep:
 
 def fly(
     sweep: Sweep, keys: Mapping[str, Any], sets: Sequence[str], out: Path, *, resume: bool
-) -> int:
-    """Fly the run of every value below ``out``, or go on; return the status of the first that did
-    not finish, or 0.
+) -> None:
+    """Fly the run of every value below ``out``, or go on; the first that does not finish raises
+    ``UnfinishedError``.
     """
     for value in sweep.values:
         own = [f"changes.{key}={text}" for key, text in change_of(sweep.name, value).items()]
-        folder = _folder(out, sweep.name, value)
-        status = evaluate(keys, folder, sets=[*sets, *own], resume=resume)
-        if status:
-            return status
-    return 0
+        evaluate(keys, _folder(out, sweep.name, value), sets=[*sets, *own], resume=resume)
 
 
 def _folder(out: Path, name: str, value: float) -> Path:
