@@ -225,6 +225,12 @@ QUESTIONS = {
     "where to add a reward term": ("envs/rewards.py",),
     "where to add a scenario": ("envs/encounters.py", "envs/scenarios.py"),
     "where to add an input of the network": ("agents/policy/inputs.py",),
+    "where to replace PPO": ("agents/learning/algorithm.py",),
+    "how a request becomes waypoints": (
+        "agents/planner/planner.py",
+        "agents/planner/candidates.py",
+        "agents/planner/publish.py",
+    ),
     "where SAFE is decided": ("agents/planner/publish.py", "agents/planner/validator.py"),
 }
 """Questions that the table of architecture.md answers, and files that belong to the answer."""

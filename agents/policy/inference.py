@@ -205,7 +205,8 @@ class Policy:
         goal_x: Any,
         goal_y: Any,
     ) -> np.ndarray:
-        """Return the actions ``[..., 2]``, float64; every row has the same bits in any company.
+        """Return the actions ``[..., 2]``, float64; the bits of a row do not depend on the
+        batch.
 
         Args:
             own: SI, fields ``[...]``.

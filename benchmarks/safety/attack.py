@@ -2,7 +2,7 @@
 anew.
 
 The batch that a request is planned in follows from its number and the size of the blocks, so that
-its plan does too: evaluated in other company the policy's network rounds differently.
+its plan does too: in another batch the policy's network rounds differently.
 """
 
 import warnings
