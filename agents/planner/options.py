@@ -178,8 +178,9 @@ class Options:
 
         The last leg begins before :attr:`finished_by`. It turns by half a circle at most and then
         goes straight for the route's longest leg, or what extends the route, at the lowest speed
-        over the ground, which counts as a quarter of the lowest airspeed at least. A manoeuvre that
-        would last longer is no plan (:mod:`agents.planner.completion`).
+        over the ground, which counts as a quarter of the lowest airspeed at least, and that as a
+        hundredth of the greatest: an aircraft that hovers never arrives. A manoeuvre that would
+        last longer is no plan (:mod:`agents.planner.completion`).
 
         Args:
             own_speed: of the ownship at the request, m/s, ``[...]``; it may be below the limits, as
@@ -193,7 +194,8 @@ class Options:
             legs = np.where(np.arange(1, x.shape[-1]) < np.asarray(points)[..., None], legs, 0.0)
         longest = np.maximum(legs.max(axis=-1), self.extension) + self.aircraft.goal_radius
         planned_for = np.maximum(own_speed, speed_range(self.aircraft.limits)[0])
-        slowest = np.minimum(planned_for, self.manoeuvre.speed_min)
+        lowest = max(self.manoeuvre.speed_min, 0.01 * self.manoeuvre.speed_max)
+        slowest = np.minimum(planned_for, lowest)
         slowest = np.maximum(slowest - wind, 0.25 * slowest)
         half_circle = (math.pi + 1.0) / task_of(self).turn_rate  # and a radius of straight flight
         half_circle = half_circle * (1.0 + wind / slowest)  # which the wind lengthens

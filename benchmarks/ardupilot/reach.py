@@ -9,7 +9,7 @@ autopilot's clock, and whether the mode is still the same three seconds later. T
 still while the program computes.
 
 *Ends*: in real time the program is a process of its own; while it flies it is killed, its link is
-cut, or it writes to a full disk (``/dev/full``). Killed and cut: the autopilot must be in AUTO
+cut, or its log is on a full disk (``/dev/full``). Killed and cut: the autopilot must be in AUTO
 within 10 s (FS_LONG_TIMEOUT is 3 s). Full disk: the program must fly on for 5 s. The last line is
 one JSON object; exit status 1: a try failed.
 """
@@ -220,7 +220,6 @@ def _process(address: str, *, full: bool) -> Generator[Any]:
     command = [sys.executable, "-m", "ros_bridge.mavlink", "--connect", address, "--simulated"]
     command += ["--separation", "200", "--fly", "--traffic-altitude", "msl"]
     command += ["--unknown-position-std", "5", "--unknown-velocity-std", "0.2"]
-    command += ["--plan-file", "/dev/full"] * full
     log = Path("/dev/full" if full else "/dev/null")
     with log.open("w", encoding="utf-8") as out:
         process = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)

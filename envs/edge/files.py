@@ -18,6 +18,7 @@ def write_whole(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
     over a power cut.
 
     Readers see the old file or the whole new one; where the block raises, nothing is left behind.
+    A target that is no regular file, such as a device, is not replaced by one.
 
     Raises:
         OSError: it cannot be written, with the target as its file name; the folder is tried before
@@ -28,6 +29,8 @@ def write_whole(target: str | os.PathLike[str]) -> Generator[Path, None, None]:
     try:
         if target.is_dir():
             raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if target.exists() and not target.is_file():
+            raise OSError(errno.EPERM, os.strerror(errno.EPERM))
         # In the same folder, because a rename is atomic only within one file system.
         descriptor, name = tempfile.mkstemp(
             prefix=f".{target.name[:200]}.", suffix=".tmp", dir=target.parent

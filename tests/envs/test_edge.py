@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import signal
+import stat
 import subprocess
 import sys
 import unicodedata
@@ -211,6 +212,15 @@ def test_a_file_is_replaced_whole(tmp_path: Path):
 def fail(path: Path) -> None:
     path.write_text("half", encoding="utf-8")
     raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_pipe_or_device_is_not_replaced_by_a_file(tmp_path: Path):
+    target = tmp_path / "pipe"
+    os.mkfifo(target)
+    with pytest.raises(PermissionError, match="pipe"):
+        write_file(target, "new")
+    assert stat.S_ISFIFO(target.stat().st_mode)
+    assert list(tmp_path.iterdir()) == [target]
 
 
 def test_a_full_disk_leaves_the_old_file_and_names_it(tmp_path: Path):
