@@ -6,6 +6,7 @@ import jax
 
 from agents.config.load import ConfigError
 from agents.policy.features import size
+from envs.edge.compiled import local_devices
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 
@@ -57,7 +58,7 @@ def check_memory(config: TrainConfig) -> None:
 
 
 def _had_bytes() -> int:
-    devices = jax.local_devices()
+    devices = local_devices(jax)
     if devices[0].platform == "cpu":
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") * jax.process_count()
     own = sum((device.memory_stats() or {}).get("bytes_limit", 2**63) for device in devices)

@@ -46,6 +46,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 when done, 1 when no trial succeeded, 130 when interrupted."""
     options = parse(argv)
     keep_compiled()
+    from rlcas_jax.devices import connect
+
+    connect()  # a platform without devices is refused before anything is written
     again = f"sweep --resume --out {options.directory}"
     try:
         with Interrupt() as interrupt, lock(options.directory):

@@ -163,6 +163,8 @@ def test_a_platform_without_devices_is_refused_with_those_that_there_are(tmp_pat
         "import jax; from rlcas_jax.devices import connect; connect()",
         "from agents.inference import Policy; from eval.flights.compiled import Compiled; "
         "Compiled(Policy.load())",
+        "from rlcas_jax.sweep.run import main; main(['--config', 'quick', '--space', 'sweep_quick', "
+        f"'--trials', '1', '--out', {str(tmp_path / 'sweep')!r}])",
     )
     for code in programs:
         guarded = (
@@ -183,6 +185,7 @@ def test_a_platform_without_devices_is_refused_with_those_that_there_are(tmp_pat
             "is: cpu"
         )
         assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
