@@ -20,7 +20,7 @@ HOME = (47.4, 8.5, 520.0)
 """Latitude, longitude, degrees, and height, m, of the simulated airfield."""
 
 _FIRST_PORT = 5_760
-_BEGINS = 20.0  # s
+_BEGINS = 60.0  # s of real time for a start or an upload, on a loaded machine too
 _BESIDE = Path(__file__).resolve().parents[3] / "shared" / "sitl"
 _RELATIVE = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 _CRUISE = 100.0  # m above home
@@ -244,8 +244,11 @@ class Sitl:
             if asked.get_type() == "MISSION_ACK":
                 if asked.type == 0:
                     return
-                # Right after its start there is no room for one yet.
-                time.sleep(0.2)
+                # Right after its start there is no room for one yet. What is still on its way
+                # belongs to the transfer that failed; an answer to it would end the next one, too.
+                time.sleep(0.5)
+                while self.station.recv_match(blocking=False) is not None:
+                    pass
                 mav.mission_count_send(1, 1, len(items), kind)
                 continue
             row: Any = items[asked.seq]
