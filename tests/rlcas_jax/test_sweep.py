@@ -368,7 +368,7 @@ def run(training, reporter, interrupt):
     return test_sweep.stand_in(training, reporter)
 
 loop.prepare = lambda config, directory: SimpleNamespace(config=config, directory=directory)
-loop.run, finish.finish = run, test_sweep.evaluated
+loop.run, finish.finish = run, test_sweep.evaluate
 sweep.main(sys.argv[1:])
 """
 
