@@ -3,12 +3,13 @@
 import json
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from agents.policy.inference import Policy
+from envs.edge.command import InputError
 
 __all__ = ["layers", "machine", "report", "seconds"]
 
@@ -48,6 +49,17 @@ def seconds(work: Callable[[], Any], repeats: int = 5) -> list[float]:
         work()
         times.append(time.perf_counter() - began)
     return times
+
+
+def chosen(only: str, known: Iterable[str]) -> list[str]:
+    """Return the names, with commas, of an option ``--only``; raise InputError where one is not
+    known.
+    """
+    names, there = only.split(","), list(known)
+    for name in names:
+        if name not in there:
+            raise InputError(f"--only has {name!r}; expected some of {', '.join(there)}")
+    return names
 
 
 def report(figures: dict[str, Any], packages: tuple[str, ...]) -> None:

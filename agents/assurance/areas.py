@@ -31,7 +31,7 @@ class Rest(NamedTuple):
     loss: Any  # when it begins, s from now; inf where it does not
 
 
-class Kept(NamedTuple):
+class FromAreas(NamedTuple):
     """What backups keep of the distances required from areas; fields ``[M]``."""
 
     clearance: Any  # smallest distance less the required one, m; inf where there are no areas
@@ -68,9 +68,9 @@ def rest(plan: Course, since: Any, areas: Any, off: Any, thresholds: Thresholds)
     return found
 
 
-def kept(
+def judge_backups(
     plan_states: PlanStates, curves: Legs, areas: Any, of: Any, thresholds: Thresholds
-) -> Kept:
+) -> FromAreas:
     """Return what backups ``[M]`` from the present on keep.
 
     Args:
@@ -80,7 +80,7 @@ def kept(
         of: whose backups they are, ``[M]``.
         thresholds: of the monitor.
     """
-    found = Kept(np.full(len(of), np.inf), np.zeros(len(of)))
+    found = FromAreas(np.full(len(of), np.inf), np.zeros(len(of)))
     for n in np.unique(of):
         if not areas[n]:
             continue

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.areas import Kept, kept
+from agents.assurance.areas import FromAreas, judge_backups
 from agents.assurance.inputs import no_areas
 from agents.assurance.lookahead import ANY, chord, growth
 from agents.assurance.thresholds import Thresholds
@@ -112,10 +112,18 @@ def refresh(
     plan_states = backup_states(own, course, speed, thresholds)
     curves = legs(plan_states)
     found = validate(plan_states, traffic, thresholds.requirement, thresholds.limits, curves)
-    from_areas = kept(plan_states, curves, areas, np.arange(own.x.size), thresholds)
-    what = previous.course, previous.speed, plan_states, curves, time, found, from_areas
-    flown = _judge(*what, thresholds)
-    result = map_leaves(np.array, flown._replace(safe=flown.safe & had))
+    from_areas = judge_backups(plan_states, curves, areas, np.arange(own.x.size), thresholds)
+    same = _judge(
+        previous.course,
+        previous.speed,
+        plan_states,
+        curves,
+        time,
+        found,
+        from_areas,
+        thresholds,
+    )
+    result = map_leaves(np.array, same._replace(safe=same.safe & had))
     rows = np.flatnonzero(~result.safe)
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
@@ -155,7 +163,7 @@ def search(
     amid = np.flatnonzero(np.array([bool(some) for some in areas])[which])
     if amid.size:
         plan_states = backup_states(take(own, which[amid]), course[amid], speed[amid], thresholds)
-        found = kept(plan_states, legs(plan_states), areas, which[amid], thresholds)
+        found = judge_backups(plan_states, legs(plan_states), areas, which[amid], thresholds)
         depth[amid] = found.depth
         near = np.where(found.depth > 0.0, np.inf, found.clearance)
         clearance[amid] = np.minimum(clearance[amid], near)
@@ -167,7 +175,7 @@ def search(
     plan_states = backup_states(take(own, owners), course[pick], speed[pick], thresholds)
     curves = legs(plan_states)
     found = validate(plan_states, take(traffic, owners), requirement, thresholds.limits, curves)
-    from_areas = kept(plan_states, curves, areas, owners, thresholds)
+    from_areas = judge_backups(plan_states, curves, areas, owners, thresholds)
     tried = _judge(
         course[pick],
         speed[pick],
@@ -190,7 +198,7 @@ def _judge(
     curves: Legs,
     time: Any,
     found: Findings,
-    from_areas: Kept,
+    from_areas: FromAreas,
     thresholds: Thresholds,
 ) -> Backup:
     """Return backups with what was found of them; a start inside the margin must keep its present

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.ardupilot.encounters import GOAL
-from benchmarks.measure import report
-from envs.edge.command import InputError, Parser
+from benchmarks.measure import chosen, report
+from envs.edge.command import Parser
 from ros_bridge.mavlink.demo import draw
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, fly
 
@@ -84,9 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="folder of the pictures (default: none)")
     options = parser.parse_args(arguments)
     rows: list[dict[str, Any]] = []
-    for name in options.only.split(","):
-        if name not in SITUATIONS:
-            raise InputError(f"--only has {name!r}; expected some of {names}")
+    for name in chosen(options.only, SITUATIONS):
         one = SITUATIONS[name]
         encounter = Encounter(0, one.intruders, 0.0, 300.0, fence=one.fence, goal=GOAL)
         flight = fly(encounter, "ours", instance=12, speedup=40.0, until=_UNTIL)

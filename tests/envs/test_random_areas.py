@@ -15,14 +15,14 @@ from envs.random_areas import MOST, random_areas
 START, GOAL = VehicleState(-8_000.0, 1_000.0, 0.1, 75.0), (9_000.0, -2_000.0)
 
 
-def drawn(number: int, count: int = MOST) -> tuple[Area, ...]:
+def draw_areas(number: int, count: int = MOST) -> tuple[Area, ...]:
     return random_areas(5, number, count, START, GOAL, PAPER)
 
 
 def test_they_keep_off_start_and_goal_and_lie_about_the_way() -> None:
     kinds, moving, left = set[type](), 0, 0
     for number in range(60):
-        areas = drawn(number)
+        areas = draw_areas(number)
         left += len(areas)
         for area in areas:
             kinds.add(type(area.shape))
@@ -38,14 +38,14 @@ def test_they_keep_off_start_and_goal_and_lie_about_the_way() -> None:
 
 def test_more_areas_leave_those_before_as_they_are() -> None:
     for number in range(10):
-        whole = drawn(number)
-        assert drawn(number) == whole
+        whole = draw_areas(number)
+        assert draw_areas(number) == whole
         for count in range(MOST + 1):
-            assert set(drawn(number, count)) <= set(whole)
-    assert drawn(0) != drawn(1)
-    assert drawn(3, 0) == ()
+            assert set(draw_areas(number, count)) <= set(whole)
+    assert draw_areas(0) != draw_areas(1)
+    assert draw_areas(3, 0) == ()
     with pytest.raises(ValueError, match="count is 9, expected 0 to 8"):
-        drawn(0, 9)
+        draw_areas(0, 9)
 
 
 def test_they_scale_with_the_aircraft() -> None:
@@ -56,7 +56,7 @@ def test_they_scale_with_the_aircraft() -> None:
     goal = 2.0 * GOAL[0], 2.0 * GOAL[1]
     for number in range(10):
         large = random_areas(5, number, 4, twice, goal, scaled(PAPER))
-        for one, other in zip(drawn(number, 4), large, strict=True):
+        for one, other in zip(draw_areas(number, 4), large, strict=True):
             assert other.clearance == pytest.approx(2.0 * one.clearance)
             if isinstance(one.shape, Circle):
                 assert isinstance(other.shape, Circle)

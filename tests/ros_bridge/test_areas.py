@@ -156,7 +156,7 @@ def test_messages_hold_what_an_area_is() -> None:
 SQUARE = [[8.1, 47.0], [8.2, 47.0], [8.2, 47.1], [8.1, 47.1], [8.1, 47.0]]
 
 
-def written(folder: Path, ring: list[list[float]] = SQUARE, **properties: object) -> str:
+def write_areas(folder: Path, ring: list[list[float]] = SQUARE, **properties: object) -> str:
     """Return the name of a file with one area."""
     shape = {"type": "Polygon", "coordinates": [ring]}
     feature = {"type": "Feature", "geometry": shape, "properties": properties}
@@ -167,7 +167,7 @@ def written(folder: Path, ring: list[list[float]] = SQUARE, **properties: object
 
 def test_areas_of_a_file_count_between_their_dates(tmp_path: Path) -> None:
     assert areas_of_file("") == ()
-    held = areas_of_file(written(tmp_path, valid_until="2023-11-14T22:14:00Z", name="field"))
+    held = areas_of_file(write_areas(tmp_path, valid_until="2023-11-14T22:14:00Z", name="field"))
     begun = datetime(2023, 11, 14, 22, 13, tzinfo=UTC)
     for seconds in (0.0, 90.0):
         now = round((begun.timestamp() + seconds) * SECOND)
@@ -189,7 +189,7 @@ def test_areas_of_a_file_count_between_their_dates(tmp_path: Path) -> None:
 )
 def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, changes: dict, says: str) -> None:
     with pytest.raises(AreaError, match=says) as refused:
-        areas_of_file(written(tmp_path, **changes))
+        areas_of_file(write_areas(tmp_path, **changes))
     assert "areas.geojson" in str(refused.value)
     with pytest.raises(AreaError, match="missing"):
         areas_of_file(str(tmp_path / "missing"))
@@ -204,7 +204,7 @@ def test_the_monitor_hears_of_areas_on_a_real_graph(tmp_path: Path) -> None:
     from ros_bridge.transport.area_messages import areas_message
     from ros_bridge.transport.topics import AREAS
 
-    file = written(tmp_path, [[8.1, 47.2], [8.2, 47.2], [8.2, 47.3], [8.1, 47.2]])
+    file = write_areas(tmp_path, [[8.1, 47.2], [8.2, 47.2], [8.2, 47.3], [8.1, 47.2]])
     given = "--ros-args", "-p", f"areas_file:={file}"
     with domain() as number:
         # A busy machine takes longer than usual.

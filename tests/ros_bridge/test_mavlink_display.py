@@ -153,9 +153,9 @@ def test_an_address_that_cannot_be_is_refused_in_a_sentence(address: str, follow
 
 
 def test_the_display_is_asked_for_by_an_option() -> None:
-    def given(*more: str) -> argparse.Namespace:
+    def parse(*more: str) -> argparse.Namespace:
         return options_of(["--connect", "udp:127.0.0.1:14550", *more])
 
-    assert given().display is None
-    assert given("--display").display == "127.0.0.1:8642"
-    assert given("--display", "0.0.0.0:80").display == "0.0.0.0:80"
+    assert parse().display is None
+    assert parse("--display").display == "127.0.0.1:8642"
+    assert parse("--display", "0.0.0.0:80").display == "0.0.0.0:80"
