@@ -48,9 +48,9 @@ def questions(seed: int, count: int, aircraft: Aircraft) -> list[Question]:
     starts = encounters_of_seed(scenario("multi", aircraft), seed, 0, count)
     for n in range(count):
         own = VehicleState(*(float(field[n]) for field in starts.own))
-        present = np.flatnonzero(starts.mask[n])[: 1 + n % _INTRUDERS]
+        members = np.flatnonzero(starts.mask[n])[: 1 + n % _INTRUDERS]
         others = [
-            VehicleState(*(float(field[n, k]) for field in starts.intruders)) for k in present
+            VehicleState(*(float(field[n, k]) for field in starts.intruders)) for k in members
         ]
         goal = float(starts.goal_x[n]), float(starts.goal_y[n])
         areas = random_areas(seed, n, 1 + (n // _INTRUDERS) % _AREAS, own, goal, aircraft)

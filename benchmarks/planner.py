@@ -60,8 +60,8 @@ def question(
     """
     row = take(request, number)
     own = VehicleState(*(float(field) for field in row.own))
-    present = np.flatnonzero(encounters.mask[number])
-    others = [VehicleState(*(float(field[k]) for field in row.traffic.state)) for k in present]
+    members = np.flatnonzero(encounters.mask[number])
+    others = [VehicleState(*(float(field[k]) for field in row.traffic.state)) for k in members]
     points = zip(row.route_x.tolist(), row.route_y.tolist(), strict=True)
     return own, others, [RoutePoint(i, x, y) for i, (x, y) in enumerate(points)]
 

@@ -231,12 +231,12 @@ def pad(encounter: Encounter, count: int, xp: Any) -> Encounter:
     """Return the encounters ``[N]`` with absent intruders added until there are ``count``
     of them.
     """
-    present = encounter.mask.shape[-1]
-    if count <= present:
+    places = encounter.mask.shape[-1]
+    if count <= places:
         return encounter
 
     def more(field: Any) -> Any:
-        return xp.concatenate([field] + [field[..., :1]] * (count - present), axis=-1)
+        return xp.concatenate([field] + [field[..., :1]] * (count - places), axis=-1)
 
     intruders, intent, mask = map_leaves(
         more, (encounter.intruders, encounter.intent, encounter.mask)
@@ -244,7 +244,7 @@ def pad(encounter: Encounter, count: int, xp: Any) -> Encounter:
     return encounter._replace(
         intruders=intruders,
         intent=intent,
-        mask=mask & (xp.arange(count) < present),
+        mask=mask & (xp.arange(count) < places),
         coverage=map_leaves(more, encounter.coverage),
         separation=map_leaves(more, encounter.separation),
         reaction=map_leaves(more, encounter.reaction),

@@ -241,10 +241,12 @@ def rank_urgent(
     """
     order = urgent(own, intruders, mask, count, aircraft, xp)
     missing = count - order.shape[-1]
-    present = xp.take_along_axis(mask, order, axis=-1)
+    chosen_mask = xp.take_along_axis(mask, order, axis=-1)
     if missing > 0:
         order = xp.concatenate([order] + [order[..., :1]] * missing, axis=-1)
-        present = xp.concatenate([present] + [xp.zeros_like(present[..., :1])] * missing, axis=-1)
+        chosen_mask = xp.concatenate(
+            [chosen_mask] + [xp.zeros_like(chosen_mask[..., :1])] * missing, axis=-1
+        )
     return VehicleState(
         *(xp.take_along_axis(field, order, axis=-1) for field in intruders)
-    ), present
+    ), chosen_mask

@@ -166,8 +166,8 @@ def check_encounter(
             *(numbers(f"{name}.{key}", value, shape) for key, value in tree._asdict().items())
         )
 
-    present = _shape("mask", mask, wide)
-    if not present.any(axis=-1).all():
+    mask = _shape("mask", mask, wide)
+    if not mask.any(axis=-1).all():
         raise EncounterError(
             "mask leaves an encounter without intruders; expected at least one each"
         )
@@ -175,7 +175,7 @@ def check_encounter(
         numbers("goal_x", encounter.goal_x, batch),
         numbers("goal_y", encounter.goal_y, batch),
     )
-    others = part("intruders", wide), present, part("intent", wide), part("sensor", narrow)
+    others = part("intruders", wide), mask, part("intent", wide), part("sensor", narrow)
     coverage = None if encounter.coverage is None else part("coverage", wide)
     reaction = None if encounter.reaction is None else part("reaction", wide)
     separation = encounter.separation

@@ -306,8 +306,8 @@ def network_input(
     intruders = seen_intruders(state, noise, aircraft, jnp)
     where = (state.goal_x, state.goal_y, aircraft.limits, aircraft.separation)
     inputs = network.input_table()
-    present = known(state, aircraft, jnp)
-    return set_inputs(scene(state.own, intruders, present, *where, jnp), jnp, inputs)
+    mask = known(state, aircraft, jnp)
+    return set_inputs(scene(state.own, intruders, mask, *where, jnp), jnp, inputs)
 
 
 def fly(

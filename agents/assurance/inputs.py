@@ -182,10 +182,10 @@ def update(
         drift,
         no_areas(now.size) if given.areas is None else given.areas,
     )
-    return memory, *present(memory, given.mask, thresholds), causes
+    return memory, *advance(memory, given.mask, thresholds), causes
 
 
-def present(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleState, Traffic]:
+def advance(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleState, Traffic]:
     """Return ownship and intruders now, advanced from the last good reports; intruders along the
     turns they show.
     """

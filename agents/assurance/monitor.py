@@ -14,7 +14,7 @@ import numpy as np
 from agents.assurance.areas import rest
 from agents.assurance.backup import refresh
 from agents.assurance.conformance import floor, has, judge, required_separations
-from agents.assurance.inputs import Inputs, present, update
+from agents.assurance.inputs import Inputs, advance, update
 from agents.assurance.lookahead import Course, course, outlook
 from agents.assurance.state import Decision, FlyMode, Monitor, State
 from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, UNSAFE, WANTING, Cause, Thresholds
@@ -147,7 +147,7 @@ def answer(
     memory, when, known = take(
         (monitor.memory, monitor.requested_at, monitor.request_traffic), rows[usable]
     )
-    _own, traffic = present(memory, known.mask, thresholds)
+    _own, traffic = advance(memory, known.mask, thresholds)
     least = (
         floor(required_separations(plan, known, thresholds), known, thresholds)
         - thresholds.resolution

@@ -32,25 +32,25 @@ def derive(observation: NetworkInput, feature_set: str) -> SetInputs:
 
 @jax.custom_vjp
 def greatest_products(
-    each: Float[Array, "... K E"], kernel: Float[Array, "E W"], present: Bool[Array, "... K"]
+    each: Float[Array, "... K E"], kernel: Float[Array, "E W"], mask: Bool[Array, "... K"]
 ) -> Float[Array, "... W"]:
     """Return the greatest of the products ``each @ kernel`` over those of K that are present, minus
     infinity where none is.
 
     The gradient of each goes to the first that is the greatest.
     """
-    return _greatest(each, kernel, present, jnp.max)
+    return _greatest(each, kernel, mask, jnp.max)
 
 
-def _greatest(each: jax.Array, kernel: jax.Array, present: jax.Array, of: Any) -> jax.Array:
-    return of(jnp.where(present[..., None], each @ kernel, -jnp.inf), axis=-2)
+def _greatest(each: jax.Array, kernel: jax.Array, mask: jax.Array, of: Any) -> jax.Array:
+    return of(jnp.where(mask[..., None], each @ kernel, -jnp.inf), axis=-2)
 
 
 def _with_places(
-    each: jax.Array, kernel: jax.Array, present: jax.Array
+    each: jax.Array, kernel: jax.Array, mask: jax.Array
 ) -> tuple[jax.Array, tuple[jax.Array, jax.Array, jax.Array]]:
-    places = _greatest(each, kernel, present, jnp.argmax)
-    return _greatest(each, kernel, present, jnp.max), (each, kernel, places)
+    places = _greatest(each, kernel, mask, jnp.argmax)
+    return _greatest(each, kernel, mask, jnp.max), (each, kernel, places)
 
 
 def _backward(
@@ -78,14 +78,14 @@ class Pooled(nn.Module):
 
     @nn.compact
     def __call__(
-        self, each: Float[Array, "... K E"], present: Bool[Array, "... K"]
+        self, each: Float[Array, "... K E"], mask: Bool[Array, "... K"]
     ) -> Float[Array, "... width"]:
         """Map intruders to the pooled outputs."""
         kernel = self.param(
             "kernel", nn.initializers.orthogonal(math.sqrt(2.0)), (each.shape[-1], self.width)
         )
         bias = self.param("bias", nn.initializers.zeros, (self.width,))
-        return jnp.tanh(greatest_products(each, kernel, present) + bias)
+        return jnp.tanh(greatest_products(each, kernel, mask) + bias)
 
 
 class Trunk(nn.Module):
@@ -119,7 +119,7 @@ class Trunk(nn.Module):
             *before, last = self.encoder
             for i, width in enumerate(before):
                 each = layer(each, width, f"each_{i}")
-            pooled = Pooled(last, name=f"each_{len(before)}")(each, seen.present)
+            pooled = Pooled(last, name=f"each_{len(before)}")(each, seen.mask)
             x = jnp.concatenate([x, pooled], axis=-1)
         for i, width in enumerate(self.hidden):
             x = layer(x, width, f"hidden_{i}")

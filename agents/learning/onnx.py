@@ -39,7 +39,7 @@ _TOLERANCE = 1e-4
 
 _DESCRIPTION = """\
 Write a policy as an ONNX model, float32, N and K free, derived inputs and clip included. A policy
-for any number of intruders maps own [N, 7], traffic [N, K, 4] and present [N, K] (1 or 0) to
+for any number of intruders maps own [N, 7], traffic [N, K, 4] and mask [N, K] (1 or 0) to
 action [N, 2]: the scene without dimension of docs/reference/policy-file.md. One of schema 1 maps
 observation [N, 8] to action [N, 2]. Input that is not finite, or an observation that leaves [-1,
 1], gives NaN. The model is compared with the policy on its parity vectors before it is written."""
@@ -141,7 +141,7 @@ def inputs_of(content: PolicyFile) -> dict[str, np.ndarray]:
     if not content.of_set:
         return {"observation": rows}
     own, each = parts(rows)
-    return {"own": own, "traffic": each[..., :4], "present": each[..., 4]}
+    return {"own": own, "traffic": each[..., :4], "mask": each[..., 4]}
 
 
 def export(
@@ -215,8 +215,8 @@ def _decision(
         mean: Any = actor.apply(weights, seen)
         return jnp.clip(mean[0], -1.0, 1.0) + nothing[:, None]
 
-    def of_scene(own: jax.Array, traffic: jax.Array, present: jax.Array) -> jax.Array:
-        rows = jnp.concatenate([traffic, present[..., None]], axis=-1)
+    def of_scene(own: jax.Array, traffic: jax.Array, mask: jax.Array) -> jax.Array:
+        rows = jnp.concatenate([traffic, mask[..., None]], axis=-1)
         seen = unpack(own, rows)
         # 0, but NaN where a number is not finite: comparisons inside would make a number of it.
         nothing = 0.0 * (jnp.sum(own, axis=-1) + jnp.sum(rows, axis=(-2, -1)))

@@ -189,7 +189,7 @@ def _roll_one(
     at_each, window = None if at is None else at.tolist(), traffic.window
     state, (begin, drift) = VehicleState(*map(float, own)), map_leaves(float, goal)
     (goal_x, goal_y), aim = begin, begin
-    many, present = len(far) > policy.most, np.ones(len(far), dtype=bool)
+    many, mask = len(far) > policy.most, np.ones(len(far), dtype=bool)
     path, turn_sign, reversals = 0.0, 0.0, 0
     square, threshold = task.radius * task.radius, 0.1 * limits.yaw_rate_max
     for step in range(steps + 1):
@@ -202,8 +202,8 @@ def _roll_one(
                 first_seen = take(ahead, 0)
                 if at is not None:
                     first_seen = at_share(state, first_seen, at)
-                there = present & visible(window, step * dt)
-                chosen = np.arange(len(present))
+                there = mask & visible(window, step * dt)
+                chosen = np.arange(len(mask))
                 if many:
                     chosen = policy.most_critical(state, first_seen, there)
                 chosen = chosen[there[chosen]]

@@ -67,14 +67,14 @@ class EightNetwork:
         self,
         own: VehicleState,
         seen: VehicleState,
-        present: np.ndarray,
+        mask: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
     ) -> np.ndarray:
         """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``."""
-        if not present.any(axis=-1).all():
-            seen, present = _never_alone(own, seen, present, self._scales)
-        critical = most_critical(own, seen, present, self._scales, np)
+        if not mask.any(axis=-1).all():
+            seen, mask = _never_alone(own, seen, mask, self._scales)
+        critical = most_critical(own, seen, mask, self._scales, np)
         return self.of_observations(
             observe(own, critical, goal_x, goal_y, self._scales, np).astype(np.float32)
         )
@@ -117,7 +117,7 @@ def _absent(own: VehicleState, scales: Aircraft, xp: Any) -> VehicleState:
 
 
 def _never_alone(
-    own: VehicleState, seen: VehicleState, present: np.ndarray, scales: Aircraft
+    own: VehicleState, seen: VehicleState, mask: np.ndarray, scales: Aircraft
 ) -> tuple[VehicleState, np.ndarray]:
     """Return intruders and which exist with one more, without effect, that exists where there is no
     other.
@@ -127,6 +127,4 @@ def _never_alone(
         np.concatenate([field, one[..., None]], axis=-1)
         for field, one in zip(seen, behind, strict=True)
     )
-    return VehicleState(*fields), np.concatenate(
-        [present, ~present.any(axis=-1, keepdims=True)], axis=-1
-    )
+    return VehicleState(*fields), np.concatenate([mask, ~mask.any(axis=-1, keepdims=True)], axis=-1)

@@ -137,14 +137,14 @@ class Policy:
             )
 
     def most_critical(
-        self, own: VehicleState, intruders: VehicleState, present: ArrayLike
+        self, own: VehicleState, intruders: VehicleState, mask: ArrayLike
     ) -> np.ndarray:
         """Return the numbers of the intruders that the policy looks at, ``[..., min(most, K)]``: as
         many as in training, the most urgent first (:func:`envs.observation.urgent`).
 
-        ``own`` has fields ``[...]``, the intruders ``[..., K]``; ``present`` says which exist.
+        ``own`` has fields ``[...]``, the intruders ``[..., K]``; ``mask`` says which exist.
         """
-        return urgent(own, intruders, np.asarray(present, bool), self.most, self.aircraft, np)
+        return urgent(own, intruders, np.asarray(mask, bool), self.most, self.aircraft, np)
 
     def departures(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
@@ -201,7 +201,7 @@ class Policy:
         self,
         own: VehicleState,
         intruders: VehicleState,
-        present: ArrayLike,
+        mask: ArrayLike,
         goal_x: Any,
         goal_y: Any,
     ) -> np.ndarray:
@@ -211,17 +211,17 @@ class Policy:
         Args:
             own: SI, fields ``[...]``.
             intruders: fields ``[..., K]``; of absent ones anything finite.
-            present: which of them exist, bool ``[..., K]``.
+            mask: which of them exist, bool ``[..., K]``.
             goal_x, goal_y: m, ``[...]``.
 
         Raises:
             ValueError: a shape is wrong, or a number is not finite; ``OutsideDomainError``: there
                 are too many.
         """
-        shape, present = np.shape(own.x), np.asarray(present, bool)
-        if present.shape[:-1] != shape or present.ndim != len(shape) + 1:
+        shape, mask = np.shape(own.x), np.asarray(mask, bool)
+        if mask.shape[:-1] != shape or mask.ndim != len(shape) + 1:
             raise ValueError(
-                f"present has shape {present.shape}, expected {shape} and an axis of the intruders"
+                f"mask has shape {mask.shape}, expected {shape} and an axis of the intruders"
             )
         own = VehicleState(
             *(_shape(f"own.{name}", field, shape) for name, field in own._asdict().items())
@@ -229,20 +229,20 @@ class Policy:
         goal_x, goal_y = _shape("goal_x", goal_x, shape), _shape("goal_y", goal_y, shape)
         fields = intruders._asdict().items()
         seen = VehicleState(
-            *(_shape(f"intruders.{name}", field, present.shape) for name, field in fields)
+            *(_shape(f"intruders.{name}", field, mask.shape) for name, field in fields)
         )
-        if present.shape[-1] > self.most:
-            self.check_intruders(int(np.max(np.count_nonzero(present, axis=-1), initial=0)))
-            order = self.most_critical(own, seen, present)
+        if mask.shape[-1] > self.most:
+            self.check_intruders(int(np.max(np.count_nonzero(mask, axis=-1), initial=0)))
+            order = self.most_critical(own, seen, mask)
             seen = map_leaves(lambda field: np.take_along_axis(field, order, axis=-1), seen)
-            present = np.take_along_axis(present, order, axis=-1)
+            mask = np.take_along_axis(mask, order, axis=-1)
         one, wide = (
             VehicleState(*(field.reshape(-1) for field in own)),
-            (own.x.size, present.shape[-1]),
+            (own.x.size, mask.shape[-1]),
         )
         each = VehicleState(*(field.reshape(wide) for field in seen))
         actions = self._resolver.of_states(
-            one, each, present.reshape(wide), goal_x.reshape(-1), goal_y.reshape(-1)
+            one, each, mask.reshape(wide), goal_x.reshape(-1), goal_y.reshape(-1)
         )
         return _clip(actions).astype(float).reshape(*shape, 2)
 

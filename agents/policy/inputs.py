@@ -47,7 +47,7 @@ class Input(NamedTuple):
     compute: Callable[[Scene, Any], Any]
     """(scenes ``[...]`` with K >= 1 places for intruders, numpy or jax.numpy) -> ``[..., n]`` of
     the ownship, ``[..., K, n]`` of each intruder, n numbers. Of absent intruders
-    (``scene.present``) anything finite."""
+    (``scene.mask``) anything finite."""
     code: str = ""  # module:name by which it was loaded
 
     @property
@@ -177,7 +177,7 @@ def check_input(one: Any) -> None:
         raise
     except Exception as problem:
         raise InputError(f"{source}: fails with {type(problem).__name__}: {problem}") from problem
-    wanted = values if one.of == OWNSHIP else values[seen.present]
+    wanted = values if one.of == OWNSHIP else values[seen.mask]
     for index, number in enumerate(one.numbers):
         column = wanted[..., index]
         outside = column[~((column >= number.low) & (column <= number.high))]  # and nan

@@ -59,14 +59,14 @@ def _bounds(numbers: Sequence[Number]) -> np.ndarray:
 def inputs_of(
     own: VehicleState,
     intruders: VehicleState,
-    present: np.ndarray,
+    mask: np.ndarray,
     goal: tuple[np.ndarray, np.ndarray],
     one: Aircraft,
 ) -> SetInputs:
     """Return the network's inputs for states ``[N]`` and ``[N, K]`` with K >= 1, present ones bool
     ``[N, K]``.
     """
-    return set_inputs(scene(own, intruders, present, *goal, one.limits, one.separation, np), np)
+    return set_inputs(scene(own, intruders, mask, *goal, one.limits, one.separation, np), np)
 
 
 def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
@@ -78,7 +78,7 @@ def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
         beyond = np.maximum(low - values, values - high)
         beyond = np.where(np.isnan(values), np.inf, beyond)
         found.append(np.where(beyond > _MARGIN * (high - low), beyond, 0.0))
-    return found[0], np.where(inputs.present[..., None], found[1], 0.0)
+    return found[0], np.where(inputs.mask[..., None], found[1], 0.0)
 
 
 def departures(

@@ -35,14 +35,14 @@ class Scene(NamedTuple):
     y: Any
     vx: Any  # velocity over the ground, not relative to the ownship
     vy: Any
-    present: Any  # bool
+    mask: Any  # bool
     ratios: Ratios  # of the ownship; floats or [...]
 
 
 def scene(
     own: VehicleState,
     intruders: VehicleState,
-    present: Any,
+    mask: Any,
     goal_x: Any,
     goal_y: Any,
     limits: Limits,
@@ -75,11 +75,11 @@ def scene(
         own.speed * speed[..., 0],
         ahead * pulled,
         left * pulled,
-        xp.where(present, x * nearer, NOWHERE),
-        xp.where(present, y * nearer, 0.0),
-        xp.where(present, vx, 0.0),
-        xp.where(present, vy, 0.0),
-        present,
+        xp.where(mask, x * nearer, NOWHERE),
+        xp.where(mask, y * nearer, 0.0),
+        xp.where(mask, vx, 0.0),
+        xp.where(mask, vy, 0.0),
+        mask,
         ratios(limits, separation),
     )
 
@@ -141,8 +141,8 @@ def unpack(own: Any, traffic: Any) -> Scene:
     The latter hold of each place for an intruder x, y, vx, vy and whether there is one, 1 or 0.
     """
     speed, goal_x, goal_y, *limits = (own[..., i] for i in range(OWN_NUMBERS))
-    x, y, vx, vy, present = (traffic[..., i] for i in range(5))
-    return Scene(speed, goal_x, goal_y, x, y, vx, vy, present > 0.5, Ratios(*limits))
+    x, y, vx, vy, mask = (traffic[..., i] for i in range(5))
+    return Scene(speed, goal_x, goal_y, x, y, vx, vy, mask > 0.5, Ratios(*limits))
 
 
 def parts(rows: Any) -> tuple[Any, Any]:
@@ -170,15 +170,15 @@ def random_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.nd
     away = random.uniform(0.5, 12.0, (count, most))
     bearing, heading = random.uniform(-np.pi, np.pi, (2, count, most))
     pace = random.uniform(0.3, 1.4, (count, most))
-    present = random.random((count, most)) < random.random((count, 1))
+    mask = random.random((count, most)) < random.random((count, 1))
     each = [
         away * np.cos(bearing),
         away * np.sin(bearing),
         pace * np.cos(heading),
         pace * np.sin(heading),
     ]
-    traffic = np.where(present, each, [[[NOWHERE]], [[0.0]], [[0.0]], [[0.0]]])
-    rows = np.concatenate([traffic, present[None]]).transpose(1, 2, 0).reshape(count, -1)
+    traffic = np.where(mask, each, [[[NOWHERE]], [[0.0]], [[0.0]], [[0.0]]])
+    rows = np.concatenate([traffic, mask[None]]).transpose(1, 2, 0).reshape(count, -1)
     own = np.stack([speed, goal * np.cos(course), goal * np.sin(course), *of_family], axis=-1)
     return np.concatenate([own, rows], axis=-1).astype(np.float32)
 
@@ -202,7 +202,7 @@ def mirror(seen: Scene, xp: Any) -> tuple[Scene, Any]:
         seen.goal_y[..., None],
         xp,
     )
-    total = xp.sum(xp.where(seen.present, towards, 0.0), axis=-1)
+    total = xp.sum(xp.where(seen.mask, towards, 0.0), axis=-1)
     sign = xp.copysign(xp.ones_like(total), total + 1e-20 * seen.goal_y)
     each = sign[..., None]
     return seen._replace(goal_y=seen.goal_y * sign, y=seen.y * each, vy=seen.vy * each), sign

@@ -35,7 +35,7 @@ class SetInputs(NamedTuple):
 
     own: Any  # [..., F]
     each: Any  # [..., K, E]; of absent intruders anything finite
-    present: Any  # bool [..., K]
+    mask: Any  # bool [..., K]
     mirror_sign: Any  # factor of the network's yaw rate, -1 where the scene is seen mirrored, [...]
 
 
@@ -101,7 +101,7 @@ def set_inputs(seen: Scene, xp: Any, inputs: InputTable | None = None) -> SetInp
     return SetInputs(
         _side_by_side(inputs.ownship, seen, xp),
         _side_by_side(inputs.intruder, seen, xp),
-        seen.present,
+        seen.mask,
         sign,
     )
 
@@ -225,7 +225,7 @@ def batch_of_one(seen: Scene) -> Scene:
     intruder where there is none.
     """
     if not seen.x:
-        seen = seen._replace(x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], present=[False])
+        seen = seen._replace(x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], mask=[False])
     return Scene(
         own_speed=np.array([seen.own_speed]),
         goal_x=np.array([seen.goal_x]),
@@ -234,7 +234,7 @@ def batch_of_one(seen: Scene) -> Scene:
         y=np.array([seen.y]),
         vx=np.array([seen.vx]),
         vy=np.array([seen.vy]),
-        present=np.array([seen.present]),
+        mask=np.array([seen.mask]),
         ratios=seen.ratios,
     )
 

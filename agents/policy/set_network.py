@@ -71,16 +71,16 @@ class SetNetwork:
         self,
         own: VehicleState,
         seen: VehicleState,
-        present: np.ndarray,
+        mask: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
     ) -> np.ndarray:
         """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``."""
-        if present.shape[-1] == 0:
-            seen = VehicleState(*(np.zeros((len(present), 1)) for _ in seen))
-            present = np.zeros((len(present), 1), bool)
+        if mask.shape[-1] == 0:
+            seen = VehicleState(*(np.zeros((len(mask), 1)) for _ in seen))
+            mask = np.zeros((len(mask), 1), bool)
         limits, separation = self._aircraft.limits, self._aircraft.separation
-        return self._of_scenes(scene(own, seen, present, goal_x, goal_y, limits, separation, np))
+        return self._of_scenes(scene(own, seen, mask, goal_x, goal_y, limits, separation, np))
 
     def of_one(
         self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
@@ -133,11 +133,11 @@ def _min_separation(aircraft: Aircraft) -> MinSeparationOfOne:
 
 def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: Any) -> Any:
     """Return the actions ``[N, 2]`` of the network's layers for inputs ``[N]``."""
-    own, each, present, sign = inputs
+    own, each, mask, sign = inputs
     each = xp.tanh(rows_through(each.reshape(-1, each.shape[-1]), encoder, xp)).reshape(
-        *present.shape, -1
+        *mask.shape, -1
     )
-    pooled = xp.where(present[..., None], each, -1.0).max(axis=-2)
+    pooled = xp.where(mask[..., None], each, -1.0).max(axis=-2)
     action = rows_through(xp.concatenate([own, pooled], axis=-1), trunk, xp)
     return action * xp.stack([xp.ones_like(sign), sign], axis=-1)
 

@@ -65,9 +65,9 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
     traffic = request.traffic
     ages = np.array(traffic.age)
     intruders: list[Intruder] = []
-    present = np.flatnonzero(traffic.mask)
-    order = np.concatenate([present, np.flatnonzero(~traffic.mask)])
-    for k in present:
+    members = np.flatnonzero(traffic.mask)
+    order = np.concatenate([members, np.flatnonzero(~traffic.mask)])
+    for k in members:
         one = take(traffic, int(k))
         age = float(rng.uniform(-0.5, 5.0)) if rng.random() < 0.5 else 0.0
         if one.turn_rate != 0.0 and one.turn_time > 0.0:

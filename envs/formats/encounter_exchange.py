@@ -78,15 +78,15 @@ def scenes_of(
     )
     scenes = []
     for i, name in enumerate(names):
-        present = np.flatnonzero(encounters.mask[i]).tolist()
+        members = np.flatnonzero(encounters.mask[i]).tolist()
         tracks = [_track("ownship", take(straight, np.s_[:, i]), times)]
         tracks += [
             _track(f"intruder{n}", take(others, np.s_[:, i, k]), times)
-            for n, k in enumerate(present, start=1)
+            for n, k in enumerate(members, start=1)
         ]
         goal = float(encounters.goal_x[i]), float(encounters.goal_y[i])
         intents = tuple(
-            Intent(*(float(field[i, k]) for field in encounters.intent)) for k in present
+            Intent(*(float(field[i, k]) for field in encounters.intent)) for k in members
         )
         sensor = Sensor(*(float(field[i, 0]) for field in encounters.sensor))
         scenes.append(

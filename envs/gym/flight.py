@@ -28,14 +28,14 @@ def begin(encounter: Encounter, dt: float) -> State:
     """Return the start of one encounter, intruders ``[K]``, without the absent ones, for a time
     step of ``dt`` s.
     """
-    present = np.flatnonzero(encounter.mask)
+    members = np.flatnonzero(encounter.mask)
 
     def each(tree: Any) -> Any:
-        return tuple(map_leaves(lambda field: float(field[k]), tree) for k in present)  # noqa: B023
+        return tuple(map_leaves(lambda field: float(field[k]), tree) for k in members)  # noqa: B023
 
     own, goal_x, goal_y = map_leaves(float, (encounter.own, encounter.goal_x, encounter.goal_y))
     sensor = map_leaves(lambda field: float(field[0]), encounter.sensor)
-    mask = (True,) * len(present)
+    mask = (True,) * len(members)
     check_plain(encounter, "the encounter")
     plain = Encounter(
         own, goal_x, goal_y, each(encounter.intruders), mask, each(encounter.intent), sensor

@@ -256,7 +256,7 @@ class RLCAS(_Resolution):
         later = above + climb * conf.dtlookahead[flown, None]
         height = np.maximum(conf.hpz, conf.hpz[flown, None])
         crossing = (np.minimum(np.abs(above), np.abs(later)) < height) | (above * later < 0.0)
-        present = crossing & ~self.noresoac & (np.arange(ownship.ntraf) != flown[:, None])
+        mask = crossing & ~self.noresoac & (np.arange(ownship.ntraf) != flown[:, None])
         away = np.hypot(x, y)
         # Two that wait for each other, side by side, would fly on so for ever: the other on its
         # left gives way.
@@ -264,7 +264,7 @@ class RLCAS(_Resolution):
         left = y * np.cos(heading)[:, None] > x * np.sin(heading)[:, None]
         lasting = np.array([self._lasting[ownship.id[index]] for index in flown])
         waits = (lasting > conf.dtlookahead[flown])[:, None] & self.active
-        present &= ~(waits & left & (away > _APART * separation))
+        mask &= ~(waits & left & (away > _APART * separation))
         course = np.broadcast_to(np.arctan2(intruder.gsnorth, intruder.gseast), x.shape)
         others = VehicleState(x, y, course, np.broadcast_to(intruder.gs, x.shape))
         ahead, bearing = _AHEAD * separation, np.radians(90.0 - bs.traf.ap.trk[flown])
@@ -282,9 +282,9 @@ class RLCAS(_Resolution):
             own, others = through_air(ground, wind, 0.0), through_air(others, each, 0.0)
             drift = (-wind.east, -wind.north)
             goal = aim_point(own, goal, drift, _LONGEST, np)
-        critical = policy.most_critical(own, others, present)
+        critical = policy.most_critical(own, others, mask)
         seen, exists = map_leaves(
-            lambda field: np.take_along_axis(field, critical, axis=-1), (others, present)
+            lambda field: np.take_along_axis(field, critical, axis=-1), (others, mask)
         )
         action = policy.command(own, seen, exists, *goal)
         acceleration, yaw_rate = commands(action.T, policy.limits, np)
@@ -300,9 +300,7 @@ class RLCAS(_Resolution):
         for row, index in enumerate(flown if self.planning else ()):
             traffic = [
                 VehicleState(*each)
-                for each in zip(
-                    *(field[row, present[row]] for field in seen_over_ground), strict=True
-                )
+                for each in zip(*(field[row, mask[row]] for field in seen_over_ground), strict=True)
             ]
             to = complex(goal_x[row], goal_y[row])
             request = take(ground, row), traffic, to, None if wind is None else take(wind, row)

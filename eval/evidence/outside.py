@@ -106,31 +106,29 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
     box = novelty.shipped_box(policy.sha256)
     tracks: Tracks | None = None
     for number, (own, reported) in enumerate(_steps(flights)):
-        seen, present = reported, np.isfinite(reported.x)
+        seen, mask = reported, np.isfinite(reported.x)
         known: dict[str, Any] = {}
         if max(flights.std) > 0.0:
             tracks = follow(tracks, seen, *flights.std, aircraft.dt)
             seen, known = tracks.state, tracks.errors
-        given = inputs(number * aircraft.dt, own, seen, present, **known)
+        given = inputs(number * aircraft.dt, own, seen, mask, **known)
         memory, _own, _traffic, found = update(memory, given, thresholds)
-        causes |= np.where(present.any(axis=-1), found, 0)
+        causes |= np.where(mask.any(axis=-1), found, 0)
         if box is not None and number % _NOVEL_EVERY == 0:
-            rows = np.flatnonzero(present.any(axis=-1))
-            beyond = novelty.excess(
-                box, _inputs(rows, (own, seen, present, flights.goal), aircraft)
-            )
+            rows = np.flatnonzero(mask.any(axis=-1))
+            beyond = novelty.excess(box, _inputs(rows, (own, seen, mask, flights.goal), aircraft))
             new[rows] |= (beyond[0] > 0.0).any(axis=-1) | (beyond[1] > 0.0).any(axis=(-1, -2))
     reasons = {name: (causes & int(cause)) != 0 for name, cause in _REASONS.items()}
     return reasons | {"novelty": new}
 
 
 def _inputs(rows: np.ndarray, states: Any, aircraft: Aircraft) -> Any:
-    """Return the network's inputs of some flights of all, by own state, intruders, their presence,
+    """Return the network's inputs of some flights of all, by own state, intruders, their mask,
     and goal.
     """
-    own, seen, present, goal = map_leaves(lambda field: field[rows], states)
-    there = VehicleState(*(np.where(present, field, 0.0) for field in seen))
-    return novelty.inputs_of(own, there, present, goal, aircraft)
+    own, seen, mask, goal = map_leaves(lambda field: field[rows], states)
+    there = VehicleState(*(np.where(mask, field, 0.0) for field in seen))
+    return novelty.inputs_of(own, there, mask, goal, aircraft)
 
 
 def _steps(flights: Flights) -> Iterator[tuple[VehicleState, VehicleState]]:
@@ -331,9 +329,9 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
         scenes += [(*states, flights.goal) for states in list(_steps(flights))[::_NOVEL_EVERY]]
         for own, seen, goal in scenes:
             rows = np.flatnonzero(np.isfinite(own.x))
-            present = np.isfinite(seen.x)
-            found = _inputs(rows, (own, seen, present, goal), aircraft)
-            for place, values in enumerate((found.own, found.each[present[rows]])):
+            mask = np.isfinite(seen.x)
+            found = _inputs(rows, (own, seen, mask, goal), aircraft)
+            for place, values in enumerate((found.own, found.each[mask[rows]])):
                 low[place] = np.minimum(low[place], values.min(axis=0, initial=np.inf))
                 high[place] = np.maximum(high[place], values.max(axis=0, initial=-np.inf))
         print(f"aircraft {number + 1} of {count}", flush=True)

@@ -63,7 +63,7 @@ class Compiled:
         count, places = mask.shape
         rows = np.zeros((-(-count // _TILE) * _TILE, width(places)), np.float32)
         rows[:count, :3] = np.stack((seen.own_speed, seen.goal_x, seen.goal_y), axis=-1)
-        for i, field in enumerate((seen.x, seen.y, seen.vx, seen.vy, seen.present)):
+        for i, field in enumerate((seen.x, seen.y, seen.vx, seen.vy, seen.mask)):
             rows[:count, OWN_NUMBERS + i :: 5] = field
         if places not in self._checked:
             self._check(np.resize(rows[:count], (_TILE, rows.shape[1])))

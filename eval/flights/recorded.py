@@ -38,10 +38,10 @@ class Recorded(NamedTuple):
     def track(self, row: int) -> Track:
         """Return one of the flights."""
         own, others, _, separation = self.trajectories
-        end, present = int(np.count_nonzero(np.isfinite(own.x[:, row]))), self.starts.mask[row]
+        end, members = int(np.count_nonzero(np.isfinite(own.x[:, row]))), self.starts.mask[row]
         return Track(
             np.stack([own.x[:end, row], own.y[:end, row]]),
-            np.stack([others.x[:end, row, present].T, others.y[:end, row, present].T], axis=1),
+            np.stack([others.x[:end, row, members].T, others.y[:end, row, members].T], axis=1),
             separation[: end - 1, row],
             (float(self.starts.goal_x[row]), float(self.starts.goal_y[row])),
         )

@@ -118,8 +118,8 @@ def _batch(
         bands = None
         if number in banded:
             whole, count = batch.trajectories, track.separation.size + 1
-            present = starts.mask[i]
-            intruders = take(states(whole.intruders, count, i), (slice(None), present))
+            members = starts.mask[i]
+            intruders = take(states(whole.intruders, count, i), (slice(None), members))
             bands = flight_bands(states(whole.own, count, i), intruders, pilot.evaluation.options)
         yield Replayed(
             number, track, acceleration, yaw_rate, bool(same), plan, status, found.get(i), bands

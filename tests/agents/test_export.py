@@ -218,33 +218,33 @@ def rows(tree, index):
 
 
 def test_order_of_intruders_does_not_matter():
-    own, others, present, *goal = states(100)
+    own, others, mask, *goal = states(100)
     order = [2, 0, 1]
     turned = VehicleState(*(field[:, order] for field in others))
     np.testing.assert_allclose(
-        policy().command(own, turned, present[:, order], *goal),
-        policy().command(own, others, present, *goal),
+        policy().command(own, turned, mask[:, order], *goal),
+        policy().command(own, others, mask, *goal),
         atol=1e-6,
     )
 
 
 def test_absent_intruders_change_nothing():
-    own, others, present, *goal = states(100)
+    own, others, mask, *goal = states(100)
     rng = np.random.default_rng(0)
     moved = VehicleState(
-        *(np.where(present, field, rng.uniform(-5, 5, present.shape)) for field in others)
+        *(np.where(mask, field, rng.uniform(-5, 5, mask.shape)) for field in others)
     )
     np.testing.assert_array_equal(
-        policy().command(own, moved, present, *goal), policy().command(own, others, present, *goal)
+        policy().command(own, moved, mask, *goal), policy().command(own, others, mask, *goal)
     )
 
 
 def test_mirrored_scene_gives_mirrored_action():
-    own, others, present, goal_x, goal_y = states(200)
+    own, others, mask, goal_x, goal_y = states(200)
     mirror = [each._replace(y=-each.y, heading=-each.heading) for each in (own, others)]
-    action = policy().command(own, others, present, goal_x, goal_y)
+    action = policy().command(own, others, mask, goal_x, goal_y)
     np.testing.assert_allclose(
-        policy().command(*mirror, present, goal_x, -goal_y), action * [1.0, -1.0], atol=1e-6
+        policy().command(*mirror, mask, goal_x, -goal_y), action * [1.0, -1.0], atol=1e-6
     )
 
 
@@ -267,15 +267,15 @@ def test_alike_aircraft_are_commanded_alike():
 
 
 def test_one_row_has_the_same_bits_in_any_company():
-    own, others, present, goal_x, goal_y = states(300)
-    together = policy().command(own, others, present, goal_x, goal_y)
+    own, others, mask, goal_x, goal_y = states(300)
+    together = policy().command(own, others, mask, goal_x, goal_y)
     for row in (0, 7, 299):
         index = slice(row, row + 1)
         alone = policy().command(
-            rows(own, index), rows(others, index), present[index], goal_x[index], goal_y[index]
+            rows(own, index), rows(others, index), mask[index], goal_x[index], goal_y[index]
         )
         np.testing.assert_array_equal(alone[0], together[row])
-        seen = [rows(others, (row, k)) for k in np.flatnonzero(present[row])]
+        seen = [rows(others, (row, k)) for k in np.flatnonzero(mask[row])]
         one = policy().command_one(rows(own, row), seen, goal_x[row], goal_y[row])
         np.testing.assert_allclose(one, together[row], atol=1e-5)
 
@@ -287,16 +287,16 @@ def test_numpy_decides_as_jax_does():
         if name != "log_std":
             trunk.setdefault(name.split("/")[0], {})[name.split("/")[1]] = tensor
     variables = {"params": {"trunk": trunk, "log_std": content().actor["log_std"]}}
-    own, others, present, *goal = states(500)
-    seen = set_inputs(scene(own, others, present, *goal, PAPER.limits, PAPER.separation, jnp), jnp)
+    own, others, mask, *goal = states(500)
+    seen = set_inputs(scene(own, others, mask, *goal, PAPER.limits, PAPER.separation, jnp), jnp)
     mean = np.clip(actor.apply(variables, seen)[0], -1.0, 1.0)
-    difference = np.abs(policy("float64").command(own, others, present, *goal) - mean).max(axis=-1)
+    difference = np.abs(policy("float64").command(own, others, mask, *goal) - mean).max(axis=-1)
     assert np.quantile(difference, 0.99) < 2e-3
 
 
 def test_nobody_around_is_a_scene_too():
-    own, others, present, goal_x, goal_y = states(5)
-    empty = policy().command(own, others, present & False, goal_x, goal_y)
+    own, others, mask, goal_x, goal_y = states(5)
+    empty = policy().command(own, others, mask & False, goal_x, goal_y)
     nowhere = VehicleState(*(np.zeros((5, 0)) for _ in range(4)))
     np.testing.assert_array_equal(
         policy().command(own, nowhere, np.zeros((5, 0), bool), goal_x, goal_y), empty
@@ -352,29 +352,27 @@ def test_traffic_outside_the_domain_is_said_by_quantity():
 
 
 def test_more_intruders_than_in_training_are_refused():
-    own, others, present, *goal = states(2, most=policy().most + 1)
+    own, others, mask, *goal = states(2, most=policy().most + 1)
     policy().command(
-        own, others, present & (np.arange(policy().most + 1) > 0), *goal
+        own, others, mask & (np.arange(policy().most + 1) > 0), *goal
     )  # an absent one does not count
     with pytest.raises(
         OutsideDomainError,
         match=f"there are {policy().most + 1} intruders; expected {policy().most} at",
     ):
-        policy().command(own, others, present | True, *goal)
+        policy().command(own, others, mask | True, *goal)
     many = [rows(others, (0, k)) for k in range(policy().most + 1)]
     with pytest.raises(OutsideDomainError, match="outside_domain"):
         policy().command_one(rows(own, 0), many, goal[0][0], goal[1][0])
     allowed = policy().for_aircraft(PAPER, outside="allow")
     one = allowed.command_one(rows(own, 0), many, goal[0][0], goal[1][0])
-    np.testing.assert_allclose(
-        one, allowed.command(own, others, present | True, *goal)[0], atol=1e-5
-    )
+    np.testing.assert_allclose(one, allowed.command(own, others, mask | True, *goal)[0], atol=1e-5)
     # Allowed, it looks at as many as in training: the least urgent does not count.
     order = np.argsort(criticality(column(own), others, PAPER, np), axis=-1)[:, :-1]
     seen = VehicleState(*(np.take_along_axis(field, order, axis=-1) for field in others))
     np.testing.assert_array_equal(
         policy().command(own, seen, np.ones(order.shape, bool), *goal),
-        allowed.command(own, others, present | True, *goal),
+        allowed.command(own, others, mask | True, *goal),
     )
 
 
@@ -398,9 +396,9 @@ def test_file_comes_back_whole_and_an_edit_is_refused():
 @pytest.mark.parametrize("number", [0, 5, 9, 15, 16, 17, 18])
 @pytest.mark.parametrize("aircraft", [PAPER, UAS])
 def test_kept_separation_is_that_of_the_manoeuvre_as_flown(number, aircraft):
-    own, others, present, *goal = states(300, aircraft=aircraft)
+    own, others, mask, *goal = states(300, aircraft=aircraft)
     kept = candidate_manoeuvres.min_separation(
-        scene(own, others, present, *goal, aircraft.limits, aircraft.separation, np), np
+        scene(own, others, mask, *goal, aircraft.limits, aircraft.separation, np), np
     )[number]
     turn, throttle = candidate_manoeuvres.TURNS[number], candidate_manoeuvres.THROTTLES[number]
     limits, steps = aircraft.limits, 1000
@@ -416,7 +414,7 @@ def test_kept_separation_is_that_of_the_manoeuvre_as_flown(number, aircraft):
         away = np.hypot(
             others.x + vx * time - own.x[:, None], others.y + vy * time - own.y[:, None]
         )
-        least = np.minimum(least, np.where(present, away, np.inf).min(axis=-1))
+        least = np.minimum(least, np.where(mask, away, np.inf).min(axis=-1))
     near = least < 1.5 * aircraft.separation
     assert near.sum() > 30
     assert np.abs(kept - least / aircraft.separation)[near].max() < 0.08

@@ -94,7 +94,7 @@ def as_inputs(
     named = {
         "own": np.stack([seen.own_speed, seen.goal_x, seen.goal_y, *ratios], axis=-1),
         "traffic": np.stack([seen.x, seen.y, seen.vx, seen.vy], axis=-1),
-        "present": seen.present,
+        "mask": seen.mask,
     }
     return {name: values.astype(np.float32) for name, values in named.items()}
 
@@ -135,7 +135,7 @@ def test_it_says_what_it_is():
     assert [(entry.domain, entry.version) for entry in made.opset_import if not entry.domain] == [
         ("", OPSET)
     ]
-    assert [value.name for value in made.graph.input] == ["own", "traffic", "present"]
+    assert [value.name for value in made.graph.input] == ["own", "traffic", "mask"]
     assert [value.name for value in made.graph.output] == ["action"]
     # Every operator is of the plain set, so that tools without control flow can read it.
     assert {node.op_type for node in made.graph.node}.isdisjoint({"If", "Loop", "Scan", "Custom"})

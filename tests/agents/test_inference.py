@@ -333,21 +333,21 @@ def scenes(count=40, most=3):
 
 
 def test_command_of_one_is_that_of_many():
-    own, others, present, goal_x, goal_y = scenes()
+    own, others, mask, goal_x, goal_y = scenes()
     decided = policy().for_aircraft(
         PAPER, outside="allow"
     )  # of several intruders it takes the most critical one
-    together = decided.command(own, others, present, goal_x, goal_y)
+    together = decided.command(own, others, mask, goal_x, goal_y)
     for row in range(len(goal_x)):
         alone = decided.command(
             *(VehicleState(*(f[row : row + 1] for f in s)) for s in (own, others)),
-            present[row : row + 1],
+            mask[row : row + 1],
             goal_x[row : row + 1],
             goal_y[row : row + 1],
         )
         np.testing.assert_array_equal(alone[0], together[row])
         seen = [
-            VehicleState(*(float(f[row, k]) for f in others)) for k in np.flatnonzero(present[row])
+            VehicleState(*(float(f[row, k]) for f in others)) for k in np.flatnonzero(mask[row])
         ]
         one = decided.command_one(
             VehicleState(*(float(f[row]) for f in own)), seen, goal_x[row], goal_y[row]
@@ -356,14 +356,14 @@ def test_command_of_one_is_that_of_many():
 
 
 def test_command_names_what_has_another_shape():
-    own, others, present, goal_x, goal_y = scenes()
+    own, others, mask, goal_x, goal_y = scenes()
     few = VehicleState(*(field[:, :2] for field in others))
     for name, scene in (
-        ("present", (own, others, present[:, 0], goal_x, goal_y)),
-        ("intruders.x", (own, others, present[:, :2], goal_x, goal_y)),
-        ("intruders.x", (own, few, present, goal_x, goal_y)),
-        ("own.heading", (own._replace(heading=own.heading[:3]), others, present, goal_x, goal_y)),
-        ("goal_y", (own, others, present, goal_x, goal_y[:3])),
+        ("mask", (own, others, mask[:, 0], goal_x, goal_y)),
+        ("intruders.x", (own, others, mask[:, :2], goal_x, goal_y)),
+        ("intruders.x", (own, few, mask, goal_x, goal_y)),
+        ("own.heading", (own._replace(heading=own.heading[:3]), others, mask, goal_x, goal_y)),
+        ("goal_y", (own, others, mask, goal_x, goal_y[:3])),
     ):
         with pytest.raises(ValueError, match=f"{name} has shape"):
             policy().command(*scene)

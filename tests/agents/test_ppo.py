@@ -477,15 +477,15 @@ def test_a_gradient_in_tiles_is_that_of_the_whole_minibatch(
 def test_greatest_products_have_the_gradient_of_their_definition() -> None:
     draws = np.random.default_rng(4)
     each, kernel = draws.normal(size=(5, 6, 3)), draws.normal(size=(3, 4))
-    present = draws.random((5, 6)) < 0.5
-    present[:, 0], present[2] = True, False  # nobody in one row
+    mask = draws.random((5, 6)) < 0.5
+    mask[:, 0], mask[2] = True, False  # nobody in one row
 
     def by_definition(each: jax.Array, kernel: jax.Array) -> jax.Array:
-        return jnp.max(jnp.where(present[..., None], each @ kernel, -jnp.inf), axis=-2)
+        return jnp.max(jnp.where(mask[..., None], each @ kernel, -jnp.inf), axis=-2)
 
     def loss(function: Any) -> Any:
         return jax.value_and_grad(lambda *of: jnp.sum(jnp.tanh(function(*of))), argnums=(0, 1))
 
-    found = loss(lambda *of: greatest_products(*of, jnp.asarray(present)))(each, kernel)
+    found = loss(lambda *of: greatest_products(*of, jnp.asarray(mask)))(each, kernel)
     expected = loss(by_definition)(each, kernel)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), found, expected)

@@ -218,8 +218,8 @@ INSIDE_BUT_LEAVING = one(-900.0, 0.0, -math.pi, 90.0)
 
 def choose_of(*intruders: VehicleState, mask: tuple[bool, ...] | None = None) -> int:
     group = stack_states(*intruders)
-    present = np.array([mask if mask is not None else (True,) * len(intruders)])
-    found = most_critical(CRUISE, group, present, PAPER, np)
+    mask = np.array([mask if mask is not None else (True,) * len(intruders)])
+    found = most_critical(CRUISE, group, mask, PAPER, np)
     same = [
         all(np.array_equal(a, b) for a, b in zip(found, intruder, strict=True))
         for intruder in intruders

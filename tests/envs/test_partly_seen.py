@@ -89,13 +89,13 @@ def test_coverage_changes_nothing_but_what_is_known(drawn: Encounter):
 def test_what_is_not_known_changes_no_decision(drawn: Encounter):
     """The shipped policy decides alike wherever an intruder of which it knows nothing is."""
     state, policy = world.begin(drawn, np), Policy.load()
-    present = world.known(state, PAPER, np)
+    mask = world.known(state, PAPER, np)
     seen = world.seen_intruders(state, None, PAPER, np)
-    moved = seen._replace(x=np.where(present, seen.x, seen.x + 777.0))
+    moved = seen._replace(x=np.where(mask, seen.x, seen.x + 777.0))
     action, other = (
-        policy.command(drawn.own, one, present, drawn.goal_x, drawn.goal_y) for one in (seen, moved)
+        policy.command(drawn.own, one, mask, drawn.goal_x, drawn.goal_y) for one in (seen, moved)
     )
-    assert (drawn.mask & ~present).any()
+    assert (drawn.mask & ~mask).any()
     np.testing.assert_array_equal(action, other)
 
 

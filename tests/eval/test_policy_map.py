@@ -50,7 +50,7 @@ class EvenHanded:
         self.bias = bias
 
     def command(
-        self, own: VehicleState, intruders: VehicleState, present: Any, goal_x: Any, goal_y: Any
+        self, own: VehicleState, intruders: VehicleState, mask: Any, goal_x: Any, goal_y: Any
     ) -> np.ndarray:
         x, y = intruders.x[:, 0] - own.x, intruders.y[:, 0] - own.y
         left = y * np.cos(own.heading) - x * np.sin(own.heading)
@@ -66,10 +66,10 @@ def test_a_map_is_what_the_policy_commands_at_each_place():
 
     class Spy(EvenHanded):
         def command(
-            self, own: Any, intruders: Any, present: Any, goal_x: Any, goal_y: Any
+            self, own: Any, intruders: Any, mask: Any, goal_x: Any, goal_y: Any
         ) -> np.ndarray:
             asked.append((own, intruders, goal_x, goal_y))
-            return super().command(own, intruders, present, goal_x, goal_y)
+            return super().command(own, intruders, mask, goal_x, goal_y)
 
     spy: Any = Spy()
     advisory = advise(spy, SCENE, 6_000.0, 5, PAPER)

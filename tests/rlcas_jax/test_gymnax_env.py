@@ -73,9 +73,9 @@ def test_several_intruders_are_seen_as_a_dict() -> None:
         name: part.shape for name, part in observation.items()
     }
     assert all(part.contains(observation[name]) for name, part in space.spaces.items())
-    present = observation["mask"].astype(bool)
-    assert 1 <= present.sum() <= 4
-    assert not observation["traffic"][~present].any()
+    mask = observation["mask"].astype(bool)
+    assert 1 <= mask.sum() <= 4
+    assert not observation["traffic"][~mask].any()
 
 
 @pytest.mark.parametrize("name", ["multi", "noisy"])

@@ -54,7 +54,7 @@ def wake() -> Input:
 
 def _nearest(seen: Any, xp: Any) -> Any:
     away = xp.sqrt(seen.x**2 + seen.y**2 + 1e-6)
-    least = xp.min(xp.where(seen.present, away, 20.0), axis=-1)
+    least = xp.min(xp.where(seen.mask, away, 20.0), axis=-1)
     return xp.stack([1.0 / (1.0 + least), 0.1 * seen.goal_y / 20.0], axis=-1)
 
 
@@ -145,12 +145,12 @@ def test_a_damaged_contract_is_refused(field: str, value: Any, message: str):
 
 def test_one_aircraft_decides_as_a_batch_does_and_as_its_mirror_image():
     policy = Policy(content(wake(), NEAREST), np.float64, inputs=[wake(), NEAREST])
-    own, others, present, goal_x, goal_y = scenes(60)
-    batch = policy.command(own, others, present, goal_x, goal_y)
+    own, others, mask, goal_x, goal_y = scenes(60)
+    batch = policy.command(own, others, mask, goal_x, goal_y)
     image = policy.command(
         own._replace(y=-own.y, heading=-own.heading),
         others._replace(y=-others.y, heading=-others.heading),
-        present,
+        mask,
         goal_x,
         -goal_y,
     )
@@ -159,11 +159,11 @@ def test_one_aircraft_decides_as_a_batch_does_and_as_its_mirror_image():
         one = VehicleState(*(float(field[row]) for field in own))
         each = [
             VehicleState(*(float(field[row, k]) for field in others))
-            for k in np.flatnonzero(present[row])
+            for k in np.flatnonzero(mask[row])
         ]
         alone = policy.command_one(one, each, float(goal_x[row]), float(goal_y[row]))
         np.testing.assert_allclose(alone, batch[row], atol=1e-5)
-    nobody = policy.command(own, others, present & False, goal_x, goal_y)
+    nobody = policy.command(own, others, mask & False, goal_x, goal_y)
     first = VehicleState(*(float(field[0]) for field in own))
     alone = policy.command_one(first, [], float(goal_x[0]), float(goal_y[0]))
     np.testing.assert_allclose(alone, nobody[0], atol=1e-5)
@@ -171,7 +171,7 @@ def test_one_aircraft_decides_as_a_batch_does_and_as_its_mirror_image():
 
 def test_the_input_changes_what_the_policy_decides():
     """Else the tests above would pass with a table that is not used."""
-    own, others, present, goal_x, goal_y = scenes(20)
+    own, others, mask, goal_x, goal_y = scenes(20)
     made = content(wake())
     silent = dict(made.actor)
     silent["each_0/kernel"] = silent["each_0/kernel"].copy()
@@ -182,7 +182,7 @@ def test_the_input_changes_what_the_policy_decides():
         weights["trunk"].setdefault(layer, {})[part] = tensor
     without = to_policy_file({"params": weights}, made.metadata, [wake()])
     both = [
-        Policy(one, inputs=[wake()]).command(own, others, present, goal_x, goal_y)
+        Policy(one, inputs=[wake()]).command(own, others, mask, goal_x, goal_y)
         for one in (made, without)
     ]
     assert np.abs(both[0] - both[1]).max() > 1e-2
@@ -204,7 +204,7 @@ def test_the_shipped_inputs_keep_the_bounds_of_their_table():
     seen = set_inputs(unpacked_rows(random_scenes(5, FAMILY).astype(float)), np)
     for numbers, values in (
         (TABLE.own_numbers, seen.own),
-        (TABLE.each_numbers, seen.each[seen.present]),
+        (TABLE.each_numbers, seen.each[seen.mask]),
     ):
         low, high = np.array([(one.low, one.high) for one in numbers]).T
         assert (values >= low).all()

@@ -194,7 +194,7 @@ class Straight(Policy):
     """Flies straight on, whatever is ahead."""
 
     def command(
-        self, own: VehicleState, intruders: Any, present: Any, goal_x: Any, goal_y: Any
+        self, own: VehicleState, intruders: Any, mask: Any, goal_x: Any, goal_y: Any
     ) -> np.ndarray:
         return np.zeros((*np.shape(own.x), 2))
 

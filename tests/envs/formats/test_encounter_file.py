@@ -76,7 +76,7 @@ def test_round_trip(values, tmp_path: Path) -> None:
     after, names_after = read(tmp_path / "encounters.csv")
     assert names_after == names
     np.testing.assert_array_equal(after.mask, before.mask)
-    present = before.mask
+    members = before.mask
 
     def same(a: np.ndarray, b: np.ndarray, *, angle: bool = False) -> None:
         difference = np.abs(a - b)
@@ -88,10 +88,10 @@ def test_round_trip(values, tmp_path: Path) -> None:
     same(before.goal_y, after.goal_y)
     for field in VehicleState._fields:
         same(getattr(before.own, field), getattr(after.own, field), angle=field == "heading")
-        pair = (getattr(e.intruders, field)[present] for e in (before, after))
+        pair = (getattr(e.intruders, field)[members] for e in (before, after))
         same(*pair, angle=field == "heading")
     for field in Intent._fields:
-        pair = (getattr(e.intent, field)[present] for e in (before, after))
+        pair = (getattr(e.intent, field)[members] for e in (before, after))
         same(*pair, angle=field == "heading_change")
     for field in Sensor._fields:
         same(getattr(before.sensor, field), getattr(after.sensor, field))

@@ -427,12 +427,12 @@ def test_the_most_critical_come_first_and_absent_ones_last() -> None:
             type(start.own)(*(field[:, None] for field in start.own)), start.intruders, PAPER, np
         )[0]
         order = np.argsort(rank[start.mask[0]])
-        present = len(order)
-        assert seen["mask"].tolist() == [1] * present + [0] * (10 - present)
+        count = len(order)
+        assert seen["mask"].tolist() == [1] * count + [0] * (10 - count)
         np.testing.assert_allclose(
-            seen["traffic"][:present, 0], start.intruders.speed[0, order] / 75.0 - 1.0, atol=1e-6
+            seen["traffic"][:count, 0], start.intruders.speed[0, order] / 75.0 - 1.0, atol=1e-6
         )
-        assert not seen["traffic"][present:].any()
+        assert not seen["traffic"][count:].any()
         few, _ = DeconflictionEnv("multi", intruders=2).reset(seed=3, options={"encounter": number})
         np.testing.assert_array_equal(few["traffic"], seen["traffic"][:2])
         one, _ = DeconflictionEnv("multi").reset(seed=3, options={"encounter": number})
