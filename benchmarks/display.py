@@ -15,12 +15,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.measure import report
+from benchmarks.ros.graph import processor_time
 from envs.edge.command import Parser, run_cli
 from ros_bridge.transport.children import FLAG, free_domain, stop
 
@@ -104,9 +104,9 @@ def _measure(options: Any, browser: str) -> dict[str, Any]:
             sky.fly(_SETTLE, lambda: page.wait_for_timeout(1))
             page.evaluate("(range) => { state.range = range; show(); }", 5)
             page.evaluate(_PICTURES)
-            began, before, load = time.monotonic(), _cpu(server.pid), os.getloadavg()[0]
+            began, before, load = time.monotonic(), processor_time(server.pid), os.getloadavg()[0]
             sky.fly(options.seconds, lambda: page.wait_for_timeout(1))
-            busy = (_cpu(server.pid) - before) / (time.monotonic() - began)
+            busy = (processor_time(server.pid) - before) / (time.monotonic() - began)
             found = page.evaluate(
                 "({ latency: measured.latency, numbers: measured.numbers, drawn: measured.drawn })"
             )
@@ -153,12 +153,6 @@ def _night(page: Any, text: str, count: int) -> float:
     before = heap_megabytes()
     page.evaluate(_NIGHT, [text, count])
     return heap_megabytes() - before
-
-
-def _cpu(process: int) -> float:
-    """Return the processor time of a process, s."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 class _Sky:

@@ -21,6 +21,7 @@ __all__ = [
     "ahead",
     "cores_stolen",
     "geodetic",
+    "processor_time",
     "resident",
     "scheduling",
     "start",
@@ -58,6 +59,12 @@ def resident(process: "subprocess.Popen[bytes]") -> float:
     return next(
         (int(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmRSS")), math.nan
     )
+
+
+def processor_time(process: int) -> float:
+    """Return the processor time that a process has had, s."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def scheduling(process: "subprocess.Popen[Any]") -> tuple[float, float]:
