@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.assurance.lookahead import Course
 from agents.assurance.thresholds import Thresholds
-from agents.planner.areas import NEARER, Counted, judge
+from agents.planner.areas import NEARER, Counted, judge, label
 from envs.area_geometry import signed_distance
 from envs.trees import take
 from envs.waypoints import ARCS, Legs, PlanStates, at
@@ -29,6 +29,7 @@ class Rest(NamedTuple):
     lost: Any  # whether less than required, bool
     deficit: Any  # by how much at most, m; 0 where nothing is lost
     loss: Any  # when it begins, s from now; inf where it does not
+    area: Any  # what messages call the area of which it is lost first; "" where none is, object
 
 
 class FromAreas(NamedTuple):
@@ -37,6 +38,7 @@ class FromAreas(NamedTuple):
     clearance: Any  # smallest distance less the required one, m; inf where there are no areas
     # how deep it is in areas on the average of its plan states, m; 0 where it stays out of all
     depth: Any
+    area: Any  # what messages call the area that it enters first; "" where it enters none, object
 
 
 def rest(plan: Course, since: Any, areas: Any, off: Any, thresholds: Thresholds) -> Rest:
@@ -51,7 +53,9 @@ def rest(plan: Course, since: Any, areas: Any, off: Any, thresholds: Thresholds)
         thresholds: of the monitor.
     """
     count = len(since)
-    found = Rest(np.zeros(count, dtype=bool), np.zeros(count), np.full(count, np.inf))
+    found = Rest(
+        np.zeros(count, dtype=bool), np.zeros(count), np.full(count, np.inf), nameless(count)
+    )
     for n in range(count):
         if not areas[n]:
             continue
@@ -65,6 +69,7 @@ def rest(plan: Course, since: Any, areas: Any, off: Any, thresholds: Thresholds)
         if judged.wrong[0]:
             found.lost[n], found.deficit[n] = True, -judged.clearance[0]
             found.loss[n] = max(judged.time[0], 0.0)
+            found.area[n] = _called(areas[n], judged.area[0])
     return found
 
 
@@ -80,7 +85,7 @@ def judge_backups(
         of: whose backups they are, ``[M]``.
         thresholds: of the monitor.
     """
-    found = FromAreas(np.full(len(of), np.inf), np.zeros(len(of)))
+    found = FromAreas(np.full(len(of), np.inf), np.zeros(len(of)), nameless(len(of)))
     for n in np.unique(of):
         if not areas[n]:
             continue
@@ -93,7 +98,19 @@ def judge_backups(
         enters = judge(states, lines, areas[n], required=[np.zeros(rows.size)] * len(areas[n]))
         depth = np.maximum(_mean_depth(states, areas[n]), _GRAZING)
         found.depth[rows] = np.where(enters.wrong, depth, 0.0)
+        for row in np.flatnonzero(enters.wrong):
+            found.area[rows[row]] = _called(areas[n], enters.area[row])
     return found
+
+
+def nameless(count: int) -> Any:
+    """Return that no area is named, object ``[count]``."""
+    return np.full(count, "", dtype=object)
+
+
+def _called(areas: tuple[Counted, ...], number: Any) -> str:
+    """Return what messages call the area of a number."""
+    return next(label(one) for one in areas if one.number == number)
 
 
 def _required_of_rest(one: Counted, curves: Legs, since: Any, margin: Any) -> Any:

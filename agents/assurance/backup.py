@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.areas import FromAreas, judge_backups
+from agents.assurance.areas import FromAreas, judge_backups, nameless
 from agents.assurance.inputs import no_areas
 from agents.assurance.lookahead import ANY, chord, growth
 from agents.assurance.thresholds import Thresholds
@@ -65,6 +65,7 @@ class Backup(NamedTuple):
     clearance: Any
     safe: Any  # whether nothing was found wrong but the validator's own resolution, bool
     depth: Any  # how deep it is in areas on average, m; 0 where it stays out of all
+    area: Any  # what messages call the area that it enters first; "" where it enters none, object
     avoids: Any  # whether it keeps the required separation, bool
 
 
@@ -214,6 +215,7 @@ def _judge(
         np.minimum(found.clearance, from_areas.clearance),
         safe=found.legal & avoids & (from_areas.clearance >= 0.0),
         depth=from_areas.depth,
+        area=from_areas.area,
         avoids=avoids,
     )
 
@@ -272,6 +274,7 @@ def resting(count: int, thresholds: Thresholds) -> Backup:
         zero - np.inf,
         no,
         zero.copy(),
+        nameless(count),
         no.copy(),
     )
 

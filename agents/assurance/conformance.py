@@ -119,6 +119,7 @@ def judge(
         "separation": np.min(separation, axis=-1, initial=np.inf) - offset,
         "loss": np.minimum(loss, amid.loss),
         "area_deficit": amid.deficit,
+        "area": amid.area,
     }
     return sums, causes, measured
 

@@ -113,7 +113,16 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
         np.int8
     )
     return monitor, Decision(
-        state, fly, replan, monitor.requested, causes, own, traffic, **measured
+        state,
+        fly,
+        replan,
+        monitor.requested,
+        causes,
+        own,
+        traffic,
+        **measured,
+        backup_area=backup.area,
+        areas=memory.areas,
     )
 
 

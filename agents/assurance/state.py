@@ -73,6 +73,11 @@ class Decision(NamedTuple):
     # when that rest falls below what is required, of areas too, s from now; inf where it does not
     loss: Any
     area_deficit: Any  # by how much the rest comes nearer to an area than it may, m; 0: it does not
+    area: Any  # what messages call that area; "" where there is none, object
+    backup_area: (
+        Any  # what messages call the area that the backup enters first; "" where it does not
+    )
+    areas: Any  # that each may meet, as they are now: tuples of planner.areas.Counted, object
 
 
 def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:

@@ -93,11 +93,11 @@ SAYS = {
     Cause.AREA: (
         "areas",
         "are not kept clear of by the rest of the plan: it comes {now.area_deficit:.0f} m nearer "
-        "than it may",
+        "to {now.area} than it may",
     ),
     Cause.BACKUP_IN_AREA: (
         "backup",
-        "does not stay out of all areas, since none does; it is the one of least depth",
+        "enters {now.backup_area}, since none stays out of all areas; it is the one of least depth",
     ),
 }
 """What each cause says of what: fields of a decision are ``now``'s, others those of the thresholds.

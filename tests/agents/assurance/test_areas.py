@@ -198,7 +198,9 @@ def test_where_no_backup_stays_out_it_is_said() -> None:
     verdict = flight.step(0.0, Area(Circle(0.0, 0.0, 3_000.0), name="over us"))
     causes = Cause(int(verdict.measured.causes[0]))
     assert causes & Cause.BACKUP_IN_AREA and causes & Cause.BACKUP_UNSAFE and causes & Cause.AREA
-    assert any("does not stay out of all areas" in why.message for why in verdict.reasons)
+    said = {why.cause: why.message for why in verdict.reasons}
+    assert "enters areas[0] (over us), since none stays out" in said[Cause.BACKUP_IN_AREA]
+    assert "nearer to areas[0] (over us) than it may" in said[Cause.AREA]
     # A fence that holds the ownship and is wide enough asks for nothing.
     fence = Area(Circle(15_000.0, 0.0, 29_000.0), Keep.IN)
     assert not Cause(int(Flight().step(0.0, fence).measured.causes[0]))
