@@ -2,8 +2,9 @@
 
 Bands of 72 headings and of 21 speeds for one ownship among random intruders within 8 km, on one
 core, look-ahead 120 s. Half of the intruders turn for 15 s; ``uncertain``: with 30 m and 3 m/s of
-noise, so that the required distance grows. ``_cpu_`` figures count the processor's time alone,
-which other work on the machine does not lengthen so much.
+noise, so that the required distance grows; ``areas``: exact, and beside three areas, a disc, a
+polygon of twelve corners and one that moves, all within reach. ``_cpu_`` figures count the
+processor's time alone, which other work on the machine does not lengthen so much.
 """
 
 import os
@@ -14,8 +15,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from agents.assurance.bands import heading_bands, speed_bands
+from agents.assurance.inputs import no_areas
+from agents.planner.areas import Counted
 from agents.planner.traffic import Requirement, Traffic
 from benchmarks.measure import report
+from envs.areas import Area, Circle, Polygon
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import C208_PUBLISHED, VehicleState
 
@@ -46,13 +50,34 @@ def traffic(count: int, *, uncertain: bool) -> Traffic:
     )
 
 
-def _times(bands: Any, asked: Any, repeats: int) -> tuple[list[float], list[float]]:
+def three_areas() -> Any:
+    """Return three areas within reach, object ``[1]``."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    away = 1_500.0 * (1.0 + 0.4 * np.sin(3.0 * angle))
+    corners = np.stack([3_000.0 + away * np.cos(angle), -4_000.0 + away * np.sin(angle)], axis=1)
+    ring = tuple(map(tuple, corners.tolist()))
+    moving = tuple((x - 8_000.0, y + 2_000.0) for x, y in ring)
+    found = no_areas(1)
+    found[0] = tuple(
+        Counted(number, area, 0.0, 900.0)
+        for number, area in enumerate(
+            (
+                Area(Circle(4_000.0, 3_000.0, 1_500.0), clearance=100.0),
+                Area(Polygon(ring), clearance=100.0),
+                Area(Polygon(moving), velocity=(10.0, -5.0), clearance=100.0),
+            )
+        )
+    )
+    return found
+
+
+def _times(bands: Any, asked: Any, areas: Any, repeats: int) -> tuple[list[float], list[float]]:
     """Return the wall and the processor's time of each call, s, after one that is not counted."""
-    bands(*asked, C208_PUBLISHED, LOOK_AHEAD)
+    bands(*asked, C208_PUBLISHED, LOOK_AHEAD, areas=areas)
     wall, processor = [], []
     for _ in range(repeats):
         began, began_cpu = time.perf_counter(), time.process_time()
-        bands(*asked, C208_PUBLISHED, LOOK_AHEAD)
+        bands(*asked, C208_PUBLISHED, LOOK_AHEAD, areas=areas)
         wall.append(time.perf_counter() - began)
         processor.append(time.process_time() - began_cpu)
     return wall, processor
@@ -71,11 +96,11 @@ def main() -> None:
     found: dict[str, Any] = {"repeats": given.repeats}
     with threadpool_limits(1):
         for count in INTRUDERS:
-            for uncertain in (False, True):
-                asked = own, traffic(count, uncertain=uncertain), Requirement(1_000.0)
+            for kind in ("exact", "uncertain", "areas"):
+                asked = own, traffic(count, uncertain=kind == "uncertain"), Requirement(1_000.0)
+                areas = three_areas() if kind == "areas" else None
                 for name, bands in (("headings", heading_bands), ("speeds", speed_bands)):
-                    kind = "uncertain" if uncertain else "exact"
-                    wall, processor = _times(bands, asked, given.repeats)
+                    wall, processor = _times(bands, asked, areas, given.repeats)
                     found[f"{name}_{count}_{kind}_median_ms"] = 1e3 * float(np.median(wall))
                     found[f"{name}_{count}_{kind}_cpu_median_ms"] = 1e3 * float(
                         np.median(processor)

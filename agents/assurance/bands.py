@@ -5,20 +5,23 @@ shorter way, with the speed that it has, or changes its speed at its greatest ac
 heading that it has, and holds what it has reached until the end of the look-ahead. A band is
 *closed* if this manoeuvre comes closer to an intruder than is required of plans
 (:func:`agents.planner.traffic.requirement_of`, its growth with uncertainty, and the tolerance of
-:mod:`agents.planner.validator`), the intruders flying as the planner predicts them. So a band says
-what becomes of one manoeuvre that is held. A plan may begin towards a closed band and turn away in
+:mod:`agents.planner.validator`), the intruders flying as the planner predicts them, or closer to an
+area (:mod:`agents.assurance.area_bands`). So a band says what becomes of one manoeuvre that is
+held. A plan may begin towards a closed band and turn away in
 time; it never holds one until its loss (docs/explanation/alerts.md).
 
 Clearances are good to 2 cm, and to 0.5 m where an intruder turns or its velocity is uncertain.
 Times of loss are good to a second while the ownship turns or an intruder does, and exact after
 that. All motion is relative to one mass of air: with wind, intruders' velocities are given less the
-wind. What closes bands beside intruders (areas) joins in :func:`_combine`.
+wind, and so are those of areas.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.assurance.area_bands import Steering, judge_manoeuvres
+from agents.assurance.inputs import no_areas
 from agents.assurance.lookahead import growth
 from agents.manoeuvres.direct_to_goal import arc_end
 from agents.planner.traffic import (
@@ -57,9 +60,12 @@ class Bands(NamedTuple):
     reached: Any  # when the target is, s from now; the look-ahead where it is not within that
     # when less than the required distance is left first, s from now; inf where that is kept
     loss: Any
-    intruder: Any  # number of the intruder with which it is lost first; -1 where it is kept
+    # number of the intruder with which it is lost first; -1 where it is kept, or an area is earlier
+    intruder: Any
+    # number of the area (agents.planner.areas.Counted) of which it is lost first; -1 likewise
+    area: Any
     # Smallest distance less the required one, m; a lower bound where it is more than a fifth of the
-    # separation; inf without intruders.
+    # separation, and of areas; inf without intruders and areas.
     clearance: Any
     # from when on the required distance is kept until the look-ahead's end, s; 0 where always, inf
     # where never
@@ -142,6 +148,7 @@ def heading_bands(
     limits: Limits,
     look_ahead: float,
     targets: Any = None,
+    areas: Any = None,
 ) -> Bands:
     """Return the bands of headings, ``[N, B]``, of ownships ``[N]`` among intruders ``[N, K]``.
 
@@ -150,6 +157,8 @@ def heading_bands(
         look_ahead: for how long each manoeuvre is looked at, s.
         targets: headings, rad, ``[B]`` or ``[N, B]``, ascending where :func:`stretches` is asked
             for; None: :data:`HEADINGS` of them.
+        areas: that each ownship may meet, as they are now (:class:`agents.planner.areas.Counted`),
+            object ``[N]``; None: none.
     """
     if targets is None:
         targets = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS) - np.pi
@@ -168,6 +177,7 @@ def heading_bands(
         ),
         _against(own, traffic, requirement),
         look_ahead,
+        areas,
     )
 
 
@@ -178,6 +188,7 @@ def speed_bands(
     limits: Limits,
     look_ahead: float,
     targets: Any = None,
+    areas: Any = None,
 ) -> Bands:
     """Return the bands of speeds, ``[N, B]``; the arguments are those of :func:`heading_bands`.
 
@@ -204,6 +215,7 @@ def speed_bands(
         ),
         _against(own, traffic, requirement),
         look_ahead,
+        areas,
     )
 
 
@@ -266,10 +278,13 @@ def _against(own: VehicleState, traffic: Traffic, requirement: Requirement) -> _
     return _Against(column(traffic), base[:, None], requirement)
 
 
-def _bands(own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float) -> Bands:
+def _bands(
+    own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float, areas: Any
+) -> Bands:
     """Return the bands of one kind, of so many rows at once as memory allows."""
     count, size = own.x.size, against.base.shape[-1] * ramp.target.shape[-1]
     rows = max(_BLOCK // max(size, 1), 1)
+    areas = no_areas(count) if areas is None else areas
     parts = []
     for first in range(0, count, rows):
         part = slice(first, first + rows)
@@ -277,15 +292,40 @@ def _bands(own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float)
             side=ramp.side[part], reached=ramp.reached[part], target=ramp.target[part]
         )
         seen = against._replace(traffic=take(against.traffic, part), base=against.base[part])
-        parts.append(_block(take(own, part), some, seen, look_ahead))
+        parts.append(_block(take(own, part), some, seen, look_ahead, areas[part]))
     return parts[0] if len(parts) == 1 else Bands(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _block(own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float) -> Bands:
+def _block(
+    own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float, areas: Any
+) -> Bands:
     reached = np.minimum(ramp.reached, look_ahead)
+    found, intruder = _judge_traffic(own, ramp, reached, against, look_ahead)
+    steering = Steering(ramp.yaw_rate[ramp.side], ramp.acceleration[ramp.side], reached)
+    amid = judge_manoeuvres(own, steering, areas, against.requirement.margin, look_ahead)
+    by_area = amid.loss < found.loss
+    loss = np.minimum(found.loss, amid.loss)
+    until = np.maximum(found.until, amid.until)
+    return Bands(
+        ramp.target,
+        reached,
+        loss,
+        np.where(by_area, -1, intruder),
+        np.where(by_area, amid.area, -1),
+        np.minimum(found.clearance, amid.clearance),
+        np.where(until >= look_ahead, np.inf, np.maximum(until, 0.0)),
+    )
+
+
+def _judge_traffic(
+    own: VehicleState, ramp: _Ramp, reached: Any, against: _Against, look_ahead: float
+) -> tuple[_Found, Any]:
+    """Return what manoeuvres ``[N, B]`` hold against all intruders, and with which it is lost
+    first, -1: with none.
+    """
     if against.base.size == 0:
         none = np.full(reached.shape, np.inf)
-        return Bands(ramp.target, reached, none, np.full(reached.shape, -1), none, 0.0 * reached)
+        return _Found(none, -none, none), np.full(reached.shape, -1)
     arrival = _ramp_end(own, ramp, reached)
     found = _combine(
         _judge_ramp(own, ramp, arrival, reached, against),
@@ -296,14 +336,7 @@ def _block(own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float)
     until = np.where(absent, -np.inf, found.until).max(axis=-1)
     clearance = np.where(absent, np.inf, found.clearance).min(axis=-1)
     intruder, loss = np.argmin(loss, axis=-1), loss.min(axis=-1)
-    return Bands(
-        ramp.target,
-        reached,
-        loss,
-        np.where(np.isfinite(loss), intruder, -1),
-        clearance,
-        np.where(until >= look_ahead, np.inf, np.maximum(until, 0.0)),
-    )
+    return _Found(loss, until, clearance), np.where(np.isfinite(loss), intruder, -1)
 
 
 def _combine(*parts: _Found) -> _Found:

@@ -50,6 +50,7 @@ class AreaFindings(NamedTuple):
     area: Any  # number of the area of which it is lost first; -1 where it is kept
     leg: Any  # number of the leg on which that is; -1
     time: Any  # when it begins to be lost, s; nan
+    until: Any  # from when on it is kept again, good to the length of an arc, s; nan
     x: Any  # where that is, m
     y: Any
     # Smallest signed distance less the required one, m; inf where no area counts. Never too large,
@@ -68,6 +69,7 @@ class AreaFindings(NamedTuple):
             none,
             none.copy(),
             nan,
+            nan.copy(),
             nan.copy(),
             nan.copy(),
             np.full(count, np.inf),
@@ -118,12 +120,20 @@ def relevant(
         begin, end = max(begin, 0.0), min(end, horizon)
         if begin > end:
             continue
-        if area.keep is Keep.OUT:
-            away = float(signed_distance(area, own.x, own.y)) - area.clearance - margin
-            if away > (fastest + math.hypot(*area.velocity) + max(area.growth, 0.0)) * end:
-                continue
+        if not in_reach(area, own.x, own.y, fastest * end, end, margin):
+            continue
         found.append(Counted(number, area, begin, end))
     return tuple(found)
+
+
+def in_reach(area: Area, x: Any, y: Any, far: float, end: float, margin: float) -> bool:
+    """Return whether an aircraft that flies so far, m, by some time, s, may come nearer to an area
+    than its clearance and the margin, m; to one that must be kept in: always.
+    """
+    if area.keep is Keep.IN:
+        return True
+    away = float(signed_distance(area, x, y)) - area.clearance - margin
+    return not away > far + (math.hypot(*area.velocity) + max(area.growth, 0.0)) * end
 
 
 def label(one: Counted) -> str:
@@ -326,7 +336,11 @@ def _note_least(found: AreaFindings, one: Counted, rows: Any, clearance: Any, be
 
 
 def _note_lost(found: AreaFindings, one: Counted, rows: Any, legs: Any, parts: _Arcs) -> None:
-    """Note the first of parts ``[M]`` of plans numbered ``rows`` in which the clearance is lost."""
+    """Note the first and the last of parts ``[M]`` of plans numbered ``rows`` that lose the
+    clearance.
+    """
+    row, last = _first(rows, -parts.end)
+    found.until[row] = np.fmax(found.until[row], parts.end[last])
     row, first = _first(rows, parts.begin)
     earlier = ~(found.time[row] <= parts.begin[first])
     row, first = row[earlier], first[earlier]

@@ -122,6 +122,21 @@ const airmap = (() => {
     }
   }
 
+  // What areas close: a chain of dots outside the bands, so that it is told from traffic without its colour.
+  function fences(pen, x, y, radius, up, targets, areas, colours) {
+    const by = Array.from(areas ?? [], (area) => (area < 0 ? 0 : 1));
+    for (const [from, to, area] of by.length ? arcs(targets, by) : []) {
+      if (!area) continue;
+      const [a, b] = [from, to].map((degrees) => ((degrees - up - 90) * Math.PI) / 180);
+      pen.beginPath();
+      pen.arc(x, y, radius, a, b);
+      pen.lineCap = "round";
+      stroke(pen, colours.paper, 6.5);
+      stroke(pen, colours.area, 4, [0.1, 7]);
+      pen.lineCap = "butt";
+    }
+  }
+
   // A compass ring: ticks every 10 degrees, numbers every 30, north by its letter.
   function compass(pen, x, y, radius, up, colours, size = 13) {
     circle(pen, x, y, radius);
@@ -148,7 +163,7 @@ const airmap = (() => {
   }
 
   // A vertical tape of values, the present one in a box in the middle; bands at its right edge.
-  function tape(pen, { left, top, width, height }, { value, span, step, words, targets = [], regions = [], wanted = null }, colours) {
+  function tape(pen, { left, top, width, height }, { value, span, step, words, targets = [], regions = [], areas = [], wanted = null }, colours) {
     const middle = top + height / 2, y = (one) => middle - ((one - value) / span) * height;
     pen.save();
     pen.beginPath();
@@ -161,6 +176,11 @@ const airmap = (() => {
       const thick = 14 * WIDTHS[regions[n]];
       pen.fillStyle = colours[REGIONS[regions[n]]];
       pen.fillRect(left + width - thick, y(target + half), thick, y(target - half) - y(target + half) + 0.5);
+      if (!(areas[n] >= 0)) return;
+      circle(pen, left + width - 3, y(target), 2);
+      pen.fillStyle = colours.area;
+      pen.fill();
+      stroke(pen, colours.paper, 0.8);
     });
     for (let one = Math.ceil((value - span / 2) / step) * step; one <= value + span / 2; one += step) {
       if (one < 0 || Math.abs(y(one) - middle) > height / 2 - 8) continue; // cut by the edge
@@ -211,5 +231,5 @@ const airmap = (() => {
     return [5, 2, 1].find((digit) => digit * power <= most * 1.0001) * power;
   }
 
-  return { FONT, PLANE, REGIONS, arcs, bands, bug, circle, clearPlace, clip, compass, fitted, line, mark, onRing, plane, round, stroke, tape, text, tint };
+  return { FONT, PLANE, REGIONS, arcs, bands, bug, circle, clearPlace, clip, compass, fences, fitted, line, mark, onRing, plane, round, stroke, tape, text, tint };
 })();

@@ -139,10 +139,10 @@ def _backup(
 
 def _guidance(found: guidance.Guidance, now: int) -> Guidance:
     tracks, speeds = (
-        Bands(tuple(row.target), tuple(row.region), tuple(row.loss))
-        for row in (found.tracks, found.speeds)
+        Bands(*(tuple(column) for column in row)) for row in (found.tracks, found.speeds)
     )
     levels = zip(found.levels, found.losses, strict=True)
+    of_areas = zip(found.area_levels, found.area_losses, strict=True)
     return Guidance(
         now,
         found.look_ahead,
@@ -152,4 +152,5 @@ def _guidance(found: guidance.Guidance, now: int) -> Guidance:
         found.recovery_time,
         found.recovery_shortfall,
         dict(zip(found.intruders, levels, strict=True)),
+        dict(zip(found.areas, of_areas, strict=True)),
     )

@@ -6,7 +6,7 @@ the turn that their reports show. Every picture is whole: one that is lost chang
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -102,8 +102,14 @@ def picture(scene: Scene, now: int, centre: tuple[float, float] | None = None) -
         areas=_areas(scene, frame, now),
         bands=_bands(scene.guidance, now),
         alerts=[
-            {"id": name, "level": found, "loss": loss}
-            for name, (found, loss) in sorted(levels.items(), key=lambda one: -one[1][0])
+            {"id": name, "of": kind, "level": found, "loss": loss}
+            for kind, name, (found, loss) in sorted(
+                (
+                    *(("intruder", *one) for one in levels.items()),
+                    *(("area", *one) for one in _area_levels(scene, now).items()),
+                ),
+                key=lambda one: -one[2][0],
+            )
             if found > 0
         ],
     )
@@ -246,19 +252,32 @@ def _levels(scene: Scene, now: int) -> dict[str, tuple[int, float | None]]:
     """Return alert levels and times to loss, s, by intruder: the monitor's bands and alerts of
     other functions.
     """
-    found: dict[str, tuple[int, float | None]] = {}
-    if scene.guidance is not None:
-        since = (now - scene.guidance.time) / SECOND
-        if since <= STALE:
-            for name, (value, loss) in scene.guidance.levels.items():
-                left = None if loss < 0.0 else round(max(loss - since, 0.0), 1)
-                found[name] = value, left
+    held = scene.guidance
+    found = {} if held is None else _left(held.levels, held, now)
     alert = scene.situation.alert.value
     if alert is not None and (now - alert.time) / SECOND <= _ALERT:
         for name in alert.identifiers:
             before, loss = found.get(name, (0, None))
             found[name] = max(before, alert.level), loss
     return found
+
+
+def _area_levels(scene: Scene, now: int) -> dict[str, tuple[int, float | None]]:
+    """Return alert levels and times to loss, s, by area, of the monitor's bands."""
+    return {} if scene.guidance is None else _left(scene.guidance.areas, scene.guidance, now)
+
+
+def _left(
+    levels: Mapping[str, tuple[int, float]], guidance: Guidance, now: int
+) -> dict[str, tuple[int, float | None]]:
+    """Return levels with the times to loss that are left, s; None: none. Old ones count no more."""
+    since = (now - guidance.time) / SECOND
+    if since > STALE:
+        return {}
+    return {
+        name: (value, None if loss < 0.0 else round(max(loss - since, 0.0), 1))
+        for name, (value, loss) in levels.items()
+    }
 
 
 def _bands(guidance: Guidance | None, now: int) -> Document | None:
@@ -278,8 +297,11 @@ def _bands(guidance: Guidance | None, now: int) -> Document | None:
         "look_ahead": guidance.look_ahead,
         "track_deg": guidance.tracks.target,
         "track_region": guidance.tracks.region,
+        "track_area": guidance.tracks.area,
         "speed": _round(guidance.speeds.target),
         "speed_region": guidance.speeds.region,
+        "speed_area": guidance.speeds.area,
+        "areas": list(guidance.areas),
         "recovery": way_out,
     }
 

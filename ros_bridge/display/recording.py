@@ -69,9 +69,8 @@ class GraphRecording:
         for count in range(1, len(self._messages) + 1):
             moment = self._after(moment, count)
             held = moment.scene.guidance
-            highest = (
-                0 if held is None else max((one[0] for one in held.levels.values()), default=0)
-            )
+            every = [] if held is None else [*held.levels.values(), *held.areas.values()]
+            highest = max((level for level, _ in every), default=0)
             if highest != before:
                 before = highest
                 self.marks.append((round(moment.time, 3), highest))
@@ -231,7 +230,7 @@ class FlightRecording:
                 level, loss = self._bands["level"][row][k], self._bands["loss"][row][k]
                 one |= {"level": level, "loss": loss}
                 if level > 0:
-                    alerts.append({"id": one["id"], "level": level, "loss": loss})
+                    alerts.append({"id": one["id"], "of": "intruder", "level": level, "loss": loss})
         document: Document = {
             "type": "picture",
             "version": VERSION,

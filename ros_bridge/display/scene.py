@@ -36,6 +36,7 @@ class Bands(NamedTuple):
     target: tuple[float, ...]
     region: tuple[int, ...]
     loss: tuple[float, ...]  # s from the message's time; -1: kept
+    area: tuple[int, ...]  # place in the areas of the one by which; -1: by traffic, or kept
 
 
 class Guidance(NamedTuple):
@@ -49,6 +50,7 @@ class Guidance(NamedTuple):
     recovery_time: float  # s; -1: not within the look-ahead
     recovery_shortfall: float  # m
     levels: Mapping[str, tuple[int, float]]  # alert level and time to loss, s or -1, by intruder
+    areas: Mapping[str, tuple[int, float]]  # the same by area, in the order of their places
 
 
 class Monitor(NamedTuple):
@@ -230,19 +232,11 @@ def _status(scene: Scene, message: Any, now: int) -> Scene:
 
 
 def _guidance(scene: Scene, message: Any, now: int) -> Scene:
-    names, ids = ("intruder_level", "intruder_loss"), list(message.intruder_ids)
-    for name in names:
-        if len(getattr(message, name)) != len(ids):
-            what = f"has {len(getattr(message, name))} values, expected {len(ids)} as intruder_ids"
-            raise FieldError(f"guidance.{name}", what)
-    tracks, speeds = _bands(message, "track_deg", "track"), _bands(message, "speed", "speed")
-    levels = {
-        str(one): (
-            integer("guidance.intruder_level", int(level), 0, 3),
-            number("guidance.intruder_loss", loss, -1.0, _LONGEST, "s"),
-        )
-        for one, level, loss in zip(ids, message.intruder_level, message.intruder_loss, strict=True)
-    }
+    levels, areas = _levels(message, "intruder"), _levels(message, "area")
+    tracks, speeds = (
+        _bands(message, target, kind, len(areas))
+        for target, kind in (("track_deg", "track"), ("speed", "speed"))
+    )
     found = Guidance(
         time=stamp("guidance.header.stamp", message.header.stamp),
         look_ahead=number("guidance.look_ahead", message.look_ahead, 0.0, _LONGEST, "s"),
@@ -254,21 +248,41 @@ def _guidance(scene: Scene, message: Any, now: int) -> Scene:
             "guidance.recovery_shortfall", message.recovery_shortfall, -_LONGEST, _LONGEST, "m"
         ),
         levels=levels,
+        areas=areas,
     )
     return replace(scene, guidance=found)
 
 
-def _bands(message: Any, target: str, kind: str) -> Bands:
-    columns = [getattr(message, name) for name in (target, f"{kind}_region", f"{kind}_loss")]
+def _levels(message: Any, kind: str) -> dict[str, tuple[int, float]]:
+    """Return alert levels and times to loss, s or -1, by what is lost: an intruder or an area."""
+    ids = list(getattr(message, f"{kind}_ids"))
+    columns = [list(getattr(message, f"{kind}_{name}")) for name in ("level", "loss")]
+    for name, column in zip(("level", "loss"), columns, strict=True):
+        if len(column) != len(ids):
+            what = f"has {len(column)} values, expected {len(ids)} as {kind}_ids"
+            raise FieldError(f"guidance.{kind}_{name}", what)
+    return {
+        str(one): (
+            integer(f"guidance.{kind}_level", int(level), 0, 3),
+            number(f"guidance.{kind}_loss", loss, -1.0, _LONGEST, "s"),
+        )
+        for one, level, loss in zip(ids, *columns, strict=True)
+    }
+
+
+def _bands(message: Any, target: str, kind: str, areas: int) -> Bands:
+    rest = ("region", "loss", "area")
+    columns = [getattr(message, name) for name in (target, *(f"{kind}_{one}" for one in rest))]
     lengths = {len(column) for column in columns}
     if len(lengths) != 1 or max(lengths) > _MOST:
-        what = f"and its regions and losses have {sorted(lengths)} values"
+        what = f"and its regions, losses and areas have {sorted(lengths)} values"
         raise FieldError(f"guidance.{target}", f"{what}, expected as many of each, {_MOST} at most")
-    targets, regions, losses = columns
+    targets, regions, losses, by_areas = columns
     return Bands(
         tuple(number(f"guidance.{target}", one, 0.0, _LONGEST, "") for one in targets),
         tuple(integer(f"guidance.{kind}_region", int(one), 0, 4) for one in regions),
         tuple(number(f"guidance.{kind}_loss", one, -1.0, _LONGEST, "s") for one in losses),
+        tuple(integer(f"guidance.{kind}_area", int(one), -1, areas - 1) for one in by_areas),
     )
 
 

@@ -51,6 +51,7 @@ from ros_bridge.core.assurance import (
 )
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.guidance import Guidance, blank, guidance
+from ros_bridge.core.looking import look
 from ros_bridge.core.status import status
 from ros_bridge.transport import process, topics
 from ros_bridge.transport.messages import add_wind, header, point_message, trajectory_message
@@ -79,6 +80,7 @@ class Monitor(ListeningNode):
             unknown_spread(self._value),
             separations_by_category(self._value),
         )
+        self._looking = self._supervision  # without a plan: for bands and alerts before the first
         self._verdict: Verdict | None = None
         self._heard_runner = 0
         self._pending: tuple[int, Any, int] | None = None
@@ -142,12 +144,15 @@ class Monitor(ListeningNode):
         self._supervision, verdict = step_monitor(self._supervision, self._situation, now)
         self._verdict = verdict
         judged = self._supervision  # a plan that is taken up may know other intruders
-        if verdict is not None:
+        if verdict is None:
+            self._looking, seen = look(self._looking, self._situation, now)
+            self._guide(now, self._looking, seen)
+        else:
             self._settle(now)
             if verdict.ask is not None:
                 self._request(verdict.ask, now)
         self._publish(now)
-        self._guide(now, judged)
+        self._guide(now, judged, verdict)
 
     def _request(self, ask: Ask, now: int) -> None:
         if not self._client.service_is_ready():
@@ -224,13 +229,13 @@ class Monitor(ListeningNode):
                 add_wind(message, self._supervision.frame, watched.wind)
             self._backup.publish(message)
 
-    def _guide(self, now: int, judged: Supervision) -> None:
-        """Publish bands and alerts, once in a time step, of what the last verdict judged."""
+    def _guide(self, now: int, judged: Supervision, verdict: Verdict | None) -> None:
+        """Publish bands and alerts, once in a time step, of what a verdict judged."""
         watched, frame = judged.watch, judged.frame
-        if self._verdict is None or frame is None:
+        if verdict is None or frame is None:
             return
         self._shown, found = guidance(
-            self._shown, watched.names, self._verdict, now, frame, watched.thresholds
+            self._shown, watched.names, verdict, now, frame, watched.thresholds
         )
         if found is not None:
             self._guidance.publish(_message(found, now, self._value("map_frame")))
@@ -287,15 +292,20 @@ def _message(found: Guidance, now: int, frame: str) -> GuidanceBands:
         track_deg=found.tracks.target,
         track_region=found.tracks.region,
         track_loss=found.tracks.loss,
+        track_area=found.tracks.area,
         speed=found.speeds.target,
         speed_region=found.speeds.region,
         speed_loss=found.speeds.loss,
+        speed_area=found.speeds.area,
         recovery=found.recovery,
         recovery_time=found.recovery_time,
         recovery_shortfall=found.recovery_shortfall,
         intruder_ids=list(found.intruders),
         intruder_level=found.levels,
         intruder_loss=found.losses,
+        area_ids=list(found.areas),
+        area_level=found.area_levels,
+        area_loss=found.area_losses,
     )
 
 

@@ -45,15 +45,20 @@ def guidance(closed: range = range(0), *, region: int = 2, recovery: int = -1, *
         "track_deg": [5.0 * n for n in range(72)],
         "track_region": [region if n in closed else 0 for n in range(72)],
         "track_loss": [30.0 if n in closed else -1.0 for n in range(72)],
+        "track_area": [-1] * 72,
         "speed": [50.0, 75.0, 100.0],
         "speed_region": [0, 2, 3],
         "speed_loss": [-1.0, 40.0, 20.0],
+        "speed_area": [-1] * 3,
         "recovery": recovery,
         "recovery_time": 12.0,
         "recovery_shortfall": 250.0,
         "intruder_ids": [],
         "intruder_level": [],
         "intruder_loss": [],
+        "area_ids": [],
+        "area_level": [],
+        "area_loss": [],
     }
     return SimpleNamespace(**(fields | more))
 

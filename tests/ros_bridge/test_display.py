@@ -188,7 +188,7 @@ def test_a_plan_that_nobody_can_fly_is_drawn_all_the_same(steps):
         (STATUS, status(separation=math.nan), "status.separation is nan"),
         (STATUS, status(state=9), "status.state is 9, expected an integer from 0 to 4"),
         (STATUS, SimpleNamespace(state=0), "status has no field header, expected rlcas_msgs"),
-        (GUIDANCE, guidance(track_loss=[1.0]), "guidance.track_deg and its regions and losses"),
+        (GUIDANCE, guidance(track_loss=[1.0]), "guidance.track_deg and its regions, losses"),
         (GUIDANCE, guidance(recovery=72), "guidance.recovery is 72"),
         (GUIDANCE, guidance(speed_region=[0, 0, 9]), "guidance.speed_region is 9"),
         (PLAN, SimpleNamespace(status=2), "trajectory.status is 2, expected 1"),

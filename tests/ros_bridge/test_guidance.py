@@ -3,6 +3,7 @@ names.
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from agents.assurance.alerts import Alerting, Level, Region
 from agents.assurance.state import State
 from agents.assurance.thresholds import Cause
+from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from envs.waypoints import at, legs, plan_states
 from ros_bridge.core import updates
@@ -70,6 +72,27 @@ def test_an_aircraft_head_on_closes_the_way_to_it() -> None:
     assert losses["new001"] == pytest.approx(tracks.loss[east], abs=1.0)
     assert len(found.speeds.target) == len(found.speeds.region) > 10
     assert found.look_ahead == Alerting.for_aircraft(THRESHOLDS.options.aircraft).look_ahead
+
+
+def test_an_area_ahead_is_named_and_closes_the_way_into_it() -> None:
+    situation = with_report(traffic(heard(), 1.0), "new001", 0.0, 40_000.0, 0.5 * math.pi)
+    place = FRAME.geodetic(4_000.0, 0.0)
+    field = GeodeticArea(
+        "areas.areas[0]",
+        name="north field",
+        centre=(float(place.latitude), float(place.longitude)),
+        radius=1_000.0,
+        more={"clearance": 100.0},
+    )
+    found = display(replace(situation, fixed_areas=(field,)))
+    tracks = found.tracks
+    east, west = tracks.target.index(90.0), tracks.target.index(270.0)
+    assert found.areas == ("areas[0] (north field)",)
+    assert tracks.area[east] == 0 and tracks.area[west] == -1
+    assert tracks.region[east] == Region.CORRECTIVE and tracks.region[west] == Region.FREE
+    assert found.area_levels == [Level.CORRECTIVE]
+    assert found.area_losses == pytest.approx([tracks.loss[east]], abs=1.0)
+    assert "new001" in found.intruders and found.speeds.area.count(0) > 10
 
 
 def test_directions_are_true_where_the_map_is_turned() -> None:

@@ -173,6 +173,10 @@ def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
         AssuranceStatus.FLY_NOTHING,
         ["there is no plan to monitor"],
     )
+    # Bands and alerts need no plan.
+    while not flight.shown:
+        flight.tick()
+    assert len(flight.shown[-1].track_region) == 72
 
     flight.plan()
     status = flight.until(state=AssuranceStatus.STATE_MONITORING)

@@ -3,7 +3,7 @@
 
 const VERSION = 1; // of pictures
 const get = (id) => document.getElementById(id);
-const { arcs, bands, bug, circle, clip, compass, fitted, line, mark, onRing, plane, stroke, tape, text, tint } = airmap;
+const { arcs, bands, bug, circle, clip, compass, fences, fitted, line, mark, onRing, plane, stroke, tape, text, tint } = airmap;
 const AHEAD = 60, TURNING = 15; // s of the lines ahead of aircraft, and of a turn in them
 const OLD = 2; // s after which a picture that is not followed by another is said to be old
 const NAMES = ["none", "preventive", "corrective", "warning"];
@@ -36,6 +36,9 @@ function order({ do: what, turn, track_deg: track, speed: wanted, in: left }, ow
   return { plan: `Plan: ${course}${pace}${until}`, backup: `BACKUP: ${course}${pace}${until}`, free: `Free: ${course}`, recovery: `No way is free. Best: ${course}` }[what];
 }
 
+// What an alert says is lost.
+const lost = (alert) => (alert.of === "area" ? "the clearance is lost" : "separation is lost");
+
 // The advisory: what to do, and why.
 function words(picture) {
   const { advice, own, alerts, monitor } = picture, level = alerts.reduce((most, one) => Math.max(most, one.level), 0);
@@ -43,8 +46,9 @@ function words(picture) {
   if (advice.do === "recovery") reasons.push(`${advice.after === null ? "it does not open within the look-ahead" : `it opens after ${seconds(advice.after)}`}; ${distance(advice.shortfall)} less than required until then`);
   if (picture.unresolved && !picture.plan) reasons.push("No safe plan is known; the best one is drawn dotted");
   const worst = alerts[0];
-  if (worst) reasons.push(`${NAMES[worst.level]} alert: ${worst.id}${worst.loss === null ? "" : `, separation is lost in ${seconds(worst.loss)} on the present course`}`);
-  const nothing = !own ? "The ownship is not known" : monitor && monitor.fly === "nothing" ? "Own route" : level > 0 ? "Traffic" : "No advisory";
+  if (worst) reasons.push(`${NAMES[worst.level]} alert: ${worst.id}${worst.loss === null ? "" : `, ${lost(worst)} in ${seconds(worst.loss)} on the present course`}`);
+  const heading = worst && worst.of === "area" ? "Area ahead" : "Traffic";
+  const nothing = !own ? "The ownship is not known" : monitor && monitor.fly === "nothing" ? "Own route" : level > 0 ? heading : "No advisory";
   return { level: advice.do === "backup" || advice.do === "recovery" ? 3 : level, first: (own && order(advice, own)) || nothing, why: reasons.join(". ") };
 }
 
@@ -72,7 +76,7 @@ function tell(picture) {
   get("advice").dataset.level = level;
   fill(get("alerts"), picture.alerts.length ? picture.alerts : [null], (item, alert) => {
     item.dataset.level = alert ? alert.level : 0;
-    put(item, alert ? `${NAMES[alert.level]}: ${alert.id}${alert.loss === null ? "" : `, separation is lost in ${seconds(alert.loss)}`}` : "none");
+    put(item, alert ? `${NAMES[alert.level]}: ${alert.id}${alert.loss === null ? "" : `, ${lost(alert)} in ${seconds(alert.loss)}`}` : "none");
   });
   put(get("plan"), planned(picture));
   fill(get("health"), picture.health, (item, one) => {
@@ -114,7 +118,7 @@ function table({ traffic, own }) {
 
 function hear({ alerts }) { // a tone where a level is raised to corrective or more
   let raised = 0;
-  const levels = new Map(alerts.map((one) => [one.id, one.level]));
+  const levels = new Map(alerts.map((one) => [`${one.of} ${one.id}`, one.level]));
   for (const [id, level] of levels) if (level > (state.levels.get(id) ?? 0)) raised = Math.max(raised, level);
   state.levels = levels;
   if (!state.sound || raised < 2) return;
@@ -179,6 +183,7 @@ function draw() {
   stroke(pen, colours.line, 1, [2, 5]);
   if (picture.bands) {
     bands(pen, cx, cy, radius + 3, 22, up, picture.bands.track_deg, picture.bands.track_region, colours);
+    fences(pen, cx, cy, radius + 28, up, picture.bands.track_deg, picture.bands.track_area, colours);
     if (picture.bands.recovery) bug(pen, cx, cy, radius + 3, up, picture.bands.recovery.track_deg, colours.recovery, colours.paper);
   }
   if (picture.advice.track_deg !== undefined && picture.advice.track_deg !== null) bug(pen, cx, cy, radius + 3, up, picture.advice.track_deg, picture.advice.do === "backup" ? colours.backup : colours.plan, colours.paper);
@@ -197,9 +202,9 @@ function draw() {
     if (own.state !== "fresh") text(pen, `ownship ${own.state} ${seconds(own.age)}`, cx, cy + 34, colours.bad, colours.paper);
     const wanted = picture.advice.speed === undefined || picture.advice.speed === null ? null : picture.advice.speed * units().speed;
     const box = { left: 6, top: at.top + 14, width: width < 620 ? 58 : 66, height: clip(height - at.top - at.low - 40, 90, 260) };
-    const row = picture.bands ?? { speed: [], speed_region: [] };
+    const row = picture.bands ?? { speed: [], speed_region: [], speed_area: [] };
     const now = own.air.speed * units().speed;
-    tape(pen, box, { value: now, span: units().span, step: units().step, words: String(Math.round(now)), targets: row.speed.map((one) => one * units().speed), regions: row.speed_region, wanted }, colours);
+    tape(pen, box, { value: now, span: units().span, step: units().step, words: String(Math.round(now)), targets: row.speed.map((one) => one * units().speed), regions: row.speed_region, areas: row.speed_area, wanted }, colours);
     text(pen, picture.wind ? `${units().fast} air` : units().fast, box.left + 4, box.top + box.height + 14, colours.soft, colours.paper, { size: 12, align: "left" });
   }
   drawWind(pen, picture.wind, at);

@@ -110,9 +110,9 @@ def test_a_band_is_closed_where_the_validator_finds_its_manoeuvre_too_close(
 
 
 def path_of(
-    own: VehicleState, bands: Bands, number: int, time: float, limits: Limits
+    own: VehicleState, bands: Bands, number: int, time: Any, limits: Limits
 ) -> VehicleState:
-    """Return where the manoeuvre of a heading band is at a time."""
+    """Return where the manoeuvre of a heading band is at a time, or times ``[N]``."""
     turn = wrap(bands.target[:, number] - own.heading, np)
     turning = np.minimum(np.abs(turn) / limits.yaw_rate_max, time)
     rate, state = np.sign(turn) * limits.yaw_rate_max, own

@@ -1,0 +1,131 @@
+"""What areas leave of bands and of the present course: manoeuvres as legs, judged as plans are.
+
+:mod:`agents.planner.areas` judges the curves. Every row has areas of its own, as they are now; a
+manoeuvre must keep what is required of plans that begin there
+(:func:`agents.planner.areas.required_distances`).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.assurance.inputs import no_areas
+from agents.manoeuvres.direct_to_goal import arc_end
+from agents.planner.areas import Counted, in_reach, judge
+from envs.kinematics import VehicleState
+from envs.trees import column, take
+from envs.waypoints import ARCS, Legs, PlanStates
+
+HOLDS = 3
+"""Legs of what is held after the target is reached."""
+
+
+class Steering(NamedTuple):
+    """Manoeuvres of constant controls until a target is reached; fields ``[N, B]``."""
+
+    yaw_rate: Any  # rad/s
+    acceleration: Any  # m/s^2
+    reached: Any  # when, s, within the look-ahead
+
+
+class FromAreas(NamedTuple):
+    """What manoeuvres keep of the distances required from areas; fields ``[N, B]``."""
+
+    loss: Any  # when it is lost first, s from now; inf where it is kept
+    until: Any  # from when on it is kept again, s; -inf where it is never lost
+    area: Any  # number of the area of which it is lost first; -1 where it is kept
+    clearance: Any  # smallest distance less the required one, m; a lower bound; inf: no area is met
+
+
+def judge_manoeuvres(
+    own: VehicleState, steering: Steering, areas: Any, margin: float, look_ahead: float
+) -> FromAreas:
+    """Return what manoeuvres ``[N, B]`` of ownships ``[N]`` keep of areas.
+
+    Args:
+        own: states now.
+        steering: the manoeuvres.
+        areas: that each ownship may meet, as they are now, object ``[N]``.
+        margin: of the requirement, m; added to the clearance.
+        look_ahead: for how long each manoeuvre is looked at, s.
+    """
+    shape = steering.reached.shape
+    found = FromAreas(
+        np.full(shape, np.inf), np.full(shape, -np.inf), np.full(shape, -1), np.full(shape, np.inf)
+    )
+    for n in range(shape[0]):
+        near = _within_reach(areas[n], take(own, n), take(steering, n), look_ahead, margin)
+        if not near:
+            continue
+        states, curves = _curves(take(own, n), take(steering, n), look_ahead)
+        judged = judge(states, curves, near, margin)
+        found.loss[n] = np.where(judged.wrong, np.maximum(judged.time, 0.0), np.inf)
+        found.until[n] = np.where(judged.wrong, np.minimum(judged.until, look_ahead), -np.inf)
+        found.area[n], found.clearance[n] = judged.area, judged.clearance
+    return found
+
+
+def area_losses(
+    own: VehicleState, areas: tuple[Counted, ...], margin: float, look_ahead: float
+) -> list[float]:
+    """Return when an ownship ``[1]`` that flies straight on loses what it must keep of each area, s
+    from now; inf: not within the look-ahead.
+    """
+    still = Steering(*np.zeros((3, 1, 1)))
+    losses = []
+    for one in areas:
+        alone = no_areas(1)
+        alone[0] = (one,)
+        losses.append(float(judge_manoeuvres(own, still, alone, margin, look_ahead).loss[0, 0]))
+    return losses
+
+
+def _within_reach(
+    areas: tuple[Counted, ...],
+    own: VehicleState,
+    steering: Steering,
+    look_ahead: float,
+    margin: float,
+) -> list[Counted]:
+    """Return the areas that some manoeuvre may meet within the look-ahead."""
+    if not areas:
+        return []
+    faster = np.maximum(steering.acceleration * steering.reached, 0.0).max()
+    far = (own.speed + faster) * look_ahead
+    return [
+        one
+        for one in areas
+        if one.begin <= look_ahead
+        and in_reach(one.area, own.x, own.y, far, min(one.end, look_ahead), margin)
+    ]
+
+
+def _curves(own: VehicleState, steering: Steering, look_ahead: float) -> tuple[PlanStates, Legs]:
+    """Return the manoeuvres of one ownship as plan states ``[B, HOLDS + 2]`` and their legs."""
+    share = np.linspace(0.0, 1.0, HOLDS + 1)
+    held = steering.reached[:, None] * (1.0 - share) + look_ahead * share
+    time = np.concatenate([np.zeros((len(held), 1)), held], axis=1)
+    duration = np.diff(time, axis=1)
+    arcs = time[:, :-1, None] + duration[..., None] * (np.arange(ARCS) / ARCS)
+    state = _states(own, steering, arcs.reshape(len(held), -1))
+    x, y, heading, speed = (field.reshape(arcs.shape) for field in state)
+    controls = (
+        np.concatenate(
+            [np.broadcast_to(each[:, None, None], (len(held), 1, ARCS)), 0.0 * arcs[:, 1:]], axis=1
+        )
+        for each in (steering.yaw_rate, steering.acceleration)
+    )
+    curves = Legs(time[:, :-1], duration, 0.0 * duration, x, y, heading, speed, *controls)
+    return PlanStates(*_states(own, steering, time), time), curves
+
+
+def _states(own: VehicleState, steering: Steering, time: Any) -> VehicleState:
+    """Return one ownship on its manoeuvres at times ``[B, T]``, s, the heading not wrapped."""
+    yaw_rate, acceleration, reached = column(steering)
+    steered = np.minimum(time, reached)
+    turn, speed = yaw_rate * steered, own.speed + acceleration * steered
+    x, y = arc_end(own, turn, 0.5 * (own.speed + speed) * steered)
+    heading, straight = own.heading + turn, speed * (time - steered)
+    return VehicleState(
+        x + straight * np.cos(heading), y + straight * np.sin(heading), heading, speed
+    )
