@@ -1,10 +1,12 @@
 """One encounter flown by ArduPlane's own simulation, and a picture of it, within two minutes.
 
-    python -m ros_bridge.mavlink.demo [--wind 4] [--out encounter.png] [--display]
+    python -m ros_bridge.mavlink.demo [--wind 4] [--out encounter.png] [--record FILE.mcap]
+        [--display]
 
 Starts the simulation that RLCAS_SITL names, flies a mission towards a crossing aircraft whose
 reports go to the autopilot as a receiver's do, and lets the program fly round it. The simulation
-stands still while the program computes.
+stands still while the program computes. ``python -m ros_bridge.display FILE.mcap`` shows the
+recording again.
 
 Exit code: 0 if the separation was kept and the mission flown on, 1 if not, 2 for bad input.
 """
@@ -30,6 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
     encounter = Encounter(0, (crossing,), options.wind, 300.0)
     more = () if options.display is None else ("--display", options.display)
+    more += () if options.record is None else ("--record", str(options.record))
     flight = fly(encounter, "ours", instance=options.instance, until=_UNTIL, more=more)
     for text in flight.texts:
         if text.startswith("RLCAS"):
@@ -41,6 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     draw(encounter, flight, options.out)
     print(f"picture: {options.out}")
+    if options.record is not None:
+        print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
     return 0 if good else 1
 
 
@@ -91,6 +96,9 @@ def _parser() -> argparse.ArgumentParser:
         const="127.0.0.1:8642",
         metavar="HOST:PORT",
         help="serve the traffic display meanwhile (default address 127.0.0.1:8642)",
+    )
+    parser.add_argument(
+        "--record", type=Path, metavar="FILE.mcap", help="record it (default: no recording)"
     )
     parser.add_argument("--instance", type=int, default=0, help=ports)
     return parser

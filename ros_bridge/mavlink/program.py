@@ -207,8 +207,15 @@ class Program:
         self._rated = time.monotonic()
 
     def show(self) -> None:
-        """Serve the display that the options ask for, until the program is closed."""
-        address = self._options.display
+        """Serve the display, and write the recording, that the options ask for, until the program
+        is closed.
+        """
+        address, file = self._options.display, self._options.record
+        if file is not None:
+            from ros_bridge.mavlink.showing import Recording, Showing
+
+            recording = self._open.enter_context(Recording(file, self.log))
+            self.viewers.append(Showing(self._rules, recording.feed))
         if address is None:
             return
         from ros_bridge.mavlink.showing import show
@@ -220,7 +227,7 @@ class Program:
         print(f"display: http://{address.rpartition(':')[0]}:{beside.port}/", flush=True)
 
     def close(self) -> None:
-        """End the connection and the display."""
+        """End the connection, the display and the recording."""
         self._open.close()
         self._link.close()
 
@@ -654,6 +661,12 @@ def _parser() -> argparse.ArgumentParser:
         const="127.0.0.1:8642",
         metavar="HOST:PORT",
         help="serve a traffic display for the browser (default address 127.0.0.1:8642)",
+    )
+    add(
+        "--record",
+        type=Path,
+        metavar="FILE.mcap",
+        help="record what the display shows (default: no recording)",
     )
     add("--seconds", type=float, help="end after so many s (default: never)")
     add("--quiet", action="store_true", help="print nothing")

@@ -1,8 +1,13 @@
-"""The traffic display beside the program: what it knows, as a scene of the display."""
+"""What the program knows as a scene, for the traffic display beside it and for its recording."""
 
+import threading
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Self
 
 from agents.assurance.state import FlyMode, State
 from envs.edge.command import InputError, visible
@@ -20,24 +25,28 @@ from ros_bridge.mavlink.control import Phase
 from ros_bridge.mavlink.judging import Rules
 from ros_bridge.mavlink.program import View
 
-__all__ = ["Showing", "show"]
+__all__ = ["Recording", "Showing", "show"]
 
 
 class Showing:
-    """Feeds a board with what the program knows, in the display's thread.
+    """Feeds a board or a recorder with what the program knows.
 
     While the program flies, bands and alerts are its monitor's; before that they are those of a
     monitor without a plan.
+
+    Args:
+        rules: of the program.
+        feed: takes in how a scene changes (:meth:`ros_bridge.display.server.Board.feed`).
     """
 
-    def __init__(self, rules: Rules, board: Board) -> None:
-        self._board = board
+    def __init__(self, rules: Rules, feed: Callable[[Callable[[Scene], Scene]], object]) -> None:
+        self._feed = feed
         self._looking = initial(rules.thresholds, rules.settings.unknown)
         self._shown = blank(rules.thresholds)
 
     def __call__(self, view: View) -> None:
         """Take over what is known now."""
-        self._board.feed(partial(self.after, view=view))
+        self._feed(partial(self.after, view=view))
 
     def after(self, scene: Scene, view: View) -> Scene:
         """Return the scene of a view."""
@@ -59,6 +68,51 @@ class Showing:
         return replace(scene, areas=areas, arrived=arrived, nodes=_nodes(view))
 
 
+class Recording:
+    """Records what a :class:`Showing` feeds it while it is entered, in a thread of its own, into an
+    MCAP file.
+
+    Where the file cannot be written any more, as on a full disk, that is said and nothing stops.
+
+    Args:
+        path: of the file, which must not exist yet.
+        say: takes a sentence.
+    """
+
+    def __init__(self, path: Path, say: Callable[[str], None]) -> None:
+        from ros_bridge.display.scene_recording import RecordingError, SceneRecorder
+
+        try:
+            self._recorder = SceneRecorder(path)
+        except RecordingError as problem:
+            raise InputError(f"--record {problem}") from problem
+        self._path, self._say = path, say
+        self._waiting: SimpleQueue[Callable[[Scene], Scene] | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+
+    def feed(self, change: Callable[[Scene], Scene]) -> None:
+        """Take in a change; it does not wait."""
+        self._waiting.put(change)
+
+    def __enter__(self) -> Self:
+        """Begin to write."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        """Write what has been fed, and finish the file."""
+        self._waiting.put(None)
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            with closing(self._recorder) as recorder:
+                while (change := self._waiting.get()) is not None:
+                    recorder.feed(change)
+        except OSError as problem:
+            self._say(f"{self._path}: cannot be written: {problem.strerror}")
+
+
 def show(
     address: str, name: str, rules: Rules, clock: Callable[[], int], say: Callable[[str], None]
 ) -> tuple[Showing, Beside]:
@@ -71,7 +125,7 @@ def show(
         beside = Beside(board, visible(name), say, host.strip("[]"), int(port))
     except OSError as problem:
         raise InputError(f"--display {address} cannot be used: {problem.strerror}") from None
-    return Showing(rules, board), beside
+    return Showing(rules, board.feed), beside
 
 
 def _route(view: View) -> tuple[Station, ...]:

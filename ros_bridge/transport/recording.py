@@ -2,97 +2,22 @@
 """A recording of the graph as an MCAP file, which ``ros2 bag``, Foxglove and other readers open.
 
 Messages are written as they came over the wire; their definitions stand in the file, so that a
-reader needs nothing of ours. The file is whole at every moment: what is added takes the place of
-the end of the file, with a new end behind it, in one write. A recorder that is killed leaves all
-but its last second.
+reader needs nothing of ours (:mod:`ros_bridge.transport.mcap_file`).
 """
 
-import itertools
 import os
-import struct
 import sys
-import time
-from collections import Counter
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
 
-from mcap.writer import Writer
 from rclpy.node import Node
 from rosidl_adapter.parser import parse_message_file
 
 from ros_bridge.transport import topics
+from ros_bridge.transport.mcap_file import McapFile, RecordingError
 
-__all__ = ["GrowingFile", "Recorder", "RecordingError", "definition"]
-
-_SETTLE = 1.0  # s of real time at most until a message is in the file
-_END = struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQQQI", 0x02, 20, 0, 0, 0) + b"\x89MCAP0\r\n"
-"""Records DataEnd and Footer, without a summary, and the magic number: how an MCAP file ends at the
-least.
-"""
-
-_GAP = 1_000_000_000  # ns between two encounters, whose clocks begin anew
-
-
-class RecordingError(ValueError):
-    """A recording that cannot be made; the message says why."""
-
-
-class GrowingFile:
-    """A new file that ends as an MCAP file must after each :meth:`flush`; what comes in between
-    waits in memory.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._file = path.open("xb", buffering=0)
-        self._length = 0  # without the end
-        self._waiting: list[bytes] = []
-
-    def tell(self) -> int:
-        """Return where the next byte comes to stand."""
-        return self._length + sum(map(len, self._waiting))
-
-    def write(self, data: bytes) -> int:
-        """Take in bytes."""
-        self._waiting.append(bytes(data))
-        return len(data)
-
-    def flush(self) -> None:
-        """Write what waits, and an end, or raise OSError; the file then ends where it ended
-        before.
-        """
-        if self._waiting:
-            self._put(b"".join(self._waiting), _END)
-
-    def close(self, *, finished: bool) -> None:
-        """Close the file; what waits is written first, with an end of its own, if the writer has
-        finished.
-        """
-        try:
-            if finished:
-                self._put(b"".join(self._waiting), b"")
-        finally:
-            self._file.close()
-
-    def _put(self, data: bytes, end: bytes) -> None:
-        self._waiting.clear()
-        whole, written = data + end, 0
-        try:
-            self._file.seek(self._length)
-            while written < len(whole):
-                written += self._file.write(whole[written:])
-            self._file.truncate()
-        except OSError as error:
-            self._file.truncate(self._length)
-            if self._length:
-                # There is room for the old end, because it stood there before.
-                self._file.seek(self._length)
-                self._file.write(_END)
-            raise OSError(error.errno, error.strerror, str(self.path)) from error
-        self._length += len(data)
+__all__ = ["Recorder", "RecordingError", "definition"]
 
 
 class Recorder:
@@ -102,91 +27,26 @@ class Recorder:
     Args:
         node: that subscribes.
         path: of the file, which must not exist yet.
-        now: the time to be written beside each message, ns; where it steps back the recording goes
-            on a second later.
+        now: the time to be written beside each message, ns.
     """
 
     def __init__(self, node: Node, path: Path, now: Callable[[], int]) -> None:
-        try:
-            self._file = GrowingFile(path)
-        except OSError as error:
-            what = (
-                "exists already"
-                if isinstance(error, FileExistsError)
-                else f"cannot be written: {error.strerror}"
-            )
-            raise RecordingError(f"{path} {what}") from error
-        self.path = path  # of the file; another one once the recording has failed
-        self._writer: Writer | None = Writer(cast(Any, self._file))  # it writes, tells and flushes
-        self._now, self._latest, self._shift = now, 0, 0
-        self._settled = time.monotonic()
-        self._counts: Counter[int] = Counter()
-        schemas: dict[str, int] = {}
+        self._file, self._now = McapFile(path), now
         channels = []
-        with self._guard() as writer:
-            writer.start(profile="ros2", library="rlcas-toolkit")
-            for topic in topics.EVERY:
-                name = f"{topic.kind.__module__.split('.')[0]}/msg/{topic.kind.__name__}"
-                if name not in schemas:
-                    schemas[name] = writer.register_schema(
-                        name, "ros2msg", definition(name).encode()
-                    )
-                channel = writer.register_channel(
-                    node.resolve_topic_name(topic.name), "cdr", schemas[name]
-                )
-                channels.append((topic, channel))
-            writer.flush()
+        for topic in topics.EVERY:
+            kind = f"{topic.kind.__module__.split('.')[0]}/msg/{topic.kind.__name__}"
+            name = node.resolve_topic_name(topic.name)
+            channels.append((topic, self._file.channel(name, kind, definition(kind))))
+        self._file.flush()
         for topic, channel in channels:
             topic.heard(node, partial(self._write, channel), raw=True)
 
     def _write(self, channel: int, data: bytes) -> None:
-        if self._writer is None:
-            return
-        now = self._now() + self._shift
-        if now < self._latest:
-            self._shift += self._latest + _GAP - now
-            now = self._latest + _GAP
-        self._latest = now
-        number = self._counts[channel]
-        self._counts[channel] += 1
-        self._writer.add_message(
-            channel, log_time=now, publish_time=now, sequence=number, data=bytes(data)
-        )
-        if time.monotonic() - self._settled > _SETTLE:
-            self._settled = time.monotonic()
-            with self._guard() as writer:
-                writer.flush()
+        self._file.write(channel, data, self._now())
 
     def close(self) -> None:
         """Finish the file, or raise OSError."""
-        if self._writer is not None:
-            with self._guard() as writer:
-                writer.finish()
-                self._file.close(finished=True)
-            self._writer = None
-
-    @contextmanager
-    def _guard(self) -> Generator[Writer]:
-        """End the recording where it cannot be written: it keeps what it holds, under a name that
-        says so.
-        """
-        assert self._writer is not None
-        try:
-            yield self._writer
-        except OSError:
-            self._writer = None
-            self._file.close(finished=False)
-            if self.path.stat().st_size == 0:
-                self.path.unlink()
-                raise
-            names = (
-                f"{self.path.stem}.partial{number or ''}{self.path.suffix}"
-                for number in itertools.count()
-            )
-            self.path = self.path.replace(
-                next(one for one in map(self.path.with_name, names) if not one.exists())
-            )
-            raise
+        self._file.close()
 
 
 def definition(name: str) -> str:

@@ -2,6 +2,7 @@
 simulation."""
 
 import argparse
+from pathlib import Path
 
 import pytest
 
@@ -16,7 +17,7 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.assurance import initial
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.reports import Unknown
+from ros_bridge.core.reports import Report, Unknown
 from ros_bridge.core.situation import Situation
 from ros_bridge.display.picture import picture
 from ros_bridge.display.scene import Scene
@@ -109,7 +110,7 @@ def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(follow
     judgement = judge(heard, followed)
     assert judgement.safe and judgement.conflict is not None
     seen = view(heard, judgement)
-    found = picture(Showing(followed, Board()).after(Scene(), seen), seen.time)
+    found = picture(Showing(followed, Board().feed).after(Scene(), seen), seen.time)
     assert found["plan"]["revision"] == 1
     assert found["advice"]["do"] == "plan"
     assert any("on the mission" in why for why in found["advice"]["reasons"])
@@ -123,7 +124,7 @@ def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(follow
 
 
 def test_in_a_wind_bands_are_those_of_the_air_that_is_flown_in(followed: Rules) -> None:
-    showing = Showing(followed, Board())
+    showing = Showing(followed, Board().feed)
     scene = Scene()
     for seconds, wind in ((0.0, 0.0), (2.0, 8.0)):
         seen = view(
@@ -140,7 +141,7 @@ def test_in_a_wind_bands_are_those_of_the_air_that_is_flown_in(followed: Rules) 
 def test_without_traffic_nothing_is_closed_and_the_mission_is_flown(followed: Rules) -> None:
     heard = received(0.0, crossing=False)
     seen = view(heard, judge(heard, followed))
-    found = picture(Showing(followed, Board()).after(Scene(), seen), seen.time)
+    found = picture(Showing(followed, Board().feed).after(Scene(), seen), seen.time)
     assert found["plan"] is None and found["alerts"] == []
     assert not any(found["bands"]["track_region"])
     assert found["advice"] == {"do": "own route", "reasons": []}
@@ -159,3 +160,73 @@ def test_the_display_is_asked_for_by_an_option() -> None:
     assert parse().display is None
     assert parse("--display").display == "127.0.0.1:8642"
     assert parse("--display", "0.0.0.0:80").display == "0.0.0.0:80"
+
+
+def test_a_recording_without_ros_shows_what_the_display_showed(
+    followed: Rules, tmp_path: Path
+) -> None:
+    pytest.importorskip("mcap_ros2", reason="the extra display is not installed")
+    from ros_bridge.display.recording import GraphRecording
+    from ros_bridge.display.scene_recording import RecordingError, SceneRecorder
+
+    file, board = tmp_path / "flight.mcap", Board()
+    recorder = SceneRecorder(file)
+    showings = [Showing(followed, feed) for feed in (recorder.feed, board.feed)]
+    shown = []
+    for seconds in (0.0, 5.0, 5.5):
+        heard = received(seconds, wind=3.0)
+        seen = view(heard, judge(heard, followed))
+        for showing in showings:
+            showing(seen)
+        shown.append(picture(board.scene, seen.time))
+    recorder.close()
+    again = GraphRecording(file).player()
+    for at, before in zip((0.0, 5.0, 5.5), shown, strict=True):
+        after = again(at)
+        same = ("own", "traffic", "separation", "wind", "plan", "areas", "bands", "alerts", "route")
+        for name in (*same, "monitor", "advice", "time"):
+            assert after[name] == before[name], name
+    with pytest.raises(RecordingError, match="exists already"):
+        SceneRecorder(file)
+
+
+@pytest.mark.filterwarnings("ignore:module 'sre_.*' is deprecated")  # of ROS's parser
+def test_messages_of_a_recording_are_those_of_the_graph() -> None:
+    pytest.importorskip("rclpy", reason="ROS is not installed")
+    from rclpy.serialization import deserialize_message
+    from rlcas_msgs.msg import AircraftState
+
+    from ros_bridge.display import scene_messages
+    from ros_bridge.display.scene import INPUTS
+    from ros_bridge.display.scene_recording import encoder
+    from ros_bridge.transport.messages import aircraft_message, sighting_message
+    from ros_bridge.transport.recording import definition
+
+    for one in INPUTS.values():
+        ours, theirs = scene_messages.definition(one.kind), definition(one.kind)
+        assert _fields(ours) == _fields(theirs)
+    kind = "rlcas_msgs/msg/AircraftState"
+    encode = encoder(kind, scene_messages.definition(kind))
+    tracks = received(3.0, wind=2.0).situation
+    for track in (tracks.own, *tracks.traffic.values()):
+        assert track.last is not None
+        for one in (track.last, track.last.sighting):
+            made = aircraft_message(one) if isinstance(one, Report) else sighting_message(one)
+            read = deserialize_message(encode(scene_messages.aircraft(one)), AircraftState)
+            assert read == made
+
+
+def _fields(definition: str) -> dict[str, list[list[str]]]:
+    """Return types and names of the fields of each part of a definition, without constants."""
+    found: dict[str, list[list[str]]] = {"": []}
+    name = ""
+    for line in definition.splitlines():
+        words = line.partition("#")[0].split()
+        if words[:1] == ["MSG:"]:
+            name = words[1]
+            found[name] = []
+        elif len(words) > 1 and "=" not in line.partition("#")[0]:
+            found[name].append(words[:2])
+    # The definitions of ROS leave out what every reader knows.
+    found.pop("builtin_interfaces/Time", None)
+    return found

@@ -49,8 +49,8 @@ from ros_bridge.sim.flight_log import all_safe_kept
 from ros_bridge.sim.guidance import Guidance
 from ros_bridge.sim.world import EncounterFlight
 from ros_bridge.transport import qos
+from ros_bridge.transport.mcap_file import GrowingFile
 from ros_bridge.transport.messages import aircraft_message, header, identity, point_message
-from ros_bridge.transport.recording import GrowingFile
 from tests.ros_bridge.graph import MISSING, NODE, World
 
 SPEEDS = st.floats(-120.0, 120.0)

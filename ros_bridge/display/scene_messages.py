@@ -1,0 +1,277 @@
+"""A scene's values as messages of ``rlcas_msgs``: the inverse of
+:func:`ros_bridge.display.scene.take`.
+
+A message is a mapping of its fields, which a recording without ROS writes; fields that are left out
+are 0 or empty. :mod:`ros_bridge.transport.messages` makes the same messages for the graph.
+"""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from agents.planner.request import Altitude
+from envs.areas import Keep, Level
+from envs.formats.areas.geodetic import GeodeticArea
+from ros_bridge.core import conversions as codes
+from ros_bridge.core.areas import CEILING, FLOOR, FROM, REFERENCES, UNTIL
+from ros_bridge.core.conversions import PlanPoint, Published, Route
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.reports import Report, Sighting
+from ros_bridge.display.scene import Bands, Guidance, Health, Monitor
+
+Fields = dict[str, Any]
+
+_ALTITUDES = {name: code for code, name in codes.ALTITUDE_CODES.items()}
+_LEVELS = {name: code for code, name in REFERENCES.items()}
+_FOLDER = Path(__file__).parents[1] / "rlcas_msgs" / "msg"
+_OTHERS = {
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
+    "unique_identifier_msgs/UUID": "uint8[16] uuid",
+    "rosgraph_msgs/Clock": "builtin_interfaces/Time clock",
+    "diagnostic_msgs/DiagnosticArray": "std_msgs/Header header\nDiagnosticStatus[] status",
+    "diagnostic_msgs/DiagnosticStatus": (
+        "byte level\nstring name\nstring message\nstring hardware_id\nKeyValue[] values"
+    ),
+    "diagnostic_msgs/KeyValue": "string key\nstring value",
+}
+"""The fields of ROS's own messages that stand in ours."""
+
+
+def definition(kind: str) -> str:
+    """Return the definition of a message (``rlcas_msgs/msg/Areas``) and its parts."""
+    first = kind.replace("/msg/", "/")
+    texts: dict[str, str] = {}
+    waiting = [first]
+    while waiting:
+        one = waiting.pop(0)
+        if one in texts:
+            continue
+        package, _, name = one.partition("/")
+        file = _FOLDER / f"{name}.msg"
+        texts[one] = file.read_text("utf-8") if package == "rlcas_msgs" else _OTHERS[one]
+        waiting += _parts(package, texts[one])
+    rest = [f"MSG: {one}\n{text}" for one, text in texts.items() if one != first]
+    return f"\n{'=' * 80}\n".join([texts[first], *rest])
+
+
+def _parts(package: str, text: str) -> list[str]:
+    """Return the messages that a definition's fields are of."""
+    lines = (line.partition("#")[0].split() for line in text.splitlines())
+    kinds = {words[0].partition("[")[0] for words in lines if words}
+    whole = {kind if "/" in kind else f"{package}/{kind}" for kind in kinds}
+    return sorted(one for one in whole if one in _OTHERS or _is_ours(one))
+
+
+def _is_ours(kind: str) -> bool:
+    package, _, name = kind.partition("/")
+    return package == "rlcas_msgs" and (_FOLDER / f"{name}.msg").is_file()
+
+
+def time_fields(time: int) -> Fields:
+    """Return nanoseconds as a time of ROS."""
+    return {"sec": time // SECOND, "nanosec": time % SECOND}
+
+
+def clock(now: int) -> Fields:
+    """Return a Clock."""
+    return {"clock": time_fields(now)}
+
+
+def aircraft(one: Report | Sighting) -> Fields:
+    """Return an AircraftState of a report, or of what is left of one that could not be used."""
+    seen = one if isinstance(one, Sighting) else one.sighting
+    fields: Fields = {**_header(seen.time or 0), "id": seen.identifier, "valid": 0}
+    if seen.place is not None:
+        latitude, longitude = seen.place
+        _add(fields, codes.POSITION, latitude=latitude, longitude=longitude)
+    climb = None if seen.altitude is None else seen.altitude.vertical_speed
+    if seen.altitude is not None:
+        _add(fields, codes.ALTITUDE, **_altitude(seen.altitude))
+    if climb is not None:
+        _add(fields, codes.VERTICAL_SPEED)
+    velocity = {"z": climb or 0.0}
+    if isinstance(one, Report):
+        _add(fields, codes.VELOCITY)
+        velocity |= {"x": one.east, "y": one.north}
+        _add_accuracy(fields, one)
+    return fields | {"velocity": velocity}
+
+
+def _add_accuracy(fields: Fields, report: Report) -> None:
+    if report.position_std is not None:
+        _add(fields, codes.POSITION_STD, position_std=report.position_std)
+    if report.velocity_std is not None:
+        _add(fields, codes.VELOCITY_STD, velocity_std=report.velocity_std)
+    if report.time_std > 0.0:
+        _add(fields, codes.TIME_STD, time_std=report.time_std)
+    if report.true_airspeed is not None:
+        _add(fields, codes.TRUE_AIRSPEED, true_airspeed=report.true_airspeed)
+    if report.wind is not None:
+        _add(fields, codes.WIND, wind={"x": report.wind[0], "y": report.wind[1]})
+    fields["category"] = report.category
+
+
+def geo_reference(origin: codes.Origin) -> Fields:
+    """Return a GeoReference, of any time."""
+    fields = {**_header(0), "latitude": origin.frame.latitude, "longitude": origin.frame.longitude}
+    if origin.undulation is None:
+        return fields
+    return fields | {"geoid_undulation_valid": True, "geoid_undulation": origin.undulation}
+
+
+def route(stations: Route, now: int) -> Fields:
+    """Return a Trajectory of status ROUTE."""
+    points = [
+        _point(one.index, codes.ROUTE_POINT, (one.latitude, one.longitude), one.altitude)
+        for one in stations
+    ]
+    return _trajectory(codes.STATUS_ROUTE, now, 0, waypoints=points)
+
+
+def plan(published: Published, status: int = codes.STATUS_SAFE) -> Fields:
+    """Return a Trajectory of a plan or, by its status, a backup."""
+    return _trajectory(
+        status,
+        published.began,
+        published.revision,
+        id={"uuid": published.unique or bytes(16)},
+        intruder_ids=list(published.identifiers),
+        start=_plan_point(published.start),
+        waypoints=[_plan_point(point) for point in published.points],
+        wind={"x": published.wind[0], "y": published.wind[1]},
+    )
+
+
+def withdrawal(revision: int, now: int) -> Fields:
+    """Return the Trajectory that withdraws a plan."""
+    return _trajectory(3, now, revision)
+
+
+def status(monitor: Monitor, revision: int) -> Fields:
+    """Return an AssuranceStatus of the plan of a revision."""
+    same = (
+        *("state", "fly", "measured", "cross_track", "along_track", "time_error"),
+        *("separation", "time_to_loss"),
+    )
+    fields = {name: getattr(monitor, name) for name in same}
+    return {
+        **_header(monitor.time),
+        **fields,
+        "trajectory_revision": revision,
+        "reasons": list(monitor.reasons),
+        "runner_silence": -1.0,
+    }
+
+
+def guidance(found: Guidance) -> Fields:
+    """Return a GuidanceBands."""
+    return {
+        **_header(found.time),
+        "look_ahead": found.look_ahead,
+        "track_deg": found.tracks.target,
+        **_bands("track", found.tracks),
+        "speed": found.speeds.target,
+        **_bands("speed", found.speeds),
+        "recovery": found.recovery,
+        "recovery_time": found.recovery_time,
+        "recovery_shortfall": found.recovery_shortfall,
+        **_levels("intruder", found.levels),
+        **_levels("area", found.areas),
+    }
+
+
+def _bands(kind: str, bands: Bands) -> Fields:
+    return {f"{kind}_{name}": getattr(bands, name) for name in ("region", "loss", "area")}
+
+
+def _levels(what: str, levels: Mapping[str, tuple[int, float]]) -> Fields:
+    """Return alert levels and times to loss by name."""
+    return {
+        f"{what}_ids": list(levels),
+        f"{what}_level": [level for level, _ in levels.values()],
+        f"{what}_loss": [loss for _, loss in levels.values()],
+    }
+
+
+def areas(every: tuple[GeodeticArea, ...], now: int) -> Fields:
+    """Return an Areas of areas as they are now, ns."""
+    return {**_header(now), "areas": [_area(one, now) for one in every]}
+
+
+def diagnostics(nodes: Mapping[str, Health], separation: float | None, now: int) -> Fields:
+    """Return a DiagnosticArray; the separation, m, stands beside each state of health."""
+    values = [] if separation is None else [{"key": "separation, m", "value": f"{separation:g}"}]
+    every = [
+        {"level": one.level, "name": name, "message": one.text, "values": values}
+        for name, one in nodes.items()
+    ]
+    return {**_header(now), "status": every}
+
+
+def _header(time: int) -> Fields:
+    return {"header": {"stamp": time_fields(time), "frame_id": ""}}
+
+
+def _add(fields: Fields, bit: int, **more: Any) -> None:
+    fields |= {"valid": fields["valid"] | bit, **more}
+
+
+def _altitude(altitude: Altitude) -> Fields:
+    return {"altitude": altitude.value, "altitude_reference": _ALTITUDES[altitude.reference]}
+
+
+def _trajectory(status: int, time: int, revision: int, **more: Any) -> Fields:
+    none = {"min_separation": -1.0, "time_of_min_separation": -1.0, "rejoin_index": -1}
+    return {**_header(time), "status": status, "revision": revision, **none, **more}
+
+
+def _point(
+    index: int, origin: int, place: tuple[float, float], altitude: Altitude | None
+) -> Fields:
+    fields: Fields = {"index": index, "origin": origin, "valid": 0}
+    fields |= {"latitude": place[0], "longitude": place[1]}
+    if altitude is not None:
+        _add(fields, codes.POINT_ALTITUDE, **_altitude(altitude))
+    return fields
+
+
+def _plan_point(point: PlanPoint) -> Fields:
+    origin = codes.ROUTE_POINT if point.of_route else codes.PLAN_POINT
+    fields = _point(point.index, origin, (point.latitude, point.longitude), point.altitude)
+    _add(
+        fields,
+        codes.POINT_TRACK | codes.POINT_SPEED | codes.POINT_TIME,
+        track_deg=point.track_deg,
+        ground_speed=point.speed,
+        time_of_arrival=time_fields(point.time),
+    )
+    return fields
+
+
+def _area(one: GeodeticArea, now: int) -> Fields:
+    more = one.more
+    east, north = more.get("velocity", (0.0, 0.0))
+    fields: Fields = {"id": one.name, "keep": int(one.keep is Keep.IN), "valid": 0}
+    fields |= {"velocity": {"x": east, "y": north}}
+    fields |= {name: more.get(name, 0.0) for name in ("growth", "clearance")}
+    fields["rings"] = [
+        {"latitude": [place[0] for place in ring], "longitude": [place[1] for place in ring]}
+        for ring in one.rings
+    ]
+    if one.centre is not None:
+        latitude, longitude = one.centre
+        fields |= {"latitude": latitude, "longitude": longitude, "radius": one.radius}
+    for side, level, bit in (("floor", one.floor, FLOOR), ("ceiling", one.ceiling, CEILING)):
+        if level is not None:
+            _add(fields, bit, **_level(side, level))
+    for side, bit in (("valid_from", FROM), ("valid_until", UNTIL)):
+        if math.isfinite(more.get(side, math.inf)):
+            _add(fields, bit, **{side: time_fields(now + round(more[side] * SECOND))})
+    return fields
+
+
+def _level(side: str, level: Level) -> Fields:
+    return {side: level.value, f"{side}_reference": _LEVELS[level.reference]}
