@@ -2,12 +2,12 @@
 
     python -m ros_bridge.mavlink --connect udp:0.0.0.0:14550 --separation 610 [--fly]
 
-Reads state, mission, fence, parameters and ADS-B traffic from ArduPlane over MAVLink, and watches
-and plans as the ROS nodes do, by the same core. By default it advises: STATUSTEXT to the ground
-station, and with --plan-file the plan as GeoJSON. With --fly it changes from AUTO to GUIDED while a
-conflict lasts, flies the plan in place and time, and gives AUTO back where the plan rejoins the
-mission. A mode that anybody else sets ends that at once; it takes over again only after AUTO has
-flown 10 s without a conflict.
+Reads state, mission, fence, parameters and ADS-B traffic from ArduPlane over MAVLink, with --adsb
+traffic from another receiver too, and watches and plans as the ROS nodes do, by the same core. By
+default it advises: STATUSTEXT to the ground station, and with --plan-file the plan as GeoJSON. With
+--fly it changes from AUTO to GUIDED while a conflict lasts, flies the plan in place and time, and
+gives AUTO back where the plan rejoins the mission. A mode that anybody else sets ends that at once;
+it takes over again only after AUTO has flown 10 s without a conflict.
 
 It stops commanding where the autopilot's state is older than 1.5 s. What the autopilot does where
 this program or the link dies: docs/howto/mavlink.md.
@@ -42,7 +42,7 @@ from ros_bridge.core.situation import Situation, to_local
 from ros_bridge.mavlink import messages, mission
 from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
 from ros_bridge.mavlink.download import Download, accept, asked, due
-from ros_bridge.mavlink.intake import Reading, Received, forget, take
+from ros_bridge.mavlink.intake import Reading, Received, forget, take, take_traffic
 from ros_bridge.mavlink.judging import (
     SPACING,
     Judgement,
@@ -56,7 +56,14 @@ from ros_bridge.mavlink.judging import (
 from ros_bridge.mavlink.link import FENCE, MISSION, Link
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.steering import PERIOD, Air, Command, command, errors, guide, sense
-from ros_bridge.mavlink.vehicle import Vehicle, check_flyable, failsafe_notes, vehicle_of
+from ros_bridge.mavlink.vehicle import (
+    Vehicle,
+    check_flyable,
+    failsafe_notes,
+    own_address,
+    vehicle_of,
+)
+from ros_bridge.transport.adsb_receiver import LiveReports, checked_source
 
 MARGIN = 25.0
 """Added to the separation for what the autopilot leaves of its plan, m (docs/howto/mavlink.md)."""
@@ -75,7 +82,7 @@ RECOVERED = 5.0
 FENCE_AGAIN = 5.0
 """After which the fence is downloaded again, in case that it has changed, s."""
 
-_REPORT = 60.0  # s between two lines about the processor
+_REPORT = 60.0  # s between two lines about the processor, and about a receiver
 _JUDGE = 0.25  # s between two judgements
 _BEAT = 0.5  # s between our heartbeats
 _SPEED = 0.5  # s between two airspeeds
@@ -118,6 +125,12 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
             raise InputError(f"--{called} is {value:g} {unit}; expected {low:g} to {high:g} {unit}")
     if not 1 <= options.system <= 255:
         raise InputError(f"--system is {options.system}; expected 1 to 255")
+    if options.own and not options.adsb:
+        raise InputError("--own goes with --adsb; the autopilot leaves itself out of its traffic")
+    try:
+        options.adsb = options.adsb and checked_source(options.adsb)
+    except ValueError as problem:
+        raise InputError(f"--{problem}") from None
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError(f"--seconds is {options.seconds:g} s; expected more than 0 s")
     return options
@@ -169,6 +182,7 @@ class Program:
         self.viewers: list[Callable[[View], object]] = []
         self._told: dict[str, float] = {}
         self._open = ExitStack()
+        self._live: LiveReports | None = None
         link.find(options.wait)
         parameters = link.parameters()
         if self._fly:
@@ -203,6 +217,8 @@ class Program:
         for note in failsafe_notes(parameters, options.system) if self._fly else ():
             self.log(f"warning: {note}")
         rehearse(self._rules.policy, self._rules.settings.options)
+        if options.adsb:
+            self._live = self._listen(options.adsb, options.own or own_address(parameters))
         link.ask_rates()
         self._rated = time.monotonic()
 
@@ -230,6 +246,15 @@ class Program:
         """End the connection, the display and the recording."""
         self._open.close()
         self._link.close()
+
+    def _listen(self, source: str, own: str) -> LiveReports:
+        """Return a receiver beside the autopilot's own, to which is listened."""
+        left_out = f"without {own}, the ownship" if own else "the ownship's address is unknown"
+        self.log(f"traffic of {source} too, {left_out}")
+        live = LiveReports(source, own, lambda: self._link.clock.now(time.monotonic()))
+        live.start()
+        self._open.callback(live.stop)
+        return live
 
     @property
     def rules(self) -> Rules:
@@ -269,6 +294,8 @@ class Program:
             self._link.beat()
         for message, now in self._link.receive(ours + seconds):
             self._take(message, now)
+        if self._live is not None:
+            self._take_live(self._live)
         now = self._link.clock.now(time.monotonic())
         if ours - self._rated > _RATES_AGAIN:
             self._rated = ours
@@ -301,6 +328,17 @@ class Program:
         if kind in ("MISSION_COUNT", "MISSION_ITEM_INT"):
             self._accept(message, now)
 
+    def _take_live(self, live: LiveReports) -> None:
+        """Take in the traffic of a receiver beside the autopilot's own."""
+        live.traffic.own = self._received.situation.own.last
+        for found, now in live.take():
+            seen = found.sighting
+            if seen is None:
+                self._tell("adsb message", f"{found}", now, send=False)
+            else:
+                name = seen.identifier
+                self._received = take_traffic(self._received, name, found, now, self._reading)
+
     def _refuse(self, why: str) -> None:
         if self._fly:
             self._fly = False
@@ -324,6 +362,9 @@ class Program:
 
     def _judge(self, now: int) -> None:
         self._received = forget(self._received, now)
+        problem = "" if self._live is None else self._live.take_problem()
+        if problem:
+            self._tell("adsb", problem, now, send=True, again=_REPORT)
         phase = self._control.phase
         if self._mission != self._downloaded and not self._control.flies:
             # MISSION_CURRENT says that it is another one.
@@ -576,10 +617,12 @@ class Program:
 
     # Texts.
 
-    def _tell(self, kind: str, text: str, now: int, *, send: bool, more: str = "") -> bool:
+    def _tell(
+        self, kind: str, text: str, now: int, *, send: bool, more: str = "", again: float = _AGAIN
+    ) -> bool:
         """Log a text, and send it, unless one of its kind has just been; return whether it has."""
         seconds = now / SECOND
-        if 0.0 <= seconds - self._told.get(kind, -math.inf) < _AGAIN:
+        if 0.0 <= seconds - self._told.get(kind, -math.inf) < again:
             return False
         self._told[kind] = seconds
         self.log(f"{text}{' (' * bool(more)}{more}{')' * bool(more)}", now)
@@ -653,6 +696,9 @@ def _parser() -> argparse.ArgumentParser:
         default="unknown",
         help="what altitudes of ADS-B are above (default unknown: every aircraft counts)",
     )
+    add("--adsb", default="", metavar="URL", help="live receiver, tcp://HOST:30003 or http://...")
+    own = "address of the ownship among its aircraft (default: the autopilot's ADSB_ICAO_ID)"
+    add("--own", default="", metavar="HEX", help=own)
     add("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
     add("--plan-file", type=Path, metavar="FILE", help="write every plan there as GeoJSON")
     add(

@@ -129,6 +129,12 @@ def failsafe_notes(parameters: Mapping[str, float], system: int) -> tuple[str, .
     return ()
 
 
+def own_address(parameters: Mapping[str, float]) -> str:
+    """Return the address that the autopilot's transponder sends, hexadecimal; "": unknown."""
+    number = int(parameters.get("ADSB_ICAO_ID", 0.0))
+    return f"{number:06x}" if number > 0 else ""
+
+
 def _require(parameters: Mapping[str, float], name: str) -> float:
     found = value_of(parameters, name)
     if found is None:

@@ -36,12 +36,12 @@ from rclpy.node import Node
 from rlcas_msgs.msg import AircraftState
 from sensor_msgs.msg import NavSatFix
 
-from ros_bridge.core import adapters, adsb_live
+from ros_bridge.core import adapters
 from ros_bridge.core.conversions import ALTITUDE_CODES, aircraft
 from ros_bridge.core.fields import SECOND, FieldError, attempt, readable, stamp
 from ros_bridge.core.reports import Report
 from ros_bridge.transport import process, qos, topics, views
-from ros_bridge.transport.adsb_receiver import Receiver, checked_source
+from ros_bridge.transport.adsb_receiver import LiveReports, checked_source
 from ros_bridge.transport.messages import aircraft_message, sighting_message
 from ros_bridge.transport.settings import declare
 
@@ -51,7 +51,6 @@ _MESSAGES = {
     "inspvax": ("novatel_oem7_msgs", "INSPVAX"),
     "adsb": ("mavros_msgs", "ADSBVehicle"),
 }
-_SILENCE = 10.0  # s after which a receiver that sends nothing is said to
 _DRAINED = 0.1  # s between two looks at what a receiver has sent
 
 
@@ -84,7 +83,7 @@ def pair(fix: Any, twist: Any, identity: str, reference: str, apart: float) -> R
 class Translator(Node):
     """The node; what messages mean is :mod:`ros_bridge.core.adapters`."""
 
-    _receiver: Receiver | None = None
+    _live: LiveReports | None = None
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_translator", **more)
@@ -131,22 +130,17 @@ class Translator(Node):
         if traffic in _MESSAGES:
             self.create_subscription(_kind(traffic), "~/input/adsb", self._on_adsb, qos.TRAFFIC)
         if live:
-            self._receiver = Receiver(live, lambda: self.get_clock().now().nanoseconds)
-            self._live = adsb_live.Traffic(self._value("own_id"))
-            self._reader = (
-                adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson
-            )(self._live)
-            self._heard = self.get_clock().now().nanoseconds
-            topics.OWNSHIP.heard(self, self._on_ownship)
-            self.create_timer(_DRAINED, self._on_live)
-            self._receiver.start()
+            clock = self.get_clock()
+            self._live = LiveReports(live, self._value("own_id"), lambda: clock.now().nanoseconds)
+            topics.OWNSHIP.heard(self, partial(self._on_ownship, self._live))
+            self.create_timer(_DRAINED, partial(self._on_live, self._live))
+            self._live.start()
         self.create_timer(self._value("diagnostics_period"), self._on_timer)
 
     def destroy_node(self) -> None:
         """End the receiver's thread with the node."""
-        if self._receiver is not None:
-            self._receiver.stop()
-            self._receiver.join()
+        if self._live is not None:
+            self._live.stop()
         super().destroy_node()
 
     def _value(self, name: str) -> Any:
@@ -168,26 +162,14 @@ class Translator(Node):
     def _on_adsb(self, message: Any) -> None:
         self._pass(self._traffic, attempt(lambda: adapters.adsb_vehicle(message, self._references)))
 
-    def _on_ownship(self, message: AircraftState) -> None:
-        self._live.own = readable(
-            lambda: aircraft(message, "ownship")
-        )  # the runner says why it cannot be
+    def _on_ownship(self, live: LiveReports, message: AircraftState) -> None:
+        # The runner says why it cannot be read.
+        live.traffic.own = readable(lambda: aircraft(message, "ownship"))
 
-    def _on_live(self) -> None:
+    def _on_live(self, live: LiveReports) -> None:
         """Pass on what the receiver has sent since the last look."""
-        assert self._receiver is not None
-        for _ in range(self._receiver.heard.qsize()):
-            item = self._receiver.heard.get_nowait()  # nothing else takes from it
-            if item is None:
-                self._reader.begin()
-                continue
-            self._heard = item[0]
-            try:
-                for found in self._reader.reports_of(item[1], item[0]):
-                    self._pass(self._traffic, found)
-            except TimeoutError as late:
-                self._receiver.restart()
-                self._wrong = f"adsb {late}"
+        for found, _ in live.take():
+            self._pass(self._traffic, found)
 
     def _pass(self, publisher: Any, found: Report | FieldError | None) -> None:
         """Publish a report; of traffic that cannot be translated its name and, if known,
@@ -209,18 +191,14 @@ class Translator(Node):
         """Return what of a live receiver was left out; a receiver that cannot be read or is silent
         is noted.
         """
-        if self._receiver is None:
+        if self._live is None:
             return {}
-        silent = (self.get_clock().now().nanoseconds - self._heard) / SECOND
-        problem = self._receiver.problem or (
-            f"has sent nothing for {silent:.0f} s" if silent > _SILENCE else ""
-        )
+        problem = self._live.take_problem()
         if problem:
-            self._wrong = f"adsb {self._value('adsb')} {problem}"
-            self.get_logger().warning(self._wrong, throttle_duration_sec=30.0)
-        return {
-            f"{reason}, left out": count for reason, count in self._live.counts.items() if count
-        }
+            self._wrong = problem
+            self.get_logger().warning(problem, throttle_duration_sec=30.0)
+        counts = self._live.traffic.counts
+        return {f"{reason}, left out": count for reason, count in counts.items() if count}
 
     def _on_timer(self) -> None:
         values = {

@@ -1,8 +1,8 @@
 """The thread that listens to an ADS-B receiver: a TCP stream of lines, or a document that is
 fetched every second.
 
-It reconnects by itself, after 1, 2, 4 ... 30 s. What arrives waits in a queue for the node's own
-thread.
+It reconnects by itself, after 1, 2, 4 ... 30 s. What arrives waits in a queue for the thread of the
+program, which takes it as reports (:class:`LiveReports`).
 """
 
 import http.client
@@ -13,13 +13,18 @@ from collections.abc import Callable, Iterator
 from urllib.parse import urlsplit
 from urllib.request import urlopen
 
-__all__ = ["Receiver", "checked_source"]
+from ros_bridge.core import adsb_live
+from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.reports import Report
+
+__all__ = ["LiveReports", "Receiver", "checked_source"]
 
 _PORT = 30_003
 _PATIENCE = 70.0  # s; dump1090 sends an empty line every 60 s
 _LONGEST = 4_096  # bytes of a line
 _LARGEST = 16_000_000  # bytes of a document
 _SLOWEST = 30.0  # s between two attempts
+_SILENCE = 10.0  # s without anything, after which a receiver is said to be silent
 
 
 def checked_source(text: str) -> str:
@@ -128,3 +133,57 @@ class Receiver(threading.Thread):
                 content = answer.read(_LARGEST)
             yield content.decode("utf-8", "replace")
             self._stopped.wait(1.0)
+
+
+class LiveReports:
+    """A receiver's reports, taken whenever there is time for them.
+
+    Args:
+        source: a checked one.
+        own: address of the ownship, hexadecimal; "": unknown.
+        clock: gives the program's time, ns; from the receiver's thread too.
+    """
+
+    def __init__(self, source: str, own: str, clock: Callable[[], int]) -> None:
+        self.traffic = adsb_live.Traffic(own)
+        self._source, self._clock = source, clock
+        self._receiver = Receiver(source, clock)
+        kind = adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson
+        self._reader = kind(self.traffic)
+        self._heard = clock()
+        self._late = ""
+
+    def start(self) -> None:
+        """Begin to listen."""
+        self._receiver.start()
+
+    def stop(self) -> None:
+        """Stop listening, within a second or two."""
+        self._receiver.stop()
+        self._receiver.join()
+
+    def take(self) -> Iterator[tuple[Report | FieldError, int]]:
+        """Yield what has come since the last time, without waiting: a report, or why one cannot be
+        used, and when it arrived, ns.
+        """
+        for _ in range(self._receiver.heard.qsize()):
+            item = self._receiver.heard.get_nowait()  # nothing else takes from it
+            if item is None:
+                self._reader.begin()
+                continue
+            self._heard, text = item
+            try:
+                for found in self._reader.reports_of(text, self._heard):
+                    yield found, self._heard
+            except TimeoutError as late:
+                self._receiver.restart()
+                self._late = str(late)
+
+    def take_problem(self) -> str:
+        """Return what is wrong with the receiver, a sentence, or what was since the last time; "":
+        nothing.
+        """
+        silent = (self._clock() - self._heard) / SECOND
+        quiet = f"has sent nothing for {silent:.0f} s" if silent > _SILENCE else ""
+        problem, self._late = self._late or self._receiver.problem or quiet, ""
+        return f"adsb {self._source} {problem}" if problem else ""

@@ -415,6 +415,8 @@ def test_an_address_that_cannot_be_is_refused_in_a_sentence(text: str) -> None:
         (["--margin", "nan"], "--margin is nan m"),
         (["--system", "0"], "--system is 0; expected 1 to 255"),
         (["--seconds", "-1"], "--seconds is -1 s"),
+        (["--adsb", "host:30003"], "--adsb is 'host:30003', expected tcp://HOST:30003"),
+        (["--own", "abc123"], "--own goes with --adsb"),
     ],
 )
 def test_an_option_out_of_its_range_is_refused(given: list[str], said: str) -> None:

@@ -3,11 +3,13 @@ operator, and where it dies the autopilot flies on."""
 
 import math
 import signal
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,12 @@ pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 
 from envs.edge.command import InputError
 from envs.formats.local_frame import LocalFrame
+from envs.traffic.track_units import KNOT
 from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, fly
 from ros_bridge.mavlink.link import Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.program import RECOVERED
-from ros_bridge.mavlink.sitl import HOME, Leg, Sitl, SitlError, folder
+from ros_bridge.mavlink.sitl import HOME, Leg, Sitl, SitlError, folder, place
 
 ROOT = Path(__file__).parents[2]
 try:
@@ -42,6 +45,7 @@ class Sky:
         self.sitl, self.mode, self.texts = sitl, -1, []
         self.time = self.east = self.north = 0.0
         self.least = float("inf")
+        self.tell: Callable[..., object] = sitl.traffic
         self._frame = LocalFrame(HOME[0], HOME[1])
         self._began: float | None = None
         self._told = 0.0
@@ -77,7 +81,7 @@ class Sky:
         self.least = min(self.least, apart)
         if self.time - self._told >= 1.0:
             self._told = self.time
-            self.sitl.traffic(ONCOMING, *there, 180.0, 25.0, 620.0)
+            self.tell(ONCOMING, *there, 180.0, 25.0, 620.0)
 
     def until(self, mode: int, seconds: float) -> float:
         """Wait for a mode, for so many seconds of the autopilot's at most, and return how long."""
@@ -168,6 +172,28 @@ def test_a_foreign_mode_ends_it_at_once_and_a_killed_program_leaves_the_mission_
         sky.turn(2.0)
         assert sky.mode == Mode.LOITER
         assert process.poll() is None
+
+
+def test_traffic_that_only_another_receiver_hears_is_flown_round() -> None:
+    def line(number: int, east: float, north: float, track: float, speed: float, _: float) -> str:
+        latitude, longitude = place(east, north)
+        now = datetime.fromtimestamp(sky.time, UTC)
+        clock = [f"{now:%Y/%m/%d}", f"{now:%H:%M:%S.%f}"[:-3]]
+        fields = ["MSG", "3", "1", "1", f"{number:06X}", "1", *clock, *clock]
+        fields += ["", "2000", f"{speed / KNOT:.2f}", f"{track:.2f}"]
+        fields += [f"{latitude:.6f}", f"{longitude:.6f}", "0", "", "", "", "", "0"]
+        return ",".join(fields) + "\r\n"
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with encounter("--fly", "--adsb", address) as (sky, process):
+            server.settimeout(60.0)
+            receiver, _ = server.accept()
+            with receiver:
+                sky.tell = lambda *values: receiver.sendall(line(*values).encode())
+                sky.until(Mode.GUIDED, 150.0)
+                assert any(f"{ONCOMING:06x} in" in text for text in sky.texts)
+                assert process.poll() is None
 
 
 @pytest.mark.parametrize("how", ["kill"])
