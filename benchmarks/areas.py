@@ -9,7 +9,6 @@ planner counts its deadline.
 import time
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from agents.planner import Options, plan
 from agents.policy.inference import Policy
-from benchmarks.measure import report
+from benchmarks.measure import report, request_options, show
 from envs.aircraft import Aircraft
 from envs.areas import Area
 from envs.edge.command import Parser, run_cli
@@ -65,9 +64,7 @@ def questions(seed: int, count: int, aircraft: Aircraft) -> list[Question]:
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
-    parser.add_argument("--requests", type=int, default=100, help="requests planned (default 100)")
-    parser.add_argument("--seed", type=int, default=0, help="of the requests (default 0)")
+    request_options(parser, 100)
     parser.add_argument(
         "--deadlines",
         type=float,
@@ -112,8 +109,7 @@ def main() -> None:
         "cpu_median_ms": 1e3 * float(np.median(busy)),
         "cpu_p99_ms": 1e3 * float(np.percentile(busy, 99.0)),
     }
-    for name, value in figures.items():
-        print(f"{name:24} {value:.4g}" if isinstance(value, float) else f"{name:24} {value}")
+    show(figures)
     report(figures, ("numpy",))
 
 

@@ -13,6 +13,7 @@ import os
 import resource
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ import numpy as np
 from agents.planner.planner import plan_many
 from agents.planner.request import Options
 from agents.policy.inference import Policy
-from benchmarks.measure import report
+from benchmarks.measure import report, show
 from envs import follower
 from envs.aircraft import PAPER
 from envs.c208.conditions import CALM, NOMINAL, Conditions, Loading
@@ -297,6 +298,43 @@ def pace() -> dict[str, float]:
     return {f"{name}_times_real_time": float(np.median(values)) for name, values in ratios.items()}
 
 
+def fly_point_mass(plan: Plan) -> FlightErrors:
+    """Fly a plan with the point mass that plans are made for."""
+    states, late = follow(PointMassVehicle(plan.own), Track(plan.legs), float(plan.times[-1]))
+    return judge(plan, states, late, np.full(len(states), 2500.0))
+
+
+def in_conditions(
+    name: str, plans: list[Plan], conditions_of: Callable[[int], Conditions]
+) -> dict[str, Any]:
+    """Return the figures of plans that are flown in conditions by their number."""
+    found, able, lost, too_slow = [], [], [], 0
+    for number, plan in enumerate(plans):
+        conditions = conditions_of(number)
+        try:
+            one = fly_plan(plan, conditions)
+        except StartError:
+            # Down the wind the plan's ground speed is below the stall.
+            too_slow += 1
+            continue
+        except FlightError as problem:
+            lost.append(f"{number}: {problem}")
+            continue
+        found.append(one)
+        if within_power(plan, conditions):
+            able.append(one)
+    figures: dict[str, Any] = {
+        f"{name}_flights_lost": len(lost),
+        f"{name}_flights_too_slow_to_begin": too_slow,
+    }
+    figures |= summary(name, found)
+    if lost:
+        figures[f"{name}_reasons"] = lost
+    if able:
+        figures |= summary(f"{name}_within_power", able)
+    return figures
+
+
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
@@ -335,40 +373,14 @@ def main() -> None:
     figures |= summary(
         "calm_generic_follower", [fly_plan(plan, generic=True) for plan in plans[:20]]
     )
-    point_mass = []
-    for plan in plans:
-        states, late = follow(PointMassVehicle(plan.own), Track(plan.legs), float(plan.times[-1]))
-        point_mass.append(judge(plan, states, late, np.full(len(states), 2500.0)))
-    figures |= summary("point_mass", point_mass)
-    for name, kind in (("wind", "none"), ("rough", "moderate"), ("loaded", None)):
-        found, able, lost, too_slow = [], [], [], 0
-        for number, plan in enumerate(plans):
-            conditions = draw_conditions(number) if kind is None else windy(number, kind)
-            try:
-                one = fly_plan(plan, conditions)
-            except StartError:
-                # Down the wind the plan's ground speed is below the stall.
-                too_slow += 1
-                continue
-            except FlightError as problem:
-                lost.append(f"{number}: {problem}")
-                continue
-            found.append(one)
-            if within_power(plan, conditions):
-                able.append(one)
-        figures |= {
-            f"{name}_flights_lost": len(lost),
-            f"{name}_flights_too_slow_to_begin": too_slow,
-        } | summary(name, found)
-        if lost:
-            figures[f"{name}_reasons"] = lost
-        if able:
-            figures |= summary(f"{name}_within_power", able)
+    figures |= summary("point_mass", [fly_point_mass(plan) for plan in plans])
+    figures |= in_conditions("wind", plans, lambda number: windy(number, "none"))
+    figures |= in_conditions("rough", plans, lambda number: windy(number, "moderate"))
+    figures |= in_conditions("loaded", plans, draw_conditions)
     if options.encounters:
         figures |= outcomes(options.encounters, options.seed)
     figures |= growth(options.resets)
-    for name, number in figures.items():
-        print(f"{name:44} {number:.4g}" if isinstance(number, float) else f"{name:44} {number}")
+    show(figures)
     report(figures, ("jsbsim", "numpy"))
 
 

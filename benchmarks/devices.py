@@ -43,39 +43,19 @@ def main() -> None:
     if len(cores) < 2:
         parser.error("two cores or more are needed, this process may use one")
     steps = options.updates * load(TrainConfig, Path(options.config), []).ppo.samples
+    common = ["--config", options.config, "--quiet"]
+    for change in (
+        f"steps={steps}",
+        "warm_start=null",
+        "evaluation.final_encounters=10",
+        "evaluation.every_steps=1000000000",
+    ):
+        common += ["--set", change]
     one, many = [], []
     with tempfile.TemporaryDirectory() as folder:
         for turn in range(options.turns):
-            common = [
-                "--config",
-                options.config,
-                "--set",
-                f"steps={steps}",
-                "--set",
-                "warm_start=null",
-            ]
-            common += ["--set", "evaluation.final_encounters=10"]
-            common += ["--set", "evaluation.every_steps=1000000000", "--quiet"]
-            out = Path(folder) / f"one-{turn}"
-            _wait([_start([*common, "--out", str(out)], cores)])
-            one.append(_rate(out))
-            out, address = Path(folder) / f"many-{turn}", f"127.0.0.1:{_free_port()}"
-            group = [
-                *common,
-                "--out",
-                str(out),
-                "--coordinator",
-                address,
-                "--processes",
-                str(len(cores)),
-            ]
-            _wait(
-                [
-                    _start([*group, "--process", str(number)], [core])
-                    for number, core in enumerate(cores)
-                ]
-            )
-            many.append(_rate(out))
+            one.append(_train_in_one(common, Path(folder) / f"one-{turn}", cores))
+            many.append(_train_in_many(common, Path(folder) / f"many-{turn}", cores))
             print(
                 f"turn {turn}: one process {one[-1]:.0f}, {len(cores)} processes {many[-1]:.0f} "
                 "steps/s",
@@ -89,6 +69,20 @@ def main() -> None:
         "ratio": statistics.median(b / a for a, b in zip(one, many, strict=True)),
     }
     report(figures, ("jax", "jaxlib", "numpy"))
+
+
+def _train_in_one(common: list[str], out: Path, cores: list[int]) -> float:
+    """Train by one process on all cores; return steps per second."""
+    _wait([_start([*common, "--out", str(out)], cores)])
+    return _rate(out)
+
+
+def _train_in_many(common: list[str], out: Path, cores: list[int]) -> float:
+    """Train by a process a core; return steps per second."""
+    group = [*common, "--out", str(out), "--processes", str(len(cores))]
+    group += ["--coordinator", f"127.0.0.1:{_free_port()}"]
+    _wait([_start([*group, "--process", str(number)], [core]) for number, core in enumerate(cores)])
+    return _rate(out)
 
 
 def _start(arguments: list[str], cores: list[int]) -> "subprocess.Popen[bytes]":

@@ -12,7 +12,6 @@ import math
 import time
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +21,7 @@ from agents.planner import Options, plan
 from agents.planner.answer import Apart
 from agents.planner.request import Altitude, Intruder
 from agents.policy.inference import Policy
-from benchmarks.measure import report
+from benchmarks.measure import report, request_options, show
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
@@ -84,9 +83,7 @@ def straight_is_clear(asked: Question, options: Options, until: float) -> bool:
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
-    parser.add_argument("--requests", type=int, default=200, help="requests planned (default 200)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first request (default 0)")
+    request_options(parser, 200)
     given = parser.parse_args()
     policy = Policy.load(given.policy)
     usual = Options.for_aircraft(policy.aircraft)
@@ -135,8 +132,7 @@ def main() -> None:
             "cpu_median_ms": 1e3 * float(np.median(spent)),
             "cpu_p99_ms": 1e3 * float(np.percentile(spent, 99.0)),
         }
-    for name, value in figures.items():
-        print(f"{name:26} {value}")
+    show(figures)
     report(figures, ("numpy",))
 
 

@@ -9,9 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from agents.policy.inference import Policy
-from envs.edge.command import InputError
+from envs.edge.command import InputError, Parser
 
-__all__ = ["layers", "machine", "report", "seconds"]
+__all__ = ["chosen", "layers", "machine", "report", "request_options", "seconds", "show"]
+
+
+def request_options(parser: Parser, requests: int) -> None:
+    """Add the options of a benchmark that asks for plans: policy, number and seed of requests."""
+    add = parser.add_argument
+    add("--policy", type=Path, help="policy file (default: the one that ships)")
+    add("--requests", type=int, default=requests, help=f"for plans (default {requests})")
+    add("--seed", type=int, default=0, help="of the requests (default 0)")
 
 
 def layers(policy: Policy) -> list[tuple[int, ...]]:
@@ -60,6 +68,13 @@ def chosen(only: str, known: Iterable[str]) -> list[str]:
         if name not in there:
             raise InputError(f"--only has {name!r}; expected some of {', '.join(there)}")
     return names
+
+
+def show(figures: dict[str, Any]) -> None:
+    """Print a figure a line, a fraction with four digits."""
+    width = max(map(len, figures))
+    for name, value in figures.items():
+        print(f"{name:{width}}", f"{value:.4g}" if isinstance(value, float) else value)
 
 
 def report(figures: dict[str, Any], packages: tuple[str, ...]) -> None:

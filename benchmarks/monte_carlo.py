@@ -10,7 +10,7 @@ import math
 import multiprocessing
 import time
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -77,6 +77,19 @@ def stages(pilot: Pilot, count: int) -> dict[str, float]:
     return times
 
 
+class _Measured(NamedTuple):
+    wall_s: float
+    flown_s: float  # simulated, all encounters together
+
+
+def _fly_all(evaluation: Evaluation, workers: int, chunks: list[Chunk]) -> _Measured:
+    begun = time.perf_counter()
+    work = Work(Pilot, columns)
+    tables = [table for _, table in fly_chunks(work, evaluation, workers, chunks, lambda: False)]
+    wall = time.perf_counter() - begun
+    return _Measured(wall, sum(math.fsum(table["duration_s"]) for table in tables))
+
+
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
@@ -102,20 +115,10 @@ def main() -> None:
         Chunk(first, min(size, options.encounters - first))
         for first in range(0, options.encounters, size)
     ]
-    walls, evaluations = [], 0.0
-    for _ in range(options.repeats):
-        begun = time.perf_counter()
-        tables: list[dict[str, Any]] = [
-            table
-            for _, table in fly_chunks(
-                Work(Pilot, columns), evaluation, options.workers, chunks, lambda: False
-            )
-        ]
-        walls.append(time.perf_counter() - begun)
-        # The policy acts once a time step.
-        evaluations = (
-            sum(math.fsum(table["duration_s"]) for table in tables) / evaluation.aircraft.dt
-        )
+    flights = [_fly_all(evaluation, options.workers, chunks) for _ in range(options.repeats)]
+    walls = [one.wall_s for one in flights]
+    # The policy acts once a time step.
+    evaluations = flights[-1].flown_s / evaluation.aircraft.dt
 
     shapes = layers(policy)
     with multiprocessing.get_context("spawn").Pool(options.workers) as pool:

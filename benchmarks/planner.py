@@ -10,7 +10,6 @@ lengthen so much.
 
 import os
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from agents.planner.answer import Source
 from agents.planner.planner import plan
 from agents.planner.request import Request
 from agents.policy.inference import Policy
-from benchmarks.measure import layers, report
+from benchmarks.measure import layers, report, request_options, show
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import Encounter, scenario
@@ -69,14 +68,15 @@ def question(
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
-    parser.add_argument("--requests", type=int, default=2_000, help="requests timed (default 2000)")
+    request_options(parser, 2_000)
     parser.add_argument("--scenario", default="circle", help="of the encounters (default circle)")
     options = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     policy = Policy.load(options.policy)
-    encounters = encounters_of_seed(scenario(options.scenario, PAPER), 0, 0, options.requests)
+    encounters = encounters_of_seed(
+        scenario(options.scenario, PAPER), options.seed, 0, options.requests
+    )
     request = request_of(encounters, PAPER)
     bare = floor(policy)
     times: dict[str, list[float]] = {"policy": [], "fallback": [], "unresolved": []}
@@ -116,8 +116,7 @@ def main() -> None:
     figures["policy_median_over_floor"] = (
         float(np.median(times["policy"])) / base if times["policy"] else None
     )
-    for name, value in figures.items():
-        print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
+    show(figures)
     report(figures, ("numpy",))
 
 

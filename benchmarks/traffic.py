@@ -9,7 +9,6 @@ the processor's for the thread, which other work on the machine does not lengthe
 import math
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from agents.planner import Options, plan
 from agents.policy.inference import Policy
-from benchmarks.measure import report
+from benchmarks.measure import report, request_options, show
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
@@ -54,9 +53,7 @@ def question(seed: int, count: int, radius: float, aircraft: Aircraft) -> Questi
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
-    parser.add_argument("--requests", type=int, default=100, help="requests planned (default 100)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first request (default 0)")
+    request_options(parser, 100)
     parser.add_argument("--intruders", type=int, default=100, help="aircraft (default 100)")
     parser.add_argument("--radius", type=float, default=30.0, help="of the disc, km (default 30)")
     parser.add_argument(
@@ -103,8 +100,7 @@ def main() -> None:
         "cpu_median_ms": 1e3 * float(np.median(busy["usual"])),
         "cpu_p99_ms": 1e3 * float(np.percentile(busy["usual"], 99.0)),
     }
-    for name, value in figures.items():
-        print(f"{name:16} {value:.4g}" if isinstance(value, float) else f"{name:16} {value}")
+    show(figures)
     report(figures, ("numpy",))
 
 

@@ -19,7 +19,7 @@ from agents.manoeuvres.escape_manoeuvre import steps, tracks
 from agents.manoeuvres.escape_search import Found
 from agents.resolvability.classify import replay
 from agents.resolvability.witness import least_cost
-from benchmarks.measure import report
+from benchmarks.measure import report, show
 from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.edge.command import Parser, run_cli
@@ -234,8 +234,7 @@ def main() -> None:
         "gap_to_straight_line_p95": float(np.percentile(path / straight - 1.0, 95.0)),
         "path_mean_m": float(np.mean(path)),
     }
-    for name, value in figures.items():
-        print(f"{name:40} {value:.6g}")
+    show(figures)
     report(figures, ("jax", "jaxlib", "numpy", "scipy"))
 
 

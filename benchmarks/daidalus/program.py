@@ -219,18 +219,24 @@ def read_answers(text: str) -> list[Second]:
             continue
         if not found:
             continue
-        now = found[-1]
+        now, interval = found[-1], _INTERVAL.fullmatch(line)
         if line.startswith("Horizontal Direction Bands:"):
             into = now.headings
         elif line.startswith("Horizontal Speed Bands:"):
             into = now.speeds
-        elif (part := _INTERVAL.fullmatch(line)) is not None:
+        elif interval is not None:
             if into is not None:
-                into.append(Interval(float(part[1]), float(part[2]), part[3]))
+                into.append(Interval(float(interval[1]), float(interval[2]), interval[3]))
         else:
             into = None
-            if (part := _LOSS.match(line)) is not None:
-                now.loss[part[1]] = float(part[2])
-            if (part := _LEVEL.fullmatch(line)) is not None:
-                now.level[part[2]] = int(part[1])
+            _read_alert(line, now)
     return found
+
+
+def _read_alert(line: str, now: Second) -> None:
+    """Note what a line outside the bands says of an intruder, if anything."""
+    loss, level = _LOSS.match(line), _LEVEL.fullmatch(line)
+    if loss is not None:
+        now.loss[loss[1]] = float(loss[2])
+    if level is not None:
+        now.level[level[2]] = int(level[1])

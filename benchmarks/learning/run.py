@@ -9,6 +9,7 @@ steps and after equal wall time, with intervals over the seeds. The same command
 was stopped.
 """
 
+import argparse
 import json
 import math
 import os
@@ -212,7 +213,7 @@ def _plain(interval: Interval) -> dict[str, float | None]:
     }
 
 
-def _parse(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
+def _parser() -> Parser:
     parser = Parser(prog="python -m benchmarks.learning", description=__doc__)
     add = parser.add_argument
     add(
@@ -277,7 +278,11 @@ def _parse(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
         default=Path("runs/learning"),
         help="directory of the results (default runs/learning)",
     )
-    options = parser.parse_args(argv)
+    return parser
+
+
+def _extent(options: argparse.Namespace) -> Extent:
+    """Return the extent that the options ask for; raise ConfigError where it is none."""
     given = {name: getattr(options, name) for name in asdict(QUICK)}
     extent = replace(
         QUICK if options.quick else Extent(), **{k: v for k, v in given.items() if v is not None}
@@ -294,6 +299,12 @@ def _parse(argv: Sequence[str] | None) -> tuple[Any, Extent, TrainConfig]:
             f"--trial-target is {extent.trial_target}; expected a training score between -100 and "
             "100"
         )
+    return extent
+
+
+def _parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, Extent, TrainConfig]:
+    options = _parser().parse_args(argv)
+    extent = _extent(options)
     config = load(TrainConfig, options.config, [*options.set, f"steps={extent.steps}"])
     check(config)
     return options, extent, config
@@ -460,7 +471,8 @@ def _table(figures: Mapping[str, Any]) -> str:
         )
         lines.append(f"score after {where}: {scores}")
     for name, own in figures["learners"].items():
-        if lost := own["ended"].count("diverged"):
+        lost = own["ended"].count("diverged")
+        if lost:
             lines.append(f"{name}: {lost} of {own['seeds']} seeds diverged")
     return "\n".join(lines)
 

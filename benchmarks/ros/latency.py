@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.measure import report
+from benchmarks.measure import report, show
 from benchmarks.ros.graph import (
     ORIGIN,
     PATIENCE,
@@ -244,7 +244,7 @@ def restart(
             end = time.perf_counter() + 0.02
             while time.perf_counter() < end:
                 caller.executor.spin_once(timeout_sec=0.005)
-            answers = [answer for future in asked if (answer := future.result()) is not None]
+            answers = [future.result() for future in asked if future.result() is not None]
             if answers and len(answered) == len(first):
                 answered.append(time.perf_counter() - began)
             if time.perf_counter() - began > PATIENCE:
@@ -304,8 +304,7 @@ def main() -> None:
     with free_domain() as domain:
         os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         figures = measure_graph(options.calls)
-    for name, value in figures.items():
-        print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
+    show(figures)
     report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
 
 

@@ -14,14 +14,16 @@ up) to the last: by more than 5 MiB, or half. Needs ``make ros``.
 import argparse
 import math
 import os
+import subprocess
 import sys
 import time
 from collections import Counter
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.measure import report
+from benchmarks.measure import report, show
 from benchmarks.ros.graph import ORIGIN, PATIENCE, ahead, geodetic, resident, start, way
 from envs.angles import wrap
 from envs.edge.command import Parser, run_cli
@@ -193,10 +195,44 @@ def main() -> int:
     with free_domain() as domain:
         os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         figures, good = run_soak(options)
-    for name, value in figures.items():
-        print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
+    show(figures)
     report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
     return 0 if good else 1
+
+
+class Soaked(NamedTuple):
+    """What the flight was like."""
+
+    took: list[float]  # of each request, s
+    statuses: Counter[str]  # of the answers
+    memory: list[list[float]]  # of the nodes from time to time, MiB
+    simulated_s: float
+    wall_s: float
+
+
+def soak(
+    world: World, nodes: Sequence["subprocess.Popen[bytes]"], options: argparse.Namespace
+) -> Soaked:
+    """Fly for the hours that are asked for, and ask evenly meanwhile."""
+    ticks = round(options.hours * 3600.0 / TICK)
+    due = np.linspace(50, ticks, options.requests, endpoint=False).astype(int).tolist()
+    took, statuses, memory = [], Counter[str](), []
+    began = time.perf_counter()
+    for tick in range(ticks):
+        world.tick()
+        while len(took) < len(due) and due[len(took)] <= tick:
+            seconds, status = world.ask()
+            took.append(seconds)
+            statuses[str(status)] += 1
+        if tick % max(ticks // 200, 1) == 0:
+            memory.append([resident(node) for node in nodes])
+        if tick % max(ticks // 20, 1) == 0:
+            said = f"{100.0 * tick / ticks:.0f} %, {len(took)} requests"
+            print(said, file=sys.stderr, flush=True)
+        rest = (tick + 1) * TICK / options.rate - (time.perf_counter() - began)
+        if rest > 0.0:
+            world.executor.spin_once(timeout_sec=rest)
+    return Soaked(took, statuses, memory, ticks * TICK, time.perf_counter() - began)
 
 
 def run_soak(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
@@ -212,30 +248,10 @@ def run_soak(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         "forget_after:=8.0",
     )
     nodes = [start("ros_bridge.runner", *given), start("ros_bridge.monitor", *given)]
-    ticks = round(options.hours * 3600.0 / TICK)
-    due = np.linspace(50, ticks, options.requests, endpoint=False).astype(int).tolist()
-    took, statuses, memory = [], Counter[str](), []
     try:
         world = World(options.seed)
         world.wait()
-        began, asked = time.perf_counter(), 0
-        for tick in range(ticks):
-            world.tick()
-            while asked < len(due) and due[asked] <= tick:
-                seconds, status = world.ask()
-                asked += 1
-                took.append(seconds)
-                statuses[str(status)] += 1
-            if tick % max(ticks // 200, 1) == 0:
-                memory.append([resident(node) for node in nodes])
-            if tick % max(ticks // 20, 1) == 0:
-                print(
-                    f"{100.0 * tick / ticks:.0f} %, {asked} requests", file=sys.stderr, flush=True
-                )
-            rest = (tick + 1) * TICK / options.rate - (time.perf_counter() - began)
-            if rest > 0.0:
-                world.executor.spin_once(timeout_sec=rest)
-        wall = time.perf_counter() - began
+        soaked = soak(world, nodes, options)
         for _ in range(30):  # until the runner has published its counts once more
             world.tick()
             time.sleep(0.01)
@@ -245,18 +261,19 @@ def run_soak(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         for node in nodes:
             node.terminate()
         codes = [node.wait(PATIENCE) for node in nodes]
-    times = np.array_split(np.array(took), BLOCKS)
-    kept = np.array_split(np.array(memory), BLOCKS)
+    times = np.array_split(np.array(soaked.took), BLOCKS)
+    kept = np.array_split(np.array(soaked.memory), BLOCKS)
+    statuses = soaked.statuses
     first, last = kept[1].mean(axis=0), kept[-1].mean(axis=0)
     medians = [1e3 * float(np.median(block)) for block in times]
     figures: dict[str, Any] = {
         "benchmark": "ros_soak",
-        "requests": len(took),
+        "requests": len(soaked.took),
         "statuses": dict(statuses),
         "answers_of_the_runner": world.answered,
         "judgements": sum(world.judgements.values()),
-        "simulated_s": ticks * TICK,
-        "wall_s": wall,
+        "simulated_s": soaked.simulated_s,
+        "wall_s": soaked.wall_s,
         "aircraft": world.sky.made,
         "median_ms_first": medians[0],
         "median_ms_last": medians[-1],
@@ -270,7 +287,8 @@ def run_soak(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     }
     lost = statuses["-1"] + statuses["255"]
     grown = float((last - first).max()) > GROWTH_MIB or medians[-1] > GROWTH * medians[0]
-    good = lost == 0 and not grown and alive and codes == [0, 0] and world.answered >= len(took)
+    answered = lost == 0 and world.answered >= len(soaked.took)
+    good = answered and not grown and alive and codes == [0, 0]
     return figures | {"good": good}, good
 
 

@@ -234,44 +234,55 @@ def main(arguments: list[str] | None = None) -> int:
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         done = _before(path, options.seed)
-    counts: Counter[str] = Counter()
-    for one in done:
-        counts.update(one["counts"])
-    complete = counts["certificates"] >= options.plans
-    blocks = (
-        block for block in count(options.first) if block not in {one["block"] for one in done}
-    )
     try:
-        for one in () if complete else _results(options.seed, blocks, options.workers):
-            done.append(one)
-            counts.update(one["counts"])
-            if path is not None:
-                with path.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(one) + "\n")
-            bad = sum(len(each["failures"]) for each in done)
-            print(
-                f"{counts['certificates']} certificates, {bad} failures",
-                *one["failures"],
-                sep="\n",
-                file=sys.stderr,
-            )
-            complete = counts["certificates"] >= options.plans
-            if complete:
-                break
+        _check_blocks(options, path, done)
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was done", file=sys.stderr)
     failures = [problem for one in done for problem in one["failures"]]
+    counts = _counts(done)
     figures = {
         "benchmark": "certificates",
         "seed": options.seed,
         "first": options.first,
-        "complete": complete,
+        "complete": counts["certificates"] >= options.plans,
+        "blocks": len(done),
+        "failures": failures,
+        "counts": dict(sorted(counts.items())),
     }
-    figures |= {"blocks": len(done), "failures": failures, "counts": dict(sorted(counts.items()))}
     for name in _FIGURES[2:]:
         figures[name] = max((one[name] for one in done), default=0)
     report(figures | {"seconds": sum(one["seconds"] for one in done)}, ("numpy",))
     return 1 if failures else 0
+
+
+def _check_blocks(options: Any, path: Path | None, done: list[dict[str, Any]]) -> None:
+    """Check blocks that are not done until there are as many SAFE plans as wanted; each is appended
+    to what is done, and to the file.
+    """
+    known = {one["block"] for one in done}
+    blocks = (block for block in count(options.first) if block not in known)
+    certificates = _counts(done)["certificates"]
+    if certificates >= options.plans:
+        return
+    for one in _results(options.seed, blocks, options.workers):
+        done.append(one)
+        certificates += one["counts"]["certificates"]
+        if path is not None:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(one) + "\n")
+        bad = sum(len(each["failures"]) for each in done)
+        said = f"{certificates} certificates, {bad} failures"
+        print(said, *one["failures"], sep="\n", file=sys.stderr)
+        if certificates >= options.plans:
+            return
+
+
+def _counts(done: list[dict[str, Any]]) -> Counter[str]:
+    """Return the sums of the counts of blocks."""
+    counts: Counter[str] = Counter()
+    for one in done:
+        counts.update(one["counts"])
+    return counts
 
 
 if __name__ == "__main__":

@@ -14,9 +14,10 @@ import numpy as np
 
 from benchmarks.safety.resimulation import displacement
 from envs import waypoints
+from envs.kinematics import Limits
 from envs.waypoints import ARCS
 
-__all__ = ["Flight", "apart", "controls", "flights", "required_distances", "wrong"]
+__all__ = ["Flight", "apart", "controls", "flights", "offset", "required_distances", "wrong"]
 
 COARSE = 0.5
 ROUNDS = 3
@@ -121,14 +122,10 @@ def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Any]:
     )
     after = flight.speed + flight.acceleration * flight.length
     speeds = after[last] - points[:, 1:, 3]
-    low, high, least, most, rate = (
-        np.array([data["limits"][name] for data in certificates])[:, None]
-        for name in (
-            "speed_min",
-            "speed_max",
-            "acceleration_min",
-            "acceleration_max",
-            "yaw_rate_max",
+    limits = Limits(
+        *(
+            np.array([data["limits"][name] for data in certificates])[:, None]
+            for name in Limits._fields
         )
     )
     begun = points[:, :1, 3]
@@ -136,11 +133,11 @@ def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Any]:
         "controls": np.abs(given - controls(certificates)).reshape(count, -1) > _CURVE,
         "joint": np.abs(ends) > _MISS + _OUR_OWN,
         "course": (np.abs(courses) > _SPEED) | (np.abs(speeds) > _SPEED),
-        "speed": (after < np.minimum(low, begun) - _SPEED - _OUR_OWN)
-        | (after > np.maximum(high, begun) + _SPEED + _OUR_OWN),
-        "acceleration": (flight.acceleration < least - _ACCELERATION - _OUR_OWN)
-        | (flight.acceleration > most + _ACCELERATION + _OUR_OWN),
-        "turn rate": np.abs(flight.rate) > rate + _RATE + 1e-12,
+        "speed": (after < np.minimum(limits.speed_min, begun) - _SPEED - _OUR_OWN)
+        | (after > np.maximum(limits.speed_max, begun) + _SPEED + _OUR_OWN),
+        "acceleration": (flight.acceleration < limits.acceleration_min - _ACCELERATION - _OUR_OWN)
+        | (flight.acceleration > limits.acceleration_max + _ACCELERATION + _OUR_OWN),
+        "turn rate": np.abs(flight.rate) > limits.yaw_rate_max + _RATE + 1e-12,
     }
     return {name: bad.any(axis=1) for name, bad in checks.items()}
 
@@ -214,6 +211,24 @@ def _apart_times(certificates: list[dict[str, Any]]) -> Any:
     return np.array(found)
 
 
+class _Intruder(NamedTuple):
+    """An intruder as a certificate lists it, or several of them; fields ``[...]``."""
+
+    x: Any
+    y: Any
+    heading: Any
+    speed: Any
+    age: Any
+    """Of the report at the request, s."""
+    rate: Any
+    """Of its turn, rad/s."""
+    lasts: Any
+    """How long it turns from the report on, s."""
+    position_std: Any
+    velocity_std: Any
+    separation: Any
+
+
 class _Needs(NamedTuple):
     """What pairs of a plan and an intruder must keep; fields ``[P]``."""
 
@@ -231,9 +246,11 @@ class _Needs(NamedTuple):
 
     def at(self, pair: Any, time: Any) -> Any:
         """Return the distance below which a plan is wrong, m, ``[...]``."""
-        base, sigmas, std, drift, age, separation, claim = (field[pair] for field in self)
-        need = base + sigmas * (np.hypot(std, drift * (age + time)) - np.hypot(std, drift * age))
-        return np.maximum(np.maximum(need - _MARGIN, separation - _BELOW), claim)
+        here = _Needs(*(field[pair] for field in self))
+        now = np.hypot(here.std, here.velocity_std * here.age)
+        then = np.hypot(here.std, here.velocity_std * (here.age + time))
+        need = here.base + here.sigmas * (then - now)
+        return np.maximum(np.maximum(need - _MARGIN, here.separation - _BELOW), here.claim)
 
 
 def required_distances(
@@ -251,22 +268,31 @@ def required_distances(
         np.array([data["requirement"][name] for data in certificates])[owner]
         for name in ("margin", "sigmas")
     )
-    separation, age = traffic[9], np.abs(traffic[4])
-    std = np.hypot(traffic[7], traffic[8] * age)
+    one = _Intruder(*traffic)
+    separation, age = one.separation, np.abs(one.age)
+    std = np.hypot(one.position_std, one.velocity_std * age)
     zero = np.zeros(len(owner), dtype=int)
-    away = np.abs(apart(flight, traffic, owner, zero, 0.0 * separation))
+    away = apart(flight, traffic, owner, zero, 0.0 * separation)
     later = ((levels[..., 0] <= 0.0) & (levels[..., 1] > 0.0)).any(axis=-1)
     away = np.where(later, np.inf, away)
     base = np.maximum(separation, np.minimum(separation + margin + sigmas * std, away))
-    return _Needs(base, sigmas, traffic[7], traffic[8], age, separation, claim)
+    return _Needs(base, sigmas, one.position_std, one.velocity_std, age, separation, claim)
 
 
 def apart(flight: Flight, traffic: Any, row: Any, arc: Any, seconds: Any) -> Any:
     """Return distances to intruders ``[10, ...]`` some seconds into arcs, m, ``[...]``."""
-    x, y, heading, speed, age, rate, lasts = traffic[:7]
-    time = flight.begin[row, arc] + seconds + age
-    there = x + 1j * y + displacement(heading, speed, np.where(lasts > 0.0, rate, 0.0), lasts, time)
-    return np.abs(there - flight.at(row, arc, seconds))
+    return np.abs(offset(flight, traffic, row, arc, seconds))
+
+
+def offset(flight: Flight, traffic: Any, row: Any, arc: Any, seconds: Any) -> Any:
+    """Return where intruders ``[10, ...]`` are from a plan some seconds into arcs, complex m,
+    ``[...]``.
+    """
+    one = _Intruder(*traffic)
+    time = flight.begin[row, arc] + seconds + one.age
+    rate = np.where(one.lasts > 0.0, one.rate, 0.0)
+    there = one.x + 1j * one.y + displacement(one.heading, one.speed, rate, one.lasts, time)
+    return there - flight.at(row, arc, seconds)
 
 
 def _displacement(heading: Any, speed: Any, rate: Any, acceleration: Any, t: Any) -> Any:

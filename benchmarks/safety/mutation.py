@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.safety.judgement import apart, controls, flights
-from benchmarks.safety.resimulation import displacement
+from benchmarks.safety.judgement import apart, controls, flights, offset
 from envs.edge.json_text import parse_json
 from envs.waypoints import ARCS
 
@@ -30,12 +29,10 @@ def mutate(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, An
     data = parse_json(json.dumps(data))
     size = float(10.0 ** rng.uniform(-3.0, 1.5) * rng.choice([-1.0, 1.0]))  # m
     leg, part = int(rng.integers(len(data["waypoints"]))), int(rng.integers(5))
-    kinds = [
-        *_KINDS,
-        *(_TRAFFIC_KINDS if data["intruders"] else ()),
-        *(["excluded"] if data["excluded"] else []),
-        *(["apart"] if data["apart"] else []),
-    ]
+    kinds: list[str] = list(_KINDS)
+    if data["intruders"]:
+        kinds += _TRAFFIC_KINDS
+    kinds += [name for name in ("excluded", "apart") if data[name]]
     kind = kinds[int(rng.integers(len(kinds)))]
     if kind == "own":
         data["own"][part % 4] += size * _UNITS[part % 4]
@@ -52,10 +49,8 @@ def mutate(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, An
             abs(size) * (0.02 if part < 2 else 1e-3) * (1.0 if part in (1, 3, 4) else -1.0)
         )
     elif kind == "intruder":
-        row, field = (
-            data["intruders"][int(rng.integers(len(data["intruders"])))],
-            int(rng.integers(10)),
-        )
+        row = data["intruders"][int(rng.integers(len(data["intruders"])))]
+        field = int(rng.integers(10))
         row[field] += (abs(size) if field > 5 else size) * _INTRUDER_UNITS[field]
     elif kind == "approach":
         number = int(rng.integers(len(data["intruders"])))
@@ -86,13 +81,9 @@ def approach(data: dict[str, Any], number: int, distance: float) -> None:
     length = flight.length[0, arc]
     fine = np.clip(seconds[arc, step] + length / _STEPS * np.linspace(-1.0, 1.0, 1001), 0.0, length)
     when = fine[np.argmin(apart(flight, traffic[..., 0], 0, arc, fine))]
-    x, y, heading, speed, age, rate, lasts = row[:7]
-    there = displacement(
-        heading, speed, rate if lasts > 0.0 else 0.0, lasts, flight.begin[0, arc] + when + age
-    )
-    nearest = complex(x, y) + complex(there) - complex(flight.at(0, arc, when))
-    shift = nearest / abs(nearest) * (distance - abs(nearest))
-    row[0], row[1] = x + shift.real, y + shift.imag
+    away = offset(flight, np.array(row), 0, arc, when)
+    shift = away / abs(away) * (distance - abs(away))
+    row[0], row[1] = row[0] + shift.real, row[1] + shift.imag
 
 
 def _level(data: dict[str, Any], row: list[float], apart: float) -> None:

@@ -342,11 +342,10 @@ def _distances(
         pieces = math.ceil(float(np.max(h)) / CLOSE)
         seconds = h[row, leg, part][:, None] * np.linspace(0.0, 1.0, pieces + 1)
         one = VehicleColumns(*(field[n, 0] for field in other))
-        begun, at, psi, v, omega, accel = (
-            field[row, leg, part][:, None] for field in (time, place, heading, speed, rate, gain)
-        )
-        between = at + _displacement(psi, v, omega, accel, seconds)
-        when = begun + seconds
+        here = row, leg, part
+        psi, v, omega, accel = (field[here][:, None] for field in (heading, speed, rate, gain))
+        between = place[here][:, None] + _displacement(psi, v, omega, accel, seconds)
+        when = time[here][:, None] + seconds
         away = one.place(when) - between
         # Straight from sample to sample: at 20 m/s^2 that leaves the curve by 1 mm.
         chord = np.diff(away, axis=1)

@@ -9,18 +9,20 @@ them through ``agents.planner.plan`` too, and every plan called SAFE is judged b
 last line is one JSON object; exit status 1 means that a violation was found.
 """
 
+import argparse
 import json
 import multiprocessing
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TextIO
 
 from agents.policy.inference import Policy
-from benchmarks.measure import report
+from benchmarks.measure import report, request_options
 from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
 from envs.edge.command import ConfigError, Parser
@@ -33,15 +35,8 @@ __all__ = ["BLOCK", "main"]
 BLOCK = 6_400
 """Consecutive requests of which those with the same options are planned side by side."""
 
-_SAME = (
-    "requests",
-    "single",
-    "seed",
-    "first",
-    "family",
-    "any_aircraft",
-    "block",
-)  # in an attack that is gone on with
+# Options that an attack which is gone on with has in common with its beginning.
+_SAME = "requests", "single", "seed", "first", "family", "any_aircraft", "block"
 _FILE = "batches.jsonl"
 
 _POLICY: list[Policy] = []  # of a worker
@@ -98,104 +93,127 @@ def _results(
 
 def main(arguments: list[str] | None = None) -> int:
     """Attack and print."""
-    parser = Parser(description=__doc__)
-    parser.add_argument(
-        "--requests",
-        type=int,
-        default=1_000_000,
-        help="requests to the batch core (default 1000000)",
+    options = _parse(arguments)
+    tally = Tally()
+    batches = tasks(
+        options.seed,
+        options.first,
+        options.requests,
+        options.single,
+        options.block,
+        options.family,
+        any_aircraft=options.any_aircraft,
     )
-    parser.add_argument(
-        "--single",
-        type=int,
-        default=10_000,
-        help="how many of them go through plan too (default 10000)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of the requests (default 0)")
-    parser.add_argument(
-        "--first", type=int, default=0, help="number of the first request (default 0)"
-    )
-    parser.add_argument(
-        "--family", default="", help="plan only the requests of this family (default: of all)"
-    )
-    parser.add_argument(
-        "--any-aircraft",
-        action="store_true",
-        help="another aircraft, drawn at random, for each batch",
-    )
-    parser.add_argument(
-        "--workers", type=int, default=cores(), help="processes (default: one for every core)"
-    )
-    parser.add_argument(
-        "--block", type=int, default=BLOCK, help=f"requests planned side by side (default {BLOCK})"
-    )
-    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
-    parser.add_argument(
-        "--out", type=Path, help="folder of what is done and of the violations, as JSON lines"
-    )
-    options = parser.parse_args(arguments)
-    for name, least in (
-        ("requests", 1),
-        ("single", 0),
-        ("seed", 0),
-        ("first", 0),
-        ("workers", 1),
-        ("block", HUNDRED),
-    ):
-        if getattr(options, name) < least:
-            parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
-    if options.block % HUNDRED:
-        parser.error(f"--block is {options.block}, expected a multiple of {HUNDRED}")
-    if options.family not in ("", *(one.name for one in FAMILIES)):
-        parser.error(
-            f"--family is {options.family!r}, expected one of "
-            f"{', '.join(one.name for one in FAMILIES)}"
-        )
-    single = min(options.single, options.requests)
-    asked = options.seed, options.first, options.requests, single, options.block, options.family
-    batches = list(tasks(*asked, any_aircraft=options.any_aircraft))
-    tally, begun, done, file = Tally(), time.perf_counter(), {}, None
-    if options.out is not None:
-        options.out.mkdir(parents=True, exist_ok=True)
-        same = {name: getattr(options, name) for name in _SAME} | {
-            "policy": Policy.load(options.policy).sha256
-        }
-        done = _done(options.out / _FILE, same)
-        file = (options.out / _FILE).open("a", encoding="utf-8")
-        batches = [batch for batch in batches if batch not in done]
-    for one in done.values():
-        tally.add(one)
-    already = tally.requests.total() + tally.single.total()
-    progress = Progress("requests").start(options.requests + single)
-    complete = False
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        for batch, one in _results(batches, options.workers, options.policy):
+    with _open_record(options) as record:
+        for one in record.done.values():
             tally.add(one)
-            if file is not None:
-                print(json.dumps([batch, vars(one)]), file=file, flush=True)
-            count = tally.requests.total() + tally.single.total()
-            progress.show(count, _figures(tally), (count - already) / (time.perf_counter() - begun))
-        complete = True
-    except KeyboardInterrupt:
-        print("interrupted; these are the figures of what was done", file=sys.stderr)
-    finally:
-        progress.stop()
-        if file is not None:
-            file.close()
-        signal.signal(signal.SIGTERM, before)
+        batches = [batch for batch in batches if batch not in record.done]
+        complete = _attack(options, batches, tally, record)
     figures = {
         "benchmark": "safety",
         "seed": options.seed,
         "first": options.first,
         "complete": complete,
-    }
-    figures["any_aircraft"] = options.any_aircraft
-    figures |= {"block": options.block} | tally.figures()
+        "any_aircraft": options.any_aircraft,
+        "block": options.block,
+    } | tally.figures()
     for name, (asked, safe) in figures["families"].items():
         print(f"{name:20} {asked:9} requests {safe:9} SAFE")
     report(figures, ("numpy",))
     return 1 if tally.violations else 0
+
+
+def _parse(arguments: list[str] | None) -> argparse.Namespace:
+    parser = Parser(description=__doc__)
+    add = parser.add_argument
+    request_options(parser, 1_000_000)
+    add(
+        "--single",
+        type=int,
+        default=10_000,
+        help="how many of them go through plan too (default 10000)",
+    )
+    add("--first", type=int, default=0, help="number of the first request (default 0)")
+    add("--family", default="", help="plan only the requests of this family (default: of all)")
+    add(
+        "--any-aircraft",
+        action="store_true",
+        help="another aircraft, drawn at random, for each batch",
+    )
+    add("--workers", type=int, default=cores(), help="processes (default: one for every core)")
+    add("--block", type=int, default=BLOCK, help=f"requests planned side by side (default {BLOCK})")
+    add("--out", type=Path, help="folder of what is done and of the violations, as JSON lines")
+    options = parser.parse_args(arguments)
+    _check(parser, options)
+    options.single = min(options.single, options.requests)
+    return options
+
+
+_LEAST = {"requests": 1, "single": 0, "seed": 0, "first": 0, "workers": 1, "block": HUNDRED}
+
+
+def _check(parser: Parser, options: argparse.Namespace) -> None:
+    for name, least in _LEAST.items():
+        if getattr(options, name) < least:
+            parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
+    if options.block % HUNDRED:
+        parser.error(f"--block is {options.block}, expected a multiple of {HUNDRED}")
+    families = [one.name for one in FAMILIES]
+    if options.family and options.family not in families:
+        parser.error(f"--family is {options.family!r}, expected one of {', '.join(families)}")
+
+
+class _Record(NamedTuple):
+    """What is done of an attack, and the file, if any, that goes on with it."""
+
+    done: dict[Batch, Tally]
+    file: TextIO | None
+
+    def add(self, batch: Batch, tally: Tally) -> None:
+        """Write one more batch down."""
+        if self.file is not None:
+            print(json.dumps([batch, vars(tally)]), file=self.file, flush=True)
+
+
+@contextmanager
+def _open_record(options: argparse.Namespace) -> Generator[_Record]:
+    """Give the record in the folder that the options name; without a folder an empty one."""
+    if options.out is None:
+        yield _Record({}, None)
+        return
+    options.out.mkdir(parents=True, exist_ok=True)
+    path = options.out / _FILE
+    same = {name: getattr(options, name) for name in _SAME}
+    done = _done(path, same | {"policy": Policy.load(options.policy).sha256})
+    with path.open("a", encoding="utf-8") as file:
+        yield _Record(done, file)
+
+
+def _attack(
+    options: argparse.Namespace, batches: list[Batch], tally: Tally, record: _Record
+) -> bool:
+    """Attack by batches, add what is found to the tally, and return whether all were done."""
+    already = _planned(tally)
+    progress = Progress("requests").start(options.requests + options.single)
+    begun = time.perf_counter()
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        for batch, one in _results(batches, options.workers, options.policy):
+            tally.add(one)
+            record.add(batch, one)
+            count = _planned(tally)
+            progress.show(count, _figures(tally), (count - already) / (time.perf_counter() - begun))
+    except KeyboardInterrupt:
+        print("interrupted; these are the figures of what was done", file=sys.stderr)
+        return False
+    finally:
+        progress.stop()
+        signal.signal(signal.SIGTERM, before)
+    return True
+
+
+def _planned(tally: Tally) -> int:
+    return tally.requests.total() + tally.single.total()
 
 
 def _figures(tally: Tally) -> str:
