@@ -10,7 +10,7 @@ SAFE, and with ``RLCASAREAS ON`` these keep out of BlueSky's areas.
 import math
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -98,6 +98,58 @@ def _area(shape: Any, own_lat: float, own_lon: float) -> Area:
         disc = Circle(float(x), float(y), float(numbers[2]) * _MILE)
         return Area(disc, name=shape.name, **limits)
     return Area(Polygon(tuple(zip(x.tolist(), y.tolist(), strict=True))), name=shape.name, **limits)
+
+
+class _Scene(NamedTuple):
+    """What aircraft ``[N]`` decide by, over the ground, each in a frame about its own place."""
+
+    own: VehicleState  # [N]
+    others: VehicleState  # [N, K]
+    mask: np.ndarray  # [N, K]: which of the others count
+    goal_x: np.ndarray  # m, [N]
+    goal_y: np.ndarray
+    wind: Wind | None  # None: still air
+
+
+def _meets_level(flown: np.ndarray, conf: Any, ownship: Any, intruder: Any) -> np.ndarray:
+    """Return which aircraft come to the level of which of ``[N]`` in the look-ahead time,
+    ``[N, K]``.
+    """
+    above = intruder.alt - ownship.alt[flown, None]
+    climb = intruder.vs - ownship.vs[flown, None]
+    later = above + climb * conf.dtlookahead[flown, None]
+    height = np.maximum(conf.hpz, conf.hpz[flown, None])
+    return (np.minimum(np.abs(above), np.abs(later)) < height) | (above * later < 0.0)
+
+
+def _gives_way(own: VehicleState, others: VehicleState, beyond: float) -> np.ndarray:
+    """Return which of the others are to give way where both have waited long, ``[N, K]``.
+
+    Two that wait for each other, side by side, would fly on so for ever: the other on an
+    aircraft's left gives way, if it is farther away than a distance, m.
+    """
+    heading = own.heading
+    left = others.y * np.cos(heading)[:, None] > others.x * np.sin(heading)[:, None]
+    return left & (np.hypot(others.x, others.y) > beyond)
+
+
+def _policy_command(policy: Policy, scene: _Scene, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return yaw rates (rad/s) and speeds after some seconds (m/s), through the air, ``[N]``."""
+    own, others, goal = scene.own, scene.others, (scene.goal_x, scene.goal_y)
+    wind = scene.wind
+    if wind is not None:
+        # Decisions are made in the air mass about each aircraft, through which the goal drifts.
+        each = Wind(wind.east[:, None], wind.north[:, None])
+        own, others = through_air(own, wind, 0.0), through_air(others, each, 0.0)
+        goal = aim_point(own, goal, (-wind.east, -wind.north), _LONGEST, np)
+    critical = policy.most_critical(own, others, scene.mask)
+    seen, exists = map_leaves(
+        lambda field: np.take_along_axis(field, critical, axis=-1), (others, scene.mask)
+    )
+    action = policy.command(own, seen, exists, *goal)
+    acceleration, yaw_rate = commands(action.T, policy.limits, np)
+    low, high = policy.limits[:2]
+    return yaw_rate, np.clip(own.speed + acceleration * dt, low, high)
 
 
 class RLCAS(_Resolution):
@@ -243,68 +295,61 @@ class RLCAS(_Resolution):
         """Set track (deg) and speed (m/s) of the aircraft ``[N]`` for the time until the next
         decision.
         """
-        dt, separation = float(bs.traf.asastimer.dt_act), policy.aircraft.separation
+        dt = float(bs.traf.asastimer.dt_act)
+        scene = self._scene(policy.aircraft.separation, flown, conf, ownship, intruder)
+        yaw_rate, speed = _policy_command(policy, scene, dt)
+        track = (ownship.trk[flown] - np.degrees(yaw_rate * dt)) % 360.0
+        if scene.wind is not None:
+            # BlueSky takes a track and a speed over the ground.
+            later = through_air(scene.own, scene.wind, 0.0)
+            later = later._replace(heading=later.heading + yaw_rate * dt, speed=speed)
+            later = over_ground(later, scene.wind, 0.0)
+            speed, track = later.speed, (90.0 - np.degrees(later.heading)) % 360.0
+        self.trk[flown], self.tas[flown] = track, speed
+        if self.planning:
+            self._follow_plans(policy, flown, [ownship.id[index] for index in flown], scene, dt)
+
+    def _scene(
+        self, separation: float, flown: np.ndarray, conf: Any, ownship: Any, intruder: Any
+    ) -> _Scene:
+        """Return what aircraft ``[N]`` decide by."""
 
         def east_north(lat: Any, lon: Any) -> tuple[np.ndarray, np.ndarray]:
             return _east_north(lat, lon, ownship.lat[flown][:, None], ownship.lon[flown][:, None])
 
+        zeros = np.zeros(len(flown))
+        own = VehicleState(zeros, zeros, np.radians(90.0 - ownship.trk[flown]), ownship.gs[flown])
         x, y = east_north(intruder.lat[None], intruder.lon[None])
-        above, climb = (
-            intruder.alt - ownship.alt[flown, None],
-            intruder.vs - ownship.vs[flown, None],
-        )
-        later = above + climb * conf.dtlookahead[flown, None]
-        height = np.maximum(conf.hpz, conf.hpz[flown, None])
-        crossing = (np.minimum(np.abs(above), np.abs(later)) < height) | (above * later < 0.0)
-        mask = crossing & ~self.noresoac & (np.arange(ownship.ntraf) != flown[:, None])
-        away = np.hypot(x, y)
-        # Two that wait for each other, side by side, would fly on so for ever: the other on its
-        # left gives way.
-        heading = np.radians(90.0 - ownship.trk[flown])
-        left = y * np.cos(heading)[:, None] > x * np.sin(heading)[:, None]
-        lasting = np.array([self._lasting[ownship.id[index]] for index in flown])
-        waits = (lasting > conf.dtlookahead[flown])[:, None] & self.active
-        mask &= ~(waits & left & (away > _APART * separation))
         course = np.broadcast_to(np.arctan2(intruder.gsnorth, intruder.gseast), x.shape)
         others = VehicleState(x, y, course, np.broadcast_to(intruder.gs, x.shape))
+
+        mask = _meets_level(flown, conf, ownship, intruder)
+        mask &= ~self.noresoac & (np.arange(ownship.ntraf) != flown[:, None])
+        lasting = np.array([self._lasting[ownship.id[index]] for index in flown])
+        waits = (lasting > conf.dtlookahead[flown])[:, None] & self.active
+        mask &= ~(waits & _gives_way(own, others, _APART * separation))
+
         ahead, bearing = _AHEAD * separation, np.radians(90.0 - bs.traf.ap.trk[flown])
         waypoint = east_north(bs.traf.actwp.lat[flown, None], bs.traf.actwp.lon[flown, None])
         follows = np.asarray(bs.traf.swlnav[flown], bool)
         goal_x = np.where(follows, waypoint[0][:, 0], ahead * np.cos(bearing))
         goal_y = np.where(follows, waypoint[1][:, 0], ahead * np.sin(bearing))
-        zeros = np.zeros(len(flown))
-        ground = own = VehicleState(zeros, zeros, heading, ownship.gs[flown])
-        seen_over_ground, goal = others, (goal_x, goal_y)
-        wind = _wind_at(flown)
-        if wind is not None:
-            # Decisions are made in the air mass about each aircraft, through which the goal drifts.
-            each = Wind(wind.east[:, None], wind.north[:, None])
-            own, others = through_air(ground, wind, 0.0), through_air(others, each, 0.0)
-            drift = (-wind.east, -wind.north)
-            goal = aim_point(own, goal, drift, _LONGEST, np)
-        critical = policy.most_critical(own, others, mask)
-        seen, exists = map_leaves(
-            lambda field: np.take_along_axis(field, critical, axis=-1), (others, mask)
-        )
-        action = policy.command(own, seen, exists, *goal)
-        acceleration, yaw_rate = commands(action.T, policy.limits, np)
-        low, high = policy.limits[:2]
-        speed = np.clip(own.speed + acceleration * dt, low, high)
-        track = (ownship.trk[flown] - np.degrees(yaw_rate * dt)) % 360.0
-        if wind is not None:
-            # BlueSky takes a track and a speed over the ground.
-            later = VehicleState(zeros, zeros, own.heading + yaw_rate * dt, speed)
-            later = over_ground(later, wind, 0.0)
-            speed, track = later.speed, (90.0 - np.degrees(later.heading)) % 360.0
-        self.trk[flown], self.tas[flown] = track, speed
-        for row, index in enumerate(flown if self.planning else ()):
+        return _Scene(own, others, mask, goal_x, goal_y, _wind_at(flown))
+
+    def _follow_plans(
+        self, policy: Policy, flown: np.ndarray, names: list[str], scene: _Scene, dt: float
+    ) -> None:
+        """Set track and speed of those of the aircraft ``[N]`` that have a SAFE plan."""
+        for row, (index, name) in enumerate(zip(flown, names, strict=True)):
+            mask = scene.mask[row]
             traffic = [
                 VehicleState(*each)
-                for each in zip(*(field[row, mask[row]] for field in seen_over_ground), strict=True)
+                for each in zip(*(field[row, mask] for field in scene.others), strict=True)
             ]
-            to = complex(goal_x[row], goal_y[row])
-            request = take(ground, row), traffic, to, None if wind is None else take(wind, row)
-            planned = self._planned_state(ownship.id[index], policy, request, dt)
+            goal = complex(scene.goal_x[row], scene.goal_y[row])
+            wind = None if scene.wind is None else take(scene.wind, row)
+            request = take(scene.own, row), traffic, goal, wind
+            planned = self._planned_state(name, policy, request, dt)
             if planned is not None:
                 self.trk[index] = (90.0 - np.degrees(planned.heading)) % 360.0
                 self.tas[index] = planned.speed
