@@ -21,7 +21,7 @@ from envs.kinematics import Limits, commands
 from envs.outcome import Outcome
 from envs.relative import bearing, distance
 from envs.trees import scatter, take
-from envs.world import State, World, begin, known, seen_intruders, smallest
+from envs.world import State, StepResult, World, begin, known, seen_intruders, smallest
 from envs.world import step as advance
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -183,23 +183,26 @@ def fly(
                 air.number, after.own, after.intruders.vehicle, flown.separation, action
             )
         if after.ended.any():
-            outcome, time = (
-                np.argmax(np.stack(flown.outcome), axis=0),
-                np.full(len(air.number), step * dt),
-            )
-            closest = air.min_separation, air.time_of_min_separation
-            ends = (
-                outcome,
-                flown.reward,
-                time,
-                *closest,
-                air.path_length,
-                flown.goal_distance,
-                air.reversals,
-            )
-            scatter(result, air.number[after.ended], take(Flights(*ends), after.ended))
+            ends = _ends(air, flown, step * dt)
+            scatter(result, air.number[after.ended], take(ends, after.ended))
             air = take(air, ~after.ended)
     return result
+
+
+def _ends(air: _Air, flown: StepResult, time: float) -> Flights:
+    """Return encounters ``[M]`` as they would stand in the result if they ended now, at a time,
+    s.
+    """
+    return Flights(
+        outcome=np.argmax(np.stack(flown.outcome), axis=0),
+        score=flown.reward,
+        duration=np.full(len(air.number), time),
+        min_separation=air.min_separation,
+        time_of_min_separation=air.time_of_min_separation,
+        path_length=air.path_length,
+        goal_distance=flown.goal_distance,
+        reversals=air.reversals,
+    )
 
 
 def _takeoff(encounters: Encounter, *, history_dt: float | None) -> _Air:
