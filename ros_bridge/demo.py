@@ -19,7 +19,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -125,9 +125,9 @@ def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tup
     if options.margin is not None and not 0.0 <= options.margin <= most:
         raise ValueError(f"--margin is {options.margin:g} m, expected 0 to {most:g} m")
     named = [name for name in options.scenarios.split(",") if name not in ("", "none")]
-    wanted = [(name, options.each) for name in named] + [("circle", options.random)] * (
-        options.random > 0
-    )
+    wanted = [(name, options.each) for name in named]
+    if options.random:
+        wanted.append(("circle", options.random))
     if not wanted:
         raise ValueError("--scenarios is none and --random 0, expected something to fly")
     for name, count in wanted:
@@ -205,18 +205,8 @@ def _fly(
             if file is None
             else closing(Recorder(simulator, file, lambda: simulator.now))
         ):
-            for name, values in nodes.items():
-                given = [
-                    part
-                    for key, value in values.items()
-                    if value != ""
-                    for part in ("-p", f"{key}:={value}")
-                ]
-                processes.append(
-                    start_node(
-                        f"ros_bridge.{name}", "--ros-args", "--log-level", options.level, *given
-                    )
-                )
+            for name, parameters in nodes.items():
+                processes.append(_start(name, parameters, options.level))
             if options.display:
                 clock = ("--ros-args", "-p", "use_sim_time:=true", "--log-level", options.level)
                 processes.append(start_node("ros_bridge.display", "--port", "0", *clock))
@@ -224,13 +214,7 @@ def _fly(
                 simulator.begin(encounter, name, number)
                 while simulator.flying:
                     executor.spin_once(timeout_sec=0.1)
-                    ended = [
-                        process.returncode for process in processes if process.poll() is not None
-                    ]
-                    if ended:
-                        raise ValueError(
-                            f"a node ended with exit code {ended[0]} (--verbose shows why)"
-                        )
+                    _check_alive(processes)
                 print(".", end="", file=sys.stderr, flush=True)
             print(file=sys.stderr)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -246,6 +230,24 @@ def _fly(
         rclpy.try_shutdown()
         signal.signal(signal.SIGINT, before)
     return None
+
+
+def _start(name: str, parameters: Mapping[str, Any], level: str) -> "subprocess.Popen[bytes]":
+    """Start a node with those of the parameters that are not empty."""
+    given = [
+        part
+        for key, value in parameters.items()
+        if value != ""
+        for part in ("-p", f"{key}:={value}")
+    ]
+    return start_node(f"ros_bridge.{name}", "--ros-args", "--log-level", level, *given)
+
+
+def _check_alive(processes: "Sequence[subprocess.Popen[bytes]]") -> None:
+    """Raise ValueError where one of the processes has ended."""
+    ended = [process.returncode for process in processes if process.poll() is not None]
+    if ended:
+        raise ValueError(f"a node ended with exit code {ended[0]} (--verbose shows why)")
 
 
 def _evaluate(simulator: "Simulator", encounters: Sequence[Any], margin: float) -> None:

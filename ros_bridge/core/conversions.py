@@ -162,73 +162,88 @@ def aircraft(message: Any, name: str) -> Report:
     """Return the report that an AircraftState holds, or raise :class:`FieldError` with a
     sighting.
     """
+    parts = _AircraftParts(message, name)
+    return report(
+        identifier(f"{name}.id", message.id),
+        lambda: stamp(f"{name}.header.stamp", message.header.stamp),
+        parts.place,
+        parts.velocity,
+        parts.altitude,
+        position_std=lambda: parts.std(POSITION_STD, "position_std", 1e4, "m"),
+        velocity_std=lambda: parts.std(VELOCITY_STD, "velocity_std", 100.0, "m/s"),
+        time_std=lambda: parts.std(TIME_STD, "time_std", 60.0, "s") or 0.0,
+        wind=parts.wind,
+        true_airspeed=parts.true_airspeed,
+        category=lambda: integer(f"{name}.category", message.category, 0, LAST),
+    )
 
-    def has(bit: int) -> bool:
-        return bool(flags(f"{name}.valid", message.valid, _BITS) & bit)
 
-    def demand_bit(bit: int, what: str) -> None:
-        if not has(bit):
+class _AircraftParts(NamedTuple):
+    """Reads the parts of an AircraftState; each raises :class:`FieldError` where it is wrong."""
+
+    message: Any
+    name: str
+
+    def has(self, bit: int) -> bool:
+        """Return whether the message marks a part as valid."""
+        return bool(flags(f"{self.name}.valid", self.message.valid, _BITS) & bit)
+
+    def demand_bit(self, bit: int, what: str) -> None:
+        """Refuse a message without a part that it must have."""
+        if not self.has(bit):
             raise FieldError(
-                f"{name}.valid", f"is {message.valid:#x}, expected the bit of the {what}"
+                f"{self.name}.valid",
+                f"is {self.message.valid:#x}, expected the bit of the {what}",
             )
 
-    def at() -> tuple[float, float]:
-        demand_bit(POSITION, "position")
-        return place(name, message.latitude, message.longitude)
+    def place(self) -> tuple[float, float]:
+        """Return latitude and longitude, degrees."""
+        self.demand_bit(POSITION, "position")
+        return place(self.name, self.message.latitude, self.message.longitude)
 
-    def over_ground() -> tuple[float, float]:
-        demand_bit(VELOCITY, "velocity")
-        return velocity(name, message.velocity.x, message.velocity.y)
+    def velocity(self) -> tuple[float, float]:
+        """Return the velocity over the ground, true east and north, m/s."""
+        self.demand_bit(VELOCITY, "velocity")
+        return velocity(self.name, self.message.velocity.x, self.message.velocity.y)
 
-    def height() -> Altitude | None:
-        climb = (
-            number(f"{name}.velocity.z", message.velocity.z, *_CLIMB)
-            if has(VERTICAL_SPEED)
-            else None
-        )
-        return _altitude(name, message, climb) if has(ALTITUDE) else None
+    def altitude(self) -> Altitude | None:
+        """Return the altitude with its rate; None: unknown."""
+        climb = None
+        if self.has(VERTICAL_SPEED):
+            climb = number(f"{self.name}.velocity.z", self.message.velocity.z, *_CLIMB)
+        return _altitude(self.name, self.message, climb) if self.has(ALTITUDE) else None
 
-    def wind() -> tuple[float, float] | None:
-        if not has(WIND):
+    def wind(self) -> tuple[float, float] | None:
+        """Return the wind, true east and north, m/s; None: unknown."""
+        if not self.has(WIND):
             return None
-        x, y = (
-            number(f"{name}.wind.{axis}", getattr(message.wind, axis), -_WIND, _WIND, "m/s")
-            for axis in "xy"
+        name, wind = self.name, self.message.wind
+        return (
+            number(f"{name}.wind.x", wind.x, -_WIND, _WIND, "m/s"),
+            number(f"{name}.wind.y", wind.y, -_WIND, _WIND, "m/s"),
         )
-        return x, y
 
-    def airspeed() -> float | None:
-        if not has(TRUE_AIRSPEED):
+    def true_airspeed(self) -> float | None:
+        """Return the true airspeed, m/s, which must agree with velocity and wind; None: unknown."""
+        if not self.has(TRUE_AIRSPEED):
             return None
-        speed = number(f"{name}.true_airspeed", message.true_airspeed, 0.0, FASTEST, "m/s")
-        (east, north), air = over_ground(), wind()
+        field = f"{self.name}.true_airspeed"
+        speed = number(field, self.message.true_airspeed, 0.0, FASTEST, "m/s")
+        (east, north), air = self.velocity(), self.wind()
         through_air = speed if air is None else math.hypot(east - air[0], north - air[1])
         if abs(through_air - speed) > _AIRSPEED_AGREES:
             what = (
                 f"is {speed:g} m/s, expected it within {_AIRSPEED_AGREES:g} m/s of what "
                 "velocity and wind make"
             )
-            raise FieldError(f"{name}.true_airspeed", f"{what}, {through_air:g} m/s")
+            raise FieldError(field, f"{what}, {through_air:g} m/s")
         return speed
 
-    def std(bit: int, field: str, most: float, unit: str) -> float | None:
-        if not has(bit):
+    def std(self, bit: int, field: str, most: float, unit: str) -> float | None:
+        """Return a standard deviation, at most so much; None: unknown."""
+        if not self.has(bit):
             return None
-        return number(f"{name}.{field}", getattr(message, field), 0.0, most, unit)
-
-    return report(
-        identifier(f"{name}.id", message.id),
-        lambda: stamp(f"{name}.header.stamp", message.header.stamp),
-        at,
-        over_ground,
-        height,
-        position_std=lambda: std(POSITION_STD, "position_std", 1e4, "m"),
-        velocity_std=lambda: std(VELOCITY_STD, "velocity_std", 100.0, "m/s"),
-        time_std=lambda: std(TIME_STD, "time_std", 60.0, "s") or 0.0,
-        wind=wind,
-        true_airspeed=airspeed,
-        category=lambda: integer(f"{name}.category", message.category, 0, LAST),
-    )
+        return number(f"{self.name}.{field}", getattr(self.message, field), 0.0, most, unit)
 
 
 def geo_reference(message: Any, name: str = "geo_reference") -> Origin:

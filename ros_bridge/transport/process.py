@@ -3,6 +3,7 @@
 input.
 """
 
+import argparse
 import gc
 import signal
 import sys
@@ -53,6 +54,33 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
         parser.add_argument(
             "--manual", action="store_true", help="wait to be configured and activated by others"
         )
+    options, node = _begin(make, parser, given)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        if alive and not options.manual and not _activate(node):
+            return 2
+        return _spin(executor, node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except RuntimeError:
+        # A signal between two steps of the executor ends the context under it; the error has no
+        # public class.
+        if rclpy.ok():
+            raise
+        return 0
+    finally:
+        # A second Ctrl-C must not break the cleaning up.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _begin(make: Any, parser: Parser, given: list[str]) -> tuple[argparse.Namespace, Any]:
+    """Return our options, and the node in a context of the arguments; InputError: they cannot be
+    used.
+    """
     try:
         options = parser.parse_args(remove_ros_args(given)[1:])
         if options.end_with_parent:
@@ -61,44 +89,32 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
         configure_dds()
         rclpy.init(args=given)
         with reserved_ports():
-            node = make()
-    except (ParameterException, ValueError, RuntimeError) as error:
+            return options, make()
+    except ParameterException as error:
         rclpy.try_shutdown()
-        if isinstance(error, ParameterException):
-            raise InputError(f"{error} (a number needs its point, such as 3.0)") from error
+        raise InputError(f"{error} (a number needs its point, such as 3.0)") from error
+    except ValueError as error:
+        rclpy.try_shutdown()
+        raise InputError(str(error)) from error
+    except RuntimeError as error:
+        rclpy.try_shutdown()
         # What rcl raises for arguments has no common class that is public.
-        what = "ROS arguments cannot be used: " * isinstance(error, RuntimeError)
-        raise InputError(f"{what}{error}") from error
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    code = 0
-    try:
-        steps = (
-            () if not alive or options.manual else (node.trigger_configure, node.trigger_activate)
-        )
-        if all(
-            step() is TransitionCallbackReturn.SUCCESS for step in steps
-        ):  # the node has logged why not
-            # What is there by now stays, and is not gone through again and again in the middle of
-            # an answer.
-            gc.freeze()
-            gc.enable()
-            while rclpy.ok() and not getattr(node, "finished", False):
-                executor.spin_once(timeout_sec=_LOOK)
-            code = getattr(node, "code", 0)
-        else:
-            code = 2
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except RuntimeError:
-        # A signal between two steps of the executor ends the context under it; the error has no
-        # public class.
-        if rclpy.ok():
-            raise
-    finally:
-        # A second Ctrl-C must not break the cleaning up.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.try_shutdown()
+        raise InputError(f"ROS arguments cannot be used: {error}") from error
+
+
+def _activate(node: Any) -> bool:
+    """Configure and activate a lifecycle node; it logs why not."""
+    steps = (node.trigger_configure, node.trigger_activate)
+    return all(step() is TransitionCallbackReturn.SUCCESS for step in steps)
+
+
+def _spin(executor: SingleThreadedExecutor, node: Any) -> int:
+    """Let a node work until it has finished or is stopped; return its exit code."""
+    # What is there by now stays, and is not gone through again and again in the middle of an
+    # answer.
+    gc.freeze()
+    gc.enable()
+    while rclpy.ok() and not getattr(node, "finished", False):
+        executor.spin_once(timeout_sec=_LOOK)
+    code: int = getattr(node, "code", 0)
     return code
