@@ -457,16 +457,19 @@ def air_limits(certificate: Certificate) -> list[Ball]:
     within its uncertainty, in their order.
 
     With an error e the airspeed differs by e at most, the acceleration along the path by e times
-    the turn rate, and the turn rate is (v r + a e / v) / (v - e) at most.
+    the turn rate, and the turn rate is (v r + a e / v) / (v - e) at most. Turns take half of the
+    weaker acceleration at most.
     """
     slow, fast, weakest, strongest, turn = map(ball, certificate.limits)
-    if certificate.wind.std == 0.0:
+    if certificate.wind.std == 0.0 or certificate.requirement.sigmas == 0.0:
         return [slow, fast, weakest, strongest, turn]
     error = ball(certificate.requirement.sigmas) * ball(certificate.wind.std)
     least = slow + error
     demand(least.lo > 0, "the lowest airspeed is not positive")
     gain = real(max(strongest.hi, -weakest.lo))
     turn = turn * slow / least - gain * error / (least * least)
+    half = real(min(strongest.lo, -weakest.hi)) / (TWO * error)
+    turn = half if half.hi < turn.hi else turn
     demand(turn.lo > 0, "the wind is too uncertain for the aircraft to turn")
     lost = turn * error
     return [least, fast - error, weakest + lost, strongest - lost, turn]

@@ -118,15 +118,17 @@ def narrow(limits: Limits, error: float) -> Limits:
       direction turns by an angle whose sine is ``e / v`` at most,
     - the turn rate is ``(v |r| + |a| e / v) / (v - e)`` at most.
 
-    The turn rate is narrowed for the lowest airspeed that is left, at which that bound is greatest.
-    Speeds that cross, or a turn rate or acceleration that is not positive, mean that nothing is
-    left.
+    The turn rate is narrowed for the lowest airspeed that is left, at which that bound is greatest,
+    and as far as leaves half of the weaker acceleration. Speeds that cross, or a turn rate or
+    acceleration that is not positive, mean that nothing is left.
     """
     if error == 0.0:
         return limits
     slow = limits.speed_min + error
     strongest = max(limits.acceleration_max, -limits.acceleration_min)
     turn = limits.yaw_rate_max * limits.speed_min / slow - strongest * error / (slow * slow)
+    weakest = min(limits.acceleration_max, -limits.acceleration_min)
+    turn = min(turn, 0.5 * weakest / error)
     lost = max(turn, 0.0) * error
     return Limits(
         slow,

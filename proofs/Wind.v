@@ -139,9 +139,13 @@ Qed.
 
 Definition narrow_speed_min (speed_min error : R) : R := speed_min + error.
 Definition narrow_speed_max (speed_max error : R) : R := speed_max - error.
-Definition narrow_turn (speed_min acc_min acc_max rate error : R) : R :=
+Definition turn_left (speed_min acc_min acc_max rate error : R) : R :=
   rate * speed_min / narrow_speed_min speed_min error
     - Rmax acc_max (- acc_min) * error / (narrow_speed_min speed_min error * narrow_speed_min speed_min error).
+(* A turn takes of the accelerations by the error; half of the weaker one is kept. *)
+Definition gentle_turn (acc_min acc_max error : R) : R := Rmin acc_max (- acc_min) / (2 * error).
+Definition narrow_turn (speed_min acc_min acc_max rate error : R) : R :=
+  Rmin (turn_left speed_min acc_min acc_max rate error) (gentle_turn acc_min acc_max error).
 Definition turn_loss (turn error : R) : R := Rmax turn 0 * error.
 Definition narrow_acc_min (acc_min turn error : R) : R := acc_min + turn_loss turn error.
 Definition narrow_acc_max (acc_max turn error : R) : R := acc_max - turn_loss turn error.
@@ -149,10 +153,10 @@ Definition narrow_acc_max (acc_max turn error : R) : R := acc_max - turn_loss tu
 (* The bound of the turn rate is greatest at the lowest airspeed that is left. *)
 Lemma slowest_turns_most speed_min acc_min acc_max rate error v r a :
   0 < speed_min -> 0 <= error -> narrow_speed_min speed_min error <= v ->
-  Rabs r <= narrow_turn speed_min acc_min acc_max rate error -> Rabs a <= Rmax acc_max (- acc_min) ->
+  Rabs r <= turn_left speed_min acc_min acc_max rate error -> Rabs a <= Rmax acc_max (- acc_min) ->
   (v * Rabs r + Rabs a * error / v) / (v - error) <= rate.
 Proof.
-  unfold narrow_turn, narrow_speed_min; intros pos err fast turns pushes.
+  unfold turn_left, narrow_speed_min; intros pos err fast turns pushes.
   set (s := speed_min + error) in *; set (P := Rmax acc_max (- acc_min)) in *.
   assert (0 < s) by (unfold s; lra); assert (0 < v - error) by (unfold s in fast; lra).
   assert (0 <= Rabs a) by apply Rabs_pos; assert (0 <= Rabs r) by apply Rabs_pos.
@@ -209,7 +213,8 @@ Proof.
   - unfold Rmin, Rmax in push; destruct (Rle_dec _ 0) in push; lra.
   - apply Rle_trans with (1 := round).
     assert (0 <= turn * error) by (apply Rmult_le_pos; assumption).
-    apply (slowest_turns_most speed_min acc_min acc_max); try assumption; [lra|].
+    apply (slowest_turns_most speed_min acc_min acc_max); try assumption; [lra| |].
+    { apply Rle_trans with (1 := turns); apply Rmin_l. }
     apply Rabs_le.
     generalize (Rmax_l acc_max (- acc_min)) (Rmax_r acc_max (- acc_min)); lra.
 Qed.

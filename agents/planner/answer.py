@@ -111,7 +111,7 @@ class AdvisoryCode(IntEnum):
     OUTSIDE_DOMAIN = 2  # the policy was not trained for this
     ASSUMED = 3  # something is unknown, and the worst that is plausible was taken
     TIME_UNCERTAIN = 4  # when a report held is known to within some time only
-    WIND_UNKNOWN = 5  # the wind is unknown and taken as calm
+    WIND_UNKNOWN = 5  # the wind is unknown: any within a stated size may blow
     POSSIBLE_COPY = 6  # an intruder may be a copy of the ownship
     PASSED_OVER = 7  # a point of the route lies in an area and is left out
 

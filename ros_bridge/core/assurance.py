@@ -263,6 +263,8 @@ def _reach(own: Report, now: int, supervision: Supervision, situation: Situation
     # Over the ground all are faster by the wind at most: the reported one, or the plan's.
     winds = (own.wind or (0.0, 0.0), (0.0, 0.0) if held is None else held.wind)
     blows = max(math.hypot(*wind) for wind in winds)
+    if own.wind is None:
+        blows += limits.requirement.sigmas * supervision.unknown.wind_std
     fast = options.aircraft.traffic_speed_max + blows
     return Reach(
         own,

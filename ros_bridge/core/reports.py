@@ -13,18 +13,25 @@ from ros_bridge.core.fields import SECOND
 FASTEST = 400.0
 """Ground speed that no aircraft exceeds, m/s."""
 
+WIND_STD = 0.01
+"""One sigma of a reported wind's components, of the aircraft's greatest speed."""
+
+UNKNOWN_WIND_STD = 0.05
+"""One sigma of an unknown wind's components about calm, of the aircraft's greatest speed."""
+
 
 class Unknown(NamedTuple):
-    """What is taken for the standard deviations that a report lacks, per axis."""
+    """What is taken for the standard deviations that reports lack, per axis."""
 
     position_std: float = 378.0  # m: NACp 5, 95 % within 926 m
     velocity_std: float = 1.23  # m/s: NACv 2, 95 % within 3 m/s
+    wind_std: float = 5.0  # m/s, of the wind about calm: UNKNOWN_WIND_STD of 100 m/s
 
 
 USUAL = Unknown()
 """The defaults of the nodes' parameters."""
 
-EXACT = Unknown(0.0, 0.0)
+EXACT = Unknown(0.0, 0.0, 0.0)
 """For judgements in which noise that nobody declared must excuse nothing."""
 
 

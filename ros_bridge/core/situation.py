@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.assurance.plausible import greatest_change
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
-from agents.planner.request import Altitude, Intruder, Options
+from agents.planner.request import Altitude, Intruder, Options, in_wind
 from envs.angles import wrap
 from envs.areas import Area
 from envs.formats.areas.geodetic import GeodeticArea
@@ -133,7 +133,7 @@ class PlanTask:
     points: tuple[RoutePoint, ...]
     options: Options
     notes: tuple[Advisory, ...]  # what was assumed
-    wind: Wind | None = None  # in the frame; None: taken as calm
+    wind: Wind = NO_WIND  # in the frame
     areas: tuple[Area, ...] = ()  # as of the request
 
 
@@ -176,12 +176,13 @@ def task(
     x, y = (np.array([getattr(point, axis) for point in points]) for axis in "xy")
     climb = options.unknown_climb
     # Over the ground both are faster by the wind at most.
-    blows = 0.0 if wind is None else float(wind.speed)
-    airspeed = own.speed if wind is None else through_air(own, wind, 0.0).speed
+    blows = float(wind.speed) + options.requirement.sigmas * float(wind.std)
+    airspeed = through_air(own, wind, 0.0).speed
+    end = _options_in_wind(options, wind).latest_end(airspeed, x, y, wind=float(wind.speed))
     reach = Reach(
         own=report,
         now=now,
-        horizon=float(options.latest_end(airspeed, x, y, wind=blows)),
+        horizon=float(end),
         separation=separation + options.requirement.margin,
         vertical=vertical,
         speed=options.limits.speed_max + blows,
@@ -239,7 +240,11 @@ def _assumptions(number: int, track: Track, unknown: Unknown) -> Iterator[Adviso
     """Yield what an intruder's report lacks, and what is taken for it."""
     report = track.estimate
     assert report is not None, "there is one beside every usable report"
-    for name, value, unit in zip(Unknown._fields, unknown, ("m", "m/s"), strict=True):
+    assumed = (
+        ("position_std", unknown.position_std, "m"),
+        ("velocity_std", unknown.velocity_std, "m/s"),
+    )
+    for name, value, unit in assumed:
         if getattr(report, name) is None:
             field_ = Field(Subject.INTRUDERS, name, number)
             what = f"is unknown and taken as {value:g} {unit}"
@@ -324,14 +329,16 @@ def _check_turn(track: Track, name: str, settings: Settings) -> None:
         raise Refusal(Code[f"INVALID_{_kind(name)}"], f"{name}.velocity", what)
 
 
-def _now(state: VehicleState, rate: float, seconds: float, wind: Wind | None) -> VehicleState:
+def _now(state: VehicleState, rate: float, seconds: float, wind: Wind) -> VehicleState:
     """Return a state over the ground some seconds later, along a turn of its track (rad/s), which
     is one through the air.
     """
-    if wind is not None:
-        rate = turn_through_air(state, rate, wind)
-        air = _now(through_air(state, wind, 0.0), rate, seconds, None)
-        return over_ground(air, wind, seconds)
+    rate = turn_through_air(state, rate, wind)
+    return over_ground(_turn(through_air(state, wind, 0.0), rate, seconds), wind, seconds)
+
+
+def _turn(state: VehicleState, rate: float, seconds: float) -> VehicleState:
+    """Return a state through the air some seconds later, along a turn, rad/s."""
     turn = rate * seconds
     # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
     reach, course = (
@@ -368,7 +375,7 @@ def _like(own: VehicleState, other: VehicleState) -> bool:
 
 def _intruders(
     situation: Situation,
-    frames: tuple[LocalFrame, Wind | None],
+    frames: tuple[LocalFrame, Wind],
     now: int,
     settings: Settings,
     alerted: frozenset[str],
@@ -395,9 +402,7 @@ def _intruders(
         climb = reach.unknown_climb
         height = level(report.height(climb), 0, reach.undulation, climb)
         age = (now - report.time) / SECOND
-        turn = turn_of(track, settings)
-        if wind is not None and turn:
-            turn = turn_through_air(state, turn, wind)
+        turn = turn_through_air(state, turn_of(track, settings), wind)
         lasts = settings.turn_time if turn else 0.0
         spread = report.spread(settings.unknown)
         own = (
@@ -443,16 +448,25 @@ def wind_in(
 
 def _wind(
     frame: LocalFrame, report: Report, settings: Settings
-) -> tuple[Wind | None, tuple[Advisory, ...]]:
-    """Return the wind that the ownship reports, in a frame; None where it reports none, with what
-    is said of that.
+) -> tuple[Wind, tuple[Advisory, ...]]:
+    """Return the wind that the ownship reports, in a frame; where it reports none, one that may
+    blow from anywhere, with what is said of that.
     """
     if report.wind is None:
-        calm = "is unknown and taken as calm"
-        return None, (Advisory(AdvisoryCode.WIND_UNKNOWN, "ownship.wind", calm),)
+        std = settings.unknown.wind_std
+        calm = f"is unknown and taken as calm within {std:.2g} m/s (one sigma)"
+        return Wind(std=std), (Advisory(AdvisoryCode.WIND_UNKNOWN, "ownship.wind", calm),)
     speed = math.hypot(*report.wind)
     if speed > settings.wind_max:
         what = f"is {speed:.1f} m/s, expected {settings.wind_max:g} m/s at most"
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", what)
     wind = wind_in(frame, report.latitude, report.longitude, report.wind) or NO_WIND
     return wind._replace(std=settings.wind_std), ()
+
+
+def _options_in_wind(options: Options, wind: Wind) -> Options:
+    """Return the options that plans in a wind are made with."""
+    try:
+        return in_wind(options, wind)
+    except RequestError as error:
+        raise Refusal(Code.INVALID_OWNSHIP, error.field, error.problem) from error

@@ -99,6 +99,7 @@ def rules(
     margin: float,
     vertical: float,
     unknown: Unknown,
+    wind_std: float,
     deadline: float,
     sigmas: float = 2.0,
 ) -> Rules:
@@ -127,6 +128,7 @@ def rules(
         limits.turn_time,
         (limits.turn_rate_min, limits.turn_rate_max),
         intruder_max_age=limits.intruder_age,
+        wind_std=wind_std,
         unknown=unknown,
     )
     times = Alerting.for_aircraft(aircraft)
@@ -195,7 +197,7 @@ def conflict(wanted: PlanTask, look_ahead: float) -> Conflict | None:
     """
     options, own = wanted.options, wanted.own
     try:
-        in_air = options if wanted.wind is None else in_wind(options, wanted.wind)
+        in_air = in_wind(options, wanted.wind)
         request, _, kept = check_request(
             own, wanted.intruders, wanted.points, in_air, wanted.own_altitude, wanted.wind
         )
@@ -207,7 +209,7 @@ def conflict(wanted: PlanTask, look_ahead: float) -> Conflict | None:
     x = np.array([own.x, *(point.x for point in wanted.points)])
     y = np.array([own.y, *(point.y for point in wanted.points)])
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    wind = wanted.wind or NO_WIND
+    wind = wanted.wind
     here_x = np.interp(own.speed * times, way, x) - wind.east * times
     here_y = np.interp(own.speed * times, way, y) - wind.north * times
     others = predict(request.traffic, times[:, None])

@@ -37,7 +37,7 @@ from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.assurance import initial, to_fly
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.planning import rehearse
-from ros_bridge.core.reports import USUAL, Unknown
+from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown
 from ros_bridge.core.situation import Situation, to_local
 from ros_bridge.mavlink import messages, mission
 from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
@@ -95,6 +95,8 @@ _RANGES = {
     "vertical_filter": (0.0, 10_000.0, "m"),
     "unknown_position_std": (0.0, 1_000.0, "m"),
     "unknown_velocity_std": (0.0, 50.0, "m/s"),
+    "unknown_wind_std": (0.0, 50.0, "m/s"),
+    "wind_std": (0.0, 50.0, "m/s"),
     "deadline": (0.01, 10.0, "s"),
     "wait": (1.0, 3_600.0, "s"),
 }
@@ -120,7 +122,7 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     options = _parser().parse_args(arguments)
     for name, (low, high, unit) in _RANGES.items():
         value = getattr(options, name)
-        if not low <= value <= high:
+        if value is not None and not low <= value <= high:
             called = name.replace("_", "-")
             raise InputError(f"--{called} is {value:g} {unit}; expected {low:g} to {high:g} {unit}")
     if not 1 <= options.system <= 255:
@@ -657,12 +659,19 @@ def _rules(vehicle: Vehicle, options: argparse.Namespace) -> Rules:
         ) from None
     except ValueError as problem:
         raise InputError(str(problem)) from None
+    fastest, wind = vehicle.aircraft.limits.speed_max, options.unknown_wind_std
+    unknown = Unknown(
+        options.unknown_position_std,
+        options.unknown_velocity_std,
+        UNKNOWN_WIND_STD * fastest if wind is None else wind,
+    )
     return rules(
         vehicle.aircraft,
         policy,
         margin=options.margin,
         vertical=options.vertical_filter,
-        unknown=Unknown(options.unknown_position_std, options.unknown_velocity_std),
+        unknown=unknown,
+        wind_std=WIND_STD * fastest if options.wind_std is None else options.wind_std,
         deadline=options.deadline,
     )
 
@@ -690,6 +699,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     for name, default, what in numbers:
         add(f"--{name}", type=float, default=default, help=f"{what} (default {default:g})")
+    for name, share, what in (
+        ("wind-std", WIND_STD, "the wind that the autopilot sends"),
+        ("unknown-wind-std", UNKNOWN_WIND_STD, "a wind that it does not send, about calm"),
+    ):
+        usual = f"default {share:g} of the highest speed"
+        add(f"--{name}", type=float, help=f"m/s one sigma of {what} ({usual})")
     add(
         "--traffic-altitude",
         choices=("unknown", "msl"),

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
-from ros_bridge.core.reports import USUAL
+from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD
 
 NODES = ("runner", "monitor", "simulator", "translator", "pilot")
 """Names of the nodes; the node of each is called ``rlcas_`` and the name."""
@@ -238,11 +238,20 @@ PARAMETERS = (
         100.0,
         "m/s",
     ),
+    Parameter(
+        _BOTH,
+        "unknown_wind_std",
+        UNKNOWN_WIND_STD,
+        "standard deviation, about calm, that is taken for a wind that the ownship does not report",
+        0.0,
+        0.5,
+        "V",
+    ),
     Parameter("runner", "wind_max", 0.2, "strongest wind that is planned in", 0.0, 1.0, "V"),
     Parameter(
         "runner",
         "wind_std",
-        0.01,
+        WIND_STD,
         "standard deviation of the wind that the ownship reports, per axis",
         0.0,
         0.2,

@@ -177,7 +177,7 @@ def separations_by_category(value: Callable[[str], Any]) -> Categories:
 
 def unknown_spread(value: Callable[[str], Any]) -> Unknown:
     """Return what is taken for standard deviations that reports lack, from a node's parameters."""
-    return Unknown(value("unknown_position_std"), value("unknown_velocity_std"))
+    return Unknown(*(value(f"unknown_{name}") for name in Unknown._fields))
 
 
 def report_rules(value: Callable[[str], Any]) -> Rules:

@@ -23,7 +23,6 @@ from agents.policy.inference import Policy
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.kinematics import VehicleState
 from envs.waypoints import at, legs, plan_states
-from envs.wind import Wind
 from ros_bridge.core import updates
 from ros_bridge.core.areas import AreaReport
 from ros_bridge.core.assurance import (
@@ -72,7 +71,7 @@ def publish_plan(situation: Situation, revision: int = 1, seconds: float = 0.0) 
     )
     assert result.safe
     start = start_point(wanted.frame, wanted.own, wanted.time, None)
-    points, wind = plan_points(result, wanted), wanted.wind or Wind()
+    points, wind = plan_points(result, wanted), wanted.wind
     blows = float(wind.east), float(wind.north)
     return Published(bytes(16), revision, wanted.time, start, points, wanted.identifiers, blows)
 

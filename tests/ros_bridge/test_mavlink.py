@@ -220,7 +220,15 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
     """Of an aircraft that is known within nothing, and an ownship that reports no wind."""
     flown = vehicle.vehicle_of(PARAMETERS, 200.0)
     policy = Policy.load().for_aircraft(flown.aircraft)
-    kept = rules(flown.aircraft, policy, margin=25.0, vertical=100.0, unknown=USUAL, deadline=5.0)
+    kept = rules(
+        flown.aircraft,
+        policy,
+        margin=25.0,
+        vertical=100.0,
+        unknown=USUAL._replace(wind_std=1.2),
+        wind_std=0.2,
+        deadline=5.0,
+    )
     route = mission.route((47.4, 8.5), [waypoint(1, 3.0)], 1_000.0)
     # Eastward, and one head-on 900 m ahead, at a height and climb that it does not report.
     own = position(wire, vx=0, vy=2_000, lat=474_000_000, lon=85_000_000)
@@ -232,7 +240,7 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
     judgement = watch(judgement, received.situation, route, now, kept)
     assert judgement.conflict is not None, judgement.problem
     said = "\n".join(judgement.remarks)
-    assert "ownship.wind is unknown and taken as calm" in said
+    assert "ownship.wind is unknown and taken as calm within 1.2 m/s" in said
     for field in ("position_std", "velocity_std"):
         assert f"intruder abc123.{field} is unknown and taken as" in said
     assert "intruder abc123.header.stamp is known within 0.58 s" in said

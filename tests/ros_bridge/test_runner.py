@@ -122,8 +122,8 @@ def test_missing_inputs_are_refused_one_by_one_until_a_plan(client: Client, worl
     assert response.trajectory.intruder_ids == []
 
 
-def encounter(world: World) -> None:
-    world.ownship()
+def encounter(world: World, **more) -> None:
+    world.ownship(**more)
     world.intruder(8_000.0, -8_000.0, math.pi / 2.0)
 
 
@@ -186,7 +186,7 @@ def test_areas_are_kept_clear_of_and_a_faulty_message_is_refused(client: Client,
     publisher = client.node.create_publisher(*AREAS)
 
     def meanwhile() -> None:
-        encounter(world)
+        encounter(world, valid=0xE5)  # in a wind that is known: calm
         publisher.publish(message)
 
     def away(response: GenerateTrajectory.Response) -> float:

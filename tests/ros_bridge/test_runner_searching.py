@@ -218,8 +218,8 @@ def test_echo_of_the_ownship_before_its_first_state_is_no_intruder(world: World)
 
 
 def test_far_aircraft_without_velocity_or_reports_is_excluded_by_name(world: World):
-    def far(number: int) -> None:
-        world.ownship(id="4b1a2c")
+    def far(number: int) -> None:  # in a wind that is known: calm
+        world.ownship(id="4b1a2c", valid=0xE5)
         world.intruder(320_000.0, 0.0, math.pi, 75.0, id="novelo", valid=0x01)
         if number == 0:
             world.intruder(0.0, 330_000.0, math.pi, 75.0, id="silent")
@@ -233,7 +233,7 @@ def test_far_aircraft_without_velocity_or_reports_is_excluded_by_name(world: Wor
     )
 
     def near(_: int) -> None:
-        world.ownship(id="4b1a2c")
+        world.ownship(id="4b1a2c", valid=0xE5)
         world.intruder(9_000.0, 0.0, math.pi, id="novelo", valid=0x01)
 
     assert becomes(world, Code.INVALID_INTRUDER, near).field == "intruder novelo.valid"

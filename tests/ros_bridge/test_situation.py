@@ -60,7 +60,7 @@ def test_complete_situation_is_a_task():
 def test_what_an_intruder_does_not_report_is_assumed_and_said_by_its_name():
     unknown = Unknown(200.0, 2.0)
     wanted = task(heard(crossing(valid=0x05)), NOW, replace(SETTINGS, unknown=unknown))
-    assert (wanted.intruders[0].position_std, wanted.intruders[0].velocity_std) == unknown
+    assert (wanted.intruders[0].position_std, wanted.intruders[0].velocity_std) == unknown[:2]
     assert [
         in_terms_of_messages(note.field, wanted.identifiers)
         for note in wanted.notes
@@ -281,6 +281,13 @@ def test_the_wind_is_planned_in_and_narrows_nothing(east: float, north: float):
     assert wanted.notes == ()
 
 
+def test_an_unknown_wind_may_blow_from_anywhere():
+    wanted = task(heard(), NOW, replace(SETTINGS, unknown=Unknown(wind_std=4.0), wind_std=0.7))
+    assert wanted.wind == (0.0, 0.0, 4.0)
+    said = [note.text for note in wanted.notes if note.code is AdvisoryCode.WIND_UNKNOWN]
+    assert said == ["is unknown and taken as calm within 4 m/s (one sigma)"]
+
+
 def test_the_wind_turns_with_true_north_into_the_frame():
     far = LocalFrame(FRAME.latitude, FRAME.longitude - 1.2)
     blows = SimpleNamespace(x=10.0, y=0.0, z=0.0)
@@ -289,7 +296,6 @@ def test_the_wind_turns_with_true_north_into_the_frame():
     wanted = task(heard(own=own, frame=far), NOW, SETTINGS)
     turn = float(at.convergence)
     assert abs(turn) > 0.01
-    assert wanted.wind is not None
     assert (wanted.wind.east, wanted.wind.north) == pytest.approx(
         (10.0 * math.cos(turn), 10.0 * math.sin(turn)), abs=1e-9
     )
