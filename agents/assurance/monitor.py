@@ -84,7 +84,9 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     at_once = unsafe & (
         refused | lost | silent | (held_up & (measured["loss"] <= thresholds.urgent))
     )
-    on_backup = (monitor.on_backup | (at_once & ~blind)) & ~idle
+    # Of a plan that has ended nothing is left to fly.
+    ended = now - monitor.started >= monitor.plan.plan_states.time[:, -1]
+    on_backup = (monitor.on_backup | ((at_once | ended) & ~blind)) & ~idle
     state = np.select(
         [
             idle,

@@ -277,6 +277,20 @@ def test_a_plan_that_ends_asks_for_another() -> None:
     assert causes_of(monitor) == Cause.PLAN_ENDING
 
 
+def test_where_no_plan_follows_one_that_has_ended_the_backup_is_flown() -> None:
+    monitor = flying()
+    for time in range(380, 411, 2):
+        monitor, decision = tell(monitor, float(time))
+        assert (state_of(monitor) is State.BACKUP) == (time >= 400)
+        assert decision.fly[0] == (FlyMode.BACKUP if time >= 400 else FlyMode.PLAN)
+        if decision.replan[0]:
+            monitor, _ = reply(monitor, decision, safe=False)
+    assert np.isfinite(monitor.backup.started[0])
+    monitor, decision = tell(monitor, 412.0)
+    monitor, accepted = reply(monitor, decision, safe=True, plan_states=straight(412.0))
+    assert accepted.all() and state_of(monitor) is State.MONITORING
+
+
 def test_references_lead_along_the_plan_or_the_backup() -> None:
     monitor, decision = tell(flying(), 7.0)
     states = assurance.references(monitor, 7.0, 0.5, 4)
