@@ -3,6 +3,7 @@ of the traffic.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,6 +51,48 @@ def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) ->
     return wanted, xp.logical_and(seconds >= 0.0, xp.logical_or(xp.logical_not(hurry), enough))
 
 
+class Turn(NamedTuple):
+    """A turn towards a point, and the straight line from its end to the point; fields ``[...]``."""
+
+    side: Any  # 1 left, -1 right
+    angle: Any  # rad, 0 or more
+    length: Any  # of the straight line, m
+    course: Any  # of the straight line, rad, not wrapped
+    possible: Any  # bool
+
+
+def turn_onto(
+    own: VehicleState, point: tuple[Any, Any], radius: Any, xp: Any, *, exact: bool = False
+) -> Turn:
+    """Return the turns with some radius (m) after which points, m, lie straight ahead, ``[...]``.
+
+    A point inside the turning circle, or behind a turn of more than half a circle, has none.
+
+    Args:
+        own: where the turns begin.
+        point: place of each point.
+        radius: of the turning circles.
+        xp: array namespace.
+        exact: by numpy's own trigonometry, for what is flown; else by that of
+            :mod:`envs.angles`, for what is only chosen by.
+    """
+    sine, cosine = (np.sin(own.heading), np.cos(own.heading)) if exact else sincos(own.heading, xp)
+    dx, dy = point[0] - own.x, point[1] - own.y
+    side = xp.where(dy * cosine - dx * sine >= 0.0, 1.0, -1.0)
+    from_x, from_y = dx + side * radius * sine, dy - side * radius * cosine
+    square = from_x * from_x + from_y * from_y - radius * radius
+    length = xp.sqrt(xp.maximum(square, 0.0))
+    if exact:
+        course = np.arctan2(from_y, from_x) + side * np.arctan2(radius, length)
+    else:
+        course = atan2(from_y, from_x, xp) + side * atan2(radius, length, xp)
+    angle = wrap(side * (course - own.heading), xp)
+    # A point straight ahead must not become a full circle by rounding; one to be turned to by more
+    # than half a circle is behind.
+    possible = xp.logical_and(square > 0.0, angle > -1e-6)
+    return Turn(side, xp.maximum(angle, 0.0), length, course, possible)
+
+
 class Direct(NamedTuple):
     """One turn onto the goal and the straight line to its disc; fields ``[...]``."""
 
@@ -68,28 +111,23 @@ def direct(
 ) -> Direct:
     """Return the direct way to a goal, m, from states at some times, s, ``[...]``.
 
-    A goal inside the turning circle, behind a turn of more than half a circle, or too far for the
-    time left has no such way.
+    A goal that cannot be turned onto (:func:`turn_onto`), or that is too far for the time left, has
+    no such way.
     """
-    sine, cosine = sincos(own.heading, xp)
-    dx, dy = goal[0] - own.x, goal[1] - own.y
-    side = xp.where(dy * cosine - dx * sine >= 0.0, 1.0, -1.0)
     circle = own.speed * (1.0 / task.turn_rate)
-    from_x, from_y = dx + side * circle * sine, dy - side * circle * cosine
-    square = from_x * from_x + from_y * from_y - circle * circle
-    length = xp.sqrt(xp.maximum(square, 0.0))
-    course = wrap(atan2(from_y, from_x, xp) + side * atan2(circle, length, xp), xp)
-    turn = wrap(side * (course - own.heading), xp)
-    # A goal straight ahead must not become a full circle by rounding; one to be turned to by more
-    # than pi is behind.
-    possible = xp.logical_and(square > 0.0, turn > -1e-6)
-    turn = xp.maximum(turn, 0.0)
-
-    turning = turn * (1.0 / task.turn_rate)
-    straight = xp.maximum(length - task.radius, 0.0)
+    turn = turn_onto(own, goal, circle, xp)
+    turning = turn.angle * (1.0 / task.turn_rate)
+    straight = xp.maximum(turn.length - task.radius, 0.0)
     wanted, in_time = end_speed(straight, own.speed, task.until - time - turning, task.limits, xp)
     return Direct(
-        side, circle, turn, turning, course, straight, wanted, xp.logical_and(possible, in_time)
+        side=turn.side,
+        circle=circle,
+        turn=turn.angle,
+        turning=turning,
+        course=wrap(turn.course, xp),
+        straight=straight,
+        speed=wanted,
+        possible=xp.logical_and(turn.possible, in_time),
     )
 
 
@@ -118,69 +156,88 @@ def clear(
     """Return whether turning onto the goal now and flying there keeps clear of an intruder that
     flies straight on, while it counts: in a window of times, s; None: always.
 
-    The turn is judged on the chords of its quarters, less what the arcs can leave them by, the
-    straight line until the goal's disc. A goal inside the turning circle, behind a turn of more
-    than half a circle, or too far for the time left has no such way. All ``[...]``; goal and
-    required separation in m, time in s.
+    A goal without a direct way (:func:`direct`) is not clear. All ``[...]``; goal and required
+    separation in m, time in s.
     """
-    side, circle, turn, turning, course, straight, wanted, possible = direct(
-        own, goal, time, task, xp
-    )
-    sine, cosine = sincos(own.heading, xp)
+    way = direct(own, goal, time, task, xp)
+    return keeps_clear(own, way, other, required, time, task, xp, window)
 
+
+def keeps_clear(
+    own: VehicleState,
+    way: Direct,
+    other: VehicleState,
+    required: Any,
+    time: Any,
+    task: DirectTask,
+    xp: Any,
+    window: tuple[Any, Any] | None = None,
+) -> Any:
+    """Return what :func:`clear` does for a direct way that is known.
+
+    The turn is judged on the chords of its quarters, less what the arcs can leave them by, the
+    straight line until the goal's disc.
+    """
     other_vx, other_vy = velocity(other, xp)
     x, y = other.x - own.x, other.y - own.y
-    part = turn * (1.0 / _PARTS)
-    seconds = turning * (1.0 / _PARTS)
-    half_sine, half_cosine = sincos(0.5 * part, xp)
-    chord = 2.0 * circle * half_sine
-    sag = own.speed * task.turn_rate * seconds * seconds * 0.125
-    least_square = (required + sag) * xp.abs(required + sag)
-    # The first chord points half a part to the side, each of the others a part further.
-    aside = side * half_sine
-    ahead_x, ahead_y = cosine * half_cosine - sine * aside, sine * half_cosine + cosine * aside
-    part_sine, part_cosine = side * 2.0 * half_sine * half_cosine, 1.0 - 2.0 * half_sine * half_sine
-    for number in range(_PARTS):
-        step_x, step_y = other_vx * seconds - chord * ahead_x, other_vy * seconds - chord * ahead_y
-        if window is None:
-            near = _nearest(x, y, step_x, step_y, xp)
-        else:
-            begin = time + number * seconds
-            near = _nearest_within(x, y, step_x, step_y, begin, seconds, window, xp)
+    possible = way.possible
+    seconds = way.turning * (1.0 / _PARTS)
+    sagitta = own.speed * task.turn_rate * seconds * seconds * 0.125
+    least_square = (required + sagitta) * xp.abs(required + sagitta)
+    for number, (chord_x, chord_y) in enumerate(_chords(own, way, xp)):
+        step_x, step_y = other_vx * seconds - chord_x, other_vy * seconds - chord_y
+        begin = time + number * seconds
+        near = _nearest_while_it_counts(x, y, step_x, step_y, begin, seconds, window, xp)
         possible = xp.logical_and(possible, near >= least_square)
         x, y = x + step_x, y + step_y
+
+    # In a hurry the speed changes on the way; the mean one is good enough to choose by.
+    lasts = way.straight / (0.5 * (own.speed + way.speed))
+    sine, cosine = sincos(way.course, xp)
+    step_x, step_y = (
+        other_vx * lasts - way.straight * cosine,
+        other_vy * lasts - way.straight * sine,
+    )
+    turned = time + way.turning
+    near = _nearest_while_it_counts(x, y, step_x, step_y, turned, lasts, window, xp)
+    return xp.logical_and(possible, near >= required * xp.abs(required))
+
+
+def _chords(own: VehicleState, way: Direct, xp: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield the chords of the quarters of a direct way's turn, east and north, m."""
+    sine, cosine = sincos(own.heading, xp)
+    half_sine, half_cosine = sincos(0.5 * (way.turn * (1.0 / _PARTS)), xp)
+    length = 2.0 * way.circle * half_sine
+    # The first chord points half a part to the side, each of the others a part further.
+    aside = way.side * half_sine
+    ahead_x, ahead_y = cosine * half_cosine - sine * aside, sine * half_cosine + cosine * aside
+    part_sine = way.side * 2.0 * half_sine * half_cosine
+    part_cosine = 1.0 - 2.0 * half_sine * half_sine
+    for _ in range(_PARTS):
+        yield length * ahead_x, length * ahead_y
         ahead_x, ahead_y = (
             ahead_x * part_cosine - ahead_y * part_sine,
             ahead_y * part_cosine + ahead_x * part_sine,
         )
 
-    # In a hurry the speed changes on the way; the mean one is good enough to choose by.
-    flight = straight / (0.5 * (own.speed + wanted))
-    course_sine, course_cosine = sincos(course, xp)
-    step_x, step_y = (
-        other_vx * flight - straight * course_cosine,
-        other_vy * flight - straight * course_sine,
-    )
-    if window is None:
-        near = _nearest(x, y, step_x, step_y, xp)
-    else:
-        near = _nearest_within(x, y, step_x, step_y, time + turning, flight, window, xp)
-    return xp.logical_and(possible, near >= required * xp.abs(required))
 
-
-def _nearest_within(
+def _nearest_while_it_counts(
     x: Any,
     y: Any,
     step_x: Any,
     step_y: Any,
     begin: Any,
     lasts: Any,
-    window: tuple[Any, Any],
+    window: tuple[Any, Any] | None,
     xp: Any,
 ) -> Any:
-    """Return what :func:`_nearest` does for the part of a step that lies in a window; inf: none
-    does.
+    """Return the squared distance from the origin to the part of a step that lies in a window, m^2;
+    inf: none does.
+
+    The step leads from (x, y) along (step_x, step_y), m, begins at a time and lasts so long, s.
     """
+    if window is None:
+        return _nearest(x, y, step_x, step_y, xp)
     length = xp.maximum(lasts, 1e-9)
     low, high = (xp.clip((when - begin) / length, 0.0, 1.0) for when in window)
     inside = xp.logical_and(window[0] <= begin + lasts, begin <= window[1])

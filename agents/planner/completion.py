@@ -7,12 +7,11 @@ times, and the last one is the first point of the route that is reached after th
 """
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, end_speed
+from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, end_speed, turn_onto
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drift_points, latest_end
 from agents.planner.rollout import Rollout
@@ -36,8 +35,31 @@ class Completed(NamedTuple):
     reversals: Any  # changes of the turn's side until the rejoining
 
 
+class _Tails(NamedTuple):
+    """Plans from the ends of their manoeuvres on, as far as they have got; fields ``[M]``."""
+
+    row: Any  # numbers of the manoeuvres
+    state: VehicleState
+    time: Any  # s
+    point: Any  # number of the route's point that comes next
+    direct: Any  # whether the first leg leads to the goal, bool
+
+
+class _Onward(NamedTuple):
+    """What the next legs of some tails are made of; fields ``[L]``."""
+
+    tail: Any  # numbers of the tails
+    point: Any  # numbers of the route's points at their ends
+    place: tuple[Any, Any]  # of those points at the request, m
+    drift: tuple[Any, Any] | None  # of the points, m/s; None: they stand still
+    begin: VehicleState
+    began: Any  # s
+    # which lead to the goal, where there may be a need to accelerate, bool; None: none
+    direct: Any | None
+
+
 class _Legs(NamedTuple):
-    """The next leg of some tails, fields ``[M]``: a turn at the task's rate, then straight on."""
+    """The next leg of some tails, fields ``[L]``: a turn at the task's rate, then straight on."""
 
     tail: Any  # numbers of the tails
     point: Any  # numbers of the route's points at their ends
@@ -55,59 +77,84 @@ class _Legs(NamedTuple):
     in_time: Any  # whether the goal can be reached in time, bool; true of all other points
 
 
+class _Piece(NamedTuple):
+    """A part of tails under constant controls; fields ``[M]``."""
+
+    begin: Any  # s; inf: not flown
+    x: Any  # these four at its beginning, m
+    y: Any
+    heading: Any  # rad
+    speed: Any  # m/s
+    turn_rate: Any  # rad/s
+    acceleration: Any  # m/s^2
+
+
 def complete(request: Request, rollout: Rollout, goal: Any, options: Options) -> Completed:
     """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``."""
-    task, (count, most) = task_of(options), request.route_x.shape
-    blows = 0.0 if request.drift is None else np.max(np.hypot(*request.drift), initial=0.0)
+    task, most = task_of(options), request.route_x.shape[1]
+    wind = 0.0 if request.drift is None else np.max(np.hypot(*request.drift), initial=0.0)
     latest = latest_end(request, options)
-    whole = Completed(
-        PlanStates(*(np.full((count, options.waypoints + 1), np.nan) for _ in range(5))),
-        np.full(count, -1),
-        np.zeros(count, dtype=bool),
-        np.where(rollout.direct, np.nan, rollout.time),
-        rollout.path.copy(),
-        rollout.reversals.copy(),
-    )
-    # A tail for each manoeuvre that ends: where it is now, when, and the next point of the route.
-    rows = np.flatnonzero(np.isfinite(rollout.time))
-    now, time = take(rollout.end, rows), rollout.time[rows]
-    target = goal[rows] + np.where(rollout.direct[rows], 0, 1)
-    left, pieces = np.arange(rows.size), []
-    for step in range(most + 1 + points_beyond(options, blows)):
+    whole, tails = _begin(rollout, goal, options)
+    count = tails.row.size
+    left, pieces = np.arange(count), list[Any]()
+    for step in range(most + 1 + points_beyond(options, wind)):
         if not options.extend_route:
-            ended = target[left] >= request.points[rows[left]]
-            whole.too_short[rows[left[ended]]] = True
+            ended = tails.point[left] >= request.points[tails.row[left]]
+            whole.too_short[tails.row[left[ended]]] = True
             left = left[~ended]
         if left.size == 0:
             break
-        direct = rollout.direct[rows[left]] if step == 0 else None
-        begin = take((now, time), left)
-        legs = _next_legs(request, rows, left, target[left], begin, direct, options)
+        legs = _next_legs(request, tails, left, options, first=step == 0)
         if step == 0:
-            legs = _to_goal(whole, rollout, rows, legs, task)
-        target[legs.tail] += 1
+            legs = _to_goal(whole, rollout, tails.row, legs, task)
+        tails.point[legs.tail] += 1
         passed_by, legs = legs.tail[~legs.reached], take(legs, legs.reached)
-        pieces += _pieces(rows.size, legs, task)
+        pieces += _pieces(count, legs, task)
         if step == 0:
-            pieces.append(_level_piece(rows.size, legs, task))
-        arrived = _end(legs, task)
-        there = VehicleState(legs.x, legs.y, wrap(legs.course, np), legs.speed)
-        scatter((now, time), legs.tail, (there, arrived))
-        done = arrived >= options.finished_by
-        if request.of_route is not None:  # a plan ends at a point of the route itself
-            asked = request.of_route[rows[legs.tail], np.minimum(legs.point, most - 1)]
-            done &= (asked >= 0) | (legs.point >= most)
-        in_time = done & (arrived <= latest[rows[legs.tail]])
-        whole.last[rows[legs.tail[in_time]]] = legs.point[in_time]
+            pieces.append(_level_piece(count, legs, task))
+        done = _fly_legs(whole, request, tails, legs, latest, options)
         left = np.sort(np.concatenate([passed_by, legs.tail[~done]]))
-    whole.too_short[rows[left]] = True
-    finished = np.flatnonzero(whole.last[rows] >= 0)
+    whole.too_short[tails.row[left]] = True
+    finished = np.flatnonzero(whole.last[tails.row] >= 0)
     if finished.size:
-        parts = np.moveaxis(np.stack(pieces)[:, :, finished], 0, 2)
-        _read_off(
-            whole.plan_states, options, rollout, rows[finished], parts, *take((now, time), finished)
-        )
+        parts = _Piece(*np.moveaxis(np.stack(pieces)[:, :, finished], 0, 2))
+        _read_off(whole.plan_states, options, rollout, take(tails, finished), parts)
     return whole
+
+
+def _begin(rollout: Rollout, goal: Any, options: Options) -> tuple[Completed, _Tails]:
+    """Return plans of which nothing but the manoeuvres is known, and tails of those that end."""
+    count = goal.size
+    whole = Completed(
+        PlanStates(*(np.full((count, options.waypoints + 1), np.nan) for _ in range(5))),
+        last=np.full(count, -1),
+        too_short=np.zeros(count, dtype=bool),
+        rejoin_time=np.where(rollout.direct, np.nan, rollout.time),
+        path=rollout.path.copy(),
+        reversals=rollout.reversals.copy(),
+    )
+    row = np.flatnonzero(np.isfinite(rollout.time))
+    direct = rollout.direct[row]
+    point = goal[row] + np.where(direct, 0, 1)
+    return whole, _Tails(row, take(rollout.end, row), rollout.time[row], point, direct)
+
+
+def _fly_legs(
+    whole: Completed, request: Request, tails: _Tails, legs: _Legs, latest: Any, options: Options
+) -> Any:
+    """Move tails to the ends of legs; return which of them end their plans there, bool ``[L]``."""
+    arrived = _end(legs, task_of(options))
+    there = VehicleState(legs.x, legs.y, wrap(legs.course, np), legs.speed)
+    scatter((tails.state, tails.time), legs.tail, (there, arrived))
+    row = tails.row[legs.tail]
+    done = arrived >= options.finished_by
+    if request.of_route is not None:  # a plan ends at a point of the route itself
+        most = request.route_x.shape[1]
+        asked = request.of_route[row, np.minimum(legs.point, most - 1)]
+        done &= (asked >= 0) | (legs.point >= most)
+    in_time = done & (arrived <= latest[row])
+    whole.last[row[in_time]] = legs.point[in_time]
+    return done
 
 
 def points_beyond(options: Options, wind: float) -> int:
@@ -119,38 +166,58 @@ def points_beyond(options: Options, wind: float) -> int:
 
 
 def _next_legs(
-    request: Request,
-    rows: Any,
-    tails: Any,
-    point: Any,
-    begin: tuple[VehicleState, Any],
-    direct: Any | None,
-    options: Options,
+    request: Request, tails: _Tails, left: Any, options: Options, *, first: bool
 ) -> _Legs:
-    """Return the legs of some tails, of requests ``rows[tails]``, to points of the route.
-
-    A tail begins in a state at a time, s; ``direct`` says which lead to the goal (None: none):
-    there may be a need to accelerate.
+    """Return the legs of the tails numbered ``left`` to their next points; the first ones may lead
+    to the goal.
     """
-    task, (state, time) = task_of(options), begin
-    at_request = _point(request, rows[tails], point, options.extension)
-    drift = take(request.drift, rows[tails])
+    task, row, point = task_of(options), tails.row[left], tails.point[left]
+    onward = _Onward(
+        tail=left,
+        point=point,
+        place=_point(request, row, point, options.extension),
+        drift=take(request.drift, row),
+        begin=take(tails.state, left),
+        began=tails.time[left],
+        direct=tails.direct[left] if first else None,
+    )
+    if onward.drift is None:
+        return _legs_to(onward, onward.began, task)
+    return _meeting(onward, onward.drift, task)
 
-    def legs_to(when: Any) -> _Legs:
-        x, y = drift_points(at_request, drift, when)
-        arc, length, course, reached = _onto(state, x, y, task.turn_rate)
-        turned = time + np.abs(arc) / task.turn_rate
-        way = tails, point, x, y, state, time, arc, length, course, reached, turned
-        if direct is None:
-            return _Legs(*way, disc=length, speed=state.speed, in_time=reached)
-        disc = np.full(length.shape, task.radius)
-        if drift is not None:
-            disc = _disc(state.speed, course, drift, task.radius)
-        straight = np.maximum(length - disc, 0.0)
-        wanted, in_time = end_speed(straight, state.speed, task.until - turned, task.limits, np)
-        return _Legs(*way, disc, np.where(direct, wanted, state.speed), in_time | ~direct)
 
-    return legs_to(time) if drift is None else _meeting(legs_to, time, drift, task)
+def _legs_to(onward: _Onward, when: Any, task: DirectTask) -> _Legs:
+    """Return the legs to where the points are at some times, s."""
+    begin, began, direct = onward.begin, onward.began, onward.direct
+    x, y = drift_points(onward.place, onward.drift, when)
+    turn = turn_onto(begin, (x, y), begin.speed / task.turn_rate, np, exact=True)
+    arc = np.where(turn.possible, turn.side * turn.angle, 0.0)
+    turned = began + np.abs(arc) / task.turn_rate
+    legs = _Legs(
+        tail=onward.tail,
+        point=onward.point,
+        x=x,
+        y=y,
+        begin=begin,
+        began=began,
+        arc=arc,
+        length=turn.length,
+        course=turn.course,
+        reached=turn.possible,
+        turned=turned,
+        disc=turn.length,
+        speed=begin.speed,
+        in_time=turn.possible,
+    )
+    if direct is None:
+        return legs
+    disc = np.full(turn.length.shape, task.radius)
+    if onward.drift is not None:
+        disc = _disc(begin.speed, turn.course, onward.drift, task.radius)
+    straight = np.maximum(turn.length - disc, 0.0)
+    wanted, in_time = end_speed(straight, begin.speed, task.until - turned, task.limits, np)
+    speed = np.where(direct, wanted, begin.speed)
+    return legs._replace(disc=disc, speed=speed, in_time=in_time | ~direct)
 
 
 def _disc(speed: Any, course: Any, drift: tuple[Any, Any], radius: float) -> Any:
@@ -161,19 +228,17 @@ def _disc(speed: Any, course: Any, drift: tuple[Any, Any], radius: float) -> Any
     return speed * radius / np.maximum(closing, 1e-3)
 
 
-def _meeting(
-    legs_to: Callable[[Any], _Legs], time: Any, drift: tuple[Any, Any], task: DirectTask
-) -> _Legs:
+def _meeting(onward: _Onward, drift: tuple[Any, Any], task: DirectTask) -> _Legs:
     """Return the legs that end where the points are when they end: by secants on the time of that.
 
     A point that is not met so is not reached.
     """
-    strength = np.hypot(*drift)
-    before, legs = time, legs_to(time)
+    strength, time = np.hypot(*drift), onward.began
+    before, legs = time, _legs_to(onward, time, task)
     late_before = _end(legs, task) - before
     when = before + late_before
     for _ in range(_SECANTS):
-        legs = legs_to(when)
+        legs = _legs_to(onward, when, task)
         late = _end(legs, task) - when
         # Legs that are found stay as they are, however many others are still searched.
         going_on = np.abs(late) * strength > _SAME_PLACE
@@ -219,8 +284,8 @@ def _pieces(count: int, legs: _Legs, task: DirectTask) -> list[Any]:
     turn_rate = np.sign(legs.arc) * task.turn_rate
     middle = _turn(legs.begin, legs.arc, task.turn_rate)
     return [
-        _piece(count, legs.tail, legs.began, *legs.begin, turn_rate, none),
-        _piece(count, legs.tail, legs.turned, *middle, none, gain),
+        _spread(count, legs.tail, _Piece(legs.began, *legs.begin, turn_rate, none)),
+        _spread(count, legs.tail, _Piece(legs.turned, *middle, none, gain)),
     ]
 
 
@@ -232,7 +297,8 @@ def _level_piece(count: int, legs: _Legs, task: DirectTask) -> Any:
     middle = _turn(legs.begin, legs.arc, task.turn_rate)
     x, y = middle.x + far * np.cos(middle.heading), middle.y + far * np.sin(middle.heading)
     begin = np.where(rise > 0.0, legs.turned + rise, np.inf)
-    return _piece(count, legs.tail, begin, x, y, middle.heading, legs.speed, none, none)
+    level = _Piece(begin, x, y, middle.heading, legs.speed, turn_rate=none, acceleration=none)
+    return _spread(count, legs.tail, level)
 
 
 def _point(request: Request, rows: Any, number: Any, extension: float) -> tuple[Any, Any]:
@@ -249,26 +315,6 @@ def _point(request: Request, rows: Any, number: Any, extension: float) -> tuple[
     return x + np.where(over > 0, dx * step, 0.0), y + np.where(over > 0, dy * step, 0.0)
 
 
-def _onto(state: VehicleState, x: Any, y: Any, turn_rate: float) -> tuple[Any, Any, Any, Any]:
-    """Return the turn (rad), the straight (m) after it, the course then, and whether the point can
-    be reached so.
-    """
-    sine, cosine = np.sin(state.heading), np.cos(state.heading)
-    dx, dy = x - state.x, y - state.y
-    side = np.where(dy * cosine - dx * sine >= 0.0, 1.0, -1.0)
-    radius = state.speed / turn_rate
-    dx, dy = dx + side * radius * sine, dy - side * radius * cosine
-    square = dx * dx + dy * dy - radius * radius
-    length = np.sqrt(np.maximum(square, 0.0))
-    course = np.arctan2(dy, dx) + side * np.arctan2(radius, length)
-    turn = np.mod(side * (course - state.heading), 2.0 * math.pi)
-    # A point straight ahead must not become a full circle by rounding; one to be turned to by more
-    # than half a circle is behind, and passed by.
-    turn = np.where(turn > 2.0 * math.pi - 1e-6, 0.0, turn)
-    reached = (square > 0.0) & (turn <= math.pi)
-    return np.where(reached, side * turn, 0.0), length, course, reached
-
-
 def _turn(state: VehicleState, arc: Any, turn_rate: float) -> VehicleState:
     x, y = arc_end(state, arc, state.speed * np.abs(arc) / turn_rate)
     return VehicleState(x, y, state.heading + arc, state.speed)
@@ -280,49 +326,40 @@ def _duration(length: Any, speed: Any, wanted: Any, task: DirectTask) -> Any:
     return rise + (length - 0.5 * (speed + wanted) * rise) / wanted
 
 
-def _piece(count: int, rows: Any, *values: Any) -> Any:
-    """Return a piece of some of the tails, ``[7, count]``: begin (inf: not flown), state, yaw rate,
-    acceleration.
-    """
-    piece = np.zeros((7, count))
-    piece[0] = np.inf
-    piece[:, rows] = values
-    return piece
+def _spread(count: int, tails: Any, piece: _Piece) -> Any:
+    """Return a piece of some of ``count`` tails as one of all, ``[7, count]``."""
+    values = np.zeros((len(piece), count))
+    values[0] = np.inf
+    values[:, tails] = piece
+    return values
 
 
 def _read_off(
-    plan_states: PlanStates,
-    options: Options,
-    rollout: Rollout,
-    out: Any,
-    parts: Any,
-    end: VehicleState,
-    end_time: Any,
+    plan_states: PlanStates, options: Options, rollout: Rollout, tails: _Tails, parts: _Piece
 ) -> None:
-    """Write the plan states of the whole plans numbered ``out`` from the pieces of their tails
-    ``[7, M, P]``.
+    """Write the plan states of whole plans from the pieces of their tails ``[M, P]``, and the
+    tails' ends.
     """
-    times = np.arange(options.waypoints) * options.interval
+    row, times = tails.row, np.arange(options.waypoints) * options.interval
     # The last part begun by each time; parts that are not flown begin never.
-    begun = parts[0][:, None] <= times[:, None]
-    number = np.where(
-        begun.any(axis=-1), begun.shape[-1] - 1 - np.argmax(begun[..., ::-1], axis=-1), 0
-    )
-    began, x, y, heading, speed, rate, gain = np.take_along_axis(parts, number[None], axis=-1)
-    seconds = np.where(begun.any(axis=-1), times - began, 0.0)
-    arc = rate * seconds
-    there = arc_end(
-        VehicleState(x, y, heading, speed), arc, (speed + 0.5 * gain * seconds) * seconds
-    )
-    tail = (*there, heading + arc, speed + gain * seconds)
-    flown = times <= rollout.time[out][:, None]
+    begun = parts.begin[:, None] <= times[:, None]
+    any_begun = begun.any(axis=-1)
+    number = np.where(any_begun, begun.shape[-1] - 1 - np.argmax(begun[..., ::-1], axis=-1), 0)
+    each = np.arange(row.size)[:, None]
+    part = _Piece(*(field[each, number] for field in parts))
+    seconds = np.where(any_begun, times - part.begin, 0.0)
+    arc = part.turn_rate * seconds
+    began = VehicleState(part.x, part.y, part.heading, part.speed)
+    there = arc_end(began, arc, (part.speed + 0.5 * part.acceleration * seconds) * seconds)
+    tail = (*there, part.heading + arc, part.speed + part.acceleration * seconds)
+    flown = times <= rollout.time[row][:, None]
     have = min(times.size, rollout.plan_states.x.shape[1])
     for field, manoeuvre, after, final in zip(
-        plan_states[:4], rollout.plan_states, tail, end, strict=True
+        plan_states[:4], rollout.plan_states, tail, tails.state, strict=True
     ):
-        before = np.full((out.size, times.size), np.nan)
-        before[:, :have] = manoeuvre[out, :have]
-        field[out, :-1] = np.where(flown, before, after)
-        field[out, -1] = final
-    plan_states.heading[out] = wrap(plan_states.heading[out], np)
-    plan_states.time[out, :-1], plan_states.time[out, -1] = times, end_time
+        before = np.full((row.size, times.size), np.nan)
+        before[:, :have] = manoeuvre[row, :have]
+        field[row, :-1] = np.where(flown, before, after)
+        field[row, -1] = final
+    plan_states.heading[row] = wrap(plan_states.heading[row], np)
+    plan_states.time[row, :-1], plan_states.time[row, -1] = times, tails.time
