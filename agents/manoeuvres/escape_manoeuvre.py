@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import arc_end
-from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import start, step
 from envs.kinematics import Limits, VehicleState, advance, commands, velocity
 from envs.outcome import Rules
-from envs.relative import bearing, distance
-from envs.trees import take
+from envs.relative import bearing, distance, leg_separation
+from envs.trees import column, take
 
 REGARDLESS = -1e9
 """Slack, m, with which the way to the goal always counts as clear."""
@@ -95,11 +94,12 @@ def choose_action(
         scene = take((own, goal, traffic, mask, manoeuvre.slack), asking)
         returning[asking] = _clear(*scene, rules, limits)
     full_turn = limits.yaw_rate_max * rules.dt
-    escape_turn, escape_throttle, to_turn, switched = _escaping(flight, manoeuvre, time, full_turn)
+    away = steer_away(flight, manoeuvre, time, full_turn)
     goal_turn, goal_throttle = _to_goal(own, goal, time, manoeuvre.throttle_home, rules, limits)
-    turn = np.where(returning, goal_turn, escape_turn)
-    throttle = np.where(returning, goal_throttle, escape_throttle)
-    return (throttle, turn / full_turn), Flight(own, to_turn - escape_turn, switched, returning)
+    turn = np.where(returning, goal_turn, away.turn)
+    throttle = np.where(returning, goal_throttle, away.throttle)
+    after = Flight(own, away.to_turn - away.turn, away.switched, returning)
+    return (throttle, turn / full_turn), after
 
 
 def fly(
@@ -119,65 +119,52 @@ def fly(
     )
 
 
-def fly_away(
-    flight: Flight, manoeuvre: Manoeuvre, first: int, count: int, dt: float, limits: Limits
-) -> tuple[VehicleState, Flight]:
-    """Fly ``count`` steps of ``dt`` seconds of escapes ``[M]`` as :func:`fly` does, from step
-    number ``first`` on.
+class Step(NamedTuple):
+    """What one step of escapes brought; fields ``[M]``."""
 
-    The way to the goal is the caller's: until it turns back, headings and speeds of an escape
-    follow from its manoeuvre alone, and the displacements of all steps are found at once.
+    flight: Flight  # after it
+    separation: Any  # smallest distance to any intruder during it, m; inf without intruders
+    to_goal: Any  # distance to the goal after it, m
 
-    Returns:
-        The states at the beginning and after every step, ``[count + 1, M]``, and the escapes at the
-        end, their headings not wrapped, so that the result does not depend on how many steps are
-        flown at once.
+
+def fly_step(
+    flight: Flight,
+    manoeuvre: Manoeuvre,
+    time: float,
+    goal: tuple[Any, Any],
+    traffic: tuple[VehicleState, VehicleState],
+    mask: Any,
+    rules: Rules,
+    limits: Limits,
+) -> Step:
+    """Fly one step of the escapes and measure it; traffic before and after it, ``[M, K]`` each, the
+    other arguments as of :func:`choose_action`.
     """
-    own, full_turn = flight.own, limits.yaw_rate_max * dt
-    shape = (count, np.size(own.x))
-    turns, throttles = np.empty(shape), np.empty(shape)
-    for number in range(count):
-        turns[number], throttles[number], to_turn, switched = _escaping(
-            flight, manoeuvre, (first + number) * dt, full_turn
-        )
-        flight = Flight(own, to_turn - turns[number], switched, flight.returning)
-    acceleration, yaw_rate = commands((throttles, turns / full_turn), limits, np)
-    speed = np.empty((count + 1, shape[1]))
-    speed[0] = own.speed
-    for number in range(count):
-        # As in advance: a speed beyond a limit stays until it is commanded inwards.
-        bounds = (
-            np.minimum(speed[number], limits.speed_min),
-            np.maximum(speed[number], limits.speed_max),
-        )
-        np.clip(speed[number] + acceleration[number] * dt, *bounds, out=speed[number + 1])
-    course = _running_sums(own.heading, yaw_rate * dt)
-    heading = wrap(course, np)
-    moved = advance(
-        VehicleState(0.0, 0.0, heading[:-1], speed[:-1]), acceleration, yaw_rate, dt, limits, np
-    )
-    states = VehicleState(
-        _running_sums(own.x, moved.x), _running_sums(own.y, moved.y), heading, speed
-    )
-    end = VehicleState(states.x[-1], states.y[-1], course[-1], speed[-1])
-    return states, flight._replace(own=end)
+    now, after = traffic
+    moved = fly(flight, manoeuvre, time, goal, now, mask, rules, limits)
+    apart = leg_separation(column(flight.own), column(moved.own), now, after, rules.dt, np)
+    separation = np.min(np.where(mask, apart, np.inf), axis=-1)
+    to_goal = distance(goal[0] - moved.own.x, goal[1] - moved.own.y, np)
+    return Step(moved, separation, to_goal)
 
 
-def _running_sums(start: Any, steps: Any) -> Any:
-    """Return the running sums of steps ``[S, M]`` from a start ``[M]``, ``[S + 1, M]``."""
-    return np.add.accumulate(np.concatenate([start[None], steps]), axis=0)
+class Away(NamedTuple):
+    """Commands of one step away from the route; fields ``[M]``."""
+
+    turn: Any  # of the step, rad
+    throttle: Any  # in [-1, 1]
+    to_turn: Any  # what is left of the turn before the step, rad
+    switched: Any  # whether the second part has begun, bool
 
 
-def _escaping(
-    flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Any
-) -> tuple[Any, Any, Any, Any]:
-    """Return turn (rad) and throttle of a step away, what is left to turn before it, and whether
-    the switch is past.
+def steer_away(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Any) -> Away:
+    """Return the commands of the step away that begins at a time, s, and turns by ``full_turn``,
+    rad, at most.
     """
     switched = time >= manoeuvre.switch
     to_turn = flight.to_turn + np.where(switched & ~flight.switched, manoeuvre.turn_after, 0.0)
     throttle = np.where(switched, manoeuvre.throttle_after, manoeuvre.throttle)
-    return np.clip(to_turn, -full_turn, full_turn), throttle, to_turn, switched
+    return Away(np.clip(to_turn, -full_turn, full_turn), throttle, to_turn, switched)
 
 
 def _to_goal(

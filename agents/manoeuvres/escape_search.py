@@ -9,15 +9,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.escape_manoeuvre import REGARDLESS, Manoeuvre, fly, steps, takeoff, tracks
+from agents.manoeuvres.escape_manoeuvre import (
+    REGARDLESS,
+    Flight,
+    Manoeuvre,
+    fly_step,
+    steps,
+    takeoff,
+    tracks,
+)
 from envs.aircraft import Aircraft
 from envs.draws import normals, uniforms
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
-from envs.outcome import Rules, judge
-from envs.relative import distance, leg_separation
+from envs.outcome import Outcome, Rules, judge
+from envs.relative import distance
 from envs.starts import cast
-from envs.trees import column, scatter, take
+from envs.trees import scatter, take
 
 BLOCK = 16_384
 """Escapes flown at once against up to 8 intruders (fewer against more): some 100 MB."""
@@ -42,9 +50,23 @@ class EscapeOutcome(NamedTuple):
     path: Any  # length flown until the circle around the goal was entered, m; nan if it was not
 
 
+class _Aloft(NamedTuple):
+    """Escapes in the air; fields ``[M]``."""
+
+    row: Any  # their numbers
+    which: Any  # number of the encounter
+    goal: tuple[Any, Any]  # m
+    mask: Any  # which of the K intruders exist, [M, K]
+    manoeuvre: Manoeuvre
+    flight: Flight
+    now: VehicleState  # of the intruders, [M, K]
+    length: Any  # flown so far, m
+    to_goal: Any  # distance to the goal, m
+
+
 class Found(NamedTuple):
-    """The best escape of each encounter, as in :class:`Flown`; fields ``[N]``, nan where none is
-    known to work.
+    """The best escape of each encounter, as in :class:`EscapeOutcome`; fields ``[N]``, nan where
+    none is known to work.
     """
 
     manoeuvre: Manoeuvre
@@ -135,44 +157,75 @@ def fly_out(
         first: without scoring, drop all of an encounter's escapes as soon as one of them has
             reached the goal.
     """
-    arrival, path = np.full((2, which.size), np.nan)
-    closest = np.full(which.size, np.inf)
-    rows = np.arange(which.size)
+    found = EscapeOutcome(
+        arrival=np.full(which.size, np.nan),
+        separation=np.full(which.size, np.inf),
+        path=np.full(which.size, np.nan),
+    )
     solved = np.zeros(np.shape(encounter.goal_x), dtype=bool)
-    goal, mask = take((encounter.goal_x, encounter.goal_y), which), encounter.mask[which]
+    goal = take((encounter.goal_x, encounter.goal_y), which)
     flight, now = takeoff(take(encounter.own, which), manoeuvre), take(traffic, (0, which))
-    length = np.zeros(which.size)
-    was_off = distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np)
+    aloft = _Aloft(
+        row=np.arange(which.size),
+        which=which,
+        goal=goal,
+        mask=encounter.mask[which],
+        manoeuvre=manoeuvre,
+        flight=flight,
+        now=now,
+        length=np.zeros(which.size),
+        to_goal=distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np),
+    )
     for index in range(steps(rules)):
-        after = take(traffic, (index + 1, which))
-        moved = fly(flight, manoeuvre, index * rules.dt, goal, now, mask, rules, limits)
-        apart = leg_separation(column(flight.own), column(moved.own), now, after, rules.dt, np)
-        separation = np.min(np.where(mask, apart, np.inf), axis=-1)
-        to_goal = distance(goal[0] - moved.own.x, goal[1] - moved.own.y, np)
-        flown = (0.5 * rules.dt) * (flight.own.speed + moved.own.speed)
-        flight, now, time = moved, after, (index + 1) * rules.dt
-        closest[rows] = np.minimum(closest[rows], separation)
-        judged = judge(np.inf if scoring else separation, to_goal, time, rules, np)
-        arrival[rows[judged.reached]] = time
-        # Of the last step only what lies outside the goal's circle counts, or the length would come
-        # in whole steps.
-        outside = np.clip(
-            (was_off - rules.goal_radius) / np.maximum(was_off - to_goal, 1e-9), 0.0, 1.0
-        )
-        path[rows[judged.reached]] = (length + outside * flown)[judged.reached]
-        length, was_off = length + flown, to_goal
+        after = take(traffic, (index + 1, aloft.which))
+        aloft, judged = _fly_one(aloft, index, after, found, rules, limits, scoring=scoring)
         going_on = ~judged.ended(np)
         if first and not scoring:
-            solved[which[judged.reached]] = True
-            going_on &= ~solved[which]
+            solved[aloft.which[judged.reached]] = True
+            going_on &= ~solved[aloft.which]
         if not going_on.all():
-            rows, which, goal, mask, manoeuvre = take(
-                (rows, which, goal, mask, manoeuvre), going_on
-            )
-            flight, now, length, was_off = take((flight, now, length, was_off), going_on)
-            if rows.size == 0:
+            aloft = take(aloft, going_on)
+            if aloft.row.size == 0:
                 break
-    return EscapeOutcome(arrival, closest, path)
+    return found
+
+
+def _fly_one(
+    aloft: _Aloft,
+    index: int,
+    after: VehicleState,
+    found: EscapeOutcome,
+    rules: Rules,
+    limits: Limits,
+    *,
+    scoring: bool,
+) -> tuple[_Aloft, Outcome]:
+    """Fly the step numbered ``index`` against traffic that is somewhere after it, and note what
+    has ended; return the escapes after it and how it was judged.
+    """
+    both = aloft.now, after
+    start = index * rules.dt
+    step = fly_step(
+        aloft.flight, aloft.manoeuvre, start, aloft.goal, both, aloft.mask, rules, limits
+    )
+    row, time = aloft.row, (index + 1) * rules.dt
+    found.separation[row] = np.minimum(found.separation[row], step.separation)
+    judged = judge(np.inf if scoring else step.separation, step.to_goal, time, rules, np)
+    reached = judged.reached
+    found.arrival[row[reached]] = time
+    # Of the last step only what lies outside the goal's circle counts, or the length would come
+    # in whole steps.
+    outside = np.clip(
+        (aloft.to_goal - rules.goal_radius) / np.maximum(aloft.to_goal - step.to_goal, 1e-9),
+        0.0,
+        1.0,
+    )
+    flown = (0.5 * rules.dt) * (aloft.flight.own.speed + step.flight.own.speed)
+    found.path[row[reached]] = (aloft.length + outside * flown)[reached]
+    moved = aloft._replace(
+        flight=step.flight, now=after, length=aloft.length + flown, to_goal=step.to_goal
+    )
+    return moved, judged
 
 
 def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:

@@ -8,12 +8,14 @@ are refined by random changes, each judged by the validator itself.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
 from agents.manoeuvres.escape_search import COARSE, ELITES, STAGES, concatenate, offspring, scale
+from agents.manoeuvres.simulator import Effort
 from agents.planner.budget import Budget
 from agents.planner.candidates import (
     REVERSAL_WEIGHT,
@@ -23,7 +25,7 @@ from agents.planner.candidates import (
     evaluate,
     keep_best,
 )
-from agents.planner.fallback_flight import Effort, fly_out
+from agents.planner.fallback_flight import fly_out
 from agents.planner.options import Options, aggressive_limits
 from agents.planner.request import Request
 from envs.trees import take
@@ -59,7 +61,13 @@ def search(
     stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
     stages += [(STAGES[3], last, np.inf)] if options.exhaustive else []
     for stage, wanted, longest in stages[which]:
-        effort = Effort(_HOPELESS * aircraft.separation, _ENOUGH, longest * aircraft.dt, budget)
+        effort = Effort(
+            least=_HOPELESS * aircraft.separation,
+            good=options.smoothing,
+            enough=_ENOUGH,
+            longest=longest * aircraft.dt,
+            ends=partial(budget.ends, "fallback"),
+        )
         for part in _parts(np.flatnonzero(~best.safe), stage.turn.size):
             if budget.ends("fallback"):
                 return best
@@ -133,9 +141,10 @@ def _try_out(
         np.repeat(np.arange(left.size), tried.shape[-1]),
     )
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
-    rollout, closest = fly_out(
-        request, goal, which, family, options, Effort(-np.inf, tried.size, budget=budget)
+    effort = Effort(
+        -np.inf, options.smoothing, enough=tried.size, ends=partial(budget.ends, "fallback")
     )
+    rollout, closest = fly_out(request, goal, which, family, options, effort)
     score = np.minimum(closest, 1e4) - np.where(np.isfinite(rollout.time), 0.0, 1e6)
     # The most promising first: there may be no time for the others.
     order = np.argsort(-score, kind="stable") if judge else which[:0]

@@ -15,7 +15,7 @@ from agents.manoeuvres.escape_manoeuvre import (
     REGARDLESS,
     Flight,
     Manoeuvre,
-    fly,
+    fly_step,
     steps,
     takeoff,
     tracks,
@@ -35,9 +35,8 @@ from envs.encounters import Encounter
 from envs.intruder import IntruderState, start, step
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Outcome, Rules, judge
-from envs.relative import distance, leg_separation
 from envs.starts import join
-from envs.trees import column, scatter, take
+from envs.trees import scatter, take
 
 ENOUGH = 1.5
 """A distance, in separations, beyond which more is not worth a detour."""
@@ -121,16 +120,13 @@ def _fly(encounter: Encounter, part: Any, rules: Rules, limits: Limits, result: 
             air.encounter.mask,
             air.intruders.vehicle,
         )
-        before = takeoff(air.own, air.plan)
-        flight = fly(before, air.plan, 0.0, goal, now, mask, left, limits)
         traffic = step(air.intruders, air.encounter.intent, elapsed, rules.dt, np)
-        apart = leg_separation(
-            column(air.own), column(flight.own), now, traffic.vehicle, rules.dt, np
-        )
-        separation = np.min(np.where(mask, apart, np.inf), axis=-1)
-        to_goal = distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np)
-        ended = judge(separation, to_goal, elapsed + rules.dt, rules, np)
-        result.separation[air.number] = np.minimum(result.separation[air.number], separation)
+        both = now, traffic.vehicle
+        made = fly_step(takeoff(air.own, air.plan), air.plan, 0.0, goal, both, mask, left, limits)
+        flight = made.flight
+        ended = judge(made.separation, made.to_goal, elapsed + rules.dt, rules, np)
+        nearest = result.separation[air.number]
+        result.separation[air.number] = np.minimum(nearest, made.separation)
         result.path[air.number] += (0.5 * rules.dt) * (air.own.speed + flight.own.speed)
         result.outcome[air.number[ended.violation]] = 0
         result.outcome[air.number[ended.reached]] = 1

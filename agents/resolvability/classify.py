@@ -12,15 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly, steps, takeoff, tracks
+from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_step, steps, takeoff, tracks
 from agents.manoeuvres.escape_search import parts, search, to_double
 from agents.resolvability.proof import containment_time, look_ahead, split
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
-from envs.relative import distance, leg_separation
 from envs.starts import cast
-from envs.trees import column, map_leaves, scatter, take
+from envs.trees import map_leaves, scatter, take
 
 
 class Verdict(IntEnum):
@@ -112,17 +111,13 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
     flight, goal = takeoff(one.own, manoeuvre), (one.goal_x, one.goal_y)
     states, separations = [flight.own], []
     for index in range(steps(rules)):
-        now, after = take(traffic, index), take(traffic, index + 1)
-        flight = fly(flight, manoeuvre, index * rules.dt, goal, now, one.mask, rules, limits)
-        apart = leg_separation(column(states[-1]), column(flight.own), now, after, rules.dt, np)
+        both = take(traffic, index), take(traffic, index + 1)
+        start, end = index * rules.dt, (index + 1) * rules.dt
+        step = fly_step(flight, manoeuvre, start, goal, both, one.mask, rules, limits)
+        flight = step.flight
         states.append(flight.own)
-        separations.append(float(np.min(np.where(one.mask, apart, np.inf))))
-        to_goal = distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np)
-        if (
-            judge(np.array(separations[-1:]), to_goal, (index + 1) * rules.dt, rules, np)
-            .ended(np)
-            .all()
-        ):
+        separations.append(float(step.separation[0]))
+        if judge(step.separation, step.to_goal, end, rules, np).ended(np).all():
             break
     flown = np.arange(len(states))
     own = VehicleState(*(np.concatenate(field) for field in zip(*states, strict=True)))

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, fly, fly_away, takeoff
+from agents.manoeuvres import simulator
+from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, fly, takeoff
 from agents.manoeuvres.escape_search import COARSE, STAGES, concatenate, scale
-from agents.planner import fallback_flight as fallback
-from agents.planner.fallback_flight import Effort, ManoeuvreFlights, fly_out, stride_of
+from agents.manoeuvres.simulator import Effort, fly_away
+from agents.planner.fallback_flight import ManoeuvreFlights, fly_out, stride_of
 from agents.planner.options import Options
 from agents.planner.request import Request
 from envs.aircraft import PAPER
@@ -69,7 +70,7 @@ def fly_family(
         which,
         every,
         options or OPTIONS,
-        Effort(least, enough, longest),
+        Effort(least, OPTIONS.smoothing, enough, longest),
     )
 
 
@@ -122,8 +123,8 @@ def test_manoeuvres_do_not_depend_on_the_others(kind: str, monkeypatch: pytest.M
         rows = slice(number * each, (number + 1) * each)
         assert_same(alone.rollout, take(together.rollout, rows))
         np.testing.assert_array_equal(alone.clearance, together.clearance[rows])
-    monkeypatch.setattr(fallback, "_AT_ONCE", 1)
-    monkeypatch.setattr(fallback, "_PAIRS", 1)
+    monkeypatch.setattr(simulator, "_AT_ONCE", 1)
+    monkeypatch.setattr(simulator, "_PAIRS", 1)
     assert_same(fly_family(request, FAMILY, -40.0, 12), together)
 
 
