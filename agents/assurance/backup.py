@@ -15,6 +15,7 @@ from agents.assurance.areas import FromAreas, judge_backups, nameless
 from agents.assurance.inputs import no_areas
 from agents.assurance.lookahead import ANY, chord, growth
 from agents.assurance.thresholds import Thresholds
+from agents.manoeuvres.simulator import integrate
 from agents.planner.traffic import Traffic, predict, requirement_of, within_window
 from agents.planner.validator import Findings, validate
 from envs.angles import wrap
@@ -231,32 +232,43 @@ def _estimate(
     """Return the smallest distance less the required one of backups of a family, m, ``[N * F]``; an
     estimate.
     """
-    count, limits, sigmas = base.shape[0], thresholds.manoeuvre, thresholds.requirement.sigmas
+    sigmas = thresholds.requirement.sigmas
     stride, steps = _STEP * thresholds.options.aircraft.dt, round(sum(STEPS) / _STEP)
     times, wide = (np.arange(steps + 1) * stride)[:, None], column(traffic)
     tracks = predict(wide, times)
     required_range = np.broadcast_to(base[:, None] + growth(wide, times, sigmas), tracks.x.shape)
     counts = within_window(wide, times - stride, times)
     required_range = np.where(counts, required_range, -np.inf)
-    least = np.full(own.x.size, np.inf)
-    state, to_turn, step = own, wrap(course - own.heading, np), 0
-
-    def relative(state: VehicleState, step: int) -> tuple[Any, Any]:
-        x, y = state.x.reshape(count, -1, 1), state.y.reshape(count, -1, 1)
-        return tracks.x[:, step, None] - x, tracks.y[:, step, None] - y
-
-    x0, y0 = relative(state, 0)
+    to_turn, least = wrap(course - own.heading, np), np.full(own.x.size, np.inf)
+    step = 0
     for duration in _durations(thresholds):
-        turn, gain = _controls(to_turn, speed - state.speed, duration, limits)
-        for _ in range(round(duration / stride)):
-            state = advance(state, gain / duration, turn / duration, stride, ANY, np)
-            step += 1
-            x1, y1 = relative(state, step)
-            clearance = chord(x0, y0, x1, y1) - required_range[:, step, None]
+        turn, gain = _controls(to_turn, speed - own.speed, duration, thresholds.manoeuvre)
+        shape = (round(duration / stride), own.x.size)
+        acceleration = np.broadcast_to(gain / duration, shape)
+        yaw_rate = np.broadcast_to(turn / duration, shape)
+        flown, own = integrate(own, acceleration, yaw_rate, stride, ANY)
+        to_turn = to_turn - turn
+        x0, y0 = _relative(flown, tracks, step, 0)
+        for sample in range(1, len(flown.x)):
+            x1, y1 = _relative(flown, tracks, step, sample)
+            clearance = chord(x0, y0, x1, y1) - required_range[:, step + sample, None]
             least = np.minimum(least, np.min(clearance, axis=-1, initial=np.inf).ravel())
             x0, y0 = x1, y1
-        to_turn = to_turn - turn
+        step += shape[0]
     return least
+
+
+def _relative(
+    flown: VehicleState, tracks: VehicleState, first: int, sample: int
+) -> tuple[Any, Any]:
+    """Return the intruders' place relative to backups at a sample of their flight, m, ``[N, F, K]``
+    each.
+
+    The flight ``[S, N * F]`` begins at the time numbered ``first`` of the tracks ``[N, T, K]``.
+    """
+    count, at = tracks.x.shape[0], first + sample
+    x, y = (field[sample].reshape(count, -1, 1) for field in (flown.x, flown.y))
+    return tracks.x[:, at, None] - x, tracks.y[:, at, None] - y
 
 
 def resting(count: int, thresholds: Thresholds) -> Backup:
