@@ -227,15 +227,14 @@ class MonteCarloConfig(Strict):
         prefix = next((each for each in PREFIXES if name.startswith(each)), None)
         if prefix is not None:
             if prefix not in cls.files:
-                known = " and ".join(f"{each}PATH" for each in cls.files)
-                raise ConfigError(
-                    f"{name!r} cannot be flown here; expected a sampled scenario or {known}"
-                )
+                known = " or ".join(["a sampled scenario", *(f"{each}PATH" for each in cls.files)])
+                raise ConfigError(f"{name!r} cannot be flown here; expected {known}")
             if name == prefix:
                 raise ConfigError(f"{name!r} names no file; expected {prefix}PATH")
             return f"{prefix}{_locate(Path(name.removeprefix(prefix)), info)}"
         files = ", ".join(f"{each}PATH" for each in cls.files)
-        return known_scenario(name, f"module:name of your own, or {files}")
+        own = "module:name of your own"
+        return known_scenario(name, f"{own}, or {files}" if files else own)
 
     @model_validator(mode="after")
     def _check(self) -> "MonteCarloConfig":

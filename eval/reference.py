@@ -8,10 +8,12 @@ def tables() -> dict[str, list[str]]:
     from agents.config.keys import markdown
     from eval.config import MonteCarloConfig, TrafficConfig
     from eval.hifi.config import HifiConfig
+    from eval.rare.config import RareConfig
 
     flown = markdown(MonteCarloConfig, but=("aircraft.", "planner.vehicle."))
     hifi = markdown(HifiConfig, beside=MonteCarloConfig)
-    return {"configuration-evaluation.md": [flown, hifi, markdown(TrafficConfig)]}
+    rare = markdown(RareConfig, beside=MonteCarloConfig)
+    return {"configuration-evaluation.md": [flown, hifi, rare, markdown(TrafficConfig)]}
 
 
 def main() -> None:

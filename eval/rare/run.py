@@ -12,15 +12,15 @@ import numpy as np
 from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
-from agents.config.load import ConfigError, Parser, dump
+from agents.config.load import Parser, dump
 from envs.edge.figures import save_figure
 from envs.edge.files import write_file
 from envs.edge.installation import versions
 from envs.formats import encounter_file
-from eval.config import MonteCarloConfig
 from eval.flights.aircraft import describe, lines_about
 from eval.flights.chunks import Pilot
 from eval.plots import save as picture_folder
+from eval.rare.config import RareConfig
 from eval.rare.figure import levels_figure
 from eval.rare.problem import FlightProblem
 from eval.rare.splitting import Plan, Repetition, pilot, repetition
@@ -36,7 +36,18 @@ from eval.runner.options import (
 )
 from eval.stats.intervals import share
 
-_MODES = ("policy", "plan", "none")
+_OPTIONS = {
+    "mode": "mode",
+    "seed": "seed",
+    "resolvable_only": "resolvable_only",
+    "closer_than": "closer_than",
+    "particles": "particles",
+    "moves": "moves",
+    "repetitions": "repetitions",
+    "confidence": "confidence",
+    "encounters_per_hour": "encounters_per_hour",
+}
+"""Keys of the configuration by their options."""
 _SHARE = 0.2  # of the particles that passes a level
 _WORST = 100
 _STREAM = 0x7261_7265  # keeps the draws apart from those of other commands with the same seed
@@ -58,7 +69,8 @@ examples:
     --out runs/rare_plan
   python -m eval.rare --mode none --closer-than 5 --out runs/check   straight flight, below 5 m
 
-Keys of --set and --config are those of eval.monte_carlo (its --help-keys)."""
+Keys of --set and --config are those of eval.monte_carlo (its --help-keys), and those that say how
+the estimate is made: as the options, with _ for -."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,43 +78,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
-    config, mode = _config(options)
-    if config.wind_mps != (0.0, 0.0):
-        low, high = config.wind_mps
-        raise ConfigError(f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] for rare losses")
+    options.resume = False
+    config = load_config(RareConfig, options, _OPTIONS, "--")
     evaluation, policy, resolved = named_evaluation(config)
-    config = config.model_copy(update={"backend": resolved["backend"]})
-    how = {"resolvable_only": options.resolvable_only, "closer_than": options.closer_than}
-    problem = FlightProblem(Pilot(evaluation, policy), mode, **how)
+    del resolved["encounters"]  # as many as the particles ask for
+    config = config.model_copy(update=resolved)
+    problem = FlightProblem(
+        Pilot(evaluation, policy),
+        config.mode,
+        resolvable_only=config.resolvable_only,
+        closer_than=config.closer_than,
+    )
     picture_folder.create(options.out)
-    begun, sizes = time.perf_counter(), (options.particles, options.moves)
-    seeds = np.random.SeedSequence((config.seed, _STREAM)).spawn(options.repetitions + 1)
-    first, *others = map(np.random.default_rng, seeds)
-    made: list[Repetition] = []
+    begun = time.perf_counter()
     with threadpool_limits(1):
-        plan = pilot(problem, problem.level, *sizes, _SHARE, first)
-        print(f"levels: {', '.join(f'{level:.0f}' for level in plan.levels)} m", file=sys.stderr)
-        for number, rng in enumerate(others, 1):
-            made.append(repetition(problem, plan, *sizes, rng))
-            print(
-                f"repetition {number} of {len(others)}: {made[-1].probability[-1]:.3g}",
-                file=sys.stderr,
-            )
+        plan, made = _split(problem, config)
         blamed = [np.ones(len(one.last), bool) for one in made]
-        if not options.resolvable_only:  # else all that are left are judged already
+        if not config.resolvable_only:  # else all that are left are judged already
             blamed = [~problem.unresolvable(problem.sample_encounters(one.last)[0]) for one in made]
     found = {
         "schema_version": 1,
-        "mode": mode,
+        "mode": config.mode,
         "scenario": config.scenario,
         "changes": config.changes,
-    }
-    found |= {
         "seed": config.seed,
-        **_estimate_in_json(options, plan, made, blamed),
+        **_estimate_in_json(config, plan, made, blamed),
         "policy_sha256": policy.sha256,
+        **describe(evaluation.aircraft, policy),
+        "wall_s": time.perf_counter() - begun,
     }
-    found |= describe(evaluation.aircraft, policy) | {"wall_s": time.perf_counter() - begun}
     # Equally many of each repetition.
     rows = [
         one.last[kept][: max(1, _WORST // len(made))]
@@ -120,19 +124,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _split(problem: FlightProblem, config: RareConfig) -> tuple[Plan, list[Repetition]]:
+    """Return the levels that a pilot run places, and the repetitions that use them."""
+    sizes = config.particles, config.moves
+    seeds = np.random.SeedSequence((config.seed, _STREAM)).spawn(config.repetitions + 1)
+    first, *others = map(np.random.default_rng, seeds)
+    plan = pilot(problem, problem.level, *sizes, _SHARE, first)
+    print(f"levels: {', '.join(f'{level:.0f}' for level in plan.levels)} m", file=sys.stderr)
+    made: list[Repetition] = []
+    for number, rng in enumerate(others, 1):
+        made.append(repetition(problem, plan, *sizes, rng))
+        rate = made[-1].probability[-1]
+        print(f"repetition {number} of {len(others)}: {rate:.3g}", file=sys.stderr)
+    return plan, made
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.rare", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     add(
         "--mode",
-        choices=_MODES,
+        choices=("policy", "plan", "none"),
         help="what decides: policy, plan, or none, straight to the goal (default: policy)",
     )
     add(
         "--config",
         type=Path,
         metavar="FILE",
-        help="YAML file of eval.monte_carlo with what differs from the defaults",
+        help="YAML file with what differs from the defaults, such as an estimate's config.yaml",
     )
     add(
         "--set",
@@ -149,7 +168,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
     add("--seed", type=whole(0), metavar="N", help="of all draws (default: 0)")
     add(
-        "--resolvable-only", action="store_true", help="proven unresolvable encounters do not count"
+        "--resolvable-only",
+        action="store_const",
+        const="true",
+        help="proven unresolvable encounters do not count",
     )
     distance = real(1e-3, 1e6, "m")
     add(
@@ -161,25 +183,23 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--particles",
         type=whole(10),
-        default=1_000,
         metavar="N",
         help="encounters at each level (default: 1000)",
     )
     add(
         "--moves",
         type=whole(1),
-        default=5,
         metavar="N",
         help="steps of each at each level (default: 5)",
     )
     add(
         "--repetitions",
         type=whole(3),
-        default=10,
         metavar="N",
         help="independent estimates (default: 10)",
     )
     confidence_option(parser)
+    parser.set_defaults(confidence=None)  # the configuration's
     add(
         "--encounters-per-hour",
         type=real(1e-6, 1e4),
@@ -190,20 +210,8 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _config(options: argparse.Namespace) -> tuple[MonteCarloConfig, str]:
-    options.resume = False
-    options.named_mode = None if options.mode == "none" else options.mode
-    config = load_config(MonteCarloConfig, options, {"named_mode": "mode", "seed": "seed"}, "--")
-    mode = options.mode or config.mode
-    if mode not in _MODES:
-        raise ConfigError(f"mode is {mode!r}; expected one of {', '.join(_MODES)}")
-    if config.file is not None:
-        raise ConfigError(f"--scenario: {config.scenario!r} is a file; expected a sampled scenario")
-    return config, mode
-
-
 def _estimate_in_json(
-    options: argparse.Namespace, plan: Plan, made: Sequence[Repetition], blamed: Sequence[Any]
+    config: RareConfig, plan: Plan, made: Sequence[Repetition], blamed: Sequence[Any]
 ) -> dict[str, Any]:
     """Return what rare.json says of the estimate."""
     by_level = np.stack([one.probability for one in made])
@@ -217,23 +225,23 @@ def _estimate_in_json(
         levels.append(
             {
                 "level_m": level,
-                "rate": _estimate(by_level[:, stage], options.confidence),
+                "rate": _estimate(by_level[:, stage], config.confidence),
                 "step": step,
                 "acceptance": float(np.mean(taken)) if taken else None,
-                "plain": share(np.count_nonzero(first < level), first.size, options.confidence),
+                "plain": share(np.count_nonzero(first < level), first.size, config.confidence),
             }
         )
     rate = levels[-1]["rate"]
-    error, hourly = rate["relative_error"], options.encounters_per_hour
+    error, hourly = rate["relative_error"], config.encounters_per_hour
     found = {
         "separation_m": plan.levels[-1],
         **{
-            key: getattr(options, key)
+            key: getattr(config, key)
             for key in ("resolvable_only", "particles", "moves", "repetitions")
         },
-        "confidence": options.confidence,
+        "confidence": config.confidence,
         "rate": rate,
-        "rate_not_unresolvable": _estimate(by_level[:, -1] * shares, options.confidence),
+        "rate_not_unresolvable": _estimate(by_level[:, -1] * shares, config.confidence),
         "levels": levels,
         "ancestors": [one.ancestors for one in made],
         "flights": sum(one.evaluations for one in made),

@@ -262,13 +262,29 @@ def test_the_same_seed_gives_the_same_estimate(tmp_path: Path, policy_path: Path
     assert rates[0] == rates[1] != rates[2]
 
 
+def test_the_configuration_of_an_estimate_repeats_it(tmp_path: Path, policy_path: Path) -> None:
+    first, again = tmp_path / "first", tmp_path / "again"
+    arguments = ["--policy", str(policy_path), "--mode", "none", "--closer-than", "400"]
+    arguments += ["--particles", "12", "--moves", "2", "--repetitions", "4", "--seed", "4"]
+    arguments += ["--confidence", "0.9", "--encounters-per-hour", "0.5", "--resolvable-only"]
+    assert rare.main([*arguments, "--out", str(first)]) == 0
+    assert rare.main(["--config", str(first / "config.yaml"), "--out", str(again)]) == 0
+    said = [json.loads((out / "rare.json").read_text(encoding="utf-8")) for out in (first, again)]
+    for one in said:
+        del one["wall_s"]
+    assert said[0] == said[1]
+    for name in ("config.yaml", "worst.csv"):
+        assert (first / name).read_bytes() == (again / name).read_bytes()
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["--confidence", "1"], "--confidence: 1"),
-        (["--scenario", "file:nothing.csv"], "is a file; expected a sampled scenario"),
+        (["--scenario", "file:nothing.csv"], "cannot be flown here; expected a sampled scenario"),
+        (["--set", "particles=3"], "particles is 3"),
         (["--mode", "assured"], "--mode"),
-        (["--set", "mode=assured"], "mode is 'assured'; expected one of policy, plan, none"),
+        (["--set", "mode=assured"], "mode is 'assured'"),
         (["--set", "changes.radius=[5, 1]"], "changes"),
     ],
 )

@@ -119,6 +119,15 @@ def test_a_run_leaves_what_is_promised(uninterrupted: Path) -> None:
     assert policy.sha256 == summary["policy_sha256"]
 
 
+@pytest.mark.slow
+def test_a_runs_own_configuration_repeats_it(uninterrupted: Path, tmp_path: Path) -> None:
+    done = train("--config", uninterrupted / "config.yaml", "--out", tmp_path / "again", "--quiet")
+    assert done.returncode == 0, done.stderr
+    assert figures(tmp_path / "again") == figures(uninterrupted)
+    for name in ("config.yaml", "policy.safetensors"):
+        assert (tmp_path / "again" / name).read_bytes() == (uninterrupted / name).read_bytes()
+
+
 def test_resuming_after_a_kill_equals_an_uninterrupted_run(
     uninterrupted: Path, config_file: Path, tmp_path: Path
 ) -> None:
