@@ -1,7 +1,7 @@
 """What the monitor says of itself: numbers as the message ``AssuranceStatus`` has them."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from agents.assurance import single as watch
 from agents.assurance.single import Verdict
@@ -26,6 +26,11 @@ class Status(NamedTuple):
     accumulated: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the three, shares of the limits
     separation: float = -1.0  # of the rest of the plan, m; -1: no intruder
     time_to_loss: float = -1.0  # s; -1: none
+
+    def fields(self) -> dict[str, Any]:
+        """Return the fields of an ``AssuranceStatus`` that hold this."""
+        plain = {"state": int(self.state), "fly": int(self.fly), "reasons": list(self.reasons)}
+        return self._asdict() | plain
 
 
 def status(supervision: Supervision, verdict: Verdict | None) -> Status:

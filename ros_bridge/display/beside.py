@@ -95,19 +95,8 @@ def supervise(
     if verdict is None:
         return replace(scene, monitor=None), shown
     said = status(supervision, verdict)
-    monitor = Monitor(
-        now,
-        int(said.state),
-        int(said.fly),
-        said.reasons,
-        said.measured,
-        said.cross_track,
-        said.along_track,
-        said.time_error,
-        said.separation,
-        said.time_to_loss,
-    )
-    scene = replace(scene, monitor=monitor, backup=_backup(supervision, situation, said.fly, scene))
+    flown = _backup(supervision, situation, said.fly, scene)
+    scene = replace(scene, monitor=Monitor(now, said), backup=flown)
     if supervision.frame is None:
         return scene, shown
     names = supervision.watch.names
@@ -139,7 +128,8 @@ def _backup(
 
 def _guidance(found: guidance.Guidance, now: int) -> Guidance:
     tracks, speeds = (
-        Bands(*(tuple(column) for column in row)) for row in (found.tracks, found.speeds)
+        Bands(tuple(row.target), tuple(row.region), tuple(row.loss), tuple(row.area))
+        for row in (found.tracks, found.speeds)
     )
     levels = zip(found.levels, found.losses, strict=True)
     of_areas = zip(found.area_levels, found.area_losses, strict=True)

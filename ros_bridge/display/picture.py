@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.assurance.state import FlyMode
 from envs.areas import Area, AreaError, Circle, Keep
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
@@ -308,7 +309,7 @@ def _bands(guidance: Guidance | None, now: int) -> Document | None:
 
 def _flown_backup(scene: Scene) -> Published | None:
     """Return the backup while it is what is to be flown."""
-    flown = scene.monitor is not None and scene.monitor.fly == 2
+    flown = scene.monitor is not None and scene.monitor.status.fly is FlyMode.BACKUP
     return scene.backup if flown else None
 
 
@@ -425,17 +426,18 @@ def _place(held: HeldAreas, frame: LocalFrame) -> tuple[Area, ...]:
 def _monitor(monitor: Monitor | None, now: int) -> Document | None:
     if monitor is None:
         return None
+    said = monitor.status
     return {
         "age": round((now - monitor.time) / SECOND, 2),
-        "state": ("idle", "monitoring", "replan requested", "denied", "backup")[monitor.state],
-        "fly": ("nothing", "plan", "backup")[monitor.fly],
-        "reasons": list(monitor.reasons),
-        "measured": monitor.measured,
-        "cross_track": round(monitor.cross_track, 1),
-        "along_track": round(monitor.along_track, 1),
-        "time_error": round(monitor.time_error, 2),
-        "separation": round(monitor.separation, 1) if monitor.separation >= 0.0 else None,
-        "time_to_loss": round(monitor.time_to_loss, 1) if monitor.time_to_loss >= 0.0 else None,
+        "state": said.state.name.lower().replace("_", " "),
+        "fly": said.fly.name.lower(),
+        "reasons": list(said.reasons),
+        "measured": said.measured,
+        "cross_track": round(said.cross_track, 1),
+        "along_track": round(said.along_track, 1),
+        "time_error": round(said.time_error, 2),
+        "separation": round(said.separation, 1) if said.separation >= 0.0 else None,
+        "time_to_loss": round(said.time_to_loss, 1) if said.time_to_loss >= 0.0 else None,
     }
 
 

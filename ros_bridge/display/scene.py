@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from agents.assurance.state import FlyMode, State
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.areas import AreaReport, areas, to_local
@@ -17,6 +18,7 @@ from ros_bridge.core.conversions import Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError, attempt, integer, nanoseconds, number, stamp
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
+from ros_bridge.core.status import Status
 from ros_bridge.core.tracks import UNKNOWN, Rules, forgotten, note_refused, take_in
 
 FORGET = 30.0
@@ -57,15 +59,7 @@ class Monitor(NamedTuple):
     """An AssuranceStatus message."""
 
     time: int  # ns
-    state: int
-    fly: int  # 0 nothing, 1 the plan, 2 the backup
-    reasons: tuple[str, ...]
-    measured: bool
-    cross_track: float  # m to the left of the plan
-    along_track: float  # m ahead of it
-    time_error: float  # s late
-    separation: float  # of the rest of the plan, m; -1: no intruder
-    time_to_loss: float  # s; -1: none
+    status: Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,10 +210,10 @@ def _status(scene: Scene, message: Any, now: int) -> Scene:
     def real(name: str) -> float:
         return number(f"status.{name}", getattr(message, name), -_LONGEST, _LONGEST, "")
 
-    found = Monitor(
-        time=stamp("status.header.stamp", message.header.stamp),
-        state=integer("status.state", message.state, 0, 4),
-        fly=integer("status.fly", message.fly, 0, 2),
+    time = stamp("status.header.stamp", message.header.stamp)
+    found = Status(
+        state=State(integer("status.state", message.state, 0, 4)),
+        fly=FlyMode(integer("status.fly", message.fly, 0, 2)),
         reasons=tuple(str(one) for one in message.reasons[:_MOST]),
         measured=bool(message.measured),
         cross_track=real("cross_track"),
@@ -228,7 +222,7 @@ def _status(scene: Scene, message: Any, now: int) -> Scene:
         separation=real("separation"),
         time_to_loss=real("time_to_loss"),
     )
-    return replace(scene, monitor=found)
+    return replace(scene, monitor=Monitor(time, found))
 
 
 def _guidance(scene: Scene, message: Any, now: int) -> Scene:

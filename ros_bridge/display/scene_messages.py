@@ -152,16 +152,10 @@ def withdrawal(revision: int, now: int) -> Fields:
 
 def status(monitor: Monitor, revision: int) -> Fields:
     """Return an AssuranceStatus of the plan of a revision."""
-    same = (
-        *("state", "fly", "measured", "cross_track", "along_track", "time_error"),
-        *("separation", "time_to_loss"),
-    )
-    fields = {name: getattr(monitor, name) for name in same}
     return {
         **_header(monitor.time),
-        **fields,
+        **monitor.status.fields(),
         "trajectory_revision": revision,
-        "reasons": list(monitor.reasons),
         "runner_silence": -1.0,
     }
 

@@ -17,6 +17,7 @@ from ros_bridge.core.conversions import Station
 from ros_bridge.core.guidance import blank
 from ros_bridge.core.looking import look
 from ros_bridge.core.situation import Held
+from ros_bridge.core.status import Status
 from ros_bridge.display.beside import Beside, supervise
 from ros_bridge.display.scene import Health, HeldAreas, Monitor, Scene
 from ros_bridge.display.server import Board
@@ -149,9 +150,7 @@ def _advice(view: View) -> Monitor:
         reasons.append("no plan is safe")
     fly = FlyMode.PLAN if judgement.safe else FlyMode.NOTHING
     state = State.MONITORING if judgement.safe else State.IDLE
-    return Monitor(
-        view.time, int(state), int(fly), tuple(reasons), False, 0.0, 0.0, 0.0, -1.0, -1.0
-    )
+    return Monitor(view.time, Status(state, fly, reasons=tuple(reasons)))
 
 
 def _nodes(view: View) -> dict[str, Health]:

@@ -245,20 +245,10 @@ class Monitor(ListeningNode):
         said = status(self._supervision, self._verdict)
         message = AssuranceStatus(
             header=header(now, self._value("map_frame")),
-            state=int(said.state),
-            fly=int(said.fly),
-            causes=said.causes,
-            reasons=list(said.reasons),
-            measured=said.measured,
-            cross_track=said.cross_track,
-            along_track=said.along_track,
-            time_error=said.time_error,
+            **said.fields(),
             cross_track_limit=limits.cross_track,
             along_track_limit=limits.along_track,
             time_error_limit=limits.time_error,
-            accumulated=said.accumulated,
-            separation=said.separation,
-            time_to_loss=said.time_to_loss,
             runner_silence=self._silence(now),
         )
         if self._supervision.held is not None:
