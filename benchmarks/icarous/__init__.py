@@ -1,0 +1,1 @@
+"""Missions among fences, traffic and wind, flown by NASA's ICAROUS and by us."""

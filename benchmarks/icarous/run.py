@@ -1,0 +1,242 @@
+"""Missions beside ICAROUS: ``python -m benchmarks.icarous --icarous DIR [--missions 200]``.
+
+Each mission of a small UAS (:mod:`benchmarks.icarous.missions`) has fences, intruders and wind. It
+is flown by NASA's ICAROUS in its own fast-time simulation and by our monitor and planner in ours,
+with the same limits, separation and aircraft; one judge looks at where all were. Every flight is a
+line of ``flights.jsonl`` in --out; the same command goes on after the last one. The last line of
+the output is one JSON object.
+"""
+
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from threadpoolctl import threadpool_limits
+
+from agents.config.load import ConfigError
+from agents.policy.inference import Policy
+from benchmarks.icarous import ours, peer
+from benchmarks.icarous.figure import drawing
+from benchmarks.icarous.flights import Flight
+from benchmarks.icarous.judge import Verdict, judge
+from benchmarks.icarous.missions import Mission, aircraft, mission
+from benchmarks.measure import chosen, report
+from envs.aircraft import Aircraft
+from envs.edge.command import Parser
+from envs.edge.figures import save_figure
+from envs.edge.json_text import parse_json
+from envs.edge.progress import Progress
+
+SIDES = "icarous", "ours"
+_FILE = "flights.jsonl"
+
+Row = dict[str, Any]
+
+
+class Kind(NamedTuple):
+    """A row of the table: its name, and which missions it holds."""
+
+    name: str
+    holds: Callable[[Row], bool]
+
+
+KINDS = (
+    Kind("all", lambda row: True),
+    Kind("solved by any", lambda row: row["any_solved"]),
+    Kind("no fence", lambda row: row["fences"] == 0),
+    Kind("fences", lambda row: row["fences"] > 0),
+    Kind("no intruder", lambda row: row["intruders"] == 0),
+    Kind("1 or 2 intruders", lambda row: 1 <= row["intruders"] <= 2),
+    Kind("3 or 4 intruders", lambda row: row["intruders"] >= 3),
+    Kind("wind 5 m/s and more", lambda row: row["wind"] >= 5.0),
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly what is missing, and print the table."""
+    options = _parser().parse_args(arguments)
+    sides = chosen(options.only, SIDES) if options.only else list(SIDES)
+    home = peer.locate(options.icarous) if "icarous" in sides else None
+    options.out.mkdir(parents=True, exist_ok=True)
+    vehicle = aircraft()
+    asked = {"seed": options.seed, "separation_m": vehicle.separation}
+    rows = _done(options.out / _FILE, asked)
+    flown = {(row["number"], row["side"]) for row in rows}
+    missing = [
+        (number, side)
+        for number in range(options.missions)
+        for side in sides
+        if (number, side) not in flown
+    ]
+    fly = _flyers(home, vehicle)
+    try:
+        with threadpool_limits(1):
+            rows += _fly_missing(missing, fly, options, vehicle)
+            if options.picture is not None:
+                _draw(options, sides, fly, vehicle)
+    except KeyboardInterrupt:
+        print("interrupted; these are the figures of what was flown", file=sys.stderr)
+        rows = _done(options.out / _FILE, asked)
+    counted = complete([row for row in rows if row["number"] < options.missions], sides)
+    found = figures(counted, sides)
+    print(table(found))
+    report(
+        {"benchmark": "icarous", **asked, "missions": len(counted) // len(sides), "rows": found},
+        ("numpy",),
+    )
+    return 0
+
+
+Flyer = Callable[[Mission], Flight]
+
+
+def _flyers(home: Path | None, vehicle: Aircraft) -> dict[str, Flyer]:
+    given = ours.rules(vehicle, Policy.load())
+    found: dict[str, Flyer] = {"ours": lambda one: ours.fly(one, given)}
+    if home is not None:
+        found["icarous"] = lambda one: peer.fly(one, vehicle, home)
+    return found
+
+
+def _fly_missing(
+    missing: Sequence[tuple[int, str]], fly: dict[str, Flyer], options: Any, vehicle: Aircraft
+) -> list[Row]:
+    rows, progress = list[Row](), Progress("flights")
+    with progress.start(len(missing)), (options.out / _FILE).open("a", encoding="utf-8") as file:
+        for count, (number, side) in enumerate(missing, 1):
+            one = mission(options.seed, number, vehicle.separation)
+            began = time.perf_counter()
+            flight = fly[side](one)
+            verdict = judge(one, flight.track, vehicle.separation, vehicle.goal_radius)
+            rows.append(row_of(one, side, flight, verdict) | {"wall": time.perf_counter() - began})
+            print(json.dumps(rows[-1]), file=file, flush=True)
+            progress.show(count, f"mission {number} by {side}", rows[-1]["wall"])
+    return rows
+
+
+def row_of(one: Mission, side: str, flight: Flight, verdict: Verdict) -> Row:
+    """Return the line of a flight; lengths in m, times in s, None for what there is not."""
+    first = min(
+        (when for when in (verdict.lost_at, verdict.breached_at) if math.isfinite(when)),
+        default=math.nan,
+    )
+    at = flight.track.time <= first
+    promised = bool(flight.promised[at][-1]) if at.any() else False
+    numbers = {name: getattr(verdict, name) for name in Verdict._fields}
+    return {
+        "number": one.number,
+        "side": side,
+        "intruders": len(one.intruders),
+        "fences": len(one.fences),
+        "wind": float(one.wind.speed),
+        **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
+        "solved": verdict.solved,
+        "promised": promised,  # whether what was violated was violated on a plan called SAFE
+        "slowest": flight.slowest if math.isfinite(flight.slowest) else None,
+        "ended": flight.ended,
+    }
+
+
+def _done(path: Path, asked: Row) -> list[Row]:
+    """Return the flights of a file; a line that was cut off by an interruption is dropped."""
+    if not path.exists():
+        path.write_text(json.dumps(asked) + "\n", encoding="utf-8")
+        return []
+    first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
+    if parse_json(first) != asked:
+        raise ConfigError(
+            f"--out: {path} holds {first}; expected {json.dumps(asked)}, or another folder"
+        )
+    path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")
+    return [parse_json(line) for line in lines]
+
+
+def complete(rows: Sequence[Row], sides: Sequence[str]) -> list[Row]:
+    """Return the flights of those missions that every side has flown, each with whether any side
+    solved its mission.
+    """
+    found: list[Row] = []
+    for number in sorted({row["number"] for row in rows}):
+        same = [row for row in rows if row["number"] == number and row["side"] in sides]
+        if len(same) == len(sides):
+            solved = any(row["solved"] for row in same)
+            found += [row | {"any_solved": solved} for row in same]
+    return found
+
+
+def figures(rows: Sequence[Row], sides: Sequence[str]) -> list[Row]:
+    """Return what each side did in each kind of missions."""
+    found: list[Row] = []
+    for kind in KINDS:
+        for side in sides:
+            flights = [row for row in rows if row["side"] == side and kind.holds(row)]
+            if flights:
+                found.append({"kind": kind.name, "side": side} | _figures(flights))
+    return found
+
+
+def _figures(flights: Sequence[Row]) -> Row:
+    arrived = [row for row in flights if row["arrived"] is not None]
+    solved = [row["excess"] for row in flights if row["solved"]]
+    return {
+        "missions": len(flights),
+        "losses": sum(row["lost"] > 0 for row in flights),
+        "breaches": sum(row["breached"] > 0 for row in flights),
+        "arrivals": len(arrived),
+        "solved": len(solved),
+        "promised": sum(row["promised"] for row in flights),
+        "excess": sum(solved) / len(solved) if solved else None,
+        "slowest_s": max((row["slowest"] for row in flights if row["slowest"]), default=None),
+        "unanswered": sum(bool(row["ended"]) for row in flights),
+    }
+
+
+HEAD = (
+    "missions",
+    "by",
+    "flights",
+    "with a loss",
+    "with a fence violated",
+    "arrived",
+    "solved",
+    "path excess, %",
+    "slowest answer, s",
+    "violated while called SAFE",
+)
+
+
+def table(found: Sequence[Row]) -> str:
+    """Return the figures as a table."""
+    lines = [f"| {' | '.join(HEAD)} |", "|---" * len(HEAD) + "|"]
+    for one in found:
+        excess = "" if one["excess"] is None else f"{100.0 * one['excess']:.1f}"
+        slowest = "" if one["slowest_s"] is None else f"{one['slowest_s']:.2f}"
+        promised = str(one["promised"]) if one["side"] == "ours" else ""
+        counts = [one[name] for name in ("missions", "losses", "breaches", "arrivals", "solved")]
+        cells = [one["kind"], one["side"], *map(str, counts), excess, slowest, promised]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _draw(options: Any, sides: Sequence[str], fly: dict[str, Flyer], vehicle: Aircraft) -> None:
+    """Fly one mission by the sides and draw it."""
+    one = mission(options.seed, options.picture, vehicle.separation)
+    flights = {side: fly[side](one).track for side in sides}
+    save_figure(drawing(one, flights, vehicle), options.out / f"mission_{options.picture}", dpi=130)
+
+
+def _parser() -> Parser:
+    parser = Parser(prog="python -m benchmarks.icarous", description=__doc__)
+    add = parser.add_argument
+    add("--icarous", metavar="DIR", help=f"ICAROUS, as built (default: ${peer.VARIABLE})")
+    add("--missions", type=int, default=200, help="how many (default 200)")
+    add("--seed", type=int, default=0, help="of the missions (default 0)")
+    add("--only", help=f"one side, of {', '.join(SIDES)}")
+    out = Path("runs/icarous")
+    add("--out", type=Path, default=out, help=f"folder of the flights (default {out})")
+    add("--picture", type=int, metavar="N", help="number of a mission to fly and draw too")
+    return parser
