@@ -114,6 +114,7 @@ class AdvisoryCode(IntEnum):
     WIND_UNKNOWN = 5  # the wind is unknown: any within a stated size may blow
     POSSIBLE_COPY = 6  # an intruder may be a copy of the ownship
     PASSED_OVER = 7  # a point of the route lies in an area and is left out
+    OWN_SEPARATION = 8  # an intruder is kept another separation from than the others
 
 
 class Advisory(NamedTuple):

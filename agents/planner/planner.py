@@ -33,6 +33,7 @@ from agents.planner.request import (
     eligible,
     finite,
     in_wind,
+    own_separations,
 )
 from agents.planner.rollout import roll
 from agents.policy.domain import departures
@@ -117,6 +118,7 @@ def plan(
             *answer.advisory,
             *(Advisory(AdvisoryCode.OUTSIDE_DOMAIN, *departure) for departure in outside),
             *dict.fromkeys((*assumptions(own_altitude, intruders, options), *notes)),
+            *own_separations(intruders, options),
         ),
         policy_sha256=policy.sha256,
         wind=wind,
@@ -169,6 +171,25 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
         number[:] = np.where(number >= 0, order[np.arange(rows.size), number], -1)
         scatter(plans, rows, found)
     return plans
+
+
+def plan_among(
+    request: Request, areas: Any, policy: Policy, options: Options, *, floats: bool = False
+) -> Plans:
+    """Plan many requests ``[N]`` as :func:`plan_many` does, each among areas of its own.
+
+    Args:
+        request: in the air mass, without areas.
+        areas: as they are at the request, seen from the air mass, object ``[N]``.
+        policy: that is asked.
+        options: of the flights in the air mass.
+        floats: as of :func:`plan_many`.
+    """
+    each = []
+    for n in range(request.points.size):
+        one, _ = amid(take(request, slice(n, n + 1)), areas[n], None, options, None)
+        each.append(plan_many(one, policy, options, floats=floats))
+    return map_leaves(lambda *rows: np.concatenate(rows), *each)
 
 
 def _compact(request: Request, most: int) -> tuple[Request, Any]:

@@ -357,6 +357,25 @@ def assumptions(
     return [unknown_climb_of(field, options) for field in fields]
 
 
+def own_separations(
+    intruders: Sequence[VehicleState | Intruder], options: Options
+) -> list[Advisory]:
+    """Return which intruders are kept other separations from than the others, and which."""
+    usual = {
+        "separation": options.requirement.separation,
+        "vertical_separation": options.vertical_filter,
+    }
+    found = []
+    for number, one in enumerate(intruders):
+        for name, others in usual.items():
+            metres = getattr(one, name, None)
+            if metres is not None and metres != others:
+                what = f"is {metres:g} m, of the others {others:g} m"
+                field = Field(Subject.INTRUDERS, name, number)
+                found.append(Advisory(AdvisoryCode.OWN_SEPARATION, field, what))
+    return found
+
+
 def unknown_climb_of(field: Field, options: Options) -> Advisory:
     """Return that a vertical speed is unknown, and what is assumed."""
     what = f"is unknown and taken as up to {options.unknown_climb:g} m/s either way"

@@ -14,7 +14,7 @@ from agents.assurance import bands
 from agents.assurance.monitor import Cause
 from agents.assurance.single import activate, begin, step
 from agents.assurance.thresholds import Thresholds
-from agents.planner.answer import Kind, Plan, RequestError
+from agents.planner.answer import AdvisoryCode, Kind, Plan, RequestError
 from agents.planner.planner import plan
 from agents.planner.request import Altitude, Intruder, Options
 from agents.planner.sight import shares
@@ -53,6 +53,30 @@ def scenes(count: int, seed: int) -> list[list[Intruder]]:
         if all(math.hypot(*one.state[:2]) > (one.separation or 0.0) + 500.0 for one in given):
             found.append(given)
     return found
+
+
+def test_own_separations_are_remarked() -> None:
+    level = Altitude(1_000.0, "msl", 0.0)
+    others = [
+        VehicleState(9_000.0, 6_000.0, 0.0, 80.0),
+        Intruder(VehicleState(9_000.0, -6_000.0, 0.0, 80.0), separation=PAPER.separation),
+        Intruder(
+            VehicleState(12_000.0, 9_000.0, 0.0, 80.0),
+            altitude=level,
+            separation=2_500.0,
+            vertical_separation=300.0,
+        ),
+    ]
+    answer = plan(OWN, others, ROUTE, POLICY, OPTIONS, own_altitude=level)
+    said = [one for one in answer.advisory if one.code is AdvisoryCode.OWN_SEPARATION]
+    assert [(str(one.field), one.text) for one in said] == [
+        ("intruders[2].separation", "is 2500 m, of the others 1000 m"),
+        (
+            "intruders[2].vertical_separation",
+            f"is 300 m, of the others {OPTIONS.vertical_filter:g} m",
+        ),
+    ]
+    assert answer.safe
 
 
 def nearest(answer: Plan, intruder: Intruder) -> float:
