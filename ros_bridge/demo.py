@@ -86,6 +86,14 @@ def _parser() -> argparse.ArgumentParser:
         help=f"m added to the separation (default, in separations: {margins})",
     )
     parser.add_argument(
+        "--wind",
+        type=float,
+        nargs=2,
+        metavar=("EAST", "NORTH"),
+        default=(0.0, 0.0),
+        help="that all fly in, m/s towards east and north (default 0 0)",
+    )
+    parser.add_argument(
         "--aircraft",
         default="",
         metavar="FILE",
@@ -152,6 +160,7 @@ def _run(
     )
     shared = {"aircraft": options.aircraft, "policy_file": options.policy}
     flown = {name: getattr(options, name) for name in ("vehicle", "rate", "deciding_rate")}
+    flown |= dict(zip(("wind_east", "wind_north"), options.wind, strict=True))
     flown |= {
         f"traffic_{name}": getattr(options, name) for name in ("position_std", "velocity_std")
     }

@@ -41,6 +41,7 @@ from rosgraph_msgs.msg import Clock
 from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.formats.local_frame import LocalFrame
+from envs.wind import Wind
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.situation import Code
 from ros_bridge.nodes.simulator_messages import route_of, state_message
@@ -145,7 +146,10 @@ class Simulator(Node):
         """
         try:
             kind, limits = self._value("vehicle"), limits_of(self._value)
-            self._flight = EncounterFlight(encounter, self.aircraft, limits, kind, self._viewer)
+            wind = Wind(self._value("wind_east"), self._value("wind_north"))
+            self._flight = EncounterFlight(
+                encounter, self.aircraft, limits, kind, self._viewer, wind
+            )
         except SimulationError as error:
             self.logs.append(FlightLog(name, self._value("separation"), failure=str(error)))
             return
@@ -246,7 +250,7 @@ class Simulator(Node):
         for receiver, (publisher, truth) in zip(self._receivers, sides, strict=True):
             for received in receiver.receive(flight.time, truth):
                 publisher.publish(
-                    state_message(received, receiver.quality, self._frame, self._zero)
+                    state_message(received, receiver.quality, self._frame, self._zero, flight.wind)
                 )
         self._act(flight)
         try:
@@ -318,12 +322,13 @@ class Simulator(Node):
             return
         self._following = bytes(wanted.id.uuid)
         try:
-            line = curve(self._frame, wanted)  # no wind is reported, so none is planned in
+            line = curve(self._frame, wanted)
         except FieldError as error:
             self.get_logger().error(f"cannot be flown: {error}")
             return
         plan = wanted.status == Trajectory.STATUS_SAFE
-        flight.fly(line.legs, (line.began - self._zero) / SECOND, plan=plan)
+        began = (line.began - self._zero) / SECOND
+        flight.fly(line.legs_after(began), began, plan=plan)
         if plan and self._log.safe_at is None:
             self._log.safe_at, self._log.source = flight.time, _SOURCES.get(wanted.source, "none")
             flight.truth = Truth()  # what counts from here on is what the plan promises

@@ -8,6 +8,7 @@ from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
 
 from agents.planner.request import Altitude
 from envs.formats.local_frame import LocalFrame
+from envs.wind import NO_WIND, Wind, over_ground
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
 from ros_bridge.sim.receivers import Quality, Received
@@ -37,11 +38,16 @@ def route_of(flight: EncounterFlight, frame: LocalFrame, separation: float) -> T
 
 
 def state_message(
-    received: Received, quality: Quality, frame: LocalFrame, zero: int
+    received: Received, quality: Quality, frame: LocalFrame, zero: int, wind: Wind = NO_WIND
 ) -> AircraftState:
-    """Return what a receiver publishes of a state; ``zero`` is the start of the encounter, ns."""
-    state, at = received.state, frame.geodetic(received.state.x, received.state.y)
+    """Return what a receiver publishes of a state in the air mass that a wind carries; ``zero`` is
+    the start of the encounter, ns.
+    """
+    state = over_ground(received.state, wind, received.time)
+    at = frame.geodetic(state.x, state.y)
     true = state.heading - float(at.convergence)
+    blows = math.atan2(wind.north, wind.east) - float(at.convergence)
+    east, north = wind.speed * math.cos(blows), wind.speed * math.sin(blows)
     report = Report(
         received.identifier,
         zero + round(received.time * SECOND),
@@ -52,7 +58,7 @@ def state_message(
         altitude=Altitude(ALTITUDE, "wgs84", 0.0),
         position_std=quality.position_std,
         velocity_std=quality.velocity_std,
-        true_airspeed=state.speed if received.identifier == OWN else None,
-        wind=(0.0, 0.0) if received.identifier == OWN else None,
+        true_airspeed=received.state.speed if received.identifier == OWN else None,
+        wind=(float(east), float(north)) if received.identifier == OWN else None,
     )
     return aircraft_message(report)

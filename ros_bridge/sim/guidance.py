@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
 from envs.waypoints import Legs, legs, plan_states
-from envs.wind import Wind
+from envs.wind import NO_WIND, Wind
 from ros_bridge.core.conversions import STATUS_SAFE, trajectory
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.replies import to_frame, wind_of
@@ -60,6 +60,13 @@ class Flying(NamedTuple):
     legs: Legs  # through the air, which lies over the ground when they begin
     began: int  # when that is, ns
     wind: Wind | None  # None: still air
+
+    def legs_after(self, seconds: float) -> Legs:
+        """Return the legs in the air mass that lay over the ground so long before they begin."""
+        blows = self.wind or NO_WIND
+        return self.legs._replace(
+            x=self.legs.x - blows.east * seconds, y=self.legs.y - blows.north * seconds
+        )
 
 
 def curve(frame: LocalFrame, message: Any) -> Flying:

@@ -20,6 +20,7 @@ from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, velocity
 from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
+from envs.wind import NO_WIND, Wind, over_ground
 from ros_bridge.sim.plan_flight import PlanFlight
 
 ALTITUDE = 2_500.0
@@ -85,8 +86,18 @@ def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) 
         raise SimulationError(f"vehicle {name!r}: {error}") from error
 
 
+def _carried_goal(encounter: Encounter, start: VehicleState, wind: Wind) -> tuple[float, float]:
+    """Return the goal of an encounter that a wind carries, over the ground, m."""
+    x, y = float(encounter.goal_x[0]), float(encounter.goal_y[0])
+    seconds = math.hypot(x - start.x, y - start.y) / max(start.speed, 1.0)
+    return x + wind.east * seconds, y + wind.north * seconds
+
+
 class EncounterFlight:
     """One encounter in flight; :class:`SimulationError` where the vehicle cannot fly it.
+
+    All of it is in an air mass that lies over the ground at the beginning. The goal is over the
+    ground, where the ownship would arrive if it flew straight on.
 
     Args:
         encounter: one, own fields ``[1]``, intruders ``[1, K]``.
@@ -94,6 +105,7 @@ class EncounterFlight:
         limits: what the ownship's vehicle can do.
         kind: of the ownship's vehicle, one of :data:`VEHICLES`.
         viewer: as :func:`vehicle` has it.
+        wind: that carries the air mass.
     """
 
     def __init__(
@@ -103,6 +115,7 @@ class EncounterFlight:
         limits: Limits,
         kind: str = "kinematic",
         viewer: Any = None,
+        wind: Wind = NO_WIND,
     ) -> None:
         start = VehicleState(*(float(field[0]) for field in encounter.own))
         self.vehicle: Any = vehicle(kind, start, limits, viewer)
@@ -110,15 +123,17 @@ class EncounterFlight:
         self._goal_radius, self._response = aircraft.goal_radius, aircraft.dt
         self.time = 0.0  # s since the beginning
         self.plans: list[PlanFlight] = []  # that were flown
-        self.goal = float(encounter.goal_x[0]), float(encounter.goal_y[0])
-        self._ahead = math.cos(start.heading), math.sin(start.heading)
+        self.wind = wind
+        self.goal = _carried_goal(encounter, start, wind)  # over the ground, m
         reach = start.speed * _LONGEST
-        x, y = start.x + reach * self._ahead[0], start.y + reach * self._ahead[1]
+        x = start.x + reach * math.cos(start.heading)
+        y = start.y + reach * math.sin(start.heading)
         end = Waypoint(0, x, y, start.heading, start.speed, _LONGEST)
         there = np.flatnonzero(encounter.mask[0])
         self._intruders = intruder.start(
             VehicleState(*(field[0][there] for field in encounter.intruders)), np
         )
+        self._towards = self.goal[0] - start.x, self.goal[1] - start.y
         self.fly(legs(plan_states(start, [end])), 0.0, plan=False)
         self.truth = Truth()  # since the beginning, or since a new one was put here
         self.reached: float | None = None  # when the goal was passed, s
@@ -184,8 +199,9 @@ class EncounterFlight:
         if self._on_plan:
             self._record(after, least)
         if self.reached is None:
-            east, north = after.x - self.goal[0], after.y - self.goal[1]
-            beyond = east * self._ahead[0] + north * self._ahead[1] > 0.0
+            there = over_ground(after, self.wind, self.time)
+            east, north = there.x - self.goal[0], there.y - self.goal[1]
+            beyond = east * self._towards[0] + north * self._towards[1] > 0.0
             if beyond or math.hypot(east, north) <= self._goal_radius:
                 self.reached = self.time
 

@@ -421,6 +421,18 @@ PARAMETERS = (
         "simulator", "deciding_rate", 1.0, "times real time while a plan is sought", 0.1, 1_000.0
     ),
     Parameter("simulator", "longest", 300.0, "after which an encounter ends", 10.0, 900.0, "T"),
+    *(
+        Parameter(
+            "simulator",
+            f"wind_{towards}",
+            0.0,
+            f"wind towards the {towards}, which carries all aircraft and which the ownship reports",
+            -100.0,
+            100.0,
+            "m/s",
+        )
+        for towards in ("east", "north")
+    ),
     Parameter("simulator", "origin_latitude", 47.0, "of the geo-reference", -89.0, 89.0, "deg"),
     Parameter("simulator", "origin_longitude", 8.0, "of the geo-reference", -180.0, 180.0, "deg"),
     Parameter(

@@ -20,8 +20,10 @@ from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.relative import straight_cpa
 from envs.starts import encounters_of_seed
-from envs.waypoints import RoutePoint, Waypoint, legs, plan_states
+from envs.waypoints import RoutePoint, Waypoint, at, legs, plan_states
+from envs.wind import Wind, over_ground
 from ros_bridge.sim.flight_log import FlightLog, all_safe_kept, table
+from ros_bridge.sim.guidance import Flying
 from ros_bridge.sim.plan_flight import PlanFlight, Verdict, plans_table
 from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import VEHICLES, EncounterFlight, SimulationError, vehicle
@@ -44,6 +46,38 @@ def test_straight_flights_come_as_close_as_their_cpa():
     assert flight.truth.separation == pytest.approx(float(expected.distance[0, 0]), abs=0.1)
     assert flight.truth.when == pytest.approx(float(expected.time[0, 0]), abs=0.2)
     assert flight.reached is not None and flight.time < 300.0
+
+
+def test_a_wind_carries_all_and_changes_nothing_between_them():
+    wind = Wind(12.0, -8.0)
+    still = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED)
+    windy = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED, wind=wind)
+    away = math.hypot(still.goal[0] - still.own.x, still.goal[1] - still.own.y)
+    seconds = away / still.own.speed
+    moved = [new - old for old, new in zip(still.goal, windy.goal, strict=True)]
+    assert moved == pytest.approx([12.0 * seconds, -8.0 * seconds])
+    while not (still.over() and windy.over()):
+        still.step()
+        windy.step()
+    assert windy.reached == pytest.approx(still.reached, abs=2.0)
+    assert windy.truth.separation == still.truth.separation
+
+
+def test_a_plan_of_a_wind_is_flown_over_the_ground_that_it_names():
+    wind, began = Wind(12.0, -8.0), 20.0
+    start = VehicleState(1_000.0, 500.0, 0.3, 75.0)
+    points = [Waypoint(n, *start_at(start, 10.0 * n), 10.0 * n) for n in (1, 2)]
+    line = Flying(legs(plan_states(start, points, wind=wind)), 0, wind)
+    here = at(line.legs_after(began), np.float64(7.0))
+    there = over_ground(VehicleState(*map(float, here)), wind, began + 7.0)
+    assert tuple(there) == pytest.approx(tuple(start_at(start, 7.0)), abs=1e-3)
+
+
+def start_at(start: VehicleState, time: float) -> VehicleState:
+    """Return a straight flight over the ground after some seconds."""
+    reach = start.speed * time
+    x, y = reach * math.cos(start.heading), reach * math.sin(start.heading)
+    return start._replace(x=start.x + x, y=start.y + y)
 
 
 @pytest.mark.parametrize(
