@@ -16,6 +16,7 @@ from agents.planner.traffic import Requirement
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import SCENARIOS, EncounterError, Scenario, is_known, sampler_of
+from envs.random_areas import MOST
 
 FILE, TRACKS, MODEL = "file:", "tracks:", "lincoln:"
 PREFIXES: tuple[str, ...] = (FILE, TRACKS, MODEL)
@@ -213,6 +214,10 @@ class MonteCarloConfig(Strict):
     wind_mps: _Pair = (0.0, 0.0)
     """Range of the wind's speed, m/s, within 0 to 30, in modes plan and assured: encounters are
     drawn in the air mass and carried by a wind of any direction, the goal lies over the ground."""
+    areas: int = Field(default=0, ge=0, le=MOST)
+    """Areas that must not be entered along the way of an encounter, at most, in modes plan and
+    assured: discs and polygons drawn at random, a third of them moving; fewer where start or goal
+    are in the way of one."""
     figures: bool = True
     """Whether figures are drawn."""
 
@@ -271,6 +276,7 @@ class MonteCarloConfig(Strict):
                 f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] for {self.scenario}, whose "
                 "aircraft are recorded over the ground"
             )
+        self._check_areas()
         if self.file is None and self.scenario_sha256 is not None:
             wanted = ", ".join(f"{each}PATH" for each in self.files)
             raise ConfigError(
@@ -278,6 +284,15 @@ class MonteCarloConfig(Strict):
                 "null"
             )
         return self
+
+    def _check_areas(self) -> None:
+        if self.areas and self.mode not in ("plan", "assured"):
+            raise ConfigError(f"areas is {self.areas}; expected 0 in mode {self.mode}")
+        if self.areas and self.prefix not in (None, FILE):
+            raise ConfigError(
+                f"areas is {self.areas}; expected 0 for {self.scenario}, whose aircraft are "
+                "recorded in a sky of their own"
+            )
 
     @property
     def prefix(self) -> str | None:

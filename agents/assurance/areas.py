@@ -4,14 +4,18 @@ deep a backup would fly into them.
 :mod:`agents.planner.areas` judges the curves. Every row has areas of its own, as they are now.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.assurance.lookahead import Course
 from agents.assurance.thresholds import Thresholds
-from agents.planner.areas import NEARER, Counted, judge, label
+from agents.planner.areas import NEARER, Counted, judge, label, relevant
+from agents.planner.request import Altitude
 from envs.area_geometry import signed_distance
+from envs.areas import Area
+from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import ARCS, Legs, PlanStates, at
 
@@ -39,6 +43,33 @@ class FromAreas(NamedTuple):
     # how deep it is in areas on the average of its plan states, m; 0 where it stays out of all
     depth: Any
     area: Any  # what messages call the area that it enters first; "" where it enters none, object
+
+
+def may_be_met(
+    areas: Sequence[Area],
+    own: VehicleState,
+    altitude: Altitude | None,
+    ends: float,
+    thresholds: Thresholds,
+) -> tuple[Counted, ...]:
+    """Return the areas that the rest of a plan, the next one or a backup may meet.
+
+    Args:
+        areas: as they are now.
+        own: the ownship now, plain floats.
+        altitude: of it, now; None: unknown.
+        ends: when the plan that is flown ends, s from now; nan where there is none.
+        thresholds: of the monitor.
+    """
+    return relevant(
+        areas,
+        own,
+        altitude,
+        fastest=thresholds.limits.speed_max,
+        horizon=max(2.0 * thresholds.options.finished_by, ends),
+        unknown_climb=thresholds.options.unknown_climb,
+        margin=thresholds.requirement.margin,
+    )
 
 
 def rest(plan: Course, since: Any, areas: Any, off: Any, thresholds: Thresholds) -> Rest:

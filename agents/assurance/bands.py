@@ -65,7 +65,7 @@ class Bands(NamedTuple):
     # number of the area (agents.planner.areas.Counted) of which it is lost first; -1 likewise
     area: Any
     # Smallest distance less the required one, m; a lower bound where it is more than a fifth of the
-    # separation, and of areas; inf without intruders and areas.
+    # separation, and of areas, too small by the way of 2 s at most; inf without any of them.
     clearance: Any
     # from when on the required distance is kept until the look-ahead's end, s; 0 where always, inf
     # where never

@@ -14,13 +14,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from agents.assurance import monitor as monitors
+from agents.assurance.areas import may_be_met
 from agents.assurance.backup import resting
 from agents.assurance.frames import STILL, Frame, carry
 from agents.assurance.inputs import Inputs, no_areas
 from agents.assurance.state import Decision, FlyMode, Monitor, State, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.planner.answer import Plan
-from agents.planner.areas import relevant
 from agents.planner.request import Altitude, Intruder, arrays_of_reports, windows
 from agents.planner.traffic import advance_reports
 from envs.areas import Area
@@ -186,18 +186,11 @@ def _areas_met(
     time: float,
 ) -> np.ndarray:
     """Return the areas that plan or backup may meet, in the monitor's air mass, object ``[1]``."""
-    limits, frame, found = watch.thresholds, watch.frame, no_areas(1)
+    found = no_areas(1)
     if areas:
         ends = watch.monitor.plan.plan_states.time[0, -1] + watch.monitor.started[0] - time
-        found[0] = relevant(
-            [frame.area(one, time) for one in areas],
-            own,
-            own_altitude,
-            fastest=limits.limits.speed_max,
-            horizon=max(2.0 * limits.options.finished_by, float(ends)),
-            unknown_climb=limits.options.unknown_climb,
-            margin=limits.requirement.margin,
-        )
+        seen = [watch.frame.area(one, time) for one in areas]
+        found[0] = may_be_met(seen, own, own_altitude, float(ends), watch.thresholds)
     return found
 
 

@@ -20,6 +20,7 @@
     { symbol: "circle", size: 4 },
     { symbol: "rect", size: 6, hollow: true },
     { symbol: "triangle", size: 9 },
+    { symbol: "diamond", size: 8 },
     { symbol: "path://M-5-4 L-4-5 L0-1 L4-5 L5-4 L1 0 L5 4 L4 5 L0 1 L-4 5 L-5 4 L-1 0Z", size: 8 },
   ];
   const state = { row: -1, flight: null, time: 0, timer: null, visible: [] };
@@ -34,7 +35,7 @@
 
   function readColours() {
     const style = getComputedStyle(document.documentElement);
-    const names = ["paper", "ink", "soft", "line", "grid", "accent", "own", "other", "goal", "plan", "witness", "route", ...airmap.REGIONS];
+    const names = ["paper", "ink", "soft", "line", "grid", "accent", "own", "other", "goal", "plan", "witness", "route", "area", ...airmap.REGIONS];
     colour = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
     colour.kinds = data.kinds.map((_, i) => style.getPropertyValue(`--kind-${i}`).trim());
   }
@@ -174,7 +175,7 @@
     const above = (value) => (Number.isNaN(value) ? Infinity : value);
     const nearest = (a, b) => above(columns.min_separation_m[a]) - above(columns.min_separation_m[b]) || a - b;
     // What nobody could have solved comes last.
-    const rank = ["violation", "time-out", "success", "proven unresolvable"];
+    const rank = ["violation", "breach of an area", "time-out", "success", "proven unresolvable"];
     const rankOf = (row) => rank.indexOf(data.kinds[kinds[row]]);
     const orders = {
       failures: (a, b) => rankOf(a) - rankOf(b) || nearest(a, b),
@@ -244,6 +245,9 @@
     ["plan_min_separation_m", "planned separation", 1, "m"],
     ["replans", "new plans", 0, ""],
     ["backup_s", "on the backup", 0, "s"],
+    ["areas", "areas", 0, ""],
+    ["min_area_clearance_m", "beyond their clearance", 1, "m"],
+    ["area_breach_s", "entered after", 1, "s"],
     ["intruders", "intruders", 0, ""],
     ["distance_m", "distance at the start", 0, "m"],
     ["bearing_deg", "bearing, left positive", 1, "°"],
@@ -288,7 +292,7 @@
     flight.turn = next(stored.steps, 1e-3);
     flight.acceleration = next(stored.steps, 1e-3);
     const { bands } = stored;
-    flight.bands = bands ? { speed: bands.speed, tracks: rowsOf(bands.tracks, data.tracks_deg.length), speeds: rowsOf(bands.speeds, bands.speed.length) } : null;
+    flight.bands = bands ? { speed: bands.speed, tracks: rowsOf(bands.tracks, data.tracks_deg.length), speeds: rowsOf(bands.speeds, bands.speed.length), trackAreas: rowsOf(bands.track_areas, data.tracks_deg.length), speedAreas: rowsOf(bands.speed_areas, bands.speed.length) } : null;
     flight.closest = 1 + flight.separation.indexOf(Math.min(...flight.separation));
     return flight;
   }
@@ -312,8 +316,9 @@
     const vx = own.x[at + 1] - own.x[at], vy = own.y[at + 1] - own.y[at], speed = Math.hypot(vx, vy) / data.dt;
     airmap.compass(pen, x, y, radius, 0, colour, 11);
     airmap.bands(pen, x, y, radius + 2, 18, 0, data.tracks_deg, tracks, colour);
+    airmap.fences(pen, x, y, radius + 23, 0, data.tracks_deg, bands.trackAreas[state.time], colour);
     airmap.plane(pen, x, y, Math.atan2(vy, vx), 1.2, colour.own, colour.paper);
-    const tape = { value: speed, span: 40, step: 10, words: speed.toFixed(0), targets: bands.speed, regions: speeds };
+    const tape = { value: speed, span: 40, step: 10, words: speed.toFixed(0), targets: bands.speed, regions: speeds, areas: bands.speedAreas[state.time] };
     airmap.tape(pen, { left: 4, top: 8, width: 62, height: height - 28 }, tape, colour);
     airmap.text(pen, "m/s", 8, height - 6, colour.soft, colour.paper, { size: 11, align: "left" });
     const free = (codes) => codes.filter((code) => code === 0).length;
@@ -351,6 +356,7 @@
       box[0] = Math.min(box[0], x); box[1] = Math.max(box[1], x); box[2] = Math.min(box[2], y); box[3] = Math.max(box[3], y);
     };
     const all = [flight.own, ...flight.others, flight.witnessTrack].filter(Boolean);
+    for (const edge of areaEdges(flight, 0)) edge.forEach(([x, y]) => include(x, y));
     for (const track of all) track.x.forEach((x, i) => include(x / 1000, track.y[i] / 1000));
     for (const edge of circle(flight.goal.map((metres) => metres / 1000), data.goal_radius / 1000)) include(...edge);
     // The same scale both ways: a turn must look like one.
@@ -358,6 +364,12 @@
     const scale = 1.1 * Math.max((box[1] - box[0]) / width, (box[3] - box[2]) / height, 0.5 / height);
     const mx = (box[0] + box[1]) / 2, my = (box[2] + box[3]) / 2;
     return { x: [mx - (scale * width) / 2, mx + (scale * width) / 2], y: [my - (scale * height) / 2, my + (scale * height) / 2] };
+  }
+
+  // Edges of areas as they are at a time, with the first corner again at the end.
+  function areaEdges(flight, time) {
+    return (flight.areas ?? []).flatMap(({ rings, velocity: [vx, vy] }) =>
+      rings.map((ring) => [...ring, ring[0]].map(([px, py]) => [(px + vx * time * data.dt) / 1000, (py + vy * time * data.dt) / 1000])));
   }
 
   function moving(flight) {
@@ -374,6 +386,7 @@
     flight.others.forEach((other, k) => {
       series.push({ id: `other ${k}`, data: line(other, time + 1) }, craft(`other now ${k}`, other, colour.other));
     });
+    areaEdges(flight, time).forEach((edge, k) => series.push({ id: `area ${k}`, data: edge }));
     return series;
   }
 
@@ -388,6 +401,7 @@
       stroke("goal", "", circle(goal, data.goal_radius / 1000), colour.goal, { width: 1.5 }),
       { id: "goal centre", name: "goal", type: "scatter", symbol: "circle", symbolSize: 9, silent: true, animation: false, itemStyle: { color: colour.goal }, data: [goal] },
     ];
+    areaEdges(flight, state.time).forEach((edge, k) => series.push(stroke(`area ${k}`, "area", edge, colour.area, { width: 2 })));
     if (flight.plan)
       series.push({
         ...stroke("plan", "plan", flight.plan[0].map((px, i) => [px / 1000, flight.plan[1][i] / 1000]), colour.plan, { type: "dashed", width: 1.5 }),

@@ -8,20 +8,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents import assurance
+from agents.assurance.areas import may_be_met
 from agents.assurance.asking import ALONG, Planner, renew
 from agents.assurance.monitor import Decision, Thresholds
+from agents.assurance.state import Monitor
 from agents.assurance.tracker import Tracks, follow
 from agents.planner.candidates import Proposals
-from agents.planner.planner import Plans, plan_many
+from agents.planner.planner import Plans, plan_among, plan_many
 from agents.planner.request import Options, Request, drift_points
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
+from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.wind import Wind
 from envs.world import State, begin, perceive_intruders
+from eval.flights.among_areas import in_air_at
 from eval.flights.in_wind import drift_of
 from eval.flights.plan_flight import (
     SUBSTEPS,
@@ -56,6 +60,7 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     recorder: TrajectoryRecorder | None = None,
     endless: bool = False,
     wind: Wind | None = None,
+    areas: Any = None,
 ) -> Assured:
     """Fly encounters ``[N]``, float64, planned at their start, with the monitor until the time
     limit or a violation.
@@ -63,7 +68,7 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     With noise of the sensors by step, ``[4, N, K]``, monitor and planner see tracks of such
     reports. The limits of the options are those of the vehicle. A recorder takes the trajectories;
     endless flights lose nothing. In a wind all of it is in its air mass, through which goals and
-    routes drift.
+    routes drift. Areas are over the ground, object ``[N]``; None: none.
     """
     count, dt = len(encounters.goal_x), aircraft.dt
     thresholds = Thresholds.for_plans(options)
@@ -88,9 +93,12 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
         if noise is not None:
             tracks = follow(tracks, seen, state.sensor.position_std, state.sensor.velocity_std, dt)
             seen, known = tracks.state, tracks.errors
+        amid = None if areas is None else in_air_at(areas[rows], take(wind, rows), time)
+        if amid is not None:
+            known["areas"] = _areas_met(amid, state, monitor, time, thresholds)
         given = assurance.inputs(time, state.own, seen, state.mask, **known)
         monitor, decision = assurance.step(monitor, given, thresholds)
-        make = _planner(asked, decision, state, time, aircraft, policy)
+        make = _planner((asked, amid), decision, state, time, aircraft, policy)
         left = aircraft.t_max - time
         monitor, short[rows], new = renew(
             monitor, decision, short[rows], reached[rows], left, make, thresholds
@@ -111,8 +119,22 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     return Assured(tally.judge(), replans, backup * dt)
 
 
+def _areas_met(
+    areas: Any, state: State, monitor: Monitor, time: float, thresholds: Thresholds
+) -> Any:
+    """Return the areas that flights ``[M]`` may meet, of those in their air masses now, object
+    ``[M]``.
+    """
+    found = np.empty(len(areas), dtype=object)
+    for n, some in enumerate(areas):
+        own = VehicleState(*(float(field[n]) for field in state.own))
+        ends = float(monitor.plan.plan_states.time[n, -1] + monitor.started[n]) - time
+        found[n] = may_be_met(some, own, None, ends, thresholds)
+    return found
+
+
 def _planner(
-    asked: Request,
+    around: tuple[Request, Any],
     decision: Decision,
     state: State,
     time: float,
@@ -120,8 +142,9 @@ def _planner(
     policy: Policy,
 ) -> Planner:
     """Return what plans from the middle of flights, at a time, s: to the goal from where they are,
-    or along the route.
+    or along the route; ``around``: the requests at the start, and the areas now or None.
     """
+    asked, areas = around
 
     def plans(rows: Any, options: Options, kind: int) -> Proposals:
         own, traffic = take((decision.own, decision.traffic), rows)
@@ -133,6 +156,8 @@ def _planner(
         else:
             goal = drift_points((state.goal_x[rows], state.goal_y[rows]), drift, time)
             request = Request(own, traffic, *route_of(own, *goal, aircraft), drift)
-        return plan_many(request, policy, options, floats=True).proposals
+        if areas is None:
+            return plan_many(request, policy, options, floats=True).proposals
+        return plan_among(request, areas[rows], policy, options, floats=True).proposals
 
     return plans

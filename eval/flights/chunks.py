@@ -21,13 +21,15 @@ from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.starts import join
 from envs.wind import Wind
+from eval.flights.among_areas import areas_of, judge, with_breaches
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions, verdicts
-from eval.flights.in_wind import carry, winds
+from eval.flights.in_wind import carry, to_ground, winds
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
 from eval.flights.sources import Source, draw
+from eval.flights.trajectories import TrajectoryRecorder
 
 
 class Evaluation(NamedTuple):
@@ -45,10 +47,17 @@ class Evaluation(NamedTuple):
     baseline: str = "none"
     backend: str = "numpy"
     wind_mps: tuple[float, float] = (0.0, 0.0)  # span of the wind's speed in the other modes
+    areas: int = 0  # of an encounter at most, in the other modes
 
     def wind(self, numbers: np.ndarray) -> Wind | None:
         """Return the winds of encounters with these numbers, ``[M]``; None: still air."""
         return winds(self.wind_mps, self.seed, numbers)
+
+    def areas_of(self, starts: Encounter, numbers: np.ndarray) -> np.ndarray | None:
+        """Return the areas of encounters with these numbers, over the ground, object ``[M]``; their
+        goals are over the ground. None: there are none.
+        """
+        return areas_of(self.areas, self.seed, starts, numbers, self.aircraft)
 
     @property
     def options(self) -> Options:
@@ -113,7 +122,8 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     wind = evaluation.wind(number)
     flown, more = alone, {}
     if evaluation.mode != "policy":
-        flown, more = _plan(pilot, carry(starts, wind), noise, wind)
+        carried = carry(starts, wind)
+        flown, more = _plan(pilot, carried, noise, wind, evaluation.areas_of(carried, number))
     reached = flown.outcome == OUTCOMES.index("reached")
     solved = reduce(
         np.logical_or,
@@ -153,15 +163,18 @@ def _plan(
     starts: Encounter,
     noise: Callable[[int], np.ndarray] | None,
     wind: Wind | None,
+    areas: np.ndarray | None,
 ) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return the flights of a mode that plans, and the columns that only it has."""
     evaluation = pilot.evaluation
     options, aircraft = evaluation.options, evaluation.aircraft
     first = None if noise is None else noise(0)
-    plans = plan_at_start(starts, pilot.policy, aircraft, options, first, wind=wind)
-    flown = fly_once(starts, plans, aircraft, options, wind=wind)
+    plans = plan_at_start(starts, pilot.policy, aircraft, options, first, wind=wind, areas=areas)
+    recorder = None if areas is None else TrajectoryRecorder(starts)
+    flown = fly_once(starts, plans, aircraft, options, recorder, wind=wind)
+    flights, among = _judge_areas(flown.flights, recorder, areas, wind, aircraft)
     made = plans.proposals
-    lost = made.safe & (flown.flights.outcome == OUTCOMES.index("violation"))
+    lost = made.safe & (flights.outcome == OUTCOMES.index("violation"))
     promised = promised_separation(starts, plans, aircraft, options, lost, first)
     loss = np.full(lost.size, None, dtype=object)
     loss[lost] = np.where(promised[lost] >= aircraft.separation, "not_promised", "broken")
@@ -181,11 +194,41 @@ def _plan(
     if wind is not None:
         more |= {"wind_east_m_s": wind.east, "wind_north_m_s": wind.north}
     if evaluation.mode == "plan":
-        return flown.flights, more
-    assured = fly_assured(starts, plans, pilot.policy, aircraft, options, noise=noise, wind=wind)
-    more |= _beside({"plan": flown.flights}) | {"plan_min_separation_m": made.min_separation}
+        return flights, more | among
+    recorder = None if areas is None else TrajectoryRecorder(starts)
+    assured = fly_assured(
+        starts,
+        plans,
+        pilot.policy,
+        aircraft,
+        options,
+        noise=noise,
+        recorder=recorder,
+        wind=wind,
+        areas=areas,
+    )
+    more |= _beside({"plan": flights}) | {"plan_min_separation_m": made.min_separation}
     more |= {"replans": assured.replans, "backup_s": assured.backup}
-    return assured.flown.flights, more
+    flights, among = _judge_areas(assured.flown.flights, recorder, areas, wind, aircraft)
+    return flights, more | among
+
+
+def _judge_areas(
+    flights: Flights,
+    recorder: TrajectoryRecorder | None,
+    areas: np.ndarray | None,
+    wind: Wind | None,
+    aircraft: Aircraft,
+) -> tuple[Flights, dict[str, np.ndarray]]:
+    """Return flights with their breaches of areas, and the columns that tell of areas."""
+    if recorder is None or areas is None:
+        return flights, {}
+    among = judge(to_ground(recorder.stack(), wind, aircraft.dt), areas, aircraft.dt)
+    return with_breaches(flights, among, aircraft.rules()), {
+        "areas": np.array([len(some) for some in areas], dtype=np.int32),
+        "min_area_clearance_m": np.where(np.isfinite(among.distance), among.distance, np.nan),
+        "area_breach_s": among.breach,
+    }
 
 
 def _beside(flights: dict[str, Flights]) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from agents.planner.options import Options
-from agents.planner.planner import Plans, plan_many
+from agents.planner.planner import Plans, plan_among, plan_many
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
@@ -16,6 +16,7 @@ from envs.trees import take
 from envs.waypoints import at, legs
 from envs.wind import Wind
 from envs.world import begin, perceive_intruders
+from eval.flights.among_areas import in_air_at
 from eval.flights.in_wind import drift_of
 from eval.flights.plan_flight import SUBSTEPS, Air, PlanFlights, Tally, fly_step, request_of
 from eval.flights.trajectories import TrajectoryRecorder
@@ -39,13 +40,16 @@ def plan_at_start(
     noise: Any = None,
     *,
     wind: Wind | None = None,
+    areas: Any = None,
 ) -> Plans:
-    """Plan at the start of encounters ``[N]``, in a wind in its air mass; noise as of
-    :func:`perceive_at_start`.
+    """Plan at the start of encounters ``[N]``, in a wind in its air mass, among areas over the
+    ground, object ``[N]``; noise as of :func:`perceive_at_start`.
     """
     seen = perceive_at_start(encounters, aircraft.dt, noise)
     request = request_of(encounters, aircraft, seen)._replace(drift=drift_of(wind))
-    return plan_many(request, policy, options)
+    if areas is None:
+        return plan_many(request, policy, options)
+    return plan_among(request, in_air_at(areas, wind, 0.0), policy, options)
 
 
 def fly_once(

@@ -6,10 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.planner.planner import Plans
+from envs.areas import Area
 from envs.encounters import Encounter
 from envs.trees import take
 from envs.waypoints import on_ground
 from envs.wind import Wind
+from eval.flights.among_areas import judge, with_breaches
 from eval.flights.assured_mode import fly_assured
 from eval.flights.chunks import Pilot, noise_of, pick
 from eval.flights.in_wind import carry, to_ground
@@ -25,6 +27,7 @@ class Track(NamedTuple):
     intruders: np.ndarray  # the same for each intruder, [K, 2, T + 1]
     separation: np.ndarray  # smallest distance to any intruder during each step, m, [T]
     goal: tuple[float, float]  # m
+    areas: tuple[Area, ...] = ()  # as they are at the start
 
 
 class Recorded(NamedTuple):
@@ -34,6 +37,7 @@ class Recorded(NamedTuple):
     plans: Plans | None  # made at the start, ``[M]``; None in mode policy
     flights: Flights
     trajectories: Trajectories
+    areas: np.ndarray | None = None  # of each, object ``[M]``
 
     def track(self, row: int) -> Track:
         """Return one of the flights."""
@@ -44,6 +48,7 @@ class Recorded(NamedTuple):
             np.stack([others.x[:end, row, members].T, others.y[:end, row, members].T], axis=1),
             separation[: end - 1, row],
             (float(self.starts.goal_x[row]), float(self.starts.goal_y[row])),
+            () if self.areas is None else self.areas[row],
         )
 
 
@@ -59,13 +64,19 @@ def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
     recorder = TrajectoryRecorder(starts)
     wind = pilot.evaluation.wind(np.asarray(numbers))
     starts = carry(starts, wind)
-    plans, flights = fly_in_mode(pilot, starts, noise, recorder, wind=wind)
-    seen = to_ground(recorder.stack(), wind, pilot.evaluation.aircraft.dt)
+    areas = None
+    if pilot.evaluation.mode != "policy":
+        areas = pilot.evaluation.areas_of(starts, np.asarray(numbers))
+    plans, flights = fly_in_mode(pilot, starts, noise, recorder, wind=wind, areas=areas)
+    aircraft = pilot.evaluation.aircraft
+    seen = to_ground(recorder.stack(), wind, aircraft.dt)
+    if areas is not None:
+        flights = with_breaches(flights, judge(seen, areas, aircraft.dt), aircraft.rules())
     if wind is not None and plans is not None:
         each = Wind(wind.east[:, None], wind.north[:, None])
         plan_states = on_ground(plans.proposals.plan_states, each)
         plans = plans._replace(proposals=plans.proposals._replace(plan_states=plan_states))
-    return Recorded(starts, plans, flights, seen)
+    return Recorded(starts, plans, flights, seen, areas)
 
 
 def fly_in_mode(
@@ -76,12 +87,14 @@ def fly_in_mode(
     *,
     endless: bool = False,
     wind: Wind | None = None,
+    areas: np.ndarray | None = None,
 ) -> tuple[Plans | None, Flights]:
     """Plan where the evaluation's mode does, and fly encounters ``[M]``; a recorder takes the
     trajectories.
 
     The noise of the sensors is by step, ``[4, M, K]``, None for perfect knowledge; endless flights
-    lose nothing. Where the mode plans, a wind carries all of it.
+    lose nothing. Where the mode plans, a wind carries all of it, and areas over the ground are kept
+    out of; flights are not judged against these.
     """
     evaluation, policy = pilot.evaluation, pilot.policy
     aircraft, options = evaluation.aircraft, evaluation.options
@@ -90,9 +103,10 @@ def fly_in_mode(
             starts, pilot.resolver, aircraft, noise=noise, recorder=recorder, endless=endless
         )
     first = None if noise is None else noise(0)
-    plans = plan_at_start(starts, policy, aircraft, options, first, wind=wind)
+    plans = plan_at_start(starts, policy, aircraft, options, first, wind=wind, areas=areas)
     how: Any = {"recorder": recorder, "endless": endless, "wind": wind}
     if evaluation.mode == "plan":
         return plans, fly_once(starts, plans, aircraft, options, **how).flights
-    flown = fly_assured(starts, plans, policy, aircraft, options, noise=noise, **how).flown
+    how |= {"noise": noise, "areas": areas}
+    flown = fly_assured(starts, plans, policy, aircraft, options, **how).flown
     return plans, flown.flights

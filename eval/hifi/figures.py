@@ -23,7 +23,7 @@ from eval.flights.recorded import Track
 from eval.hifi.errors import Errors
 from eval.hifi.flights import Campaign, FlightRecord, fly_one, prepare
 from eval.plots.encounters import separation_histogram
-from eval.plots.flight_sheet import draw, explain
+from eval.plots.flight_sheet import area_sample, draw, explain
 from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, sample, tidy
 
 _SHOWN = 4
@@ -136,7 +136,9 @@ def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
             below.tick_params(labelsize=7)
             below.grid(color="#EBEBEB", linewidth=0.5)
             below.set_xlabel("time, s" if row == len(rows) else "", fontsize=8)
-    explain(figure, rules, *([sample("waypoints", **_WAYPOINT)] if len(rows) > 1 else []))
+    more = [sample("waypoints", **_WAYPOINT)] if len(rows) > 1 else []
+    more += [area_sample()] if any(one.scene.areas for _, one in flights) else []
+    explain(figure, rules, *more)
     return figure
 
 
@@ -155,7 +157,15 @@ def _track(axes: Any, one: FlightRecord, rules: Rules) -> None:
         traffic = np.stack([others.x.T, others.y.T], axis=1)
         goal = float(route.x[1]), float(route.y[1])
         draw(
-            axes, Track(np.stack([own.x, own.y]), traffic, one.flight.separation[:end], goal), rules
+            axes,
+            Track(
+                np.stack([own.x, own.y]),
+                traffic,
+                one.flight.separation[:end],
+                goal,
+                one.scene.areas,
+            ),
+            rules,
         )
     if one.made is not None and one.legs is not None and one.errors is not None:
         plan_states = one.made.plans.proposals.plan_states

@@ -17,6 +17,7 @@ from agents.planner.planner import Plans
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
+from envs.areas import Area
 from envs.c208.flightgear import FlightGear
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError, StartError
@@ -27,6 +28,7 @@ from envs.trees import take
 from envs.waypoints import Legs, legs
 from envs.wind import Wind, over_ground, through_air
 from eval.flights import sources
+from eval.flights.among_areas import areas_of
 from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import perceive_at_start
 from eval.flights.simulate import sensor_noise
@@ -51,6 +53,7 @@ class Campaign(NamedTuple):
     vehicle: str  # that flies, a key of eval.hifi.vehicle.VARIANT_OF
     family: ConditionConfig  # of the conditions
     viewer: FlightGear | None = None  # of vehicles in JSBSim
+    areas: int = 0  # of an encounter at most
 
 
 class Beginning(NamedTuple):
@@ -63,6 +66,7 @@ class Beginning(NamedTuple):
     own: VehicleState  # over the ground, plain floats
     route: Route  # over the ground; the second point is the goal
     noise: Callable[[int], np.ndarray] | None  # of the intruders' reports by second, [4, 1, K]
+    areas: tuple[Area, ...] = ()  # over the ground, as they are at the start
 
 
 class FlightRecord(NamedTuple):
@@ -106,7 +110,17 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
     over = one._replace(goal_x=np.array([goal[0]]), goal_y=np.array([goal[1]]))
     line = request_of(over, campaign.aircraft)
     route = Route(line.route_x[0], line.route_y[0])
-    return Beginning(one, met, wind, met.believed_wind, over_ground(own, wind, 0.0), route, noise)
+    amid = areas_of(campaign.areas, campaign.seed, over, np.array([number]), campaign.aircraft)
+    return Beginning(
+        one,
+        met,
+        wind,
+        met.believed_wind,
+        over_ground(own, wind, 0.0),
+        route,
+        noise,
+        () if amid is None else amid[0],
+    )
 
 
 def fly_one(campaign: Campaign, policy: Policy, number: int) -> FlightRecord:
@@ -160,7 +174,10 @@ def _initial_plan(campaign: Campaign, scene: Beginning, policy: Policy) -> tuple
     reported = report_at_start(campaign, scene)
     known = Known.straight(through_air(reported, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
-    return plan_for(own, known, scene.route, 0.0, scene.frame, policy, campaign.options), known
+    made = plan_for(
+        own, known, scene.route, 0.0, scene.frame, policy, campaign.options, scene.areas
+    )
+    return made, known
 
 
 def _fly_assured(
@@ -186,6 +203,7 @@ def _fly_assured(
         campaign.aircraft.rules(),
         replace(usual, **track),
         flown_with,
+        scene.areas,
     )
 
 

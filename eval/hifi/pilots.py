@@ -8,14 +8,17 @@ from typing import Any
 import numpy as np
 
 from agents import assurance
+from agents.assurance.areas import may_be_met
 from agents.assurance.asking import ALONG, Planner, renew
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow
+from agents.planner.areas import Counted
 from agents.planner.candidates import Proposals, empty
 from agents.planner.planner import Plans
 from agents.planner.request import Options
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
+from envs.areas import Area
 from envs.c208.air_mass import ground_commands
 from envs.c208.guidance import Guide, Lookahead, Path
 from envs.kinematics import Limits, VehicleState, commands
@@ -23,6 +26,7 @@ from envs.outcome import Rules
 from envs.perception import Sensor
 from envs.trees import take
 from envs.wind import Wind, through_air
+from eval.flights.among_areas import as_row, in_air_mass
 from eval.flights.plan_flight import route_of
 from eval.hifi.wind import Route, plan_for
 
@@ -79,7 +83,7 @@ class Assured:
 
     It was made at the start with the known intruders ``[1, K]``; the route is over the ground.
     ``flown``: wind that is reckoned with, gains of the guidance, quality of the intruders' reports
-    to be tracked (None: they are the truth).
+    to be tracked (None: they are the truth). Areas are over the ground, as they are at the start.
     """
 
     def __init__(
@@ -91,10 +95,12 @@ class Assured:
         rules: Rules,
         thresholds: Thresholds,
         flown: tuple[Wind, Lookahead, Sensor | None],
+        areas: tuple[Area, ...] = (),
     ) -> None:
         self._frame, self._gains, self._sensor = flown
         self._tracks: Tracks | None = None
         self._route, self._policy, self._rules = route, policy, rules
+        self._areas = areas
         self._thresholds = thresholds
         monitor = assurance.start(1, known.mask.shape[1], thresholds)
         made = plans.proposals
@@ -125,6 +131,8 @@ class Assured:
             self._tracks = follow(self._tracks, intruders, *noise, self._rules.dt)
             seen, known = self._tracks.state, self._tracks.errors
         seen = through_air(seen, self._frame, float(clock))
+        if self._areas:
+            known = {**known, "areas": as_row(self._areas_met(float(clock), here))}
         given = assurance.inputs(float(clock), one, seen, self._mask, **known)
         monitor, decision = assurance.step(self._monitor, given, self._thresholds)
         near = (
@@ -145,6 +153,13 @@ class Assured:
         self._monitor = monitor
         self.backup_seconds += int(monitor.on_backup[0])
         self._follow()
+
+    def _areas_met(self, time: float, own: VehicleState) -> tuple[Counted, ...]:
+        """Return the areas that an ownship in the air mass may meet, s after the start."""
+        amid, monitor = in_air_mass(self._areas, self._frame, time), self._monitor
+        ends = float(monitor.plan.plan_states.time[0, -1] + monitor.started[0]) - time
+        here = VehicleState(*(float(field) for field in own))
+        return may_be_met(amid, here, None, ends, self._thresholds)
 
     def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
         """Return acceleration and turn rate of the track."""
@@ -174,7 +189,14 @@ class Assured:
             x, y, _ = route_of(place, goal_x, goal_y, options.aircraft)
             route = self._route if kind == ALONG else Route(x[0], y[0])
             made = plan_for(
-                here, decision.traffic, route, float(clock), self._frame, self._policy, options
+                here,
+                decision.traffic,
+                route,
+                float(clock),
+                self._frame,
+                self._policy,
+                options,
+                self._areas,
             )
             return made.plans.proposals if made.problem is None else empty(1, options.waypoints)
 

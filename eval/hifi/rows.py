@@ -12,6 +12,7 @@ from agents.resolvability.classify import Verdict, classify
 from envs.follower import PERIOD
 from envs.kinematics import intersection
 from envs.outcome import Rules
+from eval.flights.among_areas import nearest
 from eval.flights.conditions import conditions
 from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.plan_mode import SOURCES, STATUSES
@@ -22,8 +23,8 @@ from eval.hifi.pilots import Assured
 from eval.runner.outputs import RunFolder
 
 HIFI_OUTCOMES = ("reached", "violation", "timeout", "failed", "refused")
-"""How a flight can end: ``failed`` is an aircraft lost, ``refused`` one that never began, both with
-a reason.
+"""How a flight can end, among areas also by a ``breach``: ``failed`` is an aircraft lost,
+``refused`` one that never began, both with a reason.
 """
 
 _NAN = math.nan
@@ -77,6 +78,8 @@ def row_of(campaign: Campaign, number: int, one: FlightRecord) -> dict[str, Any]
     """Return the row of one flight."""
     row: dict[str, Any] = {"flight": number}
     row |= _verdict(one, campaign.aircraft.rules())
+    if campaign.areas:
+        row |= _among_areas(one, row, campaign.aircraft.rules())
     row |= _plan(campaign, one)
     row |= _errors(one)._asdict()
     if campaign.mode == "plan":
@@ -137,6 +140,29 @@ def _verdict(one: FlightRecord, rules: Rules) -> dict[str, Any]:
         "time_of_min_separation_s": float(np.argmin(apart) + 1) if apart.size else _NAN,
         "goal_distance_m": float(near.min()),
     }
+
+
+def _among_areas(one: FlightRecord, row: dict[str, Any], rules: Rules) -> dict[str, Any]:
+    """Return what of a row areas change, and what they add: a breach ends a flight as a lost
+    separation does, where it comes first.
+    """
+    flight, found = one.flight, (np.inf, _NAN)
+    if flight is not None:
+        periods = slice(0, round(rules.t_max) * SUBSTEPS + 1)
+        x, y = flight.own.x[periods], flight.own.y[periods]
+        found = nearest(one.scene.areas, x, y, PERIOD * np.arange(x.size))
+    distance, breach = found
+    said: dict[str, Any] = {
+        "areas": len(one.scene.areas),
+        "min_area_clearance_m": distance if math.isfinite(distance) else _NAN,
+        "area_breach_s": breach,
+    }
+    if math.isfinite(breach) and not (
+        row["outcome"] == "violation" and row["duration_s"] <= breach
+    ):
+        reason = f"{-distance:.0f} m into the clearance of an area"
+        said |= {"outcome": "breach", "reason": reason, "duration_s": breach}
+    return said
 
 
 def _plan(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:

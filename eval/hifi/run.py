@@ -86,6 +86,7 @@ def campaign_of(config: HifiConfig) -> tuple[Campaign, HifiConfig]:
         evaluation.options,
         config.vehicle,
         config.condition,
+        areas=config.areas,
     )
     return campaign, config.model_copy(update=resolved)
 

@@ -20,12 +20,14 @@ _ROUNDING = 5.0  # m, to which a margin is rounded up
 _RATES = {
     "success_rate": "goal reached, separation kept",
     "violation_rate": "violations of the required separation",
+    "breach_rate": "breaches of areas",
     "timeout_rate": "time-outs",
     "failed_rate": "aircraft lost",
     "refused_rate": "plans that were not flown, with a reason",
     "plan_safe_rate": "plans called SAFE",
     "safe_of_resolvable": "plans called SAFE and flown, of those that can be resolved",
     "success_of_safe": "success of SAFE plans",
+    "breach_of_safe": "breaches of areas by SAFE plans",
     "violation_of_safe": "violations of SAFE plans",
     "backup_used_rate": "flights that used the backup",
 }
@@ -67,13 +69,16 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
     bound = ~np.isin(table["verdict"], ("unresolvable", "outside"))
     safe_total = int(np.count_nonzero(safe))
     rates = {"success_rate": rate(outcome == "reached")}
-    rates |= {f"{name}_rate": rate(outcome == name) for name in HIFI_OUTCOMES[1:]}
+    ends = (*HIFI_OUTCOMES, "breach") if "areas" in table else HIFI_OUTCOMES
+    rates |= {f"{name}_rate": rate(outcome == name) for name in ends[1:]}
     rates |= {
         "plan_safe_rate": rate(safe),
         "safe_of_resolvable": rate(flyable & bound, int(np.count_nonzero(bound))),
         "success_of_safe": rate(safe & (outcome == "reached"), safe_total),
         "violation_of_safe": rate(safe & (outcome == "violation"), safe_total),
     }
+    if "areas" in table:
+        rates["breach_of_safe"] = rate(safe & (outcome == "breach"), safe_total)
     whole = table["whole_min_separation_m"][safe]
     summary: dict[str, Any] = {
         **rates,

@@ -6,13 +6,15 @@ import numpy as np
 
 from agents.planner.candidates import empty
 from agents.planner.options import speed_range
-from agents.planner.planner import Plans, plan_many
+from agents.planner.planner import Plans, plan_among, plan_many
 from agents.planner.request import Options, Request
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
+from envs.areas import Area
 from envs.kinematics import VehicleState
 from envs.waypoints import Legs
 from envs.wind import NO_WIND, Wind
+from eval.flights.among_areas import as_row, in_air_mass
 
 
 class Route(NamedTuple):
@@ -38,9 +40,10 @@ def plan_for(
     wind: Wind,
     policy: Policy,
     options: Options,
+    areas: tuple[Area, ...] = (),
 ) -> Made:
     """Plan a request ``clock`` s after the start, in an air mass, in which own state and traffic
-    ``[1, K]`` are.
+    ``[1, K]`` are; areas as they are over the ground at the start.
     """
     low, high = speed_range(options.aircraft.limits)
     if not low <= own.speed <= high:
@@ -54,7 +57,10 @@ def plan_for(
     drift = None if wind == NO_WIND else (np.array([-wind.east]), np.array([-wind.north]))
     x, y = route.x - wind.east * clock, route.y - wind.north * clock
     request = Request(one, traffic, x[None], y[None], np.array([x.size]), drift)
-    return Made(plan_many(request, policy, options, floats=True), request, None)
+    if not areas:
+        return Made(plan_many(request, policy, options, floats=True), request, None)
+    amid = as_row(in_air_mass(areas, wind, clock))
+    return Made(plan_among(request, amid, policy, options, floats=True), request, None)
 
 
 def unflyable(legs: Legs, reach: tuple[float, float]) -> str | None:

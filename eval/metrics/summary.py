@@ -17,6 +17,7 @@ _RATES = (
     ("success of those not proven unresolvable", "success_given_resolvable"),
     ("violations of the required separation", "violation_rate"),
     ("time-outs", "timeout_rate"),
+    ("breaches of areas", "breach_rate"),
     ("proven unresolvable", "unresolvable_rate"),
     ("undecided (they count as resolvable)", "undecided_rate"),
     ("violations without a resolver", "baseline_violation_rate"),
@@ -27,6 +28,7 @@ _RATES = (
     ("plans called SAFE, of those not proven unresolvable", "plan_safe_given_resolvable"),
     ("flights that used the backup", "backup_used_rate"),
 )
+_AREA = "min_area_clearance_m_quantiles"
 _MEANS = (
     ("mean score (+100 goal, -100 violation, -10 time-out)", "score_mean", "+.2f", 1.0, ""),
     ("risk ratio: violations with the resolver / without it", "risk_ratio", ".4f", 1.0, ""),
@@ -36,6 +38,7 @@ _QUANTILES = (
     ("smallest separation of all flights", "min_separation_m_quantiles", "0", ".1f"),
     ("its 1 % quantile", "min_separation_m_quantiles", "0.01", ".1f"),
     ("its median", "min_separation_m_quantiles", "0.5", ".1f"),
+    ("smallest distance beyond the clearance of an area", _AREA, "0", ".1f"),
     ("largest error of the follower of SAFE plans", "follower_error_m_quantiles", "1", ".4f"),
 )
 _SAFE_PLANS = (
@@ -45,6 +48,7 @@ _SAFE_PLANS = (
         "of these: not promised, an intruder left its reported motion",
         "safe_plans_not_promised",
     ),
+    ("SAFE plans that entered an area's clearance, flown once", "safe_plans_in_areas"),
 )
 
 
@@ -60,6 +64,8 @@ def summarise(
     how = (confidence, resamples, seed)
     words = {"success": "reached", "violation": "violation", "timeout": "timeout"}
     counts = {name: table["outcome"] == word for name, word in words.items()}
+    if "areas" in table:
+        counts["breach"] = table["outcome"] == "breach"
     counts |= {
         name: table["verdict"] == name for name in ("resolvable", "undecided", "unresolvable")
     }
@@ -99,6 +105,7 @@ def summarise(
             "safe_plans_violated": int(np.count_nonzero(lost)),
             "safe_plans_broken": int(np.count_nonzero(table["plan_loss"] == "broken")),
             "safe_plans_not_promised": int(np.count_nonzero(table["plan_loss"] == "not_promised")),
+            **_among_areas(table, safe),
             "safe_plans_by_source": {
                 name: int(np.count_nonzero(mask)) for name, mask in sources.items()
             },
@@ -108,6 +115,19 @@ def summarise(
             "whole_min_separation_m": number(float(np.min(whole))) if whole.size else None,
         }
     return summary
+
+
+def _among_areas(table: Mapping[str, np.ndarray], safe: np.ndarray) -> dict[str, Any]:
+    """Return what is known of areas only; ``safe``: which plans are, bool ``[N]``."""
+    if "areas" not in table:
+        return {}
+    plans = table["plan_outcome" if "plan_outcome" in table else "outcome"]
+    met = table["min_area_clearance_m"]
+    return {
+        "areas_mean": float(np.mean(table["areas"])),
+        "safe_plans_in_areas": int(np.count_nonzero(safe & (plans == "breach"))),
+        _AREA: quantiles(met[np.isfinite(met)], (0.0, 0.01, 0.05, 0.5)),
+    }
 
 
 class Line(NamedTuple):

@@ -146,6 +146,8 @@ def rates_of(table: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.
         "unresolvable_rate": (~possible, every),
         "baseline_violation_rate": (table["baseline_outcome"] == "violation", every),
     }
+    if "areas" in table:
+        rates["breach_rate"] = (outcome == "breach", every)
     for name in ("policy", "plan"):
         if f"{name}_outcome" in table:
             other = table[f"{name}_outcome"]

@@ -8,11 +8,26 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from matplotlib.patches import Polygon as Patch
 from matplotlib.ticker import MaxNLocator
 
+from envs.areas import Area
 from envs.outcome import Rules
+from eval.flights.among_areas import outlines
 from eval.flights.recorded import Recorded, Track
-from eval.plots.style import BLUE, GREEN, GREY, SKY, VERMILION, kinds_of, legend, sample, spread
+from eval.plots.style import (
+    BLUE,
+    BREACH,
+    GREEN,
+    GREY,
+    PURPLE,
+    SKY,
+    VERMILION,
+    kinds_of,
+    legend,
+    sample,
+    spread,
+)
 
 PANELS = 12  # flights on the sheet
 _FAILURES_SHOWN = 8
@@ -59,7 +74,13 @@ def sheet(
             axes.set_ylabel("north, km", fontsize=8)
         if i + columns >= len(panels):
             axes.set_xlabel("east, km", fontsize=8)
-    explain(figure, rules, witnessed=any(panel.witness is not None for panel in panels))
+    amid = any(panel.track.areas for panel in panels)
+    explain(
+        figure,
+        rules,
+        *([area_sample()] if amid else []),
+        witnessed=any(panel.witness is not None for panel in panels),
+    )
     return figure
 
 
@@ -91,9 +112,9 @@ def choose_encounters(table: Mapping[str, np.ndarray]) -> list[int]:
     kinds = kinds_of(table)
     order = [
         np.flatnonzero(kinds == name)
-        for name in ("violation", "time-out", "proven unresolvable", "success")
+        for name in ("violation", BREACH, "time-out", "proven unresolvable", "success")
     ]
-    failures, successes = np.concatenate(order[:3]), order[3]
+    failures, successes = np.concatenate(order[:-1]), order[-1]
     room = min(PANELS, len(kinds))
     picked = spread(failures, max(_FAILURES_SHOWN, room - len(successes)))
     return [*picked.tolist(), *spread(successes, room - len(picked)).tolist()]
@@ -104,6 +125,10 @@ def draw(axes: Axes, track: Track, rules: Rules, witness: np.ndarray | None = No
     own, intruders = _KM * track.own, _KM * track.intruders
     minute = slice(None, None, max(1, round(60.0 / rules.dt)))
     goal = _KM * track.goal[0], _KM * track.goal[1]
+    for area in track.areas:
+        _draw_area(axes, area, 0.0)
+        if area.velocity != (0.0, 0.0) or area.growth:
+            _draw_area(axes, area, float(track.separation.size) * rules.dt)
     axes.plot([own[0, 0], goal[0]], [own[1, 0], goal[1]], color=GREY, linewidth=0.8, linestyle=":")
     axes.add_patch(Circle(goal, _KM * rules.goal_radius, color=GREEN, alpha=0.35, linewidth=0))
     if witness is not None:
@@ -135,6 +160,21 @@ def draw(axes: Axes, track: Track, rules: Rules, witness: np.ndarray | None = No
     axes.tick_params(labelsize=7)
     axes.grid(color="#EBEBEB", linewidth=0.5)
     axes.set_axisbelow(True)
+
+
+def area_sample() -> Line2D:
+    """Return what a legend says of areas."""
+    return sample("area, dashed: at the end", color=PURPLE, alpha=0.5, linewidth=4.0)
+
+
+def _draw_area(axes: Axes, area: Area, time: float) -> None:
+    """Draw an area with its clearance as it is some seconds after the start, km; filled at the
+    start.
+    """
+    style: dict[str, Any] = {"facecolor": PURPLE if time == 0.0 else "none", "edgecolor": PURPLE}
+    style |= {"alpha": 0.35, "linewidth": 0.8, "linestyle": "-" if time == 0.0 else "--"}
+    for ring in outlines(area, time):
+        axes.add_patch(Patch(_KM * ring, zorder=0.5, **style))
 
 
 def explain(figure: Figure, rules: Rules, *more: Line2D, witnessed: bool = False) -> None:

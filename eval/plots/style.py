@@ -12,14 +12,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-BLUE, SKY, GREEN, ORANGE, VERMILION, GREY = (
+BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE, GREY = (
     "#0072B2",
     "#56B4E9",
     "#009E73",
     "#E69F00",
     "#D55E00",
+    "#CC79A7",
     "#8C8C8C",
 )
+BREACH = "breach of an area"
 # In the order in which they are drawn: what matters comes last and lies on top.
 MARKERS: dict[str, dict[str, Any]] = {
     "success": {"marker": "o", "color": "#8CBFE0", "s": 3.0, "linewidths": 0.0},
@@ -31,13 +33,19 @@ MARKERS: dict[str, dict[str, Any]] = {
         "linewidths": 0.8,
     },
     "time-out": {"marker": "^", "color": ORANGE, "s": 20.0, "linewidths": 0.0},
+    BREACH: {"marker": "D", "color": PURPLE, "s": 14.0, "linewidths": 0.0},
     "violation": {"marker": "x", "color": VERMILION, "s": 20.0, "linewidths": 1.1},
 }
 
 
 def kinds_of(table: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return how each encounter is to be marked, a key of :data:`MARKERS`."""
-    words = {"reached": "success", "violation": "violation", "timeout": "time-out"}
+    words = {
+        "reached": "success",
+        "violation": "violation",
+        "timeout": "time-out",
+        "breach": BREACH,
+    }
     kinds = np.array([words[outcome] for outcome in table["outcome"]], dtype=object)
     kinds[table["verdict"] == "unresolvable"] = "proven unresolvable"
     return kinds

@@ -17,9 +17,12 @@ from agents.assurance.bands import (
     recovery,
     speed_bands,
 )
+from agents.assurance.inputs import no_areas
+from agents.planner.areas import Counted
 from agents.planner.options import Options
 from agents.planner.traffic import Traffic
 from envs.angles import wrap
+from envs.areas import Area, after
 from envs.kinematics import VehicleState
 from envs.trees import take
 
@@ -38,11 +41,15 @@ class FlightBands(NamedTuple):
     way_out: np.ndarray  # number of the direction that is the way out; -1: some is free, [T]
     opens: np.ndarray  # when that keeps the separation, s; inf: not within the look-ahead, [T]
     shortfall: np.ndarray  # m until then, [T]
+    track_areas: np.ndarray  # number of the area that closes each of TRACKS; -1: none, [T, 72]
+    speed_areas: np.ndarray  # the same of the speeds, [T, S]
 
 
-def flight_bands(own: VehicleState, intruders: VehicleState, options: Options) -> FlightBands:
+def flight_bands(
+    own: VehicleState, intruders: VehicleState, options: Options, areas: tuple[Area, ...] = ()
+) -> FlightBands:
     """Return the bands of a flight: an ownship ``[T]`` and intruders ``[T, K]``, a time step
-    apart.
+    apart; areas as they are at the start.
     """
     aircraft, requirement = options.aircraft, options.requirement
     alerting = Alerting.for_aircraft(aircraft)
@@ -50,8 +57,9 @@ def flight_bands(own: VehicleState, intruders: VehicleState, options: Options) -
     limits = options.limits
     headings = wrap(0.5 * np.pi - np.radians(TRACKS), np)
     speeds = np.linspace(limits.speed_min, limits.speed_max, SPEEDS)
-    of_tracks = heading_bands(own, traffic, requirement, limits, ahead, headings)
-    of_speeds = speed_bands(own, traffic, requirement, limits, ahead, speeds)
+    amid = _areas_then(areas, len(own.x), aircraft.dt, ahead)
+    of_tracks = heading_bands(own, traffic, requirement, limits, ahead, headings, amid)
+    of_speeds = speed_bands(own, traffic, requirement, limits, ahead, speeds, amid)
     loss = losses_on_course(own, traffic, requirement, ahead)
     out = recovery(of_tracks, aircraft.separation)
     shown, level = no_alerts(1, loss.shape[1], alerting), np.zeros(loss.shape, np.int8)
@@ -68,7 +76,18 @@ def flight_bands(own: VehicleState, intruders: VehicleState, options: Options) -
         out.index,
         out.opens,
         -out.clearance,
+        of_tracks.area,
+        of_speeds.area,
     )
+
+
+def _areas_then(areas: tuple[Area, ...], steps: int, dt: float, ahead: float) -> Any:
+    """Return the areas that count at each of so many times, as they are then, object ``[T]``."""
+    found = no_areas(steps)
+    for step in range(steps if areas else 0):
+        now = (after(one, step * dt) for one in areas)
+        found[step] = tuple(Counted(n, one, 0.0, ahead) for n, one in enumerate(now))
+    return found
 
 
 def bands_data(found: FlightBands) -> dict[str, Any]:
@@ -77,6 +96,8 @@ def bands_data(found: FlightBands) -> dict[str, Any]:
         "speed": found.speed.round(2).tolist(),
         "tracks": _runs(found.tracks),
         "speeds": _runs(found.speeds),
+        "track_areas": _runs(found.track_areas),
+        "speed_areas": _runs(found.speed_areas),
     }
 
 
@@ -94,6 +115,8 @@ def encounter_data(found: FlightBands, options: Options) -> dict[str, Any]:
         "track_region": found.tracks.tolist(),
         "speed": found.speed.round(2).tolist(),
         "speed_region": found.speeds.tolist(),
+        "track_area": found.track_areas.tolist(),
+        "speed_area": found.speed_areas.tolist(),
         "level": found.level.tolist(),
         "loss": [[_finite(one) for one in row] for row in found.loss.tolist()],
         "recovery": way_out,

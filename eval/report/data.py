@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.edge.command import visible
-from eval.plots.style import MARKERS, spread
+from eval.flights.among_areas import outlines
+from eval.plots.style import BREACH, MARKERS, spread
 from eval.report.bands import TRACKS, bands_data
 from eval.report.flights import Replayed
 from eval.report.folder import Run
@@ -43,6 +44,9 @@ _NUMBERS = (
     "plan_min_separation_m",
     "replans",
     "backup_s",
+    "areas",
+    "min_area_clearance_m",
+    "area_breach_s",
     "intruders",
     "own_speed_m_s",
     "intruder_speed_m_s",
@@ -76,7 +80,7 @@ def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
     # Failures that count, what no policy could have solved, and a look at how it usually goes.
     groups = (
         ("asked for", np.array(wanted, dtype=int), most),
-        ("failures", np.flatnonzero((kinds == "violation") | (kinds == "time-out")), most),
+        ("failures", np.flatnonzero(np.isin(kinds, ("violation", BREACH, "time-out"))), most),
         ("proven unresolvable", np.flatnonzero(kinds == "proven unresolvable"), most),
         ("near misses", nearest, NEAREST),
         ("other successes", np.flatnonzero(success & ~near), OTHERS),
@@ -171,6 +175,14 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
         found["plan_status"] = flight.plan_status
     if flight.bands is not None:
         found["bands"] = bands_data(flight.bands)
+    if track.areas:
+        found["areas"] = [
+            {
+                "rings": [np.round(ring - origin, 1).tolist() for ring in outlines(area, 0.0)],
+                "velocity": list(area.velocity),
+            }
+            for area in track.areas
+        ]
     if witness is not None:
         found["witness"] = {
             "points": witness.path.shape[1],

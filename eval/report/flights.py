@@ -87,9 +87,9 @@ def _batch(
     run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int], banded: Collection[int]
 ) -> Iterator[Replayed]:
     aircraft, batch = pilot.evaluation.aircraft, fly_recorded(pilot, numbers)
-    starts, plans, flights, flown = batch
-    # A witness is one of still air.
-    still = pilot.evaluation.wind_mps == (0.0, 0.0)
+    starts, plans, flights, flown, _ = batch
+    # A witness is one of still air, and knows no areas.
+    still = pilot.evaluation.wind_mps == (0.0, 0.0) and not pilot.evaluation.areas
     witnessed = [i for i, number in enumerate(numbers) if still and number in wanted]
     found = _witnesses(aircraft, starts, witnessed)
     for i, number in enumerate(numbers):
@@ -120,7 +120,9 @@ def _batch(
             whole, count = batch.trajectories, track.separation.size + 1
             members = starts.mask[i]
             intruders = take(states(whole.intruders, count, i), (slice(None), members))
-            bands = flight_bands(states(whole.own, count, i), intruders, pilot.evaluation.options)
+            bands = flight_bands(
+                states(whole.own, count, i), intruders, pilot.evaluation.options, track.areas
+            )
         yield Replayed(
             number, track, acceleration, yaw_rate, bool(same), plan, status, found.get(i), bands
         )

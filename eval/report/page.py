@@ -19,7 +19,7 @@ from envs.edge.command import visible
 from envs.edge.progress import group_digits
 from eval.flights.aircraft import lines_about
 from eval.metrics.summary import Line, headline
-from eval.plots.style import MARKERS
+from eval.plots.style import BREACH, MARKERS
 from eval.report.data import NEAR, NEAREST, Choice, json_text
 from eval.report.folder import Run
 
@@ -65,7 +65,9 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
         lines="\n".join(_row(line) for line in lines),
         lost=_lost_encounters(run),
         kinds="\n".join(
-            _kind(run, place, kind) for place, kind in reversed(list(enumerate(MARKERS)))
+            _kind(run, place, kind)
+            for place, kind in reversed(list(enumerate(MARKERS)))
+            if kind != BREACH or "areas" in run.table
         ),
         near=escape(f"{NEAR * run.rules.separation:.0f}"),
         points=_points(run, data["count"]),
@@ -139,7 +141,7 @@ def _lost_causes(run: Run) -> dict[str, int]:
     lost = run.kinds == "proven unresolvable"
     return {
         f"{name}_rate": int((lost & (run.table["outcome"] == name)).sum())
-        for name in ("violation", "timeout")
+        for name in ("violation", "breach", "timeout")
     }
 
 
@@ -149,6 +151,7 @@ def _lost_encounters(run: Run) -> str:
     """
     sentences = [
         _numbers(run, "violation", "Violations"),
+        _numbers(run, BREACH, "Breaches of areas"),
         _numbers(run, "time-out", "Time-outs"),
         _numbers(run, "proven unresolvable", "Proven unresolvable"),
     ]

@@ -15,6 +15,7 @@ from agents.config.load import ConfigError, Parser
 from envs.edge.files import write_file, write_whole
 from envs.edge.installation import versions
 from envs.edge.progress import Progress
+from eval.flights.among_areas import outlines
 from eval.flights.chunks import Evaluation
 from eval.report.bands import encounter_data
 from eval.report.data import Choice, choose, flight_data, page_data, points
@@ -176,6 +177,15 @@ def _save(run: Run, evaluation: Evaluation, flight: Replayed) -> None:
         "own": own,
         "intruders": intruders,
         "plan": plan,
+        "areas": [
+            {
+                "name": area.name,
+                "clearance": area.clearance,
+                "velocity": list(area.velocity),
+                "rings": [ring.round(2).tolist() for ring in outlines(area, 0.0)],
+            }
+            for area in track.areas
+        ],
         "bands": encounter_data(flight.bands, evaluation.options),
     }
     folder = run.folder / "encounters"

@@ -291,6 +291,6 @@ def named_evaluation(config: MonteCarloConfig) -> tuple[Evaluation, Policy, dict
         policy.check_intruders(most_intruders(source))
     backend = config.backend_for(policy, resolved["encounters"])
     planner = config.planner.options(aircraft)
-    how = (config.mode, planner, config.baseline, backend, config.wind_mps)
+    how = (config.mode, planner, config.baseline, backend, config.wind_mps, config.areas)
     evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, *how)
     return evaluation, policy, resolved | {"policy_sha256": policy.sha256, "backend": backend}

@@ -245,7 +245,7 @@ class FlightRecording:
             "unresolved": None,
             "route": [],
             "goal": [*self._goal, float(self._document["goal_radius"])],
-            "areas": [],
+            "areas": [self._area_at(one, time) for one in self._document.get("areas", [])],
             "bands": bands,
             "monitor": None,
             "alerts": sorted(alerts, key=lambda one: -one["level"]),
@@ -267,7 +267,24 @@ class FlightRecording:
             "track_region": held["track_region"][row],
             "speed": held["speed"],
             "speed_region": held["speed_region"][row],
+            **{name: held[name][row] for name in ("track_area", "speed_area") if name in held},
+            "areas": [one["name"] for one in self._document.get("areas", [])],
             "recovery": None if index < 0 else way_out,
+        }
+
+    def _area_at(self, area: Document, time: float) -> Document:
+        """Return an area to be kept out of as the page draws it at a time, s."""
+        moved = np.multiply(area["velocity"], time)
+        rings = [(np.array(ring) + moved).round(1).tolist() for ring in area["rings"]]
+        return {
+            "name": str(area["name"]),
+            "keep": "out",
+            "valid": True,
+            "clearance": float(area["clearance"]),
+            "growth": 0.0,
+            "rings": rings,
+            "floor": None,
+            "ceiling": None,
         }
 
     def _plan(self, time: float) -> Document | None:

@@ -89,7 +89,7 @@ def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_p
     pilot = Pilot(evaluation, policy)
     table = columns(pilot, 0, 40)
     numbers = [39, 4, 17]
-    starts, _, _, paths = fly_recorded(pilot, numbers)
+    starts, _, _, paths, _ = fly_recorded(pilot, numbers)
     assert len(starts.goal_x) == 3
     for i, number in enumerate(numbers):
         steps = int(table["duration_s"][number])

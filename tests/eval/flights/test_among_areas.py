@@ -1,0 +1,154 @@
+"""Encounters among random areas: plans keep out of them, and a flight that does not is counted."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from agents.policy.inference import Policy
+from envs.aircraft import PAPER
+from envs.areas import Area, Circle, Polygon
+from envs.encounters import scenario
+from envs.kinematics import VehicleState
+from envs.trees import take
+from eval.config import MonteCarloConfig
+from eval.flights.among_areas import judge, nearest, outlines, with_breaches
+from eval.flights.chunks import Evaluation, Pilot, columns, pick
+from eval.flights.recorded import Recorded, fly_recorded
+from eval.flights.simulate import OUTCOMES
+from eval.flights.trajectories import Trajectories
+from eval.metrics.summary import headline, summarise
+from eval.plots.flight_sheet import trajectory_sheet
+
+COUNT = 6
+SOURCE = scenario("circle", PAPER)
+
+
+def pilot(mode: str = "plan", areas: int = 3, wind: tuple[float, float] = (0.0, 0.0)) -> Pilot:
+    evaluation = Evaluation(None, SOURCE, None, 3, PAPER, mode, wind_mps=wind, areas=areas)
+    return Pilot(evaluation, Policy.load())
+
+
+def dense_distance(flown: Recorded, row: int) -> float:
+    """Return the smallest distance of a flight's recorded places from its areas, m, by shapely."""
+    track, least = flown.track(row), np.inf
+    for area in track.areas:
+        for step, place in enumerate(track.own.T):
+            (ring,) = outlines(area, step * PAPER.dt)
+            shape = shapely.Polygon(ring)
+            point = shapely.Point(place)
+            away = shapely.distance(shape.exterior, point)
+            least = min(least, -away if shape.contains(point) else away)
+    return least
+
+
+@pytest.mark.parametrize(
+    ("mode", "wind"),
+    [
+        ("plan", (0.0, 0.0)),
+        pytest.param("plan", (10.0, 15.0), marks=pytest.mark.slow),
+        pytest.param("assured", (5.0, 10.0), marks=pytest.mark.slow),
+    ],
+)
+def test_safe_plans_keep_out_of_areas_over_the_ground(mode: str, wind: tuple[float, float]) -> None:
+    flying = pilot(mode, wind=wind)
+    table = columns(flying, 0, COUNT)
+    safe = table["plan_status"] == "safe"
+    assert safe.sum() >= COUNT - 2 and table["areas"].sum() >= COUNT
+    assert (table["outcome"][safe] == "reached").sum() >= COUNT - 2
+    if mode == "plan":
+        kept = table["min_area_clearance_m"][safe & (table["areas"] > 0)]
+        assert kept.min() > 0.0 and np.isnan(table["area_breach_s"][safe]).all()
+    flown = fly_recorded(flying, [4, 1])
+    for row, number in enumerate((4, 1)):
+        assert OUTCOMES[flown.flights.outcome[row]] == table["outcome"][number]
+        clearance = max((area.clearance for area in flown.track(row).areas), default=0.0)
+        found = dense_distance(flown, row) - clearance
+        # Circles are drawn as polygons, and places are those of whole steps.
+        assert found == pytest.approx(table["min_area_clearance_m"][number], abs=8.0)
+
+
+def straight(*speeds: float) -> Trajectories:
+    """Return straight flights to the east from the origin, of 100 s."""
+    time = np.arange(101.0)[:, None]
+    speed = np.broadcast_to(np.array(speeds), (101, len(speeds)))
+    own = VehicleState(speed * time, 0.0 * speed, 0.0 * speed, speed)
+    none = VehicleState(*np.zeros((4, 101, len(speeds), 0)))
+    return Trajectories(own, none, np.zeros((100, len(speeds), 2)), np.full(speed[1:].shape, 2e3))
+
+
+def test_a_breach_is_timed_and_ends_a_flight() -> None:
+    areas = np.empty(3, dtype=object)
+    wall = Polygon(((2_000.0, -500.0), (3_000.0, -500.0), (3_000.0, 500.0), (2_000.0, 500.0)))
+    areas[:] = [
+        (Area(wall, clearance=100.0),),
+        (Area(Circle(4_000.0, 2_000.0, 500.0), velocity=(0.0, -20.0)),),
+        (),
+    ]
+    found = judge(straight(50.0, 50.0, 50.0), areas, 1.0)
+    assert found.breach[0] == pytest.approx((2_000.0 - 100.0) / 50.0, abs=0.11)
+    assert found.distance[0] == pytest.approx(-600.0, abs=1.0)  # in its middle
+    # The disc has moved by 20 m/s when the aircraft passes.
+    time = np.arange(0.0, 100.0, 0.01)
+    away = np.hypot(4_000.0 - 50.0 * time, 2_000.0 - 20.0 * time) - 500.0
+    assert found.distance[1] == pytest.approx(away.min(), abs=0.5)
+    assert found.breach[1] == pytest.approx(time[np.argmax(away < 0.0)], abs=0.11)
+    assert found.distance[2] == np.inf and np.isnan(found.breach[2])
+    assert nearest((), np.zeros(3), np.zeros(3), np.arange(3.0))[0] == np.inf
+
+
+def test_what_comes_first_is_the_outcome() -> None:
+    flown = fly_recorded(pilot(areas=0), [0, 1, 2]).flights
+    lost, late = OUTCOMES.index("violation"), np.array([50.0, 50.0, 50.0])
+    flown = flown._replace(outcome=np.array([lost, lost, 0], np.int8), duration=late)
+    areas = np.empty(3, dtype=object)
+    areas[:] = [()] * 3
+    among = judge(straight(50.0, 50.0, 50.0), areas, 1.0)
+    among = among._replace(breach=np.array([20.0, 80.0, 30.0]))
+    ended = with_breaches(flown, among, PAPER.rules())
+    assert [OUTCOMES[code] for code in ended.outcome] == ["breach", "violation", "breach"]
+    assert ended.duration.tolist() == [20.0, 50.0, 30.0]
+    assert (ended.score[[0, 2]] == PAPER.rules().reward_violation).all()
+
+
+def test_breaches_are_counted_and_drawn() -> None:
+    flying = pilot()
+    table = columns(flying, 0, 2)
+    table["outcome"][0], table["plan_status"][0] = "breach", "safe"
+    table["min_area_clearance_m"][0] = -25.0
+    summary = summarise(table, 0.95, 100, 0)
+    assert summary["breach_rate"]["count"] == summary["counts"]["breach"] == 1
+    assert summary["safe_plans_in_areas"] == 1
+    assert summary["min_area_clearance_m_quantiles"]["0"] == -25.0
+    lines = {line.key: line for line in headline(summary, {})}
+    assert lines["breach_rate"].counted.startswith("1 of 2")
+    numbers = [0, 1]
+    figure = trajectory_sheet(table, numbers, fly_recorded(flying, numbers), PAPER.rules())
+    assert "breach of an area" in figure.axes[0].get_title()
+    drawn = sum(len(axes.patches) for axes in figure.axes)
+    assert drawn > 2 * 2  # goal and required separation, and areas beside them
+
+
+def test_areas_follow_from_the_number_alone_and_are_none_where_none_are_asked_for() -> None:
+    evaluation = pilot().evaluation
+    starts = pick(evaluation, range(5))
+    every = evaluation.areas_of(starts, np.arange(5))
+    some = evaluation.areas_of(take(starts, np.array([3])), np.array([3]))
+    assert every is not None and some is not None and some[0] == every[3]
+    assert pilot(areas=0).evaluation.areas_of(starts, np.arange(5)) is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ({"mode": "policy", "areas": 2}, "areas is 2; expected 0 in mode policy"),
+        (
+            {"mode": "plan", "areas": 2, "scenario": f"tracks:{__file__}"},
+            "areas is 2; expected 0 for tracks:",
+        ),
+    ],
+)
+def test_areas_that_cannot_be_flown_are_refused(keys: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        MonteCarloConfig(**keys)
