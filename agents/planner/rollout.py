@@ -8,14 +8,13 @@ ones, chosen every few steps. Then also the direct way to the goal is looked at;
 of all, the policy has done its work.
 """
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, clear
+from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, clear, direct, keeps_clear
 from agents.planner.beyond import CROWD, Beyond, beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
@@ -29,6 +28,7 @@ from envs.relative import at_share, distance
 from envs.trees import column, map_leaves, scatter, take
 from envs.wind import aim_point
 
+_TURNS = 0.1  # of the greatest turn rate, from which on a flight counts as turning
 _SHARE = 0.3  # of the computation, for a policy that finds no way back among many or among areas
 # time steps for which the intruders are predicted at once; most flights take fewer
 _AHEAD = 13 * EVERY
@@ -49,6 +49,15 @@ class Rollout(NamedTuple):
     reversals: Any  # how often the turn changed side
 
 
+class _Flight(NamedTuple):
+    """How far flights have come; fields ``[M]``, or plain numbers."""
+
+    state: VehicleState
+    path: Any  # these three as of :class:`Rollout`
+    turn_sign: Any
+    reversals: Any
+
+
 class _Underway(NamedTuple):
     """Manoeuvres that have not ended, ``[M]``."""
 
@@ -57,10 +66,7 @@ class _Underway(NamedTuple):
     drift: tuple[Any, Any] | None  # of the goal, m/s; None: it stands still
     traffic: Traffic
     required_range: Any  # from each intruder, m, [M, K]
-    state: VehicleState
-    path: Any  # these three as of :class:`Rollout`
-    turn_sign: Any
-    reversals: Any
+    flight: _Flight
     chosen: Any  # numbers of the intruders that the policy sees among many
     share: Any  # of their distances, at which the policy sees them, [M, K]; None: all of it
 
@@ -79,191 +85,265 @@ def roll(
     With ``floats`` one request after the other, in plain floats, until the budget ends: faster for
     fewer than about a hundred.
     """
-    rows, traffic, count = np.arange(goal.size), request.traffic, goal.size
-    goal_x, goal_y = request.route_x[rows, goal], request.route_y[rows, goal]
+    rows, traffic = np.arange(goal.size), request.traffic
+    to = request.route_x[rows, goal], request.route_y[rows, goal]
     required_range = requirement_of(traffic, request.own, options.requirement) + options.slack
-    crowd = traffic.mask.shape[-1] > CROWD
     if floats:
-        given = (
-            take((request.own, traffic, ((goal_x, goal_y), request.drift), required_range), row)
-            for row in rows
-        )
-        rests = [
-            beyond(take(request, rows[[row]]), goal[[row]], options) if crowd else None
-            for row in rows
-        ]
-        share = 1.0 if request.areas is None and not crowd else _SHARE
-        ends = partial((budget or Budget()).ends, "policy", share)
-        each = [
-            _roll_one(*one, policy, options, ends, rest)
-            for one, rest in zip(given, rests, strict=True)
-        ]
-        return map_leaves(lambda *fields: np.concatenate(fields), *each)
-    task, limits, dt, spacing = (
-        task_of(options),
-        options.manoeuvre,
-        options.aircraft.dt,
-        options.spacing,
-    )
+        return _roll_each(request, goal, to, required_range, policy, options, budget or Budget())
+    crowd = traffic.mask.shape[-1] > CROWD
     rest = beyond(request, goal, options) if crowd else None
+    task, dt, spacing = task_of(options), options.aircraft.dt, options.spacing
     steps = int(task.until / dt + 1e-9)
-    result = _empty(count, steps // spacing + 1)
-    now = _Underway(
-        rows=rows,
-        goal=(goal_x, goal_y),
-        drift=request.drift,
-        traffic=traffic,
-        required_range=required_range,
-        state=VehicleState(*(np.array(field, dtype=float) for field in request.own)),
-        path=np.zeros(count),
-        turn_sign=np.zeros(count),
-        reversals=np.zeros(count),
-        chosen=np.zeros((count, min(policy.most, traffic.mask.shape[-1])), dtype=int),
-        share=shares(traffic, options.requirement),
-    )
+    result = _empty(rows.size, steps // spacing + 1)
+    now = _begin(request, to, required_range, policy, options)
     for step in range(steps + 1):
-        time = step * dt
+        time, flight = step * dt, now.flight
         if step % spacing == 0:
-            scatter(result.plan_states, (now.rows, step // spacing), now.state)
+            scatter(result.plan_states, (now.rows, step // spacing), flight.state)
         seen = predict(now.traffic, time)
         place = drift_points(now.goal, now.drift, time)
-        arrived = distance(place[0] - now.state.x, place[1] - now.state.y, np) <= task.radius
-        ended, aim = arrived, aim_point(now.state, place, now.drift, task.until - time, np)
+        away = distance(place[0] - flight.state.x, place[1] - flight.state.y, np)
+        arrived = away <= task.radius
+        ended, aim = arrived, aim_point(flight.state, place, now.drift, task.until - time, np)
         if options.direct and step % EVERY == 0:
             ended = ended | _clear_beyond(now, aim, seen, rest, time, task)
         if ended.any():
-            times = np.full(now.rows.size, time)
-            landed = now.state, times, ~arrived, now.path, now.turn_sign, now.reversals
-            scatter(result[1:], now.rows[ended], take(landed, ended))
+            _note_end(result, now.rows[ended], take(flight, ended), time, ~arrived[ended])
             now, seen, aim = take((now, seen, aim), ~ended)
         if now.rows.size == 0 or step == steps:
             break
-        if now.share is not None:
-            seen = at_share(column(now.state), seen, now.share)
-        looked_at = seen, now.traffic.mask & visible(now.traffic.window, time)
-        if traffic.mask.shape[-1] > policy.most:
-            if step % EVERY == 0:
-                now = now._replace(chosen=policy.most_critical(now.state, *looked_at))
-            looked_at = map_leaves(
-                lambda field, at=now.chosen: np.take_along_axis(field, at, axis=-1), looked_at
+        if traffic.mask.shape[-1] > policy.most and step % EVERY == 0:
+            now = now._replace(
+                chosen=policy.most_critical(now.flight.state, *_seen(now, seen, time))
             )
-        action = policy.command(now.state, *looked_at, *aim)
-        acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
-        moved = advance(now.state, acceleration, yaw_rate, dt, limits, np)
-        turns = np.abs(yaw_rate) >= 0.1 * limits.yaw_rate_max
-        turning = np.where(turns, np.sign(yaw_rate), now.turn_sign)
-        now = now._replace(
-            state=moved,
-            path=now.path + 0.5 * dt * (now.state.speed + moved.speed),
-            turn_sign=turning,
-            reversals=now.reversals + (turning * now.turn_sign < 0.0),
-        )
+        now = now._replace(flight=_fly(now, seen, aim, time, policy, options))
     return result
+
+
+def _begin(
+    request: Request, goal: tuple[Any, Any], required_range: Any, policy: Policy, options: Options
+) -> _Underway:
+    """Return the manoeuvres of requests ``[N]`` at their beginning."""
+    traffic, count = request.traffic, request.points.size
+    state = VehicleState(*(np.array(field, dtype=float) for field in request.own))
+    path, turn_sign, reversals = np.zeros((3, count))
+    return _Underway(
+        rows=np.arange(count),
+        goal=goal,
+        drift=request.drift,
+        traffic=traffic,
+        required_range=required_range,
+        flight=_Flight(state, path, turn_sign, reversals),
+        chosen=np.zeros((count, min(policy.most, traffic.mask.shape[-1])), dtype=int),
+        share=shares(traffic, options.requirement),
+    )
+
+
+def _seen(now: _Underway, traffic: VehicleState, time: float) -> tuple[VehicleState, Any]:
+    """Return the intruders as the policy sees them, and which it sees, bool, ``[M, K]``."""
+    if now.share is not None:
+        traffic = at_share(column(now.flight.state), traffic, now.share)
+    return traffic, now.traffic.mask & visible(now.traffic.window, time)
+
+
+def _fly(
+    now: _Underway,
+    traffic: VehicleState,
+    aim: tuple[Any, Any],
+    time: float,
+    policy: Policy,
+    options: Options,
+) -> _Flight:
+    """Return the flights after one time step of the policy's."""
+    limits, dt, before = options.manoeuvre, options.aircraft.dt, now.flight
+    seen = _seen(now, traffic, time)
+    if now.traffic.mask.shape[-1] > policy.most:
+        seen = map_leaves(lambda field: np.take_along_axis(field, now.chosen, axis=-1), seen)
+    action = policy.command(before.state, *seen, *aim)
+    acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
+    moved = advance(before.state, acceleration, yaw_rate, dt, limits, np)
+    turns = np.abs(yaw_rate) >= _TURNS * limits.yaw_rate_max
+    turn_sign = np.where(turns, np.sign(yaw_rate), before.turn_sign)
+    reverses = turn_sign * before.turn_sign < 0.0
+    return _Flight(
+        moved,
+        before.path + 0.5 * dt * (before.state.speed + moved.speed),
+        turn_sign,
+        before.reversals + np.where(reverses, 1.0, 0.0),
+    )
+
+
+def _note_end(result: Rollout, rows: Any, flight: _Flight, time: float, direct: Any) -> None:
+    """Write where and when flights ``[M]`` of the manoeuvres numbered ``rows`` ended."""
+    scatter(result.end, rows, flight.state)
+    result.time[rows], result.direct[rows] = time, direct
+    result.path[rows], result.turn_sign[rows] = flight.path, flight.turn_sign
+    result.reversals[rows] = flight.reversals
+
+
+def _roll_each(
+    request: Request,
+    goal: Any,
+    to: tuple[Any, Any],
+    required_range: Any,
+    policy: Policy,
+    options: Options,
+    budget: Budget,
+) -> Rollout:
+    """Roll requests ``[N]`` one after the other in plain floats, to points ``to``, m."""
+    crowd = request.traffic.mask.shape[-1] > CROWD
+    share = 1.0 if request.areas is None and not crowd else _SHARE
+    ends, each = partial(budget.ends, "policy", share), list[Rollout]()
+    for row in range(goal.size):
+        own, traffic, place, drift = take((request.own, request.traffic, to, request.drift), row)
+        one = slice(row, row + 1)
+        rest = beyond(take(request, one), goal[one], options) if crowd else None
+        ahead = _Ahead(traffic, required_range[row], rest, policy, options)
+        target = _Target(map_leaves(float, place), map_leaves(float, drift))
+        each.append(_roll_one(map_leaves(float, own), ahead, target, policy, options, ends))
+    return map_leaves(lambda *fields: np.concatenate(fields), *each)
+
+
+class _Target(NamedTuple):
+    """A goal in plain floats."""
+
+    place: tuple[float, float]  # at the request, m
+    drift: tuple[float, float] | None  # m/s; None: it stands still
+
+    def place_after(self, steps: int, dt: float) -> tuple[float, float]:
+        """Return where it is after some time steps of ``dt`` s, m."""
+        if self.drift is None:
+            return self.place
+        (x, y), (east, north) = self.place, self.drift
+        return x + east * steps * dt, y + north * steps * dt
 
 
 def _roll_one(
     own: VehicleState,
-    traffic: Traffic,
-    goal: tuple[Any, Any],
-    required_range: Any,
+    ahead: "_Ahead",
+    target: _Target,
     policy: Policy,
     options: Options,
     ends: Callable[[], bool],
-    rest: Beyond | None,
 ) -> Rollout:
-    """Roll one request in plain floats, against intruders ``[K]``, until the computation ends;
-    fields ``[1]`` and ``[1, S]``. The goal comes with its drift.
+    """Roll one request in plain floats until the computation ends; fields ``[1]`` and ``[1, S]``.
+
+    The scalar twin of :func:`roll`.
     """
-    task, limits, dt, spacing = (
-        task_of(options),
-        options.manoeuvre,
-        options.aircraft.dt,
-        options.spacing,
-    )
-    steps = int(task.until / dt + 1e-9)
+    task, limits, dt = task_of(options), options.manoeuvre, options.aircraft.dt
+    steps, spacing = int(task.until / dt + 1e-9), options.spacing
     result = _empty(1, steps // spacing + 1)
-    traffic, required_range = take((traffic, required_range), traffic.mask)
-    flown, plan_states = list[list[VehicleState]](), list[VehicleState]()
-    far, every = required_range.tolist(), predict(traffic, np.zeros((1, 1)))
-    at = shares(traffic, options.requirement)
-    at_each, window = None if at is None else at.tolist(), traffic.window
-    state, (begin, drift) = VehicleState(*map(float, own)), map_leaves(float, goal)
-    (goal_x, goal_y), aim = begin, begin
-    many, mask = len(far) > policy.most, np.ones(len(far), dtype=bool)
-    path, turn_sign, reversals = 0.0, 0.0, 0
-    square, threshold = task.radius * task.radius, 0.1 * limits.yaw_rate_max
+    flight, plan_states = _Flight(own, 0.0, 0.0, 0), list[VehicleState]()
+    square, threshold = task.radius * task.radius, _TURNS * limits.yaw_rate_max
     for step in range(steps + 1):
-        if step % _AHEAD == 0:
-            every = predict(traffic, np.arange(step, step + _AHEAD)[:, None] * dt)
-        if step % EVERY == 0:
-            first = step % _AHEAD
-            ahead = take(every, slice(first, first + EVERY))
-            if many or window is not None:
-                first_seen = take(ahead, 0)
-                if at is not None:
-                    first_seen = at_share(state, first_seen, at)
-                there = mask & visible(window, step * dt)
-                chosen = np.arange(len(mask))
-                if many:
-                    chosen = policy.most_critical(state, first_seen, there)
-                chosen = chosen[there[chosen]]
-                ahead, far = take(ahead, (slice(None), chosen)), required_range[chosen].tolist()
-                at_each = None if at is None else at[chosen].tolist()
-            flown = _in_floats(ahead)
-        seen = flown[step % EVERY]
+        state, time, asks = flight.state, step * dt, step % EVERY == 0
+        ahead.look(step, state)
         if step % spacing == 0:
             plan_states.append(state)
-        if drift is not None:
-            goal_x = begin[0] + drift[0] * step * dt
-            goal_y = begin[1] + drift[1] * step * dt
-            aim = aim_point(state, (goal_x, goal_y), drift, task.until - step * dt, FLOATS)
-        dx, dy = goal_x - state.x, goal_y - state.y
+        place = aim = target.place_after(step, dt)
+        if target.drift is not None:
+            aim = aim_point(state, place, target.drift, task.until - time, FLOATS)
+        dx, dy = place[0] - state.x, place[1] - state.y
         arrived = dx * dx + dy * dy <= square
-        # Without intruders nothing is in the way, but the goal may be inside the turning circle.
-        if arrived or (
-            options.direct
-            and step % EVERY == 0
-            and (
-                window is not None
-                or all(
-                    clear(state, aim, other, least, step * dt, task, FLOATS)
-                    for other, least in zip(seen or [state], far or [-math.inf], strict=True)
-                )
-            )
-            and (
-                not (many or window is not None)
-                or _clear_of_others(
-                    state,
-                    aim,
-                    take(every, step % _AHEAD),
-                    required_range,
-                    window,
-                    step * dt,
-                    task,
-                    rest,
-                )
-            )
-        ):
-            scatter(result[1:], 0, (state, step * dt, not arrived, path, turn_sign, reversals))
+        if arrived or (options.direct and asks and ahead.way_back(state, aim, step)):
+            _note_end(result, 0, flight, time, not arrived)
             break
-        if step == steps or (step % EVERY == 0 and ends()):
+        if step == steps or (asks and ends()):
             break
-        if at_each is not None:
-            seen = [at_share(state, *one) for one in zip(seen, at_each, strict=True)]
-        action = policy.command_one(state, seen, *aim)
+        action = policy.command_one(state, ahead.seen_from(state, step), *aim)
         acceleration, yaw_rate = commands(action, limits, FLOATS)
         moved = advance(state, acceleration, yaw_rate, dt, limits, FLOATS)
-        path += 0.5 * dt * (state.speed + moved.speed)
+        path = flight.path + 0.5 * dt * (state.speed + moved.speed)
+        turn_sign, reversals = flight.turn_sign, flight.reversals
         if abs(yaw_rate) >= threshold:
-            reversals += yaw_rate * turn_sign < 0.0
+            reversals = reversals + 1 if yaw_rate * turn_sign < 0.0 else reversals
             turn_sign = 1.0 if yaw_rate > 0.0 else -1.0
-        state = moved
-    scatter(
-        result.plan_states,
-        (0, slice(len(plan_states))),
-        VehicleState(*zip(*plan_states, strict=True)),
-    )
+        flight = _Flight(moved, path, turn_sign, reversals)
+    reached = VehicleState(*zip(*plan_states, strict=True))
+    scatter(result.plan_states, (0, slice(len(plan_states))), reached)
     return result
+
+
+class _Ahead:
+    """The intruders of one request as they will be, in plain floats."""
+
+    def __init__(
+        self,
+        traffic: Traffic,
+        required_range: Any,
+        rest: Beyond | None,
+        policy: Policy,
+        options: Options,
+    ) -> None:
+        """Take intruders ``[K]``, what is required from each, m, and among many the route beyond
+        the goal.
+        """
+        self._traffic, self._required = take((traffic, required_range), traffic.mask)
+        self._rest, self._policy, self._task = rest, policy, task_of(options)
+        self._dt, self._window = options.aircraft.dt, self._traffic.window
+        self._share = shares(self._traffic, options.requirement)
+        count = len(self._required)
+        self._many, self._every_number = count > policy.most, np.arange(count)
+        self._all = np.ones(count, dtype=bool)
+        self._block = predict(self._traffic, np.zeros((1, 1)))  # of some time steps, [T, K]
+        # Of those that are looked at: states at a few time steps, what is required, their shares.
+        self._flown = list[list[VehicleState]]()
+        self._far: list[float] = self._required.tolist()
+        self._shares = None if self._share is None else self._share.tolist()
+
+    def look(self, step: int, state: VehicleState) -> None:
+        """Look ahead from a time step on: every few of them the intruders are predicted and
+        chosen.
+        """
+        if step % _AHEAD == 0:
+            times = np.arange(step, step + _AHEAD)[:, None] * self._dt
+            self._block = predict(self._traffic, times)
+        if step % EVERY != 0:
+            return
+        first = step % _AHEAD
+        ahead = take(self._block, slice(first, first + EVERY))
+        if self._many or self._window is not None:
+            chosen = self._choose(take(ahead, 0), state, step * self._dt)
+            ahead = take(ahead, (slice(None), chosen))
+            self._far = self._required[chosen].tolist()
+            self._shares = None if self._share is None else self._share[chosen].tolist()
+        self._flown = _in_floats(ahead)
+
+    def _choose(self, seen: VehicleState, state: VehicleState, time: float) -> Any:
+        """Return the numbers of the intruders that the policy looks at."""
+        there = self._all & visible(self._window, time)
+        chosen = self._every_number
+        if self._many:
+            if self._share is not None:
+                seen = at_share(state, seen, self._share)
+            chosen = self._policy.most_critical(state, seen, there)
+        return chosen[there[chosen]]
+
+    def seen_from(self, state: VehicleState, step: int) -> list[VehicleState]:
+        """Return the intruders as the policy sees them from a state."""
+        seen = self._flown[step % EVERY]
+        if self._shares is None:
+            return seen
+        return [at_share(state, *one) for one in zip(seen, self._shares, strict=True)]
+
+    def way_back(self, state: VehicleState, aim: tuple[float, float], step: int) -> bool:
+        """Return whether the direct way is clear of all intruders."""
+        time, task = step * self._dt, self._task
+        if self._window is None:
+            way = direct(state, aim, time, task, FLOATS)
+            # Without intruders, too, the goal may be inside the turning circle.
+            if not way.possible:
+                return False
+            seen = self._flown[step % EVERY]
+            for other, least in zip(seen, self._far, strict=True):
+                if not keeps_clear(state, way, other, least, time, task, FLOATS):
+                    return False
+            if not self._many:
+                return True
+        others = take(self._block, step % _AHEAD)
+        return _clear_of_others(
+            state, aim, others, self._required, self._window, time, task, self._rest
+        )
 
 
 def _clear_of_others(
@@ -308,12 +388,12 @@ def _clear_beyond(
     beyond it, bool ``[M]``.
     """
     mask, required_range = now.traffic.mask, now.required_range
-    found = _all_clear(now.state, aim, seen, now.traffic, required_range, time, task)
+    found = _all_clear(now.flight.state, aim, seen, now.traffic, required_range, time, task)
     if rest is not None:
         some = np.flatnonzero(found)
         least = np.where(mask, required_range, -np.inf)
         times = np.full(some.size, time)
-        asked = take((now.state, aim, least), some)
+        asked = take((now.flight.state, aim, least), some)
         found[some] = rest.clear(*asked, now.rows[some], times, task)
     return found
 
@@ -337,9 +417,14 @@ def _all_clear(
 
 
 def _empty(count: int, points: int) -> Rollout:
-    plan_states, end = (
-        VehicleState(*np.full((4, count, points), np.nan)),
-        VehicleState(*np.full((4, count), np.nan)),
-    )
+    """Return that no manoeuvre has ended, ``[count]``, with places for plan states."""
     time, path, turn_sign, reversals = np.full((4, count), np.nan)
-    return Rollout(plan_states, end, time, np.zeros(count, dtype=bool), path, turn_sign, reversals)
+    return Rollout(
+        plan_states=VehicleState(*np.full((4, count, points), np.nan)),
+        end=VehicleState(*np.full((4, count), np.nan)),
+        time=time,
+        direct=np.zeros(count, dtype=bool),
+        path=path,
+        turn_sign=turn_sign,
+        reversals=reversals,
+    )
