@@ -156,10 +156,12 @@ def _fly(
 ) -> _Flight:
     """Return the flights after one time step of the policy's."""
     limits, dt, before = options.manoeuvre, options.aircraft.dt, now.flight
-    seen = _seen(now, traffic, time)
+    seen, mask = _seen(now, traffic, time)
     if now.traffic.mask.shape[-1] > policy.most:
-        seen = map_leaves(lambda field: np.take_along_axis(field, now.chosen, axis=-1), seen)
-    action = policy.command(before.state, *seen, *aim)
+        seen, mask = map_leaves(
+            lambda field: np.take_along_axis(field, now.chosen, axis=-1), (seen, mask)
+        )
+    action = policy.command(before.state, seen, mask, *aim)
     acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
     moved = advance(before.state, acceleration, yaw_rate, dt, limits, np)
     turns = np.abs(yaw_rate) >= _TURNS * limits.yaw_rate_max
