@@ -143,6 +143,8 @@ def fence(items: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...]:
         one = items[number]
         name = f"fence item {one.number}"
         if one.command in (_INCLUSION, _EXCLUSION):
+            if not one.parameter.is_integer():  # nor is what is not finite
+                raise FieldError(name, f"begins {one.parameter:g} corners, expected a whole number")
             count = int(one.parameter)
             corners = items[number : number + count]
             if count < 3 or len(corners) < count or {c.command for c in corners} != {one.command}:

@@ -262,6 +262,9 @@ def test_fences_become_areas_on_the_side_that_they_mean() -> None:
     assert (inside.keep, inside.radius) == (Keep.IN, 900.0)
     with pytest.raises(FieldError, match="begins 3 corners"):
         mission.fence(corners[:2], 0.0)
+    for count in (math.nan, math.inf, 2.5):
+        with pytest.raises(FieldError, match=r"item 0 begins .* corners, expected a whole"):
+            mission.fence([corners[0]._replace(parameter=count), *corners[1:]], 0.0)
 
 
 # The aircraft.
