@@ -61,7 +61,7 @@ def window(
     own: Altitude | None, other: Altitude | None, age: float, vertical: float, unknown_climb: float
 ) -> tuple[float, float]:
     """Return from when and until when another aircraft counts, s after the request, or
-    :data:`ALWAYS`; the first is greater where it never does after the request.
+    :data:`ALWAYS`; the first is greater, or infinite, where it never does after the request.
 
     Args:
         own: as of now; None: unknown, which counts as level.
