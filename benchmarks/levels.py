@@ -21,7 +21,7 @@ from agents.planner import Options, plan
 from agents.planner.answer import Apart
 from agents.planner.request import Altitude, Intruder
 from agents.policy.inference import Policy
-from benchmarks.measure import report, request_options, show
+from benchmarks.measure import deadline_option, report, request_options, show, usual_options
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
@@ -84,9 +84,10 @@ def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     request_options(parser, 200)
+    deadline_option(parser)
     given = parser.parse_args()
     policy = Policy.load(given.policy)
-    usual = Options.for_aircraft(policy.aircraft)
+    usual = usual_options(policy, given.deadline)
     patient = replace(usual, deadline_s=_PATIENT)
     needless: Counter[str] = Counter()
     safe: Counter[str] = Counter()
@@ -121,6 +122,7 @@ def main() -> None:
     figures: dict[str, Any] = {
         "benchmark": "levels",
         "requests": given.requests,
+        "deadline_ms": 1e3 * usual.deadline_s,
         "solved": solved,
         "straight_flight_is_clear": clear,
     }

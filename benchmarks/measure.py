@@ -4,14 +4,26 @@ import json
 import platform
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from agents.planner import Options
 from agents.policy.inference import Policy
 from envs.edge.command import InputError, Parser
 
-__all__ = ["chosen", "layers", "machine", "report", "request_options", "seconds", "show"]
+__all__ = [
+    "chosen",
+    "deadline_option",
+    "layers",
+    "machine",
+    "report",
+    "request_options",
+    "seconds",
+    "show",
+    "usual_options",
+]
 
 
 def request_options(parser: Parser, requests: int) -> None:
@@ -20,6 +32,18 @@ def request_options(parser: Parser, requests: int) -> None:
     add("--policy", type=Path, help="policy file (default: the one that ships)")
     add("--requests", type=int, default=requests, help=f"for plans (default {requests})")
     add("--seed", type=int, default=0, help="of the requests (default 0)")
+
+
+def deadline_option(parser: Parser) -> None:
+    """Add the option for the deadline of a plan."""
+    what = "of computation (default: the planner's, 50)"
+    parser.add_argument("--deadline", type=float, metavar="MS", help=what)
+
+
+def usual_options(policy: Policy, deadline: float | None) -> Options:
+    """Return the planner's usual options for a policy, with another deadline, ms, or its own."""
+    usual = Options.for_aircraft(policy.aircraft)
+    return usual if deadline is None else replace(usual, deadline_s=1e-3 * deadline)
 
 
 def layers(policy: Policy) -> list[tuple[int, ...]]:

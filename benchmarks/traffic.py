@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents.planner import Options, plan
+from agents.planner import plan
 from agents.policy.inference import Policy
-from benchmarks.measure import report, request_options, show
+from benchmarks.measure import deadline_option, report, request_options, show, usual_options
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
@@ -56,14 +56,10 @@ def main() -> None:
     request_options(parser, 100)
     parser.add_argument("--intruders", type=int, default=100, help="aircraft (default 100)")
     parser.add_argument("--radius", type=float, default=30.0, help="of the disc, km (default 30)")
-    parser.add_argument(
-        "--deadline", type=float, metavar="MS", help="of computation (default: the planner's, 50)"
-    )
+    deadline_option(parser)
     given = parser.parse_args()
     policy = Policy.load(given.policy)
-    usual = Options.for_aircraft(policy.aircraft)
-    if given.deadline is not None:
-        usual = replace(usual, deadline_s=1e-3 * given.deadline)
+    usual = usual_options(policy, given.deadline)
     ways = {"usual": usual, "patient": replace(usual, deadline_s=_PATIENT)}
     safe: dict[str, list[bool]] = {name: [] for name in ways}
     busy: dict[str, list[float]] = {name: [] for name in ways}

@@ -1,7 +1,7 @@
 """Whether the route beyond the goal is clear of traffic once a manoeuvre is back on it.
 
-Among many aircraft the way to the goal is soon clear, and the route behind it is not. So that a
-manoeuvre goes on until both are, this estimates the rest of the plan: the ownship on the lines of
+The way to the goal is often clear when the route behind it is not. So that a manoeuvre goes on
+until both are, this estimates the rest of the plan: the ownship on the lines of
 the route at constant speed, intruders straight on after their turns. The validator judges the plan.
 """
 
@@ -19,7 +19,9 @@ from envs.trees import column, map_leaves, take
 from envs.wind import aim_point
 
 CROWD = 16
-"""Intruders beyond which a search looks at the nearest ones first, and beyond the goal."""
+"""Intruders beyond which a search looks at the nearest ones first, and the policy's rollout beyond
+the goal.
+"""
 
 _STRAIGHT = 1e-6  # rad between two legs of a route that are one
 

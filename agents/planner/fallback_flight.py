@@ -84,9 +84,8 @@ class _Ahead:
             self._counted = within_window(traffic, times[:-1], times[1:])
         # Clearance, m, beyond which more is not told where there are many intruders.
         self._enough = options.aircraft.separation
-        crowd = self.intruders > CROWD
-        self._order = self._nearest_first(times) if crowd else None
-        self._beyond = beyond(request, goal, options) if crowd else None
+        self._order = self._nearest_first(times) if self.intruders > CROWD else None
+        self._beyond = beyond(request, goal, options)
 
     @property
     def intruders(self) -> int:
@@ -112,21 +111,22 @@ class _Ahead:
     def _clear_of_traffic(self, departure: Departure, aim: tuple[Any, Any]) -> Any:
         """Return whether direct ways keep clear of all intruders, bool ``[R]``.
 
-        A few intruders of a crowd block most ways: the others, and the route beyond the goal, are
-        looked at where those do not.
+        The nearest intruders block most ways: the route beyond the goal, and the others of a crowd,
+        are looked at where those do not.
         """
         if self._order is None:
-            each = np.arange(self.intruders)[None]
-            return self._clear_of_some(departure, aim, each)
-        found = np.ones(departure.stride.size, dtype=bool)
-        # The validator looks at all: the search may be wrong about those far from the flight.
-        for some in (slice(0, CROWD), slice(CROWD, _NEAREST)):
+            found = self._clear_of_some(departure, aim, np.arange(self.intruders)[None])
+        else:
+            found = self._clear_of_some(departure, aim, self._order[departure.owner, :CROWD])
+        rows = np.flatnonzero(found)
+        if rows.size:
+            found[rows] = self._clear_beyond(*take((departure, aim), rows))
+        if self._order is not None:
+            # The validator looks at all: the search may be wrong about those far from the flight.
             rows = np.flatnonzero(found)
             left, to = take((departure, aim), rows)
-            found[rows] = self._clear_of_some(left, to, self._order[left.owner, some])
-            rows = rows[found[rows]]
-            if some.start == 0 and rows.size:
-                found[rows] = self._clear_beyond(*take((departure, aim), rows))
+            next_ones = self._order[left.owner, CROWD:_NEAREST]
+            found[rows] = self._clear_of_some(left, to, next_ones)
         return found
 
     def _clear_of_some(self, departure: Departure, aim: tuple[Any, Any], each: Any) -> Any:
@@ -146,7 +146,6 @@ class _Ahead:
 
     def _clear_beyond(self, departure: Departure, aim: tuple[Any, Any]) -> Any:
         """Return whether the route beyond the goal is clear after direct ways, bool ``[R]``."""
-        assert self._beyond is not None
         required = self._required[departure.owner] + departure.slack[:, None]
         time = departure.stride * self._stride
         return self._beyond.clear(departure.own, aim, required, departure.owner, time, self._task)
