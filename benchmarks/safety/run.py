@@ -217,5 +217,6 @@ def _planned(tally: Tally) -> int:
 
 
 def _figures(tally: Tally) -> str:
-    safe = 100.0 * tally.safe.total() / max(tally.requests.total(), 1)
-    return f"SAFE {safe:.1f} %, {len(tally.violations)} violations"
+    safe = tally.safe.total() + tally.single["safe"]
+    share = 100.0 * safe / max(_planned(tally), 1)
+    return f"SAFE {share:.1f} %, {len(tally.violations)} violations"
