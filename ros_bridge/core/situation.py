@@ -29,7 +29,7 @@ from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
 from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.reports import USUAL, Report, Unknown
-from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict
+from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict, sharing
 
 __all__ = [
     "Code",
@@ -253,6 +253,9 @@ def _assumptions(number: int, track: Track, unknown: Unknown) -> Iterator[Adviso
         field_ = Field(Subject.INTRUDERS, "header.stamp", number)
         what = f"is known within {report.time_std:.2g} s (one sigma)"
         yield Advisory(AdvisoryCode.TIME_UNCERTAIN, field_, what)
+    if track.divided:
+        what = "is a name of several aircraft, which are told apart by their places"
+        yield Advisory(AdvisoryCode.ASSUMED, Field(Subject.INTRUDERS, "id", number), what)
 
 
 def check_age(kind: str, name: str, age: float, oldest: float, future: float) -> None:
@@ -356,14 +359,15 @@ def _aircraft_of_alert(situation: Situation, now: int, settings: Settings) -> fr
         raise Refusal(Code.INVALID_ALERT, fault.field, fault.problem)
     if alert is None or (now - alert.time) / SECOND > settings.alert_max_age:
         return frozenset()
-    unknown = [name for name in alert.identifiers if name not in situation.traffic]
+    held = {name: sharing(situation.traffic, name) for name in alert.identifiers}
+    unknown = [name for name, aircraft in held.items() if not aircraft]
     if unknown:
         what = (
             f"is the subject of an alert of level {alert.level}, and no state of it has been "
             "received"
         )
         raise Refusal(Code.NO_INTRUDER, f"intruder {unknown[0]}", what)
-    return frozenset(alert.identifiers)
+    return frozenset(name for aircraft in held.values() for name in aircraft)
 
 
 def _like(own: VehicleState, other: VehicleState) -> bool:

@@ -5,7 +5,8 @@ A report that repeats the last one or comes late is passed over. One from the fu
 contradicts another of the same time and one that has jumped is a fault: nothing is planned with
 that aircraft. A doubtful report was an outlier when two good ones follow in a row; a jump that the
 next report confirms was none. Where reports of both places go on arriving, one name stands for two
-aircraft, which is a fault until one of them has fallen silent.
+aircraft: of traffic each is followed by itself (:func:`follow`), of the ownship it is a fault until
+one of them has fallen silent.
 """
 
 from collections.abc import Mapping
@@ -41,6 +42,7 @@ class Verdict(Enum):
 
 _OUTLIER = 2  # good reports in a row that show that a doubtful one was an outlier
 _MOST_SIGHTED = 8  # places of unusable reports that are remembered of one name
+_MOST_SHARING = 4  # aircraft under one name that are told apart
 FAULTS = frozenset(Verdict) - {Verdict.TAKEN, Verdict.DUPLICATE, Verdict.REORDERED}
 
 
@@ -103,6 +105,7 @@ class Track:
     rival: Course | None = None  # reports of another place under the same name
     since: int = 0  # reports of the course since the rival's newest
     shared: bool = False  # whether the rival was confirmed after that: two aircraft
+    divided: bool = False  # whether it is one of several aircraft that report the same name
     sightings: tuple[Sighted, ...] = ()
     """Of the reports that cannot be used and that no good report explains; the newest last."""
     verdict: Verdict = Verdict.TAKEN  # what became of the newest report
@@ -155,6 +158,59 @@ def take_in(track: Track, report: Report, name: str, now: int, rules: Rules) -> 
     if field_ == "position":
         return _elsewhere(track, track.course, report, name, now, rules, verdict, problem)
     return _faulty(track, verdict, f"{name}.{field_}", problem, now)
+
+
+def follow(
+    tracks: Mapping[str, Track], name: str, found: Report | FieldError, now: int, rules: Rules
+) -> dict[str, Track]:
+    """Return the tracks of traffic after a report under a name, or after why it cannot be used.
+
+    Aircraft that share a name are told apart by their places: the second is called ``name#2``.
+    """
+    key = _holder(tracks, name, found.sighting, rules)
+    before = tracks.get(key, UNKNOWN)
+    if isinstance(found, FieldError):
+        return {**tracks, key: note_refused(before, found, now, rules)}
+    after = take_in(before, found, f"intruder {key}", now, rules)
+    free = [one for one in _shared_names(name) if one != key and one not in tracks]
+    if not after.shared or after.rival is None or not free:
+        return {**tracks, key: after}
+    rival = after.rival
+    other = Track(rival.newest, rival.estimate, course=rival, divided=True)
+    problem = rival.contradiction
+    if problem:
+        other = _faulty(other, Verdict.CONTRADICTION, f"intruder {free[0]}.position", problem, now)
+    alone = replace(after, rival=None, since=0, shared=False, divided=True)
+    if after.fault is not None and after.fault.verdict is Verdict.SHARED:
+        alone = replace(alone, fault=None)
+    return {**tracks, key: alone, free[0]: other}
+
+
+def sharing(tracks: Mapping[str, Track], name: str) -> tuple[str, ...]:
+    """Return under which names the aircraft that report a name are followed."""
+    return tuple(one for one in _shared_names(name) if one in tracks)
+
+
+def _shared_names(name: str) -> tuple[str, ...]:
+    return name, *(f"{name}#{number}" for number in range(2, _MOST_SHARING + 1))
+
+
+def _holder(tracks: Mapping[str, Track], name: str, seen: Sighting | None, rules: Rules) -> str:
+    """Return the name of the aircraft, of those that share a name, that a report is about: the
+    nearest to where it is expected, or else the first.
+    """
+    held = sharing(tracks, name)
+    if held in ((), (name,)) or seen is None or seen.place is None or seen.time is None:
+        return name
+    fits = []
+    for one in held:
+        course = tracks[one].course
+        if course is None:
+            continue
+        off = course.newest.off(seen.place, seen.time)
+        if off <= rules.allowed_distance(seen.time - course.newest.time):
+            fits.append((off, one))
+    return min(fits)[1] if fits else name
 
 
 def note_refused(track: Track, error: FieldError, now: int, rules: Rules) -> Track:

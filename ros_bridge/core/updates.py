@@ -11,7 +11,16 @@ from ros_bridge.core.areas import areas as read_areas
 from ros_bridge.core.fields import FieldError, attempt, identifier, not_ahead, readable
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.core.situation import Held, Situation
-from ros_bridge.core.tracks import UNKNOWN, Fault, Rules, Track, Verdict, note_refused, take_in
+from ros_bridge.core.tracks import (
+    UNKNOWN,
+    Fault,
+    Rules,
+    Track,
+    Verdict,
+    follow,
+    note_refused,
+    take_in,
+)
 
 _T = TypeVar("_T")
 
@@ -49,8 +58,7 @@ def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
     found, own = attempt(lambda: conversions.aircraft(message, called)), situation.own.last
     if own is not None and own.identifier == name and _near(own, found.sighting, rules):
         return situation
-    track = _update_track(situation.traffic.get(name, UNKNOWN), found, called, now, rules)
-    return replace(situation, traffic={**situation.traffic, name: track})
+    return replace(situation, traffic=follow(situation.traffic, name, found, now, rules))
 
 
 def alert(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:

@@ -19,7 +19,7 @@ from ros_bridge.core.fields import SECOND, FieldError, attempt, integer, nanosec
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import Status
-from ros_bridge.core.tracks import UNKNOWN, Rules, forgotten, note_refused, take_in
+from ros_bridge.core.tracks import Rules, follow, forgotten, note_refused, take_in
 
 FORGET = 30.0
 """An aircraft without reports for so long, s, is forgotten."""
@@ -147,16 +147,14 @@ def take_report(scene: Scene, found: Report | FieldError, now: int, *, own: bool
         return note(scene, name, str(found), now)
     seen = found.sighting
     assert seen is not None
-    before = situation.own if own else situation.traffic.get(seen.identifier, UNKNOWN)
-    called = "ownship" if own else f"intruder {seen.identifier}"
+    if not own:
+        traffic = follow(situation.traffic, seen.identifier, found, now, _RULES)
+        return replace(scene, situation=replace(situation, traffic=traffic))
     if isinstance(found, FieldError):
-        after = note_refused(before, found, now, _RULES)
+        after = note_refused(situation.own, found, now, _RULES)
     else:
-        after = take_in(before, found, called, now, _RULES)
-    if own:
-        return replace(scene, situation=replace(situation, own=after))
-    traffic = {**situation.traffic, seen.identifier: after}
-    return replace(scene, situation=replace(situation, traffic=traffic))
+        after = take_in(situation.own, found, "ownship", now, _RULES)
+    return replace(scene, situation=replace(situation, own=after))
 
 
 def note(scene: Scene, name: str, text: str, now: int) -> Scene:

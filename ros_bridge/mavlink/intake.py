@@ -10,7 +10,7 @@ from ros_bridge.core.conversions import Origin
 from ros_bridge.core.fields import SECOND, FieldError, attempt
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Held, Situation
-from ros_bridge.core.tracks import UNKNOWN, Rules, Track, forgotten, note_refused, take_in
+from ros_bridge.core.tracks import Rules, Track, follow, forgotten, note_refused, take_in
 from ros_bridge.mavlink import messages
 from ros_bridge.mavlink.messages import Heartbeat
 
@@ -71,9 +71,7 @@ def take_traffic(
     received: Received, name: str, found: Report | FieldError, now: int, reading: Reading
 ) -> Received:
     """Return what is known after a report of traffic, whoever brought it."""
-    before = received.situation.traffic.get(name, UNKNOWN)
-    track = _follow(before, found, f"intruder {name}", now, reading.rules)
-    traffic = {**received.situation.traffic, name: track}
+    traffic = follow(received.situation.traffic, name, found, now, reading.rules)
     return replace(received, situation=replace(received.situation, traffic=traffic))
 
 

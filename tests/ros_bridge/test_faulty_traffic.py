@@ -34,10 +34,10 @@ STALE = 8.0
 
 def silent(*messages, seconds: float = STALE) -> tuple[Situation, int]:
     """Return what is known so long after the last report of traffic, with a fresh ownship at 1000
-    m.
+    m, in a wind that is known.
     """
     late = NOW + round(seconds * SECOND)
-    high = {"valid": 0x0F, "altitude": 1_000.0, "altitude_reference": 1}
+    high = {"valid": 0x2F, "altitude": 1_000.0, "altitude_reference": 1}
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late, **high)
     return updates.ownship(heard(*messages, own=own, now=NOW), own, late, RULES), late
 

@@ -18,7 +18,17 @@ from envs.kinematics import SURROGATE, VehicleState
 from ros_bridge.core.conversions import aircraft as read
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.situation import turn_of
-from ros_bridge.core.tracks import UNKNOWN, Rules, Track, Verdict, forgotten, note_refused, take_in
+from ros_bridge.core.tracks import (
+    UNKNOWN,
+    Rules,
+    Track,
+    Verdict,
+    follow,
+    forgotten,
+    note_refused,
+    sharing,
+    take_in,
+)
 from tests.ros_bridge.scenes import NOW, SECOND, SETTINGS, aircraft
 
 RULES = Rules()
@@ -215,6 +225,56 @@ def test_shared_name_is_free_again_when_one_aircraft_falls_silent():
         track = take_in(track, report(float(second)), "it", NOW + second * SECOND, RULES)
         silent = second - 7.0
         assert (track.verdict is Verdict.TAKEN) == (silent > RULES.fresh_start)
+
+
+def follow_in_turns(pattern: str, every: float = 1.0, tracks=None, first: int = 0):
+    """Return the tracks of one name after reports of two aircraft, called a and b, in turns."""
+    tracks = {} if tracks is None else tracks
+    for number, turn in enumerate(pattern, start=first):
+        seconds = every * number
+        one = (report if turn == "a" else other)(seconds)
+        tracks = follow(tracks, "it", one, NOW + round(seconds * SECOND), RULES)
+    return tracks
+
+
+@pytest.mark.parametrize(
+    "pattern", ["ababababab", "aabaabaaba", "abbabbabba", "aabbaabbaabb", "abbbabbbabb"]
+)
+def test_two_aircraft_of_one_name_are_both_followed(pattern: str):
+    tracks = follow_in_turns(pattern)
+    assert sharing(tracks, "it") == tuple(tracks) == ("it", "it#2")
+    newest = {turn: pattern.rindex(turn) for turn in "ab"}
+    wanted = {report(float(newest["a"])), other(float(newest["b"]))}
+    assert {track.last for track in tracks.values()} == wanted
+    assert all(track.divided and track.fault is None for track in tracks.values())
+
+
+def test_of_two_aircraft_of_one_name_one_may_fall_silent_or_be_unusable():
+    tracks = follow_in_turns("abababab")
+    tracks = follow_in_turns("b" * 40, tracks=tracks, first=8)
+    left, gone = forgotten(tracks, NOW + 48 * SECOND, 30.0)
+    assert len(left) == 1 and len(gone) == 1
+    [(name, track)] = left.items()
+    assert track.last == other(47.0)
+    assert follow_in_turns("b", tracks=left, first=48)[name].last == other(48.0)
+    # Another place is another aircraft, or a jump that has to be confirmed.
+    again = follow_in_turns("a", tracks=left, first=48)
+    assert again[name].last == other(47.0)
+
+
+@given(st.lists(st.sampled_from("abc"), min_size=30, max_size=40))
+def test_no_aircraft_of_a_name_is_lost(turns: list[str]):
+    """Whatever the order: each of three aircraft is followed where it is, or the name is a
+    fault."""
+    tracks: dict[str, Track] = {}
+    for number, turn in enumerate([*turns, *"abcabcabc"]):
+        seconds = 0.3 * number
+        offset = 40_000.0 * "abc".index(turn)
+        one = report(seconds, x=offset + 80.0 * seconds)
+        tracks = follow(tracks, "it", one, NOW + round(seconds * SECOND), RULES)
+    now = NOW + round(0.3 * (len(turns) + 9) * SECOND)
+    faulty = any(track.fault is not None or track.age(now) > 5.0 for track in tracks.values())
+    assert faulty or len(tracks) == 3
 
 
 def frozen(seconds: float, moving: float, jitter: float = 0.0):
