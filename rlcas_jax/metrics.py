@@ -29,7 +29,7 @@ METRICS = {
     "violation": "Share of those episodes that lost the separation.",
     "timeout": "Share of those episodes that ran out of time.",
     "episodes": "How many episodes ended during the update.",
-    "episode_length": "Environment steps of the update per episode that ended in it, 1 s each.",
+    "episode_length": "Environment steps of the update per episode that ended in it.",
     "reward_NAME": (
         "What the row NAME of `rewards` gave, mean over the time steps of the update, points: its "
         "weight times its term, before ppo.reward_scale. Of violation, goal, timeout and of terms "
