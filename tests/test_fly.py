@@ -2,6 +2,7 @@
 keyboard alone.
 """
 
+import math
 import runpy
 from collections.abc import Iterator
 from pathlib import Path
@@ -195,6 +196,54 @@ def test_what_is_dragged_makes_a_new_future(opened: Any) -> None:
     opened.wait_for_function(
         "(said) => document.getElementById('news').textContent !== said", arg=said
     )
+
+
+def draw_area(page: Any, x: float, y: float, radius: float) -> None:
+    """Draw an area with the mouse, in separations from the middle of the map."""
+    box, scale = page.locator("#sky").bounding_box(), page.evaluate("view().scale")
+    middle = box["x"] + box["width"] / 2 + x * scale, box["y"] + box["height"] / 2 - y * scale
+    page.click("#draw")
+    page.mouse.move(*middle)
+    page.mouse.down()
+    page.mouse.move(middle[0], middle[1] - radius * scale, steps=4)
+    page.mouse.up()
+    page.click("#draw")
+    page.wait_for_function("line.done && !changed")
+
+
+def test_an_area_that_is_drawn_is_flown_around_or_it_is_said(opened: Any) -> None:
+    opened.select_option("#scene", "crossing")
+    opened.click("#play")  # the scene plays at once
+    opened.evaluate("edit(() => Object.assign(start[1], { x: -7, y: 7, heading: 1.5 }))")
+    opened.wait_for_function("line.done && !changed")
+    straight = opened.evaluate("line.frames.map((frame) => frame.planes[0].y)")
+    draw_area(opened, 0.0, 0.2, 1.5)
+    (area,) = opened.evaluate("areas")
+    assert [area[name] for name in ("x", "y", "radius")] == pytest.approx([0.0, 0.2, 1.5], abs=0.05)
+    flown = opened.evaluate("line.frames.map((frame) => frame.planes[0])")
+    away = [math.hypot(one["x"] - area["x"], one["y"] - area["y"]) for one in flown]
+    assert min(abs(y - 0.2) for y in straight) < 0.3 and min(away) > area["radius"]
+    assert opened.evaluate("line.entered") is None
+
+    # Nobody can turn away from an area that begins ahead of the nose.
+    own = opened.evaluate("start[0]")
+    ahead = own["x"] + 1.2 * math.cos(own["heading"]), own["y"] + 1.2 * math.sin(own["heading"])
+    draw_area(opened, *ahead, 1.0)
+    assert opened.evaluate("areas.length") == 2
+    opened.wait_for_function("document.getElementById('news').textContent.includes('an area')")
+    when = opened.evaluate("line.entered.time")
+    flown = opened.evaluate("line.frames.map((frame) => frame.planes[0])")
+    inside = [math.hypot(one["x"] - ahead[0], one["y"] - ahead[1]) < 1.0 for one in flown]
+    assert inside.index(True) - 1.0 <= when <= inside.index(True)
+
+    # By keyboard: smaller, and gone.
+    opened.focus(".grip[data-part=area][data-index='1']")
+    opened.keyboard.press("Shift+ArrowLeft")
+    assert opened.evaluate("areas[1].radius") < 0.8
+    opened.keyboard.press("Delete")
+    assert opened.evaluate("areas.length") == 1
+    opened.click("#clear")
+    assert opened.evaluate("areas.length") == 0
 
 
 def put_head_on(page: Any, separations: float) -> None:

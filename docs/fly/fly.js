@@ -4,6 +4,7 @@
 
 const get = (id) => document.getElementById(id);
 const MOST = 8, STEPS = 300, ACROSS = 16; // D across the shorter side of the map
+const SMALLEST = 0.3; // D, of an area's radius
 const BUDGET = { future: 6, search: 8, map: 10 }; // ms of a frame until which each may work
 const ICONS = { play: "M5 2.5v13l10.5-6.5z", pause: "M4 3h3.6v12H4zM10.4 3H14v12h-3.6z" };
 
@@ -14,6 +15,7 @@ let type, aircraft, dt; // the chosen type in SI; without dimension; its time st
 let start; // aircraft at time 0, the ownship first: {x, y, heading, speed, goalX, goalY}
 let line, shown; // the future from there; the one that is drawn, while the new one is not ready
 let time = 0, playing = false, chosen = -1, changed = true, held = null, last = 0, colours = {};
+let areas = [], drawing = false; // discs to be kept out of: {x, y, radius}; whether the pointer draws them
 let map = null, search = null; // of turns; of other manoeuvres where the policy loses the separation
 
 // ---- the future: what happens if nothing is moved ----
@@ -26,11 +28,28 @@ function begin(planes) {
   return { frames: [{ planes, gone, actions: planes.map(() => [0, 0]) }], least: { distance: Infinity }, done: false };
 }
 
+// Areas as the policy of one aircraft sees them: they stand still, and what must be kept from each is its radius.
+const standing = (own) => areas.map(({ x, y, radius }) => (
+  { x: own.x + (x - own.x) / radius, y: own.y + (y - own.y) / radius, heading: 0, speed: 0 }));
+
+// When in a step an aircraft that decides first enters an area; null: none does.
+function entry(now, planes, all) {
+  let first = null;
+  for (let i = 0; i < (all ? planes.length : 1); i++) {
+    for (const { x, y, radius } of now.gone[i] ? [] : areas) {
+      const still = { x, y, heading: 0, speed: 0 };
+      const [distance, part] = closest(now.planes[i], planes[i], still, still, dt);
+      if (distance < radius && !(first?.part <= part)) first = { part, index: i };
+    }
+  }
+  return first;
+}
+
 function extend(future) {
   const { frames } = future, now = frames.at(-1), all = everyone();
   now.actions = now.planes.map((one, i) => {
     if (now.gone[i] || !(i === 0 || all)) return [0, 0];
-    return command(one, now.planes.filter((_, k) => k !== i && !now.gone[k]), one.goalX, one.goalY, aircraft);
+    return command(one, [...now.planes.filter((_, k) => k !== i && !now.gone[k]), ...standing(one)], one.goalX, one.goalY, aircraft);
   });
   const planes = now.planes.map((one, i) => advance(one, now.actions[i], dt, aircraft.limits));
   now.distance = Infinity;
@@ -42,6 +61,8 @@ function extend(future) {
       if (distance < future.least.distance) future.least = { distance, time: frames.length - 1 + part, pair: [i, k] };
     }
   }
+  const entered = future.entered ? null : entry(now, planes, all);
+  if (entered) future.entered = { time: frames.length - 1 + entered.part, index: entered.index };
   const gone = planes.map((one, i) =>
     now.gone[i] || (decides(i) && Math.hypot(one.x - one.goalX, one.y - one.goalY) <= aircraft.goal_radius));
   frames.push({ planes, gone, actions: now.actions, distance: now.distance });
@@ -147,7 +168,12 @@ const seconds = (step) => `${(step * type.dt).toFixed(0)} s`;
 
 function news() {
   if (!line.done) return { first: "The policy is looking ahead …", second: "", kept: null };
-  const { least } = line, kept = least.distance >= 1, past = least.time <= time, required = `${metres(1)} are required.`;
+  const { least, entered } = line;
+  if (entered && (least.distance >= 1 || entered.time <= least.time)) {
+    const who = entered.index ? `Intruder ${entered.index}` : "The ownship", when = seconds(entered.time);
+    return { first: `${who} ${entered.time <= time ? "has entered" : "will enter"} an area after ${when}.`, second: "", kept: false };
+  }
+  const kept = least.distance >= 1, past = least.time <= time, required = `${metres(1)} are required.`;
   const [one, other] = least.pair, between = one ? ` between intruders ${one} and ${other}` : ` from intruder ${other}`;
   const pair = start.length === 2 ? "" : between;
   if (!kept) {
@@ -162,7 +188,7 @@ function news() {
 
 // Whether another manoeuvre of the ownship would have kept the separation; nothing where the others react to it.
 function alternatives() {
-  if (!search) return "";
+  if (!search) return ""; // nor are areas known to it
   const [own, ...others] = search.planes;
   if (others.some((one) => Math.hypot(one.x - own.x, one.y - own.y) < 1)) return "It is lost at the start already: no manoeuvre can keep it.";
   if (search.distance >= 1 && search.done) return `The policy misses a solution: ${inWords(search.best)} from the start keeps ${metres(search.distance)}.`;
@@ -242,6 +268,12 @@ function draw() {
   const long = 2 * type.separation;
   pen.fillText(long < 5000 ? `${long} m` : `${(long / 1000).toFixed(1)} km`, 14, height - 20);
 
+  for (const { x, y, radius } of areas) {
+    circle(x, y, radius);
+    pen.fillStyle = tint("area", 0.14);
+    pen.fill();
+    stroke(colours.area, 1.8);
+  }
   const colourOf = (index) => (index === 0 ? "own" : "other");
   state.planes.forEach((one, i) => { // goals
     if (!decides(i) || state.gone[i]) return;
@@ -392,7 +424,7 @@ const FINEST = 8, LEVELS = [4, 2, 1]; // px between two places; times that
 function colourMap(until) {
   if (!get("map").checked || start.length < 2) return (map = null);
   const state = now(), { width, height, scale } = view();
-  const key = JSON.stringify([state.planes, width, height, chosen]);
+  const key = JSON.stringify([state.planes, areas, width, height, chosen]);
   if (!map || (map.key !== key && map.level > 0)) {
     const [own, ...others] = state.planes;
     const away = (one) => Math.hypot(one.x - own.x, one.y - own.y);
@@ -405,7 +437,7 @@ function colourMap(until) {
   while (map.level < LEVELS.length && performance.now() < until) {
     const { size, work, next } = map, column = next % work.width, row = Math.floor(next / work.width);
     const x = ((column + 0.5) * size - map.width / 2) / map.scale, y = (map.height / 2 - (row + 0.5) * size) / map.scale;
-    const [, turn] = command(map.own, [{ ...map.moved, x, y }, ...map.rest], map.own.goalX, map.own.goalY, aircraft);
+    const [, turn] = command(map.own, [{ ...map.moved, x, y }, ...map.rest, ...standing(map.own)], map.own.goalX, map.own.goalY, aircraft);
     map.pen.globalAlpha = 0.42 * Math.abs(turn);
     map.pen.fillStyle = colours[turn > 0 ? "left" : "right"];
     map.pen.fillRect(column, row, 1, 1);
@@ -435,20 +467,22 @@ function grips() {
     button.className = `grip ${part}`;
     Object.assign(button.dataset, { index, part });
     if (part === "tip") button.tabIndex = -1;
-    button.style.zIndex = { tip: 20, plane: 10 - index, goal: 0 }[part];
+    button.style.zIndex = { tip: 20, plane: 10 - index, goal: 0, area: 0 }[part];
     button.setAttribute("aria-label", label);
     button.addEventListener("pointerdown", take);
     button.addEventListener("pointermove", drag);
     for (const name of ["pointerup", "pointercancel"]) button.addEventListener(name, () => ((held = null), wake()));
     button.addEventListener("keydown", press);
-    button.addEventListener("focus", () => select(index));
+    if (part !== "area") button.addEventListener("focus", () => select(index));
     return button;
   };
   group.replaceChildren(
     ...start.map((_, i) => grip("", i, "plane")),
     grip("Goal of the ownship; arrows move it", 0, "goal"),
     grip("Course and speed of the chosen aircraft", -1, "tip"),
+    ...areas.map((_, i) => grip(`Area ${i + 1}; arrows move it, with Shift they change its size`, i, "area")),
   );
+  get("clear").disabled = !areas.length;
   get("count").textContent = start.length - 1;
   get("fewer").disabled = start.length <= 2;
   get("more").disabled = start.length > MOST;
@@ -457,10 +491,11 @@ function grips() {
 
 function moveGrips(state, place) {
   for (const button of get("grips").children) {
-    const index = button.dataset.part === "tip" ? chosen : Number(button.dataset.index), one = state.planes[index];
-    button.hidden = !one || state.gone[index];
+    const area = button.dataset.part === "area";
+    const index = button.dataset.part === "tip" ? chosen : Number(button.dataset.index), one = (area ? areas : state.planes)[index];
+    button.hidden = !one || (!area && state.gone[index]);
     if (button.hidden) continue;
-    const [x, y] = { goal: () => place(one.goalX, one.goalY), tip: () => tipOf(one, place), plane: () => place(one.x, one.y) }[button.dataset.part]();
+    const [x, y] = { goal: () => place(one.goalX, one.goalY), tip: () => tipOf(one, place), plane: () => place(one.x, one.y), area: () => place(one.x, one.y) }[button.dataset.part]();
     button.style.transform = `translate(${x}px, ${y}px)`;
   }
 }
@@ -487,18 +522,24 @@ function relabel() {
 
 function take(event) {
   const { index, part } = event.currentTarget.dataset;
-  select(Number(index));
+  if (part !== "area") select(Number(index));
   held = { part, index: part === "tip" ? chosen : Number(index) };
   event.currentTarget.setPointerCapture(event.pointerId);
   event.preventDefault();
   event.currentTarget.focus({ preventScroll: true });
 }
 
+function pointed(event) { // at which place of the map
+  const { scale, width, height } = view(), box = sky.box.getBoundingClientRect();
+  return [(event.clientX - box.left - width / 2) / scale, (height / 2 - (event.clientY - box.top)) / scale];
+}
+
 function drag(event) {
   if (!held) return;
-  const { scale, width, height } = view(), box = sky.box.getBoundingClientRect();
-  const x = (event.clientX - box.left - width / 2) / scale, y = (height / 2 - (event.clientY - box.top)) / scale;
+  const { scale } = view(), [x, y] = pointed(event);
   edit(() => {
+    if (held.part === "size") return void (areas[held.index].radius = Math.max(SMALLEST, Math.hypot(x - areas[held.index].x, y - areas[held.index].y)));
+    if (held.part === "area") return void Object.assign(areas[held.index], { x, y });
     const one = start[held.index];
     if (held.part === "goal") [one.goalX, one.goalY] = [x, y];
     else if (held.part === "plane") [one.x, one.y] = [x, y];
@@ -513,7 +554,8 @@ function drag(event) {
 function press(event) {
   const index = Number(event.currentTarget.dataset.index), { part } = event.currentTarget.dataset;
   const [x, y] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key] ?? [0, 0];
-  if (event.key === "Delete" && part === "plane" && index > 0 && start.length > 2) remove(index);
+  if (part === "area" && (x || y || event.key === "Delete")) changeArea(index, x, y, event);
+  else if (event.key === "Delete" && part === "plane" && index > 0 && start.length > 2) remove(index);
   else if (x || y) {
     edit(() => {
       const one = start[index];
@@ -524,6 +566,27 @@ function press(event) {
     });
     select(index);
   } else return;
+  event.preventDefault();
+}
+
+function changeArea(index, x, y, { key, shiftKey }) {
+  const one = areas[index];
+  edit(() => {
+    if (key === "Delete") areas.splice(index, 1);
+    else if (shiftKey) one.radius = Math.max(SMALLEST, one.radius + 0.25 * (x + y));
+    else (one.x += 0.25 * x), (one.y += 0.25 * y);
+  });
+  if (key !== "Delete") return;
+  grips();
+  get("draw").focus();
+}
+
+// An area is drawn from its middle to its edge, where no aircraft is.
+function drawArea(event) {
+  const [x, y] = pointed(event);
+  held = { part: "size", index: areas.length };
+  edit(() => areas.push({ x, y, radius: SMALLEST }));
+  sky.box.setPointerCapture(event.pointerId);
   event.preventDefault();
 }
 
@@ -562,7 +625,7 @@ function frame(moment) {
 
 // Where the policy will lose the separation: tries other manoeuvres, and returns whether there are more to try.
 function lookElsewhere(until) {
-  if (changed || !line.done || everyone() || line.least.distance >= 1) {
+  if (changed || !line.done || everyone() || areas.length || line.least.distance >= 1) {
     search = null;
     return false;
   }
@@ -590,7 +653,7 @@ function play(on) {
 
 function paint() { // colours of the style sheet, light or dark
   const style = getComputedStyle(document.documentElement);
-  for (const name of ["sky", "grid", "ink", "soft", "own", "other", "goal", "lost", "left", "right", "line"]) colours[name] = style.getPropertyValue(`--${name}`).trim();
+  for (const name of ["sky", "grid", "ink", "soft", "own", "other", "goal", "lost", "left", "right", "line", "area"]) colours[name] = style.getPropertyValue(`--${name}`).trim();
   map = null;
   wake();
 }
@@ -642,8 +705,25 @@ document.addEventListener("keydown", (event) => {
 });
 sky.box.addEventListener("pointerdown", (event) => {
   if (event.target.closest(".grip")) return;
+  if (drawing) return drawArea(event);
   chosen = -1;
   wake();
+});
+sky.box.addEventListener("pointermove", (event) => held?.part === "size" && drag(event));
+for (const name of ["pointerup", "pointercancel"]) sky.box.addEventListener(name, () => {
+  if (held?.part !== "size") return;
+  held = null;
+  grips();
+  wake();
+});
+get("draw").addEventListener("click", () => {
+  drawing = !drawing;
+  get("draw").setAttribute("aria-pressed", drawing);
+  sky.box.classList.toggle("drawing", drawing);
+});
+get("clear").addEventListener("click", () => {
+  edit(() => areas.splice(0));
+  grips();
 });
 new ResizeObserver(wake).observe(sky.box);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);
