@@ -248,60 +248,18 @@ def check(options: Options) -> None:
     """
     if not isinstance(options, Options):
         raise RequestError("options", f"is {type(options).__name__}, expected Options")
-    for name, kind in _KINDS.items():
-        value = attrgetter(name)(options)
-        if not isinstance(value, kind):
-            expected = "True or False" if kind is bool else kind.__name__
-            raise RequestError(f"options.{name}", f"is {quote(value)}, expected {expected}")
-    aircraft = options.aircraft
-    numbers = {name: getattr(aircraft, name) for name in aircraft._fields}
-    for group in ("limits", "vehicle"):
-        limits = numbers.pop(group)
-        if limits is not None:
-            numbers |= {f"{group}.{name}": value for name, value in limits._asdict().items()}
-    for name, value in numbers.items():
-        real(f"options.aircraft.{name}", value, -math.inf, math.inf, "")
-    try:
-        new_aircraft(**options.aircraft._asdict())
-    except AircraftError as problem:
-        raise RequestError("options.aircraft", f"cannot be: {problem}") from None
+    _check_kinds(options)
+    _check_aircraft(options.aircraft)
     for name, low, high, step in (
         ("waypoints", 4, 400, 1),
         ("spacing", EVERY, 400, EVERY),
         ("goals", 1, 100, 1),
     ):
-        value = getattr(options, name)
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int)
-            or not low <= value <= high
-            or value % step
-        ):
-            expected = f"an integer from {low} to {high}" + (
-                f", a multiple of {step}" if step > 1 else ""
-            )
-            raise RequestError(f"options.{name}", f"is {quote(value)}, expected {expected}")
+        _check_whole(f"options.{name}", getattr(options, name), low, high, step)
     if options.last_free > LONGEST:
         what = f"makes plans of {options.last_free:g} s and more, expected {LONGEST:g} s at most"
         raise RequestError("options.spacing", what)
-    ranges: list[tuple[str, float, float, str]] = [
-        ("requirement.separation", 1.0, 1e6, "m"),
-        ("requirement.margin", 0.0, 50.0 * options.aircraft.separation, "m"),
-        ("requirement.sigmas", 0.0, 10.0, "sigmas"),
-        ("rejoin_by", options.interval, options.latest_rejoin, "s"),
-        ("vertical_filter", 0.0, 50_000.0, "m"),
-        ("unknown_climb", 0.0, 100.0, "m/s"),
-        ("max_age", 0.0, 60.0 * options.aircraft.dt, "s"),
-        ("fallback_cost_threshold", 0.0, math.inf, "m"),
-        ("deadline_s", 0.0, math.inf, "s"),
-    ]
-    ranges += [
-        (f"{of}.{name}", *bounds)
-        for of in ("limits", "manoeuvre")
-        for name, bounds in _LIMITS.items()
-    ]
-    for name, low, high, unit in ranges:
-        real(f"options.{name}", attrgetter(name)(options), low, high, unit)
+    _check_numbers(options)
     for name, limits in (("limits", options.limits), ("manoeuvre", options.manoeuvre)):
         if limits.speed_min >= limits.speed_max:
             what = (
@@ -316,3 +274,56 @@ def check(options: Options) -> None:
             f"{options.last_free:.0f} s"
         )
         raise RequestError("options.manoeuvre.yaw_rate_max", what)
+
+
+def _check_kinds(options: Options) -> None:
+    """Refuse an option of another type."""
+    for name, kind in _KINDS.items():
+        value = attrgetter(name)(options)
+        if not isinstance(value, kind):
+            expected = "True or False" if kind is bool else kind.__name__
+            raise RequestError(f"options.{name}", f"is {quote(value)}, expected {expected}")
+
+
+def _check_aircraft(aircraft: Aircraft) -> None:
+    """Refuse an aircraft that cannot be."""
+    numbers = aircraft._asdict()
+    for group in ("limits", "vehicle"):
+        limits = numbers.pop(group)
+        if limits is not None:
+            numbers |= {f"{group}.{name}": value for name, value in limits._asdict().items()}
+    for name, value in numbers.items():
+        real(f"options.aircraft.{name}", value, -math.inf, math.inf, "")
+    try:
+        new_aircraft(**aircraft._asdict())
+    except AircraftError as problem:
+        raise RequestError("options.aircraft", f"cannot be: {problem}") from None
+
+
+def _check_whole(name: str, value: Any, low: int, high: int, step: int) -> None:
+    """Refuse a number that is not whole, not in [low, high] or no multiple of a step."""
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    if not whole or not low <= value <= high or value % step:
+        expected = f"an integer from {low} to {high}"
+        expected += f", a multiple of {step}" if step > 1 else ""
+        raise RequestError(name, f"is {quote(value)}, expected {expected}")
+
+
+def _check_numbers(options: Options) -> None:
+    """Refuse a number that is out of range."""
+    unit, dt = options.aircraft.separation, options.aircraft.dt
+    ranges: list[tuple[str, float, float, str]] = [
+        ("requirement.separation", 1.0, 1e6, "m"),
+        ("requirement.margin", 0.0, 50.0 * unit, "m"),
+        ("requirement.sigmas", 0.0, 10.0, "sigmas"),
+        ("rejoin_by", options.interval, options.latest_rejoin, "s"),
+        ("vertical_filter", 0.0, 50_000.0, "m"),
+        ("unknown_climb", 0.0, 100.0, "m/s"),
+        ("max_age", 0.0, 60.0 * dt, "s"),
+        ("fallback_cost_threshold", 0.0, math.inf, "m"),
+        ("deadline_s", 0.0, math.inf, "s"),
+    ]
+    for of in ("limits", "manoeuvre"):
+        ranges += [(f"{of}.{name}", *bounds) for name, bounds in _LIMITS.items()]
+    for name, low, high, unit_of in ranges:
+        real(f"options.{name}", attrgetter(name)(options), low, high, unit_of)
