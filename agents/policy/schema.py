@@ -192,67 +192,83 @@ def check_metadata(document: Any, source: str) -> None:
     """Raise :class:`PolicyFileError` unless the metadata has the schema's fields, types and
     values.
     """
-
-    def demand(holds: bool, name: str, value: Any, expected: str) -> None:
-        if not holds:
-            raise PolicyFileError(
-                f"{source}: metadata.{name} is {_brief(value)}, expected {expected}"
-            )
-
     schema = document.get("schema") if isinstance(document, dict) else None
     fields = {1: _FIELDS, 2: _SET_FIELDS, 3: _EXTENDED_FIELDS}
     schemas = (SCHEMA, *SET_SCHEMAS)
+    demand = _Demand(source)
     demand(schema in schemas, "schema", schema, " or ".join(map(str, schemas)))
     of_set = schema in SET_SCHEMAS
     _check_fields(document, fields[document["schema"]["version"]], "metadata", source)
     if schema == EXTENDED_SCHEMA:
         _check_inputs(document["inputs"], source)
-    architecture, training = document["architecture"], document["training"]
-    fixed = {"architecture.activation": (architecture["activation"], "tanh")}
-    fixed |= {"architecture.output": (architecture["output"], "clip")}
-    fixed |= {
-        "training.config_sha256": (training["config_sha256"], sha256(canonical(training["config"])))
-    }
-    for name, contract in (
-        ("scene", SCENE) if of_set else ("observation", OBSERVATION),
-        ("action", ACTION),
-    ):
-        keys = sorted(contract.keys() | document[name].keys())
-        fixed |= {f"{name}.{key}": (document[name].get(key), contract.get(key)) for key in keys}
-    for name, (value, expected) in fixed.items():
-        demand(value == expected, name, value, _brief(expected))
+    _check_contracts(document, of_set, demand)
+    architecture = document["architecture"]
     for name in ("hidden", "encoder") if of_set else ("hidden",):
         widths = architecture[name]
         good = 1 <= len(widths) <= _MAX_LAYERS and all(
             _is(w, int) and 1 <= w <= _MAX_WIDTH for w in widths
         )
-        demand(
-            good, f"architecture.{name}", widths, f"1 to {_MAX_LAYERS} widths of 1 to {_MAX_WIDTH}"
-        )
-    limits = Limits(**document["limits"])
+        expected = f"1 to {_MAX_LAYERS} widths of 1 to {_MAX_WIDTH}"
+        demand(good, f"architecture.{name}", widths, expected)
     if of_set:
-        intruders = architecture["intruders"]
-        demand(
-            1 <= intruders <= _MAX_INTRUDERS,
-            "architecture.intruders",
-            intruders,
-            f"1 to {_MAX_INTRUDERS}",
-        )
-        try:
-            new_aircraft(limits, **document["task"])
-        except AircraftError as error:
-            raise PolicyFileError(f"{source}: metadata.task: {error}") from None
-        for name, bounds in document["family"].items():
-            good = (
-                len(bounds) == 2 and all(_is(b, float) for b in bounds) and bounds[0] <= bounds[1]
-            )
-            demand(good, f"family.{name}", bounds, "[lowest, highest]")
+        _check_family(document, demand)
     else:
-        feature_set = architecture["feature_set"]
-        known = ", ".join(FEATURE_SETS)
-        demand(
-            feature_set in FEATURE_SETS, "architecture.feature_set", feature_set, f"one of {known}"
-        )
+        feature_set, known = architecture["feature_set"], f"one of {', '.join(FEATURE_SETS)}"
+        demand(feature_set in FEATURE_SETS, "architecture.feature_set", feature_set, known)
+    _check_limits(document, demand)
+    steps = document["training"]["steps"]
+    demand(steps >= 0, "training.steps", steps, "0 or more")
+    for name, version in document["versions"].items():
+        demand(isinstance(version, str), f"versions.{name}", version, "a string")
+
+
+class _Demand(NamedTuple):
+    """What the metadata of a source must hold."""
+
+    source: str
+
+    def __call__(self, holds: bool, name: str, value: Any, expected: str) -> None:
+        """Raise a PolicyFileError about a value unless something holds."""
+        if not holds:
+            what = f"is {_brief(value)}, expected {expected}"
+            raise PolicyFileError(f"{self.source}: metadata.{name} {what}")
+
+
+def _check_contracts(document: Mapping[str, Any], of_set: bool, demand: _Demand) -> None:
+    """Demand what is the same in all policies: what they see, what they do, and how."""
+    architecture, training = document["architecture"], document["training"]
+    digest = sha256(canonical(training["config"]))
+    fixed = {
+        "architecture.activation": (architecture["activation"], "tanh"),
+        "architecture.output": (architecture["output"], "clip"),
+        "training.config_sha256": (training["config_sha256"], digest),
+    }
+    seen = ("scene", SCENE) if of_set else ("observation", OBSERVATION)
+    for name, contract in (seen, ("action", ACTION)):
+        keys = sorted(contract.keys() | document[name].keys())
+        fixed |= {f"{name}.{key}": (document[name].get(key), contract.get(key)) for key in keys}
+    for name, (value, expected) in fixed.items():
+        demand(value == expected, name, value, _brief(expected))
+
+
+def _check_family(document: Mapping[str, Any], demand: _Demand) -> None:
+    """Demand what a policy for any number of intruders and a family of aircraft says of them."""
+    count = document["architecture"]["intruders"]
+    most = f"1 to {_MAX_INTRUDERS}"
+    demand(1 <= count <= _MAX_INTRUDERS, "architecture.intruders", count, most)
+    try:
+        new_aircraft(Limits(**document["limits"]), **document["task"])
+    except AircraftError as error:
+        raise PolicyFileError(f"{demand.source}: metadata.task: {error}") from None
+    for name, bounds in document["family"].items():
+        numbers = len(bounds) == 2 and all(_is(b, float) for b in bounds)
+        good = numbers and bounds[0] <= bounds[1]
+        demand(good, f"family.{name}", bounds, "[lowest, highest]")
+
+
+def _check_limits(document: Mapping[str, Any], demand: _Demand) -> None:
+    """Demand limits that a vehicle can have."""
+    limits = Limits(**document["limits"])
     possible = (
         0.0 <= limits.speed_min < limits.speed_max <= FASTEST.speed_max
         and FASTEST.acceleration_min <= limits.acceleration_min < 0.0 < limits.acceleration_max
@@ -260,13 +276,10 @@ def check_metadata(document: Any, source: str) -> None:
         and _LEAST_YAW_RATE <= limits.yaw_rate_max <= FASTEST.yaw_rate_max
     )
     expected = (
-        f"speed_min below speed_max, a yaw rate of at least {_LEAST_YAW_RATE}, and none "
-        f"beyond {tuple(FASTEST)}"
+        f"those of a vehicle: speed_min below speed_max, a yaw rate of at least {_LEAST_YAW_RATE}, "
+        f"and none beyond {tuple(FASTEST)}"
     )
-    demand(possible, "limits", document["limits"], f"those of a vehicle: {expected}")
-    demand(training["steps"] >= 0, "training.steps", training["steps"], "0 or more")
-    for name, version in document["versions"].items():
-        demand(isinstance(version, str), f"versions.{name}", version, "a string")
+    demand(possible, "limits", document["limits"], expected)
 
 
 def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ...]]:
