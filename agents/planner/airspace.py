@@ -175,7 +175,7 @@ def _round(
         bent |= len(way) > 1
         found += [(at.x - drift[0] * at.time, at.y - drift[1] * at.time, -1) for at in way[:-1]]
         found.append((to_x, to_y, of))
-        here = way[-1] if way else _arrival(here, to_x, to_y, drift, sky.speed)
+        here = way[-1] if way else sky.straight(here, to_x, to_y, drift)
     if not bent:
         return request
     route_x, route_y, of_route = (np.array([each]) for each in zip(*found, strict=True))
@@ -197,15 +197,6 @@ def _ahead(request: Request, first: int, options: Options) -> tuple[Any, Any, An
         x, y = np.append(x, x[-1] + step * dx), np.append(y, y[-1] + step * dy)
         number = np.append(number, last + 1 + np.arange(step.size))
     return x[first:], y[first:], number[first:]
-
-
-def _arrival(here: Place, x: float, y: float, drift: tuple[float, ...], speed: float) -> Place:
-    """Return where a point would be reached on the straight way, whatever is in it."""
-    time = here.time
-    for _ in range(3):
-        away = np.hypot(x + drift[0] * time - here.x, y + drift[1] * time - here.y)
-        time = here.time + float(away) / speed
-    return Place(x + drift[0] * time, y + drift[1] * time, time)
 
 
 def _reach(request: Request, own: VehicleState) -> Any:

@@ -83,6 +83,14 @@ class Airspace(NamedTuple):
                 heapq.heappush(queue, (best[n] + left / self.speed, n))
         return []
 
+    def straight(self, here: Place, x: float, y: float, drift: tuple[float, float]) -> Place:
+        """Return where a point given at the request is met on the straight way, whatever is in
+        it.
+        """
+        to, velocity = np.array([[x], [y]]), np.array([[drift[0]], [drift[1]]])
+        there_x, there_y, arrival = self._reach(here, (to[0], to[1]), (velocity[0], velocity[1]))
+        return Place(float(there_x[0]), float(there_y[0]), float(arrival[0]))
+
     def _reach(
         self, here: Place, to: tuple[Any, Any], velocity: tuple[Any, Any]
     ) -> tuple[Any, Any, Any]:
