@@ -15,7 +15,7 @@ from agents.planner.options import Options
 from agents.planner.request import Request
 from agents.planner.traffic import Traffic, predict, uncertainty
 from envs.kinematics import VehicleState, velocity
-from envs.trees import column, map_leaves, take
+from envs.trees import column, map_leaves, scatter, take
 from envs.wind import aim_point
 
 CROWD = 16
@@ -26,14 +26,20 @@ the goal.
 _STRAIGHT = 1e-6  # rad between two legs of a route that are one
 
 
-class Beyond(NamedTuple):
-    """The routes of requests beyond their goals, ``[N, L]``, and the intruders, ``[N, K]``."""
+class _Legs(NamedTuple):
+    """Straight legs of routes; fields ``[N, L]``, or numbers of one."""
 
-    x: Any  # where a leg begins, m
+    x: Any  # where each begins, m
     y: Any
     course: Any  # rad
     begin: Any  # length of the route from the point after the goal to there, m
-    length: Any  # of the leg, m; 0: none
+    length: Any  # m; 0: none
+
+
+class Beyond(NamedTuple):
+    """The routes of requests beyond their goals, and the intruders, ``[N, K]``."""
+
+    legs: _Legs
     next_x: Any  # the point after the goal, m, [N]; the goal itself where there is none
     next_y: Any
     points: Any  # lengths of the route from there to its points, m, [N, P]; inf: none
@@ -98,13 +104,14 @@ class Beyond(NamedTuple):
             np.stack([at_goal, turned], axis=-1),
             np.stack([turned, at_next], axis=-1),
         )
-        x, y, course, begin, length = take(tuple(self[:5]), owner)
+        legs = take(self.legs, owner)
         pace = speed[:, None]
         reached = at_next[:, None] + self.points[owner] / pace
         end = np.min(reached, axis=1, where=reached >= self.until, initial=np.inf)
-        first = at_next[:, None] + begin / pace
-        last = np.minimum(first + length / pace, end[:, None])
-        rest = _Lines(x, y, pace * np.cos(course), pace * np.sin(course), first, last)
+        first = at_next[:, None] + legs.begin / pace
+        last = np.minimum(first + legs.length / pace, end[:, None])
+        vx, vy = pace * np.cos(legs.course), pace * np.sin(legs.course)
+        rest = _Lines(legs.x, legs.y, vx, vy, first, last)
         return map_leaves(lambda *both: np.concatenate(both, axis=-1), lines, rest)
 
 
@@ -131,13 +138,15 @@ def beyond(request: Request, goal: Any, options: Options) -> Beyond:
         own, (request.route_x, request.route_y), drift, options.finished_by, np
     )
     each = [
-        _legs(route_x[row, first:last], route_y[row, first:last])
+        _legs_of(route_x[row, first:last], route_y[row, first:last])
         for row, (first, last) in enumerate(zip(after, request.points, strict=True))
     ]
     most = max(len(legs) for legs, _ in each)
-    legs, points = np.zeros((goal.size, most, 5)), np.full(route_x.shape, np.inf)
+    legs = _Legs(*np.zeros((len(_Legs._fields), goal.size, most)))
+    points = np.full(route_x.shape, np.inf)
     for row, (found, along) in enumerate(each):
-        legs[row, : len(found)] = np.reshape(found, (len(found), 5))
+        for number, leg in enumerate(found):
+            scatter(legs, (row, number), leg)
         points[row, : len(along)] = along
     traffic = request.traffic
     turned = predict(traffic, traffic.turn_time)
@@ -145,35 +154,27 @@ def beyond(request: Request, goal: Any, options: Options) -> Beyond:
     straight = turned._replace(
         x=turned.x - vx * traffic.turn_time, y=turned.y - vy * traffic.turn_time
     )
-    x, y, course, begin, length = np.moveaxis(legs, -1, 0)
     return Beyond(
-        x,
-        y,
-        course,
-        begin,
-        length,
-        route_x[rows, after],
-        route_y[rows, after],
-        points,
-        traffic,
-        straight,
-        options.requirement.sigmas,
-        options.finished_by,
+        legs=legs,
+        next_x=route_x[rows, after],
+        next_y=route_y[rows, after],
+        points=points,
+        traffic=traffic,
+        straight=straight,
+        sigmas=options.requirement.sigmas,
+        until=options.finished_by,
     )
 
 
-def _legs(x: Any, y: Any) -> tuple[list[tuple[float, ...]], Any]:
-    """Return the legs of a route (x, y, course, begin, length), those on one line as one, and the
-    lengths to its points.
-    """
+def _legs_of(x: Any, y: Any) -> tuple[list[_Legs], Any]:
+    """Return the legs of a route, those on one line as one, and the lengths to its points."""
     lengths = np.hypot(np.diff(x), np.diff(y))
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     courses = np.arctan2(np.diff(y), np.diff(x))
-    found: list[tuple[float, ...]] = []
+    found: list[_Legs] = []
     for number, (course, length) in enumerate(zip(courses, lengths, strict=True)):
-        if found and abs(math.remainder(course - found[-1][2], math.tau)) < _STRAIGHT:
-            *start, before = found.pop()
-            found.append((*start, before + length))
+        if found and abs(math.remainder(course - found[-1].course, math.tau)) < _STRAIGHT:
+            found[-1] = found[-1]._replace(length=found[-1].length + length)
         else:
-            found.append((x[number], y[number], course, along[number], length))
+            found.append(_Legs(x[number], y[number], course, along[number], length))
     return found, along

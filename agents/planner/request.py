@@ -143,14 +143,7 @@ def check_request(
     x, y = _route(route)
     blows = 0.0 if wind is None else wind.speed
     end = float(options.latest_end(state.speed, x, y, wind=blows))
-    excluded = []
-    for number, report in enumerate(reports):
-        above = _vertically_apart(own_altitude, report, end, options)
-        far = _out_of_reach(state, report, end, options) if above is None else None
-        if above is not None:
-            excluded.append(Excluded(number, above, end))
-        elif far is not None:
-            excluded.append(Excluded(number, far, end, Apart.FAR))
+    excluded = _out_of_the_way(state, reports, own_altitude, end, options)
     out = {one.number for one in excluded}
     kept = [number for number in range(len(reports)) if number not in out]
     seen, age = arrays_of_reports([reports[number] for number in kept])
@@ -167,7 +160,27 @@ def check_request(
     one = VehicleState(*(np.array([value]) for value in state))
     drift = None if wind is None else (np.array([-wind.east]), np.array([-wind.north]))
     request = Request(one, traffic, x[None], y[None], np.array([x.size]), drift)
-    return request, tuple(excluded), kept
+    return request, excluded, kept
+
+
+def _out_of_the_way(
+    own: VehicleState,
+    reports: Sequence[Intruder],
+    own_altitude: Altitude | None,
+    end: float,
+    options: Options,
+) -> tuple[Excluded, ...]:
+    """Return the intruders that cannot come near until the plan's end, s, and why."""
+    excluded = list[Excluded]()
+    for number, report in enumerate(reports):
+        above = _vertically_apart(own_altitude, report, end, options)
+        if above is not None:
+            excluded.append(Excluded(number, above, end))
+            continue
+        far = _out_of_reach(own, report, end, options)
+        if far is not None:
+            excluded.append(Excluded(number, far, end, Apart.FAR))
+    return tuple(excluded)
 
 
 def latest_end(request: Request, options: Options) -> Any:
