@@ -169,7 +169,8 @@ def _run(main: Callable[[], int | None] | str) -> int:
     if sys.argv[1:] == ["--version"]:  # also where the command itself cannot be imported
         print(_version())
         return 0
-    if refusal := foreign():
+    refusal = foreign()
+    if refusal:
         raise InputError(refusal)
     if not isinstance(main, str):
         return main() or 0
