@@ -3,7 +3,7 @@
 import math
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import datetime, timedelta, timezone
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ OFF = 0.5
 """By how much an edge may leave the line that the file means, m."""
 
 _MOST = 100_000  # areas or points of a file
+_UTMOST_ZONES = timezone(timedelta(hours=14)), timezone(timedelta(hours=-12))
 
 
 class Period(NamedTuple):
@@ -176,10 +177,21 @@ def polygon(value: Any, where: str) -> tuple[tuple[Place, ...], ...]:
     return tuple(ring(each, f"{where}[{n}]", longitude_first=True) for n, each in enumerate(rings))
 
 
-def date(value: Any, where: str) -> datetime | None:
-    """Return a date of a file with its zone, that of Greenwich where it has none; None where it is
-    None or empty.
+def period(begin: Any, end: Any, where: str, names: tuple[str, str]) -> Period:
+    """Return when an area is valid from the dates of a file, which are None or empty where there
+    are none; ``names`` are theirs.
+
+    A date without its zone may be of any on earth: it begins at the first, and ends at the last.
     """
+    began, ended = (
+        _date(value, f"{where}{name}", zone)
+        for value, name, zone in zip((begin, end), names, _UTMOST_ZONES, strict=True)
+    )
+    return Period(began, ended)
+
+
+def _date(value: Any, where: str, zone: timezone) -> datetime | None:
+    """Return a date of a file, in a zone where it names none."""
     if value is None or value == "":
         return None
     try:
@@ -188,7 +200,7 @@ def date(value: Any, where: str) -> datetime | None:
         raise AreaError(
             f"{where}: is {value!r:.60}, expected a date such as 2026-11-27T16:00:00Z"
         ) from None
-    return found if found.tzinfo is not None else found.replace(tzinfo=UTC)
+    return found if found.tzinfo is not None else found.replace(tzinfo=zone)
 
 
 def hull(periods: Sequence[Period]) -> Period:

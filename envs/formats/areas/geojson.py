@@ -20,10 +20,9 @@ from envs.edge.files import write_file
 from envs.formats.areas.geodetic import (
     OFF,
     GeodeticArea,
-    Period,
-    date,
     level,
     number,
+    period,
     place,
     polygon,
     record,
@@ -99,10 +98,9 @@ def _common(properties: dict[str, Any], where: str) -> GeodeticArea:
         more["velocity"] = tuple(
             number(properties.get(key, 0.0), f"{where}, {key}") for key in _VELOCITY
         )
-    period = Period(
-        *(date(properties.get(key), f"{where}, {key}") for key in ("valid_from", "valid_until"))
-    )
-    for date_of, field in zip(period, ("valid_from", "valid_until"), strict=True):
+    begin, end = properties.get("valid_from"), properties.get("valid_until")
+    valid = period(begin, end, f"{where}, ", ("valid_from", "valid_until"))
+    for date_of, field in zip(valid, ("valid_from", "valid_until"), strict=True):
         if date_of is not None and field in more:
             raise AreaError(f"{where}, {field}: is given twice, also as {_NUMBERS[field]}")
     limits = []
@@ -118,7 +116,7 @@ def _common(properties: dict[str, Any], where: str) -> GeodeticArea:
         keep=Keep(keep),
         floor=limits[0],
         ceiling=limits[1],
-        period=period,
+        period=valid,
         name=text(properties.get("name") or "", f"{where}, name"),
         more=more,
     )

@@ -13,10 +13,10 @@ from envs.formats.areas.geodetic import (
     FOOT,
     GeodeticArea,
     Period,
-    date,
     hull,
     level,
     number,
+    period,
     place,
     polygon,
     record,
@@ -62,12 +62,12 @@ def areas_of_ed269(
         name = text(zone.get("name") or zone.get("identifier") or "", f"{where}, name")
         if _is_free(zone.get("restriction"), f"{where}, restriction", permitted):
             continue
-        period = _period(zone.get("applicability"), f"{where}, applicability")
+        valid = _validity(zone.get("applicability"), f"{where}, applicability")
         volumes = rows(zone.get("geometry"), f"{where}, geometry")
         for m, volume in enumerate(volumes):
             at = f"{where}, geometry[{m}]"
             one = _of_volume(record(volume, at), at)
-            found.append(one._replace(name=name, period=period))
+            found.append(one._replace(name=name, period=valid))
     return found
 
 
@@ -82,7 +82,7 @@ def areas_of_ed318(
         properties = record(zone.get("properties"), f"{where}, properties")
         if _is_free(properties.get("type"), f"{where}, type", permitted):
             continue
-        period = _period(properties.get("limitedApplicability"), f"{where}, limitedApplicability")
+        valid = _validity(properties.get("limitedApplicability"), f"{where}, limitedApplicability")
         name = _name(properties, f"{where}, name")
         shape = record(zone.get("geometry"), f"{where}, geometry")
         parts = [shape]
@@ -91,7 +91,7 @@ def areas_of_ed318(
         for m, part in enumerate(parts):
             at = f"{where}, geometry" if len(parts) == 1 else f"{where}, geometries[{m}]"
             found += [
-                one._replace(name=name, period=period) for one in _of_layer(record(part, at), at)
+                one._replace(name=name, period=valid) for one in _of_layer(record(part, at), at)
             ]
     return found
 
@@ -105,19 +105,19 @@ def _is_free(value: Any, where: str, permitted: Collection[str]) -> bool:
     return restriction == FREE or restriction in permitted
 
 
-def _period(value: Any, where: str) -> Period:
+def _validity(value: Any, where: str) -> Period:
     """Return when a zone may apply."""
     periods = []
     for n, each in enumerate(rows([] if value is None else value, where)):
         limits = record(each, f"{where}[{n}]")
         if limits.get("permanent") == "YES":
             return Period()
-        begin, end = (
-            date(limits.get(key), f"{where}[{n}].{key}") for key in ("startDateTime", "endDateTime")
-        )
-        if begin is not None and end is not None and begin >= end:
+        names = "startDateTime", "endDateTime"
+        begin, end = (limits.get(name) for name in names)
+        found = period(begin, end, f"{where}[{n}].", names)
+        if found.begin is not None and found.end is not None and found.begin >= found.end:
             raise AreaError(f"{where}[{n}]: ends before it begins, expected endDateTime later")
-        periods.append(Period(begin, end))
+        periods.append(found)
     return hull(periods)
 
 
@@ -154,7 +154,8 @@ def _of_volume(volume: dict[str, Any], where: str) -> GeodeticArea:
 
 def _of_layer(shape: dict[str, Any], where: str) -> list[GeodeticArea]:
     layer = record(shape.get("layer", {}), f"{where}.layer")
-    unit = _unit(layer.get("uom", "m"), f"{where}.layer.uom")
+    stated = layer.get("lower") is not None or layer.get("upper") is not None
+    unit = _unit(layer.get("uom"), f"{where}.layer.uom") if stated else 1.0
     floor, ceiling = (
         _limit(layer.get(side), layer.get(f"{side}Reference"), unit, f"{where}.layer.{side}")
         for side in ("lower", "upper")

@@ -448,6 +448,10 @@ def change(content: Any, path: str, value: Any) -> Any:
             change(ED318, "features/0/geometry/geometries/1/extent", {"subType": "Arc"}),
             r"extent.subType: is 'Arc', expected Circle",
         ),
+        (
+            change(ED318, "features/0/geometry/geometries/0/layer/uom", None),
+            r"layer.uom: is None, expected a text",
+        ),
         (change(ED318, "features/0/properties/type", 1), r"type: is 1, expected a text"),
         (change(PLAN, "geoFence/version", 1), r"geoFence.version: is 1, expected 2"),
         (
@@ -480,3 +484,10 @@ def test_what_cannot_be_used_is_refused(
 def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(AreaError, match=r"there is no such file"):
         read_areas(tmp_path / "none.geojson", HERE)
+
+
+def test_a_date_without_its_zone_may_be_of_any(stored: Callable[[Any], Path]) -> None:
+    begin, end = (f"features/0/applicability/0/{name}" for name in ("startDateTime", "endDateTime"))
+    content = change(change(ED269, begin, "2026-11-27T12:00:30"), end, "2026-11-27T13:00:00")
+    area = read_areas(stored(content), HERE, time=NOON)[0]
+    assert (area.valid_from, area.valid_until) == (30.0 - 14 * 3600.0, 3600.0 + 12 * 3600.0)
