@@ -23,6 +23,7 @@ from benchmarks.icarous.missions import CLEARANCE, CRUISE, Mission
 from envs.aircraft import Aircraft
 from envs.areas import Keep, Polygon
 from envs.edge.command import InputError
+from envs.edge.json_text import parse_json
 
 VARIABLE = "ICAROUS_HOME"
 """Environment variable that names the folder."""
@@ -211,7 +212,7 @@ def task(
 def read_flight(path: Path, home: Path, ended: str) -> Flight:
     """Return the flight that is written in a file, as far as it goes."""
     lines = path.read_text(encoding="utf-8").split("\n")[:-1] if path.exists() else []
-    rows = [json.loads(line) for line in lines]
+    rows = [parse_json(line) for line in lines]
     slowest = math.inf
     if rows and isinstance(rows[-1], dict):
         slowest = float(rows.pop()["slowest"])
