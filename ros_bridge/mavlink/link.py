@@ -15,7 +15,8 @@ from typing import Any
 from envs.edge.command import InputError
 from ros_bridge.core.fields import SECOND
 from ros_bridge.mavlink import messages
-from ros_bridge.mavlink.mission import Item, item
+from ros_bridge.mavlink.download import Download, accept
+from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.steering import Command
 
 os.environ.setdefault("MAVLINK20", "1")  # before pymavlink: messages of both versions are read
@@ -234,26 +235,23 @@ class Link:
         self._send(self._connection.mav.mission_ack_send, self.system, self.component, 0, kind)
 
     def _download(self, kind: int) -> tuple[Item, ...]:
-        mav, to = self._connection.mav, (self.system, self.component)
+        """Return the items of a mission or fence, waiting for them."""
         name = "the fence" if kind else "the mission"
-
-        def ask(send: Callable[..., Any], *values: Any, answer: str) -> Any:
-            for _ in range(_TRIES):
-                self._send(send, *to, *values)
-                for message in self._answers(answer):
-                    if getattr(message, "mission_type", 0) == kind:
-                        return message
-            raise LinkError(f"{name}: the autopilot has not answered; expected {answer}")
-
-        count = ask(mav.mission_request_list_send, kind, answer="MISSION_COUNT").count
-        items: list[Item] = []
-        for number in range(count):
-            sent = ask(mav.mission_request_int_send, number, kind, answer="MISSION_ITEM_INT")
-            if sent.seq != number:
-                raise LinkError(f"{name}: item {sent.seq} came, expected {number}")
-            items.append(item(sent))
+        download, fruitless = Download(kind), 0
+        while not download.done:
+            number = None if download.count is None else len(download.items)
+            expected = "MISSION_COUNT" if number is None else "MISSION_ITEM_INT"
+            if fruitless == _TRIES:
+                raise LinkError(f"{name}: the autopilot has not answered; expected {expected}")
+            self.ask_item(kind, number)
+            before, fruitless = download, fruitless + 1
+            for message in self._answers(expected):
+                download = accept(before, message)
+                if download is not before:
+                    fruitless = 0
+                    break
         self.thank(kind)
-        return tuple(items)
+        return download.items
 
     def _answers(self, kind: str) -> Iterator[Any]:
         """Yield messages of a kind until none comes any more for a while."""
