@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.mavlink.link import Link
-from ros_bridge.mavlink.program import Program, options_of
+from ros_bridge.mavlink.program import Program, Spent, options_of
 from ros_bridge.mavlink.sitl import HOME, Leg, Sitl
 
 SEPARATION, VERTICAL = 200.0, 50.0
@@ -96,6 +96,7 @@ class Result(NamedTuple):
     steered: tuple[Any, ...]  # what our follower was at and told, each period
     taken_over: int  # how often
     texts: tuple[str, ...]
+    planned: tuple[Spent, ...]  # what our plans took from their requests
 
 
 def place_of(one: Intruder, time: float, cruise: float) -> tuple[float, float, float]:
@@ -288,8 +289,19 @@ def _judge(
     auto = sum(b.time - a.time for a, b in pairs if a.mode == 10)
     taken = sum(a.mode != 15 and b.mode == 15 for a, b in pairs)
     steered = () if program is None else tuple(program.steered)
+    planned = () if program is None else tuple(program.planned)
     return Result(
-        tuple(rows), least, lost, breached, arrived, auto, path, steered, taken, tuple(texts)
+        tuple(rows),
+        least,
+        lost,
+        breached,
+        arrived,
+        auto,
+        path,
+        steered,
+        taken,
+        tuple(texts),
+        planned,
     )
 
 

@@ -4,7 +4,7 @@
 
 Reads state, mission, fence, parameters and ADS-B traffic from ArduPlane over MAVLink, with --adsb
 traffic from another receiver too, and watches and plans as the ROS nodes do, by the same core. By
-default it advises: STATUSTEXT to the ground station, and with --plan-file the plan as GeoJSON. With
+default it advises: STATUSTEXT to the ground station, and with --plan-file the plan as a map. With
 --fly it changes from AUTO to GUIDED while a conflict lasts, flies the plan in place and time, and
 gives AUTO back where the plan rejoins the mission. A mode that anybody else sets ends that at once;
 it takes over again only after AUTO has flown 10 s without a conflict.
@@ -14,7 +14,6 @@ this program or the link dies: docs/howto/mavlink.md.
 """
 
 import argparse
-import json
 import math
 import sys
 import time
@@ -55,6 +54,7 @@ from ros_bridge.mavlink.judging import (
 )
 from ros_bridge.mavlink.link import FENCE, MISSION, Link
 from ros_bridge.mavlink.mission import Item
+from ros_bridge.mavlink.plan_file import geojson, kml
 from ros_bridge.mavlink.steering import PERIOD, Air, Command, command, errors, guide, sense
 from ros_bridge.mavlink.vehicle import (
     Vehicle,
@@ -172,7 +172,7 @@ class Program:
 
     Attributes:
         steered: the last periods of the follower.
-        planned: what the last plans took from their request, s.
+        planned: what the last plans took from their request.
         viewers: called after each judgement, in the program's own thread: they must not wait.
     """
 
@@ -180,7 +180,7 @@ class Program:
         self._link, self._options, self._fly = link, options, bool(options.fly)
         self._out: TextIO | None = None if options.quiet else sys.stdout
         self.steered: deque[Steered] = deque(maxlen=20_000)
-        self.planned: deque[float] = deque(maxlen=20_000)
+        self.planned: deque[Spent] = deque(maxlen=20_000)
         self.viewers: list[Callable[[View], object]] = []
         self._told: dict[str, float] = {}
         self._open = ExitStack()
@@ -206,7 +206,7 @@ class Program:
         self._flown: ToFly | None = None
         self._beaten = self._judged = self._steered = self._sped = 0.0
         self._late_at = -math.inf
-        self._spent = Spent(time.monotonic(), time.process_time())
+        self._spent = _clocks()
         self._moved = False  # whether a new place has come
         self._leg: tuple[int, tuple[float, float]] | None = None
         self._causes: set[Cause] = set()
@@ -273,16 +273,16 @@ class Program:
 
     def run(self) -> None:
         """Receive, judge and steer, until the end."""
-        began = reported = Spent(time.monotonic(), time.process_time())
+        began = reported = _clocks()
         while (
             self._options.seconds is None or time.monotonic() - began.wall < self._options.seconds
         ):
             self.turn()
-            spent = Spent(time.monotonic(), time.process_time())
+            spent = _clocks()
             if spent.wall - reported.wall > _REPORT:
                 self.log(self._load(reported, spent))
                 reported = spent
-        self.log(self._load(began, Spent(time.monotonic(), time.process_time())))
+        self.log(self._load(began, _clocks()))
 
     def _load(self, before: Spent, after: Spent) -> str:
         share = (after.computed - before.computed) / max(after.wall - before.wall, 1e-9)
@@ -351,7 +351,7 @@ class Program:
         """Note, and say, where so many seconds have passed unseen; what is flown goes on, but is
         no longer promised.
         """
-        before, self._spent = self._spent, Spent(time.monotonic(), time.process_time())
+        before, self._spent = self._spent, _clocks()
         if since <= LATE:
             return
         self._late_at = now / SECOND
@@ -378,7 +378,7 @@ class Program:
         except FieldError as error:
             route = None
             self._tell("mission", f"{error}", now, send=False)
-        before, began = self._judgement, time.perf_counter()
+        before, began = self._judgement, _clocks()
         situation = self._received.situation
         if route is not None and phase in (Phase.TAKING, Phase.GUIDING):
             self._judgement = supervise(before, situation, route, now, self._rules)
@@ -389,7 +389,7 @@ class Program:
             self._judgement = watch(before, situation, route, now, self._rules)
             self._advise(now)
         if self._judgement.plan not in (None, before.plan):
-            self._tell_time(time.perf_counter() - began, now)
+            self._tell_time(began, now)
         self._remark(now)
         done = self._link.clock.now(time.monotonic())
         self._keep_pace((done - now) / SECOND, done)
@@ -454,10 +454,12 @@ class Program:
         spacing = SPACING * self._vehicle.aircraft.separation
         return mission.route(self._leg[1], left, spacing)
 
-    def _tell_time(self, seconds: float, now: int) -> None:
-        """Log what it took from the request to the plan."""
-        self.planned.append(seconds)
-        self._tell("time", f"planned within {1e3 * seconds:.0f} ms", now, send=False)
+    def _tell_time(self, began: Spent, now: int) -> None:
+        """Log what it took from the request, at a time, to the plan."""
+        done = _clocks()
+        took = Spent(done.wall - began.wall, done.computed - began.computed)
+        self.planned.append(took)
+        self._tell("time", f"planned within {1e3 * took.wall:.0f} ms", now, send=False)
 
     def _explain(self, now: int) -> None:
         """Log why the monitor is not content, where that changes."""
@@ -505,25 +507,14 @@ class Program:
             self._write_plan()
 
     def _write_plan(self) -> None:
-        """Write what is flown or advised as GeoJSON; a full disk stops nothing."""
-        if self._options.plan_file is None:
+        """Write what is flown or advised; a full disk stops nothing."""
+        file, held = self._options.plan_file, self._judgement.supervision.held
+        if file is None or held is None:
             return
-        held = self._judgement.supervision.held
-        if held is None:
-            return
-        places = [[one.longitude, one.latitude] for one in (held.start, *held.points)]
-        document = {
-            "type": "Feature",
-            "geometry": {"type": "LineString", "coordinates": places},
-            "properties": {
-                "name": f"plan {held.revision}",
-                "times_ns": [p.time for p in held.points],
-            },
-        }
         try:
-            write_file(self._options.plan_file, json.dumps(document))
+            write_file(file, (kml if file.suffix == ".kml" else geojson)(held))
         except OSError as error:
-            self.log(f"{self._options.plan_file}: cannot be written: {error}")
+            self.log(f"{file}: cannot be written: {error}")
 
     # Flying.
 
@@ -643,6 +634,11 @@ class Program:
             self._out = None
 
 
+def _clocks() -> Spent:
+    """Return what a clock and this process's processor time show now."""
+    return Spent(time.monotonic(), time.process_time())
+
+
 def _fence(corners: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...]:
     try:
         return mission.fence(corners, clearance)
@@ -715,7 +711,8 @@ def _parser() -> argparse.ArgumentParser:
     own = "address of the ownship among its aircraft (default: the autopilot's ADSB_ICAO_ID)"
     add("--own", default="", metavar="HEX", help=own)
     add("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
-    add("--plan-file", type=Path, metavar="FILE", help="write every plan there as GeoJSON")
+    plan_file = "write every plan there: as KML where it ends in .kml, else as GeoJSON"
+    add("--plan-file", type=Path, metavar="FILE", help=plan_file)
     add(
         "--display",
         nargs="?",

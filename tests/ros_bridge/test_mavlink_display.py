@@ -2,8 +2,11 @@
 simulation."""
 
 import argparse
+import json
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
@@ -27,6 +30,7 @@ from ros_bridge.mavlink.control import Control
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.judging import Judgement, Rules, rules, watch
 from ros_bridge.mavlink.mission import Item
+from ros_bridge.mavlink.plan_file import geojson, kml
 from ros_bridge.mavlink.program import View, options_of
 from ros_bridge.mavlink.showing import Showing, show
 from ros_bridge.mavlink.vehicle import vehicle_of
@@ -192,6 +196,17 @@ def test_a_recording_without_ros_shows_what_the_display_showed(
 
 
 @pytest.mark.filterwarnings("ignore:module 'sre_.*' is deprecated")  # of ROS's parser
+def test_a_plan_is_a_line_for_ground_stations_and_for_map_programs(followed: Rules) -> None:
+    held = judge(received(5.0), followed).supervision.held
+    assert held is not None
+    expected = [[one.longitude, one.latitude] for one in (held.start, *held.points)]
+    assert json.loads(geojson(held))["geometry"]["coordinates"] == expected
+    drawn = ElementTree.fromstring(kml(held)).findtext(".//{*}LineString/{*}coordinates")
+    assert drawn is not None
+    places = [[float(number) for number in place.split(",")] for place in drawn.split()]
+    np.testing.assert_allclose(places, expected, rtol=0.0, atol=1e-7)
+
+
 def test_messages_of_a_recording_are_those_of_the_graph() -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed")
     from rclpy.serialization import deserialize_message
