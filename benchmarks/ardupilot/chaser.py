@@ -12,7 +12,6 @@ _SPEED = 25.0  # m/s
 _TURN = math.radians(10.0)  # a second
 _ABOVE = 620.0  # m above mean sea level
 _FIRST = 0xB00001
-_FAR = 6_000.0  # m, from where an aircraft is reported no more
 _PERIOD = 1.0  # s between two reports
 
 
@@ -34,8 +33,8 @@ class _Other:
 
 
 class Chaser:
-    """Sends them, each with an address of its own, and reports them once a second: one that falls
-    silent nearby would stop all planning.
+    """Sends them, each with an address of its own, and reports all of them once a second for good:
+    one that falls silent could be anywhere near and would stop all planning for a minute.
     """
 
     def __init__(self, seed: int) -> None:
@@ -51,6 +50,13 @@ class Chaser:
         x = own.x + way * math.cos(course) - back * math.cos(across)
         y = own.y + way * math.sin(course) - back * math.sin(across)
         self._others.append(_Other(self._next, x, y, across))
+        self._next += 1
+
+    def pass_aside(self, own: Row, away: float) -> None:
+        """Let one more fly away from us, so many m from us, in any direction."""
+        there = float(self._draw.uniform(-math.pi, math.pi))
+        x, y = own.x + away * math.cos(there), own.y + away * math.sin(there)
+        self._others.append(_Other(self._next, x, y, there, leaves=True))
         self._next += 1
 
     def leave(self) -> None:
@@ -70,6 +76,3 @@ class Chaser:
             one.fly(passed if math.isfinite(passed) else 0.0, own)
             track = 90.0 - math.degrees(one.course)
             sitl.traffic(one.number, one.x, one.y, track, _SPEED, _ABOVE)
-        self._others = [
-            one for one in self._others if math.hypot(one.x - own.x, one.y - own.y) < _FAR
-        ]

@@ -12,6 +12,7 @@ import random
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 from benchmarks.ardupilot.relay import Keep, Relay
@@ -26,7 +27,7 @@ _SPELL = 30.0, 45.0  # s in which it fails, while the plan is flown
 _CROSSING = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
 _POSITION = 33  # GLOBAL_POSITION_INT
 _BLIND = 8.0  # s without it
-_STALL = 2_000  # ms that the program sleeps
+_STALL, _SLUGGISH = 2_000, 900  # ms that the program sleeps each time
 _INSTANCE = 11
 
 Watch = Callable[[Any, float, Row], None]
@@ -96,13 +97,19 @@ def _twin(sitl: Any, seconds: float, row: Row) -> None:
         sitl.traffic(0xA00001, east, north, 180.0, 25.0, 620.0)
 
 
-def _stall(sitl: Any, seconds: float, row: Row) -> None:
-    """Let the simulation go on without the program."""
+def _beat_in_version_1(sitl: Any, seconds: float, row: Row) -> None:
+    """Speak MAVLink 1 from the ground station too."""
+    mav = sitl.station.mav
+    mav.send(mav.heartbeat_encode(6, 8, 0, 0, 0), force_mavlink1=True)
+
+
+def _stall(sitl: Any, seconds: float, row: Row, sleep: int = _STALL) -> None:
+    """Let the simulation go on without the program for so many ms."""
     if not _SPELL[0] <= seconds < _SPELL[1]:
         return
     sitl.signal(signal.SIGCONT)
     began = sitl.wait("GLOBAL_POSITION_INT").time_boot_ms
-    while sitl.wait("GLOBAL_POSITION_INT").time_boot_ms < began + _STALL:
+    while sitl.wait("GLOBAL_POSITION_INT").time_boot_ms < began + sleep:
         pass
     sitl.signal(signal.SIGSTOP)
 
@@ -120,9 +127,13 @@ def faults() -> dict[str, Fault]:
         "stale": Fault("no GLOBAL_POSITION_INT for 8 s", blind.watch, blind.keep),
         "gps": Fault("SIM_GPS1_ENABLE is 0 for 15 s", gps),
         "slow": Fault("the program runs only every two seconds, for 15 s", _stall),
+        "sluggish": Fault(
+            "the program runs only every 0.9 s, for 15 s", partial(_stall, sleep=_SLUGGISH)
+        ),
         "lossy": Fault("a tenth of the messages is lost", keep=lambda _: draw.random() >= 0.1),
         "twins": Fault("two aircraft report under one address", _twin),
         "stations": Fault("a second ground station speaks", _beat_as_another),
+        "version1": Fault("the ground station speaks version 1 too", _beat_in_version_1),
         "disagree": Fault("LOITER is set, and two seconds later AUTO", both),
         "date": Fault("the date steps by an hour", _Times((_SPELL[0], _step_the_date))),
         "rtl": Fault("RTL is set", _Times((_SPELL[0], _mode(Mode.RTL)))),

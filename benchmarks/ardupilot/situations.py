@@ -46,7 +46,7 @@ SITUATIONS = {
     "converging": Situation((Intruder(2.4, 25.0, 60.0, 100.0),), acts=True),
     "diverging": Situation((Intruder(_LEFT, 25.0, -20.0, 0.0),), acts=False),
     "passes_aside": Situation((Intruder(_BACK, 25.0, 60.0, 700.0),), acts=False),
-    "turns_in": Situation((Intruder(_BACK, 25.0, 60.0, 500.0, 30.0, 0.35),), acts=True),
+    "turns_in": Situation((Intruder(_BACK, 25.0, 60.0, 500.0, 30.0, -0.6),), acts=True),
     "two_at_once": Situation(
         (Intruder(_LEFT, 25.0, 60.0, 0.0), Intruder(_BACK, _DRONE, 65.0, 50.0)), acts=True
     ),
