@@ -174,7 +174,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 Encounter(0, (_CROSSING,), 0.0, 300.0),
                 "ours",
                 instance=_INSTANCE,
-                speedup=40.0,
+                # What a relay does not pass on in time looks like a link that is lost.
+                speedup=40.0 if relay is None else 5.0,
                 until=_UNTIL,
                 more=more,
                 watch=fault.watch,

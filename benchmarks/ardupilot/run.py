@@ -1,13 +1,14 @@
 """Encounters flown by the mission alone, by ArduPilot's own avoidance, and by us.
 
-    python -m benchmarks.ardupilot [--encounters 200] [--out DIR]
+    python -m benchmarks.ardupilot [--encounters 200] [--out DIR] [--anew]
 
 Each encounter (:mod:`benchmarks.ardupilot.encounters`) is flown by ArduPlane in its simulation,
 which RLCAS_SITL names (docs/howto/mavlink.md): ``mission`` passes over the traffic, ``climb`` and
 ``sideways`` are ArduPilot's own avoidance by height and horizontally, ``ours`` is the program with
 --fly. A loss is an aircraft nearer than 200 m while within 50 m of the height. The simulation
 stands still while the program computes. Every flight is a line of ``flights.jsonl``; the same
-command goes on after the last one. The last line is one JSON object.
+command goes on after the last one. Flights that ``flights.jsonl`` beside this module holds are not
+flown again. The last line is one JSON object.
 """
 
 import json
@@ -25,6 +26,7 @@ from ros_bridge.mavlink.sitl import SitlError, folder
 
 METHODS = "mission", "climb", "sideways", "ours"
 _FILE = "flights.jsonl"
+_FLOWN = Path(__file__).with_name(_FILE)
 _LATE = 120.0  # s after the mission alone, within which it must have arrived
 _TRIES = 3
 
@@ -57,6 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     asked = {"seed": options.seed, "separation_m": SEPARATION}
     rows = _done(options.out / _FILE, asked)
+    if not options.anew:
+        rows += _flown_before(asked, rows)
     flown = {(row["number"], row["method"]) for row in rows}
     wanted = [
         (number, method)
@@ -121,13 +125,13 @@ def row_of(one: Encounter, method: str, flight: Result) -> Row:
         "separation": round(flight.separation, 1),
         "lost": flight.lost,
         "breached": flight.breached,
-        "arrived": flight.arrived,
-        "flown": flight.rows[-1].time,
+        "arrived": None if flight.arrived is None else round(flight.arrived, 1),
+        "flown": round(flight.rows[-1].time, 1),
         "on_mission": round(flight.on_mission, 1),
         "path": round(flight.path),
         "taken_over": flight.taken_over,
-        "across": max(across, default=None),
-        "along": max(along, default=None),
+        "across": round(max(across), 2) if across else None,
+        "along": round(max(along), 2) if along else None,
         "texts": [text for text in flight.texts if text.startswith("RLCAS")],
     }
 
@@ -144,6 +148,16 @@ def _done(path: Path, asked: Row) -> list[Row]:
         )
     path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")
     return [parse_json(line) for line in lines]
+
+
+def _flown_before(asked: Row, rows: Sequence[Row]) -> list[Row]:
+    """Return the flights that are kept with the benchmark, without those that rows hold."""
+    first, *lines = _FLOWN.read_text(encoding="utf-8").splitlines()
+    if parse_json(first) != asked:
+        return []
+    flown = {(row["number"], row["method"]) for row in rows}
+    kept = [parse_json(line) for line in lines]
+    return [row for row in kept if (row["number"], row["method"]) not in flown]
 
 
 def _complete(rows: Sequence[Row]) -> list[Row]:
@@ -205,6 +219,7 @@ def _parser() -> Parser:
     add("--seed", type=int, default=0, help="of the encounters (default 0)")
     out = Path("runs/ardupilot")
     add("--out", type=Path, default=out, help=f"folder of the flights (default {out})")
+    add("--anew", action="store_true", help="fly those again that have been flown")
     add("--speedup", type=float, default=40.0, help="times real time at most (default 40)")
     add("--instance", type=int, default=5, help="of the simulation's ports (default 5)")
     return parser

@@ -5,12 +5,13 @@
 ArduPilot's pull request 33955 (a script that avoids fences and traffic) tests fence avoidance,
 escape from a breach, a drone and a light aircraft by ADS-B, and that a converging contact is
 avoided and a diverging one not. These are our own situations of that kind. Each is told in a line
-of JSON, with a picture in the folder. Exit status 1: one was not as expected.
+of JSON, with a picture in the folder, and all of them in ``situations.png``. Exit status 1: one was
+not as expected.
 """
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,9 +19,11 @@ from benchmarks.ardupilot.encounters import GOAL
 from benchmarks.measure import chosen, report
 from envs.edge.command import Parser
 from ros_bridge.mavlink.demo import draw
-from ros_bridge.mavlink.flight import Encounter, Intruder, Result, fly
+from ros_bridge.mavlink.flight import Encounter, Intruder, Result, fly, place_of
+from ros_bridge.mavlink.messages import Mode
 
 _UNTIL = 170.0  # s
+_ACROSS = 4  # pictures beside each other
 _LEFT, _BACK = 0.5 * math.pi, math.pi
 _DRONE, _LIGHT = 18.0, 55.0  # m/s
 _BESIDE = (1_600.0, 150.0), (2_900.0, 150.0), (2_900.0, 800.0), (1_600.0, 800.0)
@@ -76,6 +79,49 @@ def row_of(name: str, one: Situation, flight: Result) -> dict[str, Any]:
     }
 
 
+def overview(flights: Mapping[str, Result], file: Path) -> None:
+    """Draw all flights from above, with dots where all were when the nearest was nearest."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    down = -(-len(flights) // _ACROSS)
+    figure, axes = plt.subplots(
+        down, _ACROSS, figsize=(9.0, 1.9 * down), layout="constrained", squeeze=False
+    )
+    for axis in axes.flat[len(flights) :]:
+        axis.axis("off")
+    for axis, (name, flight) in zip(axes.flat, flights.items(), strict=False):
+        _draw(axis, SITUATIONS[name], flight)
+        axis.set_title(f"{name}, {flight.separation:.0f} m", fontsize=8)
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def _draw(axis: Any, one: Situation, flight: Result) -> None:
+    cruise = Encounter(0, (), 0.0, 0.0).cruise
+    for mode, colour in ((Mode.AUTO, "0.5"), (Mode.GUIDED, "C0")):
+        rows = [row for row in flight.rows if row.mode == mode]
+        axis.plot([row.x for row in rows], [row.y for row in rows], ".", ms=1.5, color=colour)
+    nearest = min(
+        flight.rows,
+        key=lambda row: min(
+            math.dist((row.x, row.y), place_of(other, row.time, cruise)[:2])
+            for other in one.intruders
+        ),
+    )
+    axis.plot(nearest.x, nearest.y, "o", ms=3, color="C0")
+    for other in one.intruders:
+        places = [place_of(other, row.time, cruise) for row in flight.rows[::10]]
+        axis.plot([p[0] for p in places], [p[1] for p in places], "--", lw=0.8, color="C3")
+        axis.plot(*place_of(other, nearest.time, cruise)[:2], "o", ms=3, color="C3")
+    if one.fence:
+        axis.fill(*zip(*one.fence, strict=True), color="C1", alpha=0.3)
+    axis.set(xlim=(600.0, 4_000.0), ylim=(-900.0, 900.0), aspect="equal")
+    axis.tick_params(labelsize=6)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly them, and print."""
     parser = Parser(prog="python -m benchmarks.ardupilot.situations", description=__doc__)
@@ -84,15 +130,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="folder of the pictures (default: none)")
     options = parser.parse_args(arguments)
     rows: list[dict[str, Any]] = []
+    flights: dict[str, Result] = {}
     for name in chosen(options.only, SITUATIONS):
         one = SITUATIONS[name]
         encounter = Encounter(0, one.intruders, 0.0, 300.0, fence=one.fence, goal=GOAL)
         flight = fly(encounter, "ours", instance=12, speedup=40.0, until=_UNTIL)
+        flights[name] = flight
         rows.append(row_of(name, one, flight))
         print(json.dumps(rows[-1]), flush=True)
         if options.out is not None:
             options.out.mkdir(parents=True, exist_ok=True)
             draw(encounter, flight, options.out / f"{name}.png")
+    if options.out is not None:
+        overview(flights, options.out / "situations.png")
     report({"benchmark": "ardupilot.situations", "rows": rows}, ("pymavlink",))
     return 0 if all(row["as_expected"] for row in rows) else 1
 
