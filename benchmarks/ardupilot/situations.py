@@ -88,7 +88,7 @@ def overview(flights: Mapping[str, Result], file: Path) -> None:
 
     down = -(-len(flights) // _ACROSS)
     figure, axes = plt.subplots(
-        down, _ACROSS, figsize=(9.0, 1.9 * down), layout="constrained", squeeze=False
+        down, _ACROSS, figsize=(9.0, 1.5 * down), layout="constrained", squeeze=False
     )
     for axis in axes.flat[len(flights) :]:
         axis.axis("off")
