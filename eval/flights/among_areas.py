@@ -16,7 +16,7 @@ from envs.kinematics import VehicleState
 from envs.outcome import Rules
 from envs.random_areas import random_areas
 from envs.wind import NO_WIND, Wind
-from eval.flights.simulate import OUTCOMES, Flights
+from eval.flights.simulate import ENDS, OUTCOMES, Flights
 from eval.flights.trajectories import Trajectories
 
 _CORNERS = 72  # of a circle that is drawn
@@ -105,7 +105,7 @@ def with_breaches(flights: Flights, among: AmongAreas, rules: Rules) -> Flights:
     lost = flights.outcome == OUTCOMES.index("violation")
     enters = np.isfinite(among.breach) & ~(lost & (flights.duration <= among.breach))
     return flights._replace(
-        outcome=np.where(enters, OUTCOMES.index("breach"), flights.outcome).astype(np.int8),
+        outcome=np.where(enters, ENDS.index("breach"), flights.outcome).astype(np.int8),
         score=np.where(enters, rules.reward_violation, flights.score),
         duration=np.where(enters, among.breach, flights.duration),
     )

@@ -27,7 +27,7 @@ from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions, verdicts
 from eval.flights.in_wind import carry, to_ground, winds
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, promised_separation
-from eval.flights.simulate import OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
+from eval.flights.simulate import ENDS, OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
 from eval.flights.sources import Source, draw
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -141,7 +141,7 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
         "encounter": number,
         "name": np.array([names[i] if names else None for i in number], dtype=object),
         "weight": weights,
-        "outcome": np.array(OUTCOMES, dtype=object)[flown.outcome],
+        "outcome": np.array(ENDS, dtype=object)[flown.outcome],
         "score": flown.score,
         "duration_s": flown.duration,
         "min_separation_m": flown.min_separation,
@@ -234,7 +234,7 @@ def _judge_areas(
 def _beside(flights: dict[str, Flights]) -> dict[str, np.ndarray]:
     columns = {}
     for name, flown in flights.items():
-        columns[f"{name}_outcome"] = np.array(OUTCOMES, dtype=object)[flown.outcome]
+        columns[f"{name}_outcome"] = np.array(ENDS, dtype=object)[flown.outcome]
         columns[f"{name}_duration_s"] = flown.duration
         columns[f"{name}_min_separation_m"] = flown.min_separation
     return columns

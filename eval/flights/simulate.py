@@ -25,8 +25,10 @@ from envs.world import State, StepResult, World, begin, known, seen_intruders, s
 from envs.world import step as advance
 from eval.flights.trajectories import TrajectoryRecorder
 
-OUTCOMES = (*Outcome._fields, "breach")
-"""Names of the outcome codes; the last one is that of flights among areas only."""
+OUTCOMES = Outcome._fields  # names of the outcome codes 0, 1, 2
+
+ENDS = (*OUTCOMES, "breach")
+"""Names of the outcome codes among areas."""
 
 
 class ByPolicy(NamedTuple):

@@ -14,10 +14,9 @@ from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import scenario
 from envs.kinematics import VehicleState, commands
-from envs.outcome import Outcome
 from envs.starts import encounters_of_seed
 from envs.trees import column
-from eval.flights.simulate import ByPolicy, Flights, fly
+from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
 from eval.flights.trajectories import TrajectoryRecorder
 
 _UP = math.pi / 2.0
@@ -101,7 +100,7 @@ def scores(action: np.ndarray, flights: Flights, aircraft: Aircraft) -> dict[str
     turns = flights.reversals
     return {
         "flights": len(flights.outcome),
-        **{name: int(np.sum(flights.outcome == code)) for code, name in enumerate(Outcome._fields)},
+        **{name: int(np.sum(flights.outcome == code)) for code, name in enumerate(OUTCOMES)},
         "yaw_rate_change_deg_s_per_s": math.degrees(_change(yaw_rate, aircraft.dt)),
         "acceleration_change_m_s2_per_s": _change(acceleration, aircraft.dt),
         "mean_yaw_rate_deg_s": math.degrees(float(np.nanmean(np.abs(yaw_rate)))),

@@ -20,7 +20,7 @@ from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.optimal import ROUNDS
 from eval.flights.plan_mode import STATUSES
 from eval.flights.recorded import Track, fly_recorded
-from eval.flights.simulate import OUTCOMES
+from eval.flights.simulate import ENDS
 from eval.report.bands import FlightBands, flight_bands, states
 from eval.report.folder import Run
 from eval.runner.options import named_evaluation
@@ -98,8 +98,7 @@ def _batch(
             continue  # the planner had no trajectory
         said, closest = run.table["outcome"][number], run.table["min_separation_m"][number]
         same = (
-            OUTCOMES[flights.outcome[i]] == said
-            and abs(flights.min_separation[i] - closest) <= _SAME
+            ENDS[flights.outcome[i]] == said and abs(flights.min_separation[i] - closest) <= _SAME
         )
         plan, status = None, None
         if plans is None:

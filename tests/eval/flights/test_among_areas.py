@@ -16,7 +16,7 @@ from eval.config import MonteCarloConfig
 from eval.flights.among_areas import judge, nearest, outlines, with_breaches
 from eval.flights.chunks import Evaluation, Pilot, columns, pick
 from eval.flights.recorded import Recorded, fly_recorded
-from eval.flights.simulate import OUTCOMES
+from eval.flights.simulate import ENDS, OUTCOMES
 from eval.flights.trajectories import Trajectories
 from eval.metrics.summary import headline, summarise
 from eval.plots.flight_sheet import trajectory_sheet
@@ -62,7 +62,7 @@ def test_safe_plans_keep_out_of_areas_over_the_ground(mode: str, wind: tuple[flo
         assert kept.min() > 0.0 and np.isnan(table["area_breach_s"][safe]).all()
     flown = fly_recorded(flying, [4, 1])
     for row, number in enumerate((4, 1)):
-        assert OUTCOMES[flown.flights.outcome[row]] == table["outcome"][number]
+        assert ENDS[flown.flights.outcome[row]] == table["outcome"][number]
         clearance = max((area.clearance for area in flown.track(row).areas), default=0.0)
         found = dense_distance(flown, row) - clearance
         # Circles are drawn as polygons, and places are those of whole steps.
@@ -107,7 +107,7 @@ def test_what_comes_first_is_the_outcome() -> None:
     among = judge(straight(50.0, 50.0, 50.0), areas, 1.0)
     among = among._replace(breach=np.array([20.0, 80.0, 30.0]))
     ended = with_breaches(flown, among, PAPER.rules())
-    assert [OUTCOMES[code] for code in ended.outcome] == ["breach", "violation", "breach"]
+    assert [ENDS[code] for code in ended.outcome] == ["breach", "violation", "breach"]
     assert ended.duration.tolist() == [20.0, 50.0, 30.0]
     assert (ended.score[[0, 2]] == PAPER.rules().reward_violation).all()
 
