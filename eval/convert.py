@@ -104,7 +104,7 @@ def _convert(options: argparse.Namespace) -> int:
             )
     lost: list[str] = []
 
-    def losing(what: str, which: Sequence[ExchangedEncounter]) -> None:
+    def note_loss(what: str, which: Sequence[ExchangedEncounter]) -> None:
         if which:
             lost.append(
                 f"{what} of {len(which)} of {len(scenes)} encounters, the first {which[0].name!r}"
@@ -112,20 +112,20 @@ def _convert(options: argparse.Namespace) -> int:
 
     for kind in sorted({kind for scene in scenes for kind, rows in scene.left_out.items() if rows}):
         which = [scene for scene in scenes if scene.left_out.get(kind)]
-        losing(f"{sum(scene.left_out[kind] for scene in which)} {kind}", which)
+        note_loss(f"{sum(scene.left_out[kind] for scene in which)} {kind}", which)
     if target == ".csv":
-        losing("altitudes", [scene for scene in scenes if scene.altitudes])
-        losing(
+        note_loss("altitudes", [scene for scene in scenes if scene.altitudes])
+        note_loss(
             "the ownship's motion after the start",
             [scene for scene in scenes if not scene.straight(0)],
         )
     else:
-        losing("the goal", [scene for scene in scenes if scene.goal is not None])
-        losing("the noise of reports", [scene for scene in scenes if any(scene.sensor)])
+        note_loss("the goal", [scene for scene in scenes if scene.goal is not None])
+        note_loss("the noise of reports", [scene for scene in scenes if any(scene.sensor)])
     if target == ".json":
-        losing("the name", [scene for scene in scenes if not is_number(scene.name)])
+        note_loss("the name", [scene for scene in scenes if not is_number(scene.name)])
     else:
-        losing("the weight", [scene for scene in scenes if scene.weight != 1.0])
+        note_loss("the weight", [scene for scene in scenes if scene.weight != 1.0])
     if lost and not options.lossy:
         raise ConfigError(
             f"{options.target} cannot hold {'; '.join(lost)}; expected --lossy to leave it out"

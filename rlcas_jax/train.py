@@ -43,7 +43,7 @@ def _train(options: "Options", interrupt: Interrupt) -> int:
         print(f"error: {problem}", file=sys.stderr)
         return FAILED
     except (OSError, PolicyFileError) as problem:
-        return unwritten(options.directory, problem, again)
+        return report_unwritten(options.directory, problem, again)
     finished = summaries[-1]["finished"]
     if first():
         print(table(options.directory, summaries))
@@ -52,7 +52,7 @@ def _train(options: "Options", interrupt: Interrupt) -> int:
     return 0 if finished else INTERRUPTED
 
 
-def unwritten(directory: Path, problem: Exception, again: str) -> int:
+def report_unwritten(directory: Path, problem: Exception, again: str) -> int:
     """Say that a run's files cannot be written (a full disk, a folder that has gone), and return
     the exit status.
     """

@@ -54,13 +54,13 @@ def read(path: Path) -> Log | None:
         rows = [parse_json(line) for line in lines if line.endswith("\n")]
         if not rows:
             return None
-        curve = [_point(row) for row in _having(rows, "steps")]
+        curve = [_point(row) for row in _rows_with(rows, "steps")]
     except (ValueError, TypeError, KeyError, AttributeError):
         raise ConfigError(
             f"{path}: it is no file of a run; remove it, or choose another --out"
         ) from None
-    startup = [row["startup_s"] for row in _having(rows, "startup_s")]
-    ends = [row["ended"] for row in _having(rows, "ended")]
+    startup = [row["startup_s"] for row in _rows_with(rows, "startup_s")]
+    ends = [row["ended"] for row in _rows_with(rows, "ended")]
     return Log(
         rows[0], tuple(curve), startup[0] if startup else math.nan, ends[0] if ends else None
     )
@@ -177,7 +177,7 @@ def _point(row: dict[str, Any]) -> Point:
     )
 
 
-def _having(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:
+def _rows_with(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:
     return [row for row in rows if key in row]
 
 

@@ -252,7 +252,7 @@ def judge(
             tally.use[name] = max(tally.use.get(name, 0.0), value)
         # ... but no vehicle of ours gets back to a speed beyond it that it has left
         # (envs.kinematics.advance).
-        for row in np.flatnonzero(_rising(plans, limits)):
+        for row in np.flatnonzero(_exceeds_speed(plans, limits)):
             _blame(tally, "speed beyond the limit regained", requests, rows[row])
     chosen = (
         np.array(
@@ -386,7 +386,7 @@ def _blame(tally: Tally, check: str, requests: Drawn, row: int, **more: Any) -> 
     tally.blame(check, requests.number[row], family=family, options=variant, **more)
 
 
-def _rising(plan_states: PlanStates, limits: Limits) -> Any:
+def _exceeds_speed(plan_states: PlanStates, limits: Limits) -> Any:
     """Return where a plan accelerates to a speed beyond the limit, ``[N]``."""
     curves = legs(plan_states)
     after = curves.speed + curves.acceleration * (curves.duration[..., None] / ARCS)

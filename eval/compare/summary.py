@@ -63,12 +63,12 @@ class Statistics(NamedTuple):
     def _of(self, entry: Entry, column: str) -> np.ndarray:
         return self.table[f"{entry.name}.{column}"]
 
-    def _reached(self, entry: Entry) -> np.ndarray:
+    def _success(self, entry: Entry) -> np.ndarray:
         return self._of(entry, "outcome") == "reached"
 
     def _row(self, entry: Entry, possible: int) -> dict[str, Any]:
         severity, total = self._of(entry, "severity"), len(self.table["encounter"])
-        severe, reached = severity[severity > 0.0], self._reached(entry)
+        severe, reached = severity[severity > 0.0], self._success(entry)
         counts = {
             name: np.count_nonzero(self._of(entry, "outcome") == name)
             for name in ("violation", "timeout")
@@ -108,7 +108,7 @@ class Statistics(NamedTuple):
         """Return the entry's success rate less the first's, and its path excess where both
         succeed.
         """
-        counts = pairs(self._reached(first), self._reached(entry))
+        counts = pairs(self._success(first), self._success(entry))
         return {
             **tango(counts, self.confidence)._asdict(),
             "mcnemar_exact_p": mcnemar_exact(counts),
@@ -121,7 +121,7 @@ class Statistics(NamedTuple):
         interval.
         """
         excess = self._of(entry, "path_excess") - self._of(other, "path_excess")
-        return self._mean(excess[self._reached(entry) & self._reached(other)])
+        return self._mean(excess[self._success(entry) & self._success(other)])
 
 
 def show(summary: Mapping[str, Any], folder: Path) -> None:

@@ -164,7 +164,7 @@ def _fly_at_pace(
     return seen._replace(x=x, y=y, speed=seen.speed * factor)
 
 
-def _turning(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
+def _fly_turns(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
     """Let each turn on and on, at two to four times the greatest rate of the domain."""
     rate = random.uniform(2.0, 4.0, seen.x.shape[1:]) * random.choice([-1.0, 1.0], seen.x.shape[1:])
     angle = rate * aircraft.limits.yaw_rate_max * aircraft.dt
@@ -180,7 +180,7 @@ def _turning(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleS
     return VehicleState(x, y, wrap(heading, np), seen.speed)
 
 
-def _jumping(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
+def _displace(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
     """Displace each for good, by half a separation to three."""
     angle, far = (
         random.uniform(*ends, seen.x.shape[1:]) for ends in ((-math.pi, math.pi), (0.5, 3.0))
@@ -222,8 +222,8 @@ def _noisier(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleS
 SHIFTS: dict[str, Callable[[VehicleState, Random, Aircraft], VehicleState]] = {
     "intruders at 1.5 to 2.5 of the greatest speed": partial(_fly_at_pace, pace=(1.5, 2.5)),
     "intruders at up to 0.3 of it": partial(_fly_at_pace, pace=(0.02, 0.3)),
-    "turns at 2 to 4 times the greatest rate": _turning,
-    "place jumps by 0.5 to 3 separations": _jumping,
+    "turns at 2 to 4 times the greatest rate": _fly_turns,
+    "place jumps by 0.5 to 3 separations": _displace,
     "velocity in knots": lambda seen, *_: seen._replace(speed=1.943844 * seen.speed),
     "velocity with its axes exchanged": lambda seen, *_: seen._replace(
         heading=wrap(0.5 * math.pi - seen.heading, np)

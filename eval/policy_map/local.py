@@ -78,7 +78,7 @@ def examine(policy: Policy, options: argparse.Namespace) -> dict[str, Any]:
         [options.position / policy.aircraft.separation, options.velocity / policy.limits.speed_max],
         2,
     )
-    away, toward = -np.where(answers(policy, scenes) < 0.0, -1.0, 1.0), passing(scenes)
+    away, toward = -np.where(answers(policy, scenes) < 0.0, -1.0, 1.0), passing_side(scenes)
     how: dict[str, Any] = {"allowed": options.allowed, "depth": options.depth, "seed": options.seed}
     found = dict.fromkeys(QUESTIONS, decide(policy, scenes, half, away, **how))
     # Where both questions forbid the same turn, one answer serves.
@@ -149,7 +149,7 @@ def draw(policy: Policy, options: argparse.Namespace) -> tuple[Scenes, np.ndarra
     )
 
 
-def passing(scenes: Scenes) -> np.ndarray:
+def passing_side(scenes: Scenes) -> np.ndarray:
     """Return the side on which the intruder will pass on straight courses, 1: left, -1: right,
     ``[N]``.
     """

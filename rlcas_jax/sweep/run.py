@@ -30,7 +30,7 @@ from rlcas_jax.progress import Reporter
 from rlcas_jax.sweep.cli import CONFIG, SETTINGS, Options, parse
 from rlcas_jax.sweep.figures import draw
 from rlcas_jax.sweep.space import overrides
-from rlcas_jax.train import FAILED, unwritten
+from rlcas_jax.train import FAILED, report_unwritten
 
 STUDY = "study.db"
 REASON = "reason"
@@ -60,14 +60,14 @@ def main(argv: Sequence[str] | None = None) -> int:
                 _try(study, options, interrupt)
             best = _write_results(options, study)
     except OSError as problem:
-        return unwritten(options.directory, problem, again)
+        return report_unwritten(options.directory, problem, again)
     except StorageInternalError as problem:  # by SQLite, whose words are those of the cause
         why = OSError(
             errno.EIO,
             str(getattr(problem.__cause__, "orig", problem)),
             str(options.directory / STUDY),
         )
-        return unwritten(options.directory, why, again)
+        return report_unwritten(options.directory, why, again)
     if interrupt.requested:
         print(f"interrupted: go on with  python -m rlcas_jax.{again}")
         return INTERRUPTED

@@ -104,7 +104,7 @@ def extend(course: Course, report: Report) -> Course:
         if length >= longest:
             windows[number] = _Window(report)
     estimate, tracks = _improve(course, report)
-    reference, turn = _turning(course, estimate)
+    reference, turn = _measure_turn(course, estimate)
     return Course(report, tuple(windows), estimate, tracks, reference, contradiction, turn)
 
 
@@ -128,7 +128,7 @@ def _compare(window: _Window, report: Report, seconds: float) -> tuple[str, bool
     return f"outside_domain: {what}; the two differ by {off:.0f} m, allowed {allowed:.0f} m", False
 
 
-def _turning(course: Course, report: Report) -> tuple[Report, Turn]:
+def _measure_turn(course: Course, report: Report) -> tuple[Report, Turn]:
     """Return the estimate to read the next turn from, and the turn now."""
     before = course.reference
     seconds = (report.time - before.time) / SECOND
@@ -145,7 +145,7 @@ def _turning(course: Course, report: Report) -> tuple[Report, Turn]:
 
 
 def _first(report: Report) -> Tracks:
-    return begin(_moving(0.0, 0.0, report), *report.spread(EXACT))
+    return begin(_state_at(0.0, 0.0, report), *report.spread(EXACT))
 
 
 def _improve(course: Course, report: Report) -> tuple[Report, Tracks]:
@@ -158,7 +158,7 @@ def _improve(course: Course, report: Report) -> tuple[Report, Tracks]:
     before = course.estimate
     x, y = displacement(*before.place, *report.place)
     seconds = (report.time - before.time) / SECOND
-    tracks = follow(course.tracks, _moving(x, y, report), *spread, seconds)
+    tracks = follow(course.tracks, _state_at(x, y, report), *spread, seconds)
     if tracks.count == 1.0:
         return report, _first(report)
     x, y, heading, speed = map(float, tracks.state)
@@ -176,5 +176,5 @@ def _improve(course: Course, report: Report) -> tuple[Report, Tracks]:
     return estimate, tracks._replace(state=tracks.state._replace(x=0.0, y=0.0))
 
 
-def _moving(x: float, y: float, report: Report) -> VehicleState:
+def _state_at(x: float, y: float, report: Report) -> VehicleState:
     return VehicleState(x, y, math.atan2(report.north, report.east), report.speed)

@@ -90,7 +90,7 @@ def supervise(
         situation=situation,
         plan=supervision.held,
         separation=limits.requirement.separation,
-        arrived={**scene.arrived, **_arrived(situation), "status": now},
+        arrived={**scene.arrived, **_arrivals(situation), "status": now},
     )
     if verdict is None:
         return replace(scene, monitor=None), shown
@@ -106,7 +106,7 @@ def supervise(
     return replace(scene, guidance=_guidance(found, now)), shown
 
 
-def _arrived(situation: Situation) -> dict[str, int]:
+def _arrivals(situation: Situation) -> dict[str, int]:
     """Return when the ownship and other aircraft were last heard of, ns."""
     own = situation.own.last
     others = [track.last.time for track in situation.traffic.values() if track.last is not None]

@@ -182,7 +182,7 @@ class Simulator(Node):
         if self._phase is _Phase.IDLE:
             return
         wall = time.perf_counter()
-        rate = self._value("deciding_rate" if self._deciding() else "rate")
+        rate = self._value("deciding_rate" if self._is_deciding() else "rate")
         rate = rate if self._viewer is None else min(rate, 1.0)
         # Timers beat a little early or late; the mean rate is what counts.
         if wall - self._last < 0.9 * PERIOD / rate:
@@ -229,7 +229,7 @@ class Simulator(Node):
         status = self._guidance.status
         return status is not None and self._clock - nanoseconds(status.header.stamp) <= _AHEAD
 
-    def _deciding(self) -> bool:
+    def _is_deciding(self) -> bool:
         status = self._guidance.status
         waiting = (
             AssuranceStatus.STATE_REPLAN_REQUESTED,

@@ -402,7 +402,7 @@ def test_what_is_verified_has_no_counterexample_and_the_mirror_image_is_verified
     assert np.array_equal(
         decide(policy(), image, ERROR, -side, **SEARCH) == VERIFIED, found == VERIFIED
     )
-    assert np.array_equal(local.passing(image), -local.passing(scenes()))
+    assert np.array_equal(local.passing_side(image), -local.passing_side(scenes()))
 
 
 def test_drawn_scenes_lose_the_separation_in_time_and_lie_in_their_cells():
