@@ -11,6 +11,6 @@ class Flight(NamedTuple):
     """One mission flown by one side."""
 
     track: Track
-    slowest: float  # wall time of the slowest answer, s
+    slowest: float  # processor time of the slowest answer, s; inf: unknown
     promised: np.ndarray  # at each time of the track, whether a plan called SAFE was flown, bool
     ended: str = ""  # why it ended before its time; "": it did not

@@ -204,7 +204,7 @@ HEAD = (
     "arrived",
     "solved",
     "path excess, %",
-    "slowest answer, s",
+    "slowest answer, s of the processor",
     "violated while called SAFE",
 )
 

@@ -154,7 +154,7 @@ def test_a_mission_follows_from_seed_and_number() -> None:
 def test_intruders_of_both_sides_fly_the_same_ground() -> None:
     other = VehicleState(3_000.0, 500.0, 2.0, 30.0)
     one = BARE._replace(wind=Wind(6.0, -4.0), intruders=(other,))
-    asked = peer.task(one, AIRCRAFT, peer.CHOSEN, "parameters.txt")
+    asked = peer.task(one, AIRCRAFT, "parameters.txt")
     reach, bearing, _, speed, heading = asked["intruders"][0]
     assert reach * math.sin(math.radians(bearing)) == pytest.approx(other.x)
     assert reach * math.cos(math.radians(bearing)) == pytest.approx(other.y)
