@@ -247,6 +247,25 @@ def test_the_table_answers_each_question_with_at_most_three_files() -> None:
         assert answers[question] >= set(files), question
 
 
+def test_safe_is_decided_where_the_table_says() -> None:
+    deciding = set()
+    for path in (ROOT / "agents").rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        asked = {
+            id(one)
+            for each in ast.walk(tree)
+            if isinstance(each, ast.Compare)
+            for one in ast.walk(each)
+        }
+        deciding |= {
+            path.relative_to(ROOT).as_posix()
+            for each in ast.walk(tree)
+            if isinstance(each, ast.Attribute) and id(each) not in asked
+            if ast.unparse(each) == "Status.SAFE"
+        }
+    assert deciding == {QUESTIONS["where SAFE is decided"][0]}
+
+
 CALL = re.compile(
     r"python -m ((?:agents|benchmarks|envs|eval|rlcas_jax|ros_bridge)[\w.]*)((?:\\\n|[^\n`#|])*)"
 )
