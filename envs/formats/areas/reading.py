@@ -56,6 +56,8 @@ def geodetic_areas(
 ) -> list[GeodeticArea]:
     """Return the areas of a file on the ellipsoid; arguments as :func:`read_areas` has them."""
     text = text_of(source, AreaError)
+    if not text.strip():
+        raise AreaError(f"{source}: is empty, expected areas")
     if text.lstrip()[:1] not in ("{", "["):
         return areas_of_icarous(_yaml_of(text, source), source, reference)
     content: Any = json_of(source, AreaError)

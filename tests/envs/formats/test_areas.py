@@ -491,3 +491,10 @@ def test_a_date_without_its_zone_may_be_of_any(stored: Callable[[Any], Path]) ->
     content = change(change(ED269, begin, "2026-11-27T12:00:30"), end, "2026-11-27T13:00:00")
     area = read_areas(stored(content), HERE, time=NOON)[0]
     assert (area.valid_from, area.valid_until) == (30.0 - 14 * 3600.0, 3600.0 + 12 * 3600.0)
+
+
+def test_an_empty_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "areas.geojson"
+    path.write_text(" \n")
+    with pytest.raises(AreaError, match=r"areas\.geojson: is empty, expected areas"):
+        read_areas(path, LocalFrame(47.0, 8.0))
