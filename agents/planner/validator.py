@@ -131,36 +131,11 @@ def validate(
         straight = np.arange(points) * 1.0
         filled = zip(plan_states, (straight, 0.0, 0.0, 1.0, straight), strict=True)
         curves = legs(PlanStates(*(np.where(sound[:, None], *pair) for pair in filled)))
-    # Comparisons ask for what is right, so that not-a-number is wrong. A plan beyond a speed limit
-    # may stay there, but not go further, nor come back to it: the bounds follow the most moderate
-    # speed so far, not that of the arc before, or else the tolerance would add up from arc to arc.
-    speed, after = (
-        curves.speed,
-        curves.speed + curves.acceleration * (curves.duration[..., None] / ARCS),
-    )
-    so_far = speed.reshape(count, (points - 1) * ARCS)
-    lowest = np.minimum(limits.speed_min, np.maximum.accumulate(so_far, axis=-1)).reshape(
-        speed.shape
-    )
-    highest = np.maximum(limits.speed_max, np.minimum.accumulate(so_far, axis=-1)).reshape(
-        speed.shape
-    )
-    steady = (after >= lowest - TOLERANCE.speed_min) & (after <= highest + TOLERANCE.speed_max)
-    # The bound on the own acceleration is one for flight forwards.
-    steady &= (speed >= TOLERANCE.speed_min) & (after >= TOLERANCE.speed_min)
-    gentle = (curves.acceleration >= limits.acceleration_min - TOLERANCE.acceleration_min) & (
-        curves.acceleration <= limits.acceleration_max + TOLERANCE.acceleration_max
-    )
-    turning = np.abs(curves.yaw_rate) <= limits.yaw_rate_max + TOLERANCE.yaw_rate_max
-    closed = curves.miss <= CLOSED
     found, both = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
-    kept = [
-        field | ~sound[:, None]
-        for field in (closed, steady.all(-1), gentle.all(-1), turning.all(-1))
-    ]
-    for check, right in enumerate(
-        (both, (ordered & (plan_states.time[:, 1:] <= LONGEST)) | ~both, *kept)
-    ):
+    in_order = (ordered & (plan_states.time[:, 1:] <= LONGEST)) | ~both
+    kept = [field | ~sound[:, None] for field in _legs_kept(curves, limits)]
+    # In the order of CHECKS.
+    for check, right in enumerate((both, in_order, *kept)):
         rows = np.flatnonzero(~right.all(axis=-1))
         if rows.size:
             first = np.argmin(right[rows], axis=-1)
@@ -173,6 +148,31 @@ def validate(
             )
     _separation(found, plan_states, curves, traffic, requirement, sound)
     return found
+
+
+def _legs_kept(curves: Legs, limits: Limits) -> tuple[Any, Any, Any, Any]:
+    """Return which legs end at their waypoints, and keep the limits of speed, of acceleration and
+    of turn rate, bool ``[N, L]`` each.
+    """
+    # Comparisons ask for what is right, so that not-a-number is wrong. A plan beyond a speed limit
+    # may stay there, but not go further, nor come back to it: the bounds follow the most moderate
+    # speed so far, not that of the arc before, or else the tolerance would add up from arc to arc.
+    speed = curves.speed
+    after = speed + curves.acceleration * (curves.duration[..., None] / ARCS)
+    count, leg_count, arcs = speed.shape
+    so_far = speed.reshape(count, leg_count * arcs)
+    lowest = np.minimum(limits.speed_min, np.maximum.accumulate(so_far, axis=-1))
+    highest = np.maximum(limits.speed_max, np.minimum.accumulate(so_far, axis=-1))
+    lowest, highest = lowest.reshape(speed.shape), highest.reshape(speed.shape)
+    steady = (after >= lowest - TOLERANCE.speed_min) & (after <= highest + TOLERANCE.speed_max)
+    # The bound on the own acceleration is one for flight forwards.
+    steady &= (speed >= TOLERANCE.speed_min) & (after >= TOLERANCE.speed_min)
+    gentle = (curves.acceleration >= limits.acceleration_min - TOLERANCE.acceleration_min) & (
+        curves.acceleration <= limits.acceleration_max + TOLERANCE.acceleration_max
+    )
+    turning = np.abs(curves.yaw_rate) <= limits.yaw_rate_max + TOLERANCE.yaw_rate_max
+    closed = curves.miss <= CLOSED
+    return closed, steady.all(-1), gentle.all(-1), turning.all(-1)
 
 
 def _place(found: Findings, check: int, rows: Any, leg: Any, *place: Any) -> None:
@@ -204,17 +204,27 @@ def _separation(
     # error.
     position_error = own.miss + position_error_bound(own)
 
-    # Legs that come near an intruder, [p], and their arcs, [p, ARCS].
     own_acceleration = _own_acceleration(own)
     n, leg, k = np.nonzero(
         _near(own, seen, base, requirement, position_error, own_acceleration) & seen.mask[:, None]
     )
     if n.size == 0:
         return
-    flown, other = take(own, (n, leg)), take(seen, (n, k))
+    flown = take(own, (n, leg))
     step = flown.duration / ARCS
     begin = flown.time[:, None] + np.arange(ARCS) * step[:, None]
-    length = np.broadcast_to(step[:, None], begin.shape)
+    near = _Near(
+        n=n,
+        leg=leg,
+        k=k,
+        flown=flown,
+        other=column(take(seen, (n, k))),
+        begin=begin,
+        length=np.broadcast_to(step[:, None], begin.shape),
+        relative_acceleration=own_acceleration[n, leg] + _acceleration(seen)[n, k, None],
+        error=position_error[n, leg, None],
+        wanted=base[n, k, None],
+    )
     # The curve ends where its last waypoint stands, but for less than CLOSED.
     ends_x, ends_y = (
         np.concatenate([start[:, 1:, 0], last[rows, -1:]], axis=1)
@@ -222,44 +232,79 @@ def _separation(
     )
     end_x = np.concatenate([flown.x[:, 1:], ends_x[n, leg, None]], axis=1)
     end_y = np.concatenate([flown.y[:, 1:], ends_y[n, leg, None]], axis=1)
-    relative_acceleration = own_acceleration[n, leg] + _acceleration(seen)[n, k, None]
-    error, wanted, one = position_error[n, leg, None], base[n, k, None], column(other)
+    unclear = _judge_arcs(found, rows, near, (end_x, end_y), requirement)
+    pair, arc = np.nonzero(unclear)
+    if pair.size:
+        _judge_parts(found, rows, near, pair, arc, requirement)
+
+
+class _Near(NamedTuple):
+    """Legs that come near an intruder, ``[p]``; fields of their arcs ``[p, ARCS]``."""
+
+    n: Any  # number of the plan among those that are judged, [p]
+    leg: Any  # number of the leg, [p]
+    k: Any  # number of the intruder, [p]
+    flown: Legs
+    other: Traffic  # the intruder, [p, 1]
+    begin: Any  # of each arc, s
+    length: Any  # of each arc, s
+    relative_acceleration: Any  # a bound in each arc, m/s^2
+    error: Any  # by which positions may be off, m, [p, 1]
+    wanted: Any  # distance before uncertainty grows, m, [p, 1]
+
+
+def _judge_arcs(
+    found: Findings, rows: Any, near: _Near, ends: tuple[Any, Any], requirement: Requirement
+) -> Any:
+    """Note the clearance of arcs, judged by their chords, that are clear; return which are not,
+    bool ``[p, ARCS]``.
+    """
+    after = near.begin + near.length
     bound, upper = chords(
-        begin, length, (flown.x, flown.y), (end_x, end_y), one, relative_acceleration[..., None]
+        near.begin,
+        near.length,
+        (near.flown.x, near.flown.y),
+        ends,
+        near.other,
+        near.relative_acceleration[..., None],
     )
-    bound, upper = bound[..., 0] - error, upper[..., 0]
-    need = wanted + growth(one, begin + length, requirement)[..., 0]
-    counts = _counts(one, begin, begin + length)
-    if other.window is not None:
-        upper = np.where(_inside(one, begin, begin + length), upper, np.inf)
+    bound, upper = bound[..., 0] - near.error, upper[..., 0]
+    need = near.wanted + growth(near.other, after, requirement)[..., 0]
+    counts = _counts(near.other, near.begin, after)
+    if near.other.window is not None:
+        upper = np.where(_inside(near.other, near.begin, after), upper, np.inf)
     # What could be too close, or the closest of all, is looked at more closely.
     nearest = np.full(rows.size, np.inf)
-    np.minimum.at(nearest, n, upper.min(axis=1))
-    unclear = (~(bound >= need) | (bound <= nearest[n, None])) & counts
+    np.minimum.at(nearest, near.n, upper.min(axis=1))
+    unclear = (~(bound >= need) | (bound <= nearest[near.n, None])) & counts
     clearance = np.where(unclear | ~counts, np.inf, bound - need)
-    np.minimum.at(found.clearance, rows[n], clearance.min(axis=1))
+    np.minimum.at(found.clearance, rows[near.n], clearance.min(axis=1))
+    return unclear
 
-    pair, arc = np.nonzero(unclear)
-    if pair.size == 0:
-        return
+
+def _judge_parts(
+    found: Findings, rows: Any, near: _Near, pair: Any, arc: Any, requirement: Requirement
+) -> None:
+    """Judge the parts of some arcs of near legs, ``[q]``, each by its chord."""
     # In the order of time, so that of equals the first is told.
-    order = np.lexsort((k[pair], arc, leg[pair], n[pair]))
+    order = np.lexsort((near.k[pair], arc, near.leg[pair], near.n[pair]))
     pair, arc = pair[order], arc[order]
-    fine = length[pair, arc] / FINE
-    began = begin[pair, arc, None] + np.arange(FINE) * fine[:, None]
-    px, py, psi, v, omega, accel = (field[pair, arc, None] for field in flown[3:])
+    fine = near.length[pair, arc] / FINE
+    began = near.begin[pair, arc, None] + np.arange(FINE) * fine[:, None]
+    px, py, psi, v, omega, accel = (field[pair, arc, None] for field in near.flown[3:])
     at_x, at_y = along(px, py, psi, v, omega, accel, fine[:, None])
-    one = take(one, pair)
+    one = take(near.other, pair)
     finer = np.broadcast_to(fine[:, None], began.shape)
     begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])
-    close, _ = chords(began, finer, begins, ends, one, relative_acceleration[pair, arc, None, None])
-    close = close[..., 0] - error[pair]
+    relative_acceleration = near.relative_acceleration[pair, arc, None, None]
+    close, _ = chords(began, finer, begins, ends, one, relative_acceleration)
+    close = close[..., 0] - near.error[pair]
     close = np.where(_counts(one, began, began + finer), close, np.inf)
-    needed = wanted[pair] + growth(one, began + finer, requirement)[..., 0]
+    needed = near.wanted[pair] + growth(one, began + finer, requirement)[..., 0]
     # The tolerance is for the margin; the separation itself is kept but for rounding.
     separation = separations(one, requirement)
     needed = np.maximum(needed - CLOSE, separation - ROUNDING)
-    which = n[pair], leg[pair], k[pair]
+    which = near.n[pair], near.leg[pair], near.k[pair]
     _note_fine(found, rows, which, began, begins, close, needed)
 
 
