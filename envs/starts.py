@@ -135,27 +135,8 @@ def check_encounter(
         raise EncounterError(
             f"mask has {mask.shape[-1]} intruder columns; expected 1 to {MOST_INTRUDERS}"
         )
-    wide, narrow, turn = (*batch, mask.shape[-1]), (*batch, 1), (-math.pi, math.pi)
-    ranges = {
-        "own.speed": (aircraft.limits.speed_min, aircraft.limits.speed_max),
-        "own.heading": turn,
-        "intruders.speed": (0.0, aircraft.traffic_speed_max),
-        "intruders.heading": turn,
-        "intent.heading_change": turn,
-        "intent.turn_rate": (0.0, 1.0 / aircraft.dt),
-        "sensor.position_std": (0.0, math.inf),
-        "sensor.velocity_std": (0.0, math.inf),
-        "sensor.latency": (0.0, 2.0 * aircraft.dt),
-        "coverage.reach": (0.0, math.inf),
-        "coverage.half_angle": (0.0, math.pi),
-        "coverage.silence": (0.0, math.inf),
-        "reaction.manner": (TURNS_INTO, GIVES_WAY),
-        "reaction.ahead": (0.0, math.inf),
-        "reaction.within": (0.0, math.inf),
-        "reaction.heading_change": (0.0, math.pi),
-        "reaction.turn_rate": (0.0, 1.0 / aircraft.dt),
-        "separation": (0.01 * aircraft.separation, 100.0 * aircraft.separation),
-    }
+    wide, narrow = (*batch, mask.shape[-1]), (*batch, 1)
+    ranges = _ranges(aircraft)
 
     def numbers(name: str, value: Any, shape: tuple[int, ...]) -> Any:
         return _numbers(name, value, shape, *ranges.get(name, (-math.inf, math.inf)))
@@ -182,6 +163,32 @@ def check_encounter(
     if separation is not None:
         separation = numbers("separation", separation, wide)
     return Encounter(part("own", batch), goal_x, goal_y, *others, coverage, separation, reaction)
+
+
+def _ranges(aircraft: Aircraft) -> dict[str, tuple[float, float]]:
+    """Return the lowest and highest values of the fields of an encounter that are bounded."""
+    turn, positive = (-math.pi, math.pi), (0.0, math.inf)
+    rate = (0.0, 1.0 / aircraft.dt)
+    return {
+        "own.speed": (aircraft.limits.speed_min, aircraft.limits.speed_max),
+        "own.heading": turn,
+        "intruders.speed": (0.0, aircraft.traffic_speed_max),
+        "intruders.heading": turn,
+        "intent.heading_change": turn,
+        "intent.turn_rate": rate,
+        "sensor.position_std": positive,
+        "sensor.velocity_std": positive,
+        "sensor.latency": (0.0, 2.0 * aircraft.dt),
+        "coverage.reach": positive,
+        "coverage.half_angle": (0.0, math.pi),
+        "coverage.silence": positive,
+        "reaction.manner": (TURNS_INTO, GIVES_WAY),
+        "reaction.ahead": positive,
+        "reaction.within": positive,
+        "reaction.heading_change": (0.0, math.pi),
+        "reaction.turn_rate": rate,
+        "separation": (0.01 * aircraft.separation, 100.0 * aircraft.separation),
+    }
 
 
 def _numbers(name: str, value: Any, shape: tuple[int, ...], low: float, high: float) -> np.ndarray:
