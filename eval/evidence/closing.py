@@ -9,7 +9,7 @@ from typing import Any
 
 from envs.edge.progress import group_digits
 from eval.evidence.listed import Evidence
-from eval.evidence.tables import row_of
+from eval.evidence.tables import cells_of
 from eval.metrics.summary import print_table
 
 _STATES = ("missed", "undecided", "met", "without a claim", "not measured")
@@ -58,10 +58,11 @@ def _row(listed: Evidence, results: Mapping[str, Any], name: str) -> list[str]:
     size = group_digits(results[name]["n"])
     if results[name]["n"] < entry.n:
         size += f" of {group_digits(entry.n)}"
-    _, claimed, met, found, success = row_of(entry, results[name], _CELLS)
+    cells = cells_of(entry, results[name], _CELLS)
     if entry.claim is None:
-        return [name, size, "", "" if success == "-" else success, "without a claim"]
-    return [name, size, claimed, found, _CLAIMS[met]]
+        success = "" if cells["success"] == "-" else cells["success"]
+        return [name, size, "", success, "without a claim"]
+    return [name, size, cells["claimed"], cells["found"], _CLAIMS[cells["met"]]]
 
 
 def _names(state: str, rows: Sequence[Sequence[str]]) -> str:

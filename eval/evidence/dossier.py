@@ -16,7 +16,7 @@ from pydantic import Field
 from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict
 from eval.evidence.listed import Evidence
-from eval.evidence.tables import row_of
+from eval.evidence.tables import cells_of
 
 
 class State(IntEnum):
@@ -296,12 +296,12 @@ def _evaluate(name: str, listed: Evidence, results: Mapping[str, Any]) -> Evalua
         "success": "{success_given_resolvable}",
         "origin": "{commit}, {machine}",
     }
-    _, claimed, met, found, success, origin = row_of(entry, results[name], cells)
+    found = cells_of(entry, results[name], cells)
     return Evaluated(
         title=title,
         size=f"{results[name]['n']} of {entry.n}",
-        claimed=claimed,
-        met=met,
-        found=success if found == "-" else found,
-        origin=origin,
+        claimed=found["claimed"],
+        met=found["met"],
+        found=found["success"] if found["found"] == "-" else found["found"],
+        origin=found["origin"],
     )

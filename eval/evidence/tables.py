@@ -93,7 +93,12 @@ def _parts(result: Mapping[str, Any], table: Table) -> list[list[str]]:
 
 
 def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) -> list[str]:
-    """Return the title of a result and its cells.
+    """Return the title of a result and its cells."""
+    return [entry.title, *cells_of(entry, result, columns).values()]
+
+
+def cells_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) -> dict[str, str]:
+    """Return the cells of a result by the names of their columns.
 
     ``met`` of a claim is yes, no, undecided, or open where the result lacks the figure.
     """
@@ -108,7 +113,7 @@ def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) 
         )
         figures["met"] = _met(value, sign, bound)
         figures["found"] = value
-    return [entry.title, *(_cell(cell, figures) for cell in columns.values())]
+    return {name: _cell(cell, figures) for name, cell in columns.items()}
 
 
 def _met(figure: Any, sign: str, bound: float) -> str:
