@@ -102,30 +102,7 @@ def _convert(options: argparse.Namespace) -> int:
             raise ConfigError(
                 f"--encounter: {options.encounter!r} is not in {source}; it holds {known[:5]} ..."
             )
-    lost: list[str] = []
-
-    def note_loss(what: str, which: Sequence[ExchangedEncounter]) -> None:
-        if which:
-            lost.append(
-                f"{what} of {len(which)} of {len(scenes)} encounters, the first {which[0].name!r}"
-            )
-
-    for kind in sorted({kind for scene in scenes for kind, rows in scene.left_out.items() if rows}):
-        which = [scene for scene in scenes if scene.left_out.get(kind)]
-        note_loss(f"{sum(scene.left_out[kind] for scene in which)} {kind}", which)
-    if target == ".csv":
-        note_loss("altitudes", [scene for scene in scenes if scene.altitudes])
-        note_loss(
-            "the ownship's motion after the start",
-            [scene for scene in scenes if not scene.straight(0)],
-        )
-    else:
-        note_loss("the goal", [scene for scene in scenes if scene.goal is not None])
-        note_loss("the noise of reports", [scene for scene in scenes if any(scene.sensor)])
-    if target == ".json":
-        note_loss("the name", [scene for scene in scenes if not is_number(scene.name)])
-    else:
-        note_loss("the weight", [scene for scene in scenes if scene.weight != 1.0])
+    lost = _losses(scenes, target)
     if lost and not options.lossy:
         raise ConfigError(
             f"{options.target} cannot hold {'; '.join(lost)}; expected --lossy to leave it out"
@@ -139,6 +116,31 @@ def _convert(options: argparse.Namespace) -> int:
     for sentence in lost:
         print(f"left out: {sentence}", file=sys.stderr)
     return len(scenes)
+
+
+def _losses(scenes: Sequence[ExchangedEncounter], target: str) -> list[str]:
+    """Return what a form of file cannot hold of the encounters, with how many have it."""
+    had: dict[str, list[ExchangedEncounter]] = {}
+    for kind in sorted({kind for scene in scenes for kind, rows in scene.left_out.items() if rows}):
+        which = [scene for scene in scenes if scene.left_out.get(kind)]
+        had[f"{sum(scene.left_out[kind] for scene in which)} {kind}"] = which
+    if target == ".csv":
+        had["altitudes"] = [scene for scene in scenes if scene.altitudes]
+        had["the ownship's motion after the start"] = [
+            scene for scene in scenes if not scene.straight(0)
+        ]
+    else:
+        had["the goal"] = [scene for scene in scenes if scene.goal is not None]
+        had["the noise of reports"] = [scene for scene in scenes if any(scene.sensor)]
+    if target == ".json":
+        had["the name"] = [scene for scene in scenes if not is_number(scene.name)]
+    else:
+        had["the weight"] = [scene for scene in scenes if scene.weight != 1.0]
+    return [
+        f"{what} of {len(which)} of {len(scenes)} encounters, the first {which[0].name!r}"
+        for what, which in had.items()
+        if which
+    ]
 
 
 def _read(path: Path, form: str, seconds: int, repair: bool) -> list[ExchangedEncounter]:
