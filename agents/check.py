@@ -464,11 +464,14 @@ def air_limits(certificate: Certificate) -> list[Ball]:
     if certificate.wind.std == 0.0 or certificate.requirement.sigmas == 0.0:
         return [slow, fast, weakest, strongest, turn]
     error = ball(certificate.requirement.sigmas) * ball(certificate.wind.std)
+    twice = TWO * error
+    gain = real(max(strongest.hi, -weakest.lo))
+    # What could be slower is kept from that.
+    slow = max(slow, twice, gain / turn, key=lambda one: one.hi)
     least = slow + error
     demand(least.lo > 0, "the lowest airspeed is not positive")
-    gain = real(max(strongest.hi, -weakest.lo))
     turn = turn * slow / least - gain * error / (least * least)
-    half = real(min(strongest.lo, -weakest.hi)) / (TWO * error)
+    half = real(min(strongest.lo, -weakest.hi)) / twice
     turn = half if half.hi < turn.hi else turn
     demand(turn.lo > 0, "the wind is too uncertain for the aircraft to turn")
     lost = turn * error

@@ -120,13 +120,16 @@ def narrow(limits: Limits, error: float) -> Limits:
 
     The turn rate is narrowed for the lowest airspeed that is left, at which that bound is greatest,
     and as far as leaves half of the weaker acceleration. Speeds that cross, or a turn rate or
-    acceleration that is not positive, mean that nothing is left.
+    acceleration that is not positive, mean that nothing is left. What can fly very
+    slowly, as what hovers, is kept from that, where the turn rate has no bound: from less than
+    twice the error, and less than the strongest acceleration over the turn rate.
     """
     if error == 0.0:
         return limits
-    slow = limits.speed_min + error
     strongest = max(limits.acceleration_max, -limits.acceleration_min)
-    turn = limits.yaw_rate_max * limits.speed_min / slow - strongest * error / (slow * slow)
+    lowest = max(limits.speed_min, 2.0 * error, strongest / limits.yaw_rate_max)
+    slow = lowest + error
+    turn = limits.yaw_rate_max * lowest / slow - strongest * error / (slow * slow)
     weakest = min(limits.acceleration_max, -limits.acceleration_min)
     turn = min(turn, 0.5 * weakest / error)
     lost = max(turn, 0.0) * error

@@ -21,4 +21,5 @@ Print Assumptions side_carried.
 Print Assumptions not_over_level.
 Print Assumptions level_window.
 Print Assumptions narrow_sound.
+Print Assumptions narrow_sound_lowest.
 Print Assumptions turned_in_other_wind.

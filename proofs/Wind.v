@@ -137,6 +137,9 @@ Qed.
 
 (* ---- the limits that are narrowed ---- *)
 
+(* What can be very slow is kept from that. *)
+Definition lowest (speed_min acc_min acc_max rate error : R) : R :=
+  Rmax speed_min (Rmax (2 * error) (Rmax acc_max (- acc_min) / rate)).
 Definition narrow_speed_min (speed_min error : R) : R := speed_min + error.
 Definition narrow_speed_max (speed_max error : R) : R := speed_max - error.
 Definition turn_left (speed_min acc_min acc_max rate error : R) : R :=
@@ -217,6 +220,26 @@ Proof.
     { apply Rle_trans with (1 := turns); apply Rmin_l. }
     apply Rabs_le.
     generalize (Rmax_l acc_max (- acc_min)) (Rmax_r acc_max (- acc_min)); lra.
+Qed.
+
+(* So it is where they are narrowed for a higher least speed. *)
+Corollary narrow_sound_lowest speed_min speed_max acc_min acc_max rate error ux uy cx cy dx dy :
+  let slow := lowest speed_min acc_min acc_max rate error in
+  0 < slow -> 0 <= error -> norm dx dy <= error ->
+  let turn := narrow_turn slow acc_min acc_max rate error in
+  narrow_acc_min acc_min turn error <= 0 <= narrow_acc_max acc_max turn error ->
+  narrow_speed_min slow error <= norm ux uy <= narrow_speed_max speed_max error ->
+  narrow_acc_min acc_min turn error <= along_path ux uy cx cy <= narrow_acc_max acc_max turn error ->
+  Rabs (turn_rate ux uy cx cy) <= turn ->
+  speed_min <= norm (ux - dx) (uy - dy) <= speed_max /\
+  acc_min <= along_path (ux - dx) (uy - dy) cx cy <= acc_max /\
+  Rabs (turn_rate (ux - dx) (uy - dy) cx cy) <= rate.
+Proof.
+  intros slow pos err near turn signs speeds pushes turns.
+  destruct (narrow_sound slow speed_max acc_min acc_max rate error ux uy cx cy dx dy
+    pos err near signs speeds pushes turns) as [fast rest].
+  split; [|exact rest].
+  assert (speed_min <= slow) by apply Rmax_l; lra.
 Qed.
 
 (* ---- an intruder that turns through the air ---- *)

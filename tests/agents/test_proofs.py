@@ -341,9 +341,10 @@ def test_limits_are_narrowed_as_proven() -> None:
     rng = np.random.default_rng(12)
     for _ in range(200):
         slow, fast, weak, strong, turn, error = rng.uniform(
-            [10.0, 60.0, -2.0, 0.1, 0.02, 0.01], [50.0, 200.0, -0.1, 2.0, 0.3, 9.0]
+            [0.0, 60.0, -2.0, 0.1, 0.02, 0.01], [50.0, 200.0, -0.1, 2.0, 0.3, 9.0]
         ).tolist()
         found = narrow(Limits(slow, fast, weak, strong, turn), error)
+        slow = COQ["lowest"](slow, weak, strong, turn, error)
         left = COQ["narrow_turn"](slow, weak, strong, turn, error)
         proven = (
             COQ["narrow_speed_min"](slow, error),

@@ -131,5 +131,17 @@ def test_narrowed_limits_hold_the_given_ones_in_every_wind(
     assert abs(across) / abs(velocity) <= UAS.yaw_rate_max + 1e-9
 
 
+@given(st.floats(0.0, 5.0), st.floats(0.01, 2.0), st.floats(0.1, 4.0), st.floats(0.02, 1.0))
+def test_what_hovers_keeps_speeds_turns_and_accelerations(
+    slow: float, error: float, strongest: float, rate: float
+) -> None:
+    limits = Limits(slow, 80.0, -strongest, 0.5 * strongest, rate)
+    within = narrow(limits, error)
+    assume(within.speed_min < within.speed_max)
+    assert within.yaw_rate_max > 0.0
+    assert within.acceleration_min < 0.0 < within.acceleration_max
+    assert within.speed_min >= slow + error
+
+
 def test_nothing_is_narrowed_where_the_wind_is_known() -> None:
     assert narrow(UAS, 0.0) == UAS
