@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = {"seed": options.seed, "separation_m": SEPARATION}
     rows = _done(options.out / _FILE, asked)
     if not options.anew:
-        rows += _flown_before(asked, rows)
+        rows += flown_before(asked, rows)
     flown = {(row["number"], row["method"]) for row in rows}
     wanted = [
         (number, method)
@@ -150,7 +150,7 @@ def _done(path: Path, asked: Row) -> list[Row]:
     return [parse_json(line) for line in lines]
 
 
-def _flown_before(asked: Row, rows: Sequence[Row]) -> list[Row]:
+def flown_before(asked: Row, rows: Sequence[Row]) -> list[Row]:
     """Return the flights that are kept with the benchmark, without those that rows hold."""
     first, *lines = _FLOWN.read_text(encoding="utf-8").splitlines()
     if parse_json(first) != asked:
