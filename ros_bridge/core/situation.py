@@ -166,30 +166,9 @@ def task(
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(far))
-    options = settings.options
     alerted = _aircraft_of_alert(situation, now, settings)
     route, points = _route(situation, frame, asked_route)
-    # Who may matter is judged by the greatest separations of all.
-    separation, vertical = settings.categories.greatest(
-        options.requirement.separation, options.vertical_filter
-    )
-    x, y = (np.array([getattr(point, axis) for point in points]) for axis in "xy")
-    climb = options.unknown_climb
-    # Over the ground both are faster by the wind at most.
-    blows = float(wind.speed) + options.requirement.sigmas * float(wind.std)
-    airspeed = through_air(own, wind, 0.0).speed
-    end = _options_in_wind(options, wind).latest_end(airspeed, x, y, wind=float(wind.speed))
-    reach = Reach(
-        own=report,
-        now=now,
-        horizon=float(end),
-        separation=separation + options.requirement.margin,
-        vertical=vertical,
-        speed=options.limits.speed_max + blows,
-        traffic=options.aircraft.traffic_speed_max + blows,
-        undulation=undulation,
-        unknown_climb=climb,
-    )
+    reach = _reach(report, undulation, own, points, wind, now, settings)
     frames = frame, wind
     identifiers, intruders, excluded = _intruders(situation, frames, now, settings, alerted, reach)
     for number, (name, one) in enumerate(zip(identifiers, intruders, strict=True)):
@@ -198,10 +177,45 @@ def task(
             what = "is at the ownship's place and velocity; a copy of it (TIS-B) is not recognised"
             copy = Field(Subject.INTRUDERS, number=number)
             notes += (Advisory(AdvisoryCode.POSSIBLE_COPY, copy, what),)
-    areas = _areas(situation, frame, now)
-    height = level(report.altitude, now - report.time, undulation, climb)
+    areas, options = _areas(situation, frame, now), settings.options
+    height = level(report.altitude, now - report.time, undulation, options.unknown_climb)
     traffic = identifiers, intruders, excluded
     return PlanTask(frame, now, own, height, *traffic, route, points, options, notes, wind, areas)
+
+
+def _reach(
+    report: Report,
+    undulation: float | None,
+    own: VehicleState,
+    points: Sequence[RoutePoint],
+    wind: Wind,
+    now: int,
+    settings: Settings,
+) -> Reach:
+    """Return who may matter to a plan along a route, at a moment, ns: the ownship's report, and its
+    state over the ground then.
+    """
+    options = settings.options
+    # Who may matter is judged by the greatest separations of all.
+    separation, vertical = settings.categories.greatest(
+        options.requirement.separation, options.vertical_filter
+    )
+    x, y = (np.array([getattr(point, axis) for point in points]) for axis in "xy")
+    # Over the ground both are faster by the wind at most.
+    blows = float(wind.speed) + options.requirement.sigmas * float(wind.std)
+    airspeed = through_air(own, wind, 0.0).speed
+    end = _options_in_wind(options, wind).latest_end(airspeed, x, y, wind=float(wind.speed))
+    return Reach(
+        own=report,
+        now=now,
+        horizon=float(end),
+        separation=separation + options.requirement.margin,
+        vertical=vertical,
+        speed=options.limits.speed_max + blows,
+        traffic=options.aircraft.traffic_speed_max + blows,
+        undulation=undulation,
+        unknown_climb=options.unknown_climb,
+    )
 
 
 def _areas(situation: Situation, frame: LocalFrame, now: int) -> tuple[Area, ...]:
