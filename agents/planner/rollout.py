@@ -235,11 +235,13 @@ def _roll_one(
     task, limits, dt = task_of(options), options.manoeuvre, options.aircraft.dt
     steps, spacing = int(task.until / dt + 1e-9), options.spacing
     result = _empty(1, steps // spacing + 1)
-    flight, plan_states = _Flight(own, 0.0, 0.0, 0), list[VehicleState]()
+    state, path, turn_sign, reversals = own, 0.0, 0.0, 0
+    plan_states = list[VehicleState]()
     square, threshold = task.radius * task.radius, _TURNS * limits.yaw_rate_max
     for step in range(steps + 1):
-        state, time, asks = flight.state, step * dt, step % EVERY == 0
-        ahead.look(step, state)
+        time, asks = step * dt, step % EVERY == 0
+        if asks:
+            ahead.look(step, state)
         if step % spacing == 0:
             plan_states.append(state)
         place = aim = target.place_after(step, dt)
@@ -248,6 +250,7 @@ def _roll_one(
         dx, dy = place[0] - state.x, place[1] - state.y
         arrived = dx * dx + dy * dy <= square
         if arrived or (options.direct and asks and ahead.way_back(state, aim, step)):
+            flight = _Flight(state, path, turn_sign, reversals)
             _note_end(result, 0, flight, time, not arrived)
             break
         if step == steps or (asks and ends()):
@@ -255,12 +258,11 @@ def _roll_one(
         action = policy.command_one(state, ahead.seen_from(state, step), *aim)
         acceleration, yaw_rate = commands(action, limits, FLOATS)
         moved = advance(state, acceleration, yaw_rate, dt, limits, FLOATS)
-        path = flight.path + 0.5 * dt * (state.speed + moved.speed)
-        turn_sign, reversals = flight.turn_sign, flight.reversals
+        path += 0.5 * dt * (state.speed + moved.speed)
         if abs(yaw_rate) >= threshold:
-            reversals = reversals + 1 if yaw_rate * turn_sign < 0.0 else reversals
+            reversals += 1 if yaw_rate * turn_sign < 0.0 else 0
             turn_sign = 1.0 if yaw_rate > 0.0 else -1.0
-        flight = _Flight(moved, path, turn_sign, reversals)
+        state = moved
     reached = VehicleState(*zip(*plan_states, strict=True))
     scatter(result.plan_states, (0, slice(len(plan_states))), reached)
     return result
@@ -294,14 +296,12 @@ class _Ahead:
         self._shares = None if self._share is None else self._share.tolist()
 
     def look(self, step: int, state: VehicleState) -> None:
-        """Look ahead from a time step on: every few of them the intruders are predicted and
-        chosen.
+        """Choose what is looked at for the next few time steps, the intruders being predicted for
+        many more.
         """
         if step % _AHEAD == 0:
             times = np.arange(step, step + _AHEAD)[:, None] * self._dt
             self._block = predict(self._traffic, times)
-        if step % EVERY != 0:
-            return
         first = step % _AHEAD
         ahead = take(self._block, slice(first, first + EVERY))
         if self._many or self._window is not None:
