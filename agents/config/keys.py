@@ -17,31 +17,6 @@ from pydantic.fields import FieldInfo
 
 from envs.edge.extension import is_extension
 
-RENAMED = {
-    "doubtful": "fallback_cost_threshold",
-    "rules": "aircraft",
-    "start_from": "warm_start",
-    "thorough": "exhaustive",
-    "vehicle": "aircraft",
-}
-"""New names of keys by their old ones, each the last part of a dotted key; a refusal names the new
-one.
-"""
-
-MOVED = {
-    "world.vehicle": "aircraft",
-    "world.separation": "aircraft.separation_m",
-    "world.goal_radius": "aircraft.goal_radius_m",
-    "world.t_max": "aircraft.t_max_s",
-    "world.reward_violation": "rewards.violation",
-    "world.reward_goal": "rewards.goal",
-    "world.reward_timeout": "rewards.timeout",
-    "evaluation.separation": "aircraft.separation_m",
-}
-"""New keys, from the top, by the old ones that a configuration may no longer have; a refusal names
-the new one.
-"""
-
 _KINDS = {
     int: "a whole number",
     float: "a number",

@@ -10,8 +10,6 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
 from agents.config.keys import (
-    MOVED,
-    RENAMED,
     expectation,
     field_at,
     nearest,
@@ -219,12 +217,6 @@ def _complaint(model: type[BaseModel], error: Any) -> str:
         return message if not key else f"{key}.{message}" if about_key else f"{key}: {message}"
     if kind == "extra_forbidden":
         names = list(_model_at(model, location[:-1]).model_fields)
-        renamed = RENAMED.get(str(location[-1]))
-        if renamed in names:
-            return f"{key} is now called {'.'.join(map(str, (*location[:-1], renamed)))}"
-        moved = MOVED.get(key)
-        if moved is not None and field_at(model, moved.split(".")) is not None:
-            return f"{key} is now called {moved}"
         close = nearest(str(location[-1]), names)
         either = f"expected {'one of ' if len(names) > 1 else ''}{', '.join(names)}"
         hint = f"did you mean {'.'.join(map(str, (*location[:-1], close)))}?" if close else either

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, ValidationError, model_validator
 
-from agents.config.keys import RENAMED, help_text, keys, markdown
+from agents.config.keys import help_text, keys, markdown
 from agents.config.load import ConfigError, Parser, Strict, dump, load
 from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig, VehicleConfig
 from envs.aircraft import PAPER, new_aircraft
@@ -279,14 +279,6 @@ def test_overrides_can_say_every_configuration(config: Outer):
 )
 def test_yaml_gives_back_what_was_written(value: object):
     assert read(write(value)) == value
-
-
-def test_an_old_key_is_refused_with_its_new_name(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(RENAMED, "speed", "rate")
-    with pytest.raises(ConfigError, match=r"inner.speed is now called inner.rate"):
-        load(Outer, None, ["inner.speed=0.5"])
-    with pytest.raises(ConfigError, match=r"items.0.speed is unknown"):
-        load(Outer, None, ["items=[{name: a, speed: 1}]"])
 
 
 @pytest.mark.parametrize(

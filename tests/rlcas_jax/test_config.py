@@ -46,19 +46,6 @@ def test_quick_trains_any_aircraft_by_one_option(path: Path):
     assert near.own_speed == (aircraft.limits.speed_min, aircraft.limits.speed_max)
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("world.vehicle=x.yaml", "world.vehicle is now called aircraft"),
-        ("world.separation=1100", "world.separation is now called aircraft.separation_m"),
-        ("evaluation.separation=1100", "evaluation.separation is now called aircraft.separation_m"),
-    ],
-)
-def test_an_old_key_names_the_new_one(old: str, new: str):
-    with pytest.raises(ConfigError, match=f"{new}$"):
-        load(TrainConfig, None, [old])
-
-
 def test_metres_are_refused_where_separations_are_expected():
     with pytest.raises(ConfigError, match=r"world.separation_spread is 80.* at most 10"):
         load(TrainConfig, None, ["world.separation_spread=80"])

@@ -138,7 +138,6 @@ def test_a_phase_changes_the_rows_that_it_names():
         ("rewards.turn=1", "turn is unknown; expected one of violation, .*did you mean turn_rate"),
         ("rewards.my_rewards:close=fast", "my_rewards:close is 'fast'; expected a number"),
         ("rewards.goal=1e9", "rewards.goal is .* expected a number at least -1000000"),
-        ("world.reward_timeout=-1", "world.reward_timeout is now called rewards.timeout"),
     ],
 )
 def test_rows_that_cannot_be_are_refused(override: str, message: str):
