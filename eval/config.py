@@ -44,7 +44,7 @@ class PlannerConfig(Strict):
     goals: int = Field(default=3, ge=1, le=10)
     """Points of the route that are tried, the next one first."""
     direct: bool = True
-    """Whether the policy's flight ends as soon as the direct way to the goal is clear; otherwise
+    """Whether the policy's flight ends as soon as the direct route to the goal is clear; otherwise
     only at the goal.
     """
     fallback_cost_threshold: float | None = Field(default=None, ge=0.0)

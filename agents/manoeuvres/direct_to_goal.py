@@ -1,5 +1,5 @@
-"""The direct way back: one turn onto the goal, a straight line to it, and whether that keeps clear
-of the traffic.
+"""The direct route back: one turn onto the goal, a straight line to it, and whether that keeps
+clear of the traffic.
 """
 
 import math
@@ -109,7 +109,7 @@ class Direct(NamedTuple):
 def direct(
     own: VehicleState, goal: tuple[Any, Any], time: Any, task: DirectTask, xp: Any
 ) -> Direct:
-    """Return the direct way to a goal, m, from states at some times, s, ``[...]``.
+    """Return the direct route to a goal, m, from states at some times, s, ``[...]``.
 
     A goal that cannot be turned onto (:func:`turn_onto`), or that is too far for the time left, has
     no such way.
@@ -134,8 +134,8 @@ def direct(
 def arrival(
     own: VehicleState, goal: tuple[Any, Any], time: Any, task: DirectTask, xp: Any
 ) -> tuple[Any, Any, Any]:
-    """Return when the direct way passes over the goal, s, on which course, rad, and how fast, m/s,
-    ``[...]``.
+    """Return when the direct route passes over the goal, s, on which course, rad, and how fast,
+    m/s, ``[...]``.
     """
     way = direct(own, goal, time, task, xp)
     rise = (way.speed - own.speed) * (1.0 / task.limits.acceleration_max)
@@ -156,7 +156,7 @@ def clear(
     """Return whether turning onto the goal now and flying there keeps clear of an intruder that
     flies straight on, while it counts: in a window of times, s; None: always.
 
-    A goal without a direct way (:func:`direct`) is not clear. All ``[...]``; goal and required
+    A goal without a direct route (:func:`direct`) is not clear. All ``[...]``; goal and required
     separation in m, time in s.
     """
     way = direct(own, goal, time, task, xp)
@@ -173,7 +173,7 @@ def keeps_clear(
     xp: Any,
     window: tuple[Any, Any] | None = None,
 ) -> Any:
-    """Return what :func:`clear` does for a direct way that is known.
+    """Return what :func:`clear` does for a direct route that is known.
 
     The turn is judged on the chords of its quarters, less what the arcs can leave them by, the
     straight line until the goal's disc.
@@ -204,7 +204,7 @@ def keeps_clear(
 
 
 def _chords(own: VehicleState, way: Direct, xp: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield the chords of the quarters of a direct way's turn, east and north, m."""
+    """Yield the chords of the quarters of a direct route's turn, east and north, m."""
     sine, cosine = sincos(own.heading, xp)
     half_sine, half_cosine = sincos(0.5 * (way.turn * (1.0 / _PARTS)), xp)
     length = 2.0 * way.circle * half_sine

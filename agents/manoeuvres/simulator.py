@@ -127,7 +127,7 @@ def fly_until_clear(
     )
     first = 0
     while aloft.row.size and first <= last and not effort.ends():
-        # As many strides as before, because the direct way is mostly clear soon.
+        # As many strides as before, because the direct route is mostly clear soon.
         most = _PAIRS // max(aloft.row.size * around.intruders, 1)
         count = min(max(min(max(first, _AT_ONCE), most), 1), last + 1 - first)
         flown, flight = fly_away(aloft.flight, aloft.manoeuvre, first, count, stride, limits)

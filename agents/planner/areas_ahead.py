@@ -1,4 +1,4 @@
-"""Estimates of what a search keeps from areas: on strides of manoeuvres, and on the direct way.
+"""Estimates of what a search keeps from areas: on strides of manoeuvres, and on the direct route.
 
 :mod:`agents.planner.areas` judges the plans.
 """
@@ -48,7 +48,7 @@ def way_clear(
     margin: float,
     task: DirectTask,
 ) -> Any:
-    """Return whether the direct way to goals, m, from states at some times, s, keeps clear of all
+    """Return whether the direct route to goals, m, from states at some times, s, keeps clear of all
     areas, ``[R]``.
     """
     way = direct(own, goal, time, task, np)

@@ -57,8 +57,8 @@ class Beyond(NamedTuple):
         time: Any,
         task: DirectTask,
     ) -> Any:
-        """Return whether the route is clear after the direct way to the goal from states ``[R]`` of
-        requests ``owner`` at some times, s, bool ``[R]``.
+        """Return whether the route is clear after the direct route to the goal from states ``[R]``
+        of requests ``owner`` at some times, s, bool ``[R]``.
 
         ``required`` is the separation before uncertainty grows, m, ``[R, K]``.
         """

@@ -1,5 +1,5 @@
 """Manoeuvres of the fallback in the air: against the predicted traffic and the areas of a request,
-until the direct way to the goal is clear.
+until the direct route to the goal is clear.
 """
 
 from typing import Any, NamedTuple
@@ -42,7 +42,7 @@ class ManoeuvreFlights(NamedTuple):
 def fly_out(
     request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, options: Options, effort: Effort
 ) -> ManoeuvreFlights:
-    """Fly manoeuvres ``[M]`` of requests ``which`` until the direct way to the goal, a number
+    """Fly manoeuvres ``[M]`` of requests ``which`` until the direct route to the goal, a number
     ``[N]``, is clear.
     """
     task, stride = task_of(options), stride_of(options)
@@ -93,7 +93,7 @@ class _Ahead:
         return self._required.shape[-1]
 
     def way_back(self, departure: Departure) -> Any:
-        """Return whether the direct way to the goal keeps clear, bool ``[R]``."""
+        """Return whether the direct route to the goal keeps clear, bool ``[R]``."""
         time, drift = departure.stride * self._stride, take(self._request.drift, departure.owner)
         place = drift_points(take(self._goal, departure.owner), drift, time)
         aim = aim_point(departure.own, place, drift, self._task.until, np)
@@ -109,7 +109,7 @@ class _Ahead:
         return found
 
     def _clear_of_traffic(self, departure: Departure, aim: tuple[Any, Any]) -> Any:
-        """Return whether direct ways keep clear of all intruders, bool ``[R]``.
+        """Return whether direct routes keep clear of all intruders, bool ``[R]``.
 
         The nearest intruders block most ways: the route beyond the goal, and the others of a crowd,
         are looked at where those do not.
@@ -130,7 +130,7 @@ class _Ahead:
         return found
 
     def _clear_of_some(self, departure: Departure, aim: tuple[Any, Any], each: Any) -> Any:
-        """Return whether direct ways keep clear of the intruders numbered ``each``, ``[R, k]``,
+        """Return whether direct routes keep clear of the intruders numbered ``each``, ``[R, k]``,
         bool ``[R]``.
         """
         at, of, slack = column((departure.stride, departure.owner, departure.slack))
@@ -145,7 +145,7 @@ class _Ahead:
         return np.all(kept, axis=-1)
 
     def _clear_beyond(self, departure: Departure, aim: tuple[Any, Any]) -> Any:
-        """Return whether the route beyond the goal is clear after direct ways, bool ``[R]``."""
+        """Return whether the route beyond the goal is clear after direct routes, bool ``[R]``."""
         required = self._required[departure.owner] + departure.slack[:, None]
         time = departure.stride * self._stride
         return self._beyond.clear(departure.own, aim, required, departure.owner, time, self._task)

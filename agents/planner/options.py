@@ -102,7 +102,8 @@ class Options:
     spacing: int = 20
     """Time steps from waypoint to waypoint; a multiple of 5."""
     direct: bool = True
-    """Whether policy and fallback hand over to the direct way to the goal as soon as that is clear.
+    """Whether policy and fallback hand over to the direct route to the goal as soon as that is
+    clear.
     """
     goals: int = 3
     """Points of the route that are tried, the next one first."""

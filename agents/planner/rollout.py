@@ -4,7 +4,7 @@ clear, or it is back.
 The same functions of the core twice: over plain floats for one request, where arrays of one element
 would cost ten times their arithmetic, and over arrays for many. The policy sees the intruders, as
 predicted, at every time step; where there are more than it was trained with, the most critical
-ones, chosen every few steps. Then also the direct way to the goal is looked at; once it is clear
+ones, chosen every few steps. Then also the direct route to the goal is looked at; once it is clear
 of all, the policy has done its work.
 """
 
@@ -43,7 +43,7 @@ class Rollout(NamedTuple):
     # where the way back is clear, or the goal within the radius; nan where neither was in time
     end: VehicleState
     time: Any  # when that is, s; nan where it was not
-    direct: Any  # whether the goal still lies ahead, on the direct way, bool
+    direct: Any  # whether the goal still lies ahead, on the direct route, bool
     path: Any  # length flown until the end, m
     turn_sign: Any  # of the last turn: 1 left, -1 right, 0 none
     reversals: Any  # how often the turn changed side
@@ -329,7 +329,7 @@ class _Ahead:
         return [at_share(state, *one) for one in zip(seen, self._shares, strict=True)]
 
     def way_back(self, state: VehicleState, aim: tuple[float, float], step: int) -> bool:
-        """Return whether the direct way is clear of all intruders."""
+        """Return whether the direct route is clear of all intruders."""
         time, task = step * self._dt, self._task
         if self._window is None:
             way = direct(state, aim, time, task, FLOATS)
@@ -358,8 +358,8 @@ def _clear_of_others(
     task: DirectTask,
     rest: Beyond | None,
 ) -> bool:
-    """Return whether the direct way is clear of intruders ``[K]``, and among many the route beyond
-    it.
+    """Return whether the direct route is clear of intruders ``[K]``, and among many the route
+    beyond it.
     """
     if not np.all(clear(state, goal, others, required_range, time, task, np, window)):
         return False
@@ -386,8 +386,8 @@ def _clear_beyond(
     time: float,
     task: DirectTask,
 ) -> Any:
-    """Return whether the direct way is clear of all intruders ``[M, K]``, and among many the route
-    beyond it, bool ``[M]``.
+    """Return whether the direct route is clear of all intruders ``[M, K]``, and among many the
+    route beyond it, bool ``[M]``.
     """
     mask, required_range = now.traffic.mask, now.required_range
     found = _all_clear(now.flight.state, aim, seen, now.traffic, required_range, time, task)
@@ -409,7 +409,7 @@ def _all_clear(
     time: float,
     task: DirectTask,
 ) -> Any:
-    """Return whether the direct way is clear of all intruders, ``[N]``."""
+    """Return whether the direct route is clear of all intruders, ``[N]``."""
     mask, own = traffic.mask, column((state, goal))
     if mask.shape[-1] == 0:
         return clear(state, goal, state, -np.inf, time, task, np)
