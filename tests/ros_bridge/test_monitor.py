@@ -16,14 +16,14 @@ pytest.importorskip("rclpy", reason=MISSING)
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rlcas_msgs.msg import AssuranceStatus, GuidanceBands, TrafficAlert, Trajectory
+from rlcas_msgs.msg import AircraftState, AssuranceStatus, GuidanceBands, TrafficAlert, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
 from envs.waypoints import Legs, at, legs, plan_states
 from ros_bridge.core.assurance import read_plan as plan_of
 from ros_bridge.core.replies import to_frame
 from ros_bridge.transport import qos
-from tests.ros_bridge.scenes import FRAME
+from tests.ros_bridge.scenes import EXACT, FRAME
 
 WATCHER = "/rlcas_monitor"
 
@@ -74,7 +74,8 @@ class Flight:
                 state = tuple(
                     float(value) for value in at(self.legs, np.float64((now - self.began) / 1e9))
                 )
-            self.world.ownship(*state, time=now)
+            # In a wind that it knows, so that it may turn as it can.
+            self.world.ownship(*state, time=now, valid=EXACT | AircraftState.VALID_WIND)
         self.report()
         self.client.idle(0.1)
         if (
