@@ -110,7 +110,8 @@ def publish(
         reasons,
         float(best.min_separation),
         float(best.findings.time_of_min_separation),
-        route[int(best.goal)].index if waypoints else None,
+        # A point of an extended route has no index.
+        route[int(best.goal)].index if waypoints and best.goal < len(route) else None,
         float(best.rejoin_time),
         excluded,
         waypoints,
