@@ -11,13 +11,15 @@ from typing import Any
 
 from agents.planner import Options
 from agents.policy.inference import Policy
-from envs.edge.command import InputError, Parser
+from envs.edge.command import ConfigError, InputError, Parser
+from envs.edge.json_text import parse_json
 
 __all__ = [
     "chosen",
     "deadline_option",
     "layers",
     "machine",
+    "read_done",
     "report",
     "request_options",
     "seconds",
@@ -92,6 +94,26 @@ def chosen(only: str, known: Iterable[str]) -> list[str]:
         if name not in there:
             raise InputError(f"--only has {name!r}; expected some of {', '.join(there)}")
     return names
+
+
+def read_done(path: Path, asked: dict[str, Any], what: str = "run") -> list[Any]:
+    """Return the JSON lines that a run so far has written to a file, which begins with what was
+    asked; a line that was cut off by an interruption is dropped. A new file is begun.
+
+    Raises:
+        ConfigError: the file is of a run that was asked for something else.
+    """
+    if not path.exists():
+        path.write_text(json.dumps(asked) + "\n", encoding="utf-8")
+        return []
+    first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
+    if parse_json(first) != asked:
+        raise ConfigError(
+            f"--out: {path} holds another {what}, {first}; expected {json.dumps(asked)}, "
+            "or another folder"
+        )
+    path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")
+    return [parse_json(line) for line in lines]
 
 
 def show(figures: dict[str, Any]) -> None:

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.ardupilot.encounters import encounter
-from benchmarks.measure import report
-from envs.edge.command import ConfigError, Parser
+from benchmarks.measure import read_done, report
+from envs.edge.command import Parser
 from envs.edge.json_text import parse_json
 from ros_bridge.mavlink.flight import BEGIN, SEPARATION, Encounter, Result, fly
 from ros_bridge.mavlink.sitl import SitlError, folder
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder()
     options.out.mkdir(parents=True, exist_ok=True)
     asked = {"seed": options.seed, "separation_m": SEPARATION}
-    rows = _done(options.out / _FILE, asked)
+    rows = read_done(options.out / _FILE, asked)
     if not options.anew:
         rows += flown_before(asked, rows)
     flown = {(row["number"], row["method"]) for row in rows}
@@ -134,20 +134,6 @@ def row_of(one: Encounter, method: str, flight: Result) -> Row:
         "along": round(max(along), 2) if along else None,
         "texts": [text for text in flight.texts if text.startswith("RLCAS")],
     }
-
-
-def _done(path: Path, asked: Row) -> list[Row]:
-    """Return the flights of a file; a line that was cut off by an interruption is dropped."""
-    if not path.exists():
-        path.write_text(json.dumps(asked) + "\n", encoding="utf-8")
-        return []
-    first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
-    if parse_json(first) != asked:
-        raise ConfigError(
-            f"--out: {path} holds {first}; expected {json.dumps(asked)}, or another folder"
-        )
-    path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")
-    return [parse_json(line) for line in lines]
 
 
 def flown_before(asked: Row, rows: Sequence[Row]) -> list[Row]:

@@ -17,18 +17,16 @@ from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
 
-from agents.config.load import ConfigError
 from agents.policy.inference import Policy
 from benchmarks.icarous import ours, peer
 from benchmarks.icarous.figure import drawing
 from benchmarks.icarous.flights import Flight
 from benchmarks.icarous.judge import Verdict, judge
 from benchmarks.icarous.missions import Mission, aircraft, mission
-from benchmarks.measure import chosen, report
+from benchmarks.measure import chosen, read_done, report
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser
 from envs.edge.figures import save_figure
-from envs.edge.json_text import parse_json
 from envs.edge.progress import Progress
 
 SIDES = "icarous", "ours"
@@ -64,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     vehicle = aircraft()
     asked = {"seed": options.seed, "separation_m": vehicle.separation}
-    rows = _done(options.out / _FILE, asked)
+    rows = read_done(options.out / _FILE, asked)
     flown = {(row["number"], row["side"]) for row in rows}
     missing = [
         (number, side)
@@ -80,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 _draw(options, sides, fly, vehicle)
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was flown", file=sys.stderr)
-        rows = _done(options.out / _FILE, asked)
+        rows = read_done(options.out / _FILE, asked)
     counted = complete([row for row in rows if row["number"] < options.missions], sides)
     found = figures(counted, sides)
     print(table(found))
@@ -139,20 +137,6 @@ def row_of(one: Mission, side: str, flight: Flight, verdict: Verdict) -> Row:
         "slowest": flight.slowest if math.isfinite(flight.slowest) else None,
         "ended": flight.ended,
     }
-
-
-def _done(path: Path, asked: Row) -> list[Row]:
-    """Return the flights of a file; a line that was cut off by an interruption is dropped."""
-    if not path.exists():
-        path.write_text(json.dumps(asked) + "\n", encoding="utf-8")
-        return []
-    first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
-    if parse_json(first) != asked:
-        raise ConfigError(
-            f"--out: {path} holds {first}; expected {json.dumps(asked)}, or another folder"
-        )
-    path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")
-    return [parse_json(line) for line in lines]
 
 
 def complete(rows: Sequence[Row], sides: Sequence[str]) -> list[Row]:

@@ -22,11 +22,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 from agents.policy.inference import Policy
-from benchmarks.measure import report, request_options
+from benchmarks.measure import read_done, report, request_options
 from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
-from envs.edge.command import ConfigError, Parser
-from envs.edge.json_text import parse_json
+from envs.edge.command import Parser
 from envs.edge.progress import Progress
 from eval.runner.workers import cores
 
@@ -48,22 +47,8 @@ def _prepare(path: Path | None) -> None:
 
 
 def _done(path: Path, asked: dict[str, Any]) -> dict[Batch, Tally]:
-    """Return the batches that a folder's file holds of the same attack; a line cut off by an
-    interruption is dropped.
-
-    Raises:
-        ConfigError: the file is another attack's.
-    """
-    if not path.exists():
-        path.write_text(json.dumps(asked) + "\n", encoding="utf-8")
-        return {}
-    first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
-    if parse_json(first) != asked:
-        raise ConfigError(
-            f"--out: {path} holds another attack, {first}; expected this one, or another folder"
-        )
-    path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")
-    pairs = map(parse_json, lines)
+    """Return the batches that a folder's file holds of the same attack."""
+    pairs = read_done(path, asked, "attack")
     return {Batch(batch[0], tuple(batch[1]), *batch[2:]): Tally.of(tally) for batch, tally in pairs}
 
 
