@@ -72,20 +72,27 @@ const airmap = (() => {
     pen.restore();
   }
 
-  // Traffic by its alert level: open diamond, filled diamond, disc, square. Dashed and open where its reports are late.
-  function mark(pen, x, y, level, size, colour, rim, late = false) {
+  // The outline of traffic by its alert level: diamond, diamond, disc, square.
+  function outline(pen, x, y, level, size) {
     pen.beginPath();
-    if (level >= 3) pen.rect(x - size, y - size, 2 * size, 2 * size);
-    else if (level === 2) pen.arc(x, y, size * 1.1, 0, TURN);
-    else {
-      const reach = 1.3 * size;
-      for (const [dx, dy] of [[0, -reach], [reach, 0], [0, reach], [-reach, 0]]) pen.lineTo(x + dx, y + dy);
-      pen.closePath();
-    }
+    if (level >= 3) return pen.rect(x - size, y - size, 2 * size, 2 * size);
+    if (level === 2) return pen.arc(x, y, size * 1.1, 0, TURN);
+    const reach = 1.3 * size;
+    for (const [dx, dy] of [[0, -reach], [reach, 0], [0, reach], [-reach, 0]]) pen.lineTo(x + dx, y + dy);
+    pen.closePath();
+  }
+
+  // Traffic by its alert level, filled where it has one. Where its reports are late it is dashed, and filled in the middle only.
+  function mark(pen, x, y, level, size, colour, rim, late = false) {
+    outline(pen, x, y, level, size);
     const filled = level > 0 && !late;
     pen.fillStyle = filled ? colour : rim;
     pen.fill();
     stroke(pen, filled ? rim : colour, filled ? 1.5 : 2.2, late ? [3, 3] : []);
+    if (!late || level === 0) return;
+    outline(pen, x, y, level, 0.5 * size);
+    pen.fillStyle = colour;
+    pen.fill();
   }
 
   // Neighbouring targets of one region as arcs: [from, to, region], degrees; targets stand evenly on the circle.
@@ -152,14 +159,14 @@ const airmap = (() => {
     }
   }
 
-  // A triangle on the ring that points inwards at a direction, degrees.
-  function bug(pen, x, y, radius, up, degrees, colour, rim) {
+  // A triangle on the ring that points inwards at a direction, degrees; open: only its outline.
+  function bug(pen, x, y, radius, up, degrees, colour, rim, open = false) {
     const angle = ((degrees - up) * Math.PI) / 180;
     line(pen, [onRing(x, y, radius - 1, angle), onRing(x, y, radius + 13, angle - 0.055), onRing(x, y, radius + 13, angle + 0.055)]);
     pen.closePath();
-    pen.fillStyle = colour;
+    pen.fillStyle = open ? rim : colour;
     pen.fill();
-    stroke(pen, rim, 1.2);
+    stroke(pen, open ? colour : rim, open ? 2.4 : 1.2);
   }
 
   // A vertical tape of values, the present one in a box in the middle; bands at its right edge.

@@ -2,11 +2,15 @@
 keyboard.
 """
 
+import io
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 pytest.importorskip("websockets", reason="websockets is not installed")
 
@@ -160,6 +164,92 @@ def test_texts_have_contrast_and_fit_at_every_size(new_page: Any, size: str) -> 
             assert page.count_drawn() > 10_000
             assert page.wrong == []
             page.page.close()
+
+
+EYES = "protanopia", "deuteranopia", "tritanopia", "achromatopsia"
+COLOURS = [
+    "own",
+    "plan",
+    "backup",
+    "route",
+    "area",
+    "goal",
+    "wind",
+    "free",
+    "preventive",
+    "corrective",
+    "warning",
+    "recovery",
+    "traffic",
+    "ok",
+    "bad",
+]
+
+
+def luminance(colour: Any) -> float:
+    """Return the relative luminance of a colour, 0 to 255, as WCAG 2 defines it."""
+    linear = [
+        value / 12.92 if value <= 0.03928 else ((value + 0.055) / 1.055) ** 2.4
+        for value in (one / 255.0 for one in colour)
+    ]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_colour_stands_out_for_every_eye(new_page: Any, scheme: str) -> None:
+    """By the browser's own model of colour-vision deficiencies, against paper and panel."""
+    names = [*COLOURS, "paper", "panel"]
+    swatches = """(names) => { document.body.innerHTML = ""; document.body.style.display = "block";
+      for (const name of names) { const one = document.createElement("div");
+        one.style.cssText = `height: 20px; background: var(--${name})`; document.body.append(one); } }"""
+    with serving(alarming()) as server:
+        page = Page(new_page, server.url, "desk", scheme).page
+        page.evaluate(swatches, names)
+        session = page.context.new_cdp_session(page)
+        for eye in EYES:
+            session.send("Emulation.setEmulatedVisionDeficiency", {"type": eye})
+            shot = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+            light = {
+                name: luminance(shot.getpixel((9, 20 * n + 9))) for n, name in enumerate(names)
+            }
+            for name in COLOURS:
+                for under in ("paper", "panel"):
+                    low, high = sorted((light[name], light[under]))
+                    contrast = (high + 0.05) / (low + 0.05)
+                    assert contrast >= 4.0, (eye, name, under, contrast)
+        page.close()
+
+
+SIGNS = """() => {
+  const colours = Object.fromEntries(Object.keys(state.colours).map((name) => [name, "#000"]));
+  colours.paper = "#fff";
+  const canvas = document.createElement("canvas"), size = 64, half = size / 2;
+  canvas.width = canvas.height = size;
+  const pen = canvas.getContext("2d"), signs = {};
+  for (const level of [0, 1, 2, 3]) for (const late of [false, true])
+    signs[`mark ${level} ${late}`] = () => airmap.mark(pen, half, half, level, 8, "#000", "#fff", late);
+  for (const region of [0, 1, 2, 3, 4])
+    signs[`ring ${region}`] = () => airmap.bands(pen, half, size, 30, 22, 0, Array.from({ length: 72 }, (_, n) => 5 * n), Array(72).fill(region), colours);
+  for (const open of [false, true]) signs[`bug ${open}`] = () => airmap.bug(pen, half, size, 40, 0, 0, "#000", "#fff", open);
+  return Object.fromEntries(Object.entries(signs).map(([name, draw]) => {
+    pen.fillStyle = "#fff";
+    pen.fillRect(0, 0, size, size);
+    draw();
+    return [name, Array.from(pen.getImageData(0, 0, size, size).data).filter((_, n) => n % 4 === 0)];
+  }));
+}"""
+
+
+def test_signs_are_told_apart_without_their_colours(new_page: Any) -> None:
+    """All in black: any two of a kind differ in a tenth of the pixels that either of them inks."""
+    with serving(alarming()) as server:
+        page = Page(new_page, server.url).page
+        drawn = {name: np.array(pixels) < 128 for name, pixels in page.evaluate(SIGNS).items()}
+        page.close()
+    assert all(ink.sum() > 20 for ink in drawn.values())
+    for (a, first), (b, second) in itertools.combinations(drawn.items(), 2):
+        if a.split()[0] == b.split()[0]:
+            assert (first ^ second).sum() > 0.1 * (first | second).sum(), (a, b)
 
 
 def test_a_recording_is_played_stepped_and_sought(new_page: Any, tmp_path: Path) -> None:

@@ -184,10 +184,10 @@ function draw() {
   if (picture.bands) {
     bands(pen, cx, cy, radius + 3, 22, up, picture.bands.track_deg, picture.bands.track_region, colours);
     fences(pen, cx, cy, radius + 28, up, picture.bands.track_deg, picture.bands.track_area, colours);
-    if (picture.bands.recovery) bug(pen, cx, cy, radius + 3, up, picture.bands.recovery.track_deg, colours.recovery, colours.paper);
+    if (picture.bands.recovery) bug(pen, cx, cy, radius + 3, up, picture.bands.recovery.track_deg, colours.recovery, colours.paper, true);
   }
   if (picture.advice.track_deg !== undefined && picture.advice.track_deg !== null) bug(pen, cx, cy, radius + 3, up, picture.advice.track_deg, picture.advice.do === "backup" ? colours.backup : colours.plan, colours.paper);
-  if (picture.unresolved) (through(picture.unresolved.line), stroke(pen, colours.plan, 2, [1, 6]));
+  if (picture.unresolved) drawUnresolved(pen, picture.unresolved, at);
   if (picture.plan) drawPlan(pen, picture.plan, picture.time, colours.plan, [], at);
   if (picture.backup) drawPlan(pen, picture.backup, picture.time, colours.backup, [10, 5], at);
   if (own) {
@@ -225,11 +225,18 @@ function drawAreas(pen, areas, { place, scale }) {
     }
     if (area.keep === "out" && area.valid) (pen.fillStyle = tint(colours.area, 0.16)), pen.fill("evenodd");
     stroke(pen, colours.area, area.valid ? 2 : 1, area.keep === "in" ? [12, 5] : area.valid ? [] : [2, 5]);
-    const [x, y] = area.circle ?? area.rings[0][0];
+    const [x, y, radius] = area.circle ?? area.rings[0][0];
     const heights = [area.floor, area.ceiling].map((one) => (one === null ? "" : `${Math.round(one[0] * units().height)}`));
     const between = heights.some(Boolean) ? ` ${heights[0] || "0"}–${heights[1] || "…"} ${units().tall}` : "";
-    text(pen, `${area.keep === "in" ? "stay in " : ""}${area.name}${between}`, ...place(x, y), colours.area, colours.paper, { size: 12 });
+    text(pen, `${area.keep === "in" ? "stay in " : ""}${area.name}${between}`, ...place(x, area.circle && area.keep === "in" ? y + radius : y), colours.area, colours.paper, { size: 12 });
   }
+}
+
+function drawUnresolved(pen, { line: points }, { place }) {
+  const { colours } = state, [x, y] = place(...points[Math.floor(points.length / 2)]);
+  line(pen, points.map(([px, py]) => place(px, py)));
+  stroke(pen, colours.plan, 2, [1, 6]);
+  text(pen, "not safe", x + 9, y - 6, colours.plan, colours.paper, { size: 12, align: "left" });
 }
 
 function drawPlan(pen, plan, now, colour, dash, { place, centre, radius }) {
@@ -265,8 +272,10 @@ function drawTraffic(pen, { traffic, own }, { place, width, height, turn, centre
     stroke(pen, tint(colour, late ? 0.45 : 0.9), one.level > 0 ? 2.4 : 1.5, late ? [3, 4] : []);
     mark(pen, x, y, one.level, 8, colour, colours.paper, late);
     if (one.state === "stale" || one.state === "faulty") {
-      line(pen, [[x - 10, y - 10], [x + 10, y + 10]]);
-      stroke(pen, colours.bad, 2.5);
+      for (const side of [-10, 10]) {
+        line(pen, [[x - 10, y - side], [x + 10, y + side]]);
+        stroke(pen, colours.bad, 2.5);
+      }
     }
   }
   for (const { one, at: [x, y] } of shown) {
