@@ -289,27 +289,33 @@ class _Ahead:
         count = len(self._required)
         self._many, self._every_number = count > policy.most, np.arange(count)
         self._all = np.ones(count, dtype=bool)
-        self._block = predict(self._traffic, np.zeros((1, 1)))  # of some time steps, [T, K]
-        # Of those that are looked at: states at a few time steps, what is required, their shares.
+        # Whether it is chosen anew every few time steps which of them are looked at.
+        self._chooses = self._many or self._window is not None
+        self._block = self._predict(0)  # of many time steps, [T, K]
+        # Of those that are looked at: states at some time steps, what is required, their shares.
         self._flown = list[list[VehicleState]]()
         self._far: list[float] = self._required.tolist()
         self._shares = None if self._share is None else self._share.tolist()
 
     def look(self, step: int, state: VehicleState) -> None:
-        """Choose what is looked at for the next few time steps, the intruders being predicted for
-        many more.
+        """Predict the intruders for many time steps, and choose what is looked at for the next
+        few.
         """
-        if step % _AHEAD == 0:
-            times = np.arange(step, step + _AHEAD)[:, None] * self._dt
-            self._block = predict(self._traffic, times)
         first = step % _AHEAD
-        ahead = take(self._block, slice(first, first + EVERY))
-        if self._many or self._window is not None:
+        if first == 0 and step > 0:
+            self._block = self._predict(step)
+        if self._chooses:
+            ahead = take(self._block, slice(first, first + EVERY))
             chosen = self._choose(take(ahead, 0), state, step * self._dt)
-            ahead = take(ahead, (slice(None), chosen))
+            self._flown = _in_floats(take(ahead, (slice(None), chosen)))
             self._far = self._required[chosen].tolist()
             self._shares = None if self._share is None else self._share[chosen].tolist()
-        self._flown = _in_floats(ahead)
+        elif first == 0:
+            self._flown = _in_floats(self._block)
+
+    def _predict(self, step: int) -> VehicleState:
+        """Return the intruders at many time steps from one on, ``[T, K]``."""
+        return predict(self._traffic, np.arange(step, step + _AHEAD)[:, None] * self._dt)
 
     def _choose(self, seen: VehicleState, state: VehicleState, time: float) -> Any:
         """Return the numbers of the intruders that the policy looks at."""
@@ -323,7 +329,7 @@ class _Ahead:
 
     def seen_from(self, state: VehicleState, step: int) -> list[VehicleState]:
         """Return the intruders as the policy sees them from a state."""
-        seen = self._flown[step % EVERY]
+        seen = self._flown[step % len(self._flown)]
         if self._shares is None:
             return seen
         return [at_share(state, *one) for one in zip(seen, self._shares, strict=True)]
@@ -336,7 +342,7 @@ class _Ahead:
             # Without intruders, too, the goal may be inside the turning circle.
             if not way.possible:
                 return False
-            seen = self._flown[step % EVERY]
+            seen = self._flown[step % len(self._flown)]
             for other, least in zip(seen, self._far, strict=True):
                 if not keeps_clear(state, way, other, least, time, task, FLOATS):
                     return False
