@@ -30,6 +30,13 @@ def quote(value: Any) -> str:
     return text if len(text) <= _LONGEST_TEXT else text[:_LONGEST_TEXT] + "..."
 
 
+def part_value(of: Field, name: str, value: Any, low: float, high: float, unit: str) -> float:
+    """Return what :func:`real` does for a part of a field, which is named only if it is refused."""
+    if type(value) is float and low <= value <= high:
+        return value
+    return real(of.part(name), value, low, high, unit)
+
+
 def real(name: Field | str, value: Any, low: float, high: float, unit: str) -> float:
     """Return a number in [low, high] as a plain float; raise RequestError, which names it, if it is
     none.

@@ -16,7 +16,7 @@ from agents.planner.answer import (
     RequestError,
     Subject,
 )
-from agents.planner.fields import quote, real, sequence
+from agents.planner.fields import part_value, quote, real, sequence
 from agents.planner.levels import ALWAYS, Altitude, vertical_gap, window
 from agents.planner.options import Options, speed_range
 from agents.planner.separation import same_flight
@@ -265,6 +265,8 @@ def windows(
     reports: Sequence[Intruder], own_altitude: Altitude | None, options: Options
 ) -> Window | None:
     """Return when checked reports count, ``[1, K]``; None: all of them always."""
+    if own_altitude is None:
+        return None
     each = [
         window(own_altitude, one.altitude, one.age, one.vertical(options), options.unknown_climb)
         for one in reports
@@ -399,10 +401,10 @@ def _state(name: Field, state: Any) -> VehicleState:
     """Return a state of plain floats, heading wrapped."""
     if not isinstance(state, VehicleState):
         raise RequestError(name, f"is {type(state).__name__}, expected a VehicleState")
-    x = real(name.part("x"), state.x, -_FARTHEST, _FARTHEST, "m")
-    y = real(name.part("y"), state.y, -_FARTHEST, _FARTHEST, "m")
-    heading = real(name.part("heading"), state.heading, -2.0 * math.pi, 2.0 * math.pi, "rad")
-    speed = real(name.part("speed"), state.speed, 0.0, FASTEST.speed_max, "m/s")
+    x = part_value(name, "x", state.x, -_FARTHEST, _FARTHEST, "m")
+    y = part_value(name, "y", state.y, -_FARTHEST, _FARTHEST, "m")
+    heading = part_value(name, "heading", state.heading, -2.0 * math.pi, 2.0 * math.pi, "rad")
+    speed = part_value(name, "speed", state.speed, 0.0, FASTEST.speed_max, "m/s")
     return VehicleState(x, y, math.remainder(heading, 2.0 * math.pi), speed)
 
 
@@ -411,11 +413,11 @@ def _altitude(name: Field, altitude: Any) -> None:
         return
     if not isinstance(altitude, Altitude):
         raise RequestError(name, f"is {type(altitude).__name__}, expected an Altitude or None")
-    real(name.part("value"), altitude.value, -1_000.0, 30_000.0, "m")
+    part_value(name, "value", altitude.value, -1_000.0, 30_000.0, "m")
     if altitude.vertical_speed is not None:
-        real(name.part("vertical_speed"), altitude.vertical_speed, -100.0, 100.0, "m/s")
-    real(name.part("error"), altitude.error, 0.0, 30_000.0, "m")
-    real(name.part("climb_error"), altitude.climb_error, 0.0, 100.0, "m/s")
+        part_value(name, "vertical_speed", altitude.vertical_speed, -100.0, 100.0, "m/s")
+    part_value(name, "error", altitude.error, 0.0, 30_000.0, "m")
+    part_value(name, "climb_error", altitude.climb_error, 0.0, 100.0, "m/s")
     if not isinstance(altitude.reference, str) or not altitude.reference:
         what = f"is {quote(altitude.reference)}, expected a name"
         raise RequestError(name.part("reference"), what)
@@ -423,15 +425,16 @@ def _altitude(name: Field, altitude: Any) -> None:
 
 def _report(name: Field, report: Intruder, options: Options) -> Intruder:
     state = _state(name, report.state)
-    _altitude(name.part("altitude"), report.altitude)
-    age = real(name.part("age"), report.age, -0.5, math.inf, "s")
+    if report.altitude is not None:
+        _altitude(name.part("altitude"), report.altitude)
+    age = part_value(name, "age", report.age, -0.5, math.inf, "s")
     if age > options.max_age:
         raise RequestError(
             name.part("age"),
             f"is {age:g} s: the report is stale, expected {options.max_age:g} s at most",
         )
-    rate = real(name.part("turn_rate"), report.turn_rate, -0.5, 0.5, "rad/s")
-    lasts = real(name.part("turn_time"), report.turn_time, 0.0, 1_000.0, "s")
+    rate = part_value(name, "turn_rate", report.turn_rate, -0.5, 0.5, "rad/s")
+    lasts = part_value(name, "turn_time", report.turn_time, 0.0, 1_000.0, "s")
     if abs(rate) * lasts > _MOST_TURN:
         what = (
             f"is {lasts:g} s: a turn of {abs(rate) * lasts:.0f} rad, expected {_MOST_TURN:g} "
@@ -443,17 +446,19 @@ def _report(name: Field, report: Intruder, options: Options) -> Intruder:
         age,
         rate,
         lasts,
-        real(name.part("position_std"), report.position_std, 0.0, 10_000.0, "m"),
-        real(name.part("velocity_std"), report.velocity_std, 0.0, 100.0, "m/s"),
+        part_value(name, "position_std", report.position_std, 0.0, 10_000.0, "m"),
+        part_value(name, "velocity_std", report.velocity_std, 0.0, 100.0, "m/s"),
         report.altitude,
-        _own(name.part("separation"), report.separation),
-        _own(name.part("vertical_separation"), report.vertical_separation),
+        _own(name, "separation", report.separation),
+        _own(name, "vertical_separation", report.vertical_separation),
     )
 
 
-def _own(name: Field, separation: Any) -> float | None:
+def _own(name: Field, kind: str, separation: Any) -> float | None:
     """Return a separation of an intruder's own, m."""
-    return None if separation is None else real(name, separation, _LEAST, _FARTHEST, "m")
+    if separation is None:
+        return None
+    return part_value(name, kind, separation, _LEAST, _FARTHEST, "m")
 
 
 def _vertically_apart(
@@ -522,8 +527,8 @@ def _route(route: Any) -> tuple[Any, Any]:
                 name.part("index"), f"is {quote(point.index)} again, expected one of its own"
             )
         indices.add(point.index)
-        x.append(real(name.part("x"), point.x, -_FARTHEST, _FARTHEST, "m"))
-        y.append(real(name.part("y"), point.y, -_FARTHEST, _FARTHEST, "m"))
+        x.append(part_value(name, "x", point.x, -_FARTHEST, _FARTHEST, "m"))
+        y.append(part_value(name, "y", point.y, -_FARTHEST, _FARTHEST, "m"))
         if number and math.hypot(x[-1] - x[-2], y[-1] - y[-2]) < 1.0:
             raise RequestError(
                 name, "is closer than 1 m to the point before it, expected another place"
