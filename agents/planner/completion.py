@@ -108,12 +108,16 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
         if step == 0:
             legs = _to_goal(whole, rollout, tails.row, legs, task)
         tails.point[legs.tail] += 1
-        passed_by, legs = legs.tail[~legs.reached], take(legs, legs.reached)
+        passed_by = legs.tail[~legs.reached]
+        if passed_by.size:
+            legs = take(legs, legs.reached)
         pieces += _pieces(count, legs, task)
         if step == 0:
             pieces.append(_level_piece(count, legs, task))
         done = _fly_legs(whole, request, tails, legs, latest, options)
-        left = np.sort(np.concatenate([passed_by, legs.tail[~done]]))
+        left = legs.tail[~done]
+        if passed_by.size:
+            left = np.sort(np.concatenate([passed_by, left]))
     whole.too_short[tails.row[left]] = True
     finished = np.flatnonzero(whole.last[tails.row] >= 0)
     if finished.size:
@@ -146,8 +150,10 @@ def _fly_legs(
     arrived = _end(legs, task_of(options))
     there = VehicleState(legs.x, legs.y, wrap(legs.course, np), legs.speed)
     scatter((tails.state, tails.time), legs.tail, (there, arrived))
-    row = tails.row[legs.tail]
     done = arrived >= options.finished_by
+    if not done.any():
+        return done
+    row = tails.row[legs.tail]
     if request.of_route is not None:  # a plan ends at a point of the route itself
         most = request.route_x.shape[1]
         asked = request.of_route[row, np.minimum(legs.point, most - 1)]

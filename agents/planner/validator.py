@@ -136,8 +136,8 @@ def validate(
     kept = [field | ~sound[:, None] for field in _legs_kept(curves, limits)]
     # In the order of CHECKS.
     for check, right in enumerate((both, in_order, *kept)):
-        rows = np.flatnonzero(~right.all(axis=-1))
-        if rows.size:
+        if not right.all():
+            rows = np.flatnonzero(~right.all(axis=-1))
             first = np.argmin(right[rows], axis=-1)
             _place(
                 found,
@@ -416,5 +416,7 @@ def _leading(owners: Any, *keys: Any) -> tuple[Any, Any]:
     of them first.
     """
     order = np.lexsort((*keys, owners))
-    owner, first = np.unique(owners[order], return_index=True)
-    return owner, order[first]
+    owner = owners[order]
+    begins = np.ones(owner.size, dtype=bool)
+    np.not_equal(owner[1:], owner[:-1], out=begins[1:])
+    return owner[begins], order[begins]

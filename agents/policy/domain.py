@@ -121,6 +121,8 @@ def departures(
     """
     found_outside = []
     for name, given in values.items():
+        if len(given) == 0:
+            continue
         (low, high), found = allowed[name], np.asarray(given, float)
         beyond = excess((low, high), found)
         if beyond.any():

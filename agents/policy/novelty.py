@@ -88,12 +88,12 @@ def departures(
     if not each:
         return []
     seen = SetInputs(np.array(own), np.array(each), np.ones(len(each), bool), 1.0)
+    beyond = np.concatenate([part.ravel() for part in excess(box, seen)])
+    if not beyond.any():
+        return []
     values = np.concatenate([seen.own, seen.each.ravel()])
     ranges = np.concatenate([box.own, np.tile(box.each, len(each))], axis=1)
-    beyond = np.concatenate([part.ravel() for part in excess(box, seen)]) / (ranges[1] - ranges[0])
-    worst = int(np.argmax(beyond))
-    if not beyond[worst] > 0.0:
-        return []
+    worst = int(np.argmax(beyond / (ranges[1] - ranges[0])))
     if worst < inputs.own_size:
         what = inputs.own_numbers[worst].name
     else:

@@ -92,8 +92,10 @@ class SetNetwork:
         if each:
             flat = np.array(each, self._dtype)
             for kernel, bias in self._encoder:
-                flat = np.tanh(flat @ kernel + bias)
-            x[self._own_size :] = flat.max(axis=0)
+                flat = flat.dot(kernel)
+                flat += bias
+                np.tanh(flat, flat)
+            x[self._own_size :] = np.maximum.reduce(flat)
         else:
             x[self._own_size :] = -1.0
         acceleration, yaw_rate = one_through(x, self._trunk)
