@@ -762,41 +762,56 @@ class Ground(NamedTuple):
         """Return a place at a time where the area stands still."""
         return place - self.velocity * t
 
-    def inside(self, place: Ball) -> bool:
-        """Return whether a place is inside: a ray from it crosses the edges an odd number of times.
+    def allows(self, place: Ball) -> bool:
+        """Return whether a polygon allows flight at a place; a ray from what is inside crosses the
+        edges an odd number of times.
 
         It holds for all of the ball where no edge meets the ball.
         """
-        if self.area.circle:
-            x, y, radius = self.area.circle
-            return (place - ball(x, y)).size().x < ball(radius).x
         odd = False
         for a, b in self.edges:
             if (a.y > place.y) != (b.y > place.y):
                 turn = (b.x - a.x) * (place.y - a.y) - (b.y - a.y) * (place.x - a.x)
                 odd ^= (turn > 0) == (b.y > a.y)
-        return odd
+        return odd == (self.area.keep == "in")
 
-    def from_edges(self, place: Ball) -> int:
-        """Return a lower bound of the distance of a place from the edges, units."""
+    def signed(self, place: Ball) -> int:
+        """Return a lower bound of the signed distance of a place, units: from the edges where
+        flight is allowed, less than 0 elsewhere.
+        """
         if self.area.circle:
             x, y, radius = self.area.circle
             off = (place - ball(x, y)).size() - ball(radius)
-            return max(off.lo, -off.hi)
+            return off.lo if self.area.keep == "out" else -off.hi
         tiny = ball(_TINY).hi
-        return min(chord_bound(a - place, b - place, tiny) for a, b in self.edges)
+        nearest = min(chord_bound(a - place, b - place, tiny) for a, b in self.edges)
+        if nearest > 0 and self.allows(place):
+            return nearest
+        return -min(farthest_from_edge(place, a, b) for a, b in self.edges)
 
     def on_part(self, first: Ball, last: Ball, sagitta: int) -> int:
-        """Return a lower bound of the distance from the edges on a part of a curve, units."""
+        """Return a lower bound of the signed distance on a part of a curve, units (theorems
+        ``chord_keeps_sound`` and ``part_keeps``).
+        """
         if self.area.circle:
             x, y, radius = self.area.circle
-            centre = ball(x, y)
-            if not self.inside(first):
-                near = chord_bound(first - centre, last - centre, sagitta)
-                return near - ball(radius).hi
-            far = max((first - centre).size().hi, (last - centre).size().hi)
-            return ball(radius).lo - far - sagitta
-        return min(edge_bound(first, last, a, b) for a, b in self.edges) - sagitta
+            begin, end = first - ball(x, y), last - ball(x, y)
+            if self.area.keep == "out":
+                return chord_bound(begin, end, sagitta) - ball(radius).hi
+            return ball(radius).lo - max(begin.size().hi, end.size().hi) - sagitta
+        nearest = min(edge_bound(first, last, a, b) for a, b in self.edges)
+        if nearest > 0 and self.allows(first):
+            return nearest - sagitta
+        ends = self.signed(first) + self.signed(last)
+        return (ends - (last - first).size().hi) // 2 - sagitta
+
+
+def farthest_from_edge(place: Ball, a: Ball, b: Ball) -> int:
+    """Return an upper bound of the distance of a place from an edge, units."""
+    way = b - a
+    share = (((place - a) * way.conjugate()).x << BITS) // max((way * way.conjugate()).x, 1)
+    nearest = a + way * real(min(max(share, 0), ONE.x))
+    return (nearest - place).size().hi
 
 
 def edge_bound(p: Ball, q: Ball, a: Ball, b: Ball) -> int:
@@ -849,42 +864,34 @@ def check_area(
     ground = Ground(area, edges, velocity)
     growth = ball(area.growth) if area.keep == "out" else ball(-area.growth)
     wanted = (ball(area.clearance) + ball(certificate.requirement.margin)).hi
+    near = ground.signed(arcs[0].place)  # at the beginning of an arc it is this at least
     if counts(area, levels, ZERO, ZERO):
         # A plan that begins inside the clearance must not come nearer, but for some millimetres.
-        at_request = ground.from_edges(arcs[0].place)
-        allowed = ground.inside(arcs[0].place) == (area.keep == "in")
-        own = at_request - ball(_NEARER).lo if allowed else 0
-        wanted = min(wanted, max(own, 0))
+        wanted = min(wanted, max(near - ball(_NEARER).lo, 0))
     need = max(wanted - ball(_MARGIN).lo, -ball(_ROUNDING).lo)
     quickest = velocity.size()
-    near: int | None = None  # the distance from the edges at the beginning of an arc at least
     for arc in arcs:
-        if near is not None:
-            near -= (arc.length * (arc.quickest + quickest)).hi
+        near -= (arc.length * (arc.quickest + quickest)).hi  # theorem keeps_near
         todo = [(0, 1)]
         while todo:
             i, n = todo.pop()
             begin, later = (arc.begin + arc.length * ball(k) / ball(n) for k in (i, i + 1))
             if not counts(area, levels, begin, later):
-                near = None
                 continue
             required = need + max((growth * begin).hi, (growth * later).hi)
-            if n == 1 and near is not None and near >= max(required, 0):
-                continue  # and the side stays
+            if n == 1 and near >= required:
+                continue
             length = arc.length / ball(n)
             sagitta = max((arc.own_acceleration * length * length / ball(8)).hi, ball(_TINY).hi)
             first = ground.place_in_area(own_place(arc, i, n), begin)
             last = ground.place_in_area(own_place(arc, i + 1, n), later)
-            allowed = ground.inside(first) == (area.keep == "in")
-            bound = ground.on_part(first, last, sagitta)
-            # Inside of what is forbidden nothing is kept, unless the area shrinks from there.
-            if not (allowed and bound >= max(required, -ball(_ROUNDING).lo)):
+            if n == 1:
+                near = ground.signed(last)
+            if ground.on_part(first, last, sagitta) < required:
                 sentence = f"area {number} may not be kept clear of before"
                 demand(n < certificate.parts, f"{sentence} {later.hi / (1 << BITS):.2f} s")
                 todo += [(2 * i, 2 * n), (2 * i + 1, 2 * n)]
-            near = ground.from_edges(last) if n == 1 else None
-        if near is not None:
-            near -= ball(_JOINT).hi
+        near -= ball(_JOINT).hi
 
 
 def own_place(arc: Arc, k: int, n: int) -> Ball:

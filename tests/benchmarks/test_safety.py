@@ -11,14 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from agents.check import RefusedError, accept
 from agents.planner import plan
-from agents.planner.answer import Excluded
+from agents.planner.answer import Excluded, Plan
 from agents.planner.planner import plan_many
 from agents.planner.request import Altitude, Intruder, Options, Request
 from agents.policy.inference import Policy
 from benchmarks.safety import attack, certificates, judgement, mutation, published, sky
 from benchmarks.safety import run as safety
-from benchmarks.safety.adversary import draw_requests
+from benchmarks.safety.adversary import draw_requests, scale, variants
 from benchmarks.safety.attack import Batch, Tally, tasks
 from benchmarks.safety.reflight import refly
 from benchmarks.safety.resimulation import CHECKS, Route, fly, resimulate
@@ -370,6 +371,43 @@ def test_moved_certificates_are_refused_where_the_judge_finds_them_wrong(policy:
         assert attack._certificates(tally, asked, answer, flown, moved, OPTIONS) == []
     assert tally.counts["certificate moved and wrong"] > 3
     assert tally.counts["certificate moved and right"] > 3
+
+
+def any_aircraft(number: int, policy: Policy) -> tuple[published.Question, Plan, Options]:
+    """Return a request of seed 54 for any aircraft, its plan without a deadline, and options."""
+    hundred = number // attack.HUNDRED * attack.HUNDRED
+    aircraft = Batch(54, (hundred,), number, number + 1, True, "", True).aircraft
+    drawn = draw_requests(54, number, 1)
+    usual = list(variants(aircraft).values())[drawn.variant[0]]
+    options = replace(usual, deadline_s=math.inf, exhaustive=False)
+    request = take(scale(drawn.request, aircraft), 0)
+    asked = published.question(54, number, request, aircraft.separation)
+    answer = asked.ask(policy.for_aircraft(aircraft, outside="allow"), options)
+    return asked, answer, options
+
+
+@pytest.mark.parametrize("number", [2827, 3243, 4267, 4559, 4746, 5426, 8598])
+def test_plans_over_what_an_area_has_left_are_certified(policy: Policy, number: int) -> None:
+    asked, answer, options = any_aircraft(number, policy)
+    assert answer.safe and answer.certificate is not None
+    flown = fly(take(published.as_arrays(asked, answer, options)[0], ()))
+    assert sky.faults(asked.sky, flown, options, asked.altitude) == []
+    still = sky.Sky(asked.sky.wind, tuple(replace(one, growth=0.0) for one in asked.sky.areas))
+    assert sky.faults(still, flown, options, asked.altitude) == ["area"]
+    data = json.loads(answer.certificate)
+    accept(data)
+    for row in data["areas"]:
+        row["growth"] = 0.0
+    with pytest.raises(RefusedError, match="may not be kept clear of"):
+        accept(data)
+
+
+def test_a_plan_to_where_its_route_was_extended_has_no_goal_index(policy: Policy) -> None:
+    asked, answer, _ = any_aircraft(5740, policy)
+    assert not answer.safe
+    assert answer.waypoints
+    assert answer.goal_index is None
+    assert answer.waypoints[-1].index not in {point.index for point in asked.route}
 
 
 def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(

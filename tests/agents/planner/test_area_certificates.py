@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 
 from agents import check
+from agents.planner.areas import Counted, judge, required_distances
+from agents.planner.certificate import certificate
 from agents.planner.planner import plan
 from agents.planner.request import Altitude
 from envs.areas import Area, Circle, Keep, Level, Polygon
+from envs.waypoints import PlanStates, legs, plan_states
 from envs.wind import Wind
 from tests.agents.planner.test_airspace import CROSSING, OPTIONS, OWN, POLICY, ROUTE, least
+from tests.agents.planner.test_areas import random_area, sample
 
 CORNERS = ((20e3, -6e3), (21e3, -6e3), (21e3, 4e3), (20e3, 2e3))
 
@@ -71,6 +75,40 @@ def test_moved_areas_are_refused_exactly_where_samples_lose_the_clearance(
             assert is_accepted(changed) == (kept > 0.0)
             verdicts.add(is_accepted(changed))
     assert verdicts == {True, False}
+
+
+def beside(rng: np.random.Generator) -> Area:
+    """Return an area on the way to the east or beside it, which grows or shrinks."""
+    one, east = random_area(rng), float(rng.uniform(0.0, 30e3))
+    if isinstance(one.shape, Circle):
+        shape: Any = replace(one.shape, x=one.shape.x + east)
+    else:
+        outer, *holes = (tuple((x + east, y) for x, y in ring) for ring in one.shape.rings)
+        shape = Polygon(outer, tuple(holes))
+    begin = 0.0 if rng.random() < 0.7 else float(rng.uniform(0.0, 200.0))
+    return replace(one, shape=shape, growth=float(rng.uniform(-15.0, 15.0)), valid_from=begin)
+
+
+@pytest.mark.parametrize(
+    "count", [20, pytest.param(200, marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_what_the_validator_keeps_is_accepted_and_what_is_accepted_is_kept(count: int) -> None:
+    answer = plan(OWN, [CROSSING], ROUTE, POLICY, OPTIONS)
+    states = PlanStates(*(np.asarray(field)[None] for field in plan_states(OWN, answer.waypoints)))
+    curves, margin = legs(states), OPTIONS.requirement.margin
+    asked = OWN, [CROSSING], answer.waypoints, answer.excluded, None, OPTIONS, None
+    rng, kinds = np.random.default_rng(count), set[tuple[bool, bool]]()
+    for _ in range(count):
+        area = beside(rng)
+        one = Counted(0, area, area.valid_from, float(states.time[0, -1]))
+        wrong = bool(judge(states, curves, [one], margin).wrong[0])
+        accepted = is_accepted(json.loads(certificate(*asked, [area])))
+        assert accepted or wrong
+        need = required_distances(one, states.x[:, 0], states.y[:, 0], margin)
+        short = sample(states, one)[1].min() - need[0] < -0.002
+        assert not (accepted and short)
+        kinds.add((accepted, least(answer, replace(area, growth=0.0)) < 0.0))
+    assert kinds >= {(True, True), (False, True)}  # the first where an area has been
 
 
 def test_heights_and_times_stand_in_the_certificate() -> None:
