@@ -204,22 +204,16 @@ def perceive_intruders(state: State, noise: Any, dt: Any, xp: Any) -> Any:
     )
 
 
-def seen_intruders(state: State, noise: Any, aircraft: Aircraft, xp: Any) -> Any:
-    """Return the intruders as a policy is shown them, ``[..., K]``: as :func:`perceive_intruders`,
-    and those with a separation of their own at their distance in it, on the same bearing.
+def shares(state: State, aircraft: Aircraft, xp: Any) -> Any:
+    """Return how much of its distance each intruder counts at, ``[..., K]``: the aircraft's
+    separation over its own; None where they have none of their own.
     """
-    seen = perceive_intruders(state, noise, aircraft.dt, xp)
     if state.separation is None:
-        return seen
-    own = beside(state.own)
-
-    return _each(
-        partial(at_share, own), xp, seen, _shares(state.separation, aircraft.separation, xp)
-    )
+        return None
+    return _shares(state.separation, aircraft.separation, xp)
 
 
 def _shares(separation: Any, usual: Any, xp: Any) -> Any:
-    """Return how much of its distance each intruder counts at, ``[..., K]``."""
     return _each(lambda own: usual / own, xp, separation)
 
 
@@ -233,11 +227,19 @@ def known(state: State, aircraft: Aircraft, xp: Any) -> Any:
     return state.mask & report(own, _vehicles(state.intruders, xp), state.coverage, time, xp)
 
 
+def _in_own_separations(state: State, noise: Any, aircraft: Aircraft, xp: Any) -> Any:
+    """Return the intruders as :func:`perceive_intruders` does, ``[..., K]``, each at its distance
+    in its own separation, on the same bearing.
+    """
+    seen, share = perceive_intruders(state, noise, aircraft.dt, xp), shares(state, aircraft, xp)
+    return seen if share is None else _each(partial(at_share, beside(state.own)), xp, seen, share)
+
+
 def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: Any) -> Any:
     """Return the observation of the most critical intruder and the goal, ``[..., 8]``; see
     :func:`perceive_intruders`.
     """
-    seen = seen_intruders(state, noise, aircraft, xp)
+    seen = _in_own_separations(state, noise, aircraft, xp)
     chosen = observation.most_critical(state.own, seen, known(state, aircraft, xp), aircraft, xp)
     return observation.observe(state.own, chosen, state.goal_x, state.goal_y, aircraft, xp)
 
@@ -250,7 +252,7 @@ def observe_set(
 
     Seen are the ``count`` most critical ones, in their order; None: all K as they come.
     """
-    seen, mask = seen_intruders(state, noise, aircraft, xp), known(state, aircraft, xp)
+    seen, mask = _in_own_separations(state, noise, aircraft, xp), known(state, aircraft, xp)
     if count is not None:
         seen, mask = observation.rank_urgent(state.own, seen, mask, count, aircraft, xp)
     return observation.observe_set(state.own, seen, mask, state.goal_x, state.goal_y, aircraft, xp)

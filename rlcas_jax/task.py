@@ -22,7 +22,7 @@ from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.outcome import Outcome, Rules
 from envs.rewards import TERMS, Transition, learning_reward
-from envs.world import known, seen_intruders
+from envs.world import known, perceive_intruders, shares
 from rlcas_jax.algorithm import actor_of, algorithm_of
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import NetworkConfig, TrainConfig
@@ -303,11 +303,12 @@ def network_input(
     """
     if network.feature_set != "set":
         return derive(surrogate.observe(state, aircraft, noise), network.feature_set)
-    intruders = seen_intruders(state, noise, aircraft, jnp)
+    intruders = perceive_intruders(state, noise, aircraft.dt, jnp)
     where = (state.goal_x, state.goal_y, aircraft.limits, aircraft.separation)
     inputs = network.input_table()
     mask = known(state, aircraft, jnp)
-    return set_inputs(scene(state.own, intruders, mask, *where, jnp), jnp, inputs)
+    seen = scene(state.own, intruders, mask, *where, jnp)
+    return set_inputs(seen._replace(share=shares(state, aircraft, jnp)), jnp, inputs)
 
 
 def fly(

@@ -114,7 +114,8 @@ class AdvisoryLogic:
         """Return actions ``[M, 2]`` that hold the speed, and the advisories to remember; a
         ValueError: not finite.
         """
-        inputs = self._inputs(check_sight(sight))
+        sight = check_sight(sight)
+        inputs = self._inputs(sight)
         scores = np.empty((len(memory), len(ADVISORIES)))
         for previous in range(len(ADVISORIES)):
             rows = memory == previous

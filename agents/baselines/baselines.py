@@ -17,6 +17,7 @@ from agents.manoeuvres.direct_to_goal import DirectTask, clear
 from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.kinematics import VehicleState, velocity
+from envs.relative import at_share
 from envs.trees import column
 
 _GAIN = 0.5  # of the error of the heading that is turned in a time step
@@ -37,6 +38,7 @@ class Sight(NamedTuple):
     goal_x: np.ndarray
     goal_y: np.ndarray
     left: float  # time that is left to reach the goal, s
+    share: Any = None  # aircraft's separation over that of each intruder, [M, K]; None: 1 of all
 
 
 class Baseline(Protocol):
@@ -52,8 +54,10 @@ class Baseline(Protocol):
 
 
 def check_sight(sight: Sight) -> Sight:
-    """Return a sight in which every number is finite, absent intruders aside; a ValueError names
-    one that is not.
+    """Return a sight with each intruder at its distance in its own separation, on the same bearing.
+
+    Raises:
+        ValueError: a number is not finite, absent intruders aside; the message names it.
     """
     fields: dict[str, Any] = {f"own.{name}": values for name, values in sight.own._asdict().items()}
     seen = sight.intruders._asdict()
@@ -65,7 +69,9 @@ def check_sight(sight: Sight) -> Sight:
         for where in np.argwhere(~np.isfinite(values)):
             value, place = np.asarray(values)[tuple(where)], where.tolist() or ""
             raise ValueError(f"{name}{place} is {value}, expected a finite number")
-    return sight
+    if sight.share is None:
+        return sight
+    return sight._replace(intruders=at_share(column(sight.own), sight.intruders, sight.share))
 
 
 def course_to_goal(sight: Sight, aircraft: Aircraft) -> np.ndarray:
@@ -121,7 +127,8 @@ class Direct:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        course = course_to_goal(check_sight(sight), self.aircraft)
+        sight = check_sight(sight)
+        course = course_to_goal(sight, self.aircraft)
         return _actions(steer(sight.own, course, self.aircraft)), memory
 
 
@@ -172,7 +179,8 @@ class RightHand:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        own, protected = check_sight(sight).own, _MARGIN * self.aircraft.separation
+        sight = check_sight(sight)
+        own, protected = sight.own, _MARGIN * self.aircraft.separation
         lookahead = _LOOKAHEAD * self.aircraft.dt
         straight = _conflicts(sight, own.heading, protected, lookahead)
         bearing = _bearing(sight)
@@ -207,7 +215,8 @@ class PotentialField:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        own, protected = check_sight(sight).own, _MARGIN * self.aircraft.separation
+        sight = check_sight(sight)
+        own, protected = sight.own, _MARGIN * self.aircraft.separation
         lookahead = _LOOKAHEAD * self.aircraft.dt
         conflict = _conflicts(sight, own.heading, protected, lookahead)
         push_x, push_y = self._push(sight, conflict, protected)

@@ -36,6 +36,7 @@ from agents.planner.request import (
     own_separations,
 )
 from agents.planner.rollout import roll
+from agents.planner.sight import shares
 from agents.policy.domain import departures
 from agents.policy.inference import Policy
 from envs.areas import Area
@@ -98,9 +99,9 @@ def plan(
     outside = departures(policy.domain, _of_domain(intruders, wind))
     if goal >= 0:  # without a point ahead the policy decides nothing
         others = list(map(VehicleState, *(field.tolist() for field in one.traffic.state)))
-        outside += policy.departures(
-            start, others, float(one.route_x[goal]), float(one.route_y[goal])
-        )
+        share = shares(one.traffic, options.requirement)
+        to = float(one.route_x[goal]), float(one.route_y[goal])
+        outside += policy.departures(start, others, *to, share)
     certify = partial(
         certificate,
         start if wind is None else VehicleState(*map(float, own)),

@@ -24,7 +24,7 @@ from agents.planner.traffic import Traffic, Window, predict, requirement_of
 from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
-from envs.relative import at_share, distance
+from envs.relative import distance
 from envs.trees import column, map_leaves, scatter, take
 from envs.wind import aim_point
 
@@ -68,7 +68,7 @@ class _Underway(NamedTuple):
     required_range: Any  # from each intruder, m, [M, K]
     flight: _Flight
     chosen: Any  # numbers of the intruders that the policy sees among many
-    share: Any  # of their distances, at which the policy sees them, [M, K]; None: all of it
+    share: Any  # at which the policy counts their distances, [M, K]; None: whole
 
 
 def roll(
@@ -113,9 +113,9 @@ def roll(
         if now.rows.size == 0 or step == steps:
             break
         if traffic.mask.shape[-1] > policy.most and step % EVERY == 0:
-            now = now._replace(
-                chosen=policy.most_critical(now.flight.state, *_seen(now, seen, time))
-            )
+            present = _present(now, time)
+            chosen = policy.most_critical(now.flight.state, seen, present, now.share)
+            now = now._replace(chosen=chosen)
         now = now._replace(flight=_fly(now, seen, aim, time, policy, options))
     return result
 
@@ -139,11 +139,9 @@ def _begin(
     )
 
 
-def _seen(now: _Underway, traffic: VehicleState, time: float) -> tuple[VehicleState, Any]:
-    """Return the intruders as the policy sees them, and which it sees, bool, ``[M, K]``."""
-    if now.share is not None:
-        traffic = at_share(column(now.flight.state), traffic, now.share)
-    return traffic, now.traffic.mask & visible(now.traffic.window, time)
+def _present(now: _Underway, time: float) -> Any:
+    """Return which intruders the policy sees at a time, bool ``[M, K]``."""
+    return now.traffic.mask & visible(now.traffic.window, time)
 
 
 def _fly(
@@ -156,12 +154,12 @@ def _fly(
 ) -> _Flight:
     """Return the flights after one time step of the policy's."""
     limits, dt, before = options.manoeuvre, options.aircraft.dt, now.flight
-    seen, mask = _seen(now, traffic, time)
+    seen, mask, share = traffic, _present(now, time), now.share
     if now.traffic.mask.shape[-1] > policy.most:
-        seen, mask = map_leaves(
-            lambda field: np.take_along_axis(field, now.chosen, axis=-1), (seen, mask)
+        seen, mask, share = map_leaves(
+            lambda field: np.take_along_axis(field, now.chosen, axis=-1), (seen, mask, share)
         )
-    action = policy.command(before.state, seen, mask, *aim)
+    action = policy.command(before.state, seen, mask, *aim, share)
     acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
     moved = advance(before.state, acceleration, yaw_rate, dt, limits, np)
     turns = np.abs(yaw_rate) >= _TURNS * limits.yaw_rate_max
@@ -255,7 +253,7 @@ def _roll_one(
             break
         if step == steps or (asks and ends()):
             break
-        action = policy.command_one(state, ahead.seen_from(state, step), *aim)
+        action = policy.command_one(state, ahead.seen(step), *aim, ahead.share)
         acceleration, yaw_rate = commands(action, limits, FLOATS)
         moved = advance(state, acceleration, yaw_rate, dt, limits, FLOATS)
         path += 0.5 * dt * (state.speed + moved.speed)
@@ -285,7 +283,7 @@ class _Ahead:
         self._traffic, self._required = take((traffic, required_range), traffic.mask)
         self._rest, self._policy, self._task = rest, policy, task_of(options)
         self._dt, self._window = options.aircraft.dt, self._traffic.window
-        self._share = shares(self._traffic, options.requirement)
+        self._every_share = shares(self._traffic, options.requirement)
         count = len(self._required)
         self._many, self._every_number = count > policy.most, np.arange(count)
         self._all = np.ones(count, dtype=bool)
@@ -295,7 +293,7 @@ class _Ahead:
         # Of those that are looked at: states at some time steps, what is required, their shares.
         self._flown = list[list[VehicleState]]()
         self._far: list[float] = self._required.tolist()
-        self._shares = None if self._share is None else self._share.tolist()
+        self.share = None if self._every_share is None else self._every_share.tolist()
 
     def look(self, step: int, state: VehicleState) -> None:
         """Predict the intruders for many time steps, and choose what is looked at for the next
@@ -309,7 +307,8 @@ class _Ahead:
             chosen = self._choose(take(ahead, 0), state, step * self._dt)
             self._flown = _in_floats(take(ahead, (slice(None), chosen)))
             self._far = self._required[chosen].tolist()
-            self._shares = None if self._share is None else self._share[chosen].tolist()
+            if self._every_share is not None:
+                self.share = self._every_share[chosen].tolist()
         elif first == 0:
             self._flown = _in_floats(self._block)
 
@@ -322,17 +321,12 @@ class _Ahead:
         there = self._all & visible(self._window, time)
         chosen = self._every_number
         if self._many:
-            if self._share is not None:
-                seen = at_share(state, seen, self._share)
-            chosen = self._policy.most_critical(state, seen, there)
+            chosen = self._policy.most_critical(state, seen, there, self._every_share)
         return chosen[there[chosen]]
 
-    def seen_from(self, state: VehicleState, step: int) -> list[VehicleState]:
-        """Return the intruders as the policy sees them from a state."""
-        seen = self._flown[step % len(self._flown)]
-        if self._shares is None:
-            return seen
-        return [at_share(state, *one) for one in zip(seen, self._shares, strict=True)]
+    def seen(self, step: int) -> list[VehicleState]:
+        """Return the intruders that the policy sees at a time step."""
+        return self._flown[step % len(self._flown)]
 
     def way_back(self, state: VehicleState, aim: tuple[float, float], step: int) -> bool:
         """Return whether the direct route is clear of all intruders."""

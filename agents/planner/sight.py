@@ -1,9 +1,9 @@
 """What the policy is shown of intruders that have a separation of their own, or count for a while.
 
-A policy sees distances in the separation that it was trained with. An intruder with another one is
-shown as near as its distance is in its own: twice as near where twice as much must be kept. One
-that is above or below for a while is shown while it counts. Plans are validated against the
-intruders as they are. Why so: docs/explanation/planner.md.
+A policy counts distances in the separation that it was trained with. From an intruder with another
+one they count in its own (:mod:`agents.policy.scene`): twice as near where twice as much must be
+kept. One that is above or below for a while is shown while it counts. Plans are validated against
+the intruders as they are. Why so: docs/explanation/planner.md.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ from agents.planner.traffic import Requirement, Traffic, Window, separations
 
 
 def shares(traffic: Traffic, requirement: Requirement) -> Any:
-    """Return how much of its distance each intruder is shown at, ``[..., K]``; None: all of it, for
+    """Return at how much of its distance each intruder counts, ``[..., K]``; None: all of it, for
     each.
     """
     if traffic.separation is None:

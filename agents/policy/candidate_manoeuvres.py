@@ -113,21 +113,23 @@ def paths(seen: Scene, xp: Any) -> Paths:
 
 
 def min_separation(seen: Scene, xp: Any) -> Any:
-    """Return the least separation from any of K >= 1 intruders within :data:`HORIZON`, D, ``[22,
-    ...]``.
+    """Return the least separation from any of K >= 1 intruders within :data:`HORIZON`, ``[22,
+    ...]``, in D, or in the separation of an intruder that has one of its own.
     """
-    path, intruders = paths(seen, xp), (seen.x, seen.y, seen.vx, seen.vy)
+    path, intruders = paths(seen, xp), [seen.x, seen.y, seen.vx, seen.vy]
+    if seen.share is not None:
+        intruders.append(seen.share * seen.share)
     if xp is np:
         # One intruder after the other stays in cache.
-        rows = np.ascontiguousarray(np.moveaxis(np.stack(intruders), -1, 0))  # [K, 4, ...]
+        rows = np.ascontiguousarray(np.moveaxis(np.stack(intruders), -1, 0))  # [K, 4 or 5, ...]
         nearest = (_squares(row, path, np).min(axis=1) for row in rows)
         return np.sqrt(reduce(np.minimum, nearest))
     # Arrays of jax come with jax, which is loaded then; where numpy flies it is not imported.
-    return xp.sqrt(_least_squares(path, intruders, xp, sys.modules["jax"].lax))
+    return xp.sqrt(_least_squares(path, tuple(intruders), xp, sys.modules["jax"].lax))
 
 
 def _least_squares(path: Paths, intruders: Any, xp: Any, lax: Any) -> Any:
-    """Return the square of the least separation, D^2, ``[22, ...]``, compiled: one chord after the
+    """Return the square of the least separation, ``[22, ...]``, compiled: one chord after the
     other, so that a running minimum is all that is kept of the separations from K intruders.
     """
     # Without the barrier the compiler would compute the path again for every intruder.
@@ -151,17 +153,18 @@ def _least_squares(path: Paths, intruders: Any, xp: Any, lax: Any) -> Any:
 
 
 def _squares(intruders: Any, path: Paths, xp: Any) -> Any:
-    """Return the square of the separation along each chord of a path from intruders (x, y, vx, vy),
-    D^2.
+    """Return the square of the separation along each chord of a path from intruders (x, y, vx, vy
+    and, where they have separations of their own, the square of the share).
     """
-    x0, y0, vx, vy = intruders
+    x0, y0, vx, vy, *weight = intruders
     x, y = x0 + vx * path.times - path.x, y0 + vy * path.times - path.y
     over_x, over_y = vx * path.spans - path.step_x, vy * path.spans - path.step_y
     # How much of the chord lies behind its closest point.
     back = (x * over_x + y * over_y) / (over_x * over_x + over_y * over_y + 1e-8)
     back = xp.minimum(xp.maximum(back, 0.0), 1.0)
     x, y = x - back * over_x, y - back * over_y
-    return x * x + y * y
+    square = x * x + y * y
+    return square * weight[0] if weight else square
 
 
 class _Chords(NamedTuple):
@@ -220,7 +223,10 @@ class MinSeparationOfOne:
         back = np.minimum(np.maximum((ahead + aside) / (along + across + 1e-8), 0.0), 1.0)
         there -= back * over
         there *= there
-        return np.sqrt((there[0] + there[1]).min(axis=(0, 2), initial=1e6))
+        square = there[0] + there[1]
+        if seen.share is not None:
+            square *= np.square(seen.share)[:, None, None]
+        return np.sqrt(square.min(axis=(0, 2), initial=1e6))
 
 
 def steering(seen: Scene, xp: Any) -> Any:

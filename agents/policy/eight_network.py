@@ -17,6 +17,8 @@ from envs.angles import sincos, wrap
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 from envs.observation import criticality, most_critical, observe
+from envs.relative import at_share
+from envs.trees import column
 
 _BEHIND = 20.0  # separations
 _BLOCK = 256  # rows at a time, whose activations stay in cache; changes no bit
@@ -70,8 +72,11 @@ class EightNetwork:
         mask: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
+        share: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``."""
+        """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``, shares ``[N, K]``."""
+        if share is not None:
+            seen = at_share(column(own), seen, share)
         if not mask.any(axis=-1).all():
             seen, mask = _never_alone(own, seen, mask, self._scales)
         critical = most_critical(own, seen, mask, self._scales, np)
@@ -80,11 +85,18 @@ class EightNetwork:
         )
 
     def of_one(
-        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+        self,
+        own: VehicleState,
+        intruders: Sequence[VehicleState],
+        goal_x: float,
+        goal_y: float,
+        share: Sequence[float] | None = None,
     ) -> tuple[float, float]:
         """Return the action of one aircraft: features in double precision, then products with a
         vector.
         """
+        if share is not None:
+            intruders = [at_share(own, *one) for one in zip(intruders, share, strict=True)]
         if len(intruders) == 1:
             other = intruders[0]
         elif intruders:

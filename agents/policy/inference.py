@@ -21,7 +21,8 @@ from envs.aircraft import Aircraft
 from envs.backend import FLOATS
 from envs.edge.command import InputError
 from envs.kinematics import VehicleState
-from envs.observation import NAMES, SIZE, urgent
+from envs.observation import NAMES, SIZE, beside, urgent
+from envs.relative import at_share
 from envs.trees import map_leaves
 
 PARITY_TOLERANCE = 2e-5
@@ -137,26 +138,34 @@ class Policy:
             )
 
     def most_critical(
-        self, own: VehicleState, intruders: VehicleState, mask: ArrayLike
+        self, own: VehicleState, intruders: VehicleState, mask: ArrayLike, share: Any = None
     ) -> np.ndarray:
         """Return the numbers of the intruders that the policy looks at, ``[..., min(most, K)]``: as
         many as in training, the most urgent first (:func:`envs.observation.urgent`).
 
-        ``own`` has fields ``[...]``, the intruders ``[..., K]``; ``mask`` says which exist.
+        ``own`` has fields ``[...]``, the intruders ``[..., K]``; ``mask`` says which exist, shares
+        as :meth:`command` takes them.
         """
+        if share is not None:
+            intruders = at_share(beside(own), intruders, share)
         return urgent(own, intruders, np.asarray(mask, bool), self.most, self.aircraft, np)
 
     def departures(
-        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+        self,
+        own: VehicleState,
+        intruders: Sequence[VehicleState],
+        goal_x: float,
+        goal_y: float,
+        share: Sequence[float] | None = None,
     ) -> list[Departure]:
         """Return how aircraft and scene are unlike all that the policy was trained with; of more
         intruders than it looks at, by those.
         """
         if not isinstance(self._resolver, SetNetwork):
             return [*self._unlike]
-        intruders = self._most_critical(own, intruders)
+        intruders, share = self._most_critical(own, intruders, share)
         box = novelty.box_of(self.sha256, self.inputs)
-        mine, each, _ = self._resolver.inputs_of_one(own, intruders, goal_x, goal_y)
+        mine, each, _ = self._resolver.inputs_of_one(own, intruders, goal_x, goal_y, share)
         return [*self._unlike, *novelty.departures(box, self.inputs, mine, each)]
 
     @classmethod
@@ -204,6 +213,7 @@ class Policy:
         mask: ArrayLike,
         goal_x: Any,
         goal_y: Any,
+        share: Any = None,
     ) -> np.ndarray:
         """Return the actions ``[..., 2]``, float64; the bits of a row do not depend on the
         batch.
@@ -213,15 +223,17 @@ class Policy:
             intruders: fields ``[..., K]``; of absent ones anything finite.
             mask: which of them exist, bool ``[..., K]``.
             goal_x, goal_y: m, ``[...]``.
+            share: the aircraft's separation over that of each intruder, ``[..., K]``; None: they
+                have the aircraft's.
 
         Raises:
             ValueError: a shape is wrong, or a number is not finite; ``OutsideDomainError``: there
                 are too many.
         """
-        shape, mask = np.shape(own.x), np.asarray(mask, bool)
-        if mask.shape[:-1] != shape or mask.ndim != len(shape) + 1:
+        shape, exist = np.shape(own.x), np.asarray(mask, bool)
+        if exist.shape[:-1] != shape or exist.ndim != len(shape) + 1:
             raise ValueError(
-                f"mask has shape {mask.shape}, expected {shape} and an axis of the intruders"
+                f"mask has shape {exist.shape}, expected {shape} and an axis of the intruders"
             )
         own = VehicleState(
             *(_shape(f"own.{name}", field, shape) for name, field in own._asdict().items())
@@ -229,25 +241,33 @@ class Policy:
         goal_x, goal_y = _shape("goal_x", goal_x, shape), _shape("goal_y", goal_y, shape)
         fields = intruders._asdict().items()
         seen = VehicleState(
-            *(_shape(f"intruders.{name}", field, mask.shape) for name, field in fields)
+            *(_shape(f"intruders.{name}", field, exist.shape) for name, field in fields)
         )
-        if mask.shape[-1] > self.most:
-            self.check_intruders(int(np.max(np.count_nonzero(mask, axis=-1), initial=0)))
-            order = self.most_critical(own, seen, mask)
-            seen = map_leaves(lambda field: np.take_along_axis(field, order, axis=-1), seen)
-            mask = np.take_along_axis(mask, order, axis=-1)
+        if share is not None:
+            share = _shape("share", share, exist.shape)
+        if exist.shape[-1] > self.most:
+            self.check_intruders(int(np.max(np.count_nonzero(exist, axis=-1), initial=0)))
+            order = self.most_critical(own, seen, exist, share)
+            seen, exist, share = map_leaves(
+                lambda field: np.take_along_axis(field, order, axis=-1), (seen, exist, share)
+            )
         one, wide = (
             VehicleState(*(field.reshape(-1) for field in own)),
-            (own.x.size, mask.shape[-1]),
+            (own.x.size, exist.shape[-1]),
         )
-        each = VehicleState(*(field.reshape(wide) for field in seen))
+        each, exist, share = map_leaves(lambda field: field.reshape(wide), (seen, exist, share))
         actions = self._resolver.of_states(
-            one, each, mask.reshape(wide), goal_x.reshape(-1), goal_y.reshape(-1)
+            one, each, exist, goal_x.reshape(-1), goal_y.reshape(-1), share
         )
         return _clip(actions).astype(float).reshape(*shape, 2)
 
     def command_one(
-        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+        self,
+        own: VehicleState,
+        intruders: Sequence[VehicleState],
+        goal_x: float,
+        goal_y: float,
+        share: Sequence[float] | None = None,
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats, SI: the fast path of a step-by-step
         rollout.
@@ -258,23 +278,26 @@ class Policy:
         """
         if len(intruders) > self.most:
             self.check_intruders(len(intruders))
-            intruders = self._most_critical(own, intruders)
-        throttle, steering = self._resolver.of_one(own, intruders, goal_x, goal_y)
+            intruders, share = self._most_critical(own, intruders, share)
+        throttle, steering = self._resolver.of_one(own, intruders, goal_x, goal_y, share)
         if not (isfinite(throttle) and isfinite(steering)):
             raise ValueError(_NOT_FINITE)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
 
     def _most_critical(
-        self, own: VehicleState, intruders: Sequence[VehicleState]
-    ) -> Sequence[VehicleState]:
-        """Return the most critical of intruders in plain floats."""
+        self,
+        own: VehicleState,
+        intruders: Sequence[VehicleState],
+        share: Sequence[float] | None = None,
+    ) -> tuple[Sequence[VehicleState], Sequence[float] | None]:
+        """Return the most critical of intruders in plain floats, and their shares."""
         if len(intruders) <= self.most:
-            return intruders
+            return intruders, share
         every = VehicleState(*(np.array(field) for field in zip(*intruders, strict=True)))
-        order = self.most_critical(
-            VehicleState(*map(np.asarray, own)), every, np.ones(len(intruders), bool)
-        )
-        return [intruders[int(number)] for number in order]
+        one, exist = VehicleState(*map(np.asarray, own)), np.ones(len(intruders), bool)
+        order = list[int](self.most_critical(one, every, exist, share))
+        chosen = None if share is None else [share[number] for number in order]
+        return [intruders[number] for number in order], chosen
 
     def _check(self, array: np.ndarray) -> np.ndarray:
         """Return the observations in [-1, 1] and the policy's dtype, or raise ``ValueError``."""

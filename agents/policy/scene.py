@@ -4,6 +4,9 @@ aircraft are alike.
 Lengths are in required separations D, speeds in the ownship's greatest speed, times in their
 quotient (:mod:`envs.aircraft`); x points ahead and y to the left. Beyond 20 D only the direction
 counts.
+
+From an intruder with a separation of its own the distance counts in that: its *share* is D over
+its own separation. Places and velocities stay as they are; the inputs take the share.
 """
 
 import math
@@ -37,6 +40,7 @@ class Scene(NamedTuple):
     vy: Any
     mask: Any  # bool
     ratios: Ratios  # of the ownship; floats or [...]
+    share: Any = None  # D over the separation of each intruder, [..., K]; None: 1 of all
 
 
 def scene(
@@ -197,9 +201,9 @@ def mirror(seen: Scene, xp: Any) -> tuple[Scene, Any]:
         seen.y,
         seen.vx,
         seen.vy,
+        1.0 if seen.share is None else seen.share,
         seen.own_speed[..., None],
-        seen.goal_x[..., None],
-        seen.goal_y[..., None],
+        (seen.goal_x[..., None], seen.goal_y[..., None]),
         xp,
     )
     total = xp.sum(xp.where(seen.mask, towards, 0.0), axis=-1)
@@ -210,10 +214,10 @@ def mirror(seen: Scene, xp: Any) -> tuple[Scene, Any]:
 
 def mirrored_one(seen: Scene) -> tuple[Scene, float]:
     """Return :func:`mirror` of a scene of plain floats."""
-    intruders = zip(seen.x, seen.y, seen.vx, seen.vy, strict=True)
-    total = sum(
-        _towards(*one, seen.own_speed, seen.goal_x, seen.goal_y, FLOATS) for one in intruders
-    )
+    share = [1.0] * len(seen.x) if seen.share is None else seen.share
+    intruders = zip(seen.x, seen.y, seen.vx, seen.vy, share, strict=True)
+    goal = seen.goal_x, seen.goal_y
+    total = sum(_towards(*one, seen.own_speed, goal, FLOATS) for one in intruders)
     sign = math.copysign(1.0, total + 1e-20 * seen.goal_y)
     if sign > 0.0:
         return seen, sign
@@ -227,7 +231,9 @@ def mirrored_one(seen: Scene) -> tuple[Scene, float]:
 _TIE = 1e-9
 
 
-def _towards(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_x: Any, goal_y: Any, xp: Any) -> Any:
+def _towards(
+    x: Any, y: Any, vx: Any, vy: Any, share: Any, pace: Any, goal: tuple[Any, Any], xp: Any
+) -> Any:
     """Return how much an intruder counts, positive to the left of the line to the goal, ``[...,
     K]``.
     """
@@ -235,10 +241,11 @@ def _towards(x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_x: Any, goal_y: A
     relative_x, relative_y = vx - pace, vy
     square = relative_x * relative_x + relative_y * relative_y + 0.0025
     time = xp.clip(-(x * relative_x + y * relative_y) / square, 0.0, 30.0)
-    closest_x, closest_y = x + relative_x * time, y + relative_y * time
+    closest_x, closest_y = share * (x + relative_x * time), share * (y + relative_y * time)
     weight = 1.0 / (
         (1.0 + 0.1 * time * time) * (1.0 + closest_x * closest_x + closest_y * closest_y)
     )
+    goal_x, goal_y = goal
     return weight * ((goal_x * y - goal_y * x) / away + _TIE)
 
 

@@ -131,9 +131,9 @@ def _intruder(seen: Scene, xp: Any) -> Any:
         seen.y,
         seen.vx,
         seen.vy,
+        1.0 if seen.share is None else seen.share,
         seen.own_speed[..., None],
-        cosine[..., None],
-        sine[..., None],
+        (cosine[..., None], sine[..., None]),
         xp,
     )
     return xp.stack(each, axis=-1)
@@ -206,9 +206,10 @@ def set_inputs_of_one(
     best = _best(margin, candidate_manoeuvres.steering_of_one(seen), np)
     own = [*own_part(seen, 0.0, FLOATS), *map(float, best), *margin.tolist()]
     to_goal = distance(seen.goal_x, seen.goal_y, FLOATS) + 1e-6
-    cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
-    intruders = zip(seen.x, seen.y, seen.vx, seen.vy, strict=True)
-    each = [each_part(*one, seen.own_speed, cosine, sine, FLOATS) for one in intruders]
+    course = seen.goal_x / to_goal, seen.goal_y / to_goal
+    share = [1.0] * len(seen.x) if seen.share is None else seen.share
+    intruders = zip(seen.x, seen.y, seen.vx, seen.vy, share, strict=True)
+    each = [each_part(*one, seen.own_speed, course, FLOATS) for one in intruders]
     if inputs is not TABLE:
         batch = batch_of_one(seen)
         for row in inputs.extra:
@@ -225,7 +226,7 @@ def batch_of_one(seen: Scene) -> Scene:
     intruder where there is none.
     """
     if not seen.x:
-        seen = seen._replace(x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], mask=[False])
+        seen = seen._replace(x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], mask=[False], share=None)
     return Scene(
         own_speed=np.array([seen.own_speed]),
         goal_x=np.array([seen.goal_x]),
@@ -236,6 +237,7 @@ def batch_of_one(seen: Scene) -> Scene:
         vy=np.array([seen.vy]),
         mask=np.array([seen.mask]),
         ratios=seen.ratios,
+        share=None if seen.share is None else np.array([seen.share]),
     )
 
 
@@ -266,25 +268,36 @@ def own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
 
 
 def each_part(
-    x: Any, y: Any, vx: Any, vy: Any, pace: Any, goal_cosine: Any, goal_sine: Any, xp: Any
+    x: Any,
+    y: Any,
+    vx: Any,
+    vy: Any,
+    share: Any,
+    pace: Any,
+    course: tuple[Any, Any],
+    xp: Any,
 ) -> list[Any]:
-    """Return what describes an intruder, 16 times ``[..., K]``, beside own speed and the goal's
-    direction.
+    """Return what describes an intruder, 16 times ``[..., K]``, beside own speed and the cosine and
+    sine of the goal's direction.
+
+    Distances to it and miss distances are in its own separation, times and velocities as they are.
     """
     away = distance(x, y, xp) + 1e-6
-    relative = vx - pace
+    relative, counted, (cosine, sine) = vx - pace, away * share, course
+    slow, horizon, per_time, per_length, per_far, floor = _UNITS
+    units = slow, horizon, per_time, per_length * share, per_far * share, floor
     return [
         x / away,
         y / away,
-        xp.minimum(away * 0.1 - 1.0, 1.0),
-        soft(away - 1.0, xp),
+        xp.minimum(counted * 0.1 - 1.0, 1.0),
+        soft(counted - 1.0, xp),
         vx,
         vy,
         relative,
         (x * relative + y * vy) / away,
-        *passing(x, y, relative, vy, _UNITS, xp),
+        *passing(x, y, relative, vy, units, xp),
         # The same for the course that leads straight to the goal: is it time to turn back?
-        *passing(x, y, vx - pace * goal_cosine, vy - pace * goal_sine, _UNITS, xp),
+        *passing(x, y, vx - pace * cosine, vy - pace * sine, units, xp),
     ]
 
 

@@ -74,19 +74,26 @@ class SetNetwork:
         mask: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
+        share: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``."""
+        """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``, shares ``[N, K]``."""
         if mask.shape[-1] == 0:
             seen = VehicleState(*(np.zeros((len(mask), 1)) for _ in seen))
-            mask = np.zeros((len(mask), 1), bool)
+            mask, share = np.zeros((len(mask), 1), bool), None
         limits, separation = self._aircraft.limits, self._aircraft.separation
-        return self._of_scenes(scene(own, seen, mask, goal_x, goal_y, limits, separation, np))
+        found = scene(own, seen, mask, goal_x, goal_y, limits, separation, np)
+        return self._of_scenes(found._replace(share=share))
 
     def of_one(
-        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+        self,
+        own: VehicleState,
+        intruders: Sequence[VehicleState],
+        goal_x: float,
+        goal_y: float,
+        share: Sequence[float] | None = None,
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats."""
-        mine, each, sign = self.inputs_of_one(own, intruders, goal_x, goal_y)
+        mine, each, sign = self.inputs_of_one(own, intruders, goal_x, goal_y, share)
         x = np.empty(len(self._trunk[0][0]), self._dtype)
         x[: self._own_size] = mine
         if each:
@@ -102,13 +109,19 @@ class SetNetwork:
         return acceleration, yaw_rate * sign
 
     def inputs_of_one(
-        self, own: VehicleState, intruders: Sequence[VehicleState], goal_x: float, goal_y: float
+        self,
+        own: VehicleState,
+        intruders: Sequence[VehicleState],
+        goal_x: float,
+        goal_y: float,
+        share: Sequence[float] | None = None,
     ) -> tuple[list[float], list[list[float]], float]:
         """Return the inputs of one aircraft, those of each intruder, and how the scene is mirrored,
         1 or -1.
         """
         limits, separation = self._aircraft.limits, self._aircraft.separation
-        seen, sign = mirrored_one(scene_of_one(own, intruders, goal_x, goal_y, limits, separation))
+        found = scene_of_one(own, intruders, goal_x, goal_y, limits, separation)
+        seen, sign = mirrored_one(found._replace(share=share))
         return *set_inputs_of_one(seen, self._min_separation(seen), self._inputs), sign
 
     def _of_scenes(self, seen: Scene) -> np.ndarray:

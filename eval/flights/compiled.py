@@ -16,7 +16,7 @@ from agents.policy.set_network import actions
 from envs.aircraft import Ratios, ratios
 from envs.edge.command import InputError
 from envs.edge.compiled import keep_compiled, local_devices
-from envs.trees import map_leaves
+from envs.trees import map_leaves, take
 
 _TILE = 256
 
@@ -35,10 +35,10 @@ class Compiled:
 
         local_devices(jax)
 
-        def decide_rows(known: Any, rows: Any) -> Any:
+        def decide_rows(known: Any, rows: Any, share: Any) -> Any:
             encoder, trunk, numbers = known
             # What hangs on the aircraft alone is computed once for all rows of a tile.
-            seen = unpacked_rows(rows)._replace(ratios=Ratios(*numbers))
+            seen = unpacked_rows(rows)._replace(ratios=Ratios(*numbers), share=share)
             inputs = set_inputs(seen, jax.numpy, policy.inputs)
             return jax.numpy.clip(actions(inputs, encoder, trunk, jax.numpy), -1.0, 1.0)
 
@@ -53,35 +53,40 @@ class Compiled:
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        others, mask = sight.intruders, sight.mask
+        others, mask, share = sight.intruders, sight.mask, sight.share
         if mask.shape[-1] > self._policy.most:
-            critical = self._policy.most_critical(sight.own, others, mask)
-            others, mask = map_leaves(
-                lambda field: np.take_along_axis(field, critical, axis=-1), (others, mask)
+            critical = self._policy.most_critical(sight.own, others, mask, share)
+            others, mask, share = map_leaves(
+                lambda field: np.take_along_axis(field, critical, axis=-1), (others, mask, share)
             )
         seen = scene(sight.own, others, mask, sight.goal_x, sight.goal_y, *self._units, np)
         count, places = mask.shape
-        rows = np.zeros((-(-count // _TILE) * _TILE, width(places)), np.float32)
-        rows[:count, :3] = np.stack((seen.own_speed, seen.goal_x, seen.goal_y), axis=-1)
+        whole = -(-count // _TILE) * _TILE  # rows of full tiles
+        rows = np.zeros((count, width(places)), np.float32)
+        rows[:, :3] = np.stack((seen.own_speed, seen.goal_x, seen.goal_y), axis=-1)
         for i, field in enumerate((seen.x, seen.y, seen.vx, seen.vy, seen.mask)):
-            rows[:count, OWN_NUMBERS + i :: 5] = field
-        if places not in self._checked:
-            self._check(np.resize(rows[:count], (_TILE, rows.shape[1])))
-            self._checked.add(places)
+            rows[:, OWN_NUMBERS + i :: 5] = field
+        rows = np.resize(rows, (whole, width(places)))
+        if share is not None:
+            share = np.resize(share.astype(np.float32), (whole, places))
         tiles = [
-            self._decided(self._known, rows[first : first + _TILE])
-            for first in range(0, count, _TILE)
+            take((rows, share), slice(first, first + _TILE)) for first in range(0, whole, _TILE)
         ]
-        actions = np.concatenate([np.asarray(tile) for tile in tiles])[:count]
+        if places not in self._checked:
+            self._check(*tiles[0])
+            self._checked.add(places)
+        decided = [self._decided(self._known, *tile) for tile in tiles]
+        actions = np.concatenate([np.asarray(tile) for tile in decided])[:count]
         if not np.isfinite(actions).all():
             raise ValueError(
                 "the policy gives an action that is not finite; expected finite states"
             )
         return actions.astype(float), memory
 
-    def _check(self, tile: np.ndarray) -> None:
+    def _check(self, rows: np.ndarray, share: np.ndarray | None) -> None:
         """Refuse a processor on which the bits of a row depend on its place in the tile."""
-        there, back = (self._decided(self._known, rows) for rows in (tile, tile[::-1]))
+        back = take((rows, share), slice(None, None, -1))
+        there, back = (self._decided(self._known, *tile) for tile in ((rows, share), back))
         if not np.array_equal(there, back[::-1]):
             raise InputError(
                 "backend is 'jax', which rounds a row by its place on this processor; expected "

@@ -21,7 +21,16 @@ from envs.kinematics import Limits, commands
 from envs.outcome import Outcome
 from envs.relative import bearing, distance
 from envs.trees import scatter, take
-from envs.world import State, StepResult, World, begin, known, seen_intruders, smallest
+from envs.world import (
+    State,
+    StepResult,
+    World,
+    begin,
+    known,
+    perceive_intruders,
+    shares,
+    smallest,
+)
 from envs.world import step as advance
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -39,7 +48,7 @@ class ByPolicy(NamedTuple):
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
         return self.policy.command(
-            sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y
+            sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y, sight.share
         ), memory
 
 
@@ -154,7 +163,7 @@ def fly(
     while len(air.number):
         state = air.state
         draws = None if noise is None else noise(step)[:, air.number]
-        seen = seen_intruders(state, draws, aircraft, np)
+        seen = perceive_intruders(state, draws, aircraft.dt, np)
         sight = Sight(
             state.own,
             seen,
@@ -162,6 +171,7 @@ def fly(
             state.goal_x,
             state.goal_y,
             rules.t_max - step * dt,
+            shares(state, aircraft, np),
         )
         action, memory = resolver.decide(sight, air.memory)
         controls = action[:, 0], action[:, 1]

@@ -188,9 +188,9 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
         state[1],
         state[2],
         state[3],
+        1.0,
         pace,
-        goal[:, 0] / to_goal,
-        goal[:, 1] / to_goal,
+        (goal[:, 0] / to_goal, goal[:, 1] / to_goal),
         Form,
     )
     advice, about = (Form.stack(forms) for forms in (_advice(clearance, seen), each))

@@ -14,6 +14,7 @@ import pytest
 from agents.learning.export import parity_observations, to_policy_file
 from agents.learning.networks import Actor, Critic
 from agents.policy import candidate_manoeuvres, inference
+from agents.policy.candidate_manoeuvres import min_separation
 from agents.policy.domain import OutsideDomainError, departures, excess
 from agents.policy.file import PolicyFileError, parse, read, serialise, write
 from agents.policy.inference import Policy
@@ -167,6 +168,7 @@ def test_what_cannot_be_exported(variables, changes, message):
 # The network for any number of intruders: invariances, backends, files, and the aircraft that it
 # refuses.
 LAYERS, ENCODER, MOST = (48, 32), (24,), 4
+PLACES = ("x", "y", "vx", "vy")
 FAMILY = Ratios((0.3, 0.8), (-0.5, -0.02), (0.02, 0.5), (0.2, 3.0))._asdict()
 UAS = new_aircraft(Limits(18.0, 36.0, -0.5, 0.5, math.radians(10.0)), 610.0)
 
@@ -292,6 +294,73 @@ def test_numpy_decides_as_jax_does():
     mean = np.clip(actor.apply(variables, seen)[0], -1.0, 1.0)
     difference = np.abs(policy("float64").command(own, others, mask, *goal) - mean).max(axis=-1)
     assert np.quantile(difference, 0.99) < 2e-3
+
+
+def own_shares(mask):
+    """Return the usual separation over one between 0.3 and 3 times it of each intruder."""
+    return np.exp(np.random.default_rng(8).uniform(-1.1, 1.2, mask.shape))
+
+
+def test_intruders_of_the_usual_separation_need_no_share():
+    own, others, mask, *goal = states(100)
+    np.testing.assert_array_equal(
+        policy().command(own, others, mask, *goal, np.ones(mask.shape)),
+        policy().command(own, others, mask, *goal),
+    )
+
+
+def test_own_separations_are_seen_alike_by_numpy_jax_and_plain_floats():
+    own, others, mask, *goal = states(300)
+    share = own_shares(mask)
+    where = (PAPER.limits, PAPER.separation)
+    seen = scene(own, others, mask, *goal, *where, np)._replace(share=share)
+    ours = set_inputs(seen, np)
+    theirs = set_inputs(jax.tree.map(jnp.asarray, seen), jnp)
+    for name in ("own", "each"):
+        there = mask if name == "each" else slice(None)
+        apart = np.abs(getattr(ours, name) - getattr(theirs, name))[there]
+        assert np.quantile(apart, 0.999) < 2e-3
+    together = policy("float64").command(own, others, mask, *goal, share)
+    assert (np.abs(together - policy("float64").command(own, others, mask, *goal)) > 0.01).any()
+    for row in range(50):
+        there = np.flatnonzero(mask[row])
+        alone = policy("float64").command_one(
+            rows(own, row),
+            [rows(others, (row, k)) for k in there],
+            goal[0][row],
+            goal[1][row],
+            share[row, there].tolist(),
+        )
+        np.testing.assert_allclose(alone, together[row], atol=1e-5)
+
+
+def test_own_separations_do_not_break_the_symmetries():
+    own, others, mask, goal_x, goal_y = states(200)
+    share, order = own_shares(mask), [2, 0, 1]
+    action = policy().command(own, others, mask, goal_x, goal_y, share)
+    turned = VehicleState(*(field[:, order] for field in others))
+    np.testing.assert_allclose(
+        policy().command(own, turned, mask[:, order], goal_x, goal_y, share[:, order]),
+        action,
+        atol=1e-6,
+    )
+    mirror = [each._replace(y=-each.y, heading=-each.heading) for each in (own, others)]
+    np.testing.assert_allclose(
+        policy().command(*mirror, mask, goal_x, -goal_y, share), action * [1.0, -1.0], atol=1e-6
+    )
+
+
+def test_a_manoeuvre_keeps_the_least_of_what_it_keeps_from_each():
+    own, others, mask, *goal = states(100)
+    seen = scene(own, others, mask, *goal, PAPER.limits, PAPER.separation, np)
+    share = own_shares(mask)
+    each = [
+        min_separation(seen._replace(**{n: getattr(seen, n)[:, k : k + 1] for n in PLACES}), np)
+        for k in range(mask.shape[1])
+    ]
+    expected = np.min([kept * share[:, k] for k, kept in enumerate(each)], axis=0)
+    found = min_separation(seen._replace(share=share), np)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_nobody_around_is_a_scene_too():

@@ -85,14 +85,23 @@ def test_numpy_and_jax_judge_alike(drawn: Encounter):
     assert (ours_lost == theirs_lost).mean() > 0.999
 
 
-def test_an_intruder_is_shown_at_its_distance_in_its_own_separation(drawn: Encounter):
+def test_distances_count_in_the_separation_of_each(drawn: Encounter):
+    share = world.shares(world.begin(drawn, np), PAPER, np)
+    np.testing.assert_allclose(share, PAPER.separation / drawn.separation)
+    plain = world.begin(drawn._replace(separation=None), np)
+    assert world.shares(plain, PAPER, np) is None
+
+
+def test_eight_numbers_hold_an_intruder_at_its_distance_in_its_own_separation(drawn: Encounter):
     state = world.begin(drawn, np)
-    shown = world.seen_intruders(state, None, PAPER, np)
     own, true = drawn.own, drawn.intruders
-    there = (shown.x - own.x[:, None]) + 1j * (shown.y - own.y[:, None])
-    here = (true.x - own.x[:, None]) + 1j * (true.y - own.y[:, None])
-    np.testing.assert_allclose(there / here, PAPER.separation / drawn.separation, atol=1e-9)
-    np.testing.assert_array_equal(shown.speed, true.speed)
+    there = (true.x - own.x[:, None]) + 1j * (true.y - own.y[:, None])
+    shown = own.x[:, None] + 1j * own.y[:, None] + there * PAPER.separation / drawn.separation
+    moved = true._replace(x=shown.real, y=shown.imag)
+    plain = world.begin(drawn._replace(intruders=moved, separation=None), np)
+    np.testing.assert_allclose(
+        world.observe(state, PAPER, xp=np), world.observe(plain, PAPER, xp=np), atol=1e-6
+    )
 
 
 def test_a_pool_fills_in_the_usual_separation(chosen: Scenario):

@@ -90,7 +90,7 @@ def test_what_is_not_known_changes_no_decision(drawn: Encounter):
     """The shipped policy decides alike wherever an intruder of which it knows nothing is."""
     state, policy = world.begin(drawn, np), Policy.load()
     mask = world.known(state, PAPER, np)
-    seen = world.seen_intruders(state, None, PAPER, np)
+    seen = world.perceive_intruders(state, None, PAPER.dt, np)
     moved = seen._replace(x=np.where(mask, seen.x, seen.x + 777.0))
     action, other = (
         policy.command(drawn.own, one, mask, drawn.goal_x, drawn.goal_y) for one in (seen, moved)
@@ -128,7 +128,7 @@ def test_late_reports_of_what_turns_are_where_it_was_headed():
     for _ in range(60):
         before = state.intruders.vehicle.heading
         state, _ = world.step(state, (nothing, nothing), WORLD, np)
-        seen = world.seen_intruders(state, noise, PAPER, np)
+        seen = world.perceive_intruders(state, noise, PAPER.dt, np)
         now = state.intruders.vehicle
         off.append(np.hypot(seen.x - now.x, seen.y - now.y)[:, 0])
         turned.append(np.abs(now.heading - before)[:, 0] > 1e-3)

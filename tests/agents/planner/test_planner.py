@@ -194,7 +194,13 @@ class Straight(Policy):
     """Flies straight on, whatever is ahead."""
 
     def command(
-        self, own: VehicleState, intruders: Any, mask: Any, goal_x: Any, goal_y: Any
+        self,
+        own: VehicleState,
+        intruders: Any,
+        mask: Any,
+        goal_x: Any,
+        goal_y: Any,
+        share: Any = None,
     ) -> np.ndarray:
         return np.zeros((*np.shape(own.x), 2))
 
@@ -721,14 +727,14 @@ class InOtherUnits:
         self.sha256, self.most = policy.sha256, policy.most
 
     def command_one(
-        self, own: VehicleState, intruders: Any, goal_x: float, goal_y: float
+        self, own: VehicleState, intruders: Any, goal_x: float, goal_y: float, share: Any = None
     ) -> tuple[float, float]:
         own, *others = (
             VehicleState(*(v / u for v, u in zip(s, self._units, strict=True)))
             for s in (own, *intruders)
         )
         return self._policy.command_one(
-            own, others, goal_x / self._units[0], goal_y / self._units[0]
+            own, others, goal_x / self._units[0], goal_y / self._units[0], share
         )
 
     def departures(self, *scene: Any) -> list[str]:

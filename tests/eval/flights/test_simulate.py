@@ -205,7 +205,7 @@ assert not {"flax", "optax"} & sys.modules.keys()
 
 def test_rows_that_depend_on_their_place_are_refused(shipped: Policy) -> None:
     resolver = Compiled(shipped)
-    resolver._decided = lambda _, rows: np.arange(2 * len(rows), dtype=np.float32).reshape(-1, 2)
+    resolver._decided = lambda _, rows, share: np.arange(2.0 * len(rows)).reshape(-1, 2)
     with pytest.raises(InputError, match="by its place"):
         fly_some("circle", resolver, 0, 2)
 
