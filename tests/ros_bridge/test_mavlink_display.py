@@ -18,7 +18,6 @@ from envs.edge.command import InputError
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.aircraft import load_policy
-from ros_bridge.core.assurance import initial
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report, Unknown
 from ros_bridge.core.situation import Situation
@@ -105,7 +104,7 @@ def judge(heard: Received, followed: Rules) -> Judgement:
     """Return what the program makes of it."""
     assert heard.situation.own.last is not None
     route = mission.route(ITEMS[0].place, mission.remaining_items(ITEMS, heard.current), 800.0)
-    fresh = Judgement(initial(followed.thresholds, followed.settings.unknown))
+    fresh = Judgement(followed.begin())
     now = heard.situation.own.last.time
     return watch(fresh, heard.situation, route, now, followed)
 
@@ -195,7 +194,6 @@ def test_a_recording_without_ros_shows_what_the_display_showed(
         SceneRecorder(file)
 
 
-@pytest.mark.filterwarnings("ignore:module 'sre_.*' is deprecated")  # of ROS's parser
 def test_a_plan_is_a_line_for_ground_stations_and_for_map_programs(followed: Rules) -> None:
     held = judge(received(5.0), followed).supervision.held
     assert held is not None
@@ -207,6 +205,7 @@ def test_a_plan_is_a_line_for_ground_stations_and_for_map_programs(followed: Rul
     np.testing.assert_allclose(places, expected, rtol=0.0, atol=1e-7)
 
 
+@pytest.mark.filterwarnings("ignore:module 'sre_.*' is deprecated")  # of ROS's parser
 def test_messages_of_a_recording_are_those_of_the_graph() -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed")
     from rclpy.serialization import deserialize_message
