@@ -16,7 +16,7 @@ from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import Plan, RequestError
 from agents.planner.options import Options
 from agents.planner.request import check_request, in_wind
-from agents.planner.traffic import Requirement, predict, uncertainty
+from agents.planner.traffic import Requirement, predict, separations, uncertainty
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.formats.local_frame import LocalFrame
@@ -28,9 +28,11 @@ from ros_bridge.core.assurance import (
     accept_answer,
     activate,
     backup,
+    initial,
     step_monitor,
     to_fly,
 )
+from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Published, Station
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.planning import plan_task
@@ -50,6 +52,7 @@ from ros_bridge.mavlink.mission import SUB
 SPACING = 4.0
 """Between the points of a mission's legs that a route may be rejoined at, separations."""
 
+_SIGMAS = 2.0
 _BEHIND = 2.0  # separations beyond the loss before which no leg is rejoined
 _SAMPLES = 0.5  # of a time step, between two looks along the mission
 
@@ -70,6 +73,10 @@ class Rules(NamedTuple):
     thresholds: Thresholds
     engage: float  # a loss that is nearer than this, s, is planned round
     look_ahead: float  # s
+
+    def begin(self) -> Supervision:
+        """Return a monitor without a plan."""
+        return initial(self.thresholds, self.settings.unknown, self.settings.categories)
 
 
 @dataclass(frozen=True)
@@ -101,14 +108,14 @@ def rules(
     unknown: Unknown,
     wind_std: float,
     deadline: float,
-    sigmas: float = 2.0,
+    categories: Categories = NO_CATEGORIES,
 ) -> Rules:
     """Return the rules of an aircraft; lengths in m, the margin for what the follower leaves of a
-    plan.
+    plan, ``categories`` what is kept from some emitter categories.
     """
     options = Options.for_aircraft(
         aircraft,
-        requirement=Requirement(aircraft.separation, margin, sigmas),
+        requirement=Requirement(aircraft.separation, margin, _SIGMAS),
         extend_route=True,
         goals=4,
         deadline_s=deadline,
@@ -130,6 +137,7 @@ def rules(
         intruder_max_age=limits.intruder_age,
         wind_std=wind_std,
         unknown=unknown,
+        categories=categories,
     )
     times = Alerting.for_aircraft(aircraft)
     return Rules(policy, settings, limits, times.reached.corrective, times.look_ahead)
@@ -216,7 +224,7 @@ def conflict(wanted: PlanTask, look_ahead: float) -> Conflict | None:
     away = np.hypot(others.x - here_x[:, None], others.y - here_y[:, None])
     keep = options.requirement
     spread = keep.sigmas * uncertainty(request.traffic, times[:, None])
-    need = keep.separation + keep.margin + spread
+    need = separations(request.traffic, keep) + keep.margin + spread
     lost = away < need
     if not lost.any():
         return None

@@ -33,7 +33,8 @@ from envs.edge.files import write_file
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.perception import carry_back
 from ros_bridge.core.aircraft import load_policy
-from ros_bridge.core.assurance import initial, to_fly
+from ros_bridge.core.assurance import to_fly
+from ros_bridge.core.categories import Categories, separations_of
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.planning import rehearse
 from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown
@@ -133,6 +134,9 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
         options.adsb = options.adsb and checked_source(options.adsb)
     except ValueError as problem:
         raise InputError(f"--{problem}") from None
+    options.categories = _categories(
+        options.category_separations, options.category_vertical_separations
+    )
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError(f"--seconds is {options.seconds:g} s; expected more than 0 s")
     return options
@@ -199,7 +203,7 @@ class Program:
         self._reading = Reading(references)
         self._items = link.mission()
         self._received = Received(Situation(fixed_areas=fence), parameters=parameters)
-        self._judgement = Judgement(initial(self._rules.thresholds, self._rules.settings.unknown))
+        self._judgement = Judgement(self._rules.begin())
         self._control = Control()
         self._guide: Any = None
         self._air = Air()
@@ -529,9 +533,8 @@ class Program:
         if was is not self._control.phase:
             self.log(f"{was.value} -> {self._control.phase.value}", now)
             if self._control.phase is Phase.WATCHING:
-                fresh = initial(self._rules.thresholds, self._rules.settings.unknown)
                 revision = self._judgement.revision
-                supervision = replace(fresh, revision=revision)
+                supervision = replace(self._rules.begin(), revision=revision)
                 self._judgement = Judgement(supervision, revision=revision)
         for order in done.orders:
             self._obey(order, now, before)
@@ -669,7 +672,18 @@ def _rules(vehicle: Vehicle, options: argparse.Namespace) -> Rules:
         unknown=unknown,
         wind_std=WIND_STD * fastest if options.wind_std is None else options.wind_std,
         deadline=options.deadline,
+        categories=options.categories,
     )
+
+
+def _categories(separations: str, vertical: str) -> Categories:
+    try:
+        return Categories(
+            separations_of("--category-separations", separations),
+            separations_of("--category-vertical-separations", vertical),
+        )
+    except ValueError as problem:
+        raise InputError(str(problem)) from None
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -695,6 +709,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     for name, default, what in numbers:
         add(f"--{name}", type=float, default=default, help=f"{what} (default {default:g})")
+    for name, what in (
+        ("category-separations", "separations from aircraft of emitter categories, m"),
+        ("category-vertical-separations", "vertical filters likewise"),
+    ):
+        text = f"{what}, such as A5:2000,B6:300 (default: the same from all)"
+        add(f"--{name}", default="", metavar="LIST", help=text)
     for name, share, what in (
         ("wind-std", WIND_STD, "the wind that the autopilot sends"),
         ("unknown-wind-std", UNKNOWN_WIND_STD, "a wind that it does not send, about calm"),

@@ -12,7 +12,6 @@ from typing import Self
 from agents.assurance.state import FlyMode, State
 from envs.edge.command import InputError, visible
 from ros_bridge.core.areas import AreaReport
-from ros_bridge.core.assurance import initial
 from ros_bridge.core.conversions import Station
 from ros_bridge.core.guidance import blank
 from ros_bridge.core.looking import look
@@ -42,7 +41,7 @@ class Showing:
 
     def __init__(self, rules: Rules, feed: Callable[[Callable[[Scene], Scene]], object]) -> None:
         self._feed = feed
-        self._looking = initial(rules.thresholds, rules.settings.unknown)
+        self._looking = rules.begin()
         self._shown = blank(rules.thresholds)
 
     def __call__(self, view: View) -> None:

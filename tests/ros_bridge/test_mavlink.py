@@ -18,7 +18,7 @@ from agents.policy.inference import Policy
 from envs.areas import Keep
 from envs.edge.command import ConfigError, InputError
 from envs.formats.local_frame import distance
-from ros_bridge.core.assurance import initial
+from ros_bridge.core.categories import Categories
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import USUAL, Report
 from ros_bridge.mavlink import messages, mission, vehicle
@@ -236,7 +236,7 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
     received, now = Received(), 12_345 * SECOND // 1_000
     for message in (own, ahead):
         received = take(received, message, now, READING)
-    judgement = Judgement(initial(kept.thresholds, USUAL))
+    judgement = Judgement(kept.begin())
     judgement = watch(judgement, received.situation, route, now, kept)
     assert judgement.conflict is not None, judgement.problem
     said = "\n".join(judgement.remarks)
@@ -244,6 +244,37 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
     for field in ("position_std", "velocity_std"):
         assert f"intruder abc123.{field} is unknown and taken as" in said
     assert "intruder abc123.header.stamp is known within 0.58 s" in said
+
+
+def test_an_emitter_category_is_kept_its_own_separation(wire: Any) -> None:
+    """Eastward, and one westward that passes 400 m beside it: a conflict for its category alone."""
+    flown = vehicle.vehicle_of(PARAMETERS, 200.0)
+    policy = Policy.load().for_aircraft(flown.aircraft)
+    route = mission.route((47.4, 8.5), [waypoint(1, 3.0)], 1_000.0)
+    own = position(wire, vx=0, vy=2_000, lat=474_000_000, lon=85_000_000)
+    beside = vehicle_message(
+        wire, lat=474_036_000, lon=85_200_000, heading=27_000, hor_velocity=2_000, emitter_type=14
+    )
+    received, now = Received(), 12_345 * SECOND // 1_000
+    for message in (own, beside, wire("WIND", direction=0.0, speed=0.0, speed_z=0.0)):
+        received = take(received, message, now, READING)
+    required = []
+    for categories in (Categories({14: 600.0}), Categories({14: 600.0}, {14: 20.0}), Categories()):
+        kept = rules(
+            flown.aircraft,
+            policy,
+            margin=25.0,
+            vertical=100.0,
+            unknown=USUAL._replace(position_std=5.0, velocity_std=0.2, wind_std=0.0),
+            wind_std=0.0,
+            deadline=5.0,
+            categories=categories,
+        )
+        judged = watch(Judgement(kept.begin()), received.situation, route, now, kept)
+        assert judged.problem == ""
+        required.append(judged.conflict and judged.conflict.required)
+    assert required[0] is not None and required[0] > 625.0
+    assert required[2] is None
 
 
 def test_a_mission_without_a_waypoint_left_is_said_so() -> None:
@@ -428,6 +459,7 @@ def test_an_address_that_cannot_be_is_refused_in_a_sentence(text: str) -> None:
         (["--seconds", "-1"], "--seconds is -1 s"),
         (["--adsb", "host:30003"], "--adsb is 'host:30003', expected tcp://HOST:30003"),
         (["--own", "abc123"], "--own goes with --adsb"),
+        (["--category-separations", "A5"], "--category-separations holds 'A5', expected a"),
     ],
 )
 def test_an_option_out_of_its_range_is_refused(given: list[str], said: str) -> None:
