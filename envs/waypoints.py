@@ -30,6 +30,7 @@ other).
 """
 
 _TURN, _SPEED = 0.02**2, 0.2**2  # weights: 0.02 rad/s and 0.2 m/s^2 count alike
+_EACH = np.array([_TURN, _SPEED])[:, None, None]
 _ITERATIONS, _EXACT = 12, 5e-4
 # Gauss-Legendre's rule on [0, 1]: good to 1e-9 m on an arc of a leg of 20 s, to 1e-6 m on one that
 # turns by 1 rad.
@@ -136,66 +137,56 @@ def legs(plan_states: PlanStates) -> Legs:
     finite, times increasing, give legs ``[..., W - 1]``.
     """
     shape = np.shape(plan_states.time)
-    start = [np.asarray(field)[..., :-1].reshape(-1) for field in plan_states]
-    end = [np.asarray(field)[..., 1:].reshape(-1) for field in plan_states]
+    start, end = (
+        np.stack([np.asarray(field)[..., part].reshape(-1) for field in plan_states])
+        for part in (slice(-1), slice(1, None))
+    )
     step = (end[4] - start[4]) / ARCS
-    turn, gain = wrap(end[2] - start[2], np), end[3] - start[3]
-    yaw_rate = np.repeat((turn / (ARCS * step))[:, None], ARCS, axis=1)
-    acceleration = np.repeat((gain / (ARCS * step))[:, None], ARCS, axis=1)
-    target = np.stack([end[0] - start[0], end[1] - start[1]])
-
-    # Places and what moves them have x and y on their first axis: [2, M] and [2, M, ARCS].
-    place, (heading, speed) = np.zeros((2, step.size, ARCS)), np.zeros((2, step.size, ARCS))
+    # The controls, yaw rate and acceleration, have an axis of their own, and so have x and y of
+    # places: half the calls. [2, M] and [2, M, ARCS].
+    change = np.stack([wrap(end[2] - start[2], np), end[3] - start[3]])
+    mean = (change / (ARCS * step))[..., None]
+    controls, target = np.repeat(mean, ARCS, axis=-1), end[:2] - start[:2]
+    place, motion = np.zeros((2, 2, step.size, ARCS))  # motion: heading and speed
     miss, left = np.zeros(step.size), np.arange(step.size)
     for iteration in range(_ITERATIONS + 1):
         part = left if left.size < step.size else slice(None)  # a view while nothing is finished
-        h, psi0, v0 = step[part, None], start[2][part, None], start[3][part, None]
-        mean_turn, mean_gain = turn[part, None] / (ARCS * h), gain[part, None] / (ARCS * h)
-        omega, accel = yaw_rate[part], acceleration[part]
-        psi, v = psi0 + _before(omega * h), v0 + _before(accel * h)
-        flown = _arc(psi, v, omega, accel, h)
+        h, control = step[part, None], controls[:, part]
+        moving = start[2:4, part, None] + _before(control * h)
+        flown = _arc(*moving, *control, h)
         ends = flown.cumsum(axis=-1)
         off = target[:, part] - ends[..., -1]
         missed = np.hypot(*off)
-        place[:, part], heading[part], speed[part], miss[part] = ends - flown, psi, v, missed
+        place[:, part], motion[:, part], miss[part] = ends - flown, moving, missed
         # Written so that what is not finite stays unfinished, and shows in its miss.
         going_on = ~(missed <= _EXACT)
         if iteration == _ITERATIONS or not going_on.any():
             break
         if not going_on.all():
-            left = left[going_on]
-            h, mean_turn, mean_gain = h[going_on], mean_turn[going_on], mean_gain[going_on]
-            omega, accel = omega[going_on], accel[going_on]
+            left, h, control = left[going_on], h[going_on], control[:, going_on]
             flown, ends, off = flown[:, going_on], ends[:, going_on], off[:, going_on]
         # What a change of each arc's yaw rate does to the end position is a rotation of the rest of
         # the leg; of its acceleration, a push along the rest. Less their means, because the sums of
-        # both controls are fixed.
+        # both controls are fixed. [2, 2, M, ARCS]: of each control on x and y.
         rest = ends[..., -1:] - ends + 0.5 * flown
-        turned = _centre(rest[::-1] * _QUARTER * h)
-        pushed = _centre(_from_here(flown / np.maximum(np.hypot(*flown), 1e-9) * h * h))
-        a11, a22 = _TURN * (turned * turned).sum(axis=-1) + _SPEED * (pushed * pushed).sum(axis=-1)
-        a12 = _TURN * (turned[0] * turned[1]).sum(axis=-1) + _SPEED * (pushed[0] * pushed[1]).sum(
-            axis=-1
-        )
-        b1, b2 = (turned * omega).sum(axis=-1) + (pushed * accel).sum(axis=-1) + off
+        pushed = _from_here(flown / np.maximum(np.hypot(*flown), 1e-9) * h * h)
+        effect = _centre(np.stack([rest[::-1] * _QUARTER * h, pushed]))
+        of_turn, of_push = (effect * effect).sum(axis=-1)
+        a11, a22 = _TURN * of_turn + _SPEED * of_push
+        of_turn, of_push = (effect[:, 0] * effect[:, 1]).sum(axis=-1)
+        a12 = _TURN * of_turn + _SPEED * of_push
+        of_turn, of_push = (effect * control[:, None]).sum(axis=-1)
+        b1, b2 = of_turn + of_push + off
         determinant = np.maximum(a11 * a22 - a12 * a12, 1e-12)
         m1 = ((a22 * b1 - a12 * b2) / determinant)[:, None]
         m2 = ((a11 * b2 - a12 * b1) / determinant)[:, None]
-        yaw_rate[left] = mean_turn + _TURN * (turned[0] * m1 + turned[1] * m2)
-        acceleration[left] = mean_gain + _SPEED * (pushed[0] * m1 + pushed[1] * m2)
+        controls[:, left] = mean[:, left] + _EACH * (effect[:, 0] * m1 + effect[:, 1] * m2)
 
     def by_leg(field: Any) -> Any:
         return field.reshape(*shape[:-1], shape[-1] - 1, *field.shape[1:])
 
-    fields = (
-        start[4],
-        ARCS * step,
-        miss,
-        *(np.stack(start[:2])[..., None] + place),
-        heading,
-        speed,
-    )
-    return Legs(*(by_leg(field) for field in (*fields, yaw_rate, acceleration)))
+    fields = start[4], ARCS * step, miss, *(start[:2, :, None] + place), *motion, *controls
+    return Legs(*map(by_leg, fields))
 
 
 def at(legs: Legs, time: Any, wind: Wind | None = None) -> VehicleState:
