@@ -95,18 +95,17 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     rows = np.flatnonzero(whole.last >= 0)
     if rows.size == 0:
         return empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
-    plan_states = take(whole.plan_states, rows)
-    findings = find_faults(plan_states, take(request, rows), options)
+    plan_states, part = whole.plan_states, request
+    if rows.size < goal.size:
+        plan_states, part = take((plan_states, request), rows)
+    findings = find_faults(plan_states, part, options)
     to = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
-    own, drift = take((request.own, request.drift), rows)
-    goal_x, goal_y = aim_point(own, to, drift, options.rejoin_by, np)
-    straight = (
-        np.hypot(goal_x - request.own.x[rows], goal_y - request.own.y[rows])
-        - options.aircraft.goal_radius
-    )
+    goal_x, goal_y = aim_point(part.own, to, part.drift, options.rejoin_by, np)
+    away = np.hypot(goal_x - part.own.x, goal_y - part.own.y)
+    straight = away - options.aircraft.goal_radius
     time, path = whole.rejoin_time[rows], whole.path[rows]
     excess = np.maximum(path - np.maximum(straight, 0.0), 0.0)
-    late = np.maximum(time * request.own.speed[rows] - np.maximum(straight, 0.0), 0.0)
+    late = np.maximum(time * part.own.speed - np.maximum(straight, 0.0), 0.0)
     cost = (
         excess
         + TIME_WEIGHT * late

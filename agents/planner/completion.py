@@ -104,17 +104,15 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
             left = left[~ended]
         if left.size == 0:
             break
-        legs = _next_legs(request, tails, left, options, first=step == 0)
+        legs = _next_legs(request, tails, left, options.extension, task, first=step == 0)
         if step == 0:
             legs = _to_goal(whole, rollout, tails.row, legs, task)
         tails.point[legs.tail] += 1
         passed_by = legs.tail[~legs.reached]
         if passed_by.size:
             legs = take(legs, legs.reached)
-        pieces += _pieces(count, legs, task)
-        if step == 0:
-            pieces.append(_level_piece(count, legs, task))
-        done = _fly_legs(whole, request, tails, legs, latest, options)
+        pieces += _pieces(count, legs, task, level=step == 0)
+        done = _fly_legs(whole, request, tails, legs, _end(legs, task), latest, options)
         left = legs.tail[~done]
         if passed_by.size:
             left = np.sort(np.concatenate([passed_by, left]))
@@ -144,10 +142,17 @@ def _begin(rollout: Rollout, goal: Any, options: Options) -> tuple[Completed, _T
 
 
 def _fly_legs(
-    whole: Completed, request: Request, tails: _Tails, legs: _Legs, latest: Any, options: Options
+    whole: Completed,
+    request: Request,
+    tails: _Tails,
+    legs: _Legs,
+    arrived: Any,
+    latest: Any,
+    options: Options,
 ) -> Any:
-    """Move tails to the ends of legs; return which of them end their plans there, bool ``[L]``."""
-    arrived = _end(legs, task_of(options))
+    """Move tails to the ends of legs, where they arrive at some times, s; return which of them end
+    their plans there, bool ``[L]``.
+    """
     there = VehicleState(legs.x, legs.y, wrap(legs.course, np), legs.speed)
     scatter((tails.state, tails.time), legs.tail, (there, arrived))
     done = arrived >= options.finished_by
@@ -172,16 +177,16 @@ def points_beyond(options: Options, wind: float) -> int:
 
 
 def _next_legs(
-    request: Request, tails: _Tails, left: Any, options: Options, *, first: bool
+    request: Request, tails: _Tails, left: Any, extension: float, task: DirectTask, *, first: bool
 ) -> _Legs:
     """Return the legs of the tails numbered ``left`` to their next points; the first ones may lead
     to the goal.
     """
-    task, row, point = task_of(options), tails.row[left], tails.point[left]
+    row, point = tails.row[left], tails.point[left]
     onward = _Onward(
         tail=left,
         point=point,
-        place=_point(request, row, point, options.extension),
+        place=_point(request, row, point, extension),
         drift=take(request.drift, row),
         begin=take(tails.state, left),
         began=tails.time[left],
@@ -271,7 +276,8 @@ def _to_goal(whole: Completed, rollout: Rollout, rows: Any, legs: _Legs, task: D
     """
     direct = rollout.direct[rows[legs.tail]]
     on = ~direct | (legs.reached & legs.in_time)
-    legs, direct = take((legs, direct), on)
+    if not on.all():
+        legs, direct = take((legs, direct), on)
     straight = np.maximum(legs.length - legs.disc, 0.0)
     entered = legs.turned + _duration(straight, legs.begin.speed, legs.speed, task)
     there = rows[legs.tail[direct]]
@@ -282,29 +288,34 @@ def _to_goal(whole: Completed, rollout: Rollout, rows: Any, legs: _Legs, task: D
     return legs
 
 
-def _pieces(count: int, legs: _Legs, task: DirectTask) -> list[Any]:
-    """Return the turns and the straight parts of legs as pieces of ``count`` tails."""
+def _pieces(count: int, legs: _Legs, task: DirectTask, *, level: bool) -> list[Any]:
+    """Return the turns and the straight parts of legs as pieces of ``count`` tails; ``level`` adds
+    what follows where the speed at the leg's end is reached.
+    """
     none = np.zeros(legs.tail.size)
     faster = legs.speed > legs.begin.speed
     gain = np.where(faster, task.limits.acceleration_max, 0.0)
     turn_rate = np.sign(legs.arc) * task.turn_rate
     middle = _turn(legs.begin, legs.arc, task.turn_rate)
-    return [
-        _spread(count, legs.tail, _Piece(legs.began, *legs.begin, turn_rate, none)),
-        _spread(count, legs.tail, _Piece(legs.turned, *middle, none, gain)),
+    found = [
+        _Piece(legs.began, *legs.begin, turn_rate, none),
+        _Piece(legs.turned, *middle, none, gain),
     ]
+    if level:
+        found.append(_level_piece(legs, middle, task))
+    return [_spread(count, legs.tail, piece) for piece in found]
 
 
-def _level_piece(count: int, legs: _Legs, task: DirectTask) -> Any:
-    """Return what follows where the speed at the leg's end is reached, as a piece of the tails."""
+def _level_piece(legs: _Legs, middle: VehicleState, task: DirectTask) -> _Piece:
+    """Return what follows where the speed at the leg's end is reached, the straight part beginning
+    at the states ``middle``.
+    """
     none = np.zeros(legs.tail.size)
     rise = (legs.speed - legs.begin.speed) / task.limits.acceleration_max
     far = 0.5 * (legs.speed + legs.begin.speed) * rise
-    middle = _turn(legs.begin, legs.arc, task.turn_rate)
     x, y = middle.x + far * np.cos(middle.heading), middle.y + far * np.sin(middle.heading)
     begin = np.where(rise > 0.0, legs.turned + rise, np.inf)
-    level = _Piece(begin, x, y, middle.heading, legs.speed, turn_rate=none, acceleration=none)
-    return _spread(count, legs.tail, level)
+    return _Piece(begin, x, y, middle.heading, legs.speed, turn_rate=none, acceleration=none)
 
 
 def _point(request: Request, rows: Any, number: Any, extension: float) -> tuple[Any, Any]:

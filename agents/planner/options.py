@@ -190,7 +190,7 @@ class Options:
             points: how many of them there are, ``[...]``; None: all.
             wind: its speed, m/s, ``[...]``.
         """
-        legs = np.hypot(np.diff(x), np.diff(y))
+        legs = np.hypot(x[..., 1:] - x[..., :-1], y[..., 1:] - y[..., :-1])
         if points is not None:
             legs = np.where(np.arange(1, x.shape[-1]) < np.asarray(points)[..., None], legs, 0.0)
         longest = np.maximum(legs.max(axis=-1), self.extension) + self.aircraft.goal_radius

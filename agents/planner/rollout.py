@@ -201,7 +201,7 @@ def _roll_each(
         ahead = _Ahead(traffic, required_range[row], rest, policy, options)
         target = _Target(map_leaves(float, place), map_leaves(float, drift))
         each.append(_roll_one(map_leaves(float, own), ahead, target, policy, options, ends))
-    return map_leaves(lambda *fields: np.concatenate(fields), *each)
+    return each[0] if len(each) == 1 else map_leaves(lambda *rows: np.concatenate(rows), *each)
 
 
 class _Target(NamedTuple):
