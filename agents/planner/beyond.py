@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, arrival, direct
-from agents.planner.options import Options
+from agents.planner.options import Options, task_of
 from agents.planner.request import Request
 from agents.planner.traffic import Traffic, predict, uncertainty
 from envs.kinematics import VehicleState, velocity
@@ -45,6 +45,9 @@ class Beyond(NamedTuple):
     points: Any  # lengths of the route from there to its points, m, [N, P]; inf: none
     traffic: Traffic
     straight: VehicleState  # the intruders after their turns, moved back along the line to time 0
+    order: (
+        Any  # numbers of a crowd by how near it comes to the direct flight, [N, K]; None: no crowd
+    )
     sigmas: float
     until: float  # a plan ends at the first point that is reached at or after this, s
 
@@ -63,12 +66,38 @@ class Beyond(NamedTuple):
         ``required`` is the separation before uncertainty grows, m, ``[R, K]``.
         """
         flown = self._flights(own, goal, owner, time, task)
+        if self.order is None:
+            return self._clear_of(flown, required, owner, np.arange(required.shape[-1])[None])
+        # The nearest block most ways: the others are looked at where those do not.
+        found = self._clear_of(flown, required, owner, self.order[owner, :CROWD])
+        rows = np.flatnonzero(found)
+        if rows.size:
+            some, least, of = take((flown, required, owner), rows)
+            found[rows] = self._clear_of(some, least, of, self.order[of, CROWD:])
+        return found
+
+    def _clear_of(self, flown: "_Lines", required: Any, owner: Any, each: Any) -> Any:
+        """Return whether flights keep clear of the intruders numbered ``each``, ``[R, k]``, bool
+        ``[R]``.
+        """
+        passing = self._pass(flown, owner, each)
+        needed = required[np.arange(owner.size)[:, None], each][:, None]
+        if self.traffic.velocity_std.any():
+            seen = take(self.traffic, (owner[:, None, None], each[:, None]))
+            growth = uncertainty(seen, passing.last) - uncertainty(seen, 0.0)
+            needed = needed + self.sigmas * growth
+        near = passing.square < needed * np.abs(needed)
+        return ~(near & (passing.last > passing.first)).any(axis=(1, 2))
+
+    def _pass(self, flown: "_Lines", owner: Any, each: Any) -> "_Passing":
+        """Return how flights pass the intruders numbered ``each``, ``[R, k]``."""
         begin = first = flown.first[..., None]
         last = flown.last[..., None]
+        number = owner[:, None, None], each[:, None]
         if self.traffic.window is not None:
-            counts = take(self.traffic.window, (owner, None))
+            counts = take(self.traffic.window, number)
             first, last = np.maximum(first, counts.begin), np.minimum(last, counts.end)
-        other = take(self.straight, (owner, None))
+        other = take(self.straight, number)
         vx, vy = velocity(other, np)
         x = other.x + vx * begin - flown.x[..., None]
         y = other.y + vy * begin - flown.y[..., None]
@@ -76,12 +105,19 @@ class Beyond(NamedTuple):
         nearest = -(x * vx + y * vy) / np.maximum(vx * vx + vy * vy, 1e-9)
         nearest = np.clip(nearest, first - begin, np.maximum(last - begin, first - begin))
         x, y = x + vx * nearest, y + vy * nearest
-        needed = required[:, None]
-        if self.traffic.velocity_std.any():
-            seen = take(self.traffic, (owner, None))
-            needed = needed + self.sigmas * (uncertainty(seen, last) - uncertainty(seen, 0.0))
-        near = x * x + y * y < needed * np.abs(needed)
-        return ~(near & (last > first)).any(axis=(1, 2))
+        return _Passing(x * x + y * y, first, last)
+
+    def nearest_first(self, own: VehicleState, goal: tuple[Any, Any], task: DirectTask) -> Any:
+        """Return the numbers of intruders by how near they come to the route beyond the goal after
+        direct flights from the request on, ``[N, K]``.
+        """
+        rows = np.arange(np.size(own.x))
+        every = np.arange(self.traffic.mask.shape[-1])[None].repeat(rows.size, axis=0)
+        flown = self._flights(own, goal, rows, np.zeros(rows.size), task)
+        passing = self._pass(flown, rows, every)
+        counts = (passing.last > passing.first) & self.traffic.mask[:, None]
+        away = np.where(counts, passing.square, np.inf)
+        return np.argsort(away.min(axis=1), axis=-1, kind="stable")
 
     def _flights(
         self, own: VehicleState, goal: tuple[Any, Any], owner: Any, time: Any, task: DirectTask
@@ -126,6 +162,14 @@ class _Lines(NamedTuple):
     last: Any  # s; not flown where it is not later
 
 
+class _Passing(NamedTuple):
+    """How flights pass intruders, ``[R, L, k]``, or what broadcasts."""
+
+    square: Any  # of the least distance, m^2
+    first: Any  # s
+    last: Any  # s; not passed where it is not later
+
+
 def beyond(request: Request, goal: Any, options: Options) -> Beyond:
     """Return the routes of requests beyond the points numbered ``goal``, ``[N]``.
 
@@ -154,16 +198,21 @@ def beyond(request: Request, goal: Any, options: Options) -> Beyond:
     straight = turned._replace(
         x=turned.x - vx * traffic.turn_time, y=turned.y - vy * traffic.turn_time
     )
-    return Beyond(
+    found = Beyond(
         legs=legs,
         next_x=route_x[rows, after],
         next_y=route_y[rows, after],
         points=points,
         traffic=traffic,
         straight=straight,
+        order=None,
         sigmas=options.requirement.sigmas,
         until=options.finished_by,
     )
+    if traffic.mask.shape[-1] <= CROWD:
+        return found
+    to = route_x[rows, goal], route_y[rows, goal]
+    return found._replace(order=found.nearest_first(request.own, to, task_of(options)))
 
 
 def _legs_of(x: Any, y: Any) -> tuple[list[_Legs], Any]:

@@ -186,7 +186,8 @@ class _Ahead:
         near in these strides.
         """
         count = len(flown.x) - 1
-        others = take(self._others, (first, owner))
+        # The intruders of a single request are seen by all of its manoeuvres.
+        others = take(self._others, (first, slice(None) if len(self._required) == 1 else owner))
         away = distance(others.x - flown.x[0][:, None], others.y - flown.y[0][:, None], np)
         quickest = flown.speed.max(axis=0)[:, None] + others.speed
         required = self._required[owner]

@@ -3,35 +3,46 @@
 import math
 
 import numpy as np
+import pytest
 
-from agents.planner.beyond import beyond
+from agents.planner.beyond import CROWD, beyond
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request
 from agents.planner.traffic import Traffic, predict
 from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
+from envs.trees import take
 
 OPTIONS = Options.for_aircraft(PAPER)
 
 
-def test_estimate_beyond_the_goal_is_that_of_a_flight_along_the_route() -> None:
+@pytest.mark.parametrize(("intruders", "separation"), [(1, 3_000.0), (CROWD + 4, 400.0)])
+def test_estimate_beyond_the_goal_is_that_of_a_flight_along_the_route(
+    intruders: int, separation: float
+) -> None:
     rng, speed, count = np.random.default_rng(3), 80.0, 400
-    place = rng.uniform([[[0.0]], [[-15_000.0]]], [[[40_000.0]], [[15_000.0]]], (2, count, 1))
-    course, pace = rng.uniform(-math.pi, math.pi, (count, 1)), rng.uniform(50.0, 100.0, (count, 1))
-    rate, lasts = rng.uniform(-0.05, 0.05, (count, 1)), rng.uniform(0.0, 100.0, (count, 1))
-    traffic = Traffic.straight(VehicleState(*place, course, pace))
+    many = count, intruders
+    place_x, place_y = rng.uniform(
+        [[[0.0]], [[-15_000.0]]], [[[40_000.0]], [[15_000.0]]], (2, *many)
+    )
+    course, pace = rng.uniform(-math.pi, math.pi, many), rng.uniform(50.0, 100.0, many)
+    rate, lasts = rng.uniform(-0.05, 0.05, many), rng.uniform(0.0, 100.0, many)
+    traffic = Traffic.straight(VehicleState(place_x, place_y, course, pace))
     traffic = traffic._replace(turn_rate=rate, turn_time=lasts)
     x = np.tile(12_000.0 + 5_000.0 * np.arange(9), (count, 1))
     zero = np.zeros(count)
     own = VehicleState(zero, zero, zero, zero + speed)
     request = Request(own, traffic, x, 0.0 * x, np.full(count, 9))
     rest, owner = beyond(request, np.zeros(count, dtype=int), OPTIONS), np.arange(count)
-    required = np.full((count, 1), 3_000.0)
+    required = np.full(many, separation)
     found = rest.clear(own, (x[:, 0], zero), required, owner, zero, task_of(OPTIONS))
 
     # The goal is passed at 150 s, and the point at 32 km is the first after 380 s.
     times = np.arange(150.0, 400.01, 0.1)
-    other = predict(traffic, times)
-    nearest = np.hypot(other.x - speed * times, other.y).min(axis=1)
-    np.testing.assert_array_equal(found, nearest >= 3_000.0)
+    nearest = np.full(count, np.inf)
+    for k in range(intruders):
+        other = predict(take(traffic, (slice(None), slice(k, k + 1))), times)
+        away = np.hypot(other.x - speed * times, other.y).min(axis=1)
+        nearest = np.minimum(nearest, away)
+    np.testing.assert_array_equal(found, nearest >= separation)
     assert 0.05 < 1.0 - found.mean() < 0.95
