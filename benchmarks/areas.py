@@ -2,12 +2,16 @@
 
 One to three random areas (:mod:`envs.random_areas`) and one to four intruders a request, of the
 scenario ``multi``. Each request is planned with several deadlines and with ten seconds; what counts
-is the share SAFE of those that ten seconds solve. Times are the processor's for the thread, as the
-planner counts its deadline.
+is the share SAFE of those that ten seconds solve. With --ompl a sampling planner
+(:mod:`benchmarks.sampling_planner`) has ten seconds for each request that ours does not solve, and
+for every fifth of the others, which says what it is good for. Times are the processor's for the
+thread, as the planner counts its deadline.
 """
 
+import math
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -17,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from agents.planner import Options, plan
 from agents.policy.inference import Policy
 from benchmarks.measure import report, request_options, show
+from benchmarks.sampling_planner import Task, is_right, require, solve
 from envs.aircraft import Aircraft
 from envs.areas import Area
 from envs.edge.command import Parser, run_cli
@@ -27,6 +32,7 @@ from envs.starts import encounters_of_seed
 from envs.waypoints import RoutePoint
 
 _PATIENT = 10.0  # s of computation
+_EVERY = 5  # one in so many of the solved requests is tried by OMPL
 _INTRUDERS, _AREAS = 4, 3  # at most
 _BEYOND = 5.0  # separations between points of the route beyond the goal
 _POINTS = 10
@@ -61,8 +67,47 @@ def questions(seed: int, count: int, aircraft: Aircraft) -> list[Question]:
     return found
 
 
+class Asked(NamedTuple):
+    """One request, planned."""
+
+    solved_in: float  # shortest deadline that solved it, ms; inf: none did
+    busy: float  # computation of the answer with the shortest deadline, s
+    reasons: frozenset[str]  # why it is not solved
+
+
+class Sampled(NamedTuple):
+    """One request that OMPL tried too."""
+
+    ours: bool  # whether the planner has solved it
+    found: bool  # whether OMPL has found a flight
+    right: bool  # whether that is one
+
+
 def main() -> None:
     """Measure and print."""
+    given = _parser().parse_args()
+    if given.ompl:
+        require()
+    policy = Policy.load(given.policy)
+    usual = Options.for_aircraft(policy.aircraft)
+    deadlines = [*sorted(given.deadlines), 1e3 * _PATIENT]
+    found, tried = list[Asked](), list[Sampled]()
+    with threadpool_limits(1):
+        for number, one in enumerate(questions(given.seed, given.requests, policy.aircraft)):
+            if not found:
+                _plan(one, policy, usual)  # warm
+            found.append(_ask(one, policy, usual, deadlines))
+            solved = math.isfinite(found[-1].solved_in)
+            if given.ompl and (not solved or number % _EVERY == 0):
+                tried.append(_sample(Task(*one, usual), number, ours=solved))
+    measured = {"benchmark": "areas", "requests": given.requests, **figures(found, deadlines)}
+    if given.ompl:
+        measured |= compare(found, tried, deadlines)
+    show(measured)
+    report(measured, ("numpy", "ompl") if given.ompl else ("numpy",))
+
+
+def _parser() -> Parser:
     parser = Parser(description=__doc__)
     request_options(parser, 100)
     parser.add_argument(
@@ -73,44 +118,67 @@ def main() -> None:
         default=[50.0, 150.0, 500.0],
         help="of computation (default: 50 150 500)",
     )
-    given = parser.parse_args()
-    policy = Policy.load(given.policy)
-    usual = Options.for_aircraft(policy.aircraft)
-    ways = {ms: replace(usual, deadline_s=1e-3 * ms) for ms in sorted(given.deadlines)}
-    ways[1e3 * _PATIENT] = replace(usual, deadline_s=_PATIENT)
-    safe: dict[float, int] = dict.fromkeys(ways, 0)
-    busy: list[float] = []
-    reasons = Counter[str]()
-    asked = questions(given.seed, given.requests, policy.aircraft)
-    with threadpool_limits(1):
-        _plan(asked[0], policy, usual)  # warm
-        for one in asked:
-            solved, answer = False, None
-            for ms, options in ways.items():
-                if not solved:  # what a shorter deadline solved is solved
-                    began = time.thread_time()
-                    answer = _plan(one, policy, options)
-                    if ms == min(ways):
-                        busy.append(time.thread_time() - began)
-                    solved = answer.safe
-                safe[ms] += solved
-            if answer is not None and not answer.safe:
-                reasons.update({reason.kind.value for reason in answer.reasons})
-    solved = safe[1e3 * _PATIENT]
-    figures: dict[str, Any] = {
-        "benchmark": "areas",
-        "requests": given.requests,
+    parser.add_argument("--ompl", action="store_true", help="ask a sampling planner of OMPL too")
+    return parser
+
+
+def _ask(one: Question, policy: Policy, usual: Options, deadlines: Sequence[float]) -> Asked:
+    """Return how a request is planned with longer and longer deadlines, ms, until one solves it."""
+    busy, reasons = math.nan, frozenset[str]()
+    for ms in deadlines:
+        began = time.thread_time()
+        answer = _plan(one, policy, replace(usual, deadline_s=1e-3 * ms))
+        if math.isnan(busy):
+            busy = time.thread_time() - began
+        if answer.safe:
+            return Asked(ms, busy, frozenset())
+        reasons = frozenset(reason.kind.value for reason in answer.reasons)
+    return Asked(math.inf, busy, reasons)
+
+
+def _sample(task: Task, number: int, *, ours: bool) -> Sampled:
+    steps = solve(task, _PATIENT, number)
+    return Sampled(ours, steps is not None, steps is not None and is_right(task, steps))
+
+
+def figures(found: Sequence[Asked], deadlines: Sequence[float]) -> dict[str, Any]:
+    """Return what the deadlines, ms, solve of that which ours solves."""
+    solved = sum(math.isfinite(one.solved_in) for one in found)
+    busy = 1e3 * np.array([one.busy for one in found])
+    return {
         "solved": solved,
-        "unsolved_reasons": dict(reasons),
-        **{
-            f"safe_of_solved_{ms:g}_ms": count / solved if solved else None
-            for ms, count in safe.items()
-        },
-        "cpu_median_ms": 1e3 * float(np.median(busy)),
-        "cpu_p99_ms": 1e3 * float(np.percentile(busy, 99.0)),
+        "unsolved_reasons": dict(Counter(reason for one in found for reason in one.reasons)),
+        **_shares("safe_of_solved", found, deadlines, solved),
+        "cpu_median_ms": float(np.median(busy)),
+        "cpu_p99_ms": float(np.percentile(busy, 99.0)),
     }
-    show(figures)
-    report(figures, ("numpy",))
+
+
+def compare(
+    found: Sequence[Asked], tried: Sequence[Sampled], deadlines: Sequence[float]
+) -> dict[str, Any]:
+    """Return what OMPL solves, and what the deadlines, ms, solve of that which any of both does."""
+    ours, others = [one for one in tried if one.ours], [one for one in tried if not one.ours]
+    theirs = sum(one.right for one in others)
+    solved = sum(math.isfinite(one.solved_in) for one in found) + theirs
+    return {
+        "ompl_tried_of_solved": len(ours),
+        "ompl_solved_of_solved": sum(one.right for one in ours),
+        "ompl_tried_of_unsolved": len(others),
+        "ompl_solved_of_unsolved": theirs,
+        "ompl_wrong": sum(one.found and not one.right for one in tried),
+        **_shares("safe_of_solved_by_any", found, deadlines, solved),
+    }
+
+
+def _shares(
+    name: str, found: Sequence[Asked], deadlines: Sequence[float], solved: int
+) -> dict[str, float | None]:
+    """Return the share of the solved requests that each deadline, ms, solves."""
+    return {
+        f"{name}_{ms:g}_ms": sum(one.solved_in <= ms for one in found) / solved if solved else None
+        for ms in deadlines
+    }
 
 
 def _plan(one: Question, policy: Policy, options: Options) -> Any:

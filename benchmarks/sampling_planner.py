@@ -1,0 +1,248 @@
+"""A sampling planner of OMPL on the requests of :mod:`benchmarks.areas`.
+
+It is the peer that says what could be solved there at all: RRT over place, heading, speed and time,
+with controls that every vehicle within the limits can fly (a course relative to that to the next
+point of the route, turned to as fast as allowed, and a speed). It has to bring the ownship into the
+goal's disc of any point of the route, as early as a plan must rejoin, and nothing is asked of the
+flight after that; a plan of ours has to stay clear until its end. Needs OMPL, of the extra
+``peers``.
+"""
+
+import importlib
+import importlib.util
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from agents.planner import Options
+from benchmarks.safety import sky
+from benchmarks.safety.resimulation import CLOSE, Flown
+from envs.areas import Area, Circle
+from envs.edge.command import InputError
+from envs.kinematics import VehicleState
+from envs.waypoints import RoutePoint
+
+INSTALL = "pip install -c constraints/peers.txt ompl"
+"""How to get OMPL."""
+
+_LEGS = 5, 60  # time steps of a leg, at least and at most
+_WIDE = 15.0  # separations beyond route and ownship in which places are drawn
+_EXACT = 1e-6  # of speeds, accelerations and turn rates
+_TOLERANCE = 1e-3  # m of a required distance
+
+
+class Task(NamedTuple):
+    """What is to be solved; intruders fly straight on."""
+
+    own: VehicleState
+    intruders: Sequence[VehicleState]
+    route: Sequence[RoutePoint]
+    areas: Sequence[Area]
+    options: Options
+
+
+class Step(NamedTuple):
+    """The ownship after a time step of a flight."""
+
+    heading: float  # rad
+    speed: float  # m/s
+    time: float  # s after the request
+
+
+def require() -> None:
+    """Raise an InputError where OMPL is not installed."""
+    if importlib.util.find_spec("ompl") is None:
+        raise InputError(f"--ompl: OMPL is not installed; to have it: {INSTALL}")
+
+
+def solve(task: Task, seconds: float, seed: int) -> list[Step] | None:
+    """Return a flight that OMPL finds within some seconds of computation, or None."""
+    base, control, util = (
+        importlib.import_module(f"ompl.{n}") for n in ("base", "control", "util")
+    )
+    util.setLogLevel(util.LogLevel.LOG_NONE)
+    util.RNG.setSeed(seed + 1)
+    space = _states(base, task)
+    controls = control.RealVectorControlSpace(space, 2)
+    controls.setBounds(_bounds(base, [(-1.0, 1.0), (-1.0, 1.0)]))
+    information = control.SpaceInformation(space, controls)
+    information.setStatePropagator(_propagator(task))
+    information.setStateValidityChecker(_checker(task))
+    information.setPropagationStepSize(task.options.aircraft.dt)
+    information.setMinMaxControlDuration(*_LEGS)
+    setup = control.SimpleSetup(information)
+    start = space.allocState()
+    _write(start, *task.own, 0.0)
+    setup.setStartState(start)
+    setup.setGoal(_goal(base, information, task))
+    planner = control.RRT(information)
+    planner.setIntermediateStates(True)  # so that a leg may end where it meets the goal
+    setup.setPlanner(planner)
+    end = time.thread_time() + seconds
+    setup.solve(base.PlannerTerminationCondition(lambda: time.thread_time() > end))
+    if not setup.haveExactSolutionPath():
+        return None
+    path = setup.getSolutionPath()
+    path.interpolate()
+    return [Step(*(float(state[1][n]) for n in range(3))) for state in path.getStates()]
+
+
+def _bounds(base: Any, ranges: Sequence[tuple[float, float]]) -> Any:
+    bounds = base.RealVectorBounds(len(ranges))
+    for number, (low, high) in enumerate(ranges):
+        bounds.setLow(number, low)
+        bounds.setHigh(number, high)
+    return bounds
+
+
+def _states(base: Any, task: Task) -> Any:
+    """Return the space of states: a place, and heading, speed and time, which are no distance."""
+    wide, limits = _WIDE * task.options.aircraft.separation, task.options.limits
+    ends = [[getattr(one, axis) for one in (task.own, *task.route)] for axis in ("x", "y")]
+    place, rest, space = (
+        base.RealVectorStateSpace(2),
+        base.RealVectorStateSpace(3),
+        base.CompoundStateSpace(),
+    )
+    place.setBounds(_bounds(base, [(min(each) - wide, max(each) + wide) for each in ends]))
+    speeds, times = (limits.speed_min, limits.speed_max), (0.0, task.options.rejoin_by)
+    rest.setBounds(_bounds(base, [(-math.pi, math.pi), speeds, times]))
+    space.addSubspace(place, 1.0)
+    space.addSubspace(rest, 0.0)
+    return space
+
+
+def _write(state: Any, x: float, y: float, heading: float, speed: float, time: float) -> None:
+    place, rest = state[0], state[1]
+    place[0], place[1] = x, y
+    rest[0], rest[1], rest[2] = heading, speed, time
+
+
+def _goal(base: Any, information: Any, task: Task) -> Any:
+    points = [(point.x, point.y) for point in task.route]
+
+    class Goal(base.GoalSampleableRegion):
+        """The discs of the route's points."""
+
+        def distanceGoal(self, state: Any) -> float:  # noqa: N802 - OMPL's
+            return min(math.hypot(state[0][0] - x, state[0][1] - y) for x, y in points)
+
+        def sampleGoal(self, state: Any) -> None:  # noqa: N802 - OMPL's
+            _write(state, *points[0], 0.0, task.own.speed, 0.0)
+
+        def maxSampleCount(self) -> int:  # noqa: N802 - OMPL's
+            return 1
+
+    goal = Goal(information)
+    goal.setThreshold(task.options.aircraft.goal_radius)
+    return goal
+
+
+def _propagator(task: Task) -> Callable[[Any, Any, float, Any], None]:
+    limits, goal = task.options.limits, task.route[0]
+    middle, half = (
+        0.5 * (limits.speed_max + limits.speed_min),
+        0.5 * (limits.speed_max - limits.speed_min),
+    )
+
+    def propagate(state: Any, control: Any, duration: float, after: Any) -> None:
+        x, y = state[0][0], state[0][1]
+        heading, speed, now = (state[1][n] for n in range(3))
+        # The cube makes a way straight to the goal as likely as it is useful.
+        course = math.atan2(goal.y - y, goal.x - x) + math.pi * control[0] ** 3
+        rate = math.remainder(course - heading, math.tau) / duration
+        rate = max(-limits.yaw_rate_max, min(limits.yaw_rate_max, rate))
+        push = (middle + half * control[1] - speed) / duration
+        push = max(limits.acceleration_min, min(limits.acceleration_max, push))
+        along = (speed + 0.5 * push * duration) * duration
+        halfway = heading + 0.5 * rate * duration
+        x, y = x + along * math.cos(halfway), y + along * math.sin(halfway)
+        heading = math.remainder(heading + rate * duration, math.tau)
+        _write(after, x, y, heading, speed + push * duration, now + duration)
+
+    return propagate
+
+
+def _checker(task: Task) -> Callable[[Any], bool]:
+    """Return what says whether a state keeps away from everything: by so much more than it has to
+    that what lies between two states does too.
+    """
+    options = task.options
+    required = options.requirement.separation + options.requirement.margin
+    fastest = options.limits.speed_max + max((one.speed for one in task.intruders), default=0.0)
+    required = math.hypot(required, 0.5 * fastest * options.aircraft.dt)
+    others = [
+        (one.x, one.y, one.speed * math.cos(one.heading), one.speed * math.sin(one.heading))
+        for one in task.intruders
+    ]
+    shapes = [(_grown(one, options), one.velocity) for one in task.areas]
+
+    def is_valid(state: Any) -> bool:
+        x, y, now = state[0][0], state[0][1], state[1][2]
+        if now > options.rejoin_by:
+            return False
+        if any(math.hypot(x - a - u * now, y - b - v * now) < required for a, b, u, v in others):
+            return False
+        return not any(shapely.contains_xy(one, x - u * now, y - v * now) for one, (u, v) in shapes)
+
+    return is_valid
+
+
+def _grown(area: Area, options: Options) -> Any:
+    """Return an area to be kept out of with its clearance, as a polygon in its own frame."""
+    step = (options.limits.speed_max + math.hypot(*area.velocity)) * options.aircraft.dt
+    more = math.hypot(area.clearance + options.requirement.margin, 0.5 * step)
+    shape = area.shape
+    if isinstance(shape, Circle):
+        grown = shapely.Point(shape.x, shape.y).buffer(shape.radius + more, quad_segs=64)
+    else:
+        grown = shapely.Polygon(shape.outer, shape.holes).buffer(more, quad_segs=64)
+    shapely.prepare(grown)
+    return grown
+
+
+def is_right(task: Task, steps: Sequence[Step]) -> bool:
+    """Return whether a flight keeps the limits and keeps away from everything, and ends in time in
+    the disc of a point of the route; by the judge of the attack on SAFE where it has one.
+    """
+    flown, options = fly(task.own, steps), task.options
+    limits, required = options.limits, options.requirement
+    kept = (
+        flown.speed.min() >= limits.speed_min - _EXACT,
+        flown.speed.max() <= limits.speed_max + _EXACT,
+        flown.acceleration.min() >= limits.acceleration_min - _EXACT,
+        flown.acceleration.max() <= limits.acceleration_max + _EXACT,
+        np.abs(flown.turn_rate).max() <= limits.yaw_rate_max + _EXACT,
+    )
+    for one in task.intruders:
+        velocity = one.speed * np.exp(1j * one.heading)
+        away = np.abs(flown.place - complex(one.x, one.y) - velocity * flown.time)
+        kept += (away.min() >= required.separation + required.margin - _TOLERANCE,)
+    end = flown.place[-1]
+    off = min(abs(end - complex(point.x, point.y)) for point in task.route)
+    arrived = off <= options.aircraft.goal_radius and flown.time[-1] <= options.rejoin_by
+    around = sky.Sky(None, tuple(task.areas))
+    return all(kept) and arrived and not sky.faults(around, flown, options, None)
+
+
+def fly(own: VehicleState, steps: Sequence[Step]) -> Flown:
+    """Return a flight that begins at the ownship, of constant turn rate and acceleration from step
+    to step, sampled every :data:`~benchmarks.safety.resimulation.CLOSE` s at most.
+    """
+    heading, speed, at = (np.array(field) for field in zip(*steps, strict=True))
+    turn, lasts = np.diff(np.unwrap(heading)), np.diff(at)
+    count = np.ceil(lasts / CLOSE - 1e-9).astype(int)
+    part = np.repeat(lasts / count, count)
+    rate, push = (np.repeat(change / lasts, count) for change in (turn, np.diff(speed)))
+    course, pace = (
+        first + np.concatenate([[0.0], np.cumsum(change * part)])
+        for first, change in ((own.heading, rate), (own.speed, push))
+    )
+    ways = 0.5 * (pace[1:] + pace[:-1]) * part * np.exp(0.5j * (course[1:] + course[:-1]))
+    place = complex(own.x, own.y) + np.concatenate([[0.0], np.cumsum(ways)])
+    times = np.concatenate([[0.0], np.cumsum(part)])
+    return Flown(times, place, course, pace, np.append(push, push[-1]), np.append(rate, rate[-1]))
