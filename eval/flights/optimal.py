@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.baselines import BASELINES, Sight
-from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, choose_action, takeoff
+from agents.manoeuvres.escape_manoeuvre import Manoeuvre, choose_action, takeoff
 from agents.resolvability.witness import least_cost
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
@@ -41,33 +41,32 @@ class Witness:
         self, encounters: Encounter, manoeuvre: Manoeuvre, known: np.ndarray, aircraft: Aircraft
     ) -> None:
         """Take the manoeuvres of encounters ``[N]``, and which are known, bool ``[N]``."""
-        self._flight, self._manoeuvre = (
-            map_leaves(np.array, takeoff(encounters.own, manoeuvre)),
-            manoeuvre,
-        )
-        self._known, self._none, self._aircraft, self._step = (
-            known,
-            BASELINES["none"](aircraft),
-            aircraft,
-            0,
-        )
+        self._flight = map_leaves(np.array, takeoff(encounters.own, manoeuvre))
+        self._manoeuvre = manoeuvre
+        self._known = known
+        self._none = BASELINES["none"](aircraft)
+        self._aircraft = aircraft
+        self._step = 0
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the numbers of the encounters."""
         number = np.arange(len(memory)) if self._step == 0 else memory
         action, _ = self._none.decide(sight, memory)
         rows = np.flatnonzero(self._known[number])
-        seen, (flight, manoeuvre) = (
-            take(sight[:-1], rows),
-            take((self._flight, self._manoeuvre), number[rows]),
-        )
-        flight, goal = Flight(seen[0], *flight[1:]), (seen[3], seen[4])
-        time, rules = self._step * self._aircraft.dt, self._aircraft.rules()
+        now = number[rows]
+        flight = take(self._flight, now)._replace(own=take(sight.own, rows))
         made, after = choose_action(
-            flight, manoeuvre, time, goal, *seen[1:3], rules, self._aircraft.limits
+            flight,
+            take(self._manoeuvre, now),
+            self._step * self._aircraft.dt,
+            (sight.goal_x[rows], sight.goal_y[rows]),
+            take(sight.intruders, rows),
+            sight.mask[rows],
+            self._aircraft.rules(),
+            self._aircraft.limits,
         )
         action[rows] = np.stack(made, axis=-1)
-        scatter(self._flight, number[rows], after)
+        scatter(self._flight, now, after)
         self._step += 1
         return action, number
 
