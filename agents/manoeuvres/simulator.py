@@ -42,7 +42,7 @@ class Surroundings(Protocol):
 
     @property
     def intruders(self) -> int:
-        """How many each flight is set against."""
+        """About how many each flight is set against."""
         ...
 
     def clearance(self, flown: VehicleState, first: int, owner: Any) -> Any:

@@ -23,6 +23,7 @@ from envs.wind import aim_point
 
 _LATER = 18  # strides from turning back until uncertainty has grown to what the way back keeps
 _NEAREST = 80  # intruders of a crowd that the way back is set against
+_MANY = 32  # of a crowd, of which few are near in the strides that are flown at once
 
 
 def stride_of(options: Options) -> float:
@@ -89,8 +90,8 @@ class _Ahead:
 
     @property
     def intruders(self) -> int:
-        """How many each flight is set against."""
-        return self._required.shape[-1]
+        """About how many each flight is set against."""
+        return min(self._required.shape[-1], _MANY)
 
     def way_back(self, departure: Departure) -> Any:
         """Return whether the direct route to the goal keeps clear, bool ``[R]``."""
