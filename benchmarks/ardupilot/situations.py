@@ -27,6 +27,7 @@ _ACROSS = 4  # pictures beside each other
 _LEFT, _BACK = 0.5 * math.pi, math.pi
 _DRONE, _LIGHT = 18.0, 55.0  # m/s
 _BESIDE = (1_600.0, 150.0), (2_900.0, 150.0), (2_900.0, 800.0), (1_600.0, 800.0)
+_ACROSS_IT = (2_200.0, -250.0), (2_700.0, -250.0), (2_700.0, 150.0), (2_200.0, 150.0)
 _AROUND = (700.0, -150.0), (1_400.0, -150.0), (1_400.0, 150.0), (700.0, 150.0)
 
 
@@ -57,6 +58,7 @@ SITUATIONS = {
         tuple(Intruder(course, 25.0, 60.0, 0.0) for course in (_LEFT, -_LEFT, _BACK)), acts=True
     ),
     "fence_beside": Situation((Intruder(-_LEFT, 25.0, 60.0, 0.0),), acts=True, fence=_BESIDE),
+    "fence_across": Situation((), acts=True, fence=_ACROSS_IT),
     "out_of_a_breach": Situation(
         (Intruder(-_LEFT, 25.0, 60.0, 0.0),), acts=True, fence=_AROUND, inside=True
     ),
@@ -71,7 +73,7 @@ def row_of(name: str, one: Situation, flight: Result) -> dict[str, Any]:
         "situation": name,
         "as_expected": good,
         "acted": acted,
-        "separation_m": round(flight.separation, 1),
+        "separation_m": round(flight.separation, 1) if one.intruders else None,
         "lost": flight.lost,
         "breached": flight.breached,
         "back_in_auto": flight.rows[-1].mode == 10,
@@ -94,7 +96,8 @@ def overview(flights: Mapping[str, Result], file: Path) -> None:
         axis.axis("off")
     for axis, (name, flight) in zip(axes.flat, flights.items(), strict=False):
         _draw(axis, SITUATIONS[name], flight)
-        axis.set_title(f"{name}, {flight.separation:.0f} m", fontsize=8)
+        least = f", {flight.separation:.0f} m" if SITUATIONS[name].intruders else ""
+        axis.set_title(f"{name}{least}", fontsize=8)
     figure.savefig(file, dpi=110)
     plt.close(figure)
 
@@ -107,8 +110,11 @@ def _draw(axis: Any, one: Situation, flight: Result) -> None:
     nearest = min(
         flight.rows,
         key=lambda row: min(
-            math.dist((row.x, row.y), place_of(other, row.time, cruise)[:2])
-            for other in one.intruders
+            (
+                math.dist((row.x, row.y), place_of(other, row.time, cruise)[:2])
+                for other in one.intruders
+            ),
+            default=math.inf,
         ),
     )
     axis.plot(nearest.x, nearest.y, "o", ms=3, color="C0")

@@ -101,7 +101,7 @@ def _watch(control: Control, seen: Seen) -> Step:
 
 def _take(control: Control, seen: Seen) -> Step:
     if seen.mode == Mode.GUIDED:
-        return Step(_enter(control, Phase.GUIDING, seen), (), "guiding round the traffic")
+        return Step(_enter(control, Phase.GUIDING, seen), (), "guiding round the conflict")
     if seen.mode != Mode.AUTO:
         return _yield(control, seen, crossed=True)
     if seen.time - control.since > ANSWER:
@@ -115,7 +115,7 @@ def _guide(control: Control, seen: Seen) -> Step:
         return _yield(control, seen)
     if seen.rejoined or not seen.flyable:
         back = _enter(control, Phase.RETURNING, seen, asks=True)
-        why = "clear of traffic" if seen.rejoined else "there is no plan to fly"
+        why = "clear" if seen.rejoined else "there is no plan to fly"
         return Step(back, (Order.GIVE_BACK,), f"{why}: back to AUTO")
     return Step(control, (Order.STEER,) if seen.fresh else ())
 

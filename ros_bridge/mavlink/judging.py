@@ -5,7 +5,7 @@ Pure: a :class:`Judgement` follows from the one before, the situation and the ti
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,14 +14,16 @@ from agents.assurance.single import Verdict
 from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import Plan, RequestError
+from agents.planner.areas import relevant
 from agents.planner.options import Options
 from agents.planner.request import check_request, in_wind
 from agents.planner.traffic import Requirement, predict, separations, uncertainty
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
+from envs.area_geometry import signed_distance
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
-from envs.waypoints import Waypoint
+from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.assurance import (
     Supervision,
@@ -49,20 +51,24 @@ from ros_bridge.core.situation import (
 )
 from ros_bridge.mavlink.mission import SUB
 
-SPACING = 4.0
+SPACING = 1.0
 """Between the points of a mission's legs that a route may be rejoined at, separations."""
 
 _SIGMAS = 2.0
 _BEHIND = 2.0  # separations beyond the loss before which no leg is rejoined
+_GOALS = 12  # of the mission's points, the nearest first, at which a plan may rejoin
+_ROUNDED = 1.0  # m by which a plan may be farther from a point when it has rejoined there
 _SAMPLES = 0.5  # of a time step, between two looks along the mission
 
 
 class Conflict(NamedTuple):
-    """The first loss of the required separation where the mission is flown on."""
+    """The first loss of the required separation, or entry into an area, where the mission is flown
+    on.
+    """
 
-    name: str  # of the intruder
+    name: str  # of the intruder or the area
     time: float  # until then, s
-    required: float  # m
+    required: float  # distance, m
 
 
 class Rules(NamedTuple):
@@ -79,6 +85,13 @@ class Rules(NamedTuple):
         return initial(self.thresholds, self.settings.unknown, self.settings.categories)
 
 
+class Rejoin(NamedTuple):
+    """Where a plan comes back to the route."""
+
+    point: int | None  # index of the route's point; None: at its end, beyond the route
+    time: int  # ns
+
+
 @dataclass(frozen=True)
 class Judgement:
     """What holds: the plan, its monitor and the conflict."""
@@ -86,8 +99,7 @@ class Judgement:
     supervision: Supervision
     conflict: Conflict | None = None
     plan: Plan | None = None  # the last answer, safe or not
-    rejoin: int | None = None  # index of the route's point at which the plan rejoins
-    rejoined_at: int | None = None  # when, ns
+    rejoin: Rejoin | None = None  # where the plan comes back to the mission
     revision: int = 0
     problem: str = ""  # why nothing can be planned; "": it can
     remarks: tuple[str, ...] = ()  # what was assumed, and what else the answer remarks on
@@ -117,7 +129,7 @@ def rules(
         aircraft,
         requirement=Requirement(aircraft.separation, margin, _SIGMAS),
         extend_route=True,
-        goals=4,
+        goals=_GOALS,
         deadline_s=deadline,
         vertical_filter=vertical,
         max_age=max(5.0, 5.0 * aircraft.dt),
@@ -159,8 +171,7 @@ def watch(
         if found is None or found.time > rules.engage:
             return replace(judgement, conflict=found, plan=None, problem="")
         reach = wanted.own.speed * found.time
-        beyond = reach + _BEHIND * wanted.options.aircraft.separation
-        wanted = _ahead(wanted, beyond)
+        wanted = _ahead(wanted, reach + _BEHIND * found.required)
         return _take_up(replace(judgement, conflict=found), situation, wanted, rules)
     except Refusal as refusal:
         return replace(judgement, conflict=None, plan=None, problem=str(refusal))
@@ -181,7 +192,7 @@ def supervise(
     number = verdict.ask.number
     try:
         wanted = task(situation, now, rules.settings, route)
-        wanted = _not_before(wanted, judgement.rejoin)
+        wanted = _not_before(wanted, judgement.rejoin and judgement.rejoin.point)
         answer = _answer(wanted, rules)
     except Refusal as refusal:
         after, _ = accept_answer(supervision, number, None)
@@ -194,36 +205,55 @@ def supervise(
     if not taken_up:
         why = "; ".join(reason.message for reason in answer.reasons)
         return replace(judgement, problem=why or "the plan came too late")
-    return replace(
-        judgement, plan=answer, rejoin=answer.goal_index, rejoined_at=_rejoin_time(answer, wanted)
-    )
+    return replace(judgement, plan=answer, rejoin=_rejoin(answer, wanted))
 
 
 def conflict(wanted: PlanTask, look_ahead: float) -> Conflict | None:
-    """Return the first loss of the required separation within some seconds where the ownship flies
-    its route at its speed over the ground; None: none. Both are compared in the air mass.
+    """Return the first loss of the required separation, or the first entry into an area, within
+    some seconds where the ownship flies its route at its speed over the ground; None: none.
     """
-    options, own = wanted.options, wanted.own
+    course = _along_route(wanted, look_ahead)
+    found = (_first_intruder(wanted, course), _first_area(wanted, course))
+    return min((one for one in found if one is not None), key=lambda one: one.time, default=None)
+
+
+class _Course(NamedTuple):
+    """Where the ownship is to be on its route, over the ground; fields ``[T]``."""
+
+    time: Any  # s
+    x: Any  # m
+    y: Any
+
+
+def _along_route(wanted: PlanTask, look_ahead: float) -> _Course:
+    own = wanted.own
+    times = np.arange(0.0, look_ahead, _SAMPLES * wanted.options.aircraft.dt)
+    x = np.array([own.x, *(point.x for point in wanted.points)])
+    y = np.array([own.y, *(point.y for point in wanted.points)])
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    flown = own.speed * times
+    return _Course(times, np.interp(flown, way, x), np.interp(flown, way, y))
+
+
+def _first_intruder(wanted: PlanTask, course: _Course) -> Conflict | None:
+    """Return the first loss of a separation; ownship and intruders are compared in the air mass."""
     try:
-        in_air = in_wind(options, wanted.wind)
+        in_air = in_wind(wanted.options, wanted.wind)
         request, _, kept = check_request(
-            own, wanted.intruders, wanted.points, in_air, wanted.own_altitude, wanted.wind
+            wanted.own, wanted.intruders, wanted.points, in_air, wanted.own_altitude, wanted.wind
         )
     except RequestError as error:
         raise refusal_of(error, wanted) from error
     if not kept:
         return None
-    times = np.arange(0.0, look_ahead, _SAMPLES * options.aircraft.dt)
-    x = np.array([own.x, *(point.x for point in wanted.points)])
-    y = np.array([own.y, *(point.y for point in wanted.points)])
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    wind = wanted.wind
-    here_x = np.interp(own.speed * times, way, x) - wind.east * times
-    here_y = np.interp(own.speed * times, way, y) - wind.north * times
-    others = predict(request.traffic, times[:, None])
-    away = np.hypot(others.x - here_x[:, None], others.y - here_y[:, None])
-    keep = options.requirement
-    spread = keep.sigmas * uncertainty(request.traffic, times[:, None])
+    times, wind = course.time[:, None], wanted.wind
+    others = predict(request.traffic, times)
+    away = np.hypot(
+        others.x - (course.x[:, None] - wind.east * times),
+        others.y - (course.y[:, None] - wind.north * times),
+    )
+    keep = wanted.options.requirement
+    spread = keep.sigmas * uncertainty(request.traffic, times)
     need = separations(request.traffic, keep) + keep.margin + spread
     lost = away < need
     if not lost.any():
@@ -231,7 +261,31 @@ def conflict(wanted: PlanTask, look_ahead: float) -> Conflict | None:
     row = int(np.argmax(lost.any(axis=1)))
     column = int(np.argmax(lost[row]))
     name = wanted.identifiers[kept[column]]
-    return Conflict(name, float(times[row]), float(need[row, column]))
+    return Conflict(name, float(course.time[row]), float(need[row, column]))
+
+
+def _first_area(wanted: PlanTask, course: _Course) -> Conflict | None:
+    """Return the first entry into an area; one that the ownship is in already is none."""
+    margin, last = wanted.options.requirement.margin, float(course.time[-1])
+    found = None
+    for one in relevant(
+        wanted.areas,
+        wanted.own,
+        wanted.own_altitude,
+        fastest=float(wanted.own.speed),
+        horizon=last,
+        unknown_climb=wanted.options.unknown_climb,
+        margin=margin,
+    ):
+        away = signed_distance(one.area, course.x, course.y, course.time)
+        entered = (away < 0.0) & (course.time >= one.begin) & (course.time <= one.end)
+        first = int(np.argmax(entered))
+        if away[0] < 0.0 or not entered[first]:
+            continue
+        if found is None or course.time[first] < found.time:
+            name = one.area.name or f"areas[{one.number}]"
+            found = Conflict(name, float(course.time[first]), one.area.clearance + margin)
+    return found
 
 
 def publish(answer: Plan, wanted: PlanTask, revision: int) -> Published:
@@ -297,8 +351,7 @@ def _take_up(
         judgement,
         supervision=supervision,
         plan=answer,
-        rejoin=answer.goal_index,
-        rejoined_at=_rejoin_time(answer, wanted),
+        rejoin=_rejoin(answer, wanted),
         revision=revision,
         problem="",
     )
@@ -312,8 +365,23 @@ def _remarks(wanted: PlanTask, answer: Plan | None = None) -> tuple[str, ...]:
     )
 
 
-def _rejoin_time(answer: Plan, wanted: PlanTask) -> int:
-    return wanted.time + round(answer.rejoin_time * SECOND)
+def _rejoin(answer: Plan, wanted: PlanTask) -> Rejoin:
+    """Return at which point of the route, and when, a plan is back on it: what the plan rejoins may
+    be a point round an area.
+    """
+    wind = answer.wind or NO_WIND
+    later = (one.time for one in answer.waypoints if one.time > answer.rejoin_time)
+    times = np.array([answer.rejoin_time, *later])
+    curve = legs(plan_states(wanted.own, answer.waypoints, wind=wind))
+    state = at(
+        Legs(*(np.broadcast_to(one, (times.size, *one.shape)) for one in curve)), times, wind
+    )
+    x, y = (np.array([getattr(point, axis) for point in wanted.points]) for axis in "xy")
+    away = np.hypot(state.x[:, None] - x, state.y[:, None] - y)
+    back = away.min(axis=1) <= wanted.options.aircraft.goal_radius + _ROUNDED
+    first = int(np.argmax(back)) if back.any() else times.size - 1
+    index = wanted.points[int(np.argmin(away[first]))].index if back.any() else None
+    return Rejoin(index, wanted.time + round(float(times[first]) * SECOND))
 
 
 def _not_before(wanted: PlanTask, rejoin: int | None) -> PlanTask:

@@ -545,7 +545,7 @@ class Program:
         judged, received = self._judgement, self._received
         track = received.situation.own
         fresh = track.fault is None and track.age(now) <= STALE
-        rejoin = judged.rejoined_at
+        rejoin = judged.rejoin
         on_plan = to_fly(judged.supervision) is FlyMode.PLAN
         watching = self._control.phase is Phase.WATCHING
         return Seen(
@@ -555,7 +555,7 @@ class Program:
             fresh,
             judged.conflict is not None and judged.conflict.time <= self._rules.engage,
             self._safe(now) if watching else to_follow(judged) is not None,
-            on_plan and rejoin is not None and now >= rejoin,
+            on_plan and rejoin is not None and now >= rejoin.time,
         )
 
     def _safe(self, now: int) -> bool:
@@ -568,10 +568,9 @@ class Program:
         elif order is Order.STEER:
             self._steer(now)
         elif order is Order.GIVE_BACK:
-            if self._judgement.rejoin is not None:
-                self._link.set_current(
-                    mission.item_after_rejoin(self._judgement.rejoin, self._items)
-                )
+            rejoin = self._judgement.rejoin
+            if rejoin is not None and rejoin.point is not None:
+                self._link.set_current(mission.item_after_rejoin(rejoin.point, self._items))
             self._link.set_mode(messages.Mode.AUTO)
         elif before.restore is not None:
             self._link.set_mode(before.restore)
@@ -581,9 +580,7 @@ class Program:
         own = self._received.situation.own.last
         if held is None or own is None or own.altitude is None:
             return
-        point = next(
-            (one for one in held.points if one.index == self._judgement.rejoin), held.points[-1]
-        )
+        point = held.points[-1]
         self._link.reposition(messages.target(point.latitude, point.longitude, own.altitude))
 
     def _steer(self, now: int) -> None:

@@ -144,7 +144,7 @@ def _advice(view: View) -> Monitor:
     found = judgement.conflict
     if found is not None:
         left = max(found.time, 0.0)
-        reasons.append(f"{found.name}: on the mission the separation is lost in {left:.0f} s")
+        reasons.append(f"{found.name}: on the mission it is too near in {left:.0f} s")
     if found is not None and judgement.plan is not None and not judgement.safe:
         reasons.append("no plan is safe")
     fly = FlyMode.PLAN if judgement.safe else FlyMode.NOTHING

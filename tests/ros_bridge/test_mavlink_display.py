@@ -3,6 +3,7 @@ simulation."""
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -107,6 +108,30 @@ def judge(heard: Received, followed: Rules) -> Judgement:
     fresh = Judgement(followed.begin())
     now = heard.situation.own.last.time
     return watch(fresh, heard.situation, route, now, followed)
+
+
+@pytest.mark.parametrize("aside", [0.0, 600.0])
+def test_a_fence_across_the_mission_is_flown_round_and_back(followed: Rules, aside: float) -> None:
+    """Without traffic; beside the mission it is none of its business."""
+    at = HOME.geodetic(SPEED * 30.0, aside)
+    fence = (
+        GeodeticArea("f", centre=(float(at.latitude), float(at.longitude)), radius=150.0, name="f"),
+    )
+    heard = received(5.0, crossing=False)
+    heard = replace(heard, situation=replace(heard.situation, fixed_areas=fence))
+    judgement = judge(heard, followed)
+    if aside:
+        assert judgement.conflict is None and judgement.problem == ""
+        return
+    assert judgement.conflict is not None and judgement.conflict.name == "f"
+    assert judgement.conflict.time == pytest.approx(25.0 - 150.0 / SPEED, abs=1.0)
+    assert judgement.safe and judgement.rejoin is not None
+    held = judgement.supervision.held
+    assert held is not None and held.points[-1].time >= judgement.rejoin.time
+    # It is handed back at a point of the mission, not at one round the fence.
+    assert judgement.rejoin.point is not None
+    left = (judgement.rejoin.time - held.began) / SECOND
+    assert left > judgement.conflict.time + 300.0 / followed.settings.options.limits.speed_max
 
 
 def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(followed: Rules) -> None:
