@@ -64,6 +64,11 @@ class Chaser:
         for one in self._others:
             one.leaves = True
 
+    def distance(self, own: Row) -> float:
+        """Return the distance of the nearest of them from our row, by their last report, m."""
+        away = (math.hypot(one.x - own.x, one.y - own.y) for one in self._others)
+        return min(away, default=math.inf)
+
     def report(self, sitl: Sitl, own: Row) -> None:
         """Let them fly to the time of our row, and send where they are, where a second has
         passed.

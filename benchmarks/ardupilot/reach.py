@@ -9,12 +9,14 @@ clock, whether it says so, and whether the mode is still the same three seconds 
 simulation stands still while the program computes.
 
 *Ends*: in real time the program is a process of its own; while it flies it is killed, its link is
-cut, or its log is on a full disk (``/dev/full``). Killed and cut: the autopilot must be in AUTO
-within 10 s (FS_LONG_TIMEOUT is 3 s). Full disk: the program must fly on for 5 s. The last line is
-one JSON object; exit status 1: a try failed.
+cut, its log is on a full disk (``/dev/full``), or other processes take the processors. Killed and
+cut: the autopilot must be in AUTO within 10 s (FS_LONG_TIMEOUT is 3 s). Full disk: the program must
+fly on for 5 s. Busy: for 40 s four processes a core compute beside it; it must keep the separation,
+or say that it is late. The last line is one JSON object; exit status 1: a try failed.
 """
 
 import math
+import os
 import subprocess
 import sys
 import time
@@ -27,18 +29,18 @@ import numpy as np
 
 from benchmarks.ardupilot.chaser import Chaser
 from benchmarks.ardupilot.relay import Relay
-from benchmarks.measure import report
+from benchmarks.measure import chosen, report
 from envs.edge.command import Parser
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.mavlink.control import Phase
-from ros_bridge.mavlink.flight import Row, advance, program_beside
+from ros_bridge.mavlink.flight import SEPARATION, Row, advance, program_beside
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.program import Program
 from ros_bridge.mavlink.sitl import HOME, Leg, Sitl
 
 FAILSAFE = {"FS_GCS_ENABL": 1, "MAV_GCS_SYSID": 245, "FS_LONG_ACTN": 4, "FS_LONG_TIMEOUT": 3}
 MODES = Mode.LOITER, Mode.RTL, 1, Mode.AUTO
-WAYS = "kill", "cut", "disk"
+WAYS = "kill", "cut", "disk", "busy"
 _CROSSES = 36.0  # s until the other crosses our way
 _ALONG = 0.2  # rad from the mission's course, within which it is flown again
 _STILL = 30.0  # s of real time without a message from the simulation
@@ -46,6 +48,7 @@ _PATIENCE = 90.0  # s for anything, on the autopilot's clock
 _MISSES = 10  # times that the program did not take over, of all tries
 _AFTER = 3.0  # s, after which a mode must still be there
 _WITHIN, _FLIES = 10.0, 5.0  # s until AUTO; for which it must fly on
+_BUSY, _BUSY_ONES = 40.0, 4  # s, and processes a core
 _MISSION = 60_000.0  # m
 # Where this process waits for a processor, the simulation goes on unseen: slower while it counts.
 _SPEEDUP, _COUNTED = 10.0, 2.0
@@ -204,7 +207,11 @@ def _end(way: str, ground: Ground, chaser: Chaser) -> Try | None:
             return None
         wait(ground, chaser, 1.0, lambda: False)
         began = ground.row.time
-        if way == "disk":
+        if way == "busy":
+            good = _keep_while_busy(ground, chaser) and process.poll() is None
+            process.kill()
+            wait(ground, chaser, _WITHIN, lambda: ground.mode == Mode.AUTO)
+        elif way == "disk":
             left = wait(ground, chaser, _FLIES, lambda: ground.mode != Mode.GUIDED)
             good = not left and process.poll() is None
             process.kill()
@@ -220,6 +227,27 @@ def _end(way: str, ground: Ground, chaser: Chaser) -> Try | None:
     relay.cut()
     chaser.leave()
     return Try(way, round(took, 1), good)
+
+
+def _keep_while_busy(ground: Ground, chaser: Chaser) -> bool:
+    """Let other processes take the processors for a while; return whether the separation was kept,
+    or a loss was announced.
+    """
+    ground.texts.clear()
+    least, until = math.inf, ground.row.time + _BUSY
+    count = _BUSY_ONES * (os.cpu_count() or 1)
+    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        while ground.row.time < until:
+            wait(ground, chaser, 0.2, lambda: False)
+            least = min(least, chaser.distance(ground.row))
+    finally:
+        for one in others:
+            one.kill()
+            one.wait()
+    said = [text for text in ground.texts if text.startswith("RLCAS")]
+    print(f"nearest {least:.0f} m; {said}", flush=True)
+    return least >= SEPARATION or any("late by" in text for text in said)
 
 
 def wait(ground: Ground, chaser: Chaser, seconds: float, reached: Any) -> bool:
@@ -269,9 +297,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--modes", type=int, default=50, help="foreign modes (default 50)")
     parser.add_argument("--ends", type=int, default=20, help="ends of the program (default 20)")
     parser.add_argument("--seed", type=int, default=0, help="of the moments (default 0)")
+    names = ",".join(WAYS)
+    parser.add_argument("--only", default=names, help=f"names with commas (default {names})")
     options = parser.parse_args(arguments)
+    ways = chosen(options.only, WAYS)
     by_mode = modes(options.modes, seed=options.seed) if options.modes else []
-    by_end = ends([WAYS[n % 3] for n in range(options.ends)]) if options.ends else []
+    by_end = ends([ways[n % len(ways)] for n in range(options.ends)]) if options.ends else []
     figures = {
         "benchmark": "ardupilot.reach",
         "modes": len(by_mode),
