@@ -29,7 +29,8 @@ from envs.trees import column, map_leaves, scatter, take
 from envs.wind import aim_point
 
 _TURNS = 0.1  # of the greatest turn rate, from which on a flight counts as turning
-_SHARE = 0.3  # of the computation, for a policy that finds no way back among many or among areas
+_SHARE = 0.6  # of the computation, for a policy that finds no way back
+_SHARE_IN_CROWD = 0.3  # the same among many and among areas
 # time steps for which the intruders are predicted at once; most flights take fewer
 _AHEAD = 13 * EVERY
 
@@ -192,7 +193,7 @@ def _roll_each(
 ) -> Rollout:
     """Roll requests ``[N]`` one after the other in plain floats, to points ``to``, m."""
     crowd = request.traffic.mask.shape[-1] > CROWD
-    share = 1.0 if request.areas is None and not crowd else _SHARE
+    share = _SHARE if request.areas is None and not crowd else _SHARE_IN_CROWD
     ends, each = partial(budget.ends, "policy", share), list[Rollout]()
     for row in range(goal.size):
         own, traffic, place, drift = take((request.own, request.traffic, to, request.drift), row)
