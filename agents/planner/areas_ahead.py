@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, direct
-from agents.planner.areas import Counted, required_distances
+from agents.planner.areas import Counted
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
 from envs.kinematics import VehicleState
 
@@ -17,35 +17,28 @@ _PARTS = 4  # of the turn onto the goal
 
 
 def clearance(
-    areas: Sequence[Counted],
-    begin: VehicleState,
-    flown: VehicleState,
-    times: Any,
-    of: Any,
-    margin: float,
+    areas: Sequence[Counted], required: Sequence[Any], flown: VehicleState, times: Any, of: Any
 ) -> Any:
     """Return the least distance from all areas less the required one on each stride, m, ``[S, M]``.
 
     Args:
         areas: that may be met.
-        begin: ownships at the request, ``[N]``.
+        required: distance from each area, m, ``[N]``.
         flown: states at the strides' ends, ``[S + 1, M]``.
         times: of them, s, ``[S + 1]``.
         of: whose manoeuvres they are, ``[M]``.
-        margin: added to the clearance, m.
     """
     when = np.broadcast_to(times[:, None], flown.x.shape)
-    return _least(areas, begin, (flown.x.T, flown.y.T, when.T), of, margin).T
+    return _least(areas, required, (flown.x.T, flown.y.T, when.T), of).T
 
 
 def way_clear(
     areas: Sequence[Counted],
-    begin: VehicleState,
+    required: Sequence[Any],
     own: VehicleState,
     goal: tuple[Any, Any],
     time: Any,
     of: Any,
-    margin: float,
     task: DirectTask,
 ) -> Any:
     """Return whether the direct route to goals, m, from states at some times, s, keeps clear of all
@@ -63,15 +56,11 @@ def way_clear(
         for part, last in ((x, goal[0]), (y, goal[1]), (np.reshape(time, (-1, 1)) + lasts, arrival))
     )
     sag = 0.125 * own.speed * task.turn_rate * (way.turning / _PARTS) ** 2
-    return (_least(areas, begin, (x, y, when), of, margin) >= sag[:, None]).all(axis=1)
+    return (_least(areas, required, (x, y, when), of) >= sag[:, None]).all(axis=1)
 
 
 def _least(
-    areas: Sequence[Counted],
-    begin: VehicleState,
-    places: tuple[Any, Any, Any],
-    of: Any,
-    margin: Any,
+    areas: Sequence[Counted], required: Sequence[Any], places: tuple[Any, Any, Any], of: Any
 ) -> Any:
     """Return the least distance less the required one on straight flights between places (m, m, s),
     ``[M, P]``, of requests ``of``: m, ``[M, P - 1]``.
@@ -79,14 +68,14 @@ def _least(
     x, y, when = places
     found = np.full((x.shape[0], x.shape[1] - 1), np.inf)
     first, last = when[:, :-1].ravel(), when[:, 1:].ravel()
-    for one in areas:
+    for one, distance in zip(areas, required, strict=True):
         if not np.any((first <= one.end) & (last >= one.begin)):
             continue
         at_x, at_y = own_frame(one.area, x, y, when)
         parts = Parts(
             *(field.ravel() for field in (at_x[:, :-1], at_y[:, :-1], at_x[:, 1:], at_y[:, 1:]))
         )
-        need = required_distances(one, begin.x, begin.y, margin)[of].repeat(x.shape[1] - 1)
+        need = distance[of].repeat(x.shape[1] - 1)
         grown = np.minimum(gain(one.area) * first, gain(one.area) * last)
         away = chord_distances(one.area, parts, need - grown).bound + grown - need
         away = np.where((first <= one.end) & (last >= one.begin), away, np.inf)

@@ -10,6 +10,7 @@ from agents.manoeuvres.direct_to_goal import EVERY, clear
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
 from agents.manoeuvres.simulator import Departure, Effort, Landed, fly_until_clear
 from agents.planner import areas_ahead
+from agents.planner.areas import required_distances
 from agents.planner.beyond import CROWD, beyond
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drift_points
@@ -65,7 +66,10 @@ class _Ahead:
         """Predict the intruders up to the end of the stride numbered ``last``."""
         traffic, number = request.traffic, np.arange(goal.size)
         self._request, self._task, self._stride = request, task_of(options), stride_of(options)
-        self._margin = options.requirement.margin
+        self._areas = () if request.areas is None else request.areas.value
+        own, margin = request.own, options.requirement.margin
+        # From each area, m, [N].
+        self._off = [required_distances(one, own.x, own.y, margin) for one in self._areas]
         self._goal = request.route_x[number, goal], request.route_y[number, goal]
         times = np.arange(last + 2)[:, None, None] * self._stride
         # By how much the required distance grows until the end of each stride, m, [S, N, K].
@@ -99,13 +103,11 @@ class _Ahead:
         place = drift_points(take(self._goal, departure.owner), drift, time)
         aim = aim_point(departure.own, place, drift, self._task.until, np)
         found = self._clear_of_traffic(departure, aim)
-        areas = self._request.areas
-        if areas is not None and found.any():
+        if self._areas and found.any():
             rows = np.flatnonzero(found)
             own, to, when, owner = take((departure.own, aim, time, departure.owner), rows)
-            begin = self._request.own
             found[rows] = areas_ahead.way_clear(
-                areas.value, begin, own, to, when, owner, self._margin, self._task
+                self._areas, self._off, own, to, when, owner, self._task
             )
         return found
 
@@ -159,11 +161,10 @@ class _Ahead:
             found = self._clearance_of_all(flown, first, owner)
         else:
             found = self._clearance_of_near(flown, first, owner)
-        areas, begin = self._request.areas, self._request.own
-        if areas is None:
+        if not self._areas:
             return found
         times = np.arange(first, first + len(flown.x)) * self._stride
-        of_areas = areas_ahead.clearance(areas.value, begin, flown, times, owner, self._margin)
+        of_areas = areas_ahead.clearance(self._areas, self._off, flown, times, owner)
         return np.minimum(found, of_areas)
 
     def _clearance_of_all(self, flown: VehicleState, first: int, owner: Any) -> Any:
