@@ -4,7 +4,7 @@
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -141,33 +141,15 @@ class TrafficConfig(Strict):
         return self
 
 
-class MonteCarloConfig(Strict):
-    """An evaluation; the defaults fly the shipped policy through the paper's circle encounters."""
+class EncountersConfig(Strict):
+    """Encounters to fly, and how their statistics are made: what all evaluations share."""
 
     files: ClassVar[tuple[str, ...]] = PREFIXES
     """Scenarios of files that can be flown."""
 
-    policy: Path | None = None
-    """Policy file (.safetensors), beside the configuration file or in the working directory; null:
-    the shipped one.
-    """
-    policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
-    """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
     extensions: tuple[str, ...] = Field(default=(), max_length=64)
     """Inputs that the policy needs, and scenarios, of your own, `module:name` each; they are
     imported."""
-    mode: Literal["policy", "plan", "assured"] = "policy"
-    """What decides: policy, the network alone, once a second; plan, the planner once at the start,
-    then the plan is followed; assured, the same under a monitor that asks for new plans and falls
-    back to a backup."""
-    baseline: Literal["none", "rules", "mvp", "mvp_speed"] = "none"
-    """What decides in the policy's place, in mode policy; none: the policy. The straight flight is
-    always flown too.
-    """
-    backend: Literal["auto", "numpy", "jax"] = "auto"
-    """What computes the policy's decisions in mode policy: numpy; or jax, compiled and some three
-    times as fast, with flights that differ by rounding. auto: jax where it is installed, for 2000
-    encounters or more on this machine."""
     scenario: str = Field(
         default="circle",
         json_schema_extra={
@@ -190,41 +172,11 @@ class MonteCarloConfig(Strict):
     """How many encounters are flown; null: 10000, or all of a file's."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Of encounters, sensor noise and bootstrap."""
-    chunk: int | None = Field(default=None, ge=1, le=100_000)
-    """Encounters that are flown together and stored together; null: equal shares of the workers, at
-    most 1250, or 5000 with backend jax. It changes no result."""
-    workers: int = Field(default=0, ge=0, le=1024)
-    """Processes that fly chunks; 0: as many as there are cores. It changes no result."""
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
     """Of all intervals."""
     resamples: int = Field(default=2_000, ge=100, le=100_000)
     """Bootstrap resamples behind the intervals of means."""
-    aircraft: AircraftConfig | None = Field(
-        default=None,
-        json_schema_extra={
-            "expected": "null, the path of a YAML file, a name that ships, or a group of keys"
-        },
-    )
-    """The ownship and its task, which rules, scenarios and plans follow; null: the policy's own."""
-    allow_outside_domain: bool = False
-    """Whether aircraft, and more intruders, than the policy was trained for are flown all the same.
-    """
-    planner: PlannerConfig = PlannerConfig()
     tracks: TracksConfig = TracksConfig()
-    wind_mps: _Pair = (0.0, 0.0)
-    """Range of the wind's speed, m/s, within 0 to 30, in modes plan and assured: encounters are
-    drawn in the air mass and carried by a wind of any direction, the goal lies over the ground."""
-    areas: int = Field(default=0, ge=0, le=MOST)
-    """Areas that must not be entered along the way of an encounter, at most, in modes plan and
-    assured: discs and polygons drawn at random, a third of them moving; fewer where start or goal
-    are in the way of one."""
-    figures: bool = True
-    """Whether figures are drawn."""
-
-    @field_validator("policy")
-    @classmethod
-    def _policy(cls, path: Path | None, info: ValidationInfo) -> Path | None:
-        return None if path is None else _locate(path, info)
 
     @field_validator("scenario")
     @classmethod
@@ -236,19 +188,16 @@ class MonteCarloConfig(Strict):
                 raise ConfigError(f"{name!r} cannot be flown here; expected {known}")
             if name == prefix:
                 raise ConfigError(f"{name!r} names no file; expected {prefix}PATH")
-            return f"{prefix}{_locate(Path(name.removeprefix(prefix)), info)}"
+            return f"{prefix}{locate(Path(name.removeprefix(prefix)), info)}"
         files = ", ".join(f"{each}PATH" for each in cls.files)
         own = "module:name of your own"
         return known_scenario(name, f"{own}, or {files}" if files else own)
 
     @model_validator(mode="after")
-    def _check(self) -> "MonteCarloConfig":
+    def _check_scenario(self) -> Self:
         if self.file is None:
-            # A scenario of the user's own may not have been loaded yet.
-            if self.aircraft is not None and is_known(self.scenario):
-                self.sampled_scenario(self.aircraft.aircraft())
-            else:
-                self._scenario_config()
+            # A sampler of the user's own may not have been loaded yet.
+            self._scenario_config()
         elif self.prefix == MODEL:
             self.traffic()
         elif self.changes:
@@ -256,27 +205,6 @@ class MonteCarloConfig(Strict):
                 f"changes: {next(iter(self.changes))} cannot be changed, the encounters stand in "
                 "a file"
             )
-        if self.baseline != "none" and self.mode != "policy":
-            raise ConfigError(f"baseline is {self.baseline!r}; expected none with mode {self.mode}")
-        if self.backend == "jax" and (self.mode != "policy" or self.baseline != "none"):
-            raise ConfigError(
-                "backend is 'jax'; expected auto or numpy where not the policy alone decides"
-            )
-        low, high = self.wind_mps
-        if not 0.0 <= low <= high <= _STRONGEST:
-            raise ConfigError(
-                f"wind_mps is [{low:g}, {high:g}]; expected a range within 0 to {_STRONGEST:g}"
-            )
-        if high > 0.0 and self.mode not in ("plan", "assured"):
-            raise ConfigError(
-                f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] in mode {self.mode}"
-            )
-        if high > 0.0 and self.prefix not in (None, FILE):
-            raise ConfigError(
-                f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] for {self.scenario}, whose "
-                "aircraft are recorded over the ground"
-            )
-        self._check_areas()
         if self.file is None and self.scenario_sha256 is not None:
             wanted = ", ".join(f"{each}PATH" for each in self.files)
             raise ConfigError(
@@ -284,15 +212,6 @@ class MonteCarloConfig(Strict):
                 "null"
             )
         return self
-
-    def _check_areas(self) -> None:
-        if self.areas and self.mode not in ("plan", "assured"):
-            raise ConfigError(f"areas is {self.areas}; expected 0 in mode {self.mode}")
-        if self.areas and self.prefix not in (None, FILE):
-            raise ConfigError(
-                f"areas is {self.areas}; expected 0 for {self.scenario}, whose aircraft are "
-                "recorded in a sky of their own"
-            )
 
     @property
     def prefix(self) -> str | None:
@@ -310,33 +229,6 @@ class MonteCarloConfig(Strict):
     def default_count(self) -> int:
         """Number of encounters where no file says otherwise."""
         return _DEFAULT_ENCOUNTERS if self.encounters is None else self.encounters
-
-    def flown_aircraft(self, policy: Policy) -> Aircraft:
-        """Return the aircraft that is flown, which the policy must be trained for where no other is
-        allowed.
-        """
-        aircraft = policy.aircraft if self.aircraft is None else self.aircraft.aircraft()
-        return policy.for_aircraft(
-            aircraft, outside="allow" if self.allow_outside_domain else "refuse"
-        ).aircraft
-
-    def backend_for(self, policy: Policy, encounters: int) -> Literal["numpy", "jax"]:
-        """Return what computes the policy's decisions, numpy or jax."""
-        if self.backend != "auto":
-            return self.backend
-        suits = (
-            self.mode == "policy"
-            and self.baseline == "none"
-            and "encoder" in policy.metadata["architecture"]
-        )
-        pays = encounters >= _COMPILED_FROM and find_spec("jax") is not None
-        return "jax" if suits and pays else "numpy"
-
-    def chunk_for(self, encounters: int, workers: int) -> int:
-        """Return the size of the chunks of so many encounters among so many workers."""
-        share = -(-encounters // workers)
-        largest = _LARGEST_CHUNK * (4 if self.backend == "jax" else 1)
-        return self.chunk or -(-share // -(-share // largest))
 
     def sampled_scenario(self, aircraft: Aircraft) -> Scenario:
         """Return the sampled scenario of an aircraft; ``ConfigError``: it is of the user's own and
@@ -370,7 +262,123 @@ class MonteCarloConfig(Strict):
             raise ConfigError(f"changes.{problem}") from None
 
 
-def _locate(path: Path, info: ValidationInfo) -> Path:
+class MonteCarloConfig(EncountersConfig):
+    """An evaluation; the defaults fly the shipped policy through the paper's circle encounters."""
+
+    policy: Path | None = None
+    """Policy file (.safetensors), beside the configuration file or in the working directory; null:
+    the shipped one.
+    """
+    policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
+    """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
+    mode: Literal["policy", "plan", "assured"] = "policy"
+    """What decides: policy, the network alone, once a second; plan, the planner once at the start,
+    then the plan is followed; assured, the same under a monitor that asks for new plans and falls
+    back to a backup."""
+    baseline: Literal["none", "rules", "mvp", "mvp_speed"] = "none"
+    """What decides in the policy's place, in mode policy; none: the policy. The straight flight is
+    always flown too.
+    """
+    backend: Literal["auto", "numpy", "jax"] = "auto"
+    """What computes the policy's decisions in mode policy: numpy; or jax, compiled and some three
+    times as fast, with flights that differ by rounding. auto: jax where it is installed, for 2000
+    encounters or more on this machine."""
+    chunk: int | None = Field(default=None, ge=1, le=100_000)
+    """Encounters that are flown together and stored together; null: equal shares of the workers, at
+    most 1250, or 5000 with backend jax. It changes no result."""
+    workers: int = Field(default=0, ge=0, le=1024)
+    """Processes that fly chunks; 0: as many as there are cores. It changes no result."""
+    aircraft: AircraftConfig | None = Field(
+        default=None,
+        json_schema_extra={
+            "expected": "null, the path of a YAML file, a name that ships, or a group of keys"
+        },
+    )
+    """The ownship and its task, which rules, scenarios and plans follow; null: the policy's own."""
+    allow_outside_domain: bool = False
+    """Whether aircraft, and more intruders, than the policy was trained for are flown all the same.
+    """
+    planner: PlannerConfig = PlannerConfig()
+    wind_mps: _Pair = (0.0, 0.0)
+    """Range of the wind's speed, m/s, within 0 to 30, in modes plan and assured: encounters are
+    drawn in the air mass and carried by a wind of any direction, the goal lies over the ground."""
+    areas: int = Field(default=0, ge=0, le=MOST)
+    """Areas that must not be entered along the way of an encounter, at most, in modes plan and
+    assured: discs and polygons drawn at random, a third of them moving; fewer where start or goal
+    are in the way of one."""
+    figures: bool = True
+    """Whether figures are drawn."""
+
+    @field_validator("policy")
+    @classmethod
+    def _policy(cls, path: Path | None, info: ValidationInfo) -> Path | None:
+        return None if path is None else locate(path, info)
+
+    @model_validator(mode="after")
+    def _check(self) -> "MonteCarloConfig":
+        if self.file is None and self.aircraft is not None and is_known(self.scenario):
+            self.sampled_scenario(self.aircraft.aircraft())
+        if self.baseline != "none" and self.mode != "policy":
+            raise ConfigError(f"baseline is {self.baseline!r}; expected none with mode {self.mode}")
+        if self.backend == "jax" and (self.mode != "policy" or self.baseline != "none"):
+            raise ConfigError(
+                "backend is 'jax'; expected auto or numpy where not the policy alone decides"
+            )
+        low, high = self.wind_mps
+        if not 0.0 <= low <= high <= _STRONGEST:
+            raise ConfigError(
+                f"wind_mps is [{low:g}, {high:g}]; expected a range within 0 to {_STRONGEST:g}"
+            )
+        if high > 0.0 and self.mode not in ("plan", "assured"):
+            raise ConfigError(
+                f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] in mode {self.mode}"
+            )
+        if high > 0.0 and self.prefix not in (None, FILE):
+            raise ConfigError(
+                f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] for {self.scenario}, whose "
+                "aircraft are recorded over the ground"
+            )
+        self._check_areas()
+        return self
+
+    def _check_areas(self) -> None:
+        if self.areas and self.mode not in ("plan", "assured"):
+            raise ConfigError(f"areas is {self.areas}; expected 0 in mode {self.mode}")
+        if self.areas and self.prefix not in (None, FILE):
+            raise ConfigError(
+                f"areas is {self.areas}; expected 0 for {self.scenario}, whose aircraft are "
+                "recorded in a sky of their own"
+            )
+
+    def flown_aircraft(self, policy: Policy) -> Aircraft:
+        """Return the aircraft that is flown, which the policy must be trained for where no other is
+        allowed.
+        """
+        aircraft = policy.aircraft if self.aircraft is None else self.aircraft.aircraft()
+        return policy.for_aircraft(
+            aircraft, outside="allow" if self.allow_outside_domain else "refuse"
+        ).aircraft
+
+    def backend_for(self, policy: Policy, encounters: int) -> Literal["numpy", "jax"]:
+        """Return what computes the policy's decisions, numpy or jax."""
+        if self.backend != "auto":
+            return self.backend
+        suits = (
+            self.mode == "policy"
+            and self.baseline == "none"
+            and "encoder" in policy.metadata["architecture"]
+        )
+        pays = encounters >= _COMPILED_FROM and find_spec("jax") is not None
+        return "jax" if suits and pays else "numpy"
+
+    def chunk_for(self, encounters: int, workers: int) -> int:
+        """Return the size of the chunks of so many encounters among so many workers."""
+        share = -(-encounters // workers)
+        largest = _LARGEST_CHUNK * (4 if self.backend == "jax" else 1)
+        return self.chunk or -(-share // -(-share // largest))
+
+
+def locate(path: Path, info: ValidationInfo) -> Path:
     """Return the absolute path of a file that stands beside the configuration or in the working
     directory.
     """

@@ -6,6 +6,8 @@ from envs.edge.command import run_cli
 def tables() -> dict[str, list[str]]:
     """Return the tables by the name of their page."""
     from agents.config.keys import markdown
+    from eval.boundary.config import BoundaryConfig
+    from eval.compare.config import CompareConfig
     from eval.config import MonteCarloConfig, TrafficConfig
     from eval.hifi.config import HifiConfig
     from eval.rare.config import RareConfig
@@ -13,7 +15,10 @@ def tables() -> dict[str, list[str]]:
     flown = markdown(MonteCarloConfig, but=("aircraft.", "planner.vehicle."))
     hifi = markdown(HifiConfig, beside=MonteCarloConfig)
     rare = markdown(RareConfig, beside=MonteCarloConfig)
-    return {"configuration-evaluation.md": [flown, hifi, rare, markdown(TrafficConfig)]}
+    compared = markdown(CompareConfig, beside=MonteCarloConfig)
+    boundary = markdown(BoundaryConfig, but=("aircraft.",))
+    tables = [flown, hifi, rare, compared, boundary, markdown(TrafficConfig)]
+    return {"configuration-evaluation.md": tables}
 
 
 def main() -> None:

@@ -3,6 +3,7 @@ runs/boundary``.
 """
 
 import argparse
+import json
 import math
 import sys
 import time
@@ -11,21 +12,22 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from agents.config.load import ConfigError, Parser
-from agents.config.world import AircraftConfig
+from agents.config.load import AIRCRAFT, ConfigError, Parser, dump, file_of, load
 from envs.aircraft import PAPER, Aircraft
+from envs.edge.files import write_file
+from eval.boundary.config import BoundaryConfig
 from eval.boundary.figure import boundary_figure
 from eval.boundary.grid import Solution, edge_value, make_grid, solve
 from eval.boundary.slices import Answers, Slice, compare, judge
 from eval.plots import save as picture_folder
-from eval.runner.options import new_folder_option
+from eval.runner.options import new_folder_option, real
 
+# Time steps of a half turn, and cell (separations), of two grids, the finer one last: the
+# difference is the error.
 GRIDS = {
     "coarse": ((12, 0.12), (12, 0.06)),
     "default": ((12, 0.06), (24, 0.03)),
     "fine": ((12, 0.04), (24, 0.02)),
-    # time steps of a half turn, and cell (separations), of two grids, the finer one last: the
-    # difference is the error
 }
 # name, own and intruder's speed (0: the ownship's least, 1: its greatest), difference of the
 # courses, deg
@@ -44,13 +46,15 @@ programming on a grid (Hamilton-Jacobi reachability), and by agents.resolvabilit
 and witnesses know of no grid.
 
 A slice fixes both speeds and the difference of the courses; without --slice six are asked.
-Written to --out: boundary.json, boundary.png and .svg. Disagreements are points that one side
-says can be avoided and the other cannot, by more than the grid's error: there must be none."""
+Written to --out: boundary.json, config.yaml, boundary.png and .svg. Disagreements are points that
+one side says can be avoided and the other cannot, by more than the grid's error: there must be
+none."""
 
 _EPILOG = """\
 examples:
   python -m eval.boundary --out runs/boundary
   python -m eval.boundary --slice 60 90 120 --slice 60 90 -45 --spacing 100 --out runs/mine
+  python -m eval.boundary --config runs/mine/config.yaml --out runs/again          repeat one
 
 At nodes that both grids share (15 degrees and, for the paper's aircraft, 2.5 m/s) the stated
 error is smallest."""
@@ -61,20 +65,41 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
-    aircraft = _aircraft(options.aircraft)
-    separation = aircraft.separation
-    cuts = _slices(options.slice, aircraft)
-    spacing = 0.15 * separation if options.spacing is None else options.spacing
-    if not 0.02 * separation <= spacing <= 0.5 * separation:
-        raise ConfigError(
-            f"--spacing: {spacing:g} m; expected {0.02 * separation:g} to {0.5 * separation:g} m"
-        )
+    config = _load(options)
+    aircraft = _aircraft(config)
+    cuts = _slices(config.slices, aircraft)
+    config = config.model_copy(update={"spacing": _spacing(config, aircraft)})
     picture_folder.create(options.out)
+    write_file(options.out / "config.yaml", dump(config))
     begun = time.perf_counter()
-    half_turn = math.pi / aircraft.limits.yaw_rate_max
-    grids = tuple(
-        (round(half_turn / steps, 9), cell * separation) for steps, cell in GRIDS[options.grid]
-    )
+    asked = _ask(config, cuts, aircraft)
+    result = _result(config, asked, aircraft) | {"wall_s": time.perf_counter() - begun}
+    picture_folder.write(options.out, "boundary", result, boundary_figure(asked, aircraft), 110)
+    _show(result)
+    print(f"{result['disagreements']} disagreements; written to {options.out}")
+    return 1 if result["disagreements"] else 0
+
+
+def _load(options: argparse.Namespace) -> BoundaryConfig:
+    """Return the configuration of a file under what the command line says."""
+    given = {"spacing": options.spacing, "grid": options.grid}
+    if options.slice:
+        given["slices"] = json.dumps(options.slice)
+    if options.aircraft is not None:
+        given["aircraft"] = json.dumps(str(file_of(options.aircraft, AIRCRAFT).absolute()))
+    written = [f"{key}={value}" for key, value in given.items() if value is not None]
+    try:
+        return load(BoundaryConfig, options.config, written)
+    except ConfigError as problem:
+        raise ConfigError(str(problem).replace("--set: ", "--", 1)) from None
+
+
+def _ask(
+    config: BoundaryConfig, cuts: Sequence[Slice], aircraft: Aircraft
+) -> list[tuple[Answers, dict[str, Any]]]:
+    """Return both answers to each slice, and its figures, in the order of the slices."""
+    grids, spacing = _grids(config, aircraft), config.spacing
+    assert spacing is not None  # it is resolved
     found: dict[int, tuple[Answers, dict[str, Any]]] = {}
     solved = lru_cache(1)(_solve)  # one at a time bounds the memory
     for number, cut in sorted(enumerate(cuts), key=lambda one: one[1].intruder_speed):
@@ -86,29 +111,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "grid_sweeps": fine.sweeps,
             "last_change_m": fine.change,
         }
-        found[number] = answers, compare(answers, separation, spacing) | grid
-    asked = [found[number] for number in range(len(cuts))]
-    disagreements = sum(sum(figures["disagreements"].values()) for _, figures in asked)
-    result = {
+        found[number] = answers, compare(answers, aircraft.separation, spacing) | grid
+    return [found[number] for number in range(len(cuts))]
+
+
+def _result(
+    config: BoundaryConfig, asked: Sequence[tuple[Answers, dict[str, Any]]], aircraft: Aircraft
+) -> dict[str, Any]:
+    """Return what boundary.json says, but for the time it took."""
+    return {
         "schema_version": 1,
-        "separation_m": separation,
+        "separation_m": aircraft.separation,
         "limits": aircraft.limits._asdict(),
-        "spacing_m": spacing,
-        "grids": [{"dt_s": dt, "cell_m": cell} for dt, cell in grids],
-        "disagreements": disagreements,
+        "spacing_m": config.spacing,
+        "grids": [{"dt_s": dt, "cell_m": cell} for dt, cell in _grids(config, aircraft)],
+        "disagreements": sum(sum(figures["disagreements"].values()) for _, figures in asked),
         "slices": [figures for _, figures in asked],
-        "wall_s": time.perf_counter() - begun,
     }
-    picture_folder.write(options.out, "boundary", result, boundary_figure(asked, aircraft), 110)
-    for _, figures in asked:
+
+
+def _show(result: dict[str, Any]) -> None:
+    for figures in result["slices"]:
         counts = ", ".join(
             f"{figures[name]} {name}"
             for name in ("points", "resolvable", "unresolvable", "undecided")
         )
         beyond = f"disagreements beyond the grid's error of {figures['grid_error_m']:.2f} m"
         print(f"{figures['name']}: {counts}; {sum(figures['disagreements'].values())} {beyond}")
-    print(f"{disagreements} disagreements; written to {options.out}")
-    return 1 if disagreements else 0
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -117,10 +146,11 @@ def _parser() -> argparse.ArgumentParser:
     cut: Any = {
         "action": "append",
         "nargs": 3,
-        "type": float,
+        "type": real(-1e4, 1e4),
         "metavar": ("OWN", "INTRUDER", "COURSE"),
         "default": [],
     }
+    add("--config", type=Path, metavar="FILE", help="YAML file, such as a check's config.yaml")
     add(
         "--slice",
         help="speeds, m/s, and intruder's course less the own, deg clockwise; may be repeated",
@@ -134,28 +164,46 @@ def _parser() -> argparse.ArgumentParser:
     )
     add(
         "--spacing",
-        type=float,
+        type=real(1e-3, 1e6, "m"),
         metavar="M",
         help="of the raster of starts, m (default: 0.15 separations)",
     )
     add(
         "--grid",
         choices=tuple(GRIDS),
-        default="default",
-        help="resolution; fine takes 3 times as long",
+        help="resolution; fine takes 3 times as long (default: default)",
     )
     new_folder_option(parser)
     return parser
 
 
-def _aircraft(path: Path | None) -> Aircraft:
-    aircraft = PAPER if path is None else AircraftConfig.of_file(path).aircraft()
+def _aircraft(config: BoundaryConfig) -> Aircraft:
+    aircraft = PAPER if config.aircraft is None else config.aircraft.aircraft()
     if aircraft.limits.speed_min <= 0.0:
         raise ConfigError(
             "--aircraft: speed_min is 0; expected above 0: what can stand still has no such "
             "boundary"
         )
     return aircraft
+
+
+def _spacing(config: BoundaryConfig, aircraft: Aircraft) -> float:
+    separation = aircraft.separation
+    spacing = 0.15 * separation if config.spacing is None else config.spacing
+    if not 0.02 * separation <= spacing <= 0.5 * separation:
+        raise ConfigError(
+            f"--spacing: {spacing:g} m; expected {0.02 * separation:g} to {0.5 * separation:g} m"
+        )
+    return spacing
+
+
+def _grids(config: BoundaryConfig, aircraft: Aircraft) -> tuple[tuple[float, float], ...]:
+    """Return time step, s, and cell, m, of both grids."""
+    half_turn = math.pi / aircraft.limits.yaw_rate_max
+    return tuple(
+        (round(half_turn / steps, 9), cell * aircraft.separation)
+        for steps, cell in GRIDS[config.grid]
+    )
 
 
 def _slices(wanted: Sequence[Sequence[float]], aircraft: Aircraft) -> list[Slice]:

@@ -29,6 +29,7 @@ from eval.runner.options import check_digest
 REFERENCE = "none"  # the flight without a resolver, which is always flown: risk ratios need it
 # name and kind of the entry that flies the least-cost witness: a mark, not a resolver
 WITNESS = "witness"
+BASELINE = "baseline"  # kind of the others that are no policies
 _NAMES = (*BASELINES, WITNESS)
 
 
@@ -84,7 +85,7 @@ def baseline_entry(name: str, aircraft: Aircraft) -> Entry:
     """
     if name == WITNESS:
         return Entry(name, WITNESS, WitnessSearch())
-    return Entry(name, "baseline", BASELINES[name](aircraft))
+    return Entry(name, BASELINE, BASELINES[name](aircraft))
 
 
 def entries_of(
@@ -106,8 +107,11 @@ def policy_names(paths: Sequence[Path]) -> list[str]:
     # A stem may be that of another file or the name of a baseline: then the whole path names the
     # policy.
     stems = [path.stem for path in paths]
+    here = Path.cwd()
     names = [
-        str(path) if stems.count(path.stem) > 1 or path.stem in _NAMES else path.stem
+        str(path.relative_to(here) if path.is_relative_to(here) else path)
+        if stems.count(path.stem) > 1 or path.stem in _NAMES
+        else path.stem
         for path in paths
     ]
     if len(set(names)) < len(names):

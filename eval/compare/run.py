@@ -3,6 +3,7 @@ runs/compare``.
 """
 
 import argparse
+import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,14 +13,21 @@ import numpy as np
 import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
-from agents.config.load import ConfigError, Parser
+from agents.config.load import Parser, dump
 from envs.edge.figures import save_figure
-from envs.edge.files import write_whole
+from envs.edge.files import write_file, write_whole
 from envs.edge.installation import versions
 from envs.traffic.replay import Replay
-from eval.compare.resolvers import WITNESS, Comparison, aircraft_of_all, columns, entries_of
+from eval.compare.config import CompareConfig
+from eval.compare.resolvers import (
+    BASELINE,
+    WITNESS,
+    Comparison,
+    aircraft_of_all,
+    columns,
+    entries_of,
+)
 from eval.compare.summary import SCHEMA_VERSION, Statistics, draw, show
-from eval.config import FILE, TRACKS, MonteCarloConfig
 from eval.flights.aircraft import describe
 from eval.flights.chunks import Evaluation
 from eval.flights.simulate import ByPolicy
@@ -29,7 +37,6 @@ from eval.runner.command import Encounters
 from eval.runner.options import extension_option, load_config, named_source, whole
 from eval.runner.outputs import arrow_table
 
-_KEYS = ("changes", "tracks", "scenario_sha256", "confidence", "resamples")
 _DESCRIPTION = """\
 Fly policies and baselines through the same encounters and say how they differ, with intervals for
 paired samples.
@@ -45,8 +52,8 @@ known that resolves each encounter, searched for in knowledge of the intruders' 
 takes two minutes for a thousand encounters.
 
 Scenarios are those of eval.monte_carlo: a name, file:PATH, tracks:PATH (recorded tracks,
-replayed) or lincoln:PATH. Written to --out: summary.json, encounters.parquet and compare.png,
-.svg (contents in docs/howto/compare.md)."""
+replayed) or lincoln:PATH. Written to --out: summary.json, encounters.parquet, config.yaml as
+resolved, and compare.png, .svg (contents in docs/howto/compare.md)."""
 
 _EPILOG = """\
 examples:
@@ -58,8 +65,9 @@ examples:
   python -m eval.compare --scenario tracks:encounters.json --out runs/recorded
   python -m eval.compare --mode assured --set changes.own_speed=[50,70] --out runs/slow
 
-Keys of --set are those of eval.monte_carlo: changes, tracks, scenario_sha256, confidence,
-resamples."""
+  python -m eval.compare --config runs/a_b/config.yaml --out runs/again          repeat one
+
+Every key of --config and --set: docs/reference/configuration-evaluation.md."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,12 +76,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     begun = time.perf_counter()
-    config, comparison, total = _prepare(options)
+    config, comparison = _prepare(_load(options))
     entries, evaluation = comparison
+    total = config.default_count
     out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
     picture_folder.create(
         out, 1_000_000 + 300 * total * len(entries)
     )  # figure, and rows of an entry, generously
+    write_file(out / "config.yaml", dump(config))
     say(evaluation.source)
     # One thread: the network's rows would be rounded otherwise with another.
     with threadpool_limits(1):
@@ -105,6 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.compare", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     many: Any = {"action": "append", "default": []}
+    add("--config", type=Path, metavar="FILE", help="YAML file, such as a comparison's config.yaml")
     add(
         "--policy",
         type=Path,
@@ -169,25 +180,40 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _prepare(options: argparse.Namespace) -> tuple[MonteCarloConfig, Comparison, int]:
-    for text in options.set:
-        if not text.startswith(_KEYS):
-            raise ConfigError(
-                f"--set {text}: plays no part here; expected a key of {', '.join(_KEYS)}"
-            )
-    none = {"config": None, "resume": False, "policy": None, "policy_sha256": None}
+def _load(options: argparse.Namespace) -> CompareConfig:
+    """Return the configuration of a file under what the command line says."""
+    lists: dict[str, list[str]] = {
+        "policies": [str(path.absolute()) for path in options.policy],
+        "policies_sha256": [digest.lower() for digest in options.policy_sha256],
+        "modes": options.mode,
+        "baselines": options.baseline,
+    }
+    given = {key: json.dumps(values) for key, values in lists.items() if values}
+    if options.policy:  # the digests of a file are those of its own policies
+        given = {"policies_sha256": "[]"} | given
     keys = {"encounters": "encounters", "seed": "seed", "repair": "tracks.repair"}
-    config = load_config(MonteCarloConfig, argparse.Namespace(**vars(options) | none), keys, "--")
-    if config.encounters is None and not config.scenario.startswith((FILE, TRACKS)):
-        config = config.model_copy(update={"encounters": 1_000})
-    aircraft = aircraft_of_all(options.policy, options.policy_sha256)
-    entries = entries_of(options.policy, options.mode, options.baseline, aircraft)
+    keys |= {key: key for key in given}
+    unused = {"resume": False, "policy": None, "policy_sha256": None}
+    return load_config(
+        CompareConfig, argparse.Namespace(**vars(options) | unused | given), keys, "--"
+    )
+
+
+def _prepare(config: CompareConfig) -> tuple[CompareConfig, Comparison]:
+    """Return a configuration as resolved, and what it names."""
+    aircraft = aircraft_of_all(config.policies, config.policies_sha256)
+    entries = entries_of(config.policies, config.modes, config.baselines, aircraft)
     source, names, resolved = named_source(config, aircraft)
-    for resolver in (entry.resolver for entry in entries):
-        if isinstance(resolver, ByPolicy):
-            resolver.policy.check_intruders(most_intruders(source))
+    learned = [entry.resolver for entry in entries if isinstance(entry.resolver, ByPolicy)]
+    for resolver in learned:
+        resolver.policy.check_intruders(most_intruders(source))
+    resolved |= {
+        "policies_sha256": tuple(resolver.policy.sha256 for resolver in learned),
+        "modes": tuple(dict.fromkeys(config.modes)),
+        "baselines": tuple(entry.name for entry in entries if entry.kind in (BASELINE, WITNESS)),
+    }
     evaluation = Evaluation(None, source, names, config.seed, aircraft)
-    return config, Comparison(entries, evaluation), resolved["encounters"]
+    return config.model_copy(update=resolved), Comparison(entries, evaluation)
 
 
 def _fly(comparison: Comparison, total: int) -> dict[str, np.ndarray]:

@@ -167,7 +167,8 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
     notes += lines_about(summary)
     warnings = ((row["name"], row["risk_ratio"]["warnings"]) for row in summary["entries"])
     notes += sorted(f"{name}: {warning}" for name, said in warnings for warning in said)
-    notes.append(f"files: {folder}: compare.png, compare.svg, encounters.parquet, summary.json")
+    files = "compare.png, compare.svg, config.yaml, encounters.parquet, summary.json"
+    notes.append(f"files: {folder}: {files}")
     print_table(title, names, rows, notes, 240)
 
 

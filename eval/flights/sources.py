@@ -23,7 +23,7 @@ from envs.traffic.model_traffic import ModelTraffic, encounters_with
 from envs.traffic.replay import Replay, replay
 from envs.traffic.tracks import Repairs, TrackError, sum_of_repairs
 from envs.trees import take
-from eval.config import FILE, MODEL, MonteCarloConfig, TracksConfig, TrafficConfig
+from eval.config import FILE, MODEL, EncountersConfig, TracksConfig, TrafficConfig
 
 _DONE = {
     "not_finite": "rows without a valid value dropped",
@@ -41,7 +41,7 @@ from.
 
 
 def read_source(
-    config: MonteCarloConfig, aircraft: Aircraft
+    config: EncountersConfig, aircraft: Aircraft
 ) -> tuple[Source, tuple[str, ...] | None]:
     """Return what a configuration names, and the names of the encounters where it is a finite
     number of them.

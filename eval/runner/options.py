@@ -14,11 +14,11 @@ from envs import scenarios
 from envs.aircraft import Aircraft
 from envs.edge.extension import is_extension, load_extension
 from envs.encounters import EncounterError, Sampler
-from eval.config import PREFIXES, MonteCarloConfig
+from eval.config import PREFIXES, EncountersConfig, MonteCarloConfig
 from eval.flights.chunks import Evaluation
 from eval.flights.sources import Source, most_intruders, read_source
 
-Config = TypeVar("Config", bound=MonteCarloConfig)
+Config = TypeVar("Config", bound=EncountersConfig)
 
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:
@@ -222,7 +222,7 @@ def load_config(
     return config
 
 
-def load_code(config: MonteCarloConfig) -> None:
+def load_code(config: EncountersConfig) -> None:
     """Load the user's own code that a configuration names: extensions and the scenario.
 
     Raises:
@@ -254,7 +254,7 @@ def check_digest(path: Path | None, found: str, wanted: str | None, option: str)
 
 
 def named_source(
-    config: MonteCarloConfig, aircraft: Aircraft
+    config: EncountersConfig, aircraft: Aircraft
 ) -> tuple[Source, tuple[str, ...] | None, dict[str, Any]]:
     """Return scenario or encounters, names of the encounters of a file, and what is resolved
     thereby.

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.config.load import ConfigError
+from agents.config.load import ConfigError, load
 from agents.resolvability.classify import Verdict
 from envs.aircraft import PAPER
 from envs.edge.command import run_cli
 from envs.kinematics import Limits
 from eval.boundary import run as boundary
+from eval.boundary.config import BoundaryConfig
 from eval.boundary.grid import Solution, edge_value, make_grid, solve, value_at
 from eval.boundary.slices import (
     Answers,
@@ -180,11 +181,14 @@ def test_the_program_writes_figures_and_answers(tmp_path: Path, capsys: pytest.C
         "boundary.json",
         "boundary.png",
         "boundary.svg",
+        "config.yaml",
     }
     written = json.loads((out / "boundary.json").read_text(encoding="utf-8"))
     assert [part["course_difference_deg"] for part in written["slices"]] == pytest.approx([45.0])
     assert written["disagreements"] == 0
     assert "0 disagreements" in capsys.readouterr().out
+    config = load(BoundaryConfig, out / "config.yaml")
+    assert config == BoundaryConfig(slices=((100.0, 0.0, 45.0),), spacing=500.0, grid="coarse")
 
 
 @pytest.mark.parametrize(
@@ -196,7 +200,7 @@ def test_the_program_writes_figures_and_answers(tmp_path: Path, capsys: pytest.C
             "intruder's speed of slice 1 is 200 m/s; expected 0 to 150 m/s",
         ),
         (["--slice", "75", "75", "270"], "course difference of slice 1 is 270 degrees"),
-        (["--slice", "75", "nan", "0"], "intruder's speed of slice 1 is nan"),
+        (["--slice", "75", "nan", "0"], "--slice: nan; expected -10000 to 10000"),
         (["--slice", "75", "75"], "expected 3 arguments"),
         (["--spacing", "1"], "--spacing: 1 m; expected 20 to 500 m"),
         (["--grid", "huge"], "invalid choice: 'huge'"),

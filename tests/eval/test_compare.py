@@ -138,6 +138,7 @@ def test_the_command_and_its_files(
     assert sorted(path.name for path in out.iterdir()) == [
         "compare.png",
         "compare.svg",
+        "config.yaml",
         "encounters.parquet",
         "summary.json",
     ]
@@ -164,8 +165,8 @@ def test_the_command_and_its_files(
     assert summary["entries"][2]["risk_ratio"]["value"] == 1.0
     assert "risk ratio" in capsys.readouterr().out
     again = tmp_path / "again"
-    compare.main([*arguments, "--out", str(again)])
-    for name in ("encounters.parquet", "compare.svg"):
+    compare.main(["--config", str(out / "config.yaml"), "--out", str(again)])
+    for name in ("encounters.parquet", "compare.svg", "config.yaml"):
         assert (again / name).read_bytes() == (out / name).read_bytes()
 
 
@@ -299,7 +300,7 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
             ConfigError,
             "radius cannot be changed",
         ),
-        (["--set", "mode=plan"], ConfigError, "--set mode=plan: plays no part here"),
+        (["--set", "mode=plan"], ConfigError, "mode is unknown (its value is 'plan')"),
         (["--set", "confidence=nan"], ConfigError, "confidence is 'nan'; expected"),
         (["--scenario", "circel"], ConfigError, "--scenario: 'circel' is unknown"),
         (["--scenario", "file:absent.csv"], EncounterError, "absent.csv: there is no such file"),

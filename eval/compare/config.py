@@ -1,0 +1,39 @@
+"""Configuration of a comparison: the encounters, and who flies through them."""
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from eval.config import EncountersConfig, locate
+
+_DEFAULT_ENCOUNTERS = 1_000
+
+
+class CompareConfig(EncountersConfig):
+    """A comparison; the defaults fly the shipped policy and all baselines through the paper's
+    circle encounters.
+    """
+
+    encounters: int | None = Field(default=None, ge=1, le=100_000_000)
+    """How many encounters are flown; null: 1000, or all of a file's."""
+    policies: tuple[Path, ...] = ()
+    """Policy files (.safetensors or .nnet), each beside the configuration file or in the working
+    directory; none: the shipped one."""
+    policies_sha256: tuple[str, ...] = ()
+    """Digest that each policy but .nnet files must have, in their order; none: any."""
+    modes: tuple[Literal["plan", "assured"], ...] = ()
+    """Other ways in which each policy is flown too: its plans, made once; its plans under the
+    run-time monitor."""
+    baselines: tuple[str, ...] = ()
+    """Baselines: none, rules, mvp, mvp_speed, witness; none of them: all but witness."""
+
+    @field_validator("policies")
+    @classmethod
+    def _policies(cls, paths: tuple[Path, ...], info: ValidationInfo) -> tuple[Path, ...]:
+        return tuple(locate(path, info) for path in paths)
+
+    @property
+    def default_count(self) -> int:
+        """Number of encounters where no file says otherwise."""
+        return _DEFAULT_ENCOUNTERS if self.encounters is None else self.encounters
