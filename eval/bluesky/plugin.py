@@ -26,7 +26,7 @@ from envs.trees import map_leaves, take
 from envs.waypoints import Legs, RoutePoint, at, legs, plan_states
 from envs.wind import Wind, aim_point, over_ground, through_air
 
-__all__ = ["RLCAS", "init_plugin"]
+__all__ = ["RLCAS", "area_of", "init_plugin"]
 
 # Without BlueSky the module can be imported, and no more.
 _HERE = find_spec("bluesky") is not None
@@ -82,7 +82,7 @@ def _east_north(lat: Any, lon: Any, own_lat: Any, own_lon: Any) -> tuple[Any, An
     return _EARTH * east, _EARTH * np.radians(np.asarray(lat) - own_lat)
 
 
-def _area(shape: Any, own_lat: float, own_lon: float) -> Area:
+def area_of(shape: Any, own_lat: float, own_lon: float) -> Area:
     """Return one of BlueSky's shapes as an area to be kept out of, as seen from an ownship."""
     numbers = np.array(shape.coordinates, dtype=float)
     lat, lon = numbers[:2] if shape.kind() == "CIRCLE" else (numbers[::2], numbers[1::2])
@@ -363,7 +363,7 @@ class RLCAS(_Resolution):
             if shape.kind() not in ("BOX", "CIRCLE", "POLY"):
                 continue
             try:
-                found.append(_area(shape, float(traffic.lat[index]), float(traffic.lon[index])))
+                found.append(area_of(shape, float(traffic.lat[index]), float(traffic.lon[index])))
             except AreaError as problem:
                 self._say(f"{shape.name} area", f"{shape.name} is no area for plans: {problem}")
         climb = float(traffic.vs[index])
