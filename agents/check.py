@@ -13,6 +13,8 @@ import argparse
 import cmath
 import json
 import math
+import os
+import re
 import sys
 from collections.abc import Mapping
 from itertools import pairwise
@@ -309,7 +311,9 @@ def read(data: Any) -> Certificate:
         requirement=Requirement(*numbers("requirement", data["requirement"], Requirement._fields)),
         limits=Limits(*numbers("limits", data["limits"], Limits._fields)),
         wind=Wind(*numbers("wind", data["wind"], Wind._fields)),
-        areas=[read_area(f"areas[{n}]", one) for n, one in enumerate(as_list(data["areas"]))],
+        areas=[
+            read_area(f"areas[{n}]", one) for n, one in enumerate(as_list("areas", data["areas"]))
+        ],
         levels=None
         if data["levels"] is None
         else Levels(*table("levels", [data["levels"]], len(Levels._fields))[0]),
@@ -331,9 +335,9 @@ def read(data: Any) -> Certificate:
     return found
 
 
-def as_list(given: Any) -> list[Any]:
+def as_list(name: str, given: Any) -> list[Any]:
     """Return a list."""
-    demand(isinstance(given, list), "areas is no list")
+    demand(isinstance(given, list), f"{name} is no list")
     return list(given)
 
 
@@ -346,7 +350,7 @@ def read_area(name: str, given: Any) -> Area:
         pair = given[field]
         demand(isinstance(pair, list) and len(pair) == 2, f"{name}.{field} is no pair")
         table(f"{name}.{field}", [[value] for value in pair if value is not None], 1)
-    rings = [table(f"{name}.rings", ring, 2) for ring in as_list(given["rings"])]
+    rings = [table(f"{name}.rings", ring, 2) for ring in as_list(f"{name}.rings", given["rings"])]
     circle = given["circle"]
     if circle == []:
         demand(bool(rings) and min(map(len, rings)) >= 3, f"{name} has no rings of 3 points")
@@ -368,11 +372,20 @@ def origin(given: Any) -> Origin:
     """Return which flight a certificate says that it belongs to."""
     right = isinstance(given, dict) and set(given) == set(Origin._fields)
     demand(right, "request has other fields than expected")
-    kinds = {"policy": str, "time_ns": int, "latitude": float, "longitude": float}
-    for name, kind in kinds.items():
-        value = given[name]
-        demand(value is None or type(value) is kind, f"request.{name} is no {kind.__name__}")
-    return Origin(**given)
+    found = Origin(**given)
+    digest = found.policy is None or (
+        type(found.policy) is str and re.fullmatch("[0-9a-f]{64}", found.policy) is not None
+    )
+    demand(digest, "request.policy is no SHA-256")
+    dated = found.time_ns is None or (type(found.time_ns) is int and abs(found.time_ns) < 1 << 63)
+    demand(dated, "request.time_ns is no whole number of 64 bits")
+    for name, value, most in (
+        ("latitude", found.latitude, 90),
+        ("longitude", found.longitude, 360),
+    ):
+        inside = value is None or (type(value) in (int, float) and abs(value) <= most)
+        demand(inside, f"request.{name} is no angle to {most} degrees")
+    return found
 
 
 def numbers(name: str, group: Any, fields: tuple[str, ...]) -> list[float]:
@@ -1078,7 +1091,23 @@ def load(path: Path, what: str) -> bytes:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Check a file; return the exit status."""
+    """Check a file; return the exit status, 130 after Ctrl-C."""
+    try:
+        status = check(arguments)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except OSError as problem:
+        print(f"the output cannot be written: {problem.strerror}", file=sys.stderr)
+        # What is still buffered must not complain again at the exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 2
+    return status
+
+
+def check(arguments: list[str] | None) -> int:
+    """Check a file and print what was found; return the exit status."""
     called = Path(sys.argv[0]).name
     parser = argparse.ArgumentParser(
         prog=called if called.startswith("rlcas-") else "python -m agents.check",
@@ -1096,6 +1125,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     path = reading = options.file
+    name = str(path).encode(errors="replace").decode()  # it may hold bytes that are no text
     aircraft = None
     try:
         data = json.loads(load(path, "a certificate"), object_pairs_hook=once)
@@ -1110,9 +1140,9 @@ def main(arguments: list[str] | None = None) -> int:
         if aircraft is not None:
             check_aircraft(certificate, aircraft)
     except (ValueError, ArithmeticError) as problem:
-        print(f"{path}: refused: {problem}", file=sys.stderr)
+        print(f"{name}: refused: {problem}", file=sys.stderr)
         return 1
-    print(f"{path}: accepted")
+    print(f"{name}: accepted")
     for sentence in summary(certificate):
         print(f"  {sentence}")
     return 0

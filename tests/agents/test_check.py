@@ -9,10 +9,12 @@ import json
 import math
 import os
 import pickle
+import random
 import re
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,8 +32,10 @@ from agents.planner.request import Altitude
 from benchmarks.safety.judgement import wrong
 from benchmarks.safety.mutation import mutate
 from envs import waypoints
+from envs.areas import Area, Circle, Level, Polygon
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
+from envs.wind import Wind
 
 ROOT = Path(__file__).parents[2]
 OWN = VehicleState(0.0, 0.0, 0.0, 80.0)
@@ -49,6 +53,28 @@ def data() -> dict[str, Any]:
     answer = plan(OWN, INTRUDERS, ROUTE, Policy.load(), own_altitude=HEIGHT)
     assert answer.safe and len(answer.excluded) == 1 and answer.certificate is not None
     return json.loads(answer.certificate)
+
+
+@pytest.fixture(scope="module")
+def among_areas() -> dict[str, Any]:
+    """A certificate in which every field is filled."""
+    column = Area(
+        Circle(4_000.0, -6_000.0, 1_500.0), floor=Level(1_000.0, "msl"), valid_until=200.0
+    )
+    corners = ((8_000.0, 5_000.0), (9_000.0, 5_000.0), (9_000.0, 7_000.0))
+    areas = [column, Area(Polygon(corners), velocity=(1.0, 0.0), growth=1.0)]
+    answer = plan(
+        OWN,
+        INTRUDERS,
+        ROUTE,
+        Policy.load(),
+        own_altitude=HEIGHT,
+        wind=Wind(5.0, 3.0, 0.5),
+        areas=areas,
+    )
+    named = answer.certificate_with(time_ns=17, origin=(47.5, 8.25))
+    assert answer.safe and named is not None
+    return json.loads(named)
 
 
 def refusal(data: Any) -> str:
@@ -350,6 +376,75 @@ def test_what_is_accepted_is_said_with_limits_requirement_and_flight(data: dict[
     close["requirement"]["separation"] = 1.0
     with pytest.raises(check.RefusedError, match="separation is 1 m, below the aircraft's"):
         check.check_aircraft(check.accept(close), aircraft)
+
+
+ODD = (
+    *(None, True, "x", "\ud800", "a\nb\x1b[31m", [], {}, [[]], {"a": 1}),
+    *(math.nan, math.inf, -1e300, 1e300, 10**400, 1e8, -1.0, 0, 5e-324, 2**70),
+)
+EDITS = int(os.environ.get("FUZZ_CERTIFICATES", "100"))
+
+
+def places_in(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the paths to everything in an object of JSON."""
+    keys = value if isinstance(value, dict) else range(len(value) if isinstance(value, list) else 0)
+    for key in keys:
+        yield (*path, key)
+        yield from places_in(value[key], (*path, key))
+
+
+def edit(data: Any, rng: random.Random) -> None:
+    """Remove something of an object of JSON, at any depth, put something odd in its place, or
+    double it.
+    """
+    *way, last = rng.choice(list(places_in(data)))
+    inside = data
+    for key in way:
+        inside = inside[key]
+    kind = rng.randrange(10)
+    if kind == 0:
+        del inside[last]
+    elif kind == 1 and isinstance(inside, list):
+        inside.insert(last, inside[last])
+    else:
+        inside[last] = rng.choice(ODD)
+
+
+def test_an_edit_of_anything_is_answered_in_a_sentence(
+    among_areas: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = random.Random(51)
+    path = tmp_path / "edited.json"
+    for _ in range(EDITS):
+        changed = copy.deepcopy(among_areas)
+        edit(changed, rng)
+        path.write_text(json.dumps(changed))
+        status = check.main([str(path)])
+        said, refused = capsys.readouterr()
+        assert status in (0, 1)
+        assert refused.count("\n") == (status == 1)
+        assert said.count("\n") <= 10 and "\x1b" not in said
+
+
+def test_a_certificate_that_is_no_object_is_refused() -> None:
+    for data in ODD:
+        assert refusal(data)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_what_cannot_be_said_is_not_accepted(data: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "good.json"
+    path.write_text(json.dumps(data))
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "agents.check", path],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr == "the output cannot be written: No space left on device\n"
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs/aircraft").glob("*.yaml")))
