@@ -203,11 +203,12 @@ def in_wind(options: Options, wind: Any) -> Options:
     for name, low in (("east", -_STRONGEST), ("north", -_STRONGEST), ("std", 0.0)):
         real(Field(Subject.WIND, name), getattr(wind, name), low, _STRONGEST, "m/s")
     error = options.requirement.sigmas * float(wind.std)
-    most = options.manoeuvre.speed_max - error
-    if wind.speed >= most:
+    fastest = float(options.manoeuvre.speed_max)
+    if wind.speed + error >= fastest:
+        unsure = f", or {wind.speed + error:.1f} m/s with its uncertainty" if error > 0.0 else ""
         what = (
-            f"is {wind.speed:.1f} m/s, expected less than the {most:.1f} m/s that the aircraft "
-            "makes against it"
+            f"is {wind.speed:.1f} m/s{unsure}, expected less than the {fastest:.1f} m/s that the "
+            "aircraft makes against it"
         )
         raise RequestError(Field(Subject.WIND), what)
     limits, flown = narrow(options.limits, error), narrow(options.manoeuvre, error)
