@@ -10,8 +10,8 @@ was taken up, the largest distance from the plans flown, the plans that the moni
 what answers took. A second table judges every plan that was flown: whether the flight stayed
 within the margin that SAFE assumes, and whether the separation that SAFE promises was kept.
 
-Exit code: 0 if every plan called SAFE kept the separation and no flight failed, 1 if not, 2 for bad
-input.
+Exit code: 0 if every plan called SAFE kept the separation and out of areas and no flight failed, 1
+if not, 2 for bad input.
 """
 
 import argparse
@@ -25,7 +25,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from envs.aircraft import Aircraft
+from envs.areas import Area
 from envs.edge.command import InputError, Parser, run_cli
+from envs.kinematics import VehicleState
+from envs.random_areas import MOST, random_areas
 from ros_bridge.core.aircraft import aircraft_of, load_policy
 from ros_bridge.transport.children import free_domain, start_node, stop
 
@@ -44,6 +47,7 @@ _OPTIONS = (
     ("scenarios", FOUR, "names with commas, or none"),
     ("each", 1, "encounters of each scenario"),
     ("random", 0, "further encounters, of the scenario circle"),
+    ("areas", 0, "areas to be kept out of along the way of each, drawn at random"),
     ("seed", 0, "of the encounters"),
     ("rate", 40.0, "times real time, at most"),
     ("deciding-rate", 1.0, "the same while a plan is sought"),
@@ -126,9 +130,11 @@ def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tup
     from envs.starts import encounters_of_seed
     from envs.trees import take
 
-    for name, least in (("each", 1), ("random", 0), ("seed", 0)):
+    for name, least in (("each", 1), ("random", 0), ("areas", 0), ("seed", 0)):
         if getattr(options, name) < least:
             raise ValueError(f"--{name} is {getattr(options, name)}, expected {least} or more")
+    if options.areas > MOST:
+        raise ValueError(f"--areas is {options.areas}, expected {MOST} at most")
     most = 5.0 * aircraft.separation
     if options.margin is not None and not 0.0 <= options.margin <= most:
         raise ValueError(f"--margin is {options.margin:g} m, expected 0 to {most:g} m")
@@ -175,7 +181,8 @@ def _run(
     nodes = {"runner": planned | {"outside_domain": options.outside_domain}, "monitor": planned}
     unwritten = _fly(simulator, encounters, nodes, options)
     if simulator.logs:
-        _evaluate(simulator, [one for _, one, _ in encounters], margin)
+        if not options.areas:  # nothing is known of what areas leave
+            _evaluate(simulator, [one for _, one, _ in encounters], margin)
         print(
             f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, runner and "
             "monitor as processes\n"
@@ -220,7 +227,9 @@ def _fly(
                 clock = ("--ros-args", "-p", "use_sim_time:=true", "--log-level", options.level)
                 processes.append(start_node("ros_bridge.display", "--port", "0", *clock))
             for name, encounter, number in encounters:
-                simulator.begin(encounter, name, number)
+                simulator.begin(
+                    encounter, name, number, _areas(options, encounter, number, simulator)
+                )
                 while simulator.flying:
                     executor.spin_once(timeout_sec=0.1)
                     _check_alive(processes)
@@ -239,6 +248,17 @@ def _fly(
         rclpy.try_shutdown()
         signal.signal(signal.SIGINT, before)
     return None
+
+
+def _areas(
+    options: argparse.Namespace, encounter: Any, number: int, simulator: "Simulator"
+) -> tuple[Area, ...] | None:
+    """Return random areas along the way of an encounter; None where none are asked for."""
+    if not options.areas:
+        return None
+    own = VehicleState(*(float(field[0]) for field in encounter.own))
+    goal = float(encounter.goal_x[0]), float(encounter.goal_y[0])
+    return random_areas(options.seed, number, options.areas, own, goal, simulator.aircraft)
 
 
 def _start(name: str, parameters: Mapping[str, Any], level: str) -> "subprocess.Popen[bytes]":

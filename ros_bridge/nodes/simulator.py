@@ -12,6 +12,7 @@ namespace:
           rlcas_runner/input/ownship, traffic  rlcas_msgs/AircraftState  at the rates of the
           receivers rlcas_runner/input/alerts            rlcas_msgs/TrafficAlert   every second
           while there is one rlcas_runner/input/route, geo_reference                        latched
+          rlcas_runner/input/areas             rlcas_msgs/Areas          latched, where there are
     in    rlcas_runner/output/trajectory       rlcas_msgs/Trajectory
           rlcas_monitor/output/status, backup  rlcas_msgs/AssuranceStatus, Trajectory
           /diagnostics                         of the runner: that it has noticed a new clock
@@ -27,6 +28,7 @@ plan called SAFE kept the separation, else 1. Parameters:
 
 import math
 import time
+from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
@@ -38,6 +40,7 @@ from rlcas_msgs.msg import AssuranceStatus, GeoReference, TrafficAlert, Trajecto
 from rlcas_msgs.srv import GenerateTrajectory
 from rosgraph_msgs.msg import Clock
 
+from envs.areas import Area
 from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.formats.local_frame import LocalFrame
@@ -50,6 +53,7 @@ from ros_bridge.sim.guidance import Guidance, curve
 from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import OWN, EncounterFlight, SimulationError, Truth, check_installed
 from ros_bridge.transport import topics
+from ros_bridge.transport.area_messages import areas_message
 from ros_bridge.transport.messages import header, time_message
 from ros_bridge.transport.settings import declare, limits_of
 
@@ -103,6 +107,7 @@ class Simulator(Node):
         self._clocks = self.create_publisher(*topics.CLOCK)
         inputs = (self.create_publisher(*topic) for topic in topics.INPUTS)
         self._own, self._traffic, self._alerts, self._routes, self._origins = inputs
+        self._area_lists = self.create_publisher(*topics.AREAS)
         self._client = self.create_client(GenerateTrajectory, topics.SERVICE)
         topics.PLAN.heard(self, self._on_trajectory)
         topics.STATUS.heard(self, self._on_status)
@@ -138,21 +143,29 @@ class Simulator(Node):
         """The simulated time, ns."""
         return self._clock
 
-    def begin(self, encounter: Encounter, name: str, seed: int = 0) -> None:
+    def begin(
+        self,
+        encounter: Encounter,
+        name: str,
+        seed: int = 0,
+        areas: Sequence[Area] | None = None,
+    ) -> None:
         """Begin an encounter, one with own fields ``[1]``; :attr:`flying` becomes false when it is
         over.
 
+        Areas are those of its local frame at its beginning; None: what was sent before stays.
         One that cannot be flown is over at once, and its log holds the reason.
         """
         try:
             kind, limits = self._value("vehicle"), limits_of(self._value)
             wind = Wind(self._value("wind_east"), self._value("wind_north"))
             self._flight = EncounterFlight(
-                encounter, self.aircraft, limits, kind, self._viewer, wind
+                encounter, self.aircraft, limits, kind, self._viewer, wind, areas or ()
             )
         except SimulationError as error:
             self.logs.append(FlightLog(name, self._value("separation"), failure=str(error)))
             return
+        self._sends_areas = areas is not None
         own, traffic = self._qualities(encounter)
         self._receivers = Receiver(own, 2 * seed), Receiver(traffic, 2 * seed + 1)
         self._log = FlightLog(name, self._value("separation"))
@@ -208,6 +221,7 @@ class Simulator(Node):
         )
         if here and idle and self._runner_heard:
             self._zero, self._phase = self._clock, _Phase.FLYING
+            self._send_areas()
             self._fly()
             return
         if wall - self._since > _COME_UP:
@@ -217,6 +231,14 @@ class Simulator(Node):
             )
             return
         self._show(self._clock + _TICK)
+
+    def _send_areas(self) -> None:
+        assert self._flight is not None
+        if self._sends_areas:
+            found = areas_message(
+                self._flight.areas, self._zero, self._frame, self._value("map_frame")
+            )
+            self._area_lists.publish(found)
 
     def _show(self, clock: int) -> None:
         self._clock = clock
@@ -271,7 +293,7 @@ class Simulator(Node):
         assert flight is not None
         log.failure, log.duration = failure, flight.time
         log.wall = time.perf_counter() - self._since
-        log.separation, log.when, log.error = flight.truth
+        log.separation, log.when, log.error, log.clear = flight.truth
         log.flown = flight.plans
         if self._asking is not None:
             self._client.remove_pending_request(self._asking)

@@ -1,5 +1,6 @@
 """The log of simulated encounters: a row each, and a table of all."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -23,6 +24,7 @@ class FlightLog:
     """Smallest distance to any intruder since then, m; since the start where there was none."""
     when: float = float("nan")  # of that, s
     error: float = 0.0  # largest distance from where the plan flown was at the time, m
+    clear: float = float("inf")  # smallest distance from an area since then, m; negative: inside
     plans: int = 0  # SAFE plans that were published, the monitor's included
     flown: list[PlanFlight] = field(default_factory=list)  # SAFE plans that were taken up
     backup: float = 0.0  # on the backup, s
@@ -37,12 +39,16 @@ class FlightLog:
 
     @property
     def kept(self) -> bool:
-        """Whether a plan called SAFE kept the separation; true where none was called so."""
-        return not self.failure and (self.safe_at is None or self.separation >= self.required)
+        """Whether a plan called SAFE kept the separation and out of areas; true where none was
+        called so.
+        """
+        if self.failure:
+            return False
+        return self.safe_at is None or (self.separation >= self.required and self.clear >= 0.0)
 
 
 def all_safe_kept(logs: Iterable[FlightLog]) -> bool:
-    """Return whether all plans called SAFE kept the separation."""
+    """Return whether all plans called SAFE kept the separation and out of areas."""
     return all(log.kept for log in logs)
 
 
@@ -57,13 +63,16 @@ def table(logs: Sequence[FlightLog]) -> str:
     if safe:
         least, below = (
             min(safe, key=lambda log: log.separation),
-            [log.name for log in safe if not log.kept],
+            [log.name for log in safe if log.failure or log.separation < log.required],
         )
         lines.append(
             f"{len(safe)} of {len(logs)} encounters had a plan called SAFE; the closest of them: "
             f"{least.separation:.1f} m ({least.name}); below {least.required:g} m: "
             f"{', '.join(below) or 'none'}"
         )
+        if math.isfinite(min(log.clear for log in safe)):
+            entered = [log.name for log in safe if log.clear < 0.0]
+            lines.append(f"SAFE plans in an area: {', '.join(entered) or 'none'}")
     else:
         lines.append(f"none of {len(logs)} encounters had a plan called SAFE")
     possible = [log.safe_at is not None for log in logs if log.resolvable]
@@ -95,6 +104,7 @@ def _cells(log: FlightLog) -> dict[str, str]:
         "closest, m": f"{log.separation:.1f}{'' if log.kept else ' !'}",
         "at, s": f"{log.when:.0f}",
         "error, m": f"{log.error:.2f}" if log.safe_at is not None else "-",
+        "off areas, m": f"{log.clear:.0f}" if math.isfinite(log.clear) else "-",
         "answers": str(len(log.latency)),
         "re-plans": str(max(log.plans - 1, 0)),
         "backup, s": f"{log.backup:.1f}",

@@ -8,12 +8,15 @@ kinematic vehicle is led along them by :mod:`envs.follower`, one with an aircraf
 
 import importlib.util
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from envs import intruder
 from envs.aircraft import Aircraft
+from envs.area_geometry import signed_distance
+from envs.areas import Area
 from envs.encounters import Encounter
 from envs.follower import PERIOD, KinematicVehicle, Vehicle, guidance
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, velocity
@@ -45,6 +48,7 @@ class Truth(NamedTuple):
     separation: float = math.inf  # smallest distance to any intruder, m
     when: float = math.nan  # of that, s
     error: float = 0.0  # largest distance from where the line was at the time, m, plans only
+    clear: float = math.inf  # smallest distance from an area, m; negative: inside of it
 
 
 def check_installed(name: str) -> None:
@@ -106,6 +110,7 @@ class EncounterFlight:
         kind: of the ownship's vehicle, one of :data:`VEHICLES`.
         viewer: as :func:`vehicle` has it.
         wind: that carries the air mass.
+        areas: over the ground, at all heights.
     """
 
     def __init__(
@@ -116,6 +121,7 @@ class EncounterFlight:
         kind: str = "kinematic",
         viewer: Any = None,
         wind: Wind = NO_WIND,
+        areas: Sequence[Area] = (),
     ) -> None:
         start = VehicleState(*(float(field[0]) for field in encounter.own))
         self.vehicle: Any = vehicle(kind, start, limits, viewer)
@@ -123,7 +129,7 @@ class EncounterFlight:
         self._goal_radius, self._response = aircraft.goal_radius, aircraft.dt
         self.time = 0.0  # s since the beginning
         self.plans: list[PlanFlight] = []  # that were flown
-        self.wind = wind
+        self.wind, self.areas = wind, areas
         self.goal = _carried_goal(encounter, start, wind)  # over the ground, m
         reach = start.speed * _LONGEST
         x = start.x + reach * math.cos(start.heading)
@@ -198,8 +204,11 @@ class EncounterFlight:
             self.truth = self.truth._replace(separation=least, when=self.time)
         if self._on_plan:
             self._record(after, least)
+        there = over_ground(after, self.wind, self.time)
+        for area in self.areas:
+            clear = float(signed_distance(area, there.x, there.y, self.time))
+            self.truth = self.truth._replace(clear=min(self.truth.clear, clear))
         if self.reached is None:
-            there = over_ground(after, self.wind, self.time)
             east, north = there.x - self.goal[0], there.y - self.goal[1]
             beyond = east * self._towards[0] + north * self._towards[1] > 0.0
             if beyond or math.hypot(east, north) <= self._goal_radius:

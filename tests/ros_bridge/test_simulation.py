@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from agents.planner.planner import plan
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
+from envs.areas import Area, Circle
 from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.relative import straight_cpa
@@ -61,6 +62,24 @@ def test_a_wind_carries_all_and_changes_nothing_between_them():
         windy.step()
     assert windy.reached == pytest.approx(still.reached, abs=2.0)
     assert windy.truth.separation == still.truth.separation
+
+
+def test_what_flies_through_an_area_in_a_wind_is_seen_to():
+    wind = Wind(12.0, -8.0)
+    start = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED).own
+    far = 40.0 * start.speed
+    x, y = start.x + far * math.cos(start.heading), start.y + far * math.sin(start.heading)
+    carried = Area(Circle(x, y, 300.0), velocity=(wind.east, wind.north))
+    standing = Area(Circle(x + 40.0 * wind.east, y + 40.0 * wind.north, 300.0))
+    for area in (carried, standing):
+        flight = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED, wind=wind, areas=[area])
+        while not flight.over():
+            flight.step()
+        assert flight.truth.clear == pytest.approx(-300.0, abs=10.0)
+    assert not make_log(clear=-0.1).kept
+    shown = table([make_log(clear=-0.1)])
+    assert "SAFE plans in an area: x 0" in shown
+    assert "below 1000 m: none" in shown
 
 
 def test_a_plan_of_a_wind_is_flown_over_the_ground_that_it_names():

@@ -354,6 +354,7 @@ def test_full_disk_ends_a_recording_in_one_sentence_and_keeps_it(tmp_path: Path)
         (["--scenarios", "sideways"], "scenario 'sideways' is unknown"),
         (["--scenarios", "none"], "expected something to fly"),
         (["--random", "-1"], "--random is -1, expected 0 or more"),
+        (["--areas", "99"], "--areas is 99, expected 8 at most"),
         (["--rate", "0"], "rate"),
         (["--aircraft", "/nowhere.yaml"], "aircraft: /nowhere.yaml: there is no such file"),
         (["--margin", "-1"], "--margin is -1 m, expected 0 to 5000 m"),

@@ -205,7 +205,10 @@ def test_a_late_plan_is_still_right_in_its_wind() -> None:
     ("wind", "sentence"),
     [
         (Wind(40.0, 0.0), r"wind is 40\.0 m/s, expected less than the 35\.9 m/s"),
-        (Wind(30.0, 0.0, 4.0), r"or 38.0 m/s with its uncertainty, expected less than the 35.9 m/s"),
+        (
+            Wind(30.0, 0.0, 4.0),
+            r"or 38.0 m/s with its uncertainty, expected less than the 35.9 m/s",
+        ),
         (Wind(math.nan, 0.0), r"wind\.east is nan"),
         (Wind(0.0, math.inf), r"wind\.north is inf"),
         (Wind(1.0, 1.0, -0.5), r"wind\.std is -0\.5"),
