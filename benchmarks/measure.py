@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from agents.planner import Options
 from agents.policy.inference import Policy
@@ -15,10 +15,11 @@ from envs.edge.command import ConfigError, InputError, Parser
 from envs.edge.json_text import parse_json
 
 __all__ = [
-    "chosen",
+    "Kind",
     "deadline_option",
     "layers",
     "machine",
+    "parse_names",
     "read_done",
     "report",
     "request_options",
@@ -26,6 +27,13 @@ __all__ = [
     "show",
     "usual_options",
 ]
+
+
+class Kind(NamedTuple):
+    """A row of a table of flights: its name, and which flights it holds."""
+
+    name: str
+    holds: Callable[[dict[str, Any]], bool]
 
 
 def request_options(parser: Parser, requests: int) -> None:
@@ -85,7 +93,7 @@ def seconds(work: Callable[[], Any], repeats: int = 5) -> list[float]:
     return times
 
 
-def chosen(only: str, known: Iterable[str]) -> list[str]:
+def parse_names(only: str, known: Iterable[str]) -> list[str]:
     """Return the names, with commas, of an option ``--only``; raise InputError where one is not
     known.
     """

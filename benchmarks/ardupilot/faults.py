@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from benchmarks.ardupilot.relay import Keep, Relay
-from benchmarks.measure import chosen, report
+from benchmarks.measure import parse_names, report
 from envs.edge.command import InputError, Parser
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, fly
 from ros_bridge.mavlink.messages import Mode
@@ -165,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default=",".join(known), help=f"names with commas ({what})")
     options = parser.parse_args(arguments)
     rows: list[dict[str, Any]] = []
-    for name in chosen(options.only, known):
+    for name in parse_names(options.only, known):
         fault = known[name]
         relay = None if fault.keep is None else Relay(5_762 + 10 * _INSTANCE, fault.keep)
         more = () if relay is None else ("--connect", relay.address)

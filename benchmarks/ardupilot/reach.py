@@ -29,7 +29,7 @@ import numpy as np
 
 from benchmarks.ardupilot.chaser import Chaser
 from benchmarks.ardupilot.relay import Relay
-from benchmarks.measure import chosen, report
+from benchmarks.measure import parse_names, report
 from envs.edge.command import Parser
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.mavlink.control import Phase
@@ -300,7 +300,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = ",".join(WAYS)
     parser.add_argument("--only", default=names, help=f"names with commas (default {names})")
     options = parser.parse_args(arguments)
-    ways = chosen(options.only, WAYS)
+    ways = parse_names(options.only, WAYS)
     by_mode = modes(options.modes, seed=options.seed) if options.modes else []
     by_end = ends([ways[n % len(ways)] for n in range(options.ends)]) if options.ends else []
     figures = {

@@ -13,12 +13,12 @@ flown again. The last line is one JSON object.
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from benchmarks.ardupilot.encounters import encounter
-from benchmarks.measure import read_done, report
+from benchmarks.measure import Kind, read_done, report
 from envs.edge.command import Parser
 from envs.edge.json_text import parse_json
 from ros_bridge.mavlink.flight import BEGIN, SEPARATION, Encounter, Result, fly
@@ -31,13 +31,6 @@ _LATE = 120.0  # s after the mission alone, within which it must have arrived
 _TRIES = 3
 
 Row = dict[str, Any]
-
-
-class Kind(NamedTuple):
-    """A row of the table: its name, and which flights it holds."""
-
-    name: str
-    holds: Callable[[Row], bool]
 
 
 KINDS = (
@@ -60,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = {"seed": options.seed, "separation_m": SEPARATION}
     rows = read_done(options.out / _FILE, asked)
     if not options.anew:
-        rows += flown_before(asked, rows)
+        rows += kept_flights(asked, rows)
     flown = {(row["number"], row["method"]) for row in rows}
     wanted = [
         (number, method)
@@ -136,7 +129,7 @@ def row_of(one: Encounter, method: str, flight: Result) -> Row:
     }
 
 
-def flown_before(asked: Row, rows: Sequence[Row]) -> list[Row]:
+def kept_flights(asked: Row, rows: Sequence[Row]) -> list[Row]:
     """Return the flights that are kept with the benchmark, without those that rows hold."""
     first, *lines = _FLOWN.read_text(encoding="utf-8").splitlines()
     if parse_json(first) != asked:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.ardupilot.encounters import GOAL
-from benchmarks.measure import chosen, report
+from benchmarks.measure import parse_names, report
 from envs.edge.command import Parser
 from ros_bridge.mavlink.demo import draw
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, fly, place_of
@@ -137,7 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     rows: list[dict[str, Any]] = []
     flights: dict[str, Result] = {}
-    for name in chosen(options.only, SITUATIONS):
+    for name in parse_names(options.only, SITUATIONS):
         one = SITUATIONS[name]
         encounter = Encounter(0, one.intruders, 0.0, 300.0, fence=one.fence, goal=GOAL)
         flight = fly(encounter, "ours", instance=12, speedup=40.0, until=_UNTIL)

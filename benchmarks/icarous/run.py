@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -23,7 +23,7 @@ from benchmarks.icarous.figure import drawing
 from benchmarks.icarous.flights import Flight
 from benchmarks.icarous.judge import Verdict, judge
 from benchmarks.icarous.missions import Mission, aircraft, mission
-from benchmarks.measure import chosen, read_done, report
+from benchmarks.measure import Kind, parse_names, read_done, report
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser
 from envs.edge.figures import save_figure
@@ -33,13 +33,6 @@ SIDES = "icarous", "ours"
 _FILE = "flights.jsonl"
 
 Row = dict[str, Any]
-
-
-class Kind(NamedTuple):
-    """A row of the table: its name, and which missions it holds."""
-
-    name: str
-    holds: Callable[[Row], bool]
 
 
 KINDS = (
@@ -57,7 +50,7 @@ KINDS = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly what is missing, and print the table."""
     options = _parser().parse_args(arguments)
-    sides = chosen(options.only, SIDES) if options.only else list(SIDES)
+    sides = parse_names(options.only, SIDES) if options.only else list(SIDES)
     home = peer.locate(options.icarous) if "icarous" in sides else None
     options.out.mkdir(parents=True, exist_ok=True)
     vehicle = aircraft()

@@ -256,64 +256,16 @@ def _traffic(
     """Return the intruders ``[N, MOST_INTRUDERS]``, draws ``u`` ``[_EACH_INTRUDER, N,
     MOST_INTRUDERS]``.
     """
-    place, heading, speed = (field[:, None] for field in own)
-    lists = [[_KINDS.index(name) for name in family.kinds] for family in FAMILIES]
-    lengths = np.array([len(kinds) for kinds in lists])
-    table = np.array([kinds + [0] * (len(_KINDS) - len(kinds)) for kinds in lists])
-    kind = table[which[:, None], (u[0] * lengths[which][:, None]).astype(int)]
-    name = np.array(_KINDS)[kind]
-
-    pace = np.where(
-        u[1] < 0.1,
-        0.0,
-        np.where(u[1] < 0.2, 150.0, np.where(u[1] < 0.5, 150.0 * u[2], 50.0 + 50.0 * u[2])),
-    )
-    pace = np.where(
-        (name == "trail") | ((name == "ahead") & (u[3] < 0.6)), speed + 40.0 * (u[2] - 0.5), pace
-    )
+    _, _, own_speed = own
+    kind = _kinds(which, u)
+    speed = _speeds(kind, own_speed[:, None], u)
     turns = u[4] < _each("turning")[which][:, None]
     rate = np.where(turns, np.radians(5.0) * (2.0 * u[5] - 1.0), 0.0)
     lasts = np.where(turns, 400.0 * u[6] ** 2, 0.0)
 
-    # Where and when the intruder shall be, and its course there.
-    miss = np.where(u[7] < 0.3, 0.0, 3_000.0 * u[8] ** 2) * np.exp(2j * math.pi * u[9])
-    any_course = 2.0 * math.pi * u[10]
-    meet_time = 15.0 + 235.0 * u[11]
-    ahead_time = 60.0 + 440.0 * u[11]
-    on_route, along = _on_route(route, points, place, speed * ahead_time)
-    way = np.array([0.0, 0.0, math.pi, 0.5 * math.pi])[(u[12] * 4.0).astype(int)] + 0.2 * (
-        u[13] - 0.5
-    )
-    now_route, now_along = _on_route(route, points, place, 30_000.0 * u[11])
-    goal = 1 + (u[12] * np.minimum(points[:, None] - 1, 2)).astype(int)
-    goal_place = np.take_along_axis(route, goal, 1)
-    goal_time = np.abs(goal_place - place) / speed + 30.0 * (u[13] - 0.5)
-    near = np.where(name == "inside", 1_000.0 * u[11], 1_000.0 + 100.0 * u[11] ** 2)
-    around = place + near * np.exp(1j * any_course)
-    towards = np.where(
-        u[12] < 0.5, any_course + math.pi + 1.5 * (u[13] - 0.5), 2.0 * math.pi * u[13]
-    )
-    choices = [name == kind for kind in ("meeting", "ahead", "trail", "goal", "co-located")]
-    zero = np.zeros(u[0].shape)
-    places = (
-        place + speed * meet_time * np.exp(1j * heading) + miss,
-        on_route + miss,
-        now_route + 0.3 * miss,
-        goal_place + np.where(u[7] < 0.5, 0.0, miss),
-        route[:, :1] + zero,
-    )
-    where = np.select(choices, places, around)
-    when = np.select(choices, (meet_time, ahead_time, zero, goal_time, zero), zero)
-    courses = (
-        any_course,
-        along + way,
-        now_along + np.where(u[12] < 0.8, 0.0, math.pi),
-        any_course,
-        any_course,
-    )
-    there = np.select(choices, courses, towards)
-    begin = there - rate * np.minimum(when, lasts)
-    start = where - displacement(begin, pace, rate, lasts, when)
+    there = _meetings(kind, own, route, points, u)
+    begin = there.course - rate * np.minimum(there.time, lasts)
+    start = there.place - displacement(begin, speed, rate, lasts, there.time)
 
     noisy = u[14] < _each("unsure")[which][:, None]
     position = np.where(noisy & (u[15] < 0.8), np.where(u[16] < 0.1, 400.0, 60.0) * u[17], 0.0)
@@ -321,8 +273,86 @@ def _traffic(
     fewest, most = (_each("intruders")[which][:, side] for side in (0, 1))
     wanted = fewest + np.floor(extra[15] * (most - fewest + 1))
     mask = np.argsort(np.argsort(u[3], axis=1), axis=1) < wanted[:, None]
-    state = VehicleState(start.real.copy(), start.imag.copy(), _wrap(begin), pace)
-    return Traffic(state, mask, rate, lasts, position, velocity, 0.0 * pace)
+    state = VehicleState(start.real.copy(), start.imag.copy(), _wrap(begin), speed)
+    return Traffic(state, mask, rate, lasts, position, velocity, 0.0 * speed)
+
+
+def _kinds(which: Any, u: Any) -> Any:
+    """Return the name of the kind of each intruder, one of its family's."""
+    lists = [[_KINDS.index(name) for name in family.kinds] for family in FAMILIES]
+    lengths = np.array([len(kinds) for kinds in lists])
+    table = np.array([kinds + [0] * (len(_KINDS) - len(kinds)) for kinds in lists])
+    kind = table[which[:, None], (u[0] * lengths[which][:, None]).astype(int)]
+    return np.array(_KINDS)[kind]
+
+
+def _speeds(kind: Any, own_speed: Any, u: Any) -> Any:
+    """Return the speeds: none, the greatest, any or the usual; on the ownship's route also one near
+    its own.
+    """
+    fast = np.where(u[1] < 0.2, 150.0, np.where(u[1] < 0.5, 150.0 * u[2], 50.0 + 50.0 * u[2]))
+    any_speed = np.where(u[1] < 0.1, 0.0, fast)
+    similar = (kind == "trail") | ((kind == "ahead") & (u[3] < 0.6))
+    return np.where(similar, own_speed + 40.0 * (u[2] - 0.5), any_speed)
+
+
+class _Meeting(NamedTuple):
+    """Where each intruder shall be, when, and its course there."""
+
+    place: Any  # complex, m
+    time: Any  # s
+    course: Any  # rad
+
+
+def _meetings(kind: Any, own: tuple[Any, Any, Any], route: Any, points: Any, u: Any) -> _Meeting:
+    place, heading, speed = (field[:, None] for field in own)
+    zero = np.zeros(u[0].shape)
+    any_course = 2.0 * math.pi * u[10]
+    miss = np.where(u[7] < 0.3, 0.0, 3_000.0 * u[8] ** 2) * np.exp(2j * math.pi * u[9])
+
+    # Straight ahead of the ownship.
+    meet_time = 15.0 + 235.0 * u[11]
+    meeting = _Meeting(
+        place + speed * meet_time * np.exp(1j * heading) + miss, meet_time, any_course
+    )
+
+    # On the route when the ownship is there, with, against or across it.
+    ahead_time = 60.0 + 440.0 * u[11]
+    on_route, along = _on_route(route, points, place, speed * ahead_time)
+    angle = np.array([0.0, 0.0, math.pi, 0.5 * math.pi])[(u[12] * 4.0).astype(int)]
+    ahead = _Meeting(on_route + miss, ahead_time, along + (angle + 0.2 * (u[13] - 0.5)))
+
+    # Somewhere on the route now.
+    now_route, now_along = _on_route(route, points, place, 30_000.0 * u[11])
+    back = np.where(u[12] < 0.8, 0.0, math.pi)
+    trail = _Meeting(now_route + 0.3 * miss, zero, now_along + back)
+
+    # At one of the next points, about when the ownship could be.
+    number = 1 + (u[12] * np.minimum(points[:, None] - 1, 2)).astype(int)
+    point = np.take_along_axis(route, number, 1)
+    point_time = np.abs(point - place) / speed + 30.0 * (u[13] - 0.5)
+    goal = _Meeting(point + np.where(u[7] < 0.5, 0.0, miss), point_time, any_course)
+
+    located = _Meeting(route[:, :1] + zero, zero, any_course)
+
+    # Around the ownship now, some of them towards it.
+    near = np.where(kind == "inside", 1_000.0 * u[11], 1_000.0 + 100.0 * u[11] ** 2)
+    inwards = any_course + math.pi + 1.5 * (u[13] - 0.5)
+    towards = np.where(u[12] < 0.5, inwards, 2.0 * math.pi * u[13])
+    around = _Meeting(place + near * np.exp(1j * any_course), zero, towards)
+
+    named = {
+        "meeting": meeting,
+        "ahead": ahead,
+        "trail": trail,
+        "goal": goal,
+        "co-located": located,
+    }
+    holds = [kind == name for name in named]
+    fields = zip(*named.values(), strict=True)
+    return _Meeting(
+        *(np.select(holds, choices, other) for choices, other in zip(fields, around, strict=True))
+    )
 
 
 def _on_route(route: Any, points: Any, place: Any, length: Any) -> tuple[Any, Any]:

@@ -27,10 +27,10 @@ def test_kept_flights_are_those_of_their_encounters_and_stand_once() -> None:
 
 def test_kept_flights_are_not_flown_again_and_new_ones_go_before() -> None:
     asked = {"seed": 0, "separation_m": 200.0}
-    every = run.flown_before(asked, [])
-    left = run.flown_before(asked, every[:3])
+    every = run.kept_flights(asked, [])
+    left = run.kept_flights(asked, every[:3])
     assert left == every[3:]
-    assert run.flown_before(asked | {"seed": 1}, []) == []
+    assert run.kept_flights(asked | {"seed": 1}, []) == []
 
 
 def test_aircraft_that_leave_are_reported_for_good() -> None:
