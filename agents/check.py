@@ -328,8 +328,8 @@ def read(data: Any) -> Certificate:
     for one in found.reports:
         sizes += [one.speed, one.turn_time, one.position_std, one.velocity_std]
     demand(min(sizes) >= 0.0, "a size is negative")
-    kept = [found.requirement.separation, *(one.separation for one in found.reports)]
-    demand(min(kept) > 0.0, "a separation is not positive")
+    separations = [found.requirement.separation, *(one.separation for one in found.reports)]
+    demand(min(separations) > 0.0, "a separation is not positive")
     levels = [one.vertical for one in (*found.excluded, *(time.heights for time in found.apart))]
     demand(min(levels, default=0.0) >= 0.0, "a vertical separation is negative")
     return found
@@ -358,13 +358,18 @@ def read_area(name: str, given: Any) -> Area:
         demand(not rings, f"{name} is both a circle and a polygon")
         circle = table(f"{name}.circle", [circle], 3)[0]
         demand(circle[2] > 0.0, f"{name} has no radius")
-    (growth, clearance), (velocity,) = (
-        table(name, [[given["growth"], given["clearance"]]], 2)[0],
-        table(name, [given["velocity"]], 2),
-    )
+    growth, clearance = table(name, [[given["growth"], given["clearance"]]], 2)[0]
+    velocity = table(name, [given["velocity"]], 2)[0]
     demand(clearance >= 0.0, f"{name} has a negative clearance")
     return Area(
-        given["keep"], circle, rings, velocity, growth, clearance, given["valid"], given["heights"]
+        keep=given["keep"],
+        circle=circle,
+        rings=rings,
+        velocity=velocity,
+        growth=growth,
+        clearance=clearance,
+        valid=given["valid"],
+        heights=given["heights"],
     )
 
 
@@ -465,37 +470,53 @@ def through_air(plan_state: PlanState | Report, time: Ball, wind: Wind) -> State
     return State(place - blows * time, velocity / speed, speed)
 
 
-def air_limits(certificate: Certificate) -> list[Ball]:
+class AirLimits(NamedTuple):
+    """Limits of the flight through the air, m/s, m/s^2, rad/s."""
+
+    speed_min: Ball
+    speed_max: Ball
+    acceleration_min: Ball
+    acceleration_max: Ball
+    yaw_rate_max: Ball
+
+
+def air_limits(certificate: Certificate) -> AirLimits:
     """Return the limits in the air mass of the stated wind that hold the stated ones in every wind
-    within its uncertainty, in their order.
+    within its uncertainty.
 
     With an error e the airspeed differs by e at most, the acceleration along the path by e times
     the turn rate, and the turn rate is (v r + a e / v) / (v - e) at most. Turns take half of the
     weaker acceleration at most.
     """
-    slow, fast, weakest, strongest, turn = map(ball, certificate.limits)
+    stated = AirLimits(*map(ball, certificate.limits))
     if certificate.wind.std == 0.0 or certificate.requirement.sigmas == 0.0:
-        return [slow, fast, weakest, strongest, turn]
+        return stated
     error = ball(certificate.requirement.sigmas) * ball(certificate.wind.std)
     twice = TWO * error
+    weakest, strongest = stated.acceleration_min, stated.acceleration_max
     gain = real(max(strongest.hi, -weakest.lo))
     # What could be slower is kept from that.
-    slow = max(slow, twice, gain / turn, key=lambda one: one.hi)
+    slow = max(stated.speed_min, twice, gain / stated.yaw_rate_max, key=lambda one: one.hi)
     least = slow + error
     demand(least.lo > 0, "the lowest airspeed is not positive")
-    turn = turn * slow / least - gain * error / (least * least)
+    # r = r_max v / (v + e) - a e / (v + e)^2
+    turn = stated.yaw_rate_max * slow / least - gain * error / (least * least)
     half = real(min(strongest.lo, -weakest.hi)) / twice
     turn = half if half.hi < turn.hi else turn
     demand(turn.lo > 0, "the wind is too uncertain for the aircraft to turn")
     lost = turn * error
-    return [least, fast - error, weakest + lost, strongest - lost, turn]
+    return AirLimits(
+        speed_min=least,
+        speed_max=stated.speed_max - error,
+        acceleration_min=weakest + lost,
+        acceleration_max=strongest - lost,
+        yaw_rate_max=turn,
+    )
 
 
 def flight(certificate: Certificate) -> list[Arc]:
     """Return the plan's arcs through the air, which keep the limits and join the waypoints."""
-    speed_min, speed_max, acceleration_min, acceleration_max, yaw_rate_max = air_limits(certificate)
-    wind = certificate.wind
-    fine, turn_tolerance = ball(_FINE), ball(_TURN)
+    limits, wind = air_limits(certificate), certificate.wind
     arcs: list[Arc] = []
     # A plan that begins beyond a speed limit may stay there, but not go further, nor come back.
     slowest, fastest = 0, 1 << (BITS + 30)
@@ -504,66 +525,114 @@ def flight(certificate: Certificate) -> list[Arc]:
         leg = f"the leg to waypoint {number}"
         demand(goal.time - start.time > _SHORTEST, f"{leg} takes no time")
         begin = through_air(start, ball(start.time), wind)
-        end_state = through_air(goal, ball(goal.time), wind)
+        end = through_air(goal, ball(goal.time), wind)
         ends = start, goal
         if wind.east or wind.north:
-            ends = begin.in_floats(start.time), end_state.in_floats(goal.time)
+            ends = begin.in_floats(start.time), end.in_floats(goal.time)
         for stated, defined in zip(controls, curve_controls(*ends), strict=True):
             demand(abs(stated - defined) <= _CONTROLS, f"{leg} is not flown along its curve")
         length = (ball(goal.time) - ball(start.time)) / ball(ARCS)
-        place, course, speed = begin
-        for k in range(ARCS):
-            turn_rate = ball(controls[k])
-            acceleration = ball(controls[ARCS + k])
-            after = speed + acceleration * length
-            slowest = max(slowest, speed.hi)
-            fastest = min(fastest, speed.lo)
-            forwards = min(speed.lo, after.lo) > 0
-            enough = after.lo >= min(speed_min.hi, slowest) - fine.lo
-            not_more = after.hi <= max(speed_max.lo, fastest) + fine.lo
-            demand(forwards and enough and not_more, f"{leg} leaves the speed limits")
-            above = acceleration.lo >= acceleration_min.hi - fine.lo
-            below = acceleration.hi <= acceleration_max.lo + fine.lo
-            demand(above and below, f"{leg} leaves the acceleration limits")
-            gentle = turn_rate.size().hi <= yaw_rate_max.lo + turn_tolerance.lo
-            demand(gentle, f"{leg} turns too fast")
-            quickest = real(max(speed.hi, after.hi))
-            turn = spin(turn_rate * length)
-            end = place + travel(course, turn, speed, acceleration, turn_rate, length)
-            arcs.append(
-                Arc(
-                    begin=ball(start.time) + length * ball(k),
-                    length=length,
-                    place=place,
-                    end=end,
-                    course=course,
-                    speed=speed,
-                    acceleration=acceleration,
-                    turn_rate=turn_rate,
-                    quickest=quickest,
-                    own_acceleration=(acceleration + J * quickest * turn_rate).size(),
-                )
-            )
-            place, course, speed = end, course * turn, after
-        there = (place - end_state.place).size().hi <= ball(_JOINT).lo
-        as_fast = (speed - end_state.speed).size().hi <= fine.lo
-        on_course = (course - end_state.course).size().hi <= fine.lo
-        demand(there and as_fast and on_course, f"{leg} misses its waypoint")
+        each, reached = fly_leg(begin, start.time, length, controls)
+        for arc in each:
+            slowest = max(slowest, arc.speed.hi)
+            fastest = min(fastest, arc.speed.lo)
+            check_limits(leg, arc, limits, slowest, fastest)
+        check_joint(leg, reached, end)
+        arcs += each
     return arcs
 
 
-def curve_controls(a: PlanState, b: PlanState) -> list[float]:
-    """Return a leg's ten turn rates and ten accelerations, in floats: the curve that
-    envs/waypoints.py defines.
+def fly_leg(
+    start: State, time: float, length: Ball, controls: list[float]
+) -> tuple[list[Arc], State]:
+    """Fly a leg's arcs from a state at a time, s, each for ``length`` seconds; return them and the
+    state at their end.
 
-    It is the curve of ten arcs with the least change of its controls from their means that ends
-    where b stands, found by Newton steps.
+    In an arc of turn rate w and acceleration a, t after its beginning, the course has turned by
+    w t, the speed is v + a t, and the place is that of :func:`travel`.
+    """
+    arcs = []
+    place, course, speed = start
+    for k in range(ARCS):
+        turn_rate = ball(controls[k])
+        acceleration = ball(controls[ARCS + k])
+        turn = spin(turn_rate * length)
+        end = place + travel(course, turn, speed, acceleration, turn_rate, length)
+        after = speed + acceleration * length
+        quickest = real(max(speed.hi, after.hi))
+        arcs.append(
+            Arc(
+                begin=ball(time) + length * ball(k),
+                length=length,
+                place=place,
+                end=end,
+                course=course,
+                speed=speed,
+                acceleration=acceleration,
+                turn_rate=turn_rate,
+                quickest=quickest,
+                # |a + i v w|: along the path and across it
+                own_acceleration=(acceleration + J * quickest * turn_rate).size(),
+            )
+        )
+        place, course, speed = end, course * turn, after
+    return arcs, State(place, course, speed)
+
+
+def check_limits(leg: str, arc: Arc, limits: AirLimits, slowest: int, fastest: int) -> None:
+    """Check that an arc keeps the limits; where the plan has been beyond a speed limit ever since
+    its beginning, that it goes no further.
+
+    Speed is linear in time, so that both ends decide.
+
+    Args:
+        slowest, fastest: the greatest and the least speed at the beginning of any arc so far,
+            units.
+    """
+    fine = ball(_FINE)
+    after = arc.speed + arc.acceleration * arc.length
+    forwards = min(arc.speed.lo, after.lo) > 0
+    enough = after.lo >= min(limits.speed_min.hi, slowest) - fine.lo
+    not_more = after.hi <= max(limits.speed_max.lo, fastest) + fine.lo
+    demand(forwards and enough and not_more, f"{leg} leaves the speed limits")
+    above = arc.acceleration.lo >= limits.acceleration_min.hi - fine.lo
+    below = arc.acceleration.hi <= limits.acceleration_max.lo + fine.lo
+    demand(above and below, f"{leg} leaves the acceleration limits")
+    gentle = arc.turn_rate.size().hi <= limits.yaw_rate_max.lo + ball(_TURN).lo
+    demand(gentle, f"{leg} turns too fast")
+
+
+def check_joint(leg: str, reached: State, waypoint: State) -> None:
+    """Check that a leg ends where its waypoint is, as fast and on its course."""
+    fine = ball(_FINE).lo
+    there = (reached.place - waypoint.place).size().hi <= ball(_JOINT).lo
+    as_fast = (reached.speed - waypoint.speed).size().hi <= fine
+    on_course = (reached.course - waypoint.course).size().hi <= fine
+    demand(there and as_fast and on_course, f"{leg} misses its waypoint")
+
+
+# The curve of a leg, in floats, as envs/waypoints.py defines it.
+
+
+def gauss_legendre() -> list[tuple[float, float]]:
+    """Return nodes and weights of the rule of four points over [0, 1].
+
+    Over [-1, 1] the nodes are +-sqrt((3 +- 2 sqrt(6/5)) / 7), their weights
+    (18 -+ sqrt(30)) / 36.
     """
     roots = [
         (s, q, math.sqrt((3.0 + q * math.sqrt(4.8)) / 7.0)) for q in (-1, 1) for s in (-0.5, 0.5)
     ]
-    # Nodes and weights of Gauss-Legendre's rule of four points over [0, 1].
-    nodes = [(0.5 + s * root, (18.0 - q * math.sqrt(30.0)) / 72.0) for s, q, root in roots]
+    return [(0.5 + s * root, (18.0 - q * math.sqrt(30.0)) / 72.0) for s, q, root in roots]
+
+
+_RULE = gauss_legendre()
+
+
+def curve_controls(a: PlanState, b: PlanState) -> list[float]:
+    """Return a leg's ten turn rates and ten accelerations: the curve of ten arcs with the least
+    change of its controls from their means that ends where b stands, found by Newton steps.
+    """
     h = (b.time - a.time) / ARCS
     turn = b.heading - a.heading
     turn -= math.tau * math.floor((turn + math.pi) * (1.0 / math.tau))
@@ -572,34 +641,60 @@ def curve_controls(a: PlanState, b: PlanState) -> list[float]:
     mean = [turn / (ARCS * h)] * ARCS + [(b.speed - a.speed) / (ARCS * h)] * ARCS
     found = mean
     for step in range(13):
-        # The way of each arc, x + iy, by the rule.
-        heading, speed, parts = a.heading, a.speed, []
-        for w, p in zip(found[:ARCS], found[ARCS:], strict=True):
-            way = sum(
-                g * h * (speed + p * u * h) * cmath.rect(1.0, heading + w * u * h) for u, g in nodes
-            )
-            parts.append(way)
-            heading, speed = heading + w * h, speed + p * h
-        miss = complex(b.x - a.x, b.y - a.y) - sum(parts)
+        ways = arc_ways(a, found, h)
+        miss = complex(b.x - a.x, b.y - a.y) - sum(ways)
         if abs(miss) <= 5e-4 or step == 12:
             break
-        # The effect of each control on the end, with its weight; the sums of turns and of
-        # accelerations stay as they are.
-        units = [h * h * part / max(abs(part), 1e-9) for part in parts]
-        turns = [sum(parts[k:]) - 0.5 * parts[k] for k in range(ARCS)]
-        pushes = [sum(units[k:]) - 0.5 * units[k] for k in range(ARCS)]
-        effects = [(4e-4, 1j * h * (one - sum(turns) / ARCS)) for one in turns]
-        effects += [(4e-2, one - sum(pushes) / ARCS) for one in pushes]
-        miss += sum(e * u for (_, e), u in zip(effects, found, strict=True))
-        # The normal equations: S m + D conj(m) = 2 miss, S and D the sums of |e|^2 and e^2.
-        s = sum(g * abs(e) ** 2 for g, e in effects)
-        d = sum(g * e * e for g, e in effects)
-        m = 2.0 * (s * miss - d * miss.conjugate()) / max(s * s - abs(d) ** 2, 4e-12)
-        found = [
-            middle + g * (e * m.conjugate()).real
-            for middle, (g, e) in zip(mean, effects, strict=True)
-        ]
+        found = newton_step(mean, found, control_effects(ways, h), miss)
     return found
+
+
+def arc_ways(a: PlanState, controls: list[float], h: float) -> list[complex]:
+    """Return the way of each arc of h seconds from a, x + iy, m: the integral of
+    (v + p t) exp(i (heading + w t)) over t from 0 to h, by the rule.
+    """
+    heading, speed, ways = a.heading, a.speed, []
+    for w, p in zip(controls[:ARCS], controls[ARCS:], strict=True):
+        way = sum(
+            g * h * (speed + p * u * h) * cmath.rect(1.0, heading + w * u * h) for u, g in _RULE
+        )
+        ways.append(way)
+        heading, speed = heading + w * h, speed + p * h
+    return ways
+
+
+def control_effects(ways: list[complex], h: float) -> list[tuple[float, complex]]:
+    """Return of each control its weight and what a unit more of it adds to the leg's end, x + iy.
+
+    More turn in an arc turns half of its own way and all after it to the left; more acceleration
+    lengthens them along their directions. The means are taken off, so that the sums of the turn
+    rates and of the accelerations stay as they are.
+    """
+    units = [h * h * way / max(abs(way), 1e-9) for way in ways]
+    turns = [sum(ways[k:]) - 0.5 * ways[k] for k in range(ARCS)]
+    gains = [sum(units[k:]) - 0.5 * units[k] for k in range(ARCS)]
+    effects = [(4e-4, 1j * h * (one - sum(turns) / ARCS)) for one in turns]
+    effects += [(4e-2, one - sum(gains) / ARCS) for one in gains]
+    return effects
+
+
+def newton_step(
+    mean: list[float], found: list[float], effects: list[tuple[float, complex]], miss: complex
+) -> list[float]:
+    """Return the controls nearest their means whose end, to first order, lies ``miss`` from that
+    of those found.
+
+    With weights g and effects e they are mean + g Re(e conj(m)), where m solves the normal
+    equations S m + D conj(m) = 2 miss: S is the sum of g |e|^2, D that of g e^2.
+    """
+    # From where the means end, to first order; what the means themselves add sums to nothing.
+    miss += sum(e * u for (_, e), u in zip(effects, found, strict=True))
+    s = sum(g * abs(e) ** 2 for g, e in effects)
+    d = sum(g * e * e for g, e in effects)
+    m = 2.0 * (s * miss - d * miss.conjugate()) / max(s * s - abs(d) ** 2, 4e-12)
+    return [
+        middle + g * (e * m.conjugate()).real for middle, (g, e) in zip(mean, effects, strict=True)
+    ]
 
 
 # The separation from an intruder.
@@ -635,9 +730,15 @@ class Track(NamedTuple):
             return (self.speed * self.turn_rate).size()
         return ZERO
 
+    def report_distance(self) -> Ball:
+        """Return how far its report and the request are apart, whichever came first, s."""
+        return Ball(abs(self.age.x), 0, self.age.r)
+
     def uncertainty(self, t: Ball) -> Ball:
-        """Return a standard deviation of its place per axis, a time after the report, m: one error
-        of the velocity lasts.
+        """Return a standard deviation of its place per axis, a time t after the report, m: one
+        error of the velocity lasts.
+
+        This is |p + i v t|, with the deviations p of the place and v of the velocity.
         """
         return (self.position_std + J * self.velocity_std * t).size()
 
@@ -653,13 +754,15 @@ def track(report: Report, wind: Wind) -> Track:
     turn = (ball(report.turn_rate) * ball(report.turn_time)).size()
     share = real(min(turn.hi, TWO.hi))
     return Track(
-        *seen,
-        ball(report.age),
-        ball(report.turn_rate) if turns else ZERO,
-        ball(report.turn_time),
-        ball(report.position_std),
-        ball(report.velocity_std) + share * ball(wind.std),
-        ball(report.separation),
+        place=seen.place,
+        course=seen.course,
+        speed=seen.speed,
+        age=ball(report.age),
+        turn_rate=ball(report.turn_rate) if turns else ZERO,
+        turn_time=ball(report.turn_time),
+        position_std=ball(report.position_std),
+        velocity_std=ball(report.velocity_std) + share * ball(wind.std),
+        separation=ball(report.separation),
     )
 
 
@@ -689,31 +792,16 @@ def chord_bound(first: Ball, last: Ball, sagitta: int) -> int:
     return best
 
 
-def check_separation(
-    number: int,
-    other: Track,
-    arcs: list[Arc],
-    requirement: Requirement,
-    claim: float,
-    parts: int,
-    apart: list[Apart],
-) -> None:
+def check_separation(number: int, certificate: Certificate, arcs: list[Arc]) -> None:
     """Check that intruder ``number`` stays as far as it has to, and as the certificate claims.
 
-    Arcs that are not clear are cut in two, ``parts`` times at most. In times ``apart`` nothing is
-    asked of it.
+    Arcs that are not clear are cut in two, into ``parts`` of the certificate at most. While the
+    intruder is stated to be above or below nothing is asked of it.
     """
-    times = [(ball(time.begin), ball(time.end)) for time in apart]
-    separation = other.separation
-    margin, sigmas = ball(requirement.margin), ball(requirement.sigmas)
-    age = Ball(max(other.age.x, -other.age.x), 0, other.age.r)
-    at_request = other.uncertainty(age)
+    other = track(certificate.reports[number], certificate.wind)
+    times = [(ball(t.begin), ball(t.end)) for t in certificate.apart if t.number == number]
     away = (other.place_at(ZERO) - arcs[0].place).size()
-    # A plan that begins inside the margin keeps its own distance, but never less than separation.
-    wanted = (separation + margin + sigmas * at_request).hi
-    # Where it does not count at the request, its distance then says nothing.
-    counts_later = any(begin.hi <= 0 < end.lo for begin, end in times)
-    keep = wanted if counts_later else max(separation.hi, min(wanted, away.hi))
+    keep = kept_at_request(other, certificate.requirement, away, times)
     near = away.lo  # the distance at the beginning of an arc is this at least
     for arc in arcs:
         relative = arc.own_acceleration + other.acceleration()
@@ -721,17 +809,12 @@ def check_separation(
         todo = [(0, 1)]  # the i-th of n equal parts
         while todo:
             i, n = todo.pop()
-            later = arc.begin + arc.length * ball(i + 1) / ball(n)
-            if times:
-                # No part begins before the request, though rounding may leave that open.
-                now = max((arc.begin + arc.length * ball(i) / ball(n)).lo, 0)
-                if any(begin.hi <= now and later.hi <= end.lo for begin, end in times):
-                    continue
-            growth = (sigmas * (other.uncertainty(age + later) - at_request)).hi
+            begin, later = (arc.begin + arc.length * ball(k) / ball(n) for k in (i, i + 1))
+            if above_or_below(times, begin, later):
+                continue
             required = max(
-                keep + growth - ball(_MARGIN).lo,
-                separation.hi - ball(_ROUNDING).lo,
-                ball(claim).hi,
+                required_until(other, certificate.requirement, keep, later),
+                ball(certificate.bounds[number]).hi,
             )
             # a h^2 / 8 of a part of the length h / n
             sagitta = max((relative * arc.length * arc.length / ball(8 * n * n)).hi, ball(_TINY).hi)
@@ -744,9 +827,42 @@ def check_separation(
             if chord_bound(first, last, sagitta) < required:
                 when = later.hi / (1 << BITS)
                 sentence = f"intruder {number} may come too close before {when:.2f} s"
-                demand(n < parts, sentence)
+                demand(n < certificate.parts, sentence)
                 todo += [(2 * i, 2 * n), (2 * i + 1, 2 * n)]
         near -= ball(_JOINT).hi
+
+
+def kept_at_request(
+    other: Track, requirement: Requirement, away: Ball, times: list[tuple[Ball, Ball]]
+) -> int:
+    """Return the distance that is to be kept from an intruder with what is known at the request,
+    units: separation + margin + sigmas times the deviation of its place.
+
+    A plan that begins nearer keeps its own distance ``away``, but never less than the separation.
+    Where the intruder does not count at the request, within ``times``, that distance says nothing.
+    """
+    separation = other.separation
+    deviation = other.uncertainty(other.report_distance())
+    wanted = (separation + ball(requirement.margin) + ball(requirement.sigmas) * deviation).hi
+    counts_later = any(begin.hi <= 0 < end.lo for begin, end in times)
+    return wanted if counts_later else max(separation.hi, min(wanted, away.hi))
+
+
+def required_until(other: Track, requirement: Requirement, keep: int, later: Ball) -> int:
+    """Return the distance that is required until a time after the request, units: what is to be
+    kept, and sigmas times the growth of the deviation; always the separation itself.
+    """
+    age = other.report_distance()
+    deviation = other.uncertainty(age + later) - other.uncertainty(age)
+    growth = (ball(requirement.sigmas) * deviation).hi
+    return max(keep + growth - ball(_MARGIN).lo, other.separation.hi - ball(_ROUNDING).lo)
+
+
+def above_or_below(times: list[tuple[Ball, Ball]], begin: Ball, end: Ball) -> bool:
+    """Return whether a part of an arc lies within one of some times."""
+    # No part begins before the request, though rounding may leave that open.
+    now = max(begin.lo, 0)
+    return any(first.hi <= now and end.hi <= last.lo for first, last in times)
 
 
 def relative_place(other: Track, arc: Arc, k: int, n: int) -> Ball:
@@ -866,13 +982,11 @@ def counts(area: Area, levels: Levels | None, begin: Ball, end: Ball) -> bool:
     )
 
 
-def check_area(
-    number: int, area: Area, arcs: list[Arc], certificate: Certificate, levels: Levels | None
-) -> None:
+def check_area(number: int, area: Area, arcs: list[Arc], certificate: Certificate) -> None:
     """Check that the plan keeps the clearance from area ``number`` while it counts."""
     corners = [[ball(*place) for place in ring] for ring in area.rings]
     edges = [(ring[n - 1], ring[n]) for ring in corners for n in range(len(ring))]
-    wind = certificate.wind
+    wind, levels = certificate.wind, certificate.levels
     velocity = ball(*area.velocity) - ball(wind.east, wind.north)
     ground = Ground(area, edges, velocity)
     growth = ball(area.growth) if area.keep == "out" else ball(-area.growth)
@@ -924,11 +1038,11 @@ def stays_apart(heights: Heights, begin: float, end: float) -> bool:
 
     They change evenly, so that both ends decide (theorem ``apart_vertically``).
     """
-    own, climb, other, rise, age, vertical = map(ball, heights)
-    above_it = other + rise * age - own
-    now = above_it + (rise - climb) * ball(begin)
-    then = above_it + (rise - climb) * ball(end)
-    apart = vertical.hi
+    own_climb, other_climb = ball(heights.own_climb), ball(heights.other_climb)
+    at_request = ball(heights.other) + other_climb * ball(heights.age) - ball(heights.own)
+    now = at_request + (other_climb - own_climb) * ball(begin)
+    then = at_request + (other_climb - own_climb) * ball(end)
+    apart = ball(heights.vertical).hi
     above = min(now.lo, then.lo) >= apart
     below = max(now.hi, then.hi) <= -apart
     return above or below
@@ -943,19 +1057,10 @@ def accept(data: Any) -> Certificate:
     for time in certificate.apart:
         sentence = f"intruder {time.number} does not stay above or below from {time.begin:.2f} s on"
         demand(stays_apart(time.heights, time.begin, time.end), sentence)
-    claims = zip(certificate.reports, certificate.bounds, strict=True)
-    for number, (report, claim) in enumerate(claims):
-        check_separation(
-            number,
-            track(report, certificate.wind),
-            arcs,
-            certificate.requirement,
-            claim,
-            certificate.parts,
-            [time for time in certificate.apart if time.number == number],
-        )
+    for number in range(len(certificate.reports)):
+        check_separation(number, certificate, arcs)
     for number, area in enumerate(certificate.areas):
-        check_area(number, area, arcs, certificate, certificate.levels)
+        check_area(number, area, arcs, certificate)
     return certificate
 
 
@@ -964,53 +1069,69 @@ def accept(data: Any) -> Certificate:
 
 def summary(certificate: Certificate) -> list[str]:
     """Return what is proven, in sentences."""
-    end = certificate.plan_states[-1].time
-    limits, wanted, about = certificate.limits, certificate.requirement, certificate.request
-    # Of an intruder that never counts nothing is claimed.
-    least = min((bound for bound in certificate.bounds if bound > 0.0), default=0.0)
-    if certificate.reports:
-        separation = (
-            f"intruders: {len(certificate.reports)}; none comes closer than {least:.3f} m until "
-            f"{end:.1f} s after the request"
-        )
-        timed = sorted({time.number for time in certificate.apart})
-        if timed:
-            separation += f", but while above or below: {', '.join(map(str, timed))}"
-    else:
-        separation = f"intruders: none; the flight is proven until {end:.1f} s after the request"
+    limits, wanted, wind = certificate.limits, certificate.requirement, certificate.wind
+    lines = [
+        separation_sentence(certificate),
+        excluded_sentence(certificate.excluded),
+        f"required: {wanted.separation:g} m and a margin of {wanted.margin:g} m, "
+        f"{wanted.sigmas:g} sigmas of uncertainty",
+    ]
     own = [
         f"{number}: {one.separation:g} m"
         for number, one in enumerate(certificate.reports)
         if one.separation != wanted.separation
     ]
-    left_out = f"left out: {len(certificate.excluded)}"
-    if certificate.excluded:
-        least = min(one.vertical for one in certificate.excluded)
-        left_out += f", {least:g} m or more above or below"
-    lines = [
-        separation,
-        left_out,
-        f"required: {wanted.separation:g} m and a margin of {wanted.margin:g} m, "
-        f"{wanted.sigmas:g} sigmas of uncertainty",
-        *([f"separations of their own: intruders {', '.join(own)}"] if own else []),
+    if own:
+        lines.append(f"separations of their own: intruders {', '.join(own)}")
+    lines.append(
         f"limits: {limits.speed_min:g} to {limits.speed_max:g} m/s, "
         f"{limits.acceleration_min:g} to {limits.acceleration_max:g} m/s^2, "
-        f"{math.degrees(limits.yaw_rate_max):g} deg/s",
-    ]
+        f"{math.degrees(limits.yaw_rate_max):g} deg/s"
+    )
     if certificate.areas:
         lines.append(f"areas: {len(certificate.areas)}; their clearances are kept while they count")
-    if certificate.wind != Wind(0.0, 0.0, 0.0):
-        wind = certificate.wind
+    if wind != Wind(0.0, 0.0, 0.0):
         lines.append(
             f"wind: {wind.east:g} m/s towards the east, {wind.north:g} m/s towards the north, "
             f"{wind.std:g} m/s one sigma of both"
         )
+    lines.append(origin_sentence(certificate.request))
+    return lines
+
+
+def separation_sentence(certificate: Certificate) -> str:
+    """Say how near the intruders come."""
+    end = certificate.plan_states[-1].time
+    if not certificate.reports:
+        return f"intruders: none; the flight is proven until {end:.1f} s after the request"
+    # Of an intruder that never counts nothing is claimed.
+    least = min((bound for bound in certificate.bounds if bound > 0.0), default=0.0)
+    sentence = (
+        f"intruders: {len(certificate.reports)}; none comes closer than {least:.3f} m until "
+        f"{end:.1f} s after the request"
+    )
+    timed = sorted({time.number for time in certificate.apart})
+    if timed:
+        sentence += f", but while above or below: {', '.join(map(str, timed))}"
+    return sentence
+
+
+def excluded_sentence(excluded: list[Heights]) -> str:
+    """Say how many intruders are left out, and how far they are above or below."""
+    sentence = f"left out: {len(excluded)}"
+    if excluded:
+        least = min(one.vertical for one in excluded)
+        sentence += f", {least:g} m or more above or below"
+    return sentence
+
+
+def origin_sentence(about: Origin) -> str:
+    """Say which flight the certificate belongs to."""
     place = "unknown"
     if about.latitude is not None and about.longitude is not None:
         place = f"{about.latitude:.6f}, {about.longitude:.6f}"
     time = "unknown" if about.time_ns is None else f"{about.time_ns} ns"
-    lines.append(f"policy: {about.policy or 'unknown'}; time: {time}; origin: {place}")
-    return lines
+    return f"policy: {about.policy or 'unknown'}; time: {time}; origin: {place}"
 
 
 def check_aircraft(certificate: Certificate, aircraft: Mapping[str, float]) -> None:
