@@ -60,6 +60,8 @@ def draw(encounter: Encounter, flight: Result, file: Path) -> None:
     for mode, colour, name in ((Mode.AUTO, "0.5", "AUTO"), (Mode.GUIDED, "C0", "GUIDED")):
         rows = [row for row in flight.rows if row.mode == mode]
         above.plot([r.x for r in rows], [r.y for r in rows], ".", ms=2.0, color=colour, label=name)
+    if encounter.fence:
+        above.fill(*zip(*encounter.fence, strict=True), color="C1", alpha=0.3, label="fence")
     times = [row.time for row in flight.rows]
     for one in encounter.intruders:
         places = [place_of(one, time, encounter.cruise) for time in times]
