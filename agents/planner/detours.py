@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.planner.areas import Counted, required_distances
-from envs.area_geometry import Parts, chord_distances, gain, own_frame
+from envs.area_geometry import Parts, box_distance, chord_distances, gain, own_frame
 from envs.areas import Circle, Keep, Polygon
 from envs.kinematics import VehicleState
+from envs.trees import take
 from envs.wind import aim_point
 
 RING = 12
@@ -54,6 +55,10 @@ class Airspace(NamedTuple):
         """Return the places over which to fly to a point given at the request, itself the last; an
         empty list where no way is found.
         """
+        straight = self.straight(begin, x, y, drift)
+        there = (np.array([value]) for value in straight)
+        if straight.time < self.latest and self.clear(begin, *there).all():
+            return [straight]
         rings = self.rings
         to_x, to_y = np.append(rings.x, x), np.append(rings.y, y)
         east, north = np.append(rings.east, drift[0]), np.append(rings.north, drift[1])
@@ -113,7 +118,17 @@ class Airspace(NamedTuple):
             begin_x, begin_y = (np.full(rows.size, value) for value in start)
             parts = Parts(begin_x, begin_y, end_x, end_y)
             grown = np.minimum(gain(one.area) * here.time, gain(one.area) * arrival[rows])
-            found[rows] = chord_distances(one.area, parts, need - grown).bound + grown >= need
+            kept = np.zeros(rows.size, dtype=bool)
+            if one.area.keep is Keep.OUT:
+                # The rectangle around an area is far away more cheaply.
+                away = box_distance(one.area, parts)
+                kept = (away > 0.0) & (away + grown >= need)
+            near = np.flatnonzero(~kept)
+            if near.size:
+                some, gained = take((parts, grown), near)
+                bound = chord_distances(one.area, some, need - gained).bound
+                kept[near] = bound + gained >= need
+            found[rows] = kept
         return found
 
 
