@@ -19,6 +19,7 @@ from agents.inference import Policy
 from envs.aircraft import new_aircraft
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.relative import bearing, leg_separation
+from envs.trees import column, take
 
 __all__ = ["ENVIRONMENT", "Pilot", "observe"]
 
@@ -94,11 +95,8 @@ class Pilot:
 
         ``[2 N]`` each: of those that go on straight, then of those that the policy flies on.
         """
+        limits = _limits(speed)
         separation = MARGIN * _units().separation
-        # No speed is commanded, and BlueSky turns more tightly: a narrow and agile aircraft of the
-        # policy's family.
-        change, yaw_rate = 0.1 * speed * speed / separation, speed / (0.3 * separation)
-        limits = Limits(0.7 * speed, speed, -change, change, yaw_rate)
         policy = self._policy.for_aircraft(new_aircraft(limits, separation))
         by_policy = np.repeat([False, True], len(heading))
         zeros, shape = np.zeros(len(by_policy)), (len(by_policy), len(traffic))
@@ -107,45 +105,68 @@ class Pilot:
         goal_x, goal_y = zeros + goal[0], zeros + goal[1]
         nearest, drift, flies = zeros + np.inf, zeros, zeros == 0.0
         for step in range(_STEPS):
-            off, to_goal = (
-                bearing(own, goal_x, goal_y, np),
-                np.hypot(goal_x - own.x, goal_y - own.y),
-            )
-            direct = VehicleState(
-                *(field[:, None] for field in own._replace(heading=own.heading + off))
-            )
-            until = to_goal[:, None] / speed
-            here, there = (advance(each, 0.0, 0.0, until, limits, np) for each in (direct, others))
-            clear = (leg_separation(direct, here, others, there, until, np) >= separation).all(
-                axis=1
-            )
-            ends = (
-                step * _STEP % _units().period == 0.0
-            )  # the environment ends between two actions only
-            flies = flies & ~((to_goal < _units().reached) & ends) & ~(clear & (np.abs(off) < 0.1))
-            flies &= drift < drift.min(
-                initial=np.inf, where=~flies & (nearest >= separation)
-            )  # others are beaten
+            time = step * _STEP
+            off = bearing(own, goal_x, goal_y, np)
+            to_goal = np.hypot(goal_x - own.x, goal_y - own.y)
+            clear = _is_clear(own, others, off, to_goal / speed, limits)
+            # The environment ends between two actions only.
+            ends = time % _units().period == 0.0
+            arrived = (to_goal < _units().reached) & ends
+            flies = flies & ~arrived & ~(clear & (np.abs(off) < 0.1))
+            # What drifts more than a flight that has ended well is beaten.
+            flies &= drift < drift.min(initial=np.inf, where=~flies & (nearest >= separation))
             if not flies.any():
                 break
             turn = zeros
-            if step * _STEP >= _units().period:
-                turn = np.where(clear, np.clip(off / _STEP, -yaw_rate, yaw_rate), 0.0)
+            if time >= _units().period:
+                most = limits.yaw_rate_max
+                turn = np.where(clear, np.clip(off / _STEP, -most, most), 0.0)
                 asked = flies & by_policy & ~clear
                 if asked.any():
-                    mine, theirs = (
-                        VehicleState(*(field[asked] for field in each)) for each in (own, others)
+                    turn[asked] = _turn_rates(
+                        policy, *take((own, others, goal_x, goal_y), asked), limits
                     )
-                    action = policy.command(
-                        mine, theirs, np.ones_like(theirs.x, bool), goal_x[asked], goal_y[asked]
-                    )
-                    turn[asked] = commands(action.T, limits, np)[1]
             own = advance(own, zeros, turn, _STEP, limits, np)
             others = advance(others, np.zeros(shape), 0.0, _STEP, limits, np)
             apart = np.hypot(others.x - own.x[:, None], others.y - own.y[:, None]).min(axis=1)
             nearest = np.where(flies, np.minimum(nearest, apart), nearest)
             drift = drift + np.where(flies, np.abs(bearing(own, goal_x, goal_y, np)) * _STEP, 0.0)
         return nearest, drift
+
+
+def _limits(speed: float) -> Limits:
+    """Return the limits of a narrow and agile aircraft of the policy's family: no speed is
+    commanded, and BlueSky turns more tightly than the paper's aircraft.
+    """
+    separation = MARGIN * _units().separation
+    change = 0.1 * speed * speed / separation
+    return Limits(0.7 * speed, speed, -change, change, speed / (0.3 * separation))
+
+
+def _is_clear(
+    own: VehicleState, others: VehicleState, off: np.ndarray, until: np.ndarray, limits: Limits
+) -> np.ndarray:
+    """Return whether the straight way to the waypoint keeps the separation, ``[M]``, which lies off
+    the heading by so much, rad, and takes so long, s.
+    """
+    direct = column(own._replace(heading=own.heading + off))
+    time = until[:, None]
+    here, there = (advance(each, 0.0, 0.0, time, limits, np) for each in (direct, others))
+    apart = leg_separation(direct, here, others, there, time, np)
+    return (apart >= MARGIN * _units().separation).all(axis=1)
+
+
+def _turn_rates(
+    policy: Policy,
+    own: VehicleState,
+    others: VehicleState,
+    goal_x: np.ndarray,
+    goal_y: np.ndarray,
+    limits: Limits,
+) -> np.ndarray:
+    """Return the yaw rates that the policy commands, rad/s, ``[M]``."""
+    action = policy.command(own, others, np.ones_like(others.x, bool), goal_x, goal_y)
+    return commands(action.T, limits, np)[1]
 
 
 def observe(
