@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+from functools import partial
 from types import FrameType
 from typing import Any
 
@@ -51,9 +52,11 @@ class Interrupt:
         os.close(self._writer)
 
     def _listen(self, reader: int) -> None:
-        while taken := os.read(reader, 64):
-            for _ in filter(_SIGNALS.__contains__, taken):
-                self._answer()
+        # A byte a signal, its number; nothing more once the writer is closed.
+        for numbers in iter(partial(os.read, reader, 64), b""):
+            for number in numbers:
+                if number in _SIGNALS:
+                    self._answer()
         os.close(reader)
 
     def _answer(self) -> None:

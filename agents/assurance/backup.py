@@ -208,12 +208,12 @@ def _judge(
     """
     avoids = found.clearance >= -thresholds.resolution
     return Backup(
-        course,
-        speed,
-        plan_states,
-        curves,
-        np.array(time),
-        np.minimum(found.clearance, from_areas.clearance),
+        course=course,
+        speed=speed,
+        plan_states=plan_states,
+        legs=curves,
+        started=np.array(time),
+        clearance=np.minimum(found.clearance, from_areas.clearance),
         safe=found.legal & avoids & (from_areas.clearance >= 0.0),
         depth=from_areas.depth,
         area=from_areas.area,
@@ -278,16 +278,16 @@ def resting(count: int, thresholds: Thresholds) -> Backup:
         count, np.arange(len(STEPS) + 1) * 10.0, thresholds.options.aircraft.limits
     )
     return Backup(
-        zero,
-        plan_states.speed[:, 0].copy(),
-        plan_states,
-        legs(plan_states),
-        zero + np.nan,
-        zero - np.inf,
-        no,
-        zero.copy(),
-        nameless(count),
-        no.copy(),
+        course=zero,
+        speed=plan_states.speed[:, 0].copy(),
+        plan_states=plan_states,
+        legs=legs(plan_states),
+        started=zero + np.nan,
+        clearance=zero - np.inf,
+        safe=no,
+        depth=zero.copy(),
+        area=nameless(count),
+        avoids=no.copy(),
     )
 
 

@@ -119,21 +119,39 @@ def update(
     memory: Memory, given: Inputs, thresholds: Thresholds
 ) -> tuple[Memory, VehicleState, Traffic, Any]:
     """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and
-    the causes.
+    the causes, int32 ``[N]``.
     """
     clock = (np.abs(given.time) <= _LONGEST) & (given.time > memory.time)
     now = np.where(clock, given.time, np.where(np.isfinite(memory.time), memory.time, 0.0))
     causes = np.where(clock, 0, int(Cause.CLOCK)).astype(np.int32)
+    own, own_time, of_own = _take_own(memory, given, now, clock, thresholds)
+    memory, of_intruders = _take_intruders(memory, given, now, clock, thresholds)
+    areas = no_areas(now.size) if given.areas is None else given.areas
+    memory = memory._replace(time=now, own=own, own_time=own_time, areas=areas)
+    return memory, *advance(memory, given.mask, thresholds), causes | of_own | of_intruders
 
+
+def _take_own(
+    memory: Memory, given: Inputs, now: Any, clock: Any, thresholds: Thresholds
+) -> tuple[VehicleState, Any, Any]:
+    """Return the last good own states, their times, s, and the causes that lie in them, ``[N]``."""
     sane = _sane(given.own, given.own_age)
     reported = now - np.where(sane, given.own_age, 0.0)
     ordered = (given.own_age >= -_AHEAD) & (reported >= memory.own_time - _SAME)
-    causes |= _bit(~sane, Cause.OWN_MISSING) | _bit(sane & ~ordered, Cause.OWN_OUT_OF_ORDER)
     good = sane & ordered & clock
     own = map_leaves(partial(np.where, good), given.own, memory.own)
     own_time = np.where(good, np.fmax(reported, memory.own_time), memory.own_time)
+    causes = _bit(~sane, Cause.OWN_MISSING) | _bit(sane & ~ordered, Cause.OWN_OUT_OF_ORDER)
     causes |= _bit(now - own_time > thresholds.own_age, Cause.OWN_STALE)
+    return own, own_time, causes
 
+
+def _take_intruders(
+    memory: Memory, given: Inputs, now: Any, clock: Any, thresholds: Thresholds
+) -> tuple[Memory, Any]:
+    """Return the memory with the last good reports of intruders, and the causes that lie in them,
+    ``[N]``.
+    """
     sane = (
         _sane(given.intruders, given.age)
         & _spread(given.position_std)
@@ -155,34 +173,43 @@ def update(
     window = map_leaves(
         lambda had, new: np.where(good, now[:, None] + new, had), memory.window, ends
     )
-    seen = np.where(good, np.fmax(reported, known), known)
-    outside |= excess(thresholds.traffic["intruder_speed"], intruders.speed) > SIGMAS * velocity_std
-    for name, values in (("position_std", position_std), ("velocity_std", velocity_std)):
-        outside |= excess(thresholds.traffic[name], values) > 0.0
-    for where, cause in (
-        (~sane, Cause.INTRUDER_MISSING),
-        (sane & ~ordered, Cause.INTRUDER_OUT_OF_ORDER),
-        (~(now[:, None] - seen <= thresholds.intruder_age), Cause.INTRUDER_STALE),
-        (outside & np.isfinite(seen), Cause.OUTSIDE_RANGE),
-        (now[:, None] < drift.rate_until, Cause.IMPOSSIBLE_RATE),
-        (now[:, None] < drift.place_until, Cause.CONTRADICTION),
-    ):
-        causes |= _bit((where & given.mask).any(axis=-1), cause)
-    memory = Memory(
-        now,
-        own,
-        own_time,
-        intruders,
-        seen,
-        turn_rate,
-        position_std,
-        velocity_std,
-        separation,
-        window,
-        drift,
-        no_areas(now.size) if given.areas is None else given.areas,
+    memory = memory._replace(
+        intruders=intruders,
+        seen=np.where(good, np.fmax(reported, known), known),
+        turn_rate=turn_rate,
+        position_std=position_std,
+        velocity_std=velocity_std,
+        separation=separation,
+        window=window,
+        drift=drift,
     )
-    return memory, *advance(memory, given.mask, thresholds), causes
+    causes = (
+        _bit((~sane & given.mask).any(axis=-1), Cause.INTRUDER_MISSING)
+        | _bit((sane & ~ordered & given.mask).any(axis=-1), Cause.INTRUDER_OUT_OF_ORDER)
+        | _lasting_causes(memory, given.mask, now[:, None], outside, thresholds)
+    )
+    return memory, causes
+
+
+def _lasting_causes(
+    memory: Memory, mask: Any, now: Any, outside: Any, thresholds: Thresholds
+) -> Any:
+    """Return the causes that lie in the last good reports of intruders at a time, s, ``[N, 1]``;
+    ``outside`` says whose turn rates are out of range, ``[N, K]``.
+    """
+    speed = excess(thresholds.traffic["intruder_speed"], memory.intruders.speed)
+    outside = outside | (speed > SIGMAS * memory.velocity_std)
+    outside |= excess(thresholds.traffic["position_std"], memory.position_std) > 0.0
+    outside |= excess(thresholds.traffic["velocity_std"], memory.velocity_std) > 0.0
+    causes = np.zeros(len(mask), np.int32)
+    for where, cause in (
+        (~(now - memory.seen <= thresholds.intruder_age), Cause.INTRUDER_STALE),
+        (outside & np.isfinite(memory.seen), Cause.OUTSIDE_RANGE),
+        (now < memory.drift.rate_until, Cause.IMPOSSIBLE_RATE),
+        (now < memory.drift.place_until, Cause.CONTRADICTION),
+    ):
+        causes |= _bit((where & mask).any(axis=-1), cause)
+    return causes
 
 
 def advance(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleState, Traffic]:
@@ -194,15 +221,15 @@ def advance(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleS
     age = np.where(known, memory.time[:, None] - memory.seen, 0.0)
     turn_time = np.where(memory.turn_rate == 0.0, 0.0, thresholds.turn_time)
     reports = Traffic(
-        memory.intruders,
-        mask & known,
-        memory.turn_rate,
-        turn_time,
-        memory.position_std,
-        memory.velocity_std,
-        0.0 * age,
-        memory.separation,
-        map_leaves(lambda when: when - memory.time[:, None], memory.window),
+        state=memory.intruders,
+        mask=mask & known,
+        turn_rate=memory.turn_rate,
+        turn_time=turn_time,
+        position_std=memory.position_std,
+        velocity_std=memory.velocity_std,
+        age=0.0 * age,
+        separation=memory.separation,
+        window=map_leaves(lambda when: when - memory.time[:, None], memory.window),
     )
     vx, vy = velocity(memory.own, np)
     x, y = memory.own.x + vx * own_age, memory.own.y + vy * own_age
@@ -259,8 +286,10 @@ def _sane(state: VehicleState, age: Any) -> Any:
 
 
 def _spread(std: Any) -> Any:
+    """Return whether standard deviations are sizes in range; nan fails every comparison."""
     return (std >= 0.0) & (std <= 10_000.0)
 
 
 def _bit(where: Any, cause: Cause) -> Any:
+    """Return the bit of a cause where it holds, else 0, int32."""
     return np.where(where, int(cause), 0).astype(np.int32)

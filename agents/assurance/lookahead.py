@@ -47,9 +47,7 @@ def course(plan_states: PlanStates, legs: Legs) -> Course:
         for field, end in ((legs.x, plan_states.x), (legs.y, plan_states.y))
     ]
     step = legs.duration[..., None] / ARCS
-    relative_acceleration = _relative_acceleration(
-        legs.speed, legs.acceleration, legs.yaw_rate, step
-    )
+    relative_acceleration = _own_acceleration(legs.speed, legs.acceleration, legs.yaw_rate, step)
     arc = np.max(0.125 * relative_acceleration * step * step, axis=-1)
     sagitta = np.max(distance(sagittas[0], sagittas[1], np), axis=-1) + arc + legs.miss
     return Course(plan_states, legs, sagitta)
@@ -97,7 +95,11 @@ def _arcs(
     level: Any,
     sigmas: float,
 ) -> None:
-    """Look at the arcs of some legs, and at parts of those that are not clear."""
+    """Lower what was found by the arcs of some legs, and by parts of those that are not clear.
+
+    Args:
+        which: numbers of courses, of their legs and of intruders, ``[M]`` each.
+    """
     n, leg, k = which
     one = column(take(traffic, (n, k)))
     arcs = take(course.legs, (n, leg))
@@ -109,9 +111,7 @@ def _arcs(
     own_x = np.concatenate([arcs.x, course.plan_states.x[n, leg + 1, None]], axis=1)
     own_y = np.concatenate([arcs.y, course.plan_states.y[n, leg + 1, None]], axis=1)
     x, y = there.x - own_x, there.y - own_y
-    relative_acceleration = _relative_acceleration(
-        arcs.speed, arcs.acceleration, arcs.yaw_rate, step
-    )
+    relative_acceleration = _own_acceleration(arcs.speed, arcs.acceleration, arcs.yaw_rate, step)
     relative_acceleration = relative_acceleration + np.where(
         times[:, :-1] < one.turn_time, one.state.speed * np.abs(one.turn_rate), 0.0
     )
@@ -128,25 +128,50 @@ def _arcs(
     m, arc = np.nonzero(unclear)
     if m.size == 0:
         return
-    *state, yaw_rate, acceleration = column(take(arcs[3:], (m, arc)))
-    begin, fine = times[m, arc][:, None], step[m] / FINE
+    pair = n[m], k[m]
+    unclear_arcs = _UnclearArcs(
+        arcs=take(arcs, m),
+        arc=arc,
+        begin=times[m, arc][:, None],
+        step=step[m],
+        relative_acceleration=relative_acceleration[m, arc][:, None],
+    )
+    near, begins = _parts(unclear_arcs, take(one, m), sigmas)
+    lost = np.min(np.where(near < level[pair][:, None], begins, np.inf), axis=1)
+    np.minimum.at(found.separation, pair, near.min(axis=1))
+    np.minimum.at(found.loss, pair, np.maximum(lost, 0.0))
+
+
+class _UnclearArcs(NamedTuple):
+    """Arcs whose chords do not decide; fields ``[M, 1]`` but for the first two."""
+
+    arcs: Legs  # those of their legs, [M]
+    arc: Any  # which of them, [M]
+    begin: Any  # s from now
+    step: Any  # how long they last, s
+    relative_acceleration: Any  # a bound of it, m/s^2
+
+
+def _parts(given: _UnclearArcs, traffic: Traffic, sigmas: float) -> tuple[Any, Any]:
+    """Return a lower bound of the separation in each part of arcs from intruders ``[M, 1]``, m, and
+    when the parts begin, s from now, ``[M, FINE]``.
+    """
+    row, begin, step = np.arange(given.arc.size), given.begin, given.step
+    *state, yaw_rate, acceleration = column(take(given.arcs[3:], (row, given.arc)))
     # Parts already flown shrink to the present.
-    parts = np.maximum(begin + np.arange(FINE + 1) * fine, np.minimum(0.0, begin + step[m]))
+    parts = begin + np.arange(FINE + 1) * (step / FINE)
+    parts = np.maximum(parts, np.minimum(0.0, begin + step))
     moved = advance(VehicleState(*state), acceleration, yaw_rate, parts - begin, ANY, np)
-    one = take(one, m)
-    there = predict(one, parts)
+    there = predict(traffic, parts)
     x, y = there.x - moved.x, there.y - moved.y
     length = np.diff(parts, axis=1)
     near = (
         chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:])
-        - 0.125 * relative_acceleration[m, arc][:, None] * length * length
+        - 0.125 * given.relative_acceleration * length * length
     )
-    near = near - arcs.miss[m, None] - growth(one, parts[:, 1:], sigmas)
-    near = np.where(within_window(one, parts[:, :-1], parts[:, 1:]), near, np.inf)
-    pair = n[m], k[m]
-    lost = np.min(np.where(near < level[pair][:, None], parts[:, :-1], np.inf), axis=1)
-    np.minimum.at(found.separation, pair, near.min(axis=1))
-    np.minimum.at(found.loss, pair, np.maximum(lost, 0.0))
+    near = near - given.arcs.miss[:, None] - growth(traffic, parts[:, 1:], sigmas)
+    counts = within_window(traffic, parts[:, :-1], parts[:, 1:])
+    return np.where(counts, near, np.inf), parts[:, :-1]
 
 
 def chord(x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
@@ -156,7 +181,8 @@ def chord(x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
     return distance(x0 + s * dx, y0 + s * dy, np)
 
 
-def _relative_acceleration(speed: Any, acceleration: Any, yaw_rate: Any, step: Any) -> Any:
+def _own_acceleration(speed: Any, acceleration: Any, yaw_rate: Any, step: Any) -> Any:
+    """Return the greatest acceleration of arcs of ``step`` seconds, along and across, m/s^2."""
     fastest = np.maximum(speed, speed + acceleration * step)
     return distance(acceleration, fastest * yaw_rate, np)
 

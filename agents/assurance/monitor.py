@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from agents.assurance.areas import rest
-from agents.assurance.backup import refresh
+from agents.assurance.backup import Backup, refresh
 from agents.assurance.conformance import floor, has, judge, required_separations
-from agents.assurance.inputs import Inputs, advance, update
+from agents.assurance.inputs import Inputs, Memory, advance, update
 from agents.assurance.lookahead import Course, course, outlook
 from agents.assurance.state import Decision, FlyMode, Monitor, State
 from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, UNSAFE, WANTING, Cause, Thresholds
@@ -63,11 +63,7 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     sums, causes, measured = judge(monitor, memory, own, traffic, causes, thresholds)
 
     sighted = np.flatnonzero(~(idle | blind))
-    if sighted.size:
-        state, amid = take((monitor.backup, own, traffic, now), sighted), memory.areas[sighted]
-        fresh = refresh(*state, thresholds, amid)
-        monitor = _with(monitor, sighted, backup=fresh)
-    backup = monitor.backup
+    backup = _refresh_backups(monitor.backup, sighted, memory, own, traffic, thresholds)
     causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)
     causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)
 
@@ -87,17 +83,7 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     # Of a plan that has ended nothing is left to fly.
     ended = now - monitor.started >= monitor.plan.plan_states.time[:, -1]
     on_backup = (monitor.on_backup | ((at_once | ended) & ~blind)) & ~idle
-    state = np.select(
-        [
-            idle,
-            blind,
-            on_backup,
-            lost | has(causes, DOUBTFUL) | (wants & (refused | silent)),
-            wants,
-        ],
-        [State.IDLE, State.DENIED, State.BACKUP, State.DENIED, State.REPLAN_REQUESTED],
-        State.MONITORING,
-    ).astype(np.int8)
+    state = _state(idle, on_backup, causes, unanswered=refused | silent)
     replan = may_ask & (wants | on_backup)
     asking = np.flatnonzero(replan)
     monitor = _with(
@@ -105,27 +91,57 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     )
     monitor = monitor._replace(
         state=state,
+        backup=backup,
         on_backup=on_backup,
         causes=causes,
         memory=memory,
         sums=sums,
         requested=monitor.requested + replan,
     )
-    fly = np.where(idle, FlyMode.NOTHING, np.where(on_backup, FlyMode.BACKUP, FlyMode.PLAN)).astype(
-        np.int8
-    )
+    fly = np.where(on_backup, FlyMode.BACKUP, FlyMode.PLAN)
     return monitor, Decision(
-        state,
-        fly,
-        replan,
-        monitor.requested,
-        causes,
-        own,
-        traffic,
+        state=state,
+        fly=np.where(idle, FlyMode.NOTHING, fly).astype(np.int8),
+        replan=replan,
+        number=monitor.requested,
+        causes=causes,
+        own=own,
+        traffic=traffic,
         **measured,
         backup_area=backup.area,
         areas=memory.areas,
     )
+
+
+def _refresh_backups(
+    backup: Backup,
+    rows: Any,
+    memory: Memory,
+    own: VehicleState,
+    traffic: Traffic,
+    thresholds: Thresholds,
+) -> Backup:
+    """Return backups ``[N]`` of which those in some rows are as of now."""
+    if rows.size == 0:
+        return backup
+    had, here, others, now = take((backup, own, traffic, memory.time), rows)
+    fresh = refresh(had, here, others, now, thresholds, memory.areas[rows])
+    result = map_leaves(np.array, backup)
+    scatter(result, rows, fresh)
+    return result
+
+
+def _state(idle: Any, on_backup: Any, causes: Any, unanswered: Any) -> Any:
+    """Return the state that follows from the causes, int8 ``[N]``; ``unanswered`` says where a plan
+    that is wanted was refused, or is not coming.
+    """
+    wants = has(causes, WANTING)
+    denied = has(causes, LOST | DOUBTFUL) | (wants & unanswered)
+    return np.select(
+        [idle, has(causes, BLIND), on_backup, denied, wants],
+        [State.IDLE, State.DENIED, State.BACKUP, State.DENIED, State.REPLAN_REQUESTED],
+        State.MONITORING,
+    ).astype(np.int8)
 
 
 def answer(

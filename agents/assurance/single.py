@@ -154,17 +154,17 @@ def step(
     here = VehicleState(*(np.array([value], dtype=float) for value in own))
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
     given = Inputs(
-        now,
-        here,
-        late,
-        seen.state,
-        age,
-        seen.mask,
-        seen.position_std,
-        seen.velocity_std,
-        seen.separation,
-        windows(reports, own_altitude, watch.thresholds.options),
-        _areas_met(watch, areas, own, own_altitude, time),
+        time=now,
+        own=here,
+        own_age=late,
+        intruders=seen.state,
+        age=age,
+        mask=seen.mask,
+        position_std=seen.position_std,
+        velocity_std=seen.velocity_std,
+        separation=seen.separation,
+        window=windows(reports, own_altitude, watch.thresholds.options),
+        areas=_areas_met(watch, areas, own, own_altitude, time),
     )
     monitor, decision = monitors.step(watch.monitor, given, watch.thresholds)
     levels = {name: at for name, at in watch.levels.items() if name in names} | {
@@ -331,10 +331,10 @@ def backup_states(watch: Watch) -> PlanStates:
 
 
 def _on_ground(monitor: Monitor, frame: Frame) -> PlanStates:
-    knots_in_air = PlanStates(*(field[0] for field in monitor.backup.plan_states))
+    in_air = PlanStates(*(field[0] for field in monitor.backup.plan_states))
     began = float(monitor.backup.started[0])
-    state = frame.to_ground(VehicleState(*knots_in_air[:4]), knots_in_air.time + began)
-    return PlanStates(*state, knots_in_air.time)
+    state = frame.to_ground(VehicleState(*in_air[:4]), in_air.time + began)
+    return PlanStates(*state, in_air.time)
 
 
 def _waypoints(monitor: Monitor, frame: Frame) -> tuple[Waypoint, ...]:

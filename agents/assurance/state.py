@@ -54,7 +54,7 @@ class Decision(NamedTuple):
     """What the monitor wants and why; fields ``[N]``."""
 
     state: Any  # code of State, int8
-    fly: Any  # code of Flown, int8
+    fly: Any  # code of FlyMode, int8
     # whether a plan is requested now, bool: from own, against traffic, with the number below
     replan: Any
     number: Any
