@@ -182,7 +182,7 @@ def _name_axis(axes: Any, found: Mapping[str, Any], **style: Any) -> None:
             high if high == low else f"{high} | {low}" for (_, high), (low, _) in pairwise(ends)
         ]
         names = [ends[0][0], *inner, ends[-1][1]]
-        crowded = sum(map(len, names)) > _CROWDED
+        crowded = sum(map(len, names)) > _CROWDED or any("|" in name for name in names)
         axes.set_xticks(range(len(names)), names, fontsize=8, rotation=45 if crowded else 0)
     else:
         names = [one["word"] if "word" in one else f"{one['value']:g}" for one in points]
