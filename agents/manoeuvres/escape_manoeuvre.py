@@ -48,6 +48,13 @@ class Flight(NamedTuple):
     returning: Any  # whether the aircraft is on the way to the goal, bool
 
 
+class Counting(NamedTuple):
+    """How intruders count; fields ``[..., K]``."""
+
+    mask: Any  # which of them exist, bool
+    share: Any  # of the distance to each: the rules' separation over its own; None: 1 of all
+
+
 def steps(rules: Rules) -> int:
     """Return the number of steps after which an encounter times out."""
     return int(np.ceil(rules.t_max / rules.dt - 0.5))
@@ -65,6 +72,12 @@ def tracks(encounter: Encounter, count: int, rules: Rules) -> VehicleState:
     return VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
 
 
+def count_in(encounter: Encounter, rules: Rules) -> Counting:
+    """Return how the intruders of encounters ``[N]`` count."""
+    own = encounter.separation
+    return Counting(encounter.mask, None if own is None else rules.separation / own)
+
+
 def takeoff(own: VehicleState, manoeuvre: Manoeuvre) -> Flight:
     """Return the escapes at their beginning, ``[M]``."""
     never = np.zeros(np.shape(own.x), dtype=bool)
@@ -77,7 +90,7 @@ def choose_action(
     time: float,
     goal: tuple[Any, Any],
     traffic: VehicleState,
-    mask: Any,
+    counting: Counting,
     rules: Rules,
     limits: Limits,
 ) -> tuple[tuple[Any, Any], Flight]:
@@ -85,13 +98,13 @@ def choose_action(
     it, not yet moved.
 
     The time is that of the step's beginning, s; the goal's position ``[M]`` twice, m; traffic and
-    mask ``[M, K]``.
+    counting ``[M, K]``.
     """
     own = flight.own
     returning = flight.returning.copy()
     asking = np.flatnonzero(~returning & (time >= manoeuvre.resume))
     if asking.size:
-        scene = take((own, goal, traffic, mask, manoeuvre.slack), asking)
+        scene = take((own, goal, traffic, counting, manoeuvre.slack), asking)
         returning[asking] = _clear(*scene, rules, limits)
     full_turn = limits.yaw_rate_max * rules.dt
     away = steer_away(flight, manoeuvre, time, full_turn)
@@ -108,12 +121,12 @@ def fly(
     time: float,
     goal: tuple[Any, Any],
     traffic: VehicleState,
-    mask: Any,
+    counting: Counting,
     rules: Rules,
     limits: Limits,
 ) -> Flight:
     """Fly one step of the escapes; arguments as of :func:`choose_action`."""
-    action, after = choose_action(flight, manoeuvre, time, goal, traffic, mask, rules, limits)
+    action, after = choose_action(flight, manoeuvre, time, goal, traffic, counting, rules, limits)
     return after._replace(
         own=advance(flight.own, *commands(action, limits, np), rules.dt, limits, np)
     )
@@ -123,7 +136,9 @@ class Step(NamedTuple):
     """What one step of escapes brought; fields ``[M]``."""
 
     flight: Flight  # after it
-    separation: Any  # smallest distance to any intruder during it, m; inf without intruders
+    separation: Any
+    """Smallest distance to any intruder during it, m; inf without intruders. That to one with a
+    separation of its own counts in shares of it, times the rules'."""
     to_goal: Any  # distance to the goal after it, m
 
 
@@ -133,7 +148,7 @@ def fly_step(
     time: float,
     goal: tuple[Any, Any],
     traffic: tuple[VehicleState, VehicleState],
-    mask: Any,
+    counting: Counting,
     rules: Rules,
     limits: Limits,
 ) -> Step:
@@ -141,9 +156,10 @@ def fly_step(
     other arguments as of :func:`choose_action`.
     """
     now, after = traffic
-    moved = fly(flight, manoeuvre, time, goal, now, mask, rules, limits)
+    moved = fly(flight, manoeuvre, time, goal, now, counting, rules, limits)
     apart = leg_separation(column(flight.own), column(moved.own), now, after, rules.dt, np)
-    separation = np.min(np.where(mask, apart, np.inf), axis=-1)
+    apart = apart if counting.share is None else apart * counting.share
+    separation = np.min(np.where(counting.mask, apart, np.inf), axis=-1)
     to_goal = distance(goal[0] - moved.own.x, goal[1] - moved.own.y, np)
     return Step(moved, separation, to_goal)
 
@@ -195,7 +211,7 @@ def _clear(
     own: VehicleState,
     goal: tuple[Any, Any],
     traffic: VehicleState,
-    mask: Any,
+    counting: Counting,
     slack: Any,
     rules: Rules,
     limits: Limits,
@@ -207,6 +223,7 @@ def _clear(
     turning = np.abs(to_goal) / limits.yaw_rate_max
     traffic_vx, traffic_vy = velocity(traffic, np)
     required = (rules.separation + slack)[:, None]
+    required = required if counting.share is None else required / counting.share
 
     half_x, half_y = arc_end(own, 0.5 * to_goal, own.speed * 0.5 * turning)
     seconds = 0.5 * turning[:, None]
@@ -230,4 +247,4 @@ def _clear(
         -(rx * vx + ry * vy) / np.maximum(vx * vx + vy * vy, 1e-9), 0.0, flight[:, None]
     )
     clear &= distance(rx + vx * closest, ry + vy * closest, np) >= required
-    return np.all(clear | ~mask, axis=-1)
+    return np.all(clear | ~counting.mask, axis=-1)

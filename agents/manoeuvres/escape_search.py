@@ -11,8 +11,10 @@ import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import (
     REGARDLESS,
+    Counting,
     Flight,
     Manoeuvre,
+    count_in,
     fly_step,
     steps,
     takeoff,
@@ -46,7 +48,7 @@ class EscapeOutcome(NamedTuple):
     """How escapes ended; fields ``[M]``."""
 
     arrival: Any  # time at which the goal was reached, s; nan if it was not
-    separation: Any  # smallest distance to any intruder until then, m
+    separation: Any  # smallest distance to any intruder until then, m, as of a Step
     path: Any  # length flown until the circle around the goal was entered, m; nan if it was not
 
 
@@ -56,7 +58,7 @@ class _Aloft(NamedTuple):
     row: Any  # their numbers
     which: Any  # number of the encounter
     goal: tuple[Any, Any]  # m
-    mask: Any  # which of the K intruders exist, [M, K]
+    counting: Counting  # how the intruders count, [M, K]
     manoeuvre: Manoeuvre
     flight: Flight
     now: VehicleState  # of the intruders, [M, K]
@@ -169,7 +171,7 @@ def fly_out(
         row=np.arange(which.size),
         which=which,
         goal=goal,
-        mask=encounter.mask[which],
+        counting=take(count_in(encounter, rules), which),
         manoeuvre=manoeuvre,
         flight=flight,
         now=now,
@@ -206,7 +208,7 @@ def _fly_one(
     both = aloft.now, after
     start = index * rules.dt
     step = fly_step(
-        aloft.flight, aloft.manoeuvre, start, aloft.goal, both, aloft.mask, rules, limits
+        aloft.flight, aloft.manoeuvre, start, aloft.goal, both, aloft.counting, rules, limits
     )
     row, time = aloft.row, (index + 1) * rules.dt
     found.separation[row] = np.minimum(found.separation[row], step.separation)

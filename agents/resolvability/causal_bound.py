@@ -15,6 +15,7 @@ from agents.manoeuvres.escape_manoeuvre import (
     REGARDLESS,
     Flight,
     Manoeuvre,
+    count_in,
     fly_step,
     steps,
     takeoff,
@@ -62,7 +63,7 @@ class Causal(NamedTuple):
     """Flights of the oracle; fields ``[N]``."""
 
     outcome: Any  # code, the place of the one that is true in Outcome, int8
-    separation: Any  # smallest distance to any intruder, m
+    separation: Any  # smallest distance to any intruder, m, as of agents.manoeuvres' Step
     arrival: Any  # time at which the goal was reached, s; nan if it was not
     path: Any  # length flown until the end, m
     own: VehicleState  # the ownship's flight, [T + 1, N], a state a step; nan after the end
@@ -115,14 +116,12 @@ def _fly(encounter: Encounter, part: Any, rules: Rules, limits: Limits, result: 
         elapsed = index * rules.dt
         left = rules._replace(t_max=rules.t_max - elapsed)
         air = air._replace(plan=_plan(air, index, left, limits))
-        goal, mask, now = (
-            (air.encounter.goal_x, air.encounter.goal_y),
-            air.encounter.mask,
-            air.intruders.vehicle,
-        )
+        goal, now = (air.encounter.goal_x, air.encounter.goal_y), air.intruders.vehicle
+        counting = count_in(air.encounter, rules)
         traffic = step(air.intruders, air.encounter.intent, elapsed, rules.dt, np)
         both = now, traffic.vehicle
-        made = fly_step(takeoff(air.own, air.plan), air.plan, 0.0, goal, both, mask, left, limits)
+        begun = takeoff(air.own, air.plan)
+        made = fly_step(begun, air.plan, 0.0, goal, both, counting, left, limits)
         flight = made.flight
         ended = judge(made.separation, made.to_goal, elapsed + rules.dt, rules, np)
         nearest = result.separation[air.number]

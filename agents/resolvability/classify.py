@@ -1,10 +1,10 @@
 """Whether an encounter can be resolved at all: by an escape to show, not by a proof, or not known.
 
-An encounter is resolvable if some control history within the limits keeps the separation until it
-reaches the goal within ``rules.t_max`` (the definition of policy mode). Success of a resolver is
-judged against all encounters that are not *proven* unresolvable, so that a weak search here can
-never flatter it. ``classify`` stops at the first escape that works;
-:func:`agents.resolvability.witness.least_cost` looks for the shortest.
+An encounter is resolvable if some control history within the limits keeps the separation (from each
+intruder its own, where it has one) until it reaches the goal within ``rules.t_max`` (the definition
+of policy mode). Success of a resolver is judged against all encounters that are not *proven*
+unresolvable, so that a weak search here can never flatter it. ``classify`` stops at the first
+escape that works; :func:`agents.resolvability.witness.least_cost` looks for the shortest.
 """
 
 from enum import IntEnum
@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.escape_manoeuvre import Manoeuvre, fly_step, steps, takeoff, tracks
+from agents.manoeuvres.escape_manoeuvre import Manoeuvre, count_in, fly_step, steps, takeoff, tracks
 from agents.manoeuvres.escape_search import parts, search, to_double
-from agents.resolvability.proof import containment_time, look_ahead, split
+from agents.resolvability.proof import containment_time, look_ahead, reach_scale, split
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
@@ -53,7 +53,9 @@ class Resolvability(NamedTuple):
         Manoeuvre  # parameters of an escape that works; nan where none was searched for or found
     )
     arrival: Any  # time at which the witness reaches the goal, s; nan without one
-    separation: Any  # smallest distance of the witness to any intruder, m; nan without one
+    separation: Any
+    """Smallest distance of the witness to any intruder, m; nan without one. That to one with a
+    separation of its own counts in shares of it, times the rules'."""
     proof_time: Any  # time by which any control history has failed, s; nan without a proof
 
 
@@ -63,7 +65,7 @@ class Replay(NamedTuple):
     time: Any  # s, [T + 1]
     own: VehicleState  # [T + 1]
     intruders: VehicleState  # [T + 1, K]
-    separation: Any  # smallest distance to any intruder during each step, m, [T]
+    separation: Any  # smallest distance to any intruder during each step, m, [T]; counted likewise
 
 
 def classify(
@@ -91,8 +93,10 @@ def classify(
         Manoeuvre(*np.full((len(Manoeuvre._fields), count), np.nan)),
         *np.full((3, count), np.nan),
     )
-    for part in parts(np.flatnonzero(~known), 1, chosen):
-        _decide(take(chosen, part), part, rules, limits, reserve, result)
+    scale = reach_scale(chosen, rules)
+    for horizon in np.unique(scale):
+        for part in parts(np.flatnonzero(~known & (scale == horizon)), 1, chosen):
+            _decide(take(chosen, part), part, rules, limits, reserve, result)
     return result
 
 
@@ -109,11 +113,12 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
     )
     traffic = tracks(one, steps(rules), rules)
     flight, goal = takeoff(one.own, manoeuvre), (one.goal_x, one.goal_y)
+    counting = count_in(one, rules)
     states, separations = [flight.own], []
     for index in range(steps(rules)):
         both = take(traffic, index), take(traffic, index + 1)
         start, end = index * rules.dt, (index + 1) * rules.dt
-        step = fly_step(flight, manoeuvre, start, goal, both, one.mask, rules, limits)
+        step = fly_step(flight, manoeuvre, start, goal, both, counting, rules, limits)
         flight = step.flight
         states.append(flight.own)
         separations.append(float(step.separation[0]))

@@ -49,6 +49,11 @@ until one proves.
 NODES = 300
 """Sets of control histories that a proof by halving may look at."""
 
+LEAST_SHARE = 0.1
+"""Of the rules' separation. Nearer than that, judged distances err by more than half of
+:func:`agents.resolvability.reachable_bound.delta`: proofs do without such an intruder.
+"""
+
 BLOCK = 25
 """Funnels looked at together against up to 8 intruders (fewer against more): some 150 MB."""
 
@@ -60,7 +65,9 @@ class Ahead(NamedTuple):
     """What a proof needs of encounters; fields ``[N, ...]``."""
 
     speed: Any  # initial, m/s, [N]
-    start_distance: Any  # to the nearest intruder at the start, m, [N]
+    # what each intruder's own separation is beyond the rules', m, [N, K]; 0 where it has none
+    beyond: Any
+    start_distance: Any  # at the start, less beyond, to the intruder where that is least, m, [N]
     # intruders in the ownship's initial frame at the test times, m, [N, K, T]; far off where absent
     x: Any
     y: Any
@@ -69,11 +76,26 @@ class Ahead(NamedTuple):
     out_of_reach: Any  # whether the goal cannot be reached in time, bool [N]
 
 
+def reach_scale(encounter: Encounter, rules: Rules) -> Any:
+    """Return the separation by which a proof's horizon is measured, in whole separations of the
+    rules, ``[N]``: the largest of each encounter, rounded up.
+    """
+    if encounter.separation is None:
+        return np.ones(np.shape(encounter.goal_x))
+    most = np.max(np.where(encounter.mask, encounter.separation, 0.0), axis=-1)
+    return np.maximum(np.ceil(most / rules.separation), 1.0)
+
+
 def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
     """Fly the intruders of encounters ``[N]`` over the horizon of proofs and ask whether the goal
     is in reach.
+
+    The horizon is that of the largest :func:`reach_scale` of them.
     """
-    own = encounter.own
+    own, mask, beyond = encounter.own, encounter.mask, np.zeros(np.shape(encounter.mask))
+    if encounter.separation is not None:
+        mask = mask & (encounter.separation >= LEAST_SHARE * rules.separation)
+        beyond = encounter.separation - rules.separation
     sine, cosine = sincos(own.heading, np)
 
     def in_frame(x: Any, y: Any) -> tuple[Any, Any]:
@@ -83,7 +105,8 @@ def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
             :, None
         ] * east
 
-    times = _test_times(rules, limits)
+    scale = float(np.max(reach_scale(encounter, rules), initial=1.0))
+    times = _test_times(_tests_ahead(scale * rules.separation, rules, limits), rules)
     flown = start(encounter.intruders, np)
     began = distance(*in_frame(flown.vehicle.x, flown.vehicle.y), np)
     places = []
@@ -97,13 +120,13 @@ def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
         between = advance(flown.vehicle, 0.0 * turn_rate, turn_rate, seconds, _ANY, np)
         places.append(np.stack(in_frame(between.x, between.y)))
         times, flown, index = times[~within], after, index + 1
-    x, y = np.where(encounter.mask, np.concatenate(places, axis=1), 1e9).transpose(0, 2, 3, 1)
-    start_distance = np.min(np.where(encounter.mask, began, np.inf), axis=-1)
+    x, y = np.where(mask, np.concatenate(places, axis=1), 1e9).transpose(0, 2, 3, 1)
+    start_distance = np.min(np.where(mask, began - beyond, np.inf), axis=-1)
     goal_x, goal_y = (
         place[:, 0] for place in in_frame(encounter.goal_x[:, None], encounter.goal_y[:, None])
     )
     out_of_reach = _out_of_reach(own.speed, goal_x, goal_y, rules, limits)
-    return Ahead(own.speed, start_distance, x, y, goal_x, goal_y, out_of_reach)
+    return Ahead(own.speed, beyond, start_distance, x, y, goal_x, goal_y, out_of_reach)
 
 
 def containment_time(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
@@ -113,17 +136,14 @@ def containment_time(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
     proven = np.full(ahead.speed.shape, np.nan)
     # The straight flight is among the histories: an intruder that does not meet it contains
     # nothing.
-    straight = distance(
-        ahead.x - (ahead.speed[:, None] * _test_times(rules, limits))[:, None], ahead.y, np
-    )
-    near = np.flatnonzero(
-        np.min(straight, axis=(-1, -2)) <= rules.separation - delta(rules, limits)
-    )
+    flown = ahead.speed[:, None] * _test_times(ahead.x.shape[-1], rules)
+    straight = np.min(distance(ahead.x - flown[:, None], ahead.y, np), axis=-1)
+    near = np.flatnonzero(np.any(straight <= _radius(ahead, rules, limits), axis=-1))
     size = _block(ahead)
     for first in range(0, near.size, size):
         part = near[first : first + size]
         chosen = take(ahead, part)
-        funnel = root(chosen.speed, _times(rules, limits), relax(limits))
+        funnel = root(chosen.speed, _times(ahead.x.shape[-1], rules), relax(limits))
         proven[part] = _look(funnel, chosen, rules, limits)[0]
     proven[ahead.start_distance <= rules.separation - delta(rules, limits)] = 0.0
     return proven
@@ -148,15 +168,15 @@ def _survival_time(ahead: Ahead, cells: Cells, rules: Rules, limits: Limits) -> 
     """Follow what is still clear of all intruders of one encounter; return when nothing is, nan if
     something stays.
     """
-    granted, radius = relax(limits), rules.separation - delta(rules, limits)
+    granted, radius = relax(limits), _radius(ahead, rules, limits)[0]
     cells = cells._replace(
         speed=cells.speed * limits.speed_max, place=cells.place * rules.separation
     )
     fastest = max(granted.speed_max, ahead.speed[0])
-    reach = radius + fastest * _test_times(rules, limits)
-    near = np.any(distance(ahead.x[0], ahead.y[0], np) <= reach, axis=-1)
+    reach = radius[:, None] + fastest * _test_times(ahead.x.shape[-1], rules)
+    near = (radius > 0.0) & np.any(distance(ahead.x[0], ahead.y[0], np) <= reach, axis=-1)
     goal = (ahead.goal_x[0], ahead.goal_y[0], rules.goal_radius + delta(rules, limits))
-    discs = (ahead.x[0, near], ahead.y[0, near], radius)
+    discs = (ahead.x[0, near], ahead.y[0, near], radius[near])
     return last_time(ahead.speed[0], discs, goal, STRIDE * STEP * rules.dt, cells, granted)
 
 
@@ -164,7 +184,7 @@ def _bisect_until_contained(ahead: Ahead, nodes: int, rules: Rules, limits: Limi
     """Halve the control histories of one encounter until all are contained; return the last time,
     nan if some stay.
     """
-    times, size = _times(rules, limits), _block(ahead)
+    times, size = _times(ahead.x.shape[-1], rules), _block(ahead)
     funnel = root(ahead.speed, times, relax(limits))
     looked_at, latest = funnel.turn_low.shape[0], 0.0
     while looked_at <= nodes:
@@ -189,10 +209,9 @@ def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[A
     nearest.
     """
     supports = support(funnel, DIRECTIONS, STEP * rules.dt, relax(limits), stride=STRIDE)
-    times = _test_times(rules, limits)
-    excess = np.min(farthest(supports, ahead.x, ahead.y), axis=-2) - (
-        rules.separation - delta(rules, limits)
-    )
+    times = _test_times(ahead.x.shape[-1], rules)
+    radius = _radius(ahead, rules, limits)[..., None]
+    excess = np.min(farthest(supports, ahead.x, ahead.y) - radius, axis=-2)
     excess = np.where(_under_way(supports, ahead, rules, limits), excess, np.inf)
     contains = excess <= 0.0
     ended = np.where(contains.any(axis=-1), times[np.argmax(contains, axis=-1)], np.nan)
@@ -271,18 +290,31 @@ def _block(ahead: Ahead) -> int:
     return max(BLOCK * 8 // max(ahead.x.shape[1], 8), 1)
 
 
-def _times(rules: Rules, limits: Limits) -> Any:
-    """Return the times of the funnels, s: half as long again as it takes to move aside by the
-    separation.
+def _radius(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
+    """Return the radius of the disc around each intruder that a proof holds for violated, m,
+    ``[N, K]``.
+
+    What judged distances err by does not grow with them: delta is that of the rules' separation.
+    """
+    return rules.separation + ahead.beyond - delta(rules, limits)
+
+
+def _tests_ahead(separation: float, rules: Rules, limits: Limits) -> int:
+    """Return how many times are tested: over half as long again as it takes to move aside by a
+    separation, m.
     """
     # A guide, no bound: the shorter the horizon, the less is proven.
     slow, stride = max(limits.speed_min, 0.1 * limits.speed_max), STRIDE * STEP * rules.dt
     radius = slow / limits.yaw_rate_max
-    turning = np.arccos(max(1.0 - rules.separation / radius, 0.0)) / limits.yaw_rate_max
-    aside = turning + max(rules.separation - radius, 0.0) / slow
-    cells = STRIDE * int(min(1.5 * aside, steps(rules) * rules.dt) / stride)
-    return STEP * rules.dt * np.arange(cells + 1)
+    turning = np.arccos(max(1.0 - separation / radius, 0.0)) / limits.yaw_rate_max
+    aside = turning + max(separation - radius, 0.0) / slow
+    return int(min(1.5 * aside, steps(rules) * rules.dt) / stride)
 
 
-def _test_times(rules: Rules, limits: Limits) -> Any:
-    return _times(rules, limits)[STRIDE::STRIDE]
+def _times(tests: int, rules: Rules) -> Any:
+    """Return the times of the funnels with so many test times, s."""
+    return STEP * rules.dt * np.arange(STRIDE * tests + 1)
+
+
+def _test_times(tests: int, rules: Rules) -> Any:
+    return _times(tests, rules)[STRIDE::STRIDE]

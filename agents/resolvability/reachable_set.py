@@ -42,7 +42,7 @@ class Cells(NamedTuple):
 
 def last_time(
     speed: float,
-    discs: tuple[Any, Any, float],
+    discs: tuple[Any, Any, Any],
     goal: tuple[float, float, float],
     stride: float,
     cells: Cells,
@@ -53,8 +53,8 @@ def last_time(
 
     Args:
         speed: initial, m/s.
-        discs: x and y of the intruders at the test times, ``[K, T]``, and the radius to stay out
-            of, m.
+        discs: x and y of the intruders at the test times, ``[K, T]``, and the radii to stay out of,
+            ``[K]``, m.
         goal: x, y and the distance from it, m, within which a history counts as ended; it holds for
             one stride's flight as well, because it is asked at the test times alone.
         stride: between test times, s.
@@ -78,7 +78,7 @@ def last_time(
             left = np.ones(row.size, dtype=bool)
             for intruder in range(x.shape[0]):
                 supports, some = outside(
-                    supports, x[intruder, first + test], y[intruder, first + test], radius
+                    supports, x[intruder, first + test], y[intruder, first + test], radius[intruder]
                 )
                 left &= some
             supports, row = supports[left], row[left]
@@ -183,7 +183,7 @@ def _cut_along_grid(states: States, ahead: int, place: float) -> States:
     return States(*(np.concatenate(field) for field in zip(*done, strict=True)))
 
 
-def _passes(states: States, x: Any, y: Any, radius: float, stride: float) -> bool:
+def _passes(states: States, x: Any, y: Any, radius: Any, stride: float) -> bool:
     """Return whether a straight flight stays clear of intruders ``[K, T]``: it would always be
     among the survivors.
     """
@@ -193,10 +193,10 @@ def _passes(states: States, x: Any, y: Any, radius: float, stride: float) -> boo
     for turn in (states.turn_low, states.turn_high):
         for speed in (states.speed_low, states.speed_high):
             clear = np.ones(turn.size, dtype=bool)
-            for other_x, other_y in zip(x, y, strict=True):
+            for other_x, other_y, apart in zip(x, y, radius, strict=True):
                 east = place_x[:, None] + np.outer(speed * np.cos(turn), time) - other_x
                 north = place_y[:, None] + np.outer(speed * np.sin(turn), time) - other_y
-                clear &= np.all(east * east + north * north > radius * radius, axis=1)
+                clear &= np.all(east * east + north * north > apart * apart, axis=1)
             if clear.any():
                 return True
     return False

@@ -161,6 +161,9 @@ def _fly(
     which = np.repeat(rows, size)
     able = np.flatnonzero(np.isfinite(flat).all(axis=0))
     stricter = rules._replace(separation=rules.separation + _MARGIN)
+    if encounter.separation is not None:  # of each grows in the same proportion
+        separation = encounter.separation * (stricter.separation / rules.separation)
+        encounter = encounter._replace(separation=separation)
     flown = fly_out(
         encounter, traffic, which[able], Manoeuvre(*flat[:, able]), stricter, limits, first=False
     )

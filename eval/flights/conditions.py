@@ -53,9 +53,9 @@ def verdicts(encounters: Encounter, aircraft: Aircraft, solved: np.ndarray) -> R
     where it is farther off than :data:`LARGEST_OFF`, such an encounter is undecided.
     """
     rules, limits = aircraft.rules(), aircraft.limits
-    if encounters.separation is not None or encounters.reaction is not None:
-        # Searches and proofs know of one separation and of traffic whose flight nobody changes:
-        # what nothing has solved is undecided.
+    if encounters.reaction is not None:
+        # Searches and proofs know of traffic whose flight nobody changes: what nothing has solved
+        # is undecided.
         found = classify(encounters, rules, limits, solved=solved)
         return found._replace(
             verdict=np.where(solved, found.verdict, Verdict.UNDECIDED).astype(np.int8),

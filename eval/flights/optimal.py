@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.baselines import BASELINES, Sight
-from agents.manoeuvres.escape_manoeuvre import Manoeuvre, choose_action, takeoff
+from agents.manoeuvres.escape_manoeuvre import Counting, Manoeuvre, choose_action, takeoff
 from agents.resolvability.witness import least_cost
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
@@ -61,7 +61,7 @@ class Witness:
             self._step * self._aircraft.dt,
             (sight.goal_x[rows], sight.goal_y[rows]),
             take(sight.intruders, rows),
-            sight.mask[rows],
+            take(Counting(sight.mask, sight.share), rows),
             self._aircraft.rules(),
             self._aircraft.limits,
         )

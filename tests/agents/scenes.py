@@ -193,8 +193,9 @@ def check_witness(encounter: Encounter, flown: Replay) -> None:
     np.testing.assert_allclose(y[::parts], flown.own.y, atol=0.05)
     np.testing.assert_allclose(others_x[::parts], flown.intruders.x, atol=0.05)
 
-    apart = np.hypot(others_x - x[:, None], others_y - y[:, None])[:, encounter.mask]
-    assert apart.min() >= RULES.separation - 0.1
+    required = RULES.separation if encounter.separation is None else encounter.separation
+    spare = np.hypot(others_x - x[:, None], others_y - y[:, None]) - required
+    assert spare[:, encounter.mask].min() >= -0.1
     assert math.hypot(x[-1] - encounter.goal_x, y[-1] - encounter.goal_y) <= RULES.goal_radius + 0.1
     assert flown.time[-1] <= RULES.t_max
     turns = np.angle(np.exp(1j * np.diff(flown.own.heading)))

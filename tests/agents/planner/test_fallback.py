@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.manoeuvres import simulator
-from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, fly, takeoff
+from agents.manoeuvres.escape_manoeuvre import Counting, Flight, Manoeuvre, fly, takeoff
 from agents.manoeuvres.escape_search import COARSE, STAGES, concatenate, scale
 from agents.manoeuvres.simulator import Effort, fly_away
 from agents.planner.fallback_flight import ManoeuvreFlights, fly_out, stride_of
@@ -99,8 +99,8 @@ def test_steps_at_once_are_those_of_the_true_flight(
             np.testing.assert_allclose(np.cos(field[step] - value), 1.0, atol=1e-12)
             np.testing.assert_allclose(np.sin(field[step] - value), 0.0, atol=1e-7)
         assert -math.pi <= states.heading[step, 0] < math.pi
-        mask = np.zeros((1, 0), dtype=bool)
-        flight = fly(flight, manoeuvre, step * STRIDE, nowhere, nobody, mask, rules, LIMITS)
+        none = Counting(np.zeros((1, 0), dtype=bool), None)
+        flight = fly(flight, manoeuvre, step * STRIDE, nowhere, nobody, none, rules, LIMITS)
 
 
 def test_a_flight_does_not_depend_on_how_many_steps_are_taken_at_once() -> None:

@@ -171,7 +171,7 @@ def test_flights_clear_of_all_intruders_are_among_the_survivors(
     for number in range(6):
         ahead = look_ahead(encounters_of_seed(CROWDED, 7, number, 1), RULES, SURROGATE)
         kept.clear()
-        discs = (ahead.x[0], ahead.y[0], RULES.separation - DELTA)
+        discs = (ahead.x[0], ahead.y[0], np.full(ahead.x.shape[1], RULES.separation - DELTA))
         last_time(
             float(ahead.speed[0]), discs, (1e6, 0.0, 500.0), INTERVAL, cells, relax(SURROGATE)
         )
@@ -195,7 +195,7 @@ def test_flights_clear_of_all_intruders_are_among_the_survivors(
 def test_survivors_that_reach_the_goal_before_the_disc_prove_nothing():
     cells = Cells(math.radians(30.0), 12.0, 1_000.0, 80, 3_000)
     ahead = look_ahead(duel([2_400.0]), RULES, SURROGATE)
-    discs = (ahead.x[0], ahead.y[0], RULES.separation - DELTA)
+    discs = (ahead.x[0], ahead.y[0], np.full(ahead.x.shape[1], RULES.separation - DELTA))
     # The discs meet at 1 s before the ownship is at 700 m or so.
     for goal, ends in ((15_000.0, True), (2_000.0, True), (1_000.0, False)):
         time = last_time(

@@ -1,0 +1,140 @@
+"""Search and proof keep from each intruder the separation that is its own."""
+
+import numpy as np
+import pytest
+
+from agents.manoeuvres.escape_manoeuvre import Manoeuvre, steps, tracks
+from agents.manoeuvres.escape_search import fly_out
+from agents.policy.inference import Policy
+from agents.resolvability import causal, least_cost
+from agents.resolvability.classify import Method, Resolvability, Verdict, classify, replay
+from agents.resolvability.proof import LEAST_SHARE, containment_time, look_ahead
+from envs.aircraft import PAPER
+from envs.encounters import Encounter, scenario
+from envs.kinematics import SURROGATE
+from envs.outcome import RULES
+from envs.scenarios import resolve
+from envs.starts import encounters_of_seed
+from envs.trees import take
+from eval.flights.simulate import OUTCOMES, ByPolicy, fly
+from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel
+
+NAME = "envs.own_separations:separations"
+
+
+@pytest.fixture(scope="module")
+def encounters() -> Encounter:
+    """Two to four intruders from each of which 300 to 3000 m are to be kept, near enough that some
+    are beyond help: 60.
+    """
+    resolve(NAME)
+    close = scenario(NAME, PAPER, radius=(2_000.0, 5_000.0))
+    return encounters_of_seed(close, 4, 0, 60, whole=True)
+
+
+@pytest.fixture(scope="module")
+def judged(encounters: Encounter) -> Resolvability:
+    return classify(encounters, RULES, SURROGATE)
+
+
+def of_all(encounters: Encounter, separation: float) -> Encounter:
+    """Return encounters in which one separation is to be kept from every intruder, m."""
+    return encounters._replace(separation=np.full(encounters.mask.shape, separation))
+
+
+def test_the_usual_separation_as_their_own_changes_nothing():
+    for family in (CLOSE, CROWDED):
+        some = encounters_of_seed(family, 2, 0, 25)
+        here = classify(some, RULES, SURROGATE)
+        there = classify(of_all(some, RULES.separation), RULES, SURROGATE)
+        for ours, theirs in zip(here, there, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("separation", [600.0, 2_000.0])
+def test_one_separation_of_all_is_that_of_the_rules(separation: float):
+    some = encounters_of_seed(CLOSE, 2, 0, 40)
+    rules = RULES._replace(separation=separation)
+    here = classify(of_all(some, separation), RULES, SURROGATE).verdict
+    there = classify(some, rules, SURROGATE).verdict
+    differ = here != there
+    # Horizon and grid of a proof are guides that may differ: they decide how much is proven.
+    assert np.all((np.minimum(here, there) == Verdict.UNDECIDED)[differ])
+    assert differ.sum() <= 1
+    assert len(set(here.tolist()) - {Verdict.UNDECIDED}) == 2
+
+
+def test_witnesses_keep_every_separation_in_an_independent_simulation(
+    encounters: Encounter, judged: Resolvability
+):
+    found = np.flatnonzero(judged.method == Method.SEARCH)
+    assert found.size >= 20
+    hardest = found[np.argsort(judged.separation[found])[:6]]
+    for number in hardest:
+        encounter = take(encounters, number)
+        flown = replay(encounter, take(judged.witness, number), RULES, SURROGATE)
+        check_witness(encounter, flown)
+        assert flown.separation.min() >= RULES.separation
+        assert flown.separation.min() == pytest.approx(judged.separation[number], abs=1e-6)
+    few = take(encounters, hardest[:2])
+    cheapest = least_cost(few, RULES, SURROGATE, take(judged.witness, hardest[:2]), rounds=2)
+    for number in range(2):
+        encounter = take(few, number)
+        flown = replay(encounter, take(cheapest.manoeuvre, number), RULES, SURROGATE)
+        check_witness(encounter, flown)
+
+
+def test_nobody_solves_what_is_proven(encounters: Encounter, judged: Resolvability):
+    proven = judged.verdict == Verdict.UNRESOLVABLE
+    assert proven.sum() >= 8
+    policy = Policy.load().for_aircraft(PAPER, outside="allow")
+    solved = fly(encounters, ByPolicy(policy), PAPER).outcome == OUTCOMES.index("reached")
+    oracle = causal(take(encounters, slice(0, 30)), RULES, SURROGATE).solved
+    assert solved.sum() >= 20
+    assert not (solved & proven).any()
+    assert not (oracle & proven[:30]).any()
+
+
+@pytest.mark.slow
+def test_no_draw_of_many_solves_what_is_proven(encounters: Encounter, judged: Resolvability):
+    proven = np.flatnonzero(judged.verdict == Verdict.UNRESOLVABLE)
+    few, draws = take(encounters, proven), np.random.default_rng(1)
+    which = np.repeat(np.arange(proven.size), 1_000)
+    low = np.array([-3.1, -1.0, 0.0, -3.1, -1.0, 0.0, -300.0, -1.0])
+    high = np.array([3.1, 1.0, 60.0, 3.1, 1.0, 120.0, 300.0, 1.0])
+    drawn = draws.uniform(low[:, None], high[:, None], (8, which.size))
+    traffic = tracks(few, steps(RULES), RULES)
+    flown = fly_out(few, traffic, which, Manoeuvre(*drawn), RULES, SURROGATE, first=False)
+    assert np.isnan(flown.arrival).all()
+
+
+def test_a_larger_separation_makes_nothing_resolvable(encounters: Encounter, judged: Resolvability):
+    some = take(encounters, slice(0, 30))
+    more = some._replace(separation=some.separation * np.array([1.5, 1.0, 1.2, 2.0]))
+    there = classify(more, RULES, SURROGATE).verdict
+    here = judged.verdict[:30]
+    assert not np.any((here == Verdict.UNRESOLVABLE) & (there == Verdict.RESOLVABLE))
+    assert np.sum(there == Verdict.UNRESOLVABLE) > np.sum(here == Verdict.UNRESOLVABLE)
+
+
+def test_verdicts_do_not_depend_on_the_others_separations(
+    encounters: Encounter, judged: Resolvability
+):
+    for number in (0, 7, 21):
+        alone = classify(take(encounters, slice(number, number + 1)), RULES, SURROGATE)
+        assert alone.verdict[0] == judged.verdict[number]
+        np.testing.assert_array_equal(alone.proof_time[0], judged.proof_time[number])
+
+
+def test_a_start_inside_a_separation_is_lost_and_one_of_the_next_is_not():
+    here = duel([2_500.0, 2_500.0], course=0.0, speed=50.0, intruder_speed=75.0)
+    judged = classify(here._replace(separation=np.array([[2_600.0], [2_400.0]])), RULES, SURROGATE)
+    assert judged.method.tolist() == [Method.START, Method.SEARCH]
+
+
+def test_proofs_do_without_an_intruder_that_may_come_very_near():
+    least = LEAST_SHARE * RULES.separation
+    for separation, proves in ((1.01 * least, True), (0.99 * least, False)):
+        inside = of_all(duel([0.5 * least]), separation)
+        ahead = look_ahead(inside, RULES, SURROGATE)
+        assert np.isfinite(containment_time(ahead, RULES, SURROGATE)[0]) == proves
