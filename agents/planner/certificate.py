@@ -66,25 +66,7 @@ def certificate(  # noqa: PLR0913, PLR0917 - all of a request
             [point.x, point.y, point.heading, point.speed, point.time] for point in published
         ],
         "controls": np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1).tolist(),
-        "intruders": [
-            list(
-                map(
-                    float,
-                    (
-                        *one.state,
-                        one.age,
-                        one.turn_rate,
-                        one.turn_time,
-                        one.position_std,
-                        one.velocity_std,
-                        options.requirement.separation
-                        if one.separation is None
-                        else one.separation,
-                    ),
-                )
-            )
-            for one in kept
-        ],
+        "intruders": [_report(one, options.requirement.separation) for one in kept],
         "excluded": [_heights(own_altitude, reports[number], options) for number in sorted(out)],
         "apart": [
             row
@@ -100,6 +82,14 @@ def certificate(  # noqa: PLR0913, PLR0917 - all of a request
         "bounds": _bounds(plan_states, seen, own_altitude, in_air),
     }
     return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
+
+
+def _report(one: Intruder, usual: float) -> list[float]:
+    """Return a report with the separation that is to be kept from it, ``usual`` or its own, m."""
+    errors = one.position_std, one.velocity_std
+    separation = usual if one.separation is None else one.separation
+    fields = (*one.state, one.age, one.turn_rate, one.turn_time, *errors, separation)
+    return [float(field) for field in fields]
 
 
 def _area(one: Area, own: Altitude | None) -> dict[str, Any]:

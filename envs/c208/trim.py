@@ -45,6 +45,21 @@ class Trim(NamedTuple):
     thrust: float
 
 
+_LEVEL = (
+    "lat-geod-deg",
+    "long-gc-deg",
+    "h-sl-ft",
+    "vt-fps",
+    "beta-deg",
+    "phi-deg",
+    "psi-true-deg",
+    "p-rad_sec",
+    "q-rad_sec",
+    "r-rad_sec",
+)
+"""Initial conditions of level flight but for its angles; 0 where nothing is said of them."""
+
+
 def solve(
     fdm: Fdm,
     speed: float,
@@ -68,16 +83,7 @@ def solve(
         fdm.node(f"accelerations/{name}")
         for name in ("udot-ft_sec2", "wdot-ft_sec2", "qdot-rad_sec2")
     ]
-    names = (
-        "lat-geod-deg",
-        "long-gc-deg",
-        "h-sl-ft",
-        "vt-fps",
-        "beta-deg",
-        "phi-deg",
-        "psi-true-deg",
-    )
-    place = dict.fromkeys((*names, "p-rad_sec", "q-rad_sec", "r-rad_sec"), 0.0)
+    place = dict.fromkeys(_LEVEL, 0.0)
     place |= {"h-sl-ft": altitude / FOOT, "vt-fps": speed / FOOT, "psi-true-deg": 90.0}
 
     def parts(point: np.ndarray) -> tuple[float, float, float, float]:

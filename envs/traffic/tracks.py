@@ -80,9 +80,18 @@ def at_times(track: Track, times: np.ndarray) -> Track:
         name: np.unwrap(values) if name == "heading" else values
         for name, values in track.extra.items()
     }
-    x, y, altitude, vx, vy, rate, *others = (
-        np.interp(times, track.time, values) for values in (*track[2:8], *extra.values())
-    )
+
+    def between_rows(values: np.ndarray) -> np.ndarray:
+        return np.interp(times, track.time, values)
+
     return Track(
-        track.name, times, x, y, altitude, vx, vy, rate, dict(zip(extra, others, strict=True))
+        name=track.name,
+        time=times,
+        x=between_rows(track.x),
+        y=between_rows(track.y),
+        altitude=between_rows(track.altitude),
+        vx=between_rows(track.vx),
+        vy=between_rows(track.vy),
+        vertical_rate=between_rows(track.vertical_rate),
+        extra={name: between_rows(values) for name, values in extra.items()},
     )
