@@ -95,26 +95,27 @@ def summarise(
     if "replans" in table:
         summary["replans_mean"] = float(np.mean(table["replans"]))
     if "plan_status" in table:
-        safe = table["plan_status"] == "safe"
-        lost = safe & (
-            table["plan_outcome" if "plan_outcome" in table else "outcome"] == "violation"
-        )
-        sources = {name: safe & (table["plan_source"] == name) for name in ("policy", "fallback")}
-        whole = table["whole_min_separation_m"][safe]
-        summary |= {
-            "safe_plans_violated": int(np.count_nonzero(lost)),
-            "safe_plans_broken": int(np.count_nonzero(table["plan_loss"] == "broken")),
-            "safe_plans_not_promised": int(np.count_nonzero(table["plan_loss"] == "not_promised")),
-            **_among_areas(table, safe),
-            "safe_plans_by_source": {
-                name: int(np.count_nonzero(mask)) for name, mask in sources.items()
-            },
-            "follower_error_m_quantiles": quantiles(
-                table["follower_error_m"][safe], (0.5, 0.99, 1.0)
-            ),
-            "whole_min_separation_m": number(float(np.min(whole))) if whole.size else None,
-        }
+        summary |= _safe_plans(table)
     return summary
+
+
+def _safe_plans(table: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Return what became of the plans called SAFE, flown once."""
+    safe = table["plan_status"] == "safe"
+    once = table["plan_outcome" if "plan_outcome" in table else "outcome"]
+    sources = {name: safe & (table["plan_source"] == name) for name in ("policy", "fallback")}
+    whole = table["whole_min_separation_m"][safe]
+    return {
+        "safe_plans_violated": int(np.count_nonzero(safe & (once == "violation"))),
+        "safe_plans_broken": int(np.count_nonzero(table["plan_loss"] == "broken")),
+        "safe_plans_not_promised": int(np.count_nonzero(table["plan_loss"] == "not_promised")),
+        **_among_areas(table, safe),
+        "safe_plans_by_source": {
+            name: int(np.count_nonzero(mask)) for name, mask in sources.items()
+        },
+        "follower_error_m_quantiles": quantiles(table["follower_error_m"][safe], (0.5, 0.99, 1.0)),
+        "whole_min_separation_m": number(float(np.min(whole))) if whole.size else None,
+    }
 
 
 def _among_areas(table: Mapping[str, np.ndarray], safe: np.ndarray) -> dict[str, Any]:
