@@ -45,6 +45,7 @@ THROTTLES = np.array([*(throttle for _, throttle in _FIXED), -1.0, 0.0, 1.0])
 COUNT = len(THROTTLES)
 
 _SIGNS = np.sign(TURNS)
+_SIGNS_OF_ALL = np.append(_SIGNS, np.zeros(_TO_GOAL))
 
 # The chords: five of the turn, then five of the straight rest, each longer than the one before.
 _CURVED = 5
@@ -206,8 +207,7 @@ class MinSeparationOfOne:
         """
         speed, ratios, known = seen.own_speed, self._ratios, self._fixed.copy()
         to_goal = _chords(math.atan2(seen.goal_y, seen.goal_x), ratios.turn_radius)
-        for number, field in enumerate(to_goal):
-            known[number, -_TO_GOAL:, 1:] = field
+        known[:, -_TO_GOAL:, 1:] = np.array(to_goal)[:, None]
         ends, courses, shortening = known[0], known[1:3, :, 1:], known[3, :, 1:]
         times, spans = ends[:, 1:], ends[:, 1:] - ends[:, :-1]
         speeds = speed + self._acceleration * ends
@@ -220,13 +220,18 @@ class MinSeparationOfOne:
         place, velocity = np.array(((seen.x, seen.y), (seen.vx, seen.vy)))[..., None, None]
         there, over = place + velocity * times - own, velocity * spans - steps
         (ahead, aside), (along, across) = there * over, over * over
-        back = np.minimum(np.maximum((ahead + aside) / (along + across + 1e-8), 0.0), 1.0)
+        along += across
+        along += 1e-8
+        back = ahead + aside
+        back /= along
+        np.maximum(back, 0.0, out=back)
+        np.minimum(back, 1.0, out=back)
         there -= back * over
         there *= there
         square = there[0] + there[1]
         if seen.share is not None:
             square *= np.square(seen.share)[:, None, None]
-        return np.sqrt(square.min(axis=(0, 2), initial=1e6))
+        return np.sqrt(np.minimum.reduce(square, axis=(0, 2), initial=1e6))
 
 
 def steering(seen: Scene, xp: Any) -> Any:
@@ -240,7 +245,9 @@ def steering(seen: Scene, xp: Any) -> Any:
 
 def steering_of_one(seen: Scene) -> np.ndarray:
     """Return :func:`steering` of one scene of plain floats."""
-    return np.append(_SIGNS, [_turn_to_goal(seen, EXACT_FLOATS)] * _TO_GOAL)
+    turns = _SIGNS_OF_ALL.copy()
+    turns[-_TO_GOAL:] = _turn_to_goal(seen, EXACT_FLOATS)
+    return turns
 
 
 def _turn_to_goal(seen: Scene, xp: Any) -> Any:

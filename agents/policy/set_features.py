@@ -131,7 +131,7 @@ def _intruder(seen: Scene, xp: Any) -> Any:
         seen.y,
         seen.vx,
         seen.vy,
-        1.0 if seen.share is None else seen.share,
+        seen.share,
         seen.own_speed[..., None],
         (cosine[..., None], sine[..., None]),
         xp,
@@ -207,7 +207,7 @@ def set_inputs_of_one(
     own = [*own_part(seen, 0.0, FLOATS), *map(float, best), *margin.tolist()]
     to_goal = distance(seen.goal_x, seen.goal_y, FLOATS) + 1e-6
     course = seen.goal_x / to_goal, seen.goal_y / to_goal
-    share = [1.0] * len(seen.x) if seen.share is None else seen.share
+    share = [None] * len(seen.x) if seen.share is None else seen.share
     intruders = zip(seen.x, seen.y, seen.vx, seen.vy, share, strict=True)
     each = [each_part(*one, seen.own_speed, course, FLOATS) for one in intruders]
     if inputs is not TABLE:
@@ -283,9 +283,8 @@ def each_part(
     Distances to it and miss distances are in its own separation, times and velocities as they are.
     """
     away = distance(x, y, xp) + 1e-6
-    relative, counted, (cosine, sine) = vx - pace, away * share, course
-    slow, horizon, per_time, per_length, per_far, floor = _UNITS
-    units = slow, horizon, per_time, per_length * share, per_far * share, floor
+    relative, (cosine, sine) = vx - pace, course
+    counted, units = (away, _UNITS) if share is None else (away * share, _in_shares(share))
     return [
         x / away,
         y / away,
@@ -299,6 +298,12 @@ def each_part(
         # The same for the course that leads straight to the goal: is it time to turn back?
         *passing(x, y, vx - pace * cosine, vy - pace * sine, units, xp),
     ]
+
+
+def _in_shares(share: Any) -> tuple[Any, ...]:
+    """Return the units of :func:`passing` for an intruder with a separation of its own."""
+    slow, horizon, per_time, per_length, per_far, floor = _UNITS
+    return slow, horizon, per_time, per_length * share, per_far * share, floor
 
 
 def _margin(separation: Any, xp: Any) -> Any:
@@ -322,7 +327,7 @@ def _best(margin: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
 
 
 def passing(
-    x: Any, y: Any, vx: Any, vy: Any, units: tuple[float, ...], xp: Any
+    x: Any, y: Any, vx: Any, vy: Any, units: tuple[Any, ...], xp: Any
 ) -> tuple[Any, Any, Any, Any]:
     """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight
     course.

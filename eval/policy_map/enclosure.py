@@ -188,7 +188,7 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
         state[1],
         state[2],
         state[3],
-        1.0,
+        None,
         pace,
         (goal[:, 0] / to_goal, goal[:, 1] / to_goal),
         Form,
