@@ -28,6 +28,7 @@ from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import PlanTask, Refusal, Situation, task
 from ros_bridge.core.tracks import UNKNOWN, note_refused, take_in
+from ros_bridge.display import scene_messages
 from tests.ros_bridge.scenes import (
     FRAME,
     NOW,
@@ -258,6 +259,25 @@ def _says(reader: str, unsaid: frozenset[str], wanted: PlanTask) -> None:
     if "climb" in unsaid and "altitude" not in unsaid:
         expected.add("intruders[0].altitude.vertical_speed")
     assert fields == expected
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_recording_of_the_display_leaves_open_what_was_not_said(reader: str) -> None:
+    rng = np.random.default_rng(54)
+    for unsaid in CHOICES:
+        found = read(reader, draw_scene(rng), unsaid)
+        one = found.sighting if isinstance(found, FieldError) else found
+        assert one is not None
+        fields = scene_messages.aircraft(one)
+        velocity = SimpleNamespace(**({"x": 0.0, "y": 0.0} | fields.pop("velocity")))
+        header = SimpleNamespace(stamp=SimpleNamespace(**fields.pop("header")["stamp"]))
+        message = aircraft(0.0, 0.0, 0.0, 0.0, header=header, velocity=velocity, **fields)
+        if isinstance(one, Report):
+            assert conversions.aircraft(message, "recorded") == one
+            continue
+        with pytest.raises(FieldError) as refused:
+            conversions.aircraft(message, "recorded")
+        assert refused.value.sighting == one
 
 
 def test_an_own_climb_that_is_unknown_counts_either_way() -> None:

@@ -3,8 +3,10 @@ one sentence that names file and place.
 """
 
 import copy
+import itertools
 import json
 import math
+import re
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +18,8 @@ import shapely
 
 from envs.areas import Area, AreaError, Circle, Keep, Level, Polygon
 from envs.formats.areas import read_areas, write_areas
+from envs.formats.areas.geodetic import GeodeticArea
+from envs.formats.areas.reading import geodetic_areas
 from envs.formats.local_frame import LocalFrame
 
 HERE = LocalFrame(47.0, 8.0)
@@ -498,3 +502,99 @@ def test_an_empty_file_is_refused(tmp_path: Path) -> None:
     path.write_text(" \n")
     with pytest.raises(AreaError, match=r"areas\.geojson: is empty, expected areas"):
         read_areas(path, LocalFrame(47.0, 8.0))
+
+
+# What a file leaves open: one area of each form with all that its limits need.
+
+
+def _geojson(left_out: frozenset[str]) -> Any:
+    properties = {
+        "floor_m": 100.0,
+        "floor_reference": "msl",
+        "ceiling_m": 500.0,
+        "ceiling_reference": "msl",
+        "valid_from": "2026-11-27T12:10:00Z",
+        "valid_until": "2026-11-27T13:00:00Z",
+    }
+    stated = {key: value for key, value in properties.items() if key not in left_out}
+    shape = {"type": "Polygon", "coordinates": [RING]}
+    return {"type": "Feature", "geometry": shape, "properties": stated}
+
+
+def _ed269(left_out: frozenset[str]) -> Any:
+    zone: Any = copy.deepcopy(ED269["features"][0])
+    volume = zone["geometry"][0] | {"lowerLimit": 300}
+    zone["geometry"] = [{key: value for key, value in volume.items() if key not in left_out}]
+    [period] = zone["applicability"]
+    zone["applicability"] = [{key: value for key, value in period.items() if key not in left_out}]
+    return [{key: value for key, value in zone.items() if key not in left_out}]
+
+
+def _ed318(left_out: frozenset[str]) -> Any:
+    zone: Any = copy.deepcopy(ED318["features"][0])
+    shape = zone["geometry"]["geometries"][0]
+    shape["layer"] = {key: each for key, each in shape["layer"].items() if key not in left_out}
+    zone["geometry"] = {key: each for key, each in shape.items() if key not in left_out}
+    stated = {key: each for key, each in zone["properties"].items() if key not in left_out}
+    [period] = zone["properties"]["limitedApplicability"]
+    period["startDateTime"] = "2026-11-27T12:10:00Z"
+    if "limitedApplicability" in stated:
+        stated["limitedApplicability"] = [
+            {key: each for key, each in period.items() if key not in left_out}
+        ]
+    return {"type": "FeatureCollection", "features": [zone | {"properties": stated}]}
+
+
+def _icarous(left_out: frozenset[str]) -> Any:
+    lines = ICAROUS.split("- id: 1")[1].splitlines()
+    kept = [line for line in lines if line.strip().partition(":")[0] not in left_out]
+    return "\n".join(["- id: 1", *kept])
+
+
+LEFT_OUT: dict[Callable[[frozenset[str]], Any], tuple[str, ...]] = {
+    _geojson: (
+        *("floor_m", "floor_reference", "ceiling_m", "ceiling_reference"),
+        *("valid_from", "valid_until"),
+    ),
+    _ed269: (
+        *("lowerLimit", "lowerVerticalReference", "upperLimit", "upperVerticalReference"),
+        *("uomDimensions", "startDateTime", "endDateTime", "applicability"),
+    ),
+    _ed318: (
+        *("lower", "lowerReference", "upper", "upperReference", "layer"),
+        *("startDateTime", "endDateTime", "limitedApplicability"),
+    ),
+    _icarous: ("floor", "roof"),
+}
+
+
+def counts_within(one: GeodeticArea, other: GeodeticArea) -> bool:
+    """Return whether an area counts only where and when another does."""
+    limits = (one.floor, one.ceiling, *one.period), (other.floor, other.ceiling, *other.period)
+    return all(wide is None or wide == narrow for narrow, wide in zip(*limits, strict=True))
+
+
+@pytest.mark.parametrize("form", LEFT_OUT, ids=lambda form: form.__name__)
+def test_an_area_counts_always_and_everywhere_in_what_its_file_leaves_open(
+    stored: Callable[[Any], Path], form: Callable[[frozenset[str]], Any]
+) -> None:
+    def read(*left_out: str) -> GeodeticArea:
+        [found] = geodetic_areas(str(stored(form(frozenset(left_out)))), reference="msl")
+        return found
+
+    whole, names = read(), LEFT_OUT[form]
+    assert whole.floor is not None and whole.ceiling is not None
+    kept = 0
+    for count in range(len(names) + 1):
+        for left_out in itertools.combinations(names, count):
+            try:
+                found = read(*left_out)
+            except AreaError:  # a height above nothing, or in no unit
+                assert re.search("[Rr]eference|uom", " ".join(left_out))
+                continue
+            kept += 1
+            assert (found.rings, found.keep) == (whole.rings, whole.keep)
+            assert counts_within(whole, found)
+    assert kept >= 2 ** (len(names) // 2)
+    nothing = read(*(name for name in names if name != "uomDimensions"))
+    assert (nothing.floor, nothing.ceiling, *nothing.period) == (None, None, None, None)
