@@ -127,6 +127,10 @@ bs.sim.step()
 lines = ("RLCASPLAN", "RLCASPLAN ON", "RLCASPLAN", "RLCASPLAN OFF", "RLCASPLAN maybe",
          "RLCASOUTSIDE ON", "RLCASOUTSIDE OFF", "RLCASOUTSIDE", "RLCASPLAN 1", "RLCASPLAN 0")
 found["switches"] = [(line, *switch(line)) for line in lines]
+found["areas"] = []
+for word in ("", " ON", "", " maybe", " OFF", ""):
+    texts, *_ = switch(f"RLCASAREAS{word}")
+    found["areas"].append((texts[0] if texts else "", bs.traf.cr.among_areas))
 print(json.dumps(found))
 """
 
@@ -276,6 +280,11 @@ def test_rotorcraft_and_switches_in_bluesky(tmp_path: Path):
     assert "RLCASPLAN is OFF" in by_line[0][1] and "RLCASPLAN is ON" in by_line[2][1]
     assert "RLCASOUTSIDE is OFF" in by_line[7][1]
     assert "RLCASPLAN is" not in by_line[4][1], "a wrong word is refused"
+
+    said, states = zip(*found["areas"], strict=True)
+    assert states == (False, True, True, True, False, False)
+    assert "RLCASAREAS is OFF" in said[0] and "RLCASAREAS is ON" in said[2]
+    assert "RLCASAREAS is" not in said[3], "a wrong word is refused"
 
 
 def test_the_window_s_scenario_is_the_encounter_of_the_headless_one():
