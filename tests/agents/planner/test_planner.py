@@ -798,9 +798,10 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(
     assert sources >= {Source.POLICY, Source.FALLBACK}
 
 
-def test_no_safe_plan_exceeds_the_limits_that_are_given(policy: Policy) -> None:
+@pytest.mark.parametrize("plans", [RANDOM_PLANS, pytest.param(10_080, marks=pytest.mark.slow)])
+def test_no_safe_plan_exceeds_the_limits_that_are_given(policy: Policy, plans: int) -> None:
     rng = np.random.default_rng(51)
-    count = max(1, RANDOM_PLANS // 12)
+    count = max(1, plans // 12)
     safe = sum(_safe_within_limits(random_aircraft(rng), policy, number) for number in range(count))
     assert safe > 8 * count
 
