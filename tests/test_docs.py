@@ -224,8 +224,16 @@ QUESTIONS = {
     "what is the reward of the shipped policy": ("configs/best.yaml", "envs/rewards.py"),
     "where to add a reward term": ("envs/rewards.py",),
     "where to add a scenario": ("envs/encounters.py", "envs/scenarios.py"),
-    "where to add an input of the network": ("agents/policy/inputs.py",),
-    "where to replace PPO": ("agents/learning/algorithm.py",),
+    "where to add an input of the network": (
+        "agents/policy/inputs.py",
+        "agents/policy/set_features.py",
+        "agents/policy/scene.py",
+    ),
+    "where to replace PPO": (
+        "agents/learning/algorithm.py",
+        "rlcas_jax/algorithm.py",
+        "rlcas_jax/task.py",
+    ),
     "how a request becomes waypoints": (
         "agents/planner/planner.py",
         "agents/planner/candidates.py",
