@@ -59,6 +59,17 @@ def choose(condition: Any, yes: T, no: T, xp: Any) -> T:
     return map_leaves(either, yes, no)
 
 
+def first_of_each(owners: Any, *keys: Any) -> tuple[Any, Any]:
+    """Return, ascending, the owners ``[M]`` of rows ``[N]``, and the number of each one's first
+    row by the keys ``[N]``, the last key before the others; rows alike in all stay in order.
+    """
+    order = np.lexsort((*keys, owners))
+    owner = owners[order]
+    begins = np.ones(owner.size, dtype=bool)  # not np.unique: it sorts once more
+    np.not_equal(owner[1:], owner[:-1], out=begins[1:])
+    return owner[begins], order[begins]
+
+
 def scatter(into: Any, rows: Any, values: Any) -> None:
     """Write values into some rows of every array, in place."""
 

@@ -27,7 +27,7 @@ from envs.kinematics import Limits, VehicleState
 from envs.outcome import Outcome, Rules, judge
 from envs.relative import distance
 from envs.starts import cast
-from envs.trees import scatter, take
+from envs.trees import first_of_each, scatter, take
 
 BLOCK = 16_384
 """Escapes flown at once against up to 8 intruders (fewer against more): some 100 MB."""
@@ -323,8 +323,9 @@ def _keep_best(
     is found.
     """
     arrived = np.flatnonzero(~np.isnan(flown.arrival))
-    arrived = arrived[np.lexsort((-flown.separation[arrived], flown.arrival[arrived]))]
-    owners, first = np.unique(which[arrived], return_index=True)
+    owners, first = first_of_each(
+        which[arrived], -flown.separation[arrived], flown.arrival[arrived]
+    )
     scatter(found, part[owners], take(Found(family, *flown), arrived[first]))
 
 

@@ -25,7 +25,7 @@ from envs.area_geometry import (
     signed_distance,
 )
 from envs.areas import Area, Keep, Level
-from envs.trees import take
+from envs.trees import first_of_each, take
 from envs.waypoints import ARCS, Legs, PlanStates
 
 NEARER = 0.01
@@ -328,7 +328,7 @@ def _note_least(found: AreaFindings, one: Counted, rows: Any, clearance: Any, be
     """Note the smallest clearance of parts ``[M]`` of plans numbered ``rows``, m, and when it is,
     s.
     """
-    row, best = _first(rows, clearance)
+    row, best = first_of_each(rows, clearance)
     less = clearance[best] < found.clearance[row]
     row, best = row[less], best[less]
     found.clearance[row], found.nearest[row] = clearance[best], one.number
@@ -339,19 +339,12 @@ def _note_lost(found: AreaFindings, one: Counted, rows: Any, legs: Any, parts: _
     """Note the first and the last of parts ``[M]`` of plans numbered ``rows`` that lose the
     clearance.
     """
-    row, last = _first(rows, -parts.end)
+    row, last = first_of_each(rows, -parts.end)
     found.until[row] = np.fmax(found.until[row], parts.end[last])
-    row, first = _first(rows, parts.begin)
+    row, first = first_of_each(rows, parts.begin)
     earlier = ~(found.time[row] <= parts.begin[first])
     row, first = row[earlier], first[earlier]
     found.wrong[row], found.area[row], found.leg[row] = True, one.number, legs[first]
     found.time[row], found.x[row], found.y[row] = (
         field[first] for field in (parts.begin, parts.x0, parts.y0)
     )
-
-
-def _first(owners: Any, key: Any) -> tuple[Any, Any]:
-    """Return the owners that there are, and the place of the least of each by a key."""
-    order = np.lexsort((key, owners))
-    owner, first = np.unique(owners[order], return_index=True)
-    return owner, order[first]

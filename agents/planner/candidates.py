@@ -12,7 +12,7 @@ from agents.planner.options import Options
 from agents.planner.request import Request
 from agents.planner.rollout import Rollout
 from agents.planner.validator import CHECKS, Findings, validate
-from envs.trees import scatter, take
+from envs.trees import first_of_each, scatter, take
 from envs.waypoints import PlanStates, legs
 from envs.wind import aim_point
 
@@ -128,9 +128,8 @@ def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
     Returns:
         The numbers of the requests that have a better plan now.
     """
-    order = np.lexsort((*_merits(plans), rows))
-    row, first = np.unique(rows[order], return_index=True)
-    chosen, gain = take(plans, order[first]), False
+    row, first = first_of_each(rows, *_merits(plans))
+    chosen, gain = take(plans, first), False
     for new, old in zip(_merits(chosen), _merits(take(best, row)), strict=True):
         gain = (new < old) | ((new == old) & gain)
     scatter(best, row[gain], take(chosen, gain))

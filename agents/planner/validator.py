@@ -21,7 +21,7 @@ from agents.planner.separation import (
 )
 from agents.planner.traffic import Requirement, Traffic, requirement_of, separations, within_window
 from envs.kinematics import Limits, VehicleState
-from envs.trees import column, map_leaves, take
+from envs.trees import column, first_of_each, map_leaves, take
 from envs.waypoints import ARCS, CLOSED, Legs, PlanStates, legs
 
 TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
@@ -388,7 +388,7 @@ def _note_fine(
     np.minimum.at(found.clearance, rows[n], clearance.min(axis=1))
     value = np.take_along_axis(close, least[:, None], 1)[:, 0]
     when = np.take_along_axis(began, least[:, None], 1)[:, 0]
-    owner, best = _leading(n, when, value)
+    owner, best = first_of_each(n, when, value)
     found.min_separation[rows[owner]], found.time_of_min_separation[rows[owner]] = (
         value[best],
         when[best],
@@ -398,7 +398,7 @@ def _note_fine(
     if bad.size:
         part = np.argmax(~(clearance[bad] >= 0.0), axis=1)
         when, x, y = (field[bad, part] for field in (began, *begins))
-        owner, first = _leading(n[bad], when)
+        owner, first = first_of_each(n[bad], when)
         _place(
             found,
             CHECKS.index("separation"),
@@ -409,14 +409,3 @@ def _note_fine(
             y[first],
         )
         found.intruder[rows[owner]] = k[bad][first]
-
-
-def _leading(owners: Any, *keys: Any) -> tuple[Any, Any]:
-    """Return the owners that there are, and the place of the first of each by some keys, the last
-    of them first.
-    """
-    order = np.lexsort((*keys, owners))
-    owner = owners[order]
-    begins = np.ones(owner.size, dtype=bool)
-    np.not_equal(owner[1:], owner[:-1], out=begins[1:])
-    return owner[begins], order[begins]
