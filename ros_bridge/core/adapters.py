@@ -8,8 +8,9 @@ sea level, as several drivers do, is a setting.
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType, SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 from agents.planner.request import Altitude
 from ros_bridge.core.categories import LAST
@@ -160,57 +161,73 @@ def adsb_vehicle(
         FieldError: position or velocity are not marked as valid, or a field is not finite or out of
             range; with a sighting.
     """
-    if integer("adsb.emitter_type", message.emitter_type, 0, 255) in _ON_THE_GROUND:
+    fields = _AdsbFields(message)
+    if fields.emitter_type() in _ON_THE_GROUND:
         return None
+    return report(
+        f"{message.icao_address:06x}",
+        fields.time,
+        fields.place,
+        fields.velocity,
+        partial(fields.altitude, references),
+        time_std=lambda: _CUT_OFF,
+        category=fields.category,
+    )
 
-    def has(bit: int) -> bool:
-        return bool(integer("adsb.flags", message.flags, 0, 2**16 - 1) & bit)
 
-    def demand_bit(bit: int, what: str) -> None:
-        if not has(bit):
-            raise FieldError(
-                "adsb.flags", f"is {message.flags:#x}, expected the bit of valid {what}"
-            )
+class _AdsbFields(NamedTuple):
+    """The parts of an ADS-B vehicle, each checked when it is read."""
 
-    def when() -> int:
-        silent = integer("adsb.tslc.sec", message.tslc.sec, 0, _SILENCE - 1)
-        return stamp("adsb.header.stamp", message.header.stamp) - silent * SECOND
+    message: Any
 
-    def at() -> tuple[float, float]:
-        demand_bit(_COORDINATES, "coordinates")
-        return place("adsb", message.latitude, message.longitude)
+    def time(self) -> int:
+        """Return when the state held, ns."""
+        silent = integer("adsb.tslc.sec", self.message.tslc.sec, 0, _SILENCE - 1)
+        return stamp("adsb.header.stamp", self.message.header.stamp) - silent * SECOND
 
-    def speed() -> float:
-        demand_bit(_VELOCITY, "velocity")
-        return number("adsb.hor_velocity", message.hor_velocity, 0.0, FASTEST, "m/s")
+    def place(self) -> tuple[float, float]:
+        """Return latitude and longitude, degrees."""
+        self._demand(_COORDINATES, "coordinates")
+        return place("adsb", self.message.latitude, self.message.longitude)
 
-    def over_ground() -> tuple[float, float]:
-        demand_bit(_HEADING, "heading")
-        integer("adsb.icao_address", message.icao_address, 1, 2**24 - 1)
-        heading = math.radians(number("adsb.heading", message.heading, 0.0, 360.0, "degrees"))
-        return speed() * math.sin(heading), speed() * math.cos(heading)
+    def velocity(self) -> tuple[float, float]:
+        """Return true east and north, m/s."""
+        self._demand(_HEADING, "heading")
+        integer("adsb.icao_address", self.message.icao_address, 1, 2**24 - 1)
+        heading = math.radians(number("adsb.heading", self.message.heading, 0.0, 360.0, "degrees"))
+        self._demand(_VELOCITY, "velocity")
+        speed = number("adsb.hor_velocity", self.message.hor_velocity, 0.0, FASTEST, "m/s")
+        return speed * math.sin(heading), speed * math.cos(heading)
 
-    def height() -> Altitude | None:
+    def altitude(self, references: Mapping[int, str]) -> Altitude | None:
+        """Return the altitude; None: it is not told, or nobody knows what it is measured from."""
         climb = None
-        if has(_VERTICAL_VELOCITY):
-            climb = number("adsb.ver_velocity", message.ver_velocity, -100.0, 100.0, "m/s")
-        if not has(_ALTITUDE):
+        if self._has(_VERTICAL_VELOCITY):
+            climb = number("adsb.ver_velocity", self.message.ver_velocity, -100.0, 100.0, "m/s")
+        if not self._has(_ALTITUDE):
             return None
-        reference = references.get(integer("adsb.altitude_type", message.altitude_type, 0, 1))
-        return (
-            None
-            if reference is None
-            else altitude("adsb.altitude", message.altitude, reference, climb)
-        )
+        kind = integer("adsb.altitude_type", self.message.altitude_type, 0, 1)
+        if kind not in references:
+            return None
+        return altitude("adsb.altitude", self.message.altitude, references[kind], climb)
 
-    name = f"{message.icao_address:06x}"
+    def emitter_type(self) -> int:
+        """Return MAVLink's code of it."""
+        return integer("adsb.emitter_type", self.message.emitter_type, 0, 255)
 
-    def category() -> int:
-        # The codes of MAVLink are the numbers of the categories; those beyond are none.
-        code = integer("adsb.emitter_type", message.emitter_type, 0, 255)
+    def category(self) -> int:
+        """Return the emitter category; MAVLink's codes are its numbers, those beyond are none."""
+        code = self.emitter_type()
         return code if code <= LAST else 0
 
-    return report(name, when, at, over_ground, height, time_std=lambda: _CUT_OFF, category=category)
+    def _has(self, bit: int) -> bool:
+        return bool(integer("adsb.flags", self.message.flags, 0, 2**16 - 1) & bit)
+
+    def _demand(self, bit: int, what: str) -> None:
+        if not self._has(bit):
+            raise FieldError(
+                "adsb.flags", f"is {self.message.flags:#x}, expected the bit of valid {what}"
+            )
 
 
 def _stamp_of(message: Any, name: str) -> Callable[[], int]:
