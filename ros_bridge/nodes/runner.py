@@ -114,9 +114,10 @@ class Runner(ListeningNode):
         options = planning_settings(self._value, self._aircraft).options
         self.get_logger().info(f"policy {policy.sha256}; aircraft {aircraft_text(options)}")
         self._listen(self._on_health, private=True)
-        self._subscribe(topics.ALERTS.private, self._into(updates.alert))
+        self._subscribe(topics.ALERTS.private, partial(self._take_in, updates.alert))
         self._subscribe(
-            topics.ROUTE.private._replace(quality=qos.ROUTE[durability]), self._into(updates.route)
+            topics.ROUTE.private._replace(quality=qos.ROUTE[durability]),
+            partial(self._take_in, updates.route),
         )
         self._trajectories = self._advertise(topics.PLAN.private)
         self._advice = self._advertise(topics.ADVISORY.private)

@@ -5,6 +5,7 @@ back.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -135,29 +136,25 @@ class ListeningNode(LifecycleNode):
             (topics.AREAS, updates.areas),
         )
         for topic, update in (*inputs, *latched):
-            self._subscribe(topic.private if private else topic, self._into(update))
+            self._subscribe(topic.private if private else topic, partial(self._take_in, update))
         self._health = self._advertise(topics.DIAGNOSTICS)
         self._call_every(self._value("diagnostics_period"), health)
 
-    def _into(self, update: Callable[..., Situation]) -> Callable[[Any], None]:
-        """Return what takes a message into the situation, and logs an origin, a route or areas that
-        cannot be used.
+    def _take_in(self, update: Callable[..., Situation], message: Any) -> None:
+        """Take a message into the situation, and log an origin, a route or areas that cannot be
+        used.
         """
-
-        def take(message: Any) -> None:
-            now, rules = self._now(), report_rules(self._value)  # may reset the situation
-            # Just after the clock has stepped back, what is ahead of it was sent before that.
-            late = now < self._settled and update in _AGING
-            if late and nanoseconds(message.header.stamp) > now + rules.future * SECOND:
-                return
-            before = self._situation
-            self._situation = after = update(before, message, now, rules)
-            latched = "origin", "route", "areas"
-            for held, new in ((getattr(before, name), getattr(after, name)) for name in latched):
-                if new is not held and new.fault is not None:
-                    self.get_logger().error(new.fault.message)
-
-        return take
+        now, rules = self._now(), report_rules(self._value)  # may reset the situation
+        # Just after the clock has stepped back, what is ahead of it was sent before that.
+        late = now < self._settled and update in _AGING
+        if late and nanoseconds(message.header.stamp) > now + rules.future * SECOND:
+            return
+        before = self._situation
+        self._situation = after = update(before, message, now, rules)
+        latched = "origin", "route", "areas"
+        for held, new in ((getattr(before, name), getattr(after, name)) for name in latched):
+            if new is not held and new.fault is not None:
+                self.get_logger().error(new.fault.message)
 
     def _publish_health(
         self, problem: tuple[bytes, str], outside: Sequence[str], values: dict[str, str]
