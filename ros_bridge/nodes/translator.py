@@ -61,23 +61,21 @@ def pair(fix: Any, twist: Any, identity: str, reference: str, apart: float) -> R
     The velocity is the newest TwistStamped or Odometry (None: there has been none), at most
     ``apart`` s from the fix.
     """
-
-    def beside() -> Any:
-        if twist is None:
-            raise FieldError("velocity", "has not been received, expected one beside the fix")
-        times = (
-            stamp("fix.header.stamp", fix.header.stamp),
-            stamp("velocity.header.stamp", twist.header.stamp),
-        )
-        off = abs(times[0] - times[1]) / SECOND
-        if off > apart:
-            raise FieldError(
-                "velocity.header.stamp",
-                f"is {off:.2f} s from the fix's, expected {apart:g} s at most",
-            )
-        return adapters.odometry_velocity(twist) if hasattr(twist, "pose") else twist.twist
-
+    beside = partial(_velocity_beside, fix, twist, apart)
     return adapters.nav_sat_fix(fix, beside, identity, reference)
+
+
+def _velocity_beside(fix: Any, twist: Any, apart: float) -> Any:
+    """Return the velocity like a Twist in ENU, or raise :class:`FieldError`."""
+    if twist is None:
+        raise FieldError("velocity", "has not been received, expected one beside the fix")
+    at_fix = stamp("fix.header.stamp", fix.header.stamp)
+    off = abs(at_fix - stamp("velocity.header.stamp", twist.header.stamp)) / SECOND
+    if off > apart:
+        raise FieldError(
+            "velocity.header.stamp", f"is {off:.2f} s from the fix's, expected {apart:g} s at most"
+        )
+    return adapters.odometry_velocity(twist) if hasattr(twist, "pose") else twist.twist
 
 
 class Translator(Node):
