@@ -254,9 +254,21 @@ class Sitl:
             row: Any = items[asked.seq]
             frame, command, first, latitude, longitude, above = row
             mav.mission_item_int_send(
-                *(1, 1, asked.seq, frame, command, 0, 1),
-                *(first, 0.0, 0.0, 0.0),
-                *(round(1e7 * latitude), round(1e7 * longitude), above, kind),
+                target_system=1,
+                target_component=1,
+                seq=asked.seq,
+                frame=frame,
+                command=command,
+                current=0,
+                autocontinue=1,
+                param1=first,
+                param2=0.0,
+                param3=0.0,
+                param4=0.0,
+                x=round(1e7 * latitude),
+                y=round(1e7 * longitude),
+                z=above,
+                mission_type=kind,
             )
         raise SitlError("the mission was not taken")
 
@@ -294,7 +306,17 @@ class Sitl:
         """
         latitude, longitude = place(east, north)
         self.station.mav.adsb_vehicle_send(
-            *(number, round(1e7 * latitude), round(1e7 * longitude), 1, round(1000 * above)),
-            *(round(100 * (course % 360.0)), round(100 * speed), 0, f"T{number}".encode(), 14, 0),
-            *(0x00FF & ~64, 0),
+            ICAO_address=number,
+            lat=round(1e7 * latitude),
+            lon=round(1e7 * longitude),
+            altitude_type=1,  # geometric
+            altitude=round(1000 * above),
+            heading=round(100 * (course % 360.0)),
+            hor_velocity=round(100 * speed),
+            ver_velocity=0,
+            callsign=f"T{number}".encode(),
+            emitter_type=14,  # unmanned
+            tslc=0,
+            flags=0x00FF & ~64,  # all that is told is valid; 64: simulated
+            squawk=0,
         )
