@@ -4,6 +4,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 
 Keep = Callable[[int], bool]
 """Whether a message passes, by its number."""
@@ -36,7 +37,7 @@ class Relay:
     def _copy(self, a: socket.socket, b: socket.socket) -> None:
         waiting = b""
         with suppress(OSError):
-            while data := a.recv(65_536):
+            for data in iter(partial(a.recv, 65_536), b""):
                 if self._keep is None:
                     b.sendall(data)
                     continue

@@ -125,9 +125,11 @@ def draw(policy: Policy, options: argparse.Namespace) -> tuple[Scenes, np.ndarra
     (from_course, to_course), (from_ratio, to_ratio) = np.array(cells)[cell].transpose(1, 2, 0)
     pace, other = np.zeros(count), np.zeros(count)
     slowest, fastest = (end / fast for end in policy.domain["intruder_speed"])
-    while (wrong := ~((slowest <= other) & (other <= fastest))).any():
+    wrong = np.ones(count, dtype=bool)
+    while wrong.any():
         pace = np.where(wrong, random.uniform(policy.limits.speed_min / fast, 1.0, count), pace)
         other = np.where(wrong, pace * random.uniform(from_ratio, to_ratio), other)
+        wrong = ~((slowest <= other) & (other <= fastest))
     course = np.radians(random.uniform(from_course, to_course)) * random.choice([-1.0, 1.0], count)
     velocity = other[:, None] * np.stack([np.cos(course), np.sin(course)], axis=-1)
     # Back from where the separation is lost: time to the loss, and miss distance on straight

@@ -205,8 +205,7 @@ def advance(sitl: Sitl, positions: int) -> list[Any]:
             positions -= message is not None and message.get_type() == "GLOBAL_POSITION_INT"
     finally:
         sitl.signal(signal.SIGSTOP)
-    while (message := sitl.station.recv_match()) is not None:
-        found.append(message)
+    found += iter(sitl.station.recv_match, None)  # what is there, until it is None
     return [message for message in found if message is not None]
 
 

@@ -107,7 +107,7 @@ class Recording:
     def _run(self) -> None:
         try:
             with closing(self._recorder) as recorder:
-                while (change := self._waiting.get()) is not None:
+                for change in iter(self._waiting.get, None):
                     recorder.feed(change)
         except OSError as problem:
             self._say(f"{self._path}: cannot be written: {problem.strerror}")
