@@ -75,10 +75,9 @@ def judge(
     off = deviation(monitor.plan.legs, own, since)
     errors = np.abs(np.stack([off.cross_track, off.along_track, off.time], axis=-1))
     limits = np.array([thresholds.cross_track, thresholds.along_track, thresholds.time_error])
+    seen = ~has(causes, BLIND)
     elapsed = memory.time - monitor.memory.time
-    seen = (~has(causes, BLIND) & np.isfinite(elapsed))[:, None]
-    known = np.where(np.isfinite(elapsed), elapsed, 0.0)[:, None]
-    sums = monitor.sums * np.exp(-known / thresholds.memory) + np.where(seen, errors * known, 0.0)
+    sums = _leaky_sums(monitor.sums, errors, elapsed, seen, thresholds)
     sums = np.where(on[:, None], sums, 0.0)
 
     def latch(value: Any, limit: Any, cause: Cause) -> Any:
@@ -105,10 +104,8 @@ def judge(
         position / (thresholds.intruder_position + _NOISE * noise[0]),
         speed / (thresholds.intruder_velocity + _NOISE * noise[1]),
     )
-    usual = thresholds.requirement.separation
-    concern = thresholds.concern + (separations(traffic, thresholds.requirement) - usual)
-    share = np.max(np.where(separation < concern, share, 0.0), axis=-1, initial=0.0)
-    causes = causes | latch(share, 1.0, Cause.INTRUDER_DEVIATION)
+    share = np.where(_of_concern(separation, traffic, thresholds), share, 0.0)
+    causes = causes | latch(np.max(share, axis=-1, initial=0.0), 1.0, Cause.INTRUDER_DEVIATION)
     causes = np.where(on, causes, causes & ~int(WANTING & ~_REPORTS)).astype(np.int32)
     measured = {
         "cross_track": off.cross_track,
@@ -122,6 +119,23 @@ def judge(
         "area": amid.area,
     }
     return sums, causes, measured
+
+
+def _leaky_sums(before: Any, errors: Any, elapsed: Any, seen: Any, thresholds: Thresholds) -> Any:
+    """Return the sums ``[N, 3]`` after some seconds ``[N]``, not finite at first; errors count
+    where the ownship was seen.
+    """
+    finite = np.isfinite(elapsed)
+    seconds = np.where(finite, elapsed, 0.0)[:, None]
+    added = np.where((seen & finite)[:, None], errors * seconds, 0.0)
+    return before * np.exp(-seconds / thresholds.memory) + added
+
+
+def _of_concern(separation: Any, traffic: Traffic, thresholds: Thresholds) -> Any:
+    """Return which intruders come so near that they must fly as expected, bool ``[N, K]``."""
+    usual = thresholds.requirement.separation
+    more = separations(traffic, thresholds.requirement) - usual
+    return separation < thresholds.concern + more
 
 
 def _outlook(
