@@ -98,10 +98,7 @@ def plan(
     start = VehicleState(*map(float, one.own))
     outside = departures(policy.domain, _of_domain(intruders, wind))
     if goal >= 0:  # without a point ahead the policy decides nothing
-        others = list(map(VehicleState, *(field.tolist() for field in one.traffic.state)))
-        share = shares(one.traffic, options.requirement)
-        to = float(one.route_x[goal]), float(one.route_y[goal])
-        outside += policy.departures(start, others, *to, share)
+        outside += _policy_departures(one, start, goal, policy, options)
     certify = partial(
         certificate,
         start if wind is None else VehicleState(*map(float, own)),
@@ -125,6 +122,16 @@ def plan(
         wind=wind,
         certify=certify if answer.safe else None,
     )
+
+
+def _policy_departures(
+    one: Request, start: VehicleState, goal: int, policy: Policy, options: Options
+) -> Any:
+    """Return what of one request the policy has not been trained for, on its way to a point."""
+    others = list(map(VehicleState, *(field.tolist() for field in one.traffic.state)))
+    share = shares(one.traffic, options.requirement)
+    to = float(one.route_x[goal]), float(one.route_y[goal])
+    return policy.departures(start, others, *to, share)
 
 
 def _of_domain(
