@@ -105,14 +105,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
             self._next = self._ticks = 0
         if "scenario" in chosen:
             self.scenario = scenario_of(chosen["scenario"], self.world.aircraft)
-        wanted = chosen.get("encounter", self._next)
-        if isinstance(wanted, Encounter):
-            encounter = starts.check_encounter(wanted, self.world.aircraft, (self.num_envs,))
-            self._numbers = np.full(self.num_envs, -1)
-        else:
-            encounter = starts.encounters_of_seed(self.scenario, self._seed, wanted, self.num_envs)
-            self._numbers = wanted + np.arange(self.num_envs)
-            self._next = wanted + self.num_envs
+        encounter = self._take_encounters(chosen.get("encounter", self._next), self._seed)
         columns, most = encounter.mask.shape[-1], self.scenario.intruders[1]
         if most > columns:
             has = (
@@ -145,6 +138,19 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         size = self._setting.size
         self._min_separation = host[:, size].astype(np.float64)
         return self._shape(host[:, :size]), self._infos(self._min_separation, host[:, size + 1])
+
+    def _take_encounters(self, wanted: Any, seed: int) -> Encounter:
+        """Return the encounters that are given, or those of the seed from a number on; note the
+        numbers, -1 of given ones.
+        """
+        if isinstance(wanted, Encounter):
+            given = starts.check_encounter(wanted, self.world.aircraft, (self.num_envs,))
+            self._numbers = np.full(self.num_envs, -1)
+            return given
+        drawn = starts.encounters_of_seed(self.scenario, seed, wanted, self.num_envs)
+        self._numbers = wanted + np.arange(self.num_envs)
+        self._next = wanted + self.num_envs
+        return drawn
 
     def step(
         self, actions: np.ndarray
