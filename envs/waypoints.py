@@ -136,6 +136,8 @@ def legs(plan_states: PlanStates) -> Legs:
     itself: results do not depend on what else is in the arrays. Plan states ``[..., W]``, float64,
     finite, times increasing, give legs ``[..., W - 1]``.
     """
+    # In one piece, and in place: all plans pass here, and parts with names would hand on as many
+    # arrays as they have lines.
     shape = np.shape(plan_states.time)
     start, end = (
         np.stack([np.asarray(field)[..., part].reshape(-1) for field in plan_states])
