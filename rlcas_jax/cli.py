@@ -203,9 +203,14 @@ def add_configuration(parser: Parser) -> None:
     add("--quiet", action="store_true", help="show no progress")
 
 
+def is_named(given: Any) -> bool:
+    """Return whether a command line says what is trained."""
+    return given.config is not None or bool(given.set) or given.steps is not None
+
+
 def check_named(given: Any) -> None:
     """Refuse a command line that does not say what is trained."""
-    if given.config is None and not given.set and given.steps is None:
+    if not is_named(given):
         raise ConfigError(f"--config is missing; expected a YAML file, or one that ships: {NAMES}")
 
 

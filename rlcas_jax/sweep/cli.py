@@ -12,12 +12,13 @@ from pydantic import Field
 from agents.config.load import ConfigError, Parser, Strict, file_of, load, validate
 from envs.edge.folder_lock import is_unused
 from envs.edge.yaml import YamlError, read
-from rlcas_jax.cli import add_configuration, check_named, overrides_of
+from rlcas_jax.cli import add_configuration, is_named, overrides_of
 from rlcas_jax.config import SEED_END, TrainConfig
 from rlcas_jax.sweep.space import Space, check
 from rlcas_jax.sweep.space import parse as parse_space
 
 CONFIG, SETTINGS = "config.yaml", "settings.yaml"
+_CONFIGS, _SPACE = "paper, quick, sprint", "sweep_quick"  # what ships for a search: of one phase
 
 _DESCRIPTION = """\
 Search for hyper-parameters of the training with Optuna: every trial is a training run with other
@@ -66,6 +67,7 @@ def parse(argv: Sequence[str] | None = None) -> Options:
     nothing.
     """
     given = _parser().parse_args(argv)
+    _check_complete(given)
     directory: Path = given.out
     if given.resume:
         for name in ("config", "space", "set", "steps", "seeds"):
@@ -78,11 +80,6 @@ def parse(argv: Sequence[str] | None = None) -> Options:
             raise ConfigError(
                 f"--out {directory} exists and is not empty; name another, or add --resume to go on"
             )
-        if given.space is None or given.trials is None:
-            raise ConfigError(
-                f"--{'space' if given.space is None else 'trials'} is missing (see --help)"
-            )
-        check_named(given)
         file, source, overrides = given.config, given.space, overrides_of(given)
         try:
             values = {"trials": given.trials, "space": read(file_of(given.space))}
@@ -103,13 +100,33 @@ def parse(argv: Sequence[str] | None = None) -> Options:
     return Options(directory, base, settings, space, given.resume, given.quiet)
 
 
+def _check_complete(given: Any) -> None:
+    """Refuse a command line without what a search needs; all that is missing in one sentence."""
+    needed = {"--out DIR": given.out is not None}
+    if not given.resume:
+        needed = {
+            f"--config FILE (or {_CONFIGS})": is_named(given),
+            f"--space FILE (or {_SPACE})": given.space is not None,
+            "--trials N": given.trials is not None,
+            **needed,
+        }
+    missing = [name for name, is_given in needed.items() if not is_given]
+    if missing:
+        raise ConfigError(f"expected also {', '.join(missing)}")
+
+
 def _parser() -> Parser:
     parser = Parser(prog="python -m rlcas_jax.sweep", description=_DESCRIPTION, epilog=_EPILOG)
     add_configuration(parser)
     add = parser.add_argument
-    add("--space", type=Path, metavar="FILE", help="what varies (YAML, see below)")
+    add(
+        "--space",
+        type=Path,
+        metavar="FILE",
+        help=f"what varies: YAML file (see below), or a name: {_SPACE}",
+    )
     add("--trials", type=int, metavar="N", help="trials in all, also those of earlier calls")
-    add("--out", type=Path, required=True, metavar="DIR", help="directory of the sweep")
+    add("--out", type=Path, metavar="DIR", help="directory of the sweep")
     add(
         "--resume",
         action="store_true",

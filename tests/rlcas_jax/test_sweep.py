@@ -174,6 +174,18 @@ def test_a_bad_option_is_refused(more: str, says: str, tmp_path: Path) -> None:
         parse(arguments(tmp_path, more=more))
 
 
+def test_all_that_is_missing_is_named_in_one_sentence() -> None:
+    configurations = "--config FILE (or paper, quick, sprint), --space FILE (or sweep_quick)"
+    for line, says in (
+        ([], f"expected also {configurations}, --trials N, --out DIR"),
+        (["--out", "none"], f"expected also {configurations}, --trials N"),
+        (["--resume"], "expected also --out DIR"),
+    ):
+        with pytest.raises(ConfigError) as refusal:
+            parse(line)
+        assert str(refusal.value) == says
+
+
 def test_the_example_is_a_space_of_the_quick_configuration() -> None:
     given = (
         "--config configs/quick.yaml --space configs/sweep_quick.yaml --trials 1 --out "
