@@ -225,5 +225,5 @@ def draw(summary: Mapping[str, Any]) -> Figure:
         f"{summary['encounters']} encounters, scenario {scenario_title(summary['scenario'])}, "
         f"seed {summary['seed']}"
     )
-    figure.suptitle(f"{title}; bars: {100.0 * summary['confidence']:g} % intervals", fontsize=11)
+    figure.suptitle(f"{title}; lines: {100.0 * summary['confidence']:g} % intervals", fontsize=11)
     return figure
