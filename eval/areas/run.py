@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -46,13 +47,22 @@ def picture(areas: Sequence[Area]) -> Figure:
         outline = _outline(area)
         axes.add_patch(PathPatch(outline, facecolor=colour if fill else "none", alpha=0.35))
         axes.add_patch(PathPatch(outline, facecolor="none", edgecolor=colour, linewidth=1.5))
-        x, y = np.asarray(outline.vertices).mean(axis=0)
-        axes.text(x, y, area.name, ha="center", va="center", fontsize=8)
+        box = outline.get_extents()
+        x, y = 0.5 * (box.x0 + box.x1), 0.5 * (box.y0 + box.y1)
+        # Above an area, or in the corner of one to stay in: holes and arrows stay free.
+        where: Any = (
+            {"xy": (x, box.y1), "xytext": (0, 2), "ha": "center", "va": "bottom"}
+            if fill
+            else {"xy": (box.x0, box.y1), "xytext": (3, -3), "ha": "left", "va": "top"}
+        )
+        axes.annotate(area.name, textcoords="offset points", fontsize=8, **where)
         if any(area.velocity):
             dx, dy = 100.0 * np.array(area.velocity) / 1e3
             axes.annotate("", (x + dx, y + dy), (x, y), arrowprops={"arrowstyle": "->"})
     axes.autoscale_view()
     axes.set_aspect("equal")
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    figure.set_figheight(min(max(5.3 * (north - south) / (east - west) + 0.7, 2.5), 8.0))
     axes.set_xlabel("east, km")
     axes.set_ylabel("north, km")
     return figure
