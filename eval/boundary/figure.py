@@ -41,7 +41,11 @@ def boundary_figure(
     separation = aircraft.separation
     columns = min(len(slices), 3)
     rows = math.ceil(len(slices) / columns)
-    figure = Figure(figsize=(4.9 * columns, 5.3 * rows + 0.9), layout="constrained")
+    # One map is too narrow for more than one entry of the legend beside the other.
+    ncols = 1 if columns == 1 else 3
+    lines = math.ceil((3 + len(_STYLES)) / ncols)
+    size = (4.9 * columns, 5.3 * rows + 0.6 + 0.2 * lines)
+    figure = Figure(figsize=size, layout="constrained")
     for number, (answers, figures) in enumerate(slices, 1):
         _map(figure.add_subplot(rows, columns, number), answers, figures, aircraft)
     handles: list[Any] = [
@@ -50,12 +54,13 @@ def boundary_figure(
             color="black",
             linewidth=1.6,
         ),
+        sample("that of other separations", color=GREY, linewidth=0.6),
         sample(
             f"{separation:.0f} m around the ownship", color="black", linewidth=1.0, linestyle="--"
         ),
     ]
     handles += [sample(name, **style | {"markersize": 7.0}) for name, style in _STYLES.values()]
-    legend(figure, handles, min(2 * columns, 3), 10)
+    legend(figure, handles, ncols, 10)
     return figure
 
 

@@ -34,7 +34,7 @@ def cells_figure(
         axes.set_xticks(range(len(ratios)), ratios, fontsize=8)
         axes.set_yticks(range(len(courses)), courses, fontsize=8)
         axes.set_title(title, fontsize=10)
-        axes.set_ylabel("courses differ by")
+    figure.supylabel("courses differ by", fontsize=10)
     column[-1].set_xlabel("intruder's speed / own speed")
     figure.colorbar(column[0].images[0], ax=column, label=of)
     return figure
