@@ -73,7 +73,8 @@ def _accelerations(axes: Any) -> None:
     axes.set_xlabel("true airspeed, m/s")
     axes.set_ylabel("acceleration in level flight, m/s²")
     axes.set_title("full power (solid) and idle (dashed), 2500 m", fontsize=10)
-    axes.legend(frameon=False, fontsize=8)
+    axes.set_ylim(None, 1.9)  # room for the legend above the curves
+    axes.legend(frameon=False, fontsize=8, loc="upper right", ncols=2)
 
 
 def _publish(axes: Any) -> None:
@@ -92,6 +93,8 @@ def _publish(axes: Any) -> None:
         range(len(rows)), [f"{point.quantity}: {point.name}" for point, _ in rows], fontsize=8
     )
     axes.invert_yaxis()
+    widest = 1.1 * max(abs(end) for end in axes.get_xlim())
+    axes.set_xlim(-widest, widest)
     axes.axvline(0.0, color="black", linewidth=0.6)
     axes.set_xlabel("model less published, %; grey: tolerance")
     axes.set_title("checks (blue) and fits (orange)", fontsize=11)

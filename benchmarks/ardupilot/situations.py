@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from benchmarks.ardupilot.encounters import GOAL
 from benchmarks.measure import parse_names, report
 from envs.edge.command import Parser
+from eval.plots.style import legend, sample
 from ros_bridge.mavlink.demo import draw
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, fly, place_of
 from ros_bridge.mavlink.messages import Mode
@@ -98,6 +99,15 @@ def overview(flights: Mapping[str, Result], file: Path) -> None:
         _draw(axis, SITUATIONS[name], flight)
         least = f", {flight.separation:.0f} m" if SITUATIONS[name].intruders else ""
         axis.set_title(f"{name}{least}", fontsize=8)
+    handles = [
+        sample("mission (AUTO)", color="0.5", linewidth=2.0),
+        sample("steered (GUIDED)", color="C0", linewidth=2.0),
+        sample("traffic", color="C3", linewidth=0.8, linestyle="--"),
+        sample("when nearest", color="black", marker="o", markersize=3, linestyle=""),
+        sample("fence", color="C1", alpha=0.3, marker="s", markersize=8, linestyle=""),
+    ]
+    title = "east and north, m; beside each name the smallest distance from traffic"
+    legend(figure, handles, len(handles), 8, title=title, title_fontsize=8)
     figure.savefig(file, dpi=110)
     plt.close(figure)
 

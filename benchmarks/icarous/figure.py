@@ -44,13 +44,14 @@ def drawing(mission: Mission, flights: Mapping[str, Track], aircraft: Aircraft) 
         away = distances(track)
         if away.shape[1]:
             below.plot(track.time[:-1], away.min(axis=1), **style)
-    below.axhline(aircraft.separation, color="k", linestyle=":")
+    below.axhline(aircraft.separation, color="k", linestyle=":", label="to be kept")
     places = np.concatenate([np.stack([track.x, track.y]) for track in flights.values()], axis=1)
     low, high = places.min(axis=1) / 1e3 - 1.5, places.max(axis=1) / 1e3 + 1.5
     above.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     above.set(xlabel="east, km", ylabel="north, km", title=f"mission {mission.number}")
     below.set(xlabel="time, s", ylabel="to the nearest intruder, m", ylim=(0.0, None))
-    above.legend(frameon=False)
+    above.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    below.legend(frameon=False, loc="upper left", fontsize=8)
     tidy(above, "both")
     tidy(below)
     return figure

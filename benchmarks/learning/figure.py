@@ -113,12 +113,12 @@ def _panel(
         axes.axhline(score, color=_GREY, linewidth=1.0, linestyle=(0, (4, 3)))
         axes.annotate(
             f"+{score:.0f}",
-            (0.0, score),  # at the left end, where the curves are still far below
+            (1.0, score),  # right of the frame, where no curve is
             xycoords=("axes fraction", "data"),
-            xytext=(3, 1),
+            xytext=(3, 0),
             textcoords="offset points",
             ha="left",
-            va="bottom",
+            va="center",
             color=_GREY,
             fontsize=8.0,
         )
