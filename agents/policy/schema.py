@@ -152,21 +152,11 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
         own = {"schema": dict(SCHEMA), "observation": OBSERVATION}
         architecture["feature_set"] = feature_set
     else:
-        own = {
-            "schema": dict(SET_SCHEMA),
-            "scene": SCENE,
-            "task": {name: float(getattr(of_set.aircraft, name)) for name in _OF_AIRCRAFT},
-            "family": {
-                name: [float(bound) for bound in of_set.family[name]] for name in Ratios._fields
-            },
-        }
+        own = _set_contract(of_set)
         architecture |= {
             "encoder": [int(width) for width in of_set.encoder],
             "intruders": int(of_set.intruders),
         }
-        if of_set.inputs:
-            own["schema"] = dict(EXTENDED_SCHEMA)
-            own["inputs"] = [one.contract() for one in of_set.inputs]
     try:
         training = {
             "config": config,
@@ -186,6 +176,21 @@ def new_metadata(  # noqa: PLR0913 - it describes a file
         raise PolicyFileError(f"new policy: metadata cannot be written as JSON: {error}") from error
     check_metadata(document, "new policy")
     return document
+
+
+def _set_contract(of_set: SetOf) -> dict[str, Any]:
+    """Return what a policy for any number of intruders promises beyond others."""
+    contract: dict[str, Any] = {
+        "schema": dict(EXTENDED_SCHEMA if of_set.inputs else SET_SCHEMA),
+        "scene": SCENE,
+        "task": {name: float(getattr(of_set.aircraft, name)) for name in _OF_AIRCRAFT},
+        "family": {
+            name: [float(bound) for bound in of_set.family[name]] for name in Ratios._fields
+        },
+    }
+    if of_set.inputs:
+        contract["inputs"] = [one.contract() for one in of_set.inputs]
+    return contract
 
 
 def check_metadata(document: Any, source: str) -> None:
