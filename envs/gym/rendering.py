@@ -106,6 +106,12 @@ class Drawing:
         self.figure.canvas.draw()
 
     def _build(self) -> None:
+        self._build_axes()
+        self._build_route()
+        self._build_aircraft()
+        self._build_header()
+
+    def _build_axes(self) -> None:
         axes = self.figure.add_axes(_AXES)
         axes.set_aspect("equal")
         for axis in (axes.xaxis, axes.yaxis):
@@ -120,6 +126,8 @@ class Drawing:
         axes.set_ylabel("north, km", color=_FAINT, fontsize=8.5, labelpad=1)
         self._axes = axes
 
+    def _build_route(self) -> None:
+        axes = self._axes
         (self._route,) = axes.plot(
             [], [], color=_FAINT, linewidth=1.0, linestyle=(0, (4, 4)), zorder=1
         )
@@ -136,6 +144,7 @@ class Drawing:
         self._goal_text = axes.text(0.0, 0.0, "goal", color="#00704f", **small)
         self._start_text = axes.text(0.0, 0.0, "start", color=_FAINT, **small)
 
+    def _build_aircraft(self) -> None:
         self._discs = PatchCollection([], zorder=2, linewidths=1.2)
         self._link = LineCollection([], zorder=3, linewidths=1.2, linestyles=[(0, (2, 2))])
         self._trails = LineCollection([], zorder=4, linewidths=2.0, capstyle="round")
@@ -150,9 +159,10 @@ class Drawing:
             self._red,
             self._planes,
         ):
-            axes.add_collection(collection, autolim=False)
+            self._axes.add_collection(collection, autolim=False)
         self._labels: list[Any] = []
 
+    def _build_header(self) -> None:
         def header(x: float, y: float, align: str, **style: Any) -> Any:
             return self.figure.text(x, y, "", ha=align, va="baseline", **style)
 
