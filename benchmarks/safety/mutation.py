@@ -66,7 +66,7 @@ def mutate(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, An
         row[(1, 2, 3, 5, 8)[part]] += size * (0.1 if part < 2 else 1.0)
     else:
         data["requirement"][("margin", "sigmas")[part % 2]] += abs(size) * (1.0, 0.01)[part % 2]
-    return data, kind
+    return parse_json(json.dumps(data)), kind  # as a file holds it, numbers of numpy are refused
 
 
 def approach(data: dict[str, Any], number: int, distance: float) -> None:
