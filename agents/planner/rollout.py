@@ -254,7 +254,7 @@ def _roll_one(
             break
         if step == steps or (asks and ends()):
             break
-        action = policy.command_one(state, ahead.seen(step), *aim, ahead.share)
+        action = policy.command_one(state, ahead.intruders_at(step), *aim, ahead.share)
         acceleration, yaw_rate = commands(action, limits, FLOATS)
         moved = advance(state, acceleration, yaw_rate, dt, limits, FLOATS)
         path += 0.5 * dt * (state.speed + moved.speed)
@@ -325,8 +325,8 @@ class _Ahead:
             chosen = self._policy.most_critical(state, seen, there, self._every_share)
         return chosen[there[chosen]]
 
-    def seen(self, step: int) -> list[VehicleState]:
-        """Return the intruders that the policy sees at a time step."""
+    def intruders_at(self, step: int) -> list[VehicleState]:
+        """Return the intruders that are looked at, as they are at a time step."""
         return self._flown[step % len(self._flown)]
 
     def way_back(self, state: VehicleState, aim: tuple[float, float], step: int) -> bool:
@@ -337,8 +337,7 @@ class _Ahead:
             # Without intruders, too, the goal may be inside the turning circle.
             if not way.possible:
                 return False
-            seen = self._flown[step % len(self._flown)]
-            for other, least in zip(seen, self._far, strict=True):
+            for other, least in zip(self.intruders_at(step), self._far, strict=True):
                 if not keeps_clear(state, way, other, least, time, task, FLOATS):
                     return False
             if not self._many:

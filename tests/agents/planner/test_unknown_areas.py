@@ -77,7 +77,7 @@ def read(reader: str, zones: list[Zone], unsaid: frozenset[str], folder: Path) -
         return list(to_local(areas(message), HERE, at, 1e5))
     if reader == "BlueSky":
         return [area_of(_shape(zone, unsaid), 47.0, 8.0) for zone in zones]
-    said = [_said(zone, unsaid) for zone in zones]
+    said = [_stated(zone, unsaid) for zone in zones]
     path = folder / "areas"
     # A comment before it makes YAML of JSON.
     comment = "# fences\n" if reader == "ICAROUS" else ""
@@ -87,7 +87,7 @@ def read(reader: str, zones: list[Zone], unsaid: frozenset[str], folder: Path) -
     return read_areas(path, HERE, time=time, reference=reference)
 
 
-def _said(zone: Zone, unsaid: frozenset[str]) -> dict[str, Any]:
+def _stated(zone: Zone, unsaid: frozenset[str]) -> dict[str, Any]:
     """Return what is said of an area: heights in m, and dates."""
     values: dict[str, Any] = {name: getattr(zone, name) for name in LIMITS}
     values |= {name: (NOON + timedelta(seconds=getattr(zone, name))).isoformat() for name in TIMES}
