@@ -42,11 +42,12 @@ ages = st.sampled_from([0.0, 2.0, -0.5])
 verticals = st.sampled_from([150.0, 600.0])
 
 
-def least_gap(own: Altitude, other: Altitude, age: float, time: np.ndarray) -> np.ndarray:
-    """Return how near two altitudes may be at some times, m: all that is possible, by its ends."""
+def extreme_gaps(
+    own: Altitude, other: Altitude, age: float, time: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far the other altitude may be above at some times at least and at most, m."""
     mine = [] if own.vertical_speed is None else [own.vertical_speed]
     theirs = [] if other.vertical_speed is None else [other.vertical_speed]
-    near = np.full(time.shape, np.inf)
     ranges = []
     for known, one in ((mine, own), (theirs, other)):
         low, high = (
@@ -63,7 +64,12 @@ def least_gap(own: Altitude, other: Altitude, age: float, time: np.ndarray) -> n
                     a = own.value + off * own.error + climb * time
                     b = other.value + away * other.error + rise * (age + time)
                     gaps.append(b - a)
-    low, high = np.min(gaps, axis=0), np.max(gaps, axis=0)
+    return np.min(gaps, axis=0), np.max(gaps, axis=0)
+
+
+def least_gap(own: Altitude, other: Altitude, age: float, time: np.ndarray) -> np.ndarray:
+    """Return how near two altitudes may be at some times, m: all that is possible, by its ends."""
+    low, high = extreme_gaps(own, other, age, time)
     near = np.minimum(np.abs(low), np.abs(high))
     return np.where((low <= 0.0) & (high >= 0.0), 0.0, near)
 
@@ -82,7 +88,10 @@ def test_a_window_holds_all_times_at_which_two_may_be_level_and_no_others(
     gap = abs(vertical_gap(own, other, age, 500.0, UNKNOWN))
     assert (gap > vertical + 2e-6) <= (not inside.any())
     if age >= 0.0:
-        assert gap == pytest.approx(near.min(), abs=1e-6)
+        # Between the times, too: where one passes the other they are level for a moment.
+        low, high = extreme_gaps(own, other, age, times)
+        passes = (low > 0.0).any() and (high < 0.0).any()
+        assert gap == pytest.approx(0.0 if passes else near.min(), abs=1e-6)
 
 
 @given(heights, heights, ages, verticals, st.floats(0.0, 300.0), st.integers(0, 5))
