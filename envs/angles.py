@@ -10,6 +10,7 @@ arithmetic, so that they vectorise and agree across backends. Coefficients are o
 import math
 from typing import Any
 
+from envs.arrays import ArrayModule
 from envs.backend import FLOATS
 
 _TWO_PI = 2.0 * math.pi
@@ -38,7 +39,7 @@ _ATAN = (
 _TINY = 1e-30
 
 
-def wrap(angle: Any, xp: Any) -> Any:
+def wrap(angle: Any, xp: ArrayModule) -> Any:
     """Return the angle (rad, any shape) wrapped to [-pi, pi)."""
     wrapped = angle - _TWO_PI * xp.floor((angle + math.pi) * (1.0 / _TWO_PI))
     # Rounding can leave the ends of the range one unit outside it.
@@ -46,7 +47,7 @@ def wrap(angle: Any, xp: Any) -> Any:
     return xp.where(wrapped < -math.pi, -math.pi, wrapped)
 
 
-def sincos(angle: Any, xp: Any) -> tuple[Any, Any]:
+def sincos(angle: Any, xp: ArrayModule) -> tuple[Any, Any]:
     """Return sine and cosine of an angle in [-3/2 pi, 3/2 pi] (rad, any shape).
 
     Headings are wrapped, and half a step's turn on top of one stays far inside the range.
@@ -60,7 +61,7 @@ def sincos(angle: Any, xp: Any) -> tuple[Any, Any]:
     return sine, _odd(folded, _SIN)
 
 
-def atan2(y: Any, x: Any, xp: Any) -> Any:
+def atan2(y: Any, x: Any, xp: ArrayModule) -> Any:
     """Return the angle of the vector (x, y) in [-pi, pi] (rad, any shape); 0 for the null
     vector.
     """

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
 from envs.angles import sincos, wrap
+from envs.arrays import ArrayModule
 from envs.edge.command import InputError
 from envs.edge.extension import is_extension
 from envs.intruder import Intent
@@ -211,7 +212,7 @@ def _check(chosen: Scenario) -> None:
             raise EncounterError(f"{name} is {value:g}; expected {expected}")
 
 
-def sample(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
+def sample(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Encounter, Any]:
     """Turn draws ``[A, N, D]`` in [0, 1), D = ``scenario.dimensions``, into encounters ``[N]``.
 
     Each takes the first of A attempts that meets the scenario's conditions, else its last. Also
@@ -227,7 +228,7 @@ def sample(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
     return encounter, accepted
 
 
-def pad(encounter: Encounter, count: int, xp: Any) -> Encounter:
+def pad(encounter: Encounter, count: int, xp: ArrayModule) -> Encounter:
     """Return the encounters ``[N]`` with absent intruders added until there are ``count``
     of them.
     """
@@ -251,7 +252,7 @@ def pad(encounter: Encounter, count: int, xp: Any) -> Encounter:
     )
 
 
-def attempt(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
+def attempt(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Encounter, Any]:
     """Return the encounters of one attempt, draws ``[N, D]``, and which of them meet the
     conditions, ``[N]``.
 
@@ -298,7 +299,7 @@ def _check_shapes(scenario: Scenario, made: Any, count: int) -> None:
                 raise EncounterError(f"{where} {full} of shape {shape}; expected {expected}")
 
 
-def conflict_point(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, Any]:
+def conflict_point(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Encounter, Any]:
     """Return encounters ``[N]`` around a common conflict point (the paper's "circle" and variants
     of it), from draws ``[N, 7 + 7 K]``, and which of them meet the conditions, ``[N]``.
 
@@ -340,7 +341,7 @@ def conflict_point(scenario: Scenario, draws: Any, xp: Any) -> tuple[Encounter, 
 
 
 def one_turn(
-    scenario: Scenario, own: VehicleState, intruders: VehicleState, draws: Any, xp: Any
+    scenario: Scenario, own: VehicleState, intruders: VehicleState, draws: Any, xp: ArrayModule
 ) -> Intent:
     """Return the one turn of each intruder ``[N, K]``, which begins until a little after its
     closest approach to the ownship ``[N]``.
@@ -362,13 +363,13 @@ def one_turn(
     )
 
 
-def no_turn(scenario: Scenario, intruders: VehicleState, xp: Any) -> Intent:
+def no_turn(scenario: Scenario, intruders: VehicleState, xp: ArrayModule) -> Intent:
     """Return the intent of intruders ``[N, K]`` that fly straight on."""
     never = xp.zeros_like(intruders.speed)
     return Intent(never, never, never + scenario.aircraft.limits.yaw_rate_max)
 
 
-def sensor_of(scenario: Scenario, draw: Any, xp: Any) -> Sensor:
+def sensor_of(scenario: Scenario, draw: Any, xp: ArrayModule) -> Sensor:
     """Return the scenario's quality of reports, ``[N, 1]``; the draw ``[N]`` is of their age."""
     ones = xp.ones_like(draw)[:, None]
     return Sensor(
@@ -379,7 +380,7 @@ def sensor_of(scenario: Scenario, draw: Any, xp: Any) -> Sensor:
 
 
 def meets_conditions(
-    scenario: Scenario, own: VehicleState, intruders: VehicleState, mask: Any, xp: Any
+    scenario: Scenario, own: VehicleState, intruders: VehicleState, mask: Any, xp: ArrayModule
 ) -> Any:
     """Return which starts ``[N]`` are far enough apart and, on straight courses, close enough
     later, for every intruder ``[N, K]`` that exists.

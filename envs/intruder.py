@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.angles import atan2, sincos, wrap
+from envs.arrays import ArrayModule
 from envs.kinematics import Limits, VehicleState, advance
 from envs.reaction import Answer
 
@@ -64,7 +65,7 @@ class IntruderState(NamedTuple):
     error_sum: Any  # sum of the heading errors, rad times steps
 
 
-def start(vehicle: VehicleState, xp: Any) -> IntruderState:
+def start(vehicle: VehicleState, xp: ArrayModule) -> IntruderState:
     """Return an intruder at the beginning of its flight, its waypoint straight ahead."""
     sine, cosine = sincos(vehicle.heading, xp)
     return IntruderState(
@@ -81,7 +82,7 @@ def step(
     intent: Intent | Recording,
     time: Any,
     dt: Any,
-    xp: Any,
+    xp: ArrayModule,
     gains: Gains = GAINS,
     *,
     response: Any = None,

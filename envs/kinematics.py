@@ -10,6 +10,7 @@ import math
 from typing import Any, NamedTuple
 
 from envs.angles import sincos, wrap
+from envs.arrays import ArrayModule
 
 
 class VehicleState(NamedTuple):
@@ -68,7 +69,7 @@ def intersection(first: Limits, second: Limits) -> Limits:
     return both
 
 
-def commands(action: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:
+def commands(action: Any, limits: Limits, xp: ArrayModule) -> tuple[Any, Any]:
     """Return the acceleration (m/s^2) and yaw rate (rad/s) that an action, a pair of ``[...]``,
     asks for.
 
@@ -82,14 +83,14 @@ def commands(action: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:
     return acceleration, steering * limits.yaw_rate_max
 
 
-def velocity(state: VehicleState, xp: Any) -> tuple[Any, Any]:
+def velocity(state: VehicleState, xp: ArrayModule) -> tuple[Any, Any]:
     """Return the velocity's east and north components, m/s, ``[...]`` each."""
     sine, cosine = sincos(state.heading, xp)
     return state.speed * cosine, state.speed * sine
 
 
 def advance(
-    state: VehicleState, acceleration: Any, yaw_rate: Any, dt: Any, limits: Limits, xp: Any
+    state: VehicleState, acceleration: Any, yaw_rate: Any, dt: Any, limits: Limits, xp: ArrayModule
 ) -> VehicleState:
     """Move the vehicle by ``dt`` seconds under constant acceleration and yaw rate.
 
@@ -121,7 +122,7 @@ def advance(
 
 
 def _arc(
-    heading: Any, speed: Any, acceleration: Any, yaw_rate: Any, duration: Any, xp: Any
+    heading: Any, speed: Any, acceleration: Any, yaw_rate: Any, duration: Any, xp: ArrayModule
 ) -> tuple[Any, Any]:
     """Return the displacement (m) of an arc, in the frame of its middle heading and then in ENU.
 

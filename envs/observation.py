@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
 from envs.angles import sincos
+from envs.arrays import ArrayModule
 from envs.backend import FloatNamespace
 from envs.kinematics import VehicleState
 from envs.relative import bearing, distance, straight_cpa
@@ -33,7 +34,12 @@ ROW = 4
 
 
 def observe(
-    own: VehicleState, intruder: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: Any
+    own: VehicleState,
+    intruder: VehicleState,
+    goal_x: Any,
+    goal_y: Any,
+    aircraft: Aircraft,
+    xp: ArrayModule,
 ) -> Any:
     """Return the observation of one intruder and the goal, ``[..., 8]`` in [-1, 1].
 
@@ -66,7 +72,7 @@ def observe_set(
     goal_x: Any,
     goal_y: Any,
     aircraft: Aircraft,
-    xp: Any,
+    xp: ArrayModule,
 ) -> SetObservation:
     """Return the observation of several intruders and the goal, scaled as by :func:`observe`;
     arrays only.
@@ -97,7 +103,7 @@ def beside(tree: Any) -> Any:
 
 
 def _own_parts(
-    own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: Any
+    own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: ArrayModule
 ) -> list[Any]:
     middle, half = _speeds(aircraft)
     return [
@@ -109,7 +115,7 @@ def _own_parts(
 
 
 def _traffic_parts(
-    own: VehicleState, other: VehicleState, aircraft: Aircraft, xp: Any
+    own: VehicleState, other: VehicleState, aircraft: Aircraft, xp: ArrayModule
 ) -> list[Any]:
     return [
         other.speed * (1.0 / (0.5 * aircraft.traffic_speed_max)) - 1.0,
@@ -119,7 +125,7 @@ def _traffic_parts(
     ]
 
 
-def _stack(parts: list[Any], xp: Any) -> Any:
+def _stack(parts: list[Any], xp: ArrayModule) -> Any:
     return xp.stack([xp.clip(part, -1.0, 1.0) for part in parts], axis=-1)
 
 
@@ -148,7 +154,7 @@ class Decoded(NamedTuple):
     goal_y: Any
 
 
-def decode(observation: Any, aircraft: Aircraft, xp: Any) -> Decoded:
+def decode(observation: Any, aircraft: Aircraft, xp: ArrayModule) -> Decoded:
     """Recover the geometry from an observation given as eight components ``[...]`` each.
 
     Exact but for what :func:`observe` clipped. Absolute headings enter only through their
@@ -177,7 +183,9 @@ def decode(observation: Any, aircraft: Aircraft, xp: Any) -> Decoded:
     )
 
 
-def criticality(own: VehicleState, intruders: VehicleState, aircraft: Aircraft, xp: Any) -> Any:
+def criticality(
+    own: VehicleState, intruders: VehicleState, aircraft: Aircraft, xp: ArrayModule
+) -> Any:
     """Rank intruders by urgency, smallest first, ``[..., K]``.
 
     The rank is the time until the range falls below 1.5 separations on straight courses, tenths of
@@ -201,7 +209,7 @@ def criticality(own: VehicleState, intruders: VehicleState, aircraft: Aircraft, 
 
 
 def most_critical(
-    own: VehicleState, intruders: Any, mask: Any, aircraft: Aircraft, xp: Any
+    own: VehicleState, intruders: Any, mask: Any, aircraft: Aircraft, xp: ArrayModule
 ) -> VehicleState:
     """Choose, of the intruders ``[..., K]`` present by ``mask``, the most urgent one, ``[...]``.
 
@@ -222,7 +230,12 @@ def most_critical(
 
 
 def urgent(
-    own: VehicleState, intruders: VehicleState, mask: Any, count: int, aircraft: Aircraft, xp: Any
+    own: VehicleState,
+    intruders: VehicleState,
+    mask: Any,
+    count: int,
+    aircraft: Aircraft,
+    xp: ArrayModule,
 ) -> Any:
     """Return the numbers of the ``count`` most urgent of the intruders ``[..., K]``, the most
     urgent first, ``[..., min(count, K)]``; absent ones come last.
@@ -232,7 +245,12 @@ def urgent(
 
 
 def rank_urgent(
-    own: VehicleState, intruders: VehicleState, mask: Any, count: int, aircraft: Aircraft, xp: Any
+    own: VehicleState,
+    intruders: VehicleState,
+    mask: Any,
+    count: int,
+    aircraft: Aircraft,
+    xp: ArrayModule,
 ) -> tuple[VehicleState, Any]:
     """Return the ``count`` most urgent of the intruders ``[..., K]``, the most urgent first, and
     their mask.

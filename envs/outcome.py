@@ -4,6 +4,8 @@
 
 from typing import Any, NamedTuple
 
+from envs.arrays import ArrayModule
+
 
 class Rules(NamedTuple):
     """Numbers of the task, SI units; floats, so that they can be data of a compiled function."""
@@ -31,12 +33,12 @@ class Outcome(NamedTuple):
     reached: Any
     timeout: Any
 
-    def ended(self, xp: Any) -> Any:
+    def ended(self, xp: ArrayModule) -> Any:
         """Return whether the encounter is over, ``[...]``."""
         return xp.logical_or(self.violation, xp.logical_or(self.reached, self.timeout))
 
 
-def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: Any) -> Outcome:
+def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: ArrayModule) -> Outcome:
     """Judge a step by its smallest separation (m) and by goal distance (m) and time (s) at its end,
     ``[...]``.
 
@@ -50,7 +52,7 @@ def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: Any)
     return Outcome(violation, reached, timeout)
 
 
-def reward(outcome: Outcome, rules: Rules, xp: Any) -> Any:
+def reward(outcome: Outcome, rules: Rules, xp: ArrayModule) -> Any:
     """Return the sparse reward of the step, ``[...]`` (paper, table "Surrogate environment reward
     function").
     """

@@ -9,6 +9,7 @@ import math
 from typing import Any, NamedTuple
 
 from envs.angles import atan2, wrap
+from envs.arrays import ArrayModule
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 
@@ -35,7 +36,7 @@ EVERYTHING = Coverage(math.inf, math.pi, 0.0, 0.0)
 
 
 def report(
-    own: VehicleState, intruders: VehicleState, coverage: Coverage, time: Any, xp: Any
+    own: VehicleState, intruders: VehicleState, coverage: Coverage, time: Any, xp: ArrayModule
 ) -> Any:
     """Return of which intruders ``[..., K]`` there is a report, bool.
 
@@ -51,7 +52,7 @@ def report(
     return within & xp.logical_not(silent)
 
 
-def carry_back(state: VehicleState, seconds: float, xp: Any) -> VehicleState:
+def carry_back(state: VehicleState, seconds: float, xp: ArrayModule) -> VehicleState:
     """Return where the vehicle was some seconds ago if it flew straight until now, ``[...]``."""
     vx, vy = velocity(state, xp)
     return state._replace(x=state.x - vx * seconds, y=state.y - vy * seconds)
@@ -64,7 +65,7 @@ def perceive(
     sensor: Sensor,
     noise: Any,
     dt: float,
-    xp: Any,
+    xp: ArrayModule,
 ) -> VehicleState:
     """Return the intruder as the ownship believes it to be, ``[...]``.
 

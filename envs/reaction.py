@@ -8,6 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 from envs.angles import wrap
+from envs.arrays import ArrayModule
 from envs.kinematics import VehicleState, velocity
 from envs.relative import bearing, distance, straight_cpa
 
@@ -48,7 +49,7 @@ class Answer(NamedTuple):
 
 
 def answer(
-    vehicle: VehicleState, back: Any, own: VehicleState, reaction: Reaction, xp: Any
+    vehicle: VehicleState, back: Any, own: VehicleState, reaction: Reaction, xp: ArrayModule
 ) -> Answer:
     """Return what intruders ``[..., K]`` do about the ownship ``[..., 1]``.
 
@@ -79,14 +80,14 @@ def answer(
     return Answer(reacts, xp.where(too_far, 0.0, wanted))
 
 
-def _conflict(vehicle: VehicleState, own: VehicleState, reaction: Reaction, xp: Any) -> Any:
+def _conflict(vehicle: VehicleState, own: VehicleState, reaction: Reaction, xp: ArrayModule) -> Any:
     """Return which straight flights come near soon, bool ``[..., K]``."""
     cpa = straight_cpa(vehicle, own, xp)
     soon = (cpa.time > 0.0) & (cpa.time <= reaction.ahead)
     return soon & (cpa.distance < reaction.within)
 
 
-def sight_rate(vehicle: VehicleState, own: VehicleState, xp: Any) -> Any:
+def sight_rate(vehicle: VehicleState, own: VehicleState, xp: ArrayModule) -> Any:
     """Return how fast the line from intruders ``[..., K]`` to the ownship turns, rad/s, left
     positive.
     """

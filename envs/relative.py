@@ -3,10 +3,11 @@
 from typing import Any, NamedTuple
 
 from envs.angles import atan2, wrap
+from envs.arrays import ArrayModule
 from envs.kinematics import VehicleState, velocity
 
 
-def distance(x: Any, y: Any, xp: Any) -> Any:
+def distance(x: Any, y: Any, xp: ArrayModule) -> Any:
     """Return the length of the vector (x, y), m, ``[...]``."""
     return xp.sqrt(x * x + y * y)
 
@@ -17,7 +18,7 @@ def at_share(own: VehicleState, other: VehicleState, share: Any) -> VehicleState
     return VehicleState(x, y, other.heading, other.speed)
 
 
-def bearing(own: VehicleState, x: Any, y: Any, xp: Any) -> Any:
+def bearing(own: VehicleState, x: Any, y: Any, xp: ArrayModule) -> Any:
     """Return the direction of the point (x, y) relative to the ownship's heading, rad in [-pi, pi),
     left positive.
     """
@@ -49,7 +50,7 @@ class StraightCpa(NamedTuple):
     distance: Any  # m
 
 
-def straight_cpa(own: VehicleState, other: VehicleState, xp: Any) -> StraightCpa:
+def straight_cpa(own: VehicleState, other: VehicleState, xp: ArrayModule) -> StraightCpa:
     """Predict the closest point of approach on straight courses (field's usual definition)."""
     x, y = other.x - own.x, other.y - own.y
     vx, vy = _relative_velocity(own, other, xp)
@@ -63,7 +64,7 @@ def leg_separation(
     other: VehicleState,
     other_next: VehicleState,
     dt: Any,
-    xp: Any,
+    xp: ArrayModule,
 ) -> Any:
     """Return the smallest distance, m, between two aircraft during one step of motion.
 
@@ -77,12 +78,14 @@ def leg_separation(
     return step_separation(first, relative_motion(own_next, other_next, xp), dt, xp).distance
 
 
-def relative_motion(own: VehicleState, other: VehicleState, xp: Any) -> RelativeMotion:
+def relative_motion(own: VehicleState, other: VehicleState, xp: ArrayModule) -> RelativeMotion:
     """Return the other aircraft's position and velocity relative to the ownship, ``[...]``."""
     return RelativeMotion(other.x - own.x, other.y - own.y, *_relative_velocity(own, other, xp))
 
 
-def step_separation(first: RelativeMotion, last: RelativeMotion, dt: Any, xp: Any) -> Closest:
+def step_separation(
+    first: RelativeMotion, last: RelativeMotion, dt: Any, xp: ArrayModule
+) -> Closest:
     """Return the smallest distance of a step of ``dt`` s between two relative motions ``[...]``.
 
     Accuracy and method are those of :func:`leg_separation`.
@@ -107,7 +110,7 @@ def step_separation(first: RelativeMotion, last: RelativeMotion, dt: Any, xp: An
     return Closest(xp.sqrt(smallest), s)
 
 
-def _relative_velocity(own: VehicleState, other: VehicleState, xp: Any) -> tuple[Any, Any]:
+def _relative_velocity(own: VehicleState, other: VehicleState, xp: ArrayModule) -> tuple[Any, Any]:
     own_vx, own_vy = velocity(own, xp)
     other_vx, other_vy = velocity(other, xp)
     return other_vx - own_vx, other_vy - own_vy

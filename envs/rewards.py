@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
+from envs.arrays import ArrayModule
 from envs.edge.command import InputError
 from envs.edge.extension import is_extension, load_extension
 from envs.encounters import Encounter
@@ -71,7 +72,7 @@ class Rewards(NamedTuple):
         return tuple(row for row in self.rows if row.name not in TASK)
 
 
-def goal_distance(state: State, aircraft: Aircraft, xp: Any) -> Any:
+def goal_distance(state: State, aircraft: Aircraft, xp: ArrayModule) -> Any:
     """Return the potential of the way to the goal, ``[...]``, in ten separations.
 
     It counts the distance, and the way round where the goal lies inside the turning circle: without
@@ -86,19 +87,19 @@ def goal_distance(state: State, aircraft: Aircraft, xp: Any) -> Any:
     return -(distance(x, y, xp) + DETOUR * inside) * (0.1 / aircraft.separation)
 
 
-def turn_rate(step: Transition, xp: Any) -> Any:
+def turn_rate(step: Transition, xp: ArrayModule) -> Any:
     """Return the squared turn rate as flown, ``[...]``, from commands of which 1 is the limit."""
     return xp.square(xp.clip(step.action[1], -1.0, 1.0))
 
 
-def heading_change(step: Transition, xp: Any) -> Any:
+def heading_change(step: Transition, xp: ArrayModule) -> Any:
     """Return the change of heading, in quarter turns, ``[...]``."""
     limit, dt = step.aircraft.limits.yaw_rate_max, step.aircraft.dt
     turned = xp.abs(xp.clip(step.action[1], -1.0, 1.0)) * (limit * dt)
     return turned / (0.5 * xp.pi)
 
 
-def path_excess(step: Transition, xp: Any) -> Any:
+def path_excess(step: Transition, xp: ArrayModule) -> Any:
     """Return the path of a step less what it brought the goal nearer, in ten separations,
     ``[...]``.
 
@@ -116,15 +117,15 @@ def path_excess(step: Transition, xp: Any) -> Any:
     )
 
 
-def _violation(step: Transition, xp: Any) -> Any:
+def _violation(step: Transition, xp: ArrayModule) -> Any:
     return xp.where(step.result.outcome.violation, 1.0, 0.0)
 
 
-def _goal(step: Transition, xp: Any) -> Any:
+def _goal(step: Transition, xp: ArrayModule) -> Any:
     return xp.where(step.result.outcome.reached, 1.0, 0.0)
 
 
-def _timeout(step: Transition, xp: Any) -> Any:
+def _timeout(step: Transition, xp: ArrayModule) -> Any:
     return xp.where(step.result.outcome.timeout, 1.0, 0.0)
 
 
@@ -219,7 +220,7 @@ def with_scores(rules: Rules, weights: Mapping[str, float]) -> Rules:
 
 
 def learning_reward(
-    rewards: Rewards, step: Transition, discount: float, xp: Any, scale: float = 1.0
+    rewards: Rewards, step: Transition, discount: float, xp: ArrayModule, scale: float = 1.0
 ) -> tuple[Any, dict[str, Any]]:
     """Return the reward of a step of encounters that may have ended, ``[...]``, points times a
     scale, and what each shaping term adds to it.
@@ -233,7 +234,7 @@ def learning_reward(
     return total, parts
 
 
-def part(row: Row, step: Transition, discount: float, xp: Any, scale: float = 1.0) -> Any:
+def part(row: Row, step: Transition, discount: float, xp: ArrayModule, scale: float = 1.0) -> Any:
     """Return what a term adds to the reward of a step, ``[...]``, points times a scale.
 
     Raises:
@@ -261,7 +262,7 @@ def part(row: Row, step: Transition, discount: float, xp: Any, scale: float = 1.
 
 
 def shaping_of_first_step(
-    rewards: Rewards, starts: Encounter, world: World, xp: Any
+    rewards: Rewards, starts: Encounter, world: World, xp: ArrayModule
 ) -> dict[str, Any]:
     """Return what the shaping terms add to the reward of the first step of encounters ``[N]``.
 
@@ -275,7 +276,9 @@ def shaping_of_first_step(
     )[1]
 
 
-def shaping_reward(before: Any, after: Any, terminated: Any, discount: float, xp: Any) -> Any:
+def shaping_reward(
+    before: Any, after: Any, terminated: Any, discount: float, xp: ArrayModule
+) -> Any:
     """Return the shaping reward of a step: the discounted gain in potential, which is 0 once
     terminated.
     """

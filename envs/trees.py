@@ -5,6 +5,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from envs.arrays import ArrayModule
+
 T = TypeVar("T")
 
 
@@ -48,7 +50,7 @@ def column(tree: T) -> T:
     return map_leaves(lambda field: field[:, None], tree)
 
 
-def choose(condition: Any, yes: T, no: T, xp: Any) -> T:
+def choose(condition: Any, yes: T, no: T, xp: ArrayModule) -> T:
     """Return arrays ``[N, ...]`` that hold ``yes`` where the condition ``[N]`` holds and else
     ``no``.
     """

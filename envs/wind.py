@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.angles import wrap
+from envs.arrays import ArrayModule
 from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
 
@@ -81,7 +82,7 @@ def aim_point(
     goal: tuple[Any, Any],
     drift: tuple[Any, Any] | None,
     latest: float,
-    xp: Any,
+    xp: ArrayModule,
 ) -> tuple[Any, Any]:
     """Return where aircraft meet their goals by flying straight ahead, m, ``[...]`` each.
 

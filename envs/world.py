@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from envs import intruder, observation, outcome
 from envs.aircraft import Aircraft
+from envs.arrays import ArrayModule
 from envs.backend import FloatNamespace
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState, advance, commands
@@ -69,7 +70,11 @@ class StepResult(NamedTuple):
 
 
 def begin(
-    encounter: Encounter, xp: Any, *, history_dt: Any = None, required_separation: Any = None
+    encounter: Encounter,
+    xp: ArrayModule,
+    *,
+    history_dt: Any = None,
+    required_separation: Any = None,
 ) -> State:
     """Return the state at the start of encounters ``[...]``.
 
@@ -107,7 +112,9 @@ def begin(
     )
 
 
-def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[State, StepResult]:
+def step(
+    state: State, action: tuple[Any, Any], world: World, xp: ArrayModule
+) -> tuple[State, StepResult]:
     """Advance encounters ``[...]`` by one time step under an action of
     :func:`envs.kinematics.commands`.
 
@@ -124,7 +131,7 @@ def step(state: State, action: tuple[Any, Any], world: World, xp: Any) -> tuple[
     return evaluate(state, own, intruders, world.rules, xp, usual=world.aircraft.separation)
 
 
-def move_intruders(state: State, dt: float, xp: Any) -> Any:
+def move_intruders(state: State, dt: float, xp: ArrayModule) -> Any:
     """Return the intruders one time step later, ``[..., K]``."""
     time, dt = beside((state.steps * dt, dt))
     if state.reaction is not None:  # arrays alone
@@ -143,7 +150,7 @@ def evaluate(
     own: VehicleState,
     intruders: Any,
     rules: Rules,
-    xp: Any,
+    xp: ArrayModule,
     *,
     usual: Any = None,
 ) -> tuple[State, StepResult]:
@@ -182,7 +189,7 @@ def evaluate(
     )
 
 
-def perceive_intruders(state: State, noise: Any, dt: Any, xp: Any) -> Any:
+def perceive_intruders(state: State, noise: Any, dt: Any, xp: ArrayModule) -> Any:
     """Return the intruders as the ownship believes them to be, ``[..., K]``.
 
     Args:
@@ -204,7 +211,7 @@ def perceive_intruders(state: State, noise: Any, dt: Any, xp: Any) -> Any:
     )
 
 
-def shares(state: State, aircraft: Aircraft, xp: Any) -> Any:
+def shares(state: State, aircraft: Aircraft, xp: ArrayModule) -> Any:
     """Return how much of its distance each intruder counts at, ``[..., K]``: the aircraft's
     separation over its own; None where they have none of their own.
     """
@@ -213,11 +220,11 @@ def shares(state: State, aircraft: Aircraft, xp: Any) -> Any:
     return _shares(state.separation, aircraft.separation, xp)
 
 
-def _shares(separation: Any, usual: Any, xp: Any) -> Any:
+def _shares(separation: Any, usual: Any, xp: ArrayModule) -> Any:
     return _each(lambda own: usual / own, xp, separation)
 
 
-def known(state: State, aircraft: Aircraft, xp: Any) -> Any:
+def known(state: State, aircraft: Aircraft, xp: ArrayModule) -> Any:
     """Return of which intruders the ownship knows, bool ``[..., K]``: those that exist and are
     reported.
     """
@@ -227,7 +234,7 @@ def known(state: State, aircraft: Aircraft, xp: Any) -> Any:
     return state.mask & report(own, _vehicles(state.intruders, xp), state.coverage, time, xp)
 
 
-def _in_own_separations(state: State, noise: Any, aircraft: Aircraft, xp: Any) -> Any:
+def _in_own_separations(state: State, noise: Any, aircraft: Aircraft, xp: ArrayModule) -> Any:
     """Return the intruders as :func:`perceive_intruders` does, ``[..., K]``, each at its distance
     in its own separation, on the same bearing.
     """
@@ -235,7 +242,7 @@ def _in_own_separations(state: State, noise: Any, aircraft: Aircraft, xp: Any) -
     return seen if share is None else _each(partial(at_share, beside(state.own)), xp, seen, share)
 
 
-def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: Any) -> Any:
+def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: ArrayModule) -> Any:
     """Return the observation of the most critical intruder and the goal, ``[..., 8]``; see
     :func:`perceive_intruders`.
     """
@@ -245,7 +252,12 @@ def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: Any) -> 
 
 
 def observe_set(
-    state: State, aircraft: Aircraft, noise: Any = None, count: int | None = None, *, xp: Any
+    state: State,
+    aircraft: Aircraft,
+    noise: Any = None,
+    count: int | None = None,
+    *,
+    xp: ArrayModule,
 ) -> SetObservation:
     """Return the observation of several intruders and the goal, by the noise of
     :func:`perceive_intruders`; arrays only.
@@ -258,14 +270,14 @@ def observe_set(
     return observation.observe_set(state.own, seen, mask, state.goal_x, state.goal_y, aircraft, xp)
 
 
-def smallest(values: Any, mask: Any, xp: Any) -> Any:
+def smallest(values: Any, mask: Any, xp: ArrayModule) -> Any:
     """Return the smallest value of the intruders that exist, ``[...]``."""
     if isinstance(xp, FloatNamespace):
         return min(values)
     return xp.min(xp.where(mask, values, xp.inf), axis=-1)
 
 
-def _each(function: Callable[..., Any], xp: Any, *trees: Any) -> Any:
+def _each(function: Callable[..., Any], xp: ArrayModule, *trees: Any) -> Any:
     """Apply a function to arrays ``[..., K]`` at once, and to tuples of K plain ones one after
     another.
     """
@@ -274,5 +286,5 @@ def _each(function: Callable[..., Any], xp: Any, *trees: Any) -> Any:
     return function(*trees)
 
 
-def _vehicles(intruders: Any, xp: Any) -> Any:
+def _vehicles(intruders: Any, xp: ArrayModule) -> Any:
     return _each(lambda one: one.vehicle, xp, intruders)

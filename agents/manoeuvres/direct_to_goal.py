@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.angles import atan2, sincos, wrap
+from envs.arrays import ArrayModule
 from envs.kinematics import Limits, VehicleState, velocity
 
 EVERY = 5
@@ -35,7 +36,9 @@ def arc_end(state: VehicleState, arc: Any, length: Any) -> tuple[Any, Any]:
     return state.x + chord * np.cos(middle), state.y + chord * np.sin(middle)
 
 
-def end_speed(length: Any, speed: Any, seconds: Any, limits: Limits, xp: Any) -> tuple[Any, Any]:
+def end_speed(
+    length: Any, speed: Any, seconds: Any, limits: Limits, xp: ArrayModule
+) -> tuple[Any, Any]:
     """Return the speed to cover a length (m) in some seconds, m/s, and whether that is possible,
     ``[...]``.
 
@@ -62,7 +65,7 @@ class Turn(NamedTuple):
 
 
 def turn_onto(
-    own: VehicleState, point: tuple[Any, Any], radius: Any, xp: Any, *, exact: bool = False
+    own: VehicleState, point: tuple[Any, Any], radius: Any, xp: ArrayModule, *, exact: bool = False
 ) -> Turn:
     """Return the turns with some radius (m) after which points, m, lie straight ahead, ``[...]``.
 
@@ -107,7 +110,7 @@ class Direct(NamedTuple):
 
 
 def direct(
-    own: VehicleState, goal: tuple[Any, Any], time: Any, task: DirectTask, xp: Any
+    own: VehicleState, goal: tuple[Any, Any], time: Any, task: DirectTask, xp: ArrayModule
 ) -> Direct:
     """Return the direct route to a goal, m, from states at some times, s, ``[...]``.
 
@@ -132,7 +135,7 @@ def direct(
 
 
 def arrival(
-    own: VehicleState, goal: tuple[Any, Any], time: Any, task: DirectTask, xp: Any
+    own: VehicleState, goal: tuple[Any, Any], time: Any, task: DirectTask, xp: ArrayModule
 ) -> tuple[Any, Any, Any]:
     """Return when the direct route passes over the goal, s, on which course, rad, and how fast,
     m/s, ``[...]``.
@@ -150,7 +153,7 @@ def clear(
     required: Any,
     time: Any,
     task: DirectTask,
-    xp: Any,
+    xp: ArrayModule,
     window: tuple[Any, Any] | None = None,
 ) -> Any:
     """Return whether turning onto the goal now and flying there keeps clear of an intruder that
@@ -170,7 +173,7 @@ def keeps_clear(
     required: Any,
     time: Any,
     task: DirectTask,
-    xp: Any,
+    xp: ArrayModule,
     window: tuple[Any, Any] | None = None,
 ) -> Any:
     """Return what :func:`clear` does for a direct route that is known.
@@ -203,7 +206,7 @@ def keeps_clear(
     return xp.logical_and(possible, near >= required * xp.abs(required))
 
 
-def _chords(own: VehicleState, way: Direct, xp: Any) -> Iterator[tuple[Any, Any]]:
+def _chords(own: VehicleState, way: Direct, xp: ArrayModule) -> Iterator[tuple[Any, Any]]:
     """Yield the chords of the quarters of a direct route's turn, east and north, m."""
     sine, cosine = sincos(own.heading, xp)
     half_sine, half_cosine = sincos(0.5 * (way.turn * (1.0 / _PARTS)), xp)
@@ -229,7 +232,7 @@ def _nearest_while_it_counts(
     begin: Any,
     lasts: Any,
     window: tuple[Any, Any] | None,
-    xp: Any,
+    xp: ArrayModule,
 ) -> Any:
     """Return the squared distance from the origin to the part of a step that lies in a window, m^2;
     inf: none does.
@@ -245,7 +248,7 @@ def _nearest_while_it_counts(
 
 
 def _nearest(
-    x: Any, y: Any, step_x: Any, step_y: Any, xp: Any, low: Any = 0.0, high: Any = 1.0
+    x: Any, y: Any, step_x: Any, step_y: Any, xp: ArrayModule, low: Any = 0.0, high: Any = 1.0
 ) -> Any:
     """Return the squared distance from the origin to the line from (x, y) along a step, from one
     share of it to another, m^2.

@@ -19,6 +19,7 @@ import numpy as np
 from agents.policy.scene import Scene
 from envs.aircraft import Ratios
 from envs.angles import atan2, sincos
+from envs.arrays import ArrayModule
 from envs.backend import EXACT_FLOATS
 
 HORIZON = 10.0
@@ -73,7 +74,7 @@ class Paths(NamedTuple):
     y: Any
 
 
-def paths(seen: Scene, xp: Any) -> Paths:
+def paths(seen: Scene, xp: ArrayModule) -> Paths:
     """Return the paths of all manoeuvres from a scene ``[...]``, in units of the scene."""
     speed, ratios = seen.own_speed, seen.ratios
     dtype, axes = speed.dtype, (1,) * speed.ndim
@@ -113,7 +114,7 @@ def paths(seen: Scene, xp: Any) -> Paths:
     return Paths(times, spans, step_x, step_y, xp.cumsum(step_x, axis=1), xp.cumsum(step_y, axis=1))
 
 
-def min_separation(seen: Scene, xp: Any) -> Any:
+def min_separation(seen: Scene, xp: ArrayModule) -> Any:
     """Return the least separation from any of K >= 1 intruders within :data:`HORIZON`, ``[22,
     ...]``, in D, or in the separation of an intruder that has one of its own.
     """
@@ -129,7 +130,7 @@ def min_separation(seen: Scene, xp: Any) -> Any:
     return xp.sqrt(_least_squares(path, tuple(intruders), xp, sys.modules["jax"].lax))
 
 
-def _least_squares(path: Paths, intruders: Any, xp: Any, lax: Any) -> Any:
+def _least_squares(path: Paths, intruders: Any, xp: ArrayModule, lax: Any) -> Any:
     """Return the square of the least separation, ``[22, ...]``, compiled: one chord after the
     other, so that a running minimum is all that is kept of the separations from K intruders.
     """
@@ -153,7 +154,7 @@ def _least_squares(path: Paths, intruders: Any, xp: Any, lax: Any) -> Any:
     return lax.fori_loop(0, _PIECES, nearer, farthest)
 
 
-def _squares(intruders: Any, path: Paths, xp: Any) -> Any:
+def _squares(intruders: Any, path: Paths, xp: ArrayModule) -> Any:
     """Return the square of the separation along each chord of a path from intruders (x, y, vx, vy
     and, where they have separations of their own, the square of the share).
     """
@@ -234,7 +235,7 @@ class MinSeparationOfOne:
         return np.sqrt(np.minimum.reduce(square, axis=(0, 2), initial=1e6))
 
 
-def steering(seen: Scene, xp: Any) -> Any:
+def steering(seen: Scene, xp: ArrayModule) -> Any:
     """Return the turn of each manoeuvre at its beginning, 1 to the left at the greatest yaw rate,
     ``[..., 22]``.
     """
@@ -250,7 +251,7 @@ def steering_of_one(seen: Scene) -> np.ndarray:
     return turns
 
 
-def _turn_to_goal(seen: Scene, xp: Any) -> Any:
+def _turn_to_goal(seen: Scene, xp: ArrayModule) -> Any:
     """Return the turn to the goal; one that takes less than a tenth of a unit of time (a time step)
     is as gentle.
     """

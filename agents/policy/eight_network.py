@@ -4,7 +4,6 @@ action.
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -14,6 +13,7 @@ from agents.policy.file import PolicyFile
 from agents.policy.set_network import one_through, rows_through
 from envs.aircraft import PAPER, Aircraft
 from envs.angles import sincos, wrap
+from envs.arrays import ArrayModule
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState
 from envs.observation import criticality, most_critical, observe
@@ -118,7 +118,7 @@ class EightNetwork:
         return x
 
 
-def _absent(own: VehicleState, scales: Aircraft, xp: Any) -> VehicleState:
+def _absent(own: VehicleState, scales: Aircraft, xp: ArrayModule) -> VehicleState:
     """Return an intruder without effect: as far behind as an observation can say, flying away."""
     sine, cosine = sincos(own.heading, xp)
     away = wrap(own.heading + np.pi, xp)

@@ -9,6 +9,7 @@ from typing import Any
 
 from agents.policy.set_features import passing, soft
 from envs.aircraft import PAPER
+from envs.arrays import ArrayModule
 from envs.observation import decode
 
 FEATURE_SETS = ("none", "cpa", "mirror")
@@ -39,7 +40,7 @@ def size(feature_set: str) -> int:
     return _SIZES[feature_set]
 
 
-def mirror_sign(observation: list[Any], feature_set: str, xp: Any) -> Any:
+def mirror_sign(observation: list[Any], feature_set: str, xp: ArrayModule) -> Any:
     """Return the factor of the network's yaw rate, ``[...]`` or 1.0: -1 where the scene is seen
     mirrored.
 
@@ -56,7 +57,7 @@ def mirror_sign(observation: list[Any], feature_set: str, xp: Any) -> Any:
     return xp.copysign(1.0, angle) * xp.copysign(1.0, 1.0 - xp.abs(angle))
 
 
-def features(observation: list[Any], feature_set: str, xp: Any) -> list[Any]:
+def features(observation: list[Any], feature_set: str, xp: ArrayModule) -> list[Any]:
     """Return the inputs of the network's first layer, :func:`size` times ``[...]``, all within
     about [-3, 3].
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from agents.policy.scene import Scene, mirror, random_scenes, unpacked_rows
 from envs.aircraft import Ratios
+from envs.arrays import ArrayModule
 from envs.edge.command import InputError
 from envs.edge.extension import is_extension, load_extension
 
@@ -188,7 +189,7 @@ def check_input(one: Any) -> None:
             )
 
 
-def evaluate_input(one: Input, seen: Scene, xp: Any) -> Any:
+def evaluate_input(one: Input, seen: Scene, xp: ArrayModule) -> Any:
     """Return the values of an input for mirrored scenes, in the scenes' dtype; raises an InputError
     where they have another shape.
     """

@@ -17,6 +17,7 @@ import numpy as np
 
 from envs.aircraft import Ratios, ratios
 from envs.angles import sincos
+from envs.arrays import ArrayModule
 from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance
@@ -51,7 +52,7 @@ def scene(
     goal_y: Any,
     limits: Limits,
     separation: Any,
-    xp: Any,
+    xp: ArrayModule,
 ) -> Scene:
     """Return the scene of states ``[...]`` and ``[..., K]`` in SI units; of absent intruders
     anything finite.
@@ -187,7 +188,7 @@ def random_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.nd
     return np.concatenate([own, rows], axis=-1).astype(np.float32)
 
 
-def mirror(seen: Scene, xp: Any) -> tuple[Scene, Any]:
+def mirror(seen: Scene, xp: ArrayModule) -> tuple[Scene, Any]:
     """Return the scene with most of the traffic left of the line to the goal, and the sign of its y
     axis, ``[...]``.
 
@@ -232,7 +233,7 @@ _TIE = 1e-9
 
 
 def _towards(
-    x: Any, y: Any, vx: Any, vy: Any, share: Any, pace: Any, goal: tuple[Any, Any], xp: Any
+    x: Any, y: Any, vx: Any, vy: Any, share: Any, pace: Any, goal: tuple[Any, Any], xp: ArrayModule
 ) -> Any:
     """Return how much an intruder counts, positive to the left of the line to the goal, ``[...,
     K]``.

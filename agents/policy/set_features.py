@@ -14,6 +14,7 @@ import numpy as np
 from agents.policy import candidate_manoeuvres
 from agents.policy.inputs import INTRUDER, OWNSHIP, Input, Number, check_input, evaluate_input
 from agents.policy.scene import NOWHERE, Scene, mirror
+from envs.arrays import ArrayModule
 from envs.backend import FLOATS
 from envs.edge.command import InputError
 from envs.relative import distance
@@ -92,7 +93,7 @@ def table(extra: Iterable[Input] = ()) -> InputTable:
     )
 
 
-def set_inputs(seen: Scene, xp: Any, inputs: InputTable | None = None) -> SetInputs:
+def set_inputs(seen: Scene, xp: ArrayModule, inputs: InputTable | None = None) -> SetInputs:
     """Return the inputs for scenes ``[...]``, not mirrored, with K >= 1 intruders' places; without
     a table the toolkit's own, all within about [-3, 3].
     """
@@ -106,12 +107,12 @@ def set_inputs(seen: Scene, xp: Any, inputs: InputTable | None = None) -> SetInp
     )
 
 
-def _side_by_side(rows: tuple[Input, ...], seen: Scene, xp: Any) -> Any:
+def _side_by_side(rows: tuple[Input, ...], seen: Scene, xp: ArrayModule) -> Any:
     parts = [evaluate_input(one, seen, xp) for one in rows]
     return parts[0] if len(parts) == 1 else xp.concatenate(parts, axis=-1)
 
 
-def _ownship(seen: Scene, xp: Any) -> Any:
+def _ownship(seen: Scene, xp: ArrayModule) -> Any:
     """Return the toolkit's inputs of the ownship for mirrored scenes, ``[..., 37]``."""
     # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the
     # number of rows.
@@ -122,7 +123,7 @@ def _ownship(seen: Scene, xp: Any) -> Any:
     return xp.concatenate([xp.stack([*own, *best], axis=-1), margin], axis=-1)
 
 
-def _intruder(seen: Scene, xp: Any) -> Any:
+def _intruder(seen: Scene, xp: ArrayModule) -> Any:
     """Return the toolkit's inputs of intruders for mirrored scenes, ``[..., K, 16]``."""
     to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
     cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
@@ -241,7 +242,7 @@ def batch_of_one(seen: Scene) -> Scene:
     )
 
 
-def own_part(seen: Scene, zero: Any, xp: Any) -> list[Any]:
+def own_part(seen: Scene, zero: Any, xp: ArrayModule) -> list[Any]:
     """Return what describes the ownship, its goal and its limits, 12 times ``[...]``; ``zero`` has
     that shape.
     """
@@ -275,7 +276,7 @@ def each_part(
     share: Any,
     pace: Any,
     course: tuple[Any, Any],
-    xp: Any,
+    xp: ArrayModule,
 ) -> list[Any]:
     """Return what describes an intruder, 16 times ``[..., K]``, beside own speed and the cosine and
     sine of the goal's direction.
@@ -306,12 +307,12 @@ def _in_shares(share: Any) -> tuple[Any, ...]:
     return slow, horizon, per_time, per_length * share, per_far * share, floor
 
 
-def _margin(separation: Any, xp: Any) -> Any:
+def _margin(separation: Any, xp: ArrayModule) -> Any:
     """Return how far manoeuvres stay beyond the required separation, squashed."""
     return soft((separation - 1.0) * (1.0 / SEPARATION_UNIT), xp)
 
 
-def _best(margin: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
+def _best(margin: Any, steering: Any, xp: ArrayModule) -> tuple[Any, Any, Any]:
     """Return the margin of the best manoeuvre, and how it accelerates and turns, 1 at the limit;
     ``[...]`` each.
 
@@ -327,7 +328,7 @@ def _best(margin: Any, steering: Any, xp: Any) -> tuple[Any, Any, Any]:
 
 
 def passing(
-    x: Any, y: Any, vx: Any, vy: Any, units: tuple[Any, ...], xp: Any
+    x: Any, y: Any, vx: Any, vy: Any, units: tuple[Any, ...], xp: ArrayModule
 ) -> tuple[Any, Any, Any, Any]:
     """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight
     course.
@@ -355,7 +356,7 @@ def passing(
     )
 
 
-def soft(value: Any, xp: Any) -> Any:
+def soft(value: Any, xp: ArrayModule) -> Any:
     """Return a value squashed to (-1, 1)."""
     return value / (1.0 + xp.abs(value))
 

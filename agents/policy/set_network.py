@@ -18,6 +18,7 @@ from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpack
 from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_inputs_of_one
 from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
+from envs.arrays import ArrayModule
 from envs.edge.command import InputError
 from envs.kinematics import VehicleState
 from envs.observation import decode
@@ -146,7 +147,7 @@ def _min_separation(aircraft: Aircraft) -> MinSeparationOfOne:
     return MinSeparationOfOne(ratios(aircraft.limits, aircraft.separation))
 
 
-def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: Any) -> Any:
+def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: ArrayModule) -> Any:
     """Return the actions ``[N, 2]`` of the network's layers for inputs ``[N]``."""
     own, each, mask, sign = inputs
     each = xp.tanh(rows_through(each.reshape(-1, each.shape[-1]), encoder, xp)).reshape(
@@ -157,7 +158,7 @@ def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: Any) -> Any:
     return action * xp.stack([xp.ones_like(sign), sign], axis=-1)
 
 
-def rows_through(rows: Any, layers: Layers, xp: Any) -> Any:
+def rows_through(rows: Any, layers: Layers, xp: ArrayModule) -> Any:
     """Return the outputs ``[N, out]`` of layers with tanh between them, for rows ``[N, in]``."""
     x = rows[:, None, :]
     *before, (kernel, bias) = layers
