@@ -16,15 +16,19 @@ import sys
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import Any, NamedTuple
 
 import pytest
 
+from agents.inference import Policy
+from agents.planner import plan
 from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.formats import encounter_file
+from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
+from envs.waypoints import RoutePoint
 
 ROOT = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"(<!-- not run: [^>]+ -->\s+)?```(python|text)\n(.*?)```", re.DOTALL)
@@ -239,20 +243,48 @@ QUESTIONS = {
         "agents/planner/candidates.py",
         "agents/planner/publish.py",
     ),
-    "where SAFE is decided": ("agents/planner/publish.py", "agents/planner/validator.py"),
+    "where SAFE is decided": (
+        "agents/planner/publish.py",
+        "agents/planner/candidates.py",
+        "agents/planner/validator.py",
+    ),
 }
 """Questions that the table of architecture.md answers, and files that belong to the answer."""
 
 
-def test_the_table_answers_each_question_with_at_most_three_files() -> None:
+def table_of_answers() -> dict[str, str]:
+    """Return the questions of the table of architecture.md, with their answers."""
     page = (ROOT / "docs/explanation/architecture.md").read_text(encoding="utf-8")
     table = page.partition("## Where to find things")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| (.+?) \| (.+) \|$", table, re.MULTILINE)[1:]
-    answers = {question: set(FILE.findall(answer)) for question, answer in rows}
-    many = {question: files for question, files in answers.items() if len(files) > 3}
-    assert not many
+    return dict(re.findall(r"^\| (.+?) \| (.+) \|$", table, re.MULTILINE)[1:])
+
+
+def test_the_table_answers_each_question_with_at_most_three_files() -> None:
+    answers = {question: set(FILE.findall(text)) for question, text in table_of_answers().items()}
+    assert not {question: files for question, files in answers.items() if not 1 <= len(files) <= 3}
     for question, files in QUESTIONS.items():
         assert answers[question] >= set(files), question
+
+
+@pytest.mark.parametrize("question", ["how a request becomes waypoints", "where SAFE is decided"])
+def test_a_plan_is_made_by_the_functions_that_the_table_names(question: str) -> None:
+    called: set[tuple[str, str]] = set()
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        code = frame.f_code
+        if event == "call" and code.co_filename.startswith(str(ROOT)):
+            called.add((Path(code.co_filename).relative_to(ROOT).as_posix(), code.co_name))
+
+    policy, route = Policy.load(), [RoutePoint(n, 5_000.0 * n, 0.0) for n in range(2, 12)]
+    sys.setprofile(note)
+    try:
+        plan(VehicleState(0.0, 0.0, 0.0, 75.0), [], route, policy)
+    finally:
+        sys.setprofile(None)
+    named = IN_FILE.findall(table_of_answers()[question])
+    pairs = {(file, name) for file, names in named for name in re.findall(r"`(\w+)`", names)}
+    assert pairs
+    assert pairs <= called
 
 
 def test_safe_is_decided_where_the_table_says() -> None:
