@@ -20,7 +20,27 @@ _SOURCE = Path(__file__).resolve().parent / "rlcas_msgs"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Configure, build and install."""
+    """Configure, build and install; return the exit code."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    _check_environment()
+    name = options.source.resolve().name
+    folder = options.build or Path("build") / name
+    if (folder / "CMakeCache.txt").exists():
+        # It remembers another environment, or paths of an earlier version of the wheels.
+        shutil.rmtree(folder)
+    for step in _steps(options.source, folder, options.prefix):
+        done = subprocess.run(step, env=_environment(), capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            print(done.stdout[-6000:], done.stderr[-6000:], sep="\n", file=sys.stderr)
+            failed = f"'{' '.join(step[:2])}' failed; its last lines are above"
+            print(f"{parser.prog}: error: {failed}", file=sys.stderr)
+            return 1
+    print(f"{name} is installed in {options.prefix}")
+    return 0
+
+
+def _parser() -> Parser:
     parser = Parser(prog="python -m ros_bridge.build_interfaces", description=__doc__)
     parser.add_argument(
         "--source", type=Path, default=_SOURCE, help="folder of the package (default rlcas_msgs)"
@@ -31,50 +51,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--build", type=Path, help="folder to build in (default build/ and the package's name)"
     )
-    options = parser.parse_args(arguments)
-    _check_environment()
-    name = options.source.resolve().name
-    folder = options.build or Path("build") / name
-    scripts = sysconfig.get_path("scripts")
-    environment = os.environ | {
+    return parser
+
+
+def _steps(source: Path, build: Path, prefix: Path) -> tuple[list[str], ...]:
+    """Return the commands that configure, build and install a package."""
+    configure = [
+        "cmake",
+        "-S",
+        str(source),
+        "-B",
+        str(build),
+        "-G",
+        "Ninja",
+        "-DBUILD_TESTING=OFF",
+        "-Wno-dev",
+        f"-DCMAKE_INSTALL_PREFIX={prefix.resolve()}",
+        f"-DPython3_EXECUTABLE={sys.executable}",
+    ]
+    compile_all = ["cmake", "--build", str(build), "--parallel", "2"]
+    return configure, compile_all, ["cmake", "--install", str(build)]
+
+
+def _environment() -> dict[str, str]:
+    """Return the variables with which CMake finds the packages of this environment, and no
+    others.
+    """
+    paths = [sysconfig.get_path("scripts"), os.environ.get("PATH", "")]
+    ours = {
         "AMENT_PREFIX_PATH": sys.prefix,
         "CMAKE_PREFIX_PATH": sys.prefix,
-        "PATH": os.pathsep.join([scripts, os.environ.get("PATH", "")]),
+        "PATH": os.pathsep.join(paths),
     }
     # Where this is an environment inside another one, that other one's packages must not be found.
-    environment.pop("PYTHONPATH", None)
-    build = str(folder)
-    if (folder / "CMakeCache.txt").exists():
-        # It remembers another environment, or paths of an earlier version of the wheels.
-        shutil.rmtree(folder)
-    steps = (
-        [
-            "cmake",
-            "-S",
-            str(options.source),
-            "-B",
-            build,
-            "-G",
-            "Ninja",
-            "-DBUILD_TESTING=OFF",
-            "-Wno-dev",
-            f"-DCMAKE_INSTALL_PREFIX={options.prefix.resolve()}",
-            f"-DPython3_EXECUTABLE={sys.executable}",
-        ],
-        ["cmake", "--build", build, "--parallel", "2"],
-        ["cmake", "--install", build],
-    )
-    for step in steps:
-        done = subprocess.run(step, env=environment, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            print(done.stdout[-6000:], done.stderr[-6000:], sep="\n", file=sys.stderr)
-            print(
-                f"{parser.prog}: error: '{' '.join(step[:2])}' failed; its last lines are above",
-                file=sys.stderr,
-            )
-            return 1
-    print(f"{name} is installed in {options.prefix}")
-    return 0
+    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | ours
 
 
 def _check_environment() -> None:
