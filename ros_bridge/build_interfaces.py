@@ -24,6 +24,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     _check_environment()
+    if not (options.source / "CMakeLists.txt").is_file():
+        raise InputError(
+            f"--source {options.source} holds no CMakeLists.txt, expected the folder of a package "
+            "of interfaces"
+        )
     name = options.source.resolve().name
     folder = options.build or Path("build") / name
     if (folder / "CMakeCache.txt").exists():
