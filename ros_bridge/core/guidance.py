@@ -5,6 +5,7 @@ Pure: the monitor's verdict, and the alerts of the second before, as input; numb
 """
 
 import math
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from agents.assurance.state import Decision
 from agents.assurance.thresholds import BLIND, Thresholds
 from agents.planner.areas import Counted, label
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.fields import SECOND
 
@@ -31,20 +33,34 @@ TRACKS = np.arange(HEADINGS) * (360.0 / HEADINGS)
 """Directions that are looked at, degrees clockwise from true north."""
 
 
+class Kind(Enum):
+    """What an alert is about."""
+
+    INTRUDER = "intruder"
+    AREA = "area"
+
+
+class Subject(NamedTuple):
+    """An intruder or an area, and what it is called."""
+
+    kind: Kind
+    name: str
+
+
 class Shown(NamedTuple):
     """The alerts of the intruders that the monitor knows, by place, and of the areas after them."""
 
-    names: tuple[tuple[str, str], ...]  # "intruder" or "area", and what it is called
+    subjects: tuple[Subject, ...]
     alerts: Alerts  # [1, K]
     time: int | None = None  # ns, when they were looked at; None: never
 
 
 class Row(NamedTuple):
-    """Bands of one kind; -1 stands for a loss that there is not."""
+    """Bands of one kind, by their targets."""
 
     target: list[float]
-    region: list[int]
-    loss: list[float]
+    region: list[int]  # codes of Region
+    loss: list[float]  # when the separation is lost by its manoeuvre, s; -1: it is kept
     area: list[int]  # place in the areas of the one that closes it; -1: traffic does, or it is free
 
 
@@ -70,6 +86,24 @@ def blank(thresholds: Thresholds) -> Shown:
     return Shown((), no_alerts(1, 0, Alerting.for_aircraft(thresholds.options.aircraft)))
 
 
+class _Look(NamedTuple):
+    """What one ownship would meet by each band's manoeuvre and on its present course."""
+
+    headings: Bands  # [1, B]
+    speeds: Bands
+    losses: Array  # of the separation from each intruder on that course, s, [1, K]; inf: none
+    present: Array  # which intruders exist, bool, [1, K]
+
+
+class _Met(NamedTuple):
+    """An area that is shown."""
+
+    area: Counted
+    loss: (
+        float  # when its clearance is lost on the present course, s; inf: not within the look-ahead
+    )
+
+
 def guidance(
     shown: Shown,
     names: tuple[str, ...],
@@ -83,85 +117,103 @@ def guidance(
 
     ``names`` are those of the monitor's intruders, by place.
     """
-    measured, step = verdict.measured, thresholds.options.aircraft.dt * SECOND
-    if shown.time is not None and 0 <= now - shown.time < step:
+    measured, aircraft = verdict.measured, thresholds.options.aircraft
+    if shown.time is not None and 0 <= now - shown.time < aircraft.dt * SECOND:
         return shown, None
     if int(measured.causes[0]) & BLIND:
         return shown, None
-    own, traffic, requirement = measured.own, measured.traffic, thresholds.requirement
-    aircraft = thresholds.options.aircraft
     alerting = Alerting.for_aircraft(aircraft)
-    look_ahead, limits = alerting.look_ahead, thresholds.manoeuvre
-    turn = float(frame.geodetic(own.x, own.y).convergence[0])
-    headings = heading_bands(
-        own,
-        traffic,
-        requirement,
-        limits,
-        look_ahead,
-        wrap(0.5 * math.pi - np.radians(TRACKS) + turn, np),
-        measured.areas,
+    look = _look(measured, frame, thresholds, alerting.look_ahead)
+    met = _areas_met(shown, measured, look, thresholds.requirement.margin, alerting.look_ahead)
+    after = _alerts(shown, names, look, met, now, alerting)
+    return after, _guidance(names, look, met, after.alerts, alerting, aircraft.separation)
+
+
+def _look(
+    measured: Decision, frame: LocalFrame, thresholds: Thresholds, look_ahead: float
+) -> _Look:
+    own, traffic = measured.own, measured.traffic
+    requirement, limits = thresholds.requirement, thresholds.manoeuvre
+    convergence = float(frame.geodetic(own.x, own.y).convergence[0])
+    targets = wrap(0.5 * math.pi - np.radians(TRACKS) + convergence, np)
+    return _Look(
+        heading_bands(own, traffic, requirement, limits, look_ahead, targets, measured.areas),
+        speed_bands(own, traffic, requirement, limits, look_ahead, areas=measured.areas),
+        losses_on_course(own, traffic, requirement, look_ahead),
+        traffic.mask,
     )
-    speeds = speed_bands(own, traffic, requirement, limits, look_ahead, areas=measured.areas)
-    met = _areas_met(shown, measured, (headings, speeds), requirement.margin, look_ahead)
-    losses = losses_on_course(own, traffic, requirement, look_ahead)
-    alerts, every = _alerts(shown, (names, losses, traffic.mask), met, now, alerting)
-    way_out = recovery(headings, aircraft.separation)
-    number = int(way_out.index[0])
-    known = [k for k in range(len(names)) if traffic.mask[0, k]]
-    places = {area.number: place for place, (area, _) in enumerate(met)}
-    found = Guidance(
-        look_ahead,
-        _row(TRACKS, headings, alerting, aircraft.separation, places),
-        _row(speeds.target[0], speeds, alerting, aircraft.separation, places),
-        number,
-        _or_never(float(way_out.opens[0])) if number >= 0 else 0.0,
-        -float(way_out.clearance[0]) if number >= 0 else 0.0,
-        tuple(names[k] for k in known),
-        alerts.level[0, known].tolist(),
-        [_or_never(loss) for loss in losses[0, known].tolist()],
-        tuple(label(area) for area, _ in met),
-        alerts.level[0, len(names) :].tolist(),
-        [_or_never(loss) for _, loss in met],
-    )
-    return Shown(every, alerts, now), found
 
 
 def _areas_met(
-    shown: Shown, measured: Decision, bands: tuple[Bands, Bands], margin: float, look_ahead: float
-) -> list[tuple[Counted, float]]:
-    """Return the areas that close a band or lie on the present course, or whose alert is shown, and
-    when their clearance is lost on that course, s; inf: not within the look-ahead.
-    """
+    shown: Shown, measured: Decision, look: _Look, margin: float, look_ahead: float
+) -> list[_Met]:
+    """Return the areas that close a band or lie on the present course, or whose alert is shown."""
     areas = measured.areas[0]
     losses = area_losses(measured.own, areas, margin, look_ahead)
+    bands = (look.headings, look.speeds)
     closing = {int(number) for one in bands for number in np.unique(one.area)}
-    level = zip(shown.names, shown.alerts.level[0], strict=True)
-    raised = {name for (_, name), code in level if code}
+    levels = zip(shown.subjects, shown.alerts.level[0], strict=True)
+    raised = {subject for subject, level in levels if level}
     return [
-        (area, loss)
+        _Met(area, loss)
         for area, loss in zip(areas, losses, strict=True)
-        if math.isfinite(loss) or area.number in closing or label(area) in raised
+        if math.isfinite(loss) or area.number in closing or _subject(area) in raised
     ]
+
+
+def _subject(area: Counted) -> Subject:
+    return Subject(Kind.AREA, label(area))
 
 
 def _alerts(
     shown: Shown,
-    intruders: tuple[tuple[str, ...], np.ndarray, np.ndarray],
-    met: list[tuple[Counted, float]],
+    names: tuple[str, ...],
+    look: _Look,
+    met: list[_Met],
     now: int,
     alerting: Alerting,
-) -> tuple[Alerts, tuple[tuple[str, str], ...]]:
-    """Return the alerts of intruders (names, losses in s and which exist, ``[1, K]``) and of areas
-    after them, and whose they are.
-    """
-    names, losses, mask = intruders
-    called = (*(("intruder", name) for name in names), *(("area", label(one)) for one, _ in met))
-    places = [shown.names.index(one) if one in shown.names else -1 for one in called]
+) -> Shown:
+    """Return the alerts of the intruders and of the areas after them, at a time, ns."""
+    subjects = (
+        *(Subject(Kind.INTRUDER, name) for name in names),
+        *(_subject(one.area) for one in met),
+    )
+    places = [shown.subjects.index(one) if one in shown.subjects else -1 for one in subjects]
     before = rearrange(shown.alerts, places, alerting)
-    every = np.concatenate([losses, [[loss for _, loss in met]]], axis=1)
-    there = np.concatenate([mask, np.ones((1, len(met)), dtype=bool)], axis=1)
-    return update(before, np.array([now / SECOND]), every, there, alerting), called
+    losses = np.concatenate([look.losses, [[one.loss for one in met]]], axis=1)
+    present = np.concatenate([look.present, np.ones((1, len(met)), dtype=bool)], axis=1)
+    alerts = update(before, np.array([now / SECOND]), losses, present, alerting)
+    return Shown(subjects, alerts, now)
+
+
+def _guidance(
+    names: tuple[str, ...],
+    look: _Look,
+    met: list[_Met],
+    alerts: Alerts,
+    alerting: Alerting,
+    separation: float,
+) -> Guidance:
+    """Return what a look found, as it is published."""
+    known = [k for k in range(len(names)) if look.present[0, k]]
+    places = {one.area.number: place for place, one in enumerate(met)}
+    way_out = recovery(look.headings, separation)
+    number = int(way_out.index[0])
+    some_free = number < 0
+    return Guidance(
+        look_ahead=alerting.look_ahead,
+        tracks=_row(TRACKS, look.headings, alerting, separation, places),
+        speeds=_row(look.speeds.target[0], look.speeds, alerting, separation, places),
+        recovery=number,
+        recovery_time=0.0 if some_free else _or_never(float(way_out.opens[0])),
+        recovery_shortfall=0.0 if some_free else -float(way_out.clearance[0]),
+        intruders=tuple(names[k] for k in known),
+        levels=alerts.level[0, known].tolist(),
+        losses=[_or_never(loss) for loss in look.losses[0, known].tolist()],
+        areas=tuple(label(one.area) for one in met),
+        area_levels=alerts.level[0, len(names) :].tolist(),
+        area_losses=[_or_never(one.loss) for one in met],
+    )
 
 
 def _row(
@@ -171,6 +223,7 @@ def _row(
     separation: float,
     places: dict[int, int],
 ) -> Row:
+    """Return bands ``[1, B]`` as they are published; ``places`` are those of areas by number."""
     return Row(
         targets.tolist(),
         regions(bands, alerting, separation)[0].tolist(),
