@@ -34,16 +34,19 @@ from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Held, Situation, to_local
 from ros_bridge.core.tracks import Track
 
-# time steps at least between two reports that the monitor gets: it reads turns from 0.2 on
 _SPACING = 0.25
-# share of the deviations allowed; a report that is so far from what was expected is handed over at
-# once
+"""Between two reports that the monitor gets at least, time steps: it reads turns from 0.2 on."""
+
 _NEWS = 0.4
-_GRID = (
-    2.0**20
-)  # parts of a second that times are rounded to: at any age a report has one time, exactly
-# how far ahead other aircraft matter at least, in the times of a plan's waypoints: the next plan
+"""Share of the deviations allowed: a report so far from what was expected is handed over at once.
+"""
+
+_GRID = 2.0**20
+"""Parts of a second that times are rounded to: at any age a report has one time, exactly."""
+
 _HORIZON = 1.25
+"""How far ahead other aircraft matter at least, in the duration of a plan: for the next plan."""
+
 _UNKNOWN = VehicleState(math.nan, math.nan, math.nan, math.nan)
 
 
@@ -59,18 +62,23 @@ class Supervision:
     held: Published | None = None  # the plan that is monitored; None: none, or it was withdrawn
     revision: int = 0  # the greatest that was received
     asked: int = 0  # when the last request went out, ns
-    reported: Mapping[str, Report] = field(
-        default_factory=lambda: MappingProxyType({})
-    )  # that the monitor got last
-    amid: "Amid | None" = None
+    reported: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
+    """What the monitor got last, by aircraft."""
+    areas: "FrameAreas | None" = None  # None: none have been placed yet
 
 
-class Amid(NamedTuple):
-    """The areas of a situation in the monitor's frame, and from what they were placed."""
+class AreaSource(NamedTuple):
+    """What areas in a frame follow from."""
 
-    areas: Held[AreaReport]
+    reported: Held[AreaReport]
     fixed: tuple[GeodeticArea, ...]
     frame: LocalFrame
+
+
+class FrameAreas(NamedTuple):
+    """The areas of a situation in the monitor's frame, and what they follow from."""
+
+    source: AreaSource
     placed: tuple[Placed, ...]
 
 
@@ -97,7 +105,7 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
     if published.revision <= supervision.revision:
         return supervision
     frame, zero = supervision.frame, supervision.zero
-    if frame is None or supervision.held is None or _far(frame, published):
+    if frame is None or supervision.held is None or _is_far(frame, published):
         # Nothing that is remembered outlives a change of the frame.
         frame, zero = (
             LocalFrame(published.start.latitude, published.start.longitude),
@@ -125,7 +133,7 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
     return replace(supervision, watch=began, held=published, revision=published.revision)
 
 
-def withdrawn(supervision: Supervision, revision: int) -> Supervision:
+def withdraw(supervision: Supervision, revision: int) -> Supervision:
     """Withdraw the plan: the backup is flown until there is another."""
     if revision <= supervision.revision:
         return supervision
@@ -143,68 +151,87 @@ def step_monitor(
     """Return the monitor after the present moment, ``now`` in ns, and its verdict; None before the
     first plan.
     """
-    frame = supervision.frame
+    frame, zero = supervision.frame, supervision.zero
     if frame is None:
         return supervision, None
     own, own_age = None, 0.0
     track = situation.own
     if track.last is not None and track.fault is None:
-        own, own_age = to_local(frame, track.last), _age(supervision.zero, track.last.time, now)
+        own, own_age = to_local(frame, track.last), _age(zero, track.last.time, now)
+    traffic = _traffic(supervision, situation, now)
+    areas = _place_areas(supervision.areas, situation, frame, now)
+    after, verdict = watch.step(
+        supervision.watch,
+        _clock(zero, now),
+        own,
+        traffic.intruders,
+        own_age=own_age,
+        own_altitude=_own_altitude(supervision, situation, now),
+        gone=traffic.gone,
+        areas=[area for some in areas.placed for area in some.at(now)],
+    )
+    after = replace(
+        supervision,
+        watch=after,
+        reported=MappingProxyType(traffic.reported),
+        asked=now if verdict.ask is not None else supervision.asked,
+        areas=areas,
+    )
+    return after, verdict
+
+
+class _Traffic(NamedTuple):
+    """What the monitor is given of the traffic at a moment."""
+
+    intruders: dict[str, Intruder]  # of an unknown state where there is no good report
+    reported: dict[str, Report]  # that they were made of
+    gone: list[str]  # that it is to forget
+
+
+def _traffic(supervision: Supervision, situation: Situation, now: int) -> _Traffic:
+    """Return what the monitor is given; who cannot come near is left out."""
+    limits, known = supervision.watch.thresholds, supervision.watch.names
+    own = situation.own.last
+    reach = None if own is None else _reach(own, now, supervision, situation)
+    left_out = frozenset() if reach is None else _unusable_aircraft(situation, reach, limits)
     intruders: dict[str, Intruder] = {}
     reported: dict[str, Report] = {}
-    limits = supervision.watch.thresholds
-    reach = None
-    if track.last is not None:
-        reach = _reach(track.last, now, supervision, situation)
-    left_out = frozenset() if reach is None else _unusable_aircraft(situation, reach, limits)
-    for name, other in situation.traffic.items():
+    for name, track in situation.traffic.items():
         if name in left_out:
             continue
-        if reach is not None and _vertically_apart(other, reach, supervision):
+        if reach is not None and _vertically_apart(track, reach, supervision):
             continue
-        report = _due(supervision.reported.get(name), other, limits)
+        report = _report_due(supervision.reported.get(name), track, limits)
         if report is not None:
             reported[name] = report
             intruders[name] = _intruder(supervision, situation, report, now)
-        elif name not in supervision.watch.names:
+        elif name not in known:
             # An aircraft without any good report must be missed all the same.
             intruders[name] = Intruder(_UNKNOWN)
-    known = supervision.watch.names
     silent = {
         name
-        for name, other in situation.traffic.items()
-        if other.fault is not None and name not in left_out
+        for name, track in situation.traffic.items()
+        if track.fault is not None and name not in left_out
     }
     gone = [name for name in known if name not in intruders and name not in silent]
-    amid = _amid(supervision.amid, situation, frame, now)
-    after, verdict = watch.step(
-        supervision.watch,
-        _clock(supervision.zero, now),
-        own,
-        intruders,
-        own_age=own_age,
-        own_altitude=_own_altitude(supervision, situation, now),
-        gone=gone,
-        areas=[area for some in amid.placed for area in some.at(now)],
-    )
-    asked = now if verdict.ask is not None else supervision.asked
-    reports = MappingProxyType(reported)
-    return replace(supervision, watch=after, reported=reports, asked=asked, amid=amid), verdict
+    return _Traffic(intruders, reported, gone)
 
 
-def _amid(before: Amid | None, situation: Situation, frame: LocalFrame, now: int) -> Amid:
+def _place_areas(
+    before: FrameAreas | None, situation: Situation, frame: LocalFrame, now: int
+) -> FrameAreas:
     """Return the areas in the monitor's frame, placed anew only where they are others: that takes
     longer than a step. Where one cannot be placed, for which the runner refuses to plan, those
     before stay.
     """
-    areas, fixed = situation.areas, situation.fixed_areas
-    if before is not None and (areas, fixed, frame) == before[:3]:
+    source = AreaSource(situation.areas, situation.fixed_areas, frame)
+    if before is not None and before.source == source:
         return before
     try:
-        placed = situation.placed_areas(frame, now)
+        return FrameAreas(source, situation.placed_areas(frame, now))
     except FieldError:
-        placed = () if before is None or before.frame != frame else before.placed
-    return Amid(areas, fixed, frame, placed)
+        stays = before is not None and before.source.frame == frame
+        return FrameAreas(source, before.placed if stays else ())
 
 
 def accept_answer(
@@ -257,7 +284,6 @@ def _reach(own: Report, now: int, supervision: Supervision, situation: Situation
     separation, vertical = supervision.categories.greatest(
         limits.requirement.separation, options.vertical_filter
     )
-    separation += limits.requirement.margin
     left = 0.0 if held is None else (held.points[-1].time - now) / SECOND
     horizon = max(left, _HORIZON * options.waypoints * options.interval)
     # Over the ground all are faster by the wind at most: the reported one, or the plan's.
@@ -265,17 +291,16 @@ def _reach(own: Report, now: int, supervision: Supervision, situation: Situation
     blows = max(math.hypot(*wind) for wind in winds)
     if own.wind is None:
         blows += limits.requirement.sigmas * supervision.unknown.wind_std
-    fast = options.aircraft.traffic_speed_max + blows
     return Reach(
-        own,
-        now,
-        horizon,
-        separation,
-        vertical,
-        limits.limits.speed_max + blows,
-        fast,
-        _undulation(situation),
-        options.unknown_climb,
+        own=own,
+        now=now,
+        horizon=horizon,
+        separation=separation + limits.requirement.margin,
+        vertical=vertical,
+        speed=limits.limits.speed_max + blows,
+        traffic=options.aircraft.traffic_speed_max + blows,
+        undulation=_undulation(situation),
+        unknown_climb=options.unknown_climb,
     )
 
 
@@ -300,8 +325,8 @@ def _vertically_apart(other: Track, reach: Reach, supervision: Supervision) -> b
         return False
     altitude = last.height(reach.unknown_climb)
     usual = supervision.watch.thresholds.options.vertical_filter
-    kept = supervision.categories.vertical.get(last.category, usual)
-    return abs(vertically_apart(reach.own, altitude, last.time, reach)) > kept
+    required = supervision.categories.vertical.get(last.category, usual)
+    return abs(vertically_apart(reach.own, altitude, last.time, reach)) > required
 
 
 def _unusable_aircraft(situation: Situation, reach: Reach, limits: Thresholds) -> frozenset[str]:
@@ -345,7 +370,7 @@ def _intruder(supervision: Supervision, situation: Situation, report: Report, no
     )
 
 
-def _due(before: Report | None, track: Track, limits: Thresholds) -> Report | None:
+def _report_due(before: Report | None, track: Track, limits: Thresholds) -> Report | None:
     """Return the report to hand over, if any: the newest, unless it follows closely and says
     nothing new.
     """
@@ -361,6 +386,7 @@ def _due(before: Report | None, track: Track, limits: Thresholds) -> Report | No
     return newest if news else before
 
 
-def _far(frame: LocalFrame, published: Published) -> bool:
+def _is_far(frame: LocalFrame, published: Published) -> bool:
+    """Return whether a plan starts too far from a frame's origin to be monitored in it."""
     at = frame.place(published.start.latitude, published.start.longitude)
     return math.hypot(float(at.x), float(at.y)) > 0.5 * ACCURATE

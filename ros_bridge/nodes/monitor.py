@@ -47,7 +47,7 @@ from ros_bridge.core.assurance import (
     read_plan,
     step_monitor,
     to_fly,
-    withdrawn,
+    withdraw,
 )
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.guidance import Guidance, blank, guidance
@@ -118,7 +118,7 @@ class Monitor(ListeningNode):
     def _on_trajectory(self, message: Trajectory) -> None:
         self._heard_runner = self._now()
         if message.status == Trajectory.STATUS_WITHDRAWN:
-            self._supervision = withdrawn(self._supervision, message.revision)
+            self._supervision = withdraw(self._supervision, message.revision)
             return
         taken = self._plan_of(message)
         if taken is not None:

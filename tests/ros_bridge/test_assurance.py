@@ -32,7 +32,7 @@ from ros_bridge.core.assurance import (
     initial,
     step_monitor,
     to_fly,
-    withdrawn,
+    withdraw,
 )
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.reach import Reach, vertically_apart
@@ -123,7 +123,7 @@ def test_there_is_no_verdict_before_the_first_plan():
     supervision, verdict = step_monitor(initial(THRESHOLDS), heard(), NOW)
     assert verdict is None
     assert to_fly(supervision) is FlyMode.NOTHING
-    assert to_fly(withdrawn(supervision, 1)) is FlyMode.NOTHING
+    assert to_fly(withdraw(supervision, 1)) is FlyMode.NOTHING
 
 
 @given(
@@ -226,8 +226,8 @@ def test_older_plan_is_ignored_and_a_withdrawal_ends_the_newer():
     newer = activate(supervision, situation, publish_plan(situation)._replace(revision=5))
     assert newer.held is not None and newer.held.revision == 5
     assert activate(newer, situation, publish_plan(situation)._replace(revision=4)) is newer
-    assert withdrawn(newer, 5) is newer
-    ended = withdrawn(newer, 6)
+    assert withdraw(newer, 5) is newer
+    ended = withdraw(newer, 6)
     assert ended.held is None
     assert to_fly(ended) is FlyMode.BACKUP
 
@@ -323,19 +323,19 @@ def test_areas_of_the_topic_and_of_a_file_are_monitored_and_stay_with_the_frame(
     disc = GeodeticArea("disc", centre=(latitude, longitude), radius=500.0)
     # An area that came towards the plan, as of a message of 20 s ago; it is there now.
     coming = disc._replace(centre=geodetic_place(6_000.0, -3_000.0), more={"velocity": (0.0, 30.0)})
-    for amid in (
+    for among_areas in (
         replace(situation, fixed_areas=(disc,)),
         replace(situation, areas=Held(AreaReport(now, (disc,)))),
         replace(situation, areas=Held(AreaReport(now - 20 * SECOND, (coming,)))),
     ):
-        after, verdict = step_monitor(supervision, amid, now)
+        after, verdict = step_monitor(supervision, among_areas, now)
         assert verdict is not None and verdict.state is State.REPLAN_REQUESTED
         assert [why.field for why in verdict.reasons] == ["areas"]
-        again, _ = step_monitor(after, amid, now + SECOND // 2)
-        assert again.amid is after.amid
+        again, _ = step_monitor(after, among_areas, now + SECOND // 2)
+        assert again.areas is after.areas
         # Where the newest cannot be used, those before count on.
         crossed = disc._replace(centre=None, rings=(((47.0, 8.0), (47.1, 8.0), (47.2, 8.0)),))
-        spoilt = replace(amid, areas=Held(AreaReport(now, (crossed,))))
+        spoilt = replace(among_areas, areas=Held(AreaReport(now, (crossed,))))
         _, verdict = step_monitor(after, spoilt, now + SECOND // 2)
         assert verdict is not None and verdict.state is State.REPLAN_REQUESTED
     beside = disc._replace(centre=geodetic_place(6_000.0, 20_000.0))
