@@ -31,12 +31,10 @@ class Verdict(Enum):
     CONFLICT = "conflict"  # another place or velocity at the time of the last one; a fault
     # not where the last one let it be expected; a fault unless the next report agrees with it
     JUMP = "jump"
-    SHARED = (
-        "shared"  # the name is used at two places in turns; a fault as long as both are reported
-    )
-    CONTRADICTION = (
-        "contradiction"  # places do not agree with velocities, as where one is frozen; a fault
-    )
+    # the name is used at two places in turns; a fault as long as both are reported
+    SHARED = "shared"
+    # places do not agree with velocities, as where one is frozen; a fault
+    CONTRADICTION = "contradiction"
     INVALID = "invalid"  # not finite, out of range or inconsistent; a fault
 
 
@@ -109,9 +107,8 @@ class Track:
     sightings: tuple[Sighted, ...] = ()
     """Of the reports that cannot be used and that no good report explains; the newest last."""
     verdict: Verdict = Verdict.TAKEN  # what became of the newest report
-    counts: Mapping[Verdict, int] = field(
-        default_factory=lambda: MappingProxyType({})
-    )  # of all reports
+    counts: Mapping[Verdict, int] = field(default_factory=lambda: MappingProxyType({}))
+    """How many reports there were of each verdict."""
 
     @property
     def turn_rate(self) -> float:
@@ -128,36 +125,56 @@ class Track:
 UNKNOWN = Track()  # of an aircraft without any report
 
 
+class _Comparison(NamedTuple):
+    """What a report is beside an earlier one."""
+
+    verdict: Verdict
+    elsewhere: bool = False  # whether it is a fault for its place
+    field: str = ""  # of a fault
+    problem: str = ""  # of a fault, a sentence without its subject, the field
+
+
+class _Arrival(NamedTuple):
+    """Whose report is taken in, when, and what it must keep to."""
+
+    name: str  # such as ``intruder 4b1a2c``
+    now: int  # ns
+    rules: Rules
+
+
 def take_in(track: Track, report: Report, name: str, now: int, rules: Rules) -> Track:
     """Take in a report, checked, of an aircraft with a name such as ``intruder 4b1a2c``; ``now`` is
     in ns.
     """
+    arrival = _Arrival(name, now, rules)
     try:
         not_ahead(f"{name}.header.stamp", report.time, now, rules.future)
     except FieldError as error:
-        track = _with_sighting(track, report.sighting._replace(time=None), now, rules)
-        return _faulty(track, Verdict.FUTURE, error.field, error.problem, now)
-    if (
-        track.rival is not None
-        and (report.time - track.rival.newest.time) / SECOND > rules.fresh_start
-    ):
-        track = replace(track, rival=None, since=0, shared=False)
-    if track.course is None:
-        return _good(track, begin_course(report), name, now, rules)
-    verdict, field_, problem = _compare(track.course.newest, report, rules)
-    if verdict is Verdict.TAKEN:
-        return _good(
-            replace(track, since=track.since + 1),
-            _next(track.course, report, rules),
-            name,
-            now,
-            rules,
-        )
-    if verdict not in FAULTS:
-        return _count_verdict(track, verdict)
-    if field_ == "position":
-        return _elsewhere(track, track.course, report, name, now, rules, verdict, problem)
-    return _faulty(track, verdict, f"{name}.{field_}", problem, now)
+        track = _add_sighting(track, report.sighting._replace(time=None), now, rules)
+        return _set_fault(track, Verdict.FUTURE, error.field, error.problem, now)
+    track = _forget_rival(track, report, rules)
+    course = track.course
+    if course is None:
+        return _take_good(track, begin_course(report), arrival)
+    found = _compare(course.newest, report, rules)
+    if found.verdict is Verdict.TAKEN:
+        track = replace(track, since=track.since + 1)
+        return _take_good(track, _next(course, report, rules), arrival)
+    if found.verdict not in FAULTS:
+        return _count_verdict(track, found.verdict)
+    if found.elsewhere:
+        return _take_elsewhere(track, course, report, found, arrival)
+    return _set_fault(track, found.verdict, f"{name}.{found.field}", found.problem, now)
+
+
+def _forget_rival(track: Track, report: Report, rules: Rules) -> Track:
+    """Return the track without a rival that has long been silent at the time of a report."""
+    if track.rival is None:
+        return track
+    silence = (report.time - track.rival.newest.time) / SECOND
+    if silence <= rules.fresh_start:
+        return track
+    return replace(track, rival=None, since=0, shared=False)
 
 
 def follow(
@@ -179,7 +196,9 @@ def follow(
     other = Track(rival.newest, rival.estimate, course=rival, divided=True)
     problem = rival.contradiction
     if problem:
-        other = _faulty(other, Verdict.CONTRADICTION, f"intruder {free[0]}.position", problem, now)
+        other = _set_fault(
+            other, Verdict.CONTRADICTION, f"intruder {free[0]}.position", problem, now
+        )
     alone = replace(after, rival=None, since=0, shared=False, divided=True)
     if after.fault is not None and after.fault.verdict is Verdict.SHARED:
         alone = replace(alone, fault=None)
@@ -192,6 +211,7 @@ def sharing(tracks: Mapping[str, Track], name: str) -> tuple[str, ...]:
 
 
 def _shared_names(name: str) -> tuple[str, ...]:
+    """Return what the aircraft that share a name are called, the first by it."""
     return name, *(f"{name}#{number}" for number in range(2, _MOST_SHARING + 1))
 
 
@@ -215,11 +235,11 @@ def _holder(tracks: Mapping[str, Track], name: str, seen: Sighting | None, rules
 
 def note_refused(track: Track, error: FieldError, now: int, rules: Rules) -> Track:
     """Note that a report could not be used."""
-    track = track if error.sighting is None else _with_sighting(track, error.sighting, now, rules)
-    return _faulty(track, Verdict.INVALID, error.field, error.problem, now)
+    track = track if error.sighting is None else _add_sighting(track, error.sighting, now, rules)
+    return _set_fault(track, Verdict.INVALID, error.field, error.problem, now)
 
 
-def forgotten(
+def forget_silent(
     tracks: Mapping[str, Track], now: int, after: float
 ) -> tuple[dict[str, Track], tuple[str, ...]]:
     """Return the tracks that are still reported, and the names of those that have been silent for
@@ -234,9 +254,9 @@ def forgotten(
     return {name: track for name, track in tracks.items() if name not in silent}, silent
 
 
-def _with_sighting(track: Track, sighting: Sighting, now: int, rules: Rules) -> Track:
+def _add_sighting(track: Track, sighting: Sighting, now: int, rules: Rules) -> Track:
     """Return the track with a sighting, which replaces those that may be of the same aircraft."""
-    new, kept = Sighted(sighting, now), []
+    new, others = Sighted(sighting, now), []
     for old in track.sightings:
         if (now - old.arrived) / SECOND > rules.fresh_start:
             continue
@@ -249,8 +269,8 @@ def _with_sighting(track: Track, sighting: Sighting, now: int, rules: Rules) -> 
         if same:
             new = new._replace(again=True)
         else:
-            kept.append(old)
-    return replace(track, sightings=(*kept[1 - _MOST_SIGHTED :], new))
+            others.append(old)
+    return replace(track, sightings=(*others[1 - _MOST_SIGHTED :], new))
 
 
 def _unexplained_sightings(
@@ -267,18 +287,19 @@ def _unexplained_sightings(
     return tuple(found)
 
 
-def _good(track: Track, course: Course, name: str, now: int, rules: Rules) -> Track:
+def _take_good(track: Track, course: Course, arrival: _Arrival) -> Track:
     """Return the track with a report that follows from those before it."""
-    track = replace(
-        track, course=course, sightings=_unexplained_sightings(track, course.newest, now, rules)
-    )
+    name, now, rules = arrival
+    sightings = _unexplained_sightings(track, course.newest, now, rules)
+    track = replace(track, course=course, sightings=sightings)
     if course.contradiction:
-        return _faulty(track, Verdict.CONTRADICTION, f"{name}.position", course.contradiction, now)
+        problem = course.contradiction
+        return _set_fault(track, Verdict.CONTRADICTION, f"{name}.position", problem, now)
     track = replace(track, last=course.newest, estimate=course.estimate)
     if track.shared and track.rival is not None:
         apart = distance(*course.newest.place, *track.rival.newest.place)
         problem = f"is the name of two aircraft {apart / 1e3:.1f} km apart, expected one"
-        return _faulty(track, Verdict.SHARED, f"{name}.id", problem, now)
+        return _set_fault(track, Verdict.SHARED, f"{name}.id", problem, now)
     # One good report after a doubtful one may be the first of two aircraft, in turns.
     doubtful = track.rival is not None and track.since < _OUTLIER
     # So may one after a report that cannot be used and comes from elsewhere; several of those are a
@@ -287,56 +308,49 @@ def _good(track: Track, course: Course, name: str, now: int, rules: Rules) -> Tr
     return _count_verdict(replace(track, fault=track.fault if doubtful else None), Verdict.TAKEN)
 
 
-def _elsewhere(
-    track: Track,
-    course: Course,
-    report: Report,
-    name: str,
-    now: int,
-    rules: Rules,
-    verdict: Verdict,
-    problem: str,
+def _take_elsewhere(
+    track: Track, course: Course, report: Report, found: _Comparison, arrival: _Arrival
 ) -> Track:
-    """Return the track with a report of another place than the course's."""
-    rival, again = track.rival, Verdict.JUMP
-    if rival is not None:
-        again, _, _ = _compare(rival.newest, report, rules)
+    """Return the track with a report of another place than its course's, of which a comparison
+    says how it is a fault.
+    """
+    name, now, rules = arrival
+    rival = track.rival
+    again = Verdict.JUMP if rival is None else _compare(rival.newest, report, rules).verdict
     if rival is None or again in FAULTS:
         if rival is not None:
-            track = _with_sighting(track, rival.newest.sighting, now, rules)
+            track = _add_sighting(track, rival.newest.sighting, now, rules)
         track = replace(track, rival=begin_course(report), since=0, shared=False)
-        return _faulty(track, verdict, f"{name}.position", problem, now)
+        return _set_fault(track, found.verdict, f"{name}.{found.field}", found.problem, now)
     if again is not Verdict.TAKEN:
         return _count_verdict(track, again)
     rival = _next(rival, report, rules)
-    if track.since or track.shared or verdict is Verdict.CONFLICT:
-        return _good(replace(track, rival=rival, since=0, shared=True), course, name, now, rules)
+    if track.since or track.shared or found.verdict is Verdict.CONFLICT:
+        return _take_good(replace(track, rival=rival, since=0, shared=True), course, arrival)
     # Nothing came from the old place since: the aircraft is here. If the old place is reported
     # again, there are two.
-    return _good(replace(track, rival=course, since=_OUTLIER), rival, name, now, rules)
+    return _take_good(replace(track, rival=course, since=_OUTLIER), rival, arrival)
 
 
-def _compare(before: Report, report: Report, rules: Rules) -> tuple[Verdict, str, str]:
-    """Return what a report is beside an earlier one, and for a fault its field and the rest of the
-    sentence.
-    """
+def _compare(before: Report, report: Report, rules: Rules) -> _Comparison:
     first, second = (before, report) if report.time >= before.time else (report, before)
     off, seconds = first.off(second.place, second.time), (second.time - first.time) / SECOND
     allowed = rules.allowed_distance(second.time - first.time)
     if off > allowed and seconds <= rules.fresh_start:
+        verdict = Verdict.JUMP if seconds > 0.0 else Verdict.CONFLICT
         what = (
             f"is {off:.0f} m from where another report lets it be expected, allowed {allowed:.0f} m"
         )
-        return Verdict.JUMP if seconds > 0.0 else Verdict.CONFLICT, "position", what
+        return _Comparison(verdict, elsewhere=True, field="position", problem=what)
     if report.time > before.time:
-        return Verdict.TAKEN, "", ""
+        return _Comparison(Verdict.TAKEN)
     if report.time < before.time:
-        return Verdict.REORDERED, "", ""
+        return _Comparison(Verdict.REORDERED)
     faster = max(abs(before.east - report.east), abs(before.north - report.north))
     if off <= rules.same and faster <= rules.same:
-        return Verdict.DUPLICATE, "", ""
+        return _Comparison(Verdict.DUPLICATE)
     what = f"belongs to two reports that differ by {off:.1f} m and {faster:.1f} m/s, expected one"
-    return Verdict.CONFLICT, "header.stamp", what
+    return _Comparison(Verdict.CONFLICT, field="header.stamp", problem=what)
 
 
 def _next(course: Course, report: Report, rules: Rules) -> Course:
@@ -345,7 +359,8 @@ def _next(course: Course, report: Report, rules: Rules) -> Course:
     return begin_course(report) if silence > rules.fresh_start else extend(course, report)
 
 
-def _faulty(track: Track, verdict: Verdict, field: str, problem: str, now: int) -> Track:
+def _set_fault(track: Track, verdict: Verdict, field: str, problem: str, now: int) -> Track:
+    """Return the track after a report that cannot be used."""
     return _count_verdict(replace(track, fault=Fault(verdict, field, problem, now)), verdict)
 
 

@@ -19,7 +19,7 @@ from ros_bridge.core.fields import SECOND, FieldError, attempt, integer, nanosec
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import Status
-from ros_bridge.core.tracks import Rules, follow, forgotten, note_refused, take_in
+from ros_bridge.core.tracks import Rules, follow, forget_silent, note_refused, take_in
 
 FORGET = 30.0
 """An aircraft without reports for so long, s, is forgotten."""
@@ -102,7 +102,7 @@ class Scene:
         """
         if now < self.latest - _BACKWARD:
             return Scene(separation=self.separation, nodes=self.nodes, latest=now)
-        traffic, silent = forgotten(self.situation.traffic, now, FORGET)
+        traffic, silent = forget_silent(self.situation.traffic, now, FORGET)
         situation = replace(self.situation, traffic=traffic) if silent else self.situation
         return replace(self, latest=max(now, self.latest), situation=situation)
 

@@ -10,7 +10,7 @@ from ros_bridge.core.conversions import Origin
 from ros_bridge.core.fields import SECOND, FieldError, attempt
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Held, Situation
-from ros_bridge.core.tracks import Rules, Track, follow, forgotten, note_refused, take_in
+from ros_bridge.core.tracks import Rules, Track, follow, forget_silent, note_refused, take_in
 from ros_bridge.mavlink import messages
 from ros_bridge.mavlink.messages import Heartbeat
 
@@ -61,7 +61,7 @@ def take(received: Received, message: Any, now: int, reading: Reading) -> Receiv
 
 def forget(received: Received, now: int) -> Received:
     """Return what is known without aircraft that have long been silent."""
-    left, silent = forgotten(received.situation.traffic, now, _FORGET)
+    left, silent = forget_silent(received.situation.traffic, now, _FORGET)
     if not silent:
         return received
     return replace(received, situation=replace(received.situation, traffic=left))

@@ -19,14 +19,14 @@ from ros_bridge.core import updates
 from ros_bridge.core.areas import areas_of_file
 from ros_bridge.core.fields import SECOND, nanoseconds
 from ros_bridge.core.situation import Situation
-from ros_bridge.core.tracks import forgotten
+from ros_bridge.core.tracks import forget_silent
 from ros_bridge.transport import topics, views
 from ros_bridge.transport.settings import aircraft_text, declare, planning_options, report_rules
 from ros_bridge.transport.topics import Topic
 
-_BACKWARD = (
-    SECOND // 2
-)  # by how much the clock may step back before everything received is forgotten
+_BACKWARD = SECOND // 2
+"""By how much the clock may step back before everything received is forgotten, ns."""
+
 _IN_FLIGHT = SECOND  # for how long after that messages may arrive that were sent before
 _AGING = updates.ownship, updates.traffic, updates.alert  # take in what belongs to a moment
 
@@ -41,9 +41,8 @@ class ListeningNode(LifecycleNode):
     def __init__(self, **more: Any) -> None:
         super().__init__(f"rlcas_{self.kind}", **more)
         self._entities: list[Callable[[], Any]] = []  # how each of them is destroyed
-        self._qos_problems: dict[
-            str, str
-        ] = {}  # sentences, by topic; kept until the node is configured anew
+        self._qos_problems: dict[str, str] = {}
+        """Sentences, by topic, until the node is configured anew."""
         self._active = False
         aircraft = declare(self, self.kind)
         assert aircraft is not None, "runner and monitor have an aircraft"
@@ -180,7 +179,7 @@ class ListeningNode(LifecycleNode):
 
     def _forget(self, now: int) -> None:
         """Forget the aircraft that have fallen silent."""
-        traffic, silent = forgotten(self._situation.traffic, now, self._value("forget_after"))
+        traffic, silent = forget_silent(self._situation.traffic, now, self._value("forget_after"))
         if silent:
             self._situation = replace(self._situation, traffic=traffic)
             self.get_logger().info(f"silent, and forgotten: {', '.join(silent)}")

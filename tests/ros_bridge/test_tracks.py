@@ -24,7 +24,7 @@ from ros_bridge.core.tracks import (
     Track,
     Verdict,
     follow,
-    forgotten,
+    forget_silent,
     note_refused,
     sharing,
     take_in,
@@ -252,7 +252,7 @@ def test_two_aircraft_of_one_name_are_both_followed(pattern: str):
 def test_of_two_aircraft_of_one_name_one_may_fall_silent_or_be_unusable():
     tracks = follow_in_turns("abababab")
     tracks = follow_in_turns("b" * 40, tracks=tracks, first=8)
-    left, gone = forgotten(tracks, NOW + 48 * SECOND, 30.0)
+    left, gone = forget_silent(tracks, NOW + 48 * SECOND, 30.0)
     assert len(left) == 1 and len(gone) == 1
     [(name, track)] = left.items()
     assert track.last == other(47.0)
@@ -407,7 +407,7 @@ def test_silent_aircraft_is_forgotten_and_a_faulty_one_is_not():
     silent = feed(report(0.0))[0]
     noisy = note_refused(silent, FieldError("it.latitude", "is nan"), late, RULES)
     fresh = replace(silent, last=report(39.0))
-    kept, gone = forgotten({"a": silent, "b": noisy, "c": fresh}, late, 30.0)
+    kept, gone = forget_silent({"a": silent, "b": noisy, "c": fresh}, late, 30.0)
     assert set(kept) == {"b", "c"}
     assert gone == ("a",)
 
