@@ -60,11 +60,55 @@ _INVALID = {
 }
 """Status codes by what the planner refuses; others are INVALID_TASK."""
 
-_COPY_DISTANCE, _COPY_SPEED, _COPY_TURN = (
-    250.0,
-    10.0,
-    0.2,
-)  # m, m/s, rad: what delays make of the ownship's echo
+# What delays make of the ownship's echo.
+_COPY_DISTANCE = 250.0  # m
+_COPY_SPEED = 10.0  # m/s
+_COPY_TURN = 0.2  # rad
+
+
+class AgeCodes(NamedTuple):
+    """Status codes of a stamp that cannot be used."""
+
+    stale: Code
+    future: Code
+
+
+REQUEST_AGE = AgeCodes(Code.STALE_REQUEST, Code.FUTURE_REQUEST)
+
+
+class _Input(NamedTuple):
+    """An input that there must be, and the status codes of what may be wrong with it."""
+
+    name: str  # in fields of refusals
+    missing: Code
+    invalid: Code
+
+
+_ORIGIN = _Input("geo_reference", Code.NO_GEO_REFERENCE, Code.INVALID_GEO_REFERENCE)
+_ROUTE = _Input("route", Code.NO_ROUTE, Code.INVALID_ROUTE)
+
+
+class _Aircraft(NamedTuple):
+    """An aircraft whose reports are planned with, and the status codes of what may be wrong."""
+
+    name: str  # in fields of refusals
+    missing: Code
+    invalid: Code
+    age: AgeCodes
+
+
+_OWNSHIP = _Aircraft(
+    "ownship",
+    Code.NO_OWNSHIP,
+    Code.INVALID_OWNSHIP,
+    AgeCodes(Code.STALE_OWNSHIP, Code.FUTURE_OWNSHIP),
+)
+
+
+def _intruder_called(name: str) -> _Aircraft:
+    """Return what refusals say of an aircraft of the traffic."""
+    age = AgeCodes(Code.STALE_INTRUDER, Code.FUTURE_INTRUDER)
+    return _Aircraft(f"intruder {name}", Code.NO_INTRUDER, Code.INVALID_INTRUDER, age)
 
 
 @dataclass(frozen=True)
@@ -116,6 +160,21 @@ class Situation:
         return tuple(place_areas(report, frame, ACCURATE) for report in reports)
 
 
+class LeftOut(NamedTuple):
+    """An aircraft that a plan takes no account of."""
+
+    name: str
+    why: str
+
+
+class _Traffic(NamedTuple):
+    """The traffic of a task."""
+
+    names: list[str]  # of the intruders, in their order
+    intruders: list[Intruder]
+    excluded: list[LeftOut]
+
+
 @dataclass(frozen=True)
 class PlanTask:
     """What is handed to the planner."""
@@ -126,9 +185,7 @@ class PlanTask:
     own_altitude: Altitude | None
     identifiers: tuple[str, ...]  # of the intruders, in their order
     intruders: tuple[Intruder, ...]
-    excluded: tuple[
-        tuple[str, str], ...
-    ]  # names of the aircraft that the plan takes no account of, and why
+    excluded: tuple[LeftOut, ...]  # aircraft that the plan takes no account of
     route: Route
     points: tuple[RoutePoint, ...]
     options: Options
@@ -151,36 +208,35 @@ def task(
             "clock",
             "stands at zero, expected a running clock (is /clock published?)",
         )
-    frame, undulation = _newest_usable(situation.origin, "geo_reference", "has not been received")
-    report = _usable(
-        situation.own, "ownship", now, settings.ownship_max_age, settings.future_tolerance
-    )
-    _check_turn(situation.own, "ownship", settings)
+    frame, undulation = _newest_usable(situation.origin, _ORIGIN, "has not been received")
+    report = _usable_report(situation.own, _OWNSHIP, now, settings.ownship_max_age, settings)
+    _check_turn(situation.own, _OWNSHIP, settings)
     wind, notes = _wind(frame, report, settings)
-    own = _now(
-        to_local(frame, report),
-        turn_of(situation.own, settings),
-        (now - report.time) / SECOND,
-        wind,
-    )
+    turn, age = turn_of(situation.own, settings), (now - report.time) / SECOND
+    own = _carry_on(to_local(frame, report), turn, age, wind)
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(far))
     alerted = _aircraft_of_alert(situation, now, settings)
     route, points = _route(situation, frame, asked_route)
     reach = _reach(report, undulation, own, points, wind, now, settings)
-    frames = frame, wind
-    identifiers, intruders, excluded = _intruders(situation, frames, now, settings, alerted, reach)
-    for number, (name, one) in enumerate(zip(identifiers, intruders, strict=True)):
-        notes += tuple(_assumptions(number, situation.traffic[name], settings.unknown))
-        if _like(own, one.state):
-            what = "is at the ownship's place and velocity; a copy of it (TIS-B) is not recognised"
-            copy = Field(Subject.INTRUDERS, number=number)
-            notes += (Advisory(AdvisoryCode.POSSIBLE_COPY, copy, what),)
-    areas, options = _areas(situation, frame, now), settings.options
-    height = level(report.altitude, now - report.time, undulation, options.unknown_climb)
-    traffic = identifiers, intruders, excluded
-    return PlanTask(frame, now, own, height, *traffic, route, points, options, notes, wind, areas)
+    traffic = _traffic(situation, _Frame(frame, wind), now, settings, alerted, reach)
+    unknown_climb = settings.options.unknown_climb
+    return PlanTask(
+        frame=frame,
+        time=now,
+        own=own,
+        own_altitude=level(report.altitude, now - report.time, undulation, unknown_climb),
+        identifiers=tuple(traffic.names),
+        intruders=tuple(traffic.intruders),
+        excluded=tuple(traffic.excluded),
+        route=route,
+        points=points,
+        options=settings.options,
+        notes=notes + tuple(_remarks(own, traffic, situation, settings.unknown)),
+        wind=wind,
+        areas=_areas(situation, frame, now),
+    )
 
 
 def _reach(
@@ -200,7 +256,8 @@ def _reach(
     separation, vertical = settings.categories.greatest(
         options.requirement.separation, options.vertical_filter
     )
-    x, y = (np.array([getattr(point, axis) for point in points]) for axis in "xy")
+    x = np.array([point.x for point in points])
+    y = np.array([point.y for point in points])
     # Over the ground both are faster by the wind at most.
     blows = float(wind.speed) + options.requirement.sigmas * float(wind.std)
     airspeed = through_air(own, wind, 0.0).speed
@@ -250,6 +307,19 @@ def in_terms_of_messages(field_: Field | str, identifiers: Sequence[str]) -> str
     return field_.within(f"intruder {identifiers[field_.number]}")
 
 
+def _remarks(
+    own: VehicleState, traffic: _Traffic, situation: Situation, unknown: Unknown
+) -> Iterator[Advisory]:
+    """Yield what is assumed of each intruder, and whether it may be a copy of the ownship."""
+    pairs = zip(traffic.names, traffic.intruders, strict=True)
+    for number, (name, intruder) in enumerate(pairs):
+        yield from _assumptions(number, situation.traffic[name], unknown)
+        if _is_like(own, intruder.state):
+            copy = Field(Subject.INTRUDERS, number=number)
+            what = "is at the ownship's place and velocity; a copy of it (TIS-B) is not recognised"
+            yield Advisory(AdvisoryCode.POSSIBLE_COPY, copy, what)
+
+
 def _assumptions(number: int, track: Track, unknown: Unknown) -> Iterator[Advisory]:
     """Yield what an intruder's report lacks, and what is taken for it."""
     report = track.estimate
@@ -272,42 +342,37 @@ def _assumptions(number: int, track: Track, unknown: Unknown) -> Iterator[Adviso
         yield Advisory(AdvisoryCode.ASSUMED, Field(Subject.INTRUDERS, "id", number), what)
 
 
-def check_age(kind: str, name: str, age: float, oldest: float, future: float) -> None:
-    """Refuse a kind of input (OWNSHIP, INTRUDER, REQUEST) whose stamp, called ``name``, is too old
-    or ahead; s.
-    """
+def check_age(codes: AgeCodes, name: str, age: float, oldest: float, future: float) -> None:
+    """Refuse a stamp, called ``name``, that is too old or ahead; s."""
     if age > oldest:
-        raise Refusal(
-            Code[f"STALE_{kind}"], name, f"is {age:.2f} s old, expected {oldest:g} s at most"
-        )
+        what = f"is {age:.2f} s old, expected {oldest:g} s at most"
+        raise Refusal(codes.stale, name, what)
     if -age > future:
         what = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
-        raise Refusal(Code[f"FUTURE_{kind}"], name, what)
+        raise Refusal(codes.future, name, what)
 
 
-def _kind(name: str) -> str:
-    """Return the part of status codes that means an aircraft called ``ownship``, or another."""
-    return "OWNSHIP" if name == "ownship" else "INTRUDER"
-
-
-def _newest_usable(held: Held[_T], name: str, missing: str) -> _T:
+def _newest_usable(held: Held[_T], wanted: _Input, missing: str) -> _T:
     """Return an input that there must be, whose newest message can be used."""
     if held.fault is not None:
-        raise Refusal(Code[f"INVALID_{name.upper()}"], held.fault.field, held.fault.problem)
+        raise Refusal(wanted.invalid, held.fault.field, held.fault.problem)
     if held.value is None:
-        raise Refusal(Code[f"NO_{name.upper()}"], name, missing)
+        raise Refusal(wanted.missing, wanted.name, missing)
     return held.value
 
 
-def _usable(track: Track, name: str, now: int, oldest: float, future: float) -> Report:
+def _usable_report(
+    track: Track, whose: _Aircraft, now: int, oldest: float, settings: Settings
+) -> Report:
     """Return the last good report of an aircraft if nothing newer spoils it and it is fresh."""
-    kind = _kind(name)
     if track.fault is not None:
-        what = "FUTURE" if track.fault.verdict is Verdict.FUTURE else "INVALID"
-        raise Refusal(Code[f"{what}_{kind}"], track.fault.field, track.fault.problem)
+        ahead = track.fault.verdict is Verdict.FUTURE
+        code = whose.age.future if ahead else whose.invalid
+        raise Refusal(code, track.fault.field, track.fault.problem)
     if track.last is None:
-        raise Refusal(Code[f"NO_{kind}"], name, "has not been received")
-    check_age(kind, f"{name}.header.stamp", track.age(now), oldest, future)
+        raise Refusal(whose.missing, whose.name, "has not been received")
+    stamp = f"{whose.name}.header.stamp"
+    check_age(whose.age, stamp, track.age(now), oldest, settings.future_tolerance)
     return track.last
 
 
@@ -328,7 +393,7 @@ def turn_of(track: Track, settings: Settings) -> float:
     return max(-most, min(rate, most)) if abs(rate) >= least else 0.0
 
 
-def _check_turn(track: Track, name: str, settings: Settings) -> None:
+def _check_turn(track: Track, whose: _Aircraft, settings: Settings) -> None:
     """Refuse an aircraft whose velocity changed faster than one can turn and noise excuses."""
     if track.course is None or track.estimate is None:
         return
@@ -343,26 +408,24 @@ def _check_turn(track: Track, name: str, settings: Settings) -> None:
             f"turned at {math.degrees(abs(turn.rate)):.0f} deg/s and changed by {turn.change:.0f} "
             f"m/s in {turn.seconds:.1f} s, expected {allowed:.0f} m/s at most"
         )
-        raise Refusal(Code[f"INVALID_{_kind(name)}"], f"{name}.velocity", what)
+        raise Refusal(whose.invalid, f"{whose.name}.velocity", what)
 
 
-def _now(state: VehicleState, rate: float, seconds: float, wind: Wind) -> VehicleState:
+def _carry_on(state: VehicleState, rate: float, seconds: float, wind: Wind) -> VehicleState:
     """Return a state over the ground some seconds later, along a turn of its track (rad/s), which
     is one through the air.
     """
     rate = turn_through_air(state, rate, wind)
-    return over_ground(_turn(through_air(state, wind, 0.0), rate, seconds), wind, seconds)
+    return over_ground(_fly_turn(through_air(state, wind, 0.0), rate, seconds), wind, seconds)
 
 
-def _turn(state: VehicleState, rate: float, seconds: float) -> VehicleState:
+def _fly_turn(state: VehicleState, rate: float, seconds: float) -> VehicleState:
     """Return a state through the air some seconds later, along a turn, rad/s."""
     turn = rate * seconds
     # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
-    reach, course = (
-        state.speed * seconds * float(np.sinc(turn / (2.0 * math.pi))),
-        state.heading + 0.5 * turn,
-    )
-    x, y = state.x + reach * math.cos(course), state.y + reach * math.sin(course)
+    chord = state.speed * seconds * float(np.sinc(turn / (2.0 * math.pi)))
+    course = state.heading + 0.5 * turn
+    x, y = state.x + chord * math.cos(course), state.y + chord * math.sin(course)
     return VehicleState(x, y, float(wrap(state.heading + turn, np)), state.speed)
 
 
@@ -384,60 +447,77 @@ def _aircraft_of_alert(situation: Situation, now: int, settings: Settings) -> fr
     return frozenset(name for aircraft in held.values() for name in aircraft)
 
 
-def _like(own: VehicleState, other: VehicleState) -> bool:
+def _is_like(own: VehicleState, other: VehicleState) -> bool:
     """Return whether an aircraft is reported where the ownship is, and as it flies."""
     turn = math.remainder(own.heading - other.heading, 2.0 * math.pi)
     near = math.hypot(own.x - other.x, own.y - other.y) < _COPY_DISTANCE
     return near and abs(own.speed - other.speed) < _COPY_SPEED and abs(turn) < _COPY_TURN
 
 
-def _intruders(
+class _Frame(NamedTuple):
+    """A local frame and the wind in it."""
+
+    local: LocalFrame
+    wind: Wind
+
+
+def _traffic(
     situation: Situation,
-    frames: tuple[LocalFrame, Wind],
+    frame: _Frame,
     now: int,
     settings: Settings,
     alerted: frozenset[str],
     reach: Reach,
-) -> tuple[tuple[str, ...], tuple[Intruder, ...], tuple[tuple[str, str], ...]]:
-    names, intruders, excluded = [], [], []
-    frame, wind = frames
+) -> _Traffic:
+    """Return the intruders at a moment, ns, and who is left out.
+
+    Raises :class:`Refusal` for an aircraft that cannot be planned with, unless it is out of reach
+    and no alert is about it.
+    """
+    found = _Traffic([], [], [])
     for name, track in sorted(situation.traffic.items()):
+        whose = _intruder_called(name)
         try:
-            called = f"intruder {name}"
-            _usable(track, called, now, settings.intruder_max_age, settings.future_tolerance)
-            _check_turn(track, called, settings)
+            _usable_report(track, whose, now, settings.intruder_max_age, settings)
+            _check_turn(track, whose, settings)
         except Refusal:
             why = None if name in alerted else out_of_reach(track, reach)
             if why is None:
                 raise
-            excluded.append((name, why))
+            found.excluded.append(LeftOut(name, why))
             continue
-        report = track.estimate
-        assert report is not None, "there is one beside every usable report"
-        state = to_local(frame, report)
-        # The planner advances the report over its age; only the altitude's reference is settled
-        # here.
-        climb = reach.unknown_climb
-        height = level(report.height(climb), 0, reach.undulation, climb)
-        age = (now - report.time) / SECOND
-        turn = turn_through_air(state, turn_of(track, settings), wind)
-        lasts = settings.turn_time if turn else 0.0
-        spread = report.spread(settings.unknown)
-        own = (
-            kept.get(report.category)
-            for kept in (settings.categories.separations, settings.categories.vertical)
-        )
-        intruders.append(Intruder(state, age, turn, lasts, *spread, height, *own))
-        names.append(name)
-    return tuple(names), tuple(intruders), tuple(excluded)
+        found.names.append(name)
+        found.intruders.append(_intruder(track, frame, now, settings, reach))
+    return found
+
+
+def _intruder(track: Track, frame: _Frame, now: int, settings: Settings, reach: Reach) -> Intruder:
+    """Return what the planner is told of an aircraft whose report can be used, at a moment, ns."""
+    report = track.estimate
+    assert report is not None, "there is one beside every usable report"
+    state = to_local(frame.local, report)
+    turn = turn_through_air(state, turn_of(track, settings), frame.wind)
+    # The planner advances the report over its age; only the altitude's reference is settled here.
+    climb = reach.unknown_climb
+    position_std, velocity_std = report.spread(settings.unknown)
+    return Intruder(
+        state,
+        age=(now - report.time) / SECOND,
+        turn_rate=turn,
+        turn_time=settings.turn_time if turn else 0.0,
+        position_std=position_std,
+        velocity_std=velocity_std,
+        altitude=level(report.height(climb), 0, reach.undulation, climb),
+        separation=settings.categories.separations.get(report.category),
+        vertical_separation=settings.categories.vertical.get(report.category),
+    )
 
 
 def _route(
     situation: Situation, frame: LocalFrame, asked: Route | None
 ) -> tuple[Route, tuple[RoutePoint, ...]]:
-    route = asked or _newest_usable(
-        situation.route, "route", "has not been received, and the request holds none"
-    )
+    missing = "has not been received, and the request holds none"
+    route = asked or _newest_usable(situation.route, _ROUTE, missing)
     at = frame.place([point.latitude for point in route], [point.longitude for point in route])
     for number, far in enumerate(np.hypot(at.x, at.y).tolist()):
         if far > ACCURATE:

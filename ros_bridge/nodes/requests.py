@@ -4,7 +4,7 @@
 from rlcas_msgs.srv import GenerateTrajectory
 
 from ros_bridge.core.fields import SECOND, FieldError, stamp
-from ros_bridge.core.situation import Code, Refusal, Settings, check_age
+from ros_bridge.core.situation import REQUEST_AGE, Code, Refusal, Settings, check_age
 
 NO_PLAN = bytes(16)
 """In a request: no plan in particular."""
@@ -27,7 +27,7 @@ def check(
             age = (now - stamp(field, sent)) / SECOND
         except FieldError as error:
             raise Refusal(Code.INVALID_REQUEST, error.field, error.problem) from error
-        check_age("REQUEST", field, age, settings.request_max_age, settings.future_tolerance)
+        check_age(REQUEST_AGE, field, age, settings.request_max_age, settings.future_tolerance)
     previous = bytes(request.previous_id.uuid)
     if previous not in (NO_PLAN, holding):
         what = (
