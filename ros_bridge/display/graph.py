@@ -62,7 +62,7 @@ class Listening:
         """Begin to listen."""
         for topic in topics.EVERY:
             if topic is not topics.CLOCK and topic.name in INPUTS:
-                topic.heard(self._node, self._into(topic.name))
+                topic.subscribe(self._node, self._into(topic.name))
         self._thread.start()
         return self
 

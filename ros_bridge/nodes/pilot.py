@@ -19,17 +19,18 @@ least that an integration does, and no autopilot: an aircraft that rolls needs t
 
 import math
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Twist
 from rclpy.node import Node
-from rlcas_msgs.msg import AircraftState
+from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
 
 from envs.follower import PERIOD, guidance
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
+from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation, to_local
 from ros_bridge.core.tracks import Rules
 from ros_bridge.sim.guidance import Flying, Guidance, curve
@@ -37,6 +38,15 @@ from ros_bridge.transport import process, qos, topics
 from ros_bridge.transport.settings import declare, limits_of
 
 _SILENCE = 0.5  # s of the monitor, after which an error is logged
+_AHEAD = 0.5  # s by which the ownship's stamp may lie ahead of the clock
+
+
+class _Line(NamedTuple):
+    """What is flown of a trajectory."""
+
+    unique: bytes  # the trajectory's id
+    frame: LocalFrame
+    flying: Flying  # in the frame
 
 
 class Pilot(Node):
@@ -47,15 +57,18 @@ class Pilot(Node):
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_pilot", **more)
         declare(self, "pilot")
-        self._guidance = Guidance(monitored=bool(self.get_parameter("monitor").value))
+        self._guidance = Guidance(monitored=bool(self._value("monitor")))
         self._situation = Situation()
-        self._line: tuple[bytes, LocalFrame, Flying] | None = None
+        self._line: _Line | None = None
         self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
-        topics.OWNSHIP.heard(self, self._on_ownship)
-        topics.PLAN.heard(self, self._guidance.add_plan)
-        topics.STATUS.heard(self, partial(setattr, self._guidance, "status"))
-        topics.BACKUP.heard(self, partial(setattr, self._guidance, "backup"))
+        topics.OWNSHIP.subscribe(self, self._on_ownship)
+        topics.PLAN.subscribe(self, self._guidance.add_plan)
+        topics.STATUS.subscribe(self, self._on_status)
+        topics.BACKUP.subscribe(self, self._on_backup)
         self.create_timer(PERIOD, self._on_timer)
+
+    def _value(self, name: str) -> Any:
+        return self.get_parameter(name).value
 
     def _on_ownship(self, message: AircraftState) -> None:
         now = self.get_clock().now().nanoseconds
@@ -64,6 +77,12 @@ class Pilot(Node):
         if fault is not None:
             self.get_logger().error(fault.message, throttle_duration_sec=5.0)
 
+    def _on_status(self, message: AssuranceStatus) -> None:
+        self._guidance.status = message
+
+    def _on_backup(self, message: Trajectory) -> None:
+        self._guidance.backup = message
+
     def _on_timer(self) -> None:
         wanted, track = self._guidance.select(), self._situation.own
         own = track.last
@@ -71,46 +90,61 @@ class Pilot(Node):
             return
         now = self.get_clock().now().nanoseconds
         age = (now - own.time) / SECOND
-        if not -0.5 <= age <= self.get_parameter("ownship_max_age").value:
-            self.get_logger().warning(
-                f"the ownship's state is {age:.1f} s old", throttle_duration_sec=5.0
-            )
+        if not -_AHEAD <= age <= self._value("ownship_max_age"):
+            text = f"the ownship's state is {age:.1f} s old"
+            self.get_logger().warning(text, throttle_duration_sec=5.0)
             return
-        name = bytes(wanted.id.uuid)
-        if self._line is None or self._line[0] != name:
+        line = self._line_of(wanted)
+        if line is None:
+            return
+        self._check_monitor(now)
+        self._commands.publish(self._command(line, own, now))
+
+    def _line_of(self, wanted: Trajectory) -> _Line | None:
+        """Return what is flown of a trajectory; None where it cannot be flown."""
+        unique = bytes(wanted.id.uuid)
+        if self._line is None or self._line.unique != unique:
             frame = LocalFrame(wanted.start.latitude, wanted.start.longitude)
             try:
-                self._line = name, frame, curve(frame, wanted)
+                self._line = _Line(unique, frame, curve(frame, wanted))
             except FieldError as error:
                 self.get_logger().error(f"cannot be flown: {error}", throttle_duration_sec=5.0)
-                return
+                return None
+        return self._line
+
+    def _check_monitor(self, now: int) -> None:
+        """Log a monitor that is silent: its last selection is still the best that is known, but no
+        monitor checks it any more.
+        """
         status = self._guidance.status
         silent = 0.0 if status is None else (now - nanoseconds(status.header.stamp)) / SECOND
         if silent > _SILENCE:
-            # Its last selection is still the best that is known, but no monitor checks it any more.
-            self.get_logger().error(
-                f"the monitor has been silent for {silent:.1f} s", throttle_duration_sec=1.0
-            )
-        _, frame, line = self._line
-        state = to_local(frame, own)
-        reach = state.speed * age
+            text = f"the monitor has been silent for {silent:.1f} s"
+            self.get_logger().error(text, throttle_duration_sec=1.0)
+
+    def _command(self, line: _Line, own: Report, now: int) -> Twist:
+        """Return speed along the track, m/s, and its turn rate, rad/s, for the next period."""
+        flying = line.flying
+        state = to_local(line.frame, own)
+        reach = state.speed * ((now - own.time) / SECOND)
         state = state._replace(
             x=state.x + reach * math.cos(state.heading), y=state.y + reach * math.sin(state.heading)
         )
-        time = np.float64((now - line.began) / SECOND)
-        acceleration, turn = guidance(line.legs, state, time, wind=line.wind)
-        limits = limits_of(lambda name: self.get_parameter(name).value)
-        acceleration = min(
-            max(float(acceleration), limits.acceleration_min), limits.acceleration_max
-        )
-        turn = min(max(float(turn), -limits.yaw_rate_max), limits.yaw_rate_max)
+        time = np.float64((now - flying.began) / SECOND)
+        acceleration, turn = guidance(flying.legs, state, time, wind=flying.wind)
+        limits = limits_of(self._value)
+        acceleration = _clip(float(acceleration), limits.acceleration_min, limits.acceleration_max)
         # The limits are those of the air speed.
-        blows = 0.0 if line.wind is None else float(line.wind.speed)
+        blows = 0.0 if flying.wind is None else float(flying.wind.speed)
         low, high = max(limits.speed_min - blows, 0.0), limits.speed_max + blows
-        speed = min(max(state.speed + acceleration * PERIOD, low), high)
         command = Twist()
-        command.linear.x, command.angular.z = speed, turn
-        self._commands.publish(command)
+        command.linear.x = _clip(state.speed + acceleration * PERIOD, low, high)
+        command.angular.z = _clip(float(turn), -limits.yaw_rate_max, limits.yaw_rate_max)
+        return command
+
+
+def _clip(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
 
 
 main = partial(process.main, Pilot, "pilot", __doc__)

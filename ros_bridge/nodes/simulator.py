@@ -109,10 +109,10 @@ class Simulator(Node):
         self._own, self._traffic, self._alerts, self._routes, self._origins = inputs
         self._area_lists = self.create_publisher(*topics.AREAS)
         self._client = self.create_client(GenerateTrajectory, topics.SERVICE)
-        topics.PLAN.heard(self, self._on_trajectory)
-        topics.STATUS.heard(self, self._on_status)
-        topics.BACKUP.heard(self, self._on_backup)
-        topics.DIAGNOSTICS.heard(self, self._on_diagnostics)
+        topics.PLAN.subscribe(self, self._on_trajectory)
+        topics.STATUS.subscribe(self, self._on_status)
+        topics.BACKUP.subscribe(self, self._on_backup)
+        topics.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
         # The wall's clock: the simulated one does not go on by itself.
         self.create_timer(
             PERIOD / max(self._value("rate"), self._value("deciding_rate")),

@@ -130,7 +130,7 @@ class Translator(Node):
         if live:
             clock = self.get_clock()
             self._live = LiveReports(live, self._value("own_id"), lambda: clock.now().nanoseconds)
-            topics.OWNSHIP.heard(self, partial(self._on_ownship, self._live))
+            topics.OWNSHIP.subscribe(self, partial(self._on_ownship, self._live))
             self.create_timer(_DRAINED, partial(self._on_live, self._live))
             self._live.start()
         self.create_timer(self._value("diagnostics_period"), self._on_timer)

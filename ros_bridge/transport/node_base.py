@@ -97,7 +97,7 @@ class ListeningNode(LifecycleNode):
     def _subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         says = "a publisher offers less {} than asked for; nothing of it is received"
         events = SubscriptionEventCallbacks(incompatible_qos=self._misfit(topic.name, says))
-        made = topic.heard(self, callback, event_callbacks=events)
+        made = topic.subscribe(self, callback, event_callbacks=events)
         self._entities.append(lambda: self.destroy_subscription(made))
 
     def _advertise(self, topic: Topic) -> Any:

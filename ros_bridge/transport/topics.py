@@ -6,7 +6,9 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from rlcas_msgs.msg import (
     AircraftState,
     Areas,
@@ -37,8 +39,10 @@ class Topic(NamedTuple):
         """The topic as the node calls it that it belongs to, whatever that node's name is."""
         return self._replace(name=f"~/{self.name.partition('/')[2]}")
 
-    def heard(self, node: Any, callback: Callable[[Any], Any], **more: Any) -> Any:
-        """Return a node's subscription."""
+    def subscribe(
+        self, node: Node, callback: Callable[[Any], Any], **more: Any
+    ) -> "Subscription[Any]":
+        """Return a node's subscription; ``more`` as its ``create_subscription`` has it."""
         return node.create_subscription(self.kind, self.name, callback, self.quality, **more)
 
 
