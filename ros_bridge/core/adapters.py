@@ -42,39 +42,60 @@ def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, referenc
         FieldError: there is no fix or no velocity, or a field is not finite or out of range; with a
             sighting.
     """
+    fields = _FixFields(message, beside, reference)
+    return report(
+        identifier("fix.id", identity),
+        fields.time,
+        fields.place,
+        fields.velocity,
+        fields.altitude,
+        position_std=fields.position_std,
+    )
 
-    def at() -> tuple[float, float]:
-        status = integer("fix.status.status", message.status.status, -128, 127)
+
+class _FixFields(NamedTuple):
+    """The parts of a NavSatFix and the velocity beside it, each checked when it is read."""
+
+    message: Any
+    beside: Callable[[], Any]
+    reference: str
+
+    def time(self) -> int:
+        """Return when the fix held, ns."""
+        return stamp("fix.header.stamp", self.message.header.stamp)
+
+    def place(self) -> tuple[float, float]:
+        """Return latitude and longitude, degrees."""
+        status = integer("fix.status.status", self.message.status.status, -128, 127)
         if status < 0:
             raise FieldError(
                 "fix.status.status", f"is {status}, expected 0 or more: there is no fix"
             )
-        return place("fix", message.latitude, message.longitude)
+        return place("fix", self.message.latitude, self.message.longitude)
 
-    def over_ground() -> tuple[float, float]:
-        twist = beside()
+    def velocity(self) -> tuple[float, float]:
+        """Return true east and north, m/s."""
+        twist = self.beside()
         return velocity("fix", twist.linear.x, twist.linear.y)
 
-    def height() -> Altitude | None:
-        if math.isnan(message.altitude):
+    def altitude(self) -> Altitude | None:
+        """Return the altitude with its rate; None: there is none."""
+        if math.isnan(self.message.altitude):
             return None
-        climb = number("fix.twist.linear.z", beside().linear.z, -100.0, 100.0, "m/s")
-        return altitude("fix.altitude", message.altitude, reference, climb)
+        climb = number("fix.twist.linear.z", self.beside().linear.z, -100.0, 100.0, "m/s")
+        return altitude("fix.altitude", self.message.altitude, self.reference, climb)
 
-    def spread() -> float | None:
-        variances = {n: float(message.position_covariance[n]) for n in (0, 4)}
-        if message.position_covariance_type == 0 or not all(map(math.isfinite, variances.values())):
+    def position_std(self) -> float | None:
+        """Return the greater of the standard deviations east and north, m; None: unknown."""
+        east_north = {n: float(self.message.position_covariance[n]) for n in (0, 4)}
+        finite = all(map(math.isfinite, east_north.values()))
+        if self.message.position_covariance_type == 0 or not finite:
             return None
-        each = (
-            number(f"fix.position_covariance[{n}]", one, 0.0, 1e8, "m^2")
-            for n, one in variances.items()
+        variances = (
+            number(f"fix.position_covariance[{n}]", variance, 0.0, 1e8, "m^2")
+            for n, variance in east_north.items()
         )
-        return math.sqrt(max(each))
-
-    when = _stamp_of(message, "fix")
-    return report(
-        identifier("fix.id", identity), when, at, over_ground, height, position_std=spread
-    )
+        return math.sqrt(max(variances))
 
 
 def odometry_velocity(message: Any) -> Any:
@@ -106,37 +127,58 @@ def odometry_velocity(message: Any) -> Any:
 
 
 def inspva(message: Any, identity: str) -> Report:
-    """Return a report from NovAtel's INSPVA or INSPVAX, or raise :class:`FieldError`; velocities
-    are north, east, up.
+    """Return a report from NovAtel's INSPVA, whose height is above the ellipsoid.
 
-    INSPVA's height is above the ellipsoid. INSPVAX's is above mean sea level, with the geoid's
-    undulation beside it.
+    Raises:
+        FieldError: there is no good solution, or a field is not finite or out of range; with a
+            sighting.
     """
-    extended = hasattr(message, "undulation")
+    return _InertialFields(message, "status", 0.0).report(identity)
 
-    def at() -> tuple[float, float]:
-        field = f"inspva.{'ins_status' if extended else 'status'}.status"
-        status = integer(
-            field, (message.ins_status if extended else message.status).status, 0, 2**32 - 1
-        )
+
+def inspvax(message: Any, identity: str) -> Report:
+    """Return a report from NovAtel's INSPVAX, whose height is above mean sea level, with the
+    geoid's undulation beside it; errors as :func:`inspva` has them.
+    """
+    return _InertialFields(message, "ins_status", message.undulation).report(identity)
+
+
+class _InertialFields(NamedTuple):
+    """The parts of an inertial solution, each checked when it is read; velocities are north, east,
+    up.
+    """
+
+    message: Any
+    status: str  # name of the field that holds the status
+    undulation: Any  # of what its height is above, over the ellipsoid, m
+
+    def report(self, identity: str) -> Report:
+        """Return the report."""
+        name = identifier("inspva.id", identity)
+        return report(name, self.time, self.place, self.velocity, self.altitude)
+
+    def time(self) -> int:
+        """Return when the solution held, ns."""
+        return stamp("inspva.header.stamp", self.message.header.stamp)
+
+    def place(self) -> tuple[float, float]:
+        """Return latitude and longitude, degrees."""
+        field = f"inspva.{self.status}.status"
+        status = integer(field, getattr(self.message, self.status).status, 0, 2**32 - 1)
         if status != _INS_GOOD:
             raise FieldError(field, f"is {status}, expected {_INS_GOOD} (INS_SOLUTION_GOOD)")
-        return place("inspva", message.latitude, message.longitude)
+        return place("inspva", self.message.latitude, self.message.longitude)
 
-    def height() -> Altitude:
-        climb = number("inspva.up_velocity", message.up_velocity, -100.0, 100.0, "m/s")
-        undulation = (
-            number("inspva.undulation", message.undulation, -120.0, 100.0, "m") if extended else 0.0
-        )
-        above = altitude("inspva.height", message.height, "wgs84", climb)
-        return Altitude(above.value + undulation, "wgs84", climb)
+    def velocity(self) -> tuple[float, float]:
+        """Return true east and north, m/s."""
+        return velocity("inspva", self.message.east_velocity, self.message.north_velocity)
 
-    def over_ground() -> tuple[float, float]:
-        return velocity("inspva", message.east_velocity, message.north_velocity)
-
-    return report(
-        identifier("inspva.id", identity), _stamp_of(message, "inspva"), at, over_ground, height
-    )
+    def altitude(self) -> Altitude:
+        """Return the altitude above the ellipsoid, with its rate."""
+        climb = number("inspva.up_velocity", self.message.up_velocity, -100.0, 100.0, "m/s")
+        undulation = number("inspva.undulation", self.undulation, -120.0, 100.0, "m")
+        height = altitude("inspva.height", self.message.height, "wgs84", climb)
+        return Altitude(height.value + undulation, "wgs84", climb)
 
 
 def adsb_vehicle(
@@ -228,7 +270,3 @@ class _AdsbFields(NamedTuple):
             raise FieldError(
                 "adsb.flags", f"is {self.message.flags:#x}, expected the bit of valid {what}"
             )
-
-
-def _stamp_of(message: Any, name: str) -> Callable[[], int]:
-    return lambda: stamp(f"{name}.header.stamp", message.header.stamp)

@@ -24,7 +24,7 @@ class Receiving:
 
     Args:
         board: that is fed.
-        source: a checked one (:func:`ros_bridge.transport.adsb_receiver.checked_source`).
+        source: a checked one (:func:`ros_bridge.transport.adsb_receiver.check_source`).
         own: address of the ownship, hexadecimal; "": none of the aircraft is.
     """
 

@@ -24,7 +24,7 @@ from pathlib import Path
 from envs.edge.command import InputError, Parser, visible
 from ros_bridge.display.recording import read
 from ros_bridge.display.server import Board, Recording, Screen, bind_socket
-from ros_bridge.transport.adsb_receiver import checked_source
+from ros_bridge.transport.adsb_receiver import check_source
 from ros_bridge.transport.children import FLAG, end_with_parent
 
 __all__ = ["main"]
@@ -88,7 +88,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _adsb(text: str) -> str:
     try:
-        return checked_source(text)
+        return check_source(text)
     except ValueError as problem:
         raise argparse.ArgumentTypeError(str(problem)) from None
 

@@ -106,7 +106,7 @@ class Link:
         self._mavlink: Any = mavutil.mavlink
         try:
             self._connection: Any = mavutil.mavlink_connection(
-                checked_address(address),
+                check_address(address),
                 baud=baud,
                 source_system=system,
                 source_component=COMPONENT,
@@ -384,7 +384,7 @@ attitude by the bit of the roll rate; with the bit of the attitude it would hold
 """
 
 
-def checked_address(text: str) -> str:
+def check_address(text: str) -> str:
     """Return an address that pymavlink can open, or raise :class:`LinkError`."""
     kind, _, rest = text.partition(":")
     expected = "expected udp:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or a serial port"

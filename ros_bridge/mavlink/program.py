@@ -64,7 +64,7 @@ from ros_bridge.mavlink.vehicle import (
     own_address,
     vehicle_of,
 )
-from ros_bridge.transport.adsb_receiver import LiveReports, checked_source
+from ros_bridge.transport.adsb_receiver import LiveReports, check_source
 
 MARGIN = 25.0
 """Added to the separation for what the autopilot leaves of its plan, m (docs/howto/mavlink.md)."""
@@ -131,7 +131,7 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     if options.own and not options.adsb:
         raise InputError("--own goes with --adsb; the autopilot leaves itself out of its traffic")
     try:
-        options.adsb = options.adsb and checked_source(options.adsb)
+        options.adsb = options.adsb and check_source(options.adsb)
     except ValueError as problem:
         raise InputError(f"--{problem}") from None
     options.categories = _categories(

@@ -25,12 +25,12 @@ known: requests are refused unless it is out of reach. ADS-B vehicles on the gro
 
 import importlib
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rlcas_msgs.msg import AircraftState
@@ -41,31 +41,54 @@ from ros_bridge.core.conversions import ALTITUDE_CODES, aircraft
 from ros_bridge.core.fields import SECOND, FieldError, attempt, readable, stamp
 from ros_bridge.core.reports import Report
 from ros_bridge.transport import process, qos, topics, views
-from ros_bridge.transport.adsb_receiver import LiveReports, checked_source
+from ros_bridge.transport.adsb_receiver import LiveReports, check_source
 from ros_bridge.transport.messages import aircraft_message, sighting_message
 from ros_bridge.transport.settings import declare
 
-_OWN, _TRAFFIC = ("none", "nav_sat_fix", "inspva", "inspvax"), ("none", "nav_sat_fix", "adsb")
-_MESSAGES = {
-    "inspva": ("novatel_oem7_msgs", "INSPVA"),
-    "inspvax": ("novatel_oem7_msgs", "INSPVAX"),
-    "adsb": ("mavros_msgs", "ADSBVehicle"),
+if TYPE_CHECKING:
+    from rclpy.publisher import Publisher
+
+
+class _Kind(NamedTuple):
+    """A message of another package that is read where that is installed."""
+
+    package: str
+    name: str
+
+
+_KINDS = {
+    "inspva": _Kind("novatel_oem7_msgs", "INSPVA"),
+    "inspvax": _Kind("novatel_oem7_msgs", "INSPVAX"),
+    "adsb": _Kind("mavros_msgs", "ADSBVehicle"),
 }
+_INERTIAL: dict[str, Callable[[Any, str], Report]] = {
+    "inspva": adapters.inspva,
+    "inspvax": adapters.inspvax,
+}
+"""What reads a message of an inertial solution, by its source."""
+
+_OWN_SOURCES = ("none", "nav_sat_fix", *_INERTIAL)
+_TRAFFIC_SOURCES = ("none", "nav_sat_fix", "adsb")
 _DRAINED = 0.1  # s between two looks at what a receiver has sent
 
 
-def pair(fix: Any, twist: Any, identity: str, reference: str, apart: float) -> Report:
+def pair(
+    fix: NavSatFix,
+    twist: TwistStamped | Odometry | None,
+    identity: str,
+    reference: str,
+    apart: float,
+) -> Report:
     """Return the report of a fix and the velocity beside it, or raise :class:`FieldError` with a
     sighting.
 
-    The velocity is the newest TwistStamped or Odometry (None: there has been none), at most
-    ``apart`` s from the fix.
+    The velocity is the newest one (None: there has been none), at most ``apart`` s from the fix.
     """
     beside = partial(_velocity_beside, fix, twist, apart)
     return adapters.nav_sat_fix(fix, beside, identity, reference)
 
 
-def _velocity_beside(fix: Any, twist: Any, apart: float) -> Any:
+def _velocity_beside(fix: NavSatFix, twist: TwistStamped | Odometry | None, apart: float) -> Twist:
     """Return the velocity like a Twist in ENU, or raise :class:`FieldError`."""
     if twist is None:
         raise FieldError("velocity", "has not been received, expected one beside the fix")
@@ -75,7 +98,15 @@ def _velocity_beside(fix: Any, twist: Any, apart: float) -> Any:
         raise FieldError(
             "velocity.header.stamp", f"is {off:.2f} s from the fix's, expected {apart:g} s at most"
         )
-    return adapters.odometry_velocity(twist) if hasattr(twist, "pose") else twist.twist
+    return adapters.odometry_velocity(twist) if isinstance(twist, Odometry) else twist.twist
+
+
+class _Sources(NamedTuple):
+    """Where ownship and traffic come from."""
+
+    own: str  # of _OWN_SOURCES
+    traffic: str  # of _TRAFFIC_SOURCES
+    live: str  # URL of a receiver; empty: none
 
 
 class Translator(Node):
@@ -86,53 +117,20 @@ class Translator(Node):
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_translator", **more)
         declare(self, "translator")
-        own, traffic = self._choice("own_source", _OWN), self._choice("traffic_source", _TRAFFIC)
         self._reference = self._choice("own_altitude_reference", ALTITUDE_CODES.values())
         self._references = {
             kind: self._choice(name, ALTITUDE_CODES.values())
             for kind, name in ((0, "adsb_barometric_reference"), (1, "adsb_geometric_reference"))
             if self._value(name)
         }
-        live = checked_source(self._value("adsb")) if self._value("adsb") else ""
-        if live and traffic != "none":
-            raise ValueError(
-                f"adsb and traffic_source {traffic} are both given, expected one of them"
-            )
-        if own == traffic and not live:
-            raise ValueError(
-                f"own_source and traffic_source are both {own}, expected one fix at most, and "
-                "something"
-            )
-        for name, needed in (("own_id", own != "none"), ("traffic_id", traffic == "nav_sat_fix")):
-            if needed and not self._value(name):
-                raise ValueError(
-                    f"{name} is empty, expected the aircraft's name, such as its 24-bit address"
-                )
-        self._twist: Any = None
+        sources = self._read_sources()
+        self._twist: TwistStamped | Odometry | None = None
         self._counts: Counter[str] = Counter()
         self._wrong = ""
-        self._own, self._traffic, self._health = (
-            self.create_publisher(*topic)
-            for topic in (topics.OWNSHIP, topics.TRAFFIC, topics.DIAGNOSTICS)
-        )
-        if "nav_sat_fix" in (own, traffic):
-            into = self._own if own == "nav_sat_fix" else self._traffic
-            name = self._value("own_id" if own == "nav_sat_fix" else "traffic_id")
-            for kind, topic in ((TwistStamped, "~/input/velocity"), (Odometry, "~/input/odometry")):
-                self.create_subscription(kind, topic, partial(setattr, self, "_twist"), qos.SENSOR)
-            self.create_subscription(
-                NavSatFix, "~/input/fix", partial(self._on_fix, into, name), qos.SENSOR
-            )
-        if own in _MESSAGES:
-            self.create_subscription(_kind(own), "~/input/inspva", self._on_inspva, qos.SENSOR)
-        if traffic in _MESSAGES:
-            self.create_subscription(_kind(traffic), "~/input/adsb", self._on_adsb, qos.TRAFFIC)
-        if live:
-            clock = self.get_clock()
-            self._live = LiveReports(live, self._value("own_id"), lambda: clock.now().nanoseconds)
-            topics.OWNSHIP.subscribe(self, partial(self._on_ownship, self._live))
-            self.create_timer(_DRAINED, partial(self._on_live, self._live))
-            self._live.start()
+        self._own = self.create_publisher(*topics.OWNSHIP)
+        self._traffic = self.create_publisher(*topics.TRAFFIC)
+        self._health = self.create_publisher(*topics.DIAGNOSTICS)
+        self._listen(sources)
         self.create_timer(self._value("diagnostics_period"), self._on_timer)
 
     def destroy_node(self) -> None:
@@ -150,12 +148,69 @@ class Translator(Node):
             raise ValueError(f"{name} is {value!r}, expected one of {', '.join(known)}")
         return value
 
-    def _on_fix(self, into: Any, name: str, message: NavSatFix) -> None:
+    def _read_sources(self) -> _Sources:
+        """Return the sources of the parameters, or raise ValueError where they do not fit."""
+        own = self._choice("own_source", _OWN_SOURCES)
+        traffic = self._choice("traffic_source", _TRAFFIC_SOURCES)
+        live = check_source(self._value("adsb")) if self._value("adsb") else ""
+        if live and traffic != "none":
+            raise ValueError(
+                f"adsb and traffic_source {traffic} are both given, expected one of them"
+            )
+        if own == traffic and not live:
+            raise ValueError(
+                f"own_source and traffic_source are both {own}, expected one fix at most, and "
+                "something"
+            )
+        for name, needed in (("own_id", own != "none"), ("traffic_id", traffic == "nav_sat_fix")):
+            if needed and not self._value(name):
+                raise ValueError(
+                    f"{name} is empty, expected the aircraft's name, such as its 24-bit address"
+                )
+        return _Sources(own, traffic, live)
+
+    def _listen(self, sources: _Sources) -> None:
+        if sources.own == "nav_sat_fix":
+            self._listen_to_fixes(self._own, self._value("own_id"))
+        elif sources.traffic == "nav_sat_fix":
+            self._listen_to_fixes(self._traffic, self._value("traffic_id"))
+        if sources.own in _INERTIAL:
+            heard = partial(self._on_inertial, _INERTIAL[sources.own])
+            self.create_subscription(
+                _message_type(sources.own), "~/input/inspva", heard, qos.SENSOR
+            )
+        if sources.traffic == "adsb":
+            self.create_subscription(
+                _message_type("adsb"), "~/input/adsb", self._on_adsb, qos.TRAFFIC
+            )
+        if sources.live:
+            self._listen_live(sources.live)
+
+    def _listen_to_fixes(self, into: "Publisher[Any]", name: str) -> None:
+        """Pass on fixes, with the velocity beside each, as an aircraft of a name."""
+        for kind, topic in ((TwistStamped, "~/input/velocity"), (Odometry, "~/input/odometry")):
+            self.create_subscription(kind, topic, self._on_velocity, qos.SENSOR)
+        heard = partial(self._on_fix, into, name)
+        self.create_subscription(NavSatFix, "~/input/fix", heard, qos.SENSOR)
+
+    def _listen_live(self, url: str) -> None:
+        """Pass on the traffic of a receiver."""
+        clock = self.get_clock()
+        live = LiveReports(url, self._value("own_id"), lambda: clock.now().nanoseconds)
+        topics.OWNSHIP.subscribe(self, partial(self._on_ownship, live))
+        self.create_timer(_DRAINED, partial(self._on_live, live))
+        live.start()
+        self._live = live
+
+    def _on_velocity(self, message: TwistStamped | Odometry) -> None:
+        self._twist = message
+
+    def _on_fix(self, into: "Publisher[Any]", name: str, message: NavSatFix) -> None:
         apart = self._value("velocity_apart")
         self._pass(into, attempt(lambda: pair(message, self._twist, name, self._reference, apart)))
 
-    def _on_inspva(self, message: Any) -> None:
-        self._pass(self._own, attempt(lambda: adapters.inspva(message, self._value("own_id"))))
+    def _on_inertial(self, read: Callable[[Any, str], Report], message: Any) -> None:
+        self._pass(self._own, attempt(lambda: read(message, self._value("own_id"))))
 
     def _on_adsb(self, message: Any) -> None:
         self._pass(self._traffic, attempt(lambda: adapters.adsb_vehicle(message, self._references)))
@@ -169,7 +224,7 @@ class Translator(Node):
         for found, _ in live.take():
             self._pass(self._traffic, found)
 
-    def _pass(self, publisher: Any, found: Report | FieldError | None) -> None:
+    def _pass(self, publisher: "Publisher[Any]", found: Report | FieldError | None) -> None:
         """Publish a report; of traffic that cannot be translated its name and, if known,
         its place.
         """
@@ -199,25 +254,23 @@ class Translator(Node):
         return {f"{reason}, left out": count for reason, count in counts.items() if count}
 
     def _on_timer(self) -> None:
-        values = {
-            name: str(count)
-            for name, count in sorted({**self._counts, **self._count_left_out()}.items())
-        }
-        level, message = (
-            (DiagnosticStatus.WARN, self._wrong) if self._wrong else (DiagnosticStatus.OK, "ready")
-        )
+        counts = {**self._counts, **self._count_left_out()}
+        values = {name: str(count) for name, count in sorted(counts.items())}
+        level, message = DiagnosticStatus.OK, "ready"
+        if self._wrong:
+            level, message = DiagnosticStatus.WARN, self._wrong
         self._wrong = ""
         self._health.publish(views.diagnostics(self, level, message, values))
 
 
-def _kind(source: str) -> Any:
-    """Return the type of a source's messages."""
-    package, name = _MESSAGES[source]
+def _message_type(source: str) -> Any:
+    """Return the type of a source's messages, or raise ValueError where it is not installed."""
+    kind = _KINDS[source]
     try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
+        return getattr(importlib.import_module(f"{kind.package}.msg"), kind.name)
     except (ModuleNotFoundError, AttributeError) as error:
         raise ValueError(
-            f"{source} needs the package {package} with {name}, which is not installed"
+            f"{source} needs the package {kind.package} with {kind.name}, which is not installed"
         ) from error
 
 

@@ -17,7 +17,7 @@ from ros_bridge.core import adsb_live
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import Report
 
-__all__ = ["LiveReports", "Receiver", "checked_source"]
+__all__ = ["LiveReports", "Receiver", "check_source"]
 
 _PORT = 30_003
 _PATIENCE = 70.0  # s; dump1090 sends an empty line every 60 s
@@ -27,7 +27,7 @@ _SLOWEST = 30.0  # s between two attempts
 _SILENCE = 10.0  # s without anything, after which a receiver is said to be silent
 
 
-def checked_source(text: str) -> str:
+def check_source(text: str) -> str:
     """Return the source of ADS-B that a parameter names, or raise ValueError."""
     parts = urlsplit(text)
     try:

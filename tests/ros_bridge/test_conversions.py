@@ -3,6 +3,7 @@ the local frame.
 """
 
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,9 +19,9 @@ import pyproj
 from agents.planner.request import Altitude
 from envs.formats.local_frame import LocalFrame, distance, fly_straight
 from ros_bridge.core import conversions
-from ros_bridge.core.adapters import adsb_vehicle, inspva, nav_sat_fix
+from ros_bridge.core.adapters import adsb_vehicle, inspva, inspvax, nav_sat_fix
 from ros_bridge.core.fields import FieldError
-from ros_bridge.core.reports import EXACT
+from ros_bridge.core.reports import EXACT, Report
 from tests.ros_bridge.scenes import (
     NOW,
     SECOND,
@@ -411,16 +412,20 @@ def test_inspva_height_is_ellipsoidal_and_inspvax_above_the_sea():
     report = inspva(inertial("INSPVA"), "own")
     assert (report.east, report.north, report.time) == (30.0, 40.0, NOW)
     assert report.altitude == Altitude(400.0, "wgs84", -1.0)
-    assert inspva(inertial("INSPVAX", undulation=48.0), "own").altitude == Altitude(
-        448.0, "wgs84", -1.0
-    )
+    report = inspvax(inertial("INSPVAX", undulation=48.0), "own")
+    assert report.altitude == Altitude(448.0, "wgs84", -1.0)
 
 
 @pytest.mark.parametrize("status", [0, 1, 2, 6, 7])
-@pytest.mark.parametrize(("name", "field"), [("INSPVA", "status"), ("INSPVAX", "ins_status")])
-def test_inertial_solution_that_is_not_good_is_refused(status: int, name: str, field: str):
+@pytest.mark.parametrize(
+    ("read", "name", "field"),
+    [(inspva, "INSPVA", "status"), (inspvax, "INSPVAX", "ins_status")],
+)
+def test_inertial_solution_that_is_not_good_is_refused(
+    read: Callable[[Any, str], Report], status: int, name: str, field: str
+):
     with pytest.raises(FieldError) as caught:
-        inspva(inertial(name, status=status), "own")
+        read(inertial(name, status=status), "own")
     assert caught.value.field == f"inspva.{field}.status"
 
 

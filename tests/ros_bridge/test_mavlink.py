@@ -26,7 +26,7 @@ from ros_bridge.mavlink.control import CLEAR, Control, Order, Phase, Seen, Step,
 from ros_bridge.mavlink.download import AGAIN, Download, accept, asked, due
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.judging import Judgement, rules, watch
-from ros_bridge.mavlink.link import Clock, Link, checked_address
+from ros_bridge.mavlink.link import Clock, Link, check_address
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import SUB, Item
 from ros_bridge.mavlink.program import main, options_of
@@ -447,7 +447,7 @@ def test_a_stale_state_is_not_steered_by() -> None:
 )
 def test_an_address_that_cannot_be_is_refused_in_a_sentence(text: str) -> None:
     with pytest.raises(InputError, match=r"--connect is .*: expected udp:HOST:PORT"):
-        checked_address(text)
+        check_address(text)
 
 
 @pytest.mark.parametrize(

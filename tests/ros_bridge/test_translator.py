@@ -10,7 +10,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -23,7 +22,8 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 pytest.importorskip("rclpy", reason=MISSING)
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Quaternion, TwistStamped, Vector3
+from nav_msgs.msg import Odometry
 from rclpy.exceptions import ParameterException
 from rlcas_msgs.msg import Advisory, AircraftState, Trajectory, Waypoint
 from rlcas_msgs.srv import GenerateTrajectory
@@ -40,27 +40,25 @@ from ros_bridge.nodes.translator import Translator, main, pair
 from ros_bridge.transport import parameters, qos, topics
 from ros_bridge.transport.messages import time_message
 from ros_bridge.transport.overrides import refuse_unknown_nodes
-from tests.ros_bridge.scenes import NOW, SECOND, definitions, stamp
+from tests.ros_bridge.scenes import NOW, SECOND, definitions
 
 TRANSLATOR = "/rlcas_translator"
 
 
 def odometry(
     roll: float, pitch: float, yaw: float, ahead: float, left: float, up: float
-) -> SimpleNamespace:
+) -> Odometry:
     cr, sr, cp, sp, cy, sy = (f(0.5 * a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    quaternion = SimpleNamespace(
+    message = Odometry()
+    message.header.stamp = time_message(NOW)
+    message.pose.pose.orientation = Quaternion(
         w=cr * cp * cy + sr * sp * sy,
         x=sr * cp * cy - cr * sp * sy,
         y=cr * sp * cy + sr * cp * sy,
         z=cr * cp * sy - sr * sp * cy,
     )
-    linear = SimpleNamespace(x=ahead, y=left, z=up)
-    return SimpleNamespace(
-        header=SimpleNamespace(stamp=stamp(NOW)),
-        pose=SimpleNamespace(pose=SimpleNamespace(orientation=quaternion)),
-        twist=SimpleNamespace(twist=SimpleNamespace(linear=linear)),
-    )
+    message.twist.twist.linear = Vector3(x=ahead, y=left, z=up)
+    return message
 
 
 @given(
@@ -84,7 +82,7 @@ def test_odometry_turns_with_the_body(roll, pitch, yaw, ahead, left, up):
 
 def test_an_attitude_that_is_none_is_refused():
     message = odometry(0.0, 0.0, 0.0, 70.0, 0.0, 0.0)
-    message.pose.pose.orientation = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
+    message.pose.pose.orientation = Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)
     with pytest.raises(FieldError, match=r"odometry\.orientation has length 0, expected 1"):
         adapters.odometry_velocity(message)
 
