@@ -49,18 +49,20 @@ from ros_bridge.core.planning import plan_task, rehearse
 from ros_bridge.core.situation import (
     NOTHING,
     Code,
+    LeftOut,
     PlanTask,
     Refusal,
     in_terms_of_messages,
     refusal_of,
     task,
 )
-from ros_bridge.core.tracks import UNKNOWN, Verdict
+from ros_bridge.core.tracks import UNKNOWN, Track, Verdict
 from ros_bridge.nodes.requests import NO_PLAN, check
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.messages import advisory_message, plan_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import aircraft_text, planning_settings
+from ros_bridge.transport.topics import Topic
 
 _VIEWS_EVERY = 0.1  # s at most from a plan to its situation
 
@@ -92,22 +94,9 @@ class Runner(ListeningNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the policy and begin to listen."""
-        file = self._value("policy_file")
         try:
-            durability = self._value("route_durability")
-            if durability not in qos.ROUTE:
-                raise ValueError(
-                    f"route_durability is {durability!r}, expected {' or '.join(qos.ROUTE)}"
-                )
-            policy, digest = load_policy(file), self._value("policy_sha256")
-            if digest and digest.lower() != policy.sha256:
-                raise ValueError(
-                    f"policy_sha256 is {digest!r}, but {file or 'the policy that ships'} has "
-                    f"{policy.sha256}"
-                )
-            self._policy = policy = policy.for_aircraft(
-                self._aircraft, outside=self._value("outside_domain")
-            )
+            route = self._route_topic()
+            self._policy = policy = self._load_policy()
         except ValueError as error:
             self.get_logger().error(f"cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
@@ -115,21 +104,12 @@ class Runner(ListeningNode):
         self.get_logger().info(f"policy {policy.sha256}; aircraft {aircraft_text(options)}")
         self._listen(self._on_health, private=True)
         self._subscribe(topics.ALERTS.private, partial(self._take_in, updates.alert))
-        self._subscribe(
-            topics.ROUTE.private._replace(quality=qos.ROUTE[durability]),
-            partial(self._take_in, updates.route),
-        )
+        self._subscribe(route, partial(self._take_in, updates.route))
         self._trajectories = self._advertise(topics.PLAN.private)
         self._advice = self._advertise(topics.ADVISORY.private)
         self._paths = self._advertise(topics.PATH.private)
         self._markers = self._advertise(topics.MARKERS.private)
-        answering: Any = self._on_request  # a coroutine, which rclpy's types do not know of
-        # A group of its own, and reentrant: while one answer is waited for, all else goes on.
-        group = ReentrantCallbackGroup()
-        service = self.create_service(
-            GenerateTrajectory, "~/generate_trajectory", answering, callback_group=group
-        )
-        self._entities.append(lambda: self.destroy_service(service))
+        self._offer_service()
         self._call_every(_VIEWS_EVERY, self._on_views)
         # Not before: while it plans, this node and the others come to know each other.
         self._warm_up_timer = self.create_timer(
@@ -137,6 +117,35 @@ class Runner(ListeningNode):
         )
         self._entities.append(lambda: self.destroy_timer(self._warm_up_timer))
         return TransitionCallbackReturn.SUCCESS
+
+    def _route_topic(self) -> Topic:
+        """Return the route's topic, or raise ValueError."""
+        durability = self._value("route_durability")
+        if durability not in qos.ROUTE:
+            raise ValueError(
+                f"route_durability is {durability!r}, expected {' or '.join(qos.ROUTE)}"
+            )
+        return topics.ROUTE.private._replace(quality=qos.ROUTE[durability])
+
+    def _load_policy(self) -> Policy:
+        """Return the policy for the aircraft, or raise ValueError."""
+        file, digest = self._value("policy_file"), self._value("policy_sha256")
+        policy = load_policy(file)
+        if digest and digest.lower() != policy.sha256:
+            raise ValueError(
+                f"policy_sha256 is {digest!r}, but {file or 'the policy that ships'} has "
+                f"{policy.sha256}"
+            )
+        return policy.for_aircraft(self._aircraft, outside=self._value("outside_domain"))
+
+    def _offer_service(self) -> None:
+        answer: Any = self._on_request  # a coroutine, which rclpy's types do not know of
+        # A group of its own, and reentrant: while one answer is waited for, all else goes on.
+        group = ReentrantCallbackGroup()
+        service = self.create_service(
+            GenerateTrajectory, "~/generate_trajectory", answer, callback_group=group
+        )
+        self._entities.append(lambda: self.destroy_service(service))
 
     def _warm_up(self) -> None:
         """Plan once, so that the first request is answered as fast as the others."""
@@ -187,20 +196,15 @@ class Runner(ListeningNode):
         try:
             await self._answer(request, response)
         except Refusal as refusal:
-            response.status, response.field, response.message = (
-                int(refusal.code),
-                refusal.field,
-                str(refusal),
-            )
+            response.status = int(refusal.code)
+            response.field = refusal.field
+            response.message = str(refusal)
         except Exception as error:  # The node goes on, and the caller gets an answer in any case.
-            if rclpy.ok(
-                context=self.context
-            ):  # else it is being stopped, and nothing can be published any more
+            if rclpy.ok(context=self.context):
+                # Else it is being stopped, and nothing can be published any more.
                 self.get_logger().fatal(f"a request failed for an error of the runner: {error!r}")
-            response.status, response.message = (
-                int(Code.INTERNAL_ERROR),
-                f"the runner failed: {error!r}",
-            )
+            response.status = int(Code.INTERNAL_ERROR)
+            response.message = f"the runner failed: {error!r}"
         response.computation_time = time.perf_counter() - began
         name = Code(response.status).name
         self._answers[name] += 1
@@ -260,10 +264,17 @@ class Runner(ListeningNode):
             return found
         # SAFE only if it still is from the present states on.
         then = task(self._situation, now, planning_settings(self._value, self._aircraft), asked)
-        late = (then.time - wanted.time) / SECOND
-        there = then.own, then.intruders, then.points, then.options, then.own_altitude
-        # The plan is flown in the wind that it was made in.
-        return recheck(found, late, *there, found.wind, areas=then.areas)
+        return recheck(
+            found,
+            (then.time - wanted.time) / SECOND,
+            then.own,
+            then.intruders,
+            then.points,
+            then.options,
+            then.own_altitude,
+            found.wind,  # the plan is flown in the wind that it was made in
+            areas=then.areas,
+        )
 
     def _wake(self, done: Future) -> None:
         """Let the node go on with an answer; called from the other thread."""
@@ -281,6 +292,19 @@ class Runner(ListeningNode):
             result, wanted, frame, self._revision, certified=self._value("certificate")
         )
         response.trajectory = message
+        self._explain(result, wanted, response)
+        if not result.safe:
+            self._advice.publish(message)
+            return
+        self._unique = bytes(message.id.uuid)
+        self._trajectories.publish(message)
+        # The answer does not wait for path and markers.
+        self._views = result, wanted
+
+    def _explain(
+        self, result: Plan, wanted: PlanTask, response: GenerateTrajectory.Response
+    ) -> None:
+        """Write into an answer why its plan is not safe, what was assumed, and who is left out."""
         response.status = int(Code.SAFE if result.safe else Code.UNRESOLVED)
         response.message = "; ".join(reason.message for reason in result.reasons)
         response.field = result.reasons[0].field if result.reasons else ""
@@ -294,18 +318,11 @@ class Runner(ListeningNode):
             one.message for one in advisories if one.code is AdvisoryCode.OUTSIDE_DOMAIN
         )
         left_out = [
-            *((wanted.identifiers[one.number], one.reason) for one in result.excluded),
+            *(LeftOut(wanted.identifiers[one.number], one.reason) for one in result.excluded),
             *wanted.excluded,
         ]
-        response.excluded_ids = [name for name, _ in left_out]
-        response.excluded_reasons = [why for _, why in left_out]
-        if not result.safe:
-            self._advice.publish(message)
-            return
-        self._unique = bytes(message.id.uuid)
-        self._trajectories.publish(message)
-        # The answer does not wait for path and markers.
-        self._views = result, wanted
+        response.excluded_ids = [one.name for one in left_out]
+        response.excluded_reasons = [one.why for one in left_out]
 
     def _next(self, now: int) -> int:
         """Return a revision above all before, of earlier runs of the node too: they begin at the
@@ -327,37 +344,43 @@ class Runner(ListeningNode):
         """Publish whether a request would be answered now, and what is known."""
         now = self._now()
         self._forget(now)
-        situation, problem = self._situation, ""
+        problem = ""
         try:
-            task(situation, now, planning_settings(self._value, self._aircraft))
+            task(self._situation, now, planning_settings(self._value, self._aircraft))
         except Refusal as refusal:
             problem = str(refusal)
         # Of the last plan, and of reports that contradict themselves, with which there is none.
-        traffic = sorted(situation.traffic.items())
-        aircraft = [("ownship", situation.own), *traffic]
-        outside = [
-            *self._outside,
-            *(
-                track.fault.message
-                for _, track in aircraft
-                if track.fault and track.fault.verdict is Verdict.CONTRADICTION
-            ),
+        contradictions = [
+            track.fault.message
+            for track in self._aircraft_tracks().values()
+            if track.fault and track.fault.verdict is Verdict.CONTRADICTION
         ]
-        values = {"policy sha256": "" if self._policy is None else self._policy.sha256}
-        values |= {
+        outside = [*self._outside, *contradictions]
+        self._publish_health((DiagnosticStatus.WARN, problem), outside, self._health_values(now))
+
+    def _aircraft_tracks(self) -> dict[str, Track]:
+        """Return the ownship and the traffic, sorted, by name."""
+        return {"ownship": self._situation.own, **dict(sorted(self._situation.traffic.items()))}
+
+    def _health_values(self, now: int) -> dict[str, str]:
+        """Return what is known at a time, ns, as texts by their names."""
+        situation = self._situation
+        values = {
+            "policy sha256": "" if self._policy is None else self._policy.sha256,
             "own age, s": f"{situation.own.age(now):.3f}",
             "intruders": str(len(situation.traffic)),
         }
-        values |= {f"age of {name}, s": f"{track.age(now):.3f}" for name, track in traffic}
+        for name, track in sorted(situation.traffic.items()):
+            values[f"age of {name}, s"] = f"{track.age(now):.3f}"
         values |= {f"answers {name}": str(count) for name, count in sorted(self._answers.items())}
         values |= {"last answer": self._last_answer, "revision": str(self._revision)}
-        for name, track in aircraft:
+        for name, track in self._aircraft_tracks().items():
             values |= {
                 f"reports of {name}: {kind.value}": str(count)
                 for kind, count in track.counts.items()
                 if kind is not Verdict.TAKEN
             }
-        self._publish_health((DiagnosticStatus.WARN, problem), outside, values)
+        return values
 
 
 main = partial(process.main, Runner, "runner", __doc__)
