@@ -27,11 +27,12 @@ What is to be flown is AssuranceStatus.fly. Parameters:
 
 import math
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.task import Future
 from rlcas_msgs.msg import AssuranceStatus, GuidanceBands, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
@@ -66,6 +67,14 @@ from ros_bridge.transport.settings import (
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
 
 
+class _Pending(NamedTuple):
+    """A request on its way to the runner."""
+
+    number: int  # of the monitor's question
+    future: "Future[Any]"
+    since: int  # ns
+
+
 class Monitor(ListeningNode):
     """The node; what it decides is decided in :mod:`ros_bridge.core.assurance` and
     :mod:`agents.assurance.single`.
@@ -83,8 +92,8 @@ class Monitor(ListeningNode):
         self._looking = self._supervision  # without a plan: for bands and alerts before the first
         self._verdict: Verdict | None = None
         self._heard_runner = 0
-        self._pending: tuple[int, Any, int] | None = None
-        self._waiting: Published | None = None
+        self._pending: _Pending | None = None
+        self._waiting: Published | None = None  # a plan that may be the answer that is awaited
         self._backup_at = 0
         self._backups = 0
         self._shown = blank(self._supervision.watch.thresholds)
@@ -120,12 +129,13 @@ class Monitor(ListeningNode):
         if message.status == Trajectory.STATUS_WITHDRAWN:
             self._supervision = withdraw(self._supervision, message.revision)
             return
-        taken = self._plan_of(message)
-        if taken is not None:
-            self._waiting = taken
+        plan = self._read_plan(message)
+        if plan is not None:
+            self._waiting = plan
             self._take_waiting()
 
-    def _plan_of(self, message: Trajectory) -> Published | None:
+    def _read_plan(self, message: Trajectory) -> Published | None:
+        """Return a plan that may be flown; None: the message holds none, and why is logged."""
         try:
             return read_plan(message, self._value("waypoints"))
         except FieldError as error:
@@ -148,7 +158,7 @@ class Monitor(ListeningNode):
             self._looking, seen = look(self._looking, self._situation, now)
             self._guide(now, self._looking, seen)
         else:
-            self._settle(now)
+            self._give_up_waiting(now)
             if verdict.ask is not None:
                 self._request(verdict.ask, now)
         self._publish(now)
@@ -161,38 +171,38 @@ class Monitor(ListeningNode):
         request = GenerateTrajectory.Request(reason=GenerateTrajectory.Request.REASON_REPLAN)
         request.header = header(now, self._value("map_frame"))
         future = self._client.call_async(request)
-        self._pending = ask.number, future, now
+        self._pending = _Pending(ask.number, future, now)
         future.add_done_callback(self._on_answer)
 
-    def _on_answer(self, future: Any) -> None:
-        if self._pending is None or future is not self._pending[1]:
+    def _on_answer(self, future: "Future[Any]") -> None:
+        if self._pending is None or future is not self._pending.future:
             return
-        number = self._pending[0]
+        number = self._pending.number
         self._heard_runner = self._now()
-        response, taken = future.result(), None
+        response, plan = future.result(), None
         if response.status == GenerateTrajectory.Response.STATUS_SAFE:
-            taken = self._plan_of(response.trajectory)
+            plan = self._read_plan(response.trajectory)
         else:
             self.get_logger().warning(f"no plan: {response.message}")
         self._pending = None
-        self._answer(number, taken)
+        self._answer(number, plan)
         self._take_waiting()
 
-    def _answer(self, number: int, taken: Published | None) -> None:
+    def _answer(self, number: int, plan: Published | None) -> None:
+        """Tell the core what became of its question; None: there is no plan."""
         before = to_fly(self._supervision)
-        self._supervision, _ = accept_answer(self._supervision, number, taken)
+        self._supervision, _ = accept_answer(self._supervision, number, plan)
         if to_fly(self._supervision) is not before:
             self._publish(self._latest)
 
-    def _settle(self, now: int) -> None:
+    def _give_up_waiting(self, now: int) -> None:
         """Stop waiting for an answer that does not come; DDS may not yet notice that the runner is
         gone.
         """
         if self._pending is None:
             return
-        _, future, since = self._pending
-        if (now - since) / SECOND > self._value("answer_time"):
-            self._client.remove_pending_request(future)
+        if (now - self._pending.since) / SECOND > self._value("answer_time"):
+            self._client.remove_pending_request(self._pending.future)
             self._pending = None
             self._take_waiting()
 
@@ -208,26 +218,26 @@ class Monitor(ListeningNode):
         if not (self._active and rclpy.ok(context=self.context)):
             return
         self._statuses.publish(self._status(now))
-        flown = to_fly(self._supervision)
-        if flown is not FlyMode.BACKUP:
+        if to_fly(self._supervision) is not FlyMode.BACKUP:
             self._backup_at = 0
             return
         begun = math.isfinite(self._supervision.watch.monitor.backup.started[0])
         if begun and now - self._backup_at >= _BACKUP_AGAIN:
             self._backup_at, self._backups = now, self._backups + 1
-            own, frame = self._situation.own.last, self._value("map_frame")
-            began, (start, *points) = backup(
-                self._supervision, None if own is None else own.altitude
-            )
-            message = trajectory_message(Trajectory.STATUS_BACKUP, began, frame, self._backups)
-            message.start, message.waypoints = (
-                point_message(start),
-                [point_message(point) for point in points],
-            )
-            watched = self._supervision.watch.frame
-            if watched.moves and self._supervision.frame is not None:
-                add_wind(message, self._supervision.frame, watched.wind)
-            self._backup.publish(message)
+            self._backup.publish(self._backup_message())
+
+    def _backup_message(self) -> Trajectory:
+        """Return the backup that is flown."""
+        own, frame = self._situation.own.last, self._value("map_frame")
+        altitude = None if own is None else own.altitude
+        began, (start, *points) = backup(self._supervision, altitude)
+        message = trajectory_message(Trajectory.STATUS_BACKUP, began, frame, self._backups)
+        message.start = point_message(start)
+        message.waypoints = [point_message(point) for point in points]
+        watched = self._supervision.watch.frame
+        if watched.moves and self._supervision.frame is not None:
+            add_wind(message, self._supervision.frame, watched.wind)
+        return message
 
     def _guide(self, now: int, judged: Supervision, verdict: Verdict | None) -> None:
         """Publish bands and alerts, once in a time step, of what a verdict judged."""
@@ -242,10 +252,10 @@ class Monitor(ListeningNode):
 
     def _status(self, now: int) -> AssuranceStatus:
         limits = self._supervision.watch.thresholds
-        said = status(self._supervision, self._verdict)
+        found = status(self._supervision, self._verdict)
         message = AssuranceStatus(
             header=header(now, self._value("map_frame")),
-            **said.fields(),
+            **found.fields(),
             cross_track_limit=limits.cross_track,
             along_track_limit=limits.along_track,
             time_error_limit=limits.time_error,
@@ -257,22 +267,23 @@ class Monitor(ListeningNode):
         return message
 
     def _silence(self, now: int) -> float:
+        """Return for how long the runner has not been heard of, s; -1: it never was."""
         return -1.0 if self._heard_runner == 0 else (now - self._heard_runner) / SECOND
 
     def _on_health(self) -> None:
         state = State(int(self._supervision.watch.monitor.state[0]))
-        problem = (
-            DiagnosticStatus.WARN,
-            state.name if state in (State.DENIED, State.BACKUP) else "",
-        )
+        problem = state.name if state in (State.DENIED, State.BACKUP) else ""
+        level = DiagnosticStatus.WARN
         silence = self._silence(self._now())
         if not 0.0 <= silence <= self._value("runner_silence"):
-            problem = (DiagnosticStatus.ERROR, "the runner is silent")
-        values = {"state": state.name, "flown": to_fly(self._supervision).name}
-        values |= {"silence of the runner, s": f"{silence:.2f}"}
-        self._publish_health(
-            problem, [] if self._verdict is None else self._verdict.outside, values
-        )
+            level, problem = DiagnosticStatus.ERROR, "the runner is silent"
+        values = {
+            "state": state.name,
+            "flown": to_fly(self._supervision).name,
+            "silence of the runner, s": f"{silence:.2f}",
+        }
+        outside = [] if self._verdict is None else self._verdict.outside
+        self._publish_health((level, problem), outside, values)
 
 
 def _message(found: Guidance, now: int, frame: str) -> GuidanceBands:

@@ -49,7 +49,7 @@ class ListeningNode(LifecycleNode):
         self._aircraft = aircraft
         planning_options(self._value, aircraft)
         self._fixed_areas = areas_of_file(self._value("areas_file"))
-        self.add_on_set_parameters_callback(self._fitting)
+        self.add_on_set_parameters_callback(self._check_parameters)
         self._start()
 
     def _start(self) -> None:
@@ -60,7 +60,8 @@ class ListeningNode(LifecycleNode):
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value if self.has_parameter(name) else None
 
-    def _fitting(self, wanted: list[Any]) -> SetParametersResult:
+    def _check_parameters(self, wanted: list[Any]) -> SetParametersResult:
+        """Refuse values that contradict each other or those that stay."""
         given = {one.name: one.value for one in wanted}
         try:
             planning_options(lambda name: given.get(name, self._value(name)), self._aircraft)
@@ -104,16 +105,15 @@ class ListeningNode(LifecycleNode):
         says = "a subscriber asks for more {} than offered; it receives nothing"
         events = PublisherEventCallbacks(incompatible_qos=self._misfit(topic.name, says))
         # Diagnostics are published by the inactive node too.
-        make = (
-            self.create_publisher
-            if topic is topics.DIAGNOSTICS
-            else self.create_lifecycle_publisher
-        )
+        always = topic is topics.DIAGNOSTICS
+        make = self.create_publisher if always else self.create_lifecycle_publisher
         made = make(*topic, event_callbacks=events)
         self._entities.append(lambda: self.destroy_publisher(made))
         return made
 
     def _misfit(self, topic: str, says: str) -> Callable[[Any], None]:
+        """Return what notes that a quality of service does not fit: ``says``, with its name."""
+
         def note(event: Any) -> None:
             policy = QoSPolicyKind(int(event.last_policy_kind)).name.lower()
             self._qos_problems[topic] = f"{topic}: {says.format(policy)}"
@@ -129,12 +129,12 @@ class ListeningNode(LifecycleNode):
         """Subscribe to ownship, traffic, geo-reference and areas, and publish the state of health;
         the runner privately.
         """
-        inputs = (topics.OWNSHIP, updates.ownship), (topics.TRAFFIC, updates.traffic)
-        latched = (
+        for topic, update in (
+            (topics.OWNSHIP, updates.ownship),
+            (topics.TRAFFIC, updates.traffic),
             (topics.GEO_REFERENCE, updates.geo_reference),
             (topics.AREAS, updates.areas),
-        )
-        for topic, update in (*inputs, *latched):
+        ):
             self._subscribe(topic.private if private else topic, partial(self._take_in, update))
         self._health = self._advertise(topics.DIAGNOSTICS)
         self._call_every(self._value("diagnostics_period"), health)
@@ -150,8 +150,11 @@ class ListeningNode(LifecycleNode):
             return
         before = self._situation
         self._situation = after = update(before, message, now, rules)
-        latched = "origin", "route", "areas"
-        for held, new in ((getattr(before, name), getattr(after, name)) for name in latched):
+        for held, new in (
+            (before.origin, after.origin),
+            (before.route, after.route),
+            (before.areas, after.areas),
+        ):
             if new is not held and new.fault is not None:
                 self.get_logger().error(new.fault.message)
 
