@@ -230,8 +230,9 @@ def _place_areas(
     try:
         return FrameAreas(source, situation.placed_areas(frame, now))
     except FieldError:
-        stays = before is not None and before.source.frame == frame
-        return FrameAreas(source, before.placed if stays else ())
+        if before is None or before.source.frame != frame:
+            return FrameAreas(source, ())
+        return FrameAreas(source, before.placed)
 
 
 def accept_answer(
@@ -264,17 +265,23 @@ def to_fly(supervision: Supervision) -> FlyMode:
     return FlyMode.BACKUP if bool(supervision.watch.monitor.on_backup[0]) else FlyMode.PLAN
 
 
-def backup(
-    supervision: Supervision, altitude: Altitude | None
-) -> tuple[int, tuple[PlanPoint, ...]]:
-    """Return when the backup at hand begins, ns, and its points, the first of them its start."""
+class Backup(NamedTuple):
+    """A backup on the ellipsoid."""
+
+    began: int  # ns
+    start: PlanPoint
+    points: tuple[PlanPoint, ...]
+
+
+def backup(supervision: Supervision, altitude: Altitude | None) -> Backup:
+    """Return the backup at hand; ``altitude`` is the ownship's, which all of its points keep."""
     at_hand, frame = supervision.watch.monitor.backup, supervision.frame
     assert frame is not None, "a backup has a frame"
     began = supervision.zero + round(float(at_hand.started[0]) * SECOND)
     rows = np.stack(watch.backup_states(supervision.watch), axis=-1).tolist()
-    return began, geodetic_points(
-        frame, [Waypoint(n, *row) for n, row in enumerate(rows)], began, altitude
-    )
+    waypoints = [Waypoint(number, *row) for number, row in enumerate(rows)]
+    start, *points = geodetic_points(frame, waypoints, began, altitude)
+    return Backup(began, start, tuple(points))
 
 
 def _reach(own: Report, now: int, supervision: Supervision, situation: Situation) -> Reach:

@@ -121,9 +121,9 @@ def _backup(
     if flown is not FlyMode.BACKUP or not begun:
         return None
     own = situation.own.last
-    began, (start, *points) = backup(supervision, None if own is None else own.altitude)
+    made = backup(supervision, None if own is None else own.altitude)
     revision = 0 if scene.backup is None else scene.backup.revision
-    return Published(b"", revision, began, start, tuple(points), ())
+    return Published(b"", revision, made.began, made.start, made.points, ())
 
 
 def _guidance(found: guidance.Guidance, now: int) -> Guidance:

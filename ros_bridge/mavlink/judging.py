@@ -323,11 +323,13 @@ def to_follow(judgement: Judgement) -> ToFly | None:
         return None
     wind = wind_of(frame, held)
     if kind is FlyMode.PLAN:
-        return ToFly(("plan", held.revision), frame, held.began, *to_frame(frame, held), wind)
+        key = ("plan", held.revision)
+        return ToFly(key, frame, held.began, *to_frame(frame, held), wind)
     if kind is FlyMode.BACKUP and math.isfinite(supervision.watch.monitor.backup.started[0]):
-        began, (start, *points) = backup(supervision, None)
-        made = Published(bytes(16), 0, began, start, tuple(points), ())
-        return ToFly(("backup", began), frame, began, *to_frame(frame, made), wind)
+        made = backup(supervision, None)
+        as_plan = Published(bytes(16), 0, made.began, made.start, made.points, ())
+        key = ("backup", made.began)
+        return ToFly(key, frame, made.began, *to_frame(frame, as_plan), wind)
     return None
 
 

@@ -71,7 +71,7 @@ class _Pending(NamedTuple):
     """A request on its way to the runner."""
 
     number: int  # of the monitor's question
-    future: "Future[Any]"
+    future: "Future[GenerateTrajectory.Response]"
     since: int  # ns
 
 
@@ -174,12 +174,13 @@ class Monitor(ListeningNode):
         self._pending = _Pending(ask.number, future, now)
         future.add_done_callback(self._on_answer)
 
-    def _on_answer(self, future: "Future[Any]") -> None:
+    def _on_answer(self, future: "Future[GenerateTrajectory.Response]") -> None:
         if self._pending is None or future is not self._pending.future:
             return
         number = self._pending.number
         self._heard_runner = self._now()
         response, plan = future.result(), None
+        assert response is not None, "the future is done"
         if response.status == GenerateTrajectory.Response.STATUS_SAFE:
             plan = self._read_plan(response.trajectory)
         else:
@@ -230,10 +231,10 @@ class Monitor(ListeningNode):
         """Return the backup that is flown."""
         own, frame = self._situation.own.last, self._value("map_frame")
         altitude = None if own is None else own.altitude
-        began, (start, *points) = backup(self._supervision, altitude)
-        message = trajectory_message(Trajectory.STATUS_BACKUP, began, frame, self._backups)
-        message.start = point_message(start)
-        message.waypoints = [point_message(point) for point in points]
+        made = backup(self._supervision, altitude)
+        message = trajectory_message(Trajectory.STATUS_BACKUP, made.began, frame, self._backups)
+        message.start = point_message(made.start)
+        message.waypoints = [point_message(point) for point in made.points]
         watched = self._supervision.watch.frame
         if watched.moves and self._supervision.frame is not None:
             add_wind(message, self._supervision.frame, watched.wind)
