@@ -27,7 +27,7 @@ What is to be flown is AssuranceStatus.fly. Parameters:
 
 import math
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
