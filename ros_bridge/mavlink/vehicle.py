@@ -1,7 +1,7 @@
 """The aircraft that an autopilot's parameters describe, and what in them forbids to fly it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
@@ -13,9 +13,12 @@ GRAVITY = 9.80665  # m/s^2
 _MOST_BANK = math.radians(40.0)  # of plans, whatever the autopilot may bank
 _STALL = 1.2  # least speed of plans, in the autopilot's own
 _RESERVE = 0.93  # greatest speed of plans, in the autopilot's own
-_SLOWEST, _FASTEST_RATIO = 0.41, 0.74  # speeds of the policy's family, in the greatest
+_SLOWEST = 0.41  # least speed of the policy's family, in the greatest
+_WIDEST = 0.74  # the greatest that the least speed is in the family
 _ACCELERATION = 0.7  # of what the autopilot's total energy allows in level flight
-_MOST = 0.6  # m/s^2, whatever the energy allows: TECS takes seconds to change the speed
+_MOST_ACCELERATION = (
+    0.6  # m/s^2, whatever the energy allows: TECS takes seconds to change the speed
+)
 _LIMIT = 0.38  # of the accelerations of the policy's family, V^2 / D
 _LEAST_RADIUS = 0.31  # of the turns of the policy's family, D
 _OLD_NAMES = {
@@ -56,51 +59,91 @@ def vehicle_of(parameters: Mapping[str, float], separation: float) -> Vehicle:
     Raises:
         ParameterError: a speed is missing or impossible, or no aircraft follows.
     """
+    stated = _read(parameters)
+    able = _vehicle_limits(stated)
+    decided = _decision_limits(able, separation)
+    try:
+        aircraft = new_aircraft(decided, separation, vehicle=able)
+    except AircraftError as problem:
+        raise ParameterError(f"the autopilot's parameters make no aircraft: {problem}") from None
+    notes = tuple(_notes(stated, able, decided))
+    return Vehicle(aircraft, stated.airspeed_min, stated.airspeed_max, notes)
+
+
+class _Stated(NamedTuple):
+    """What the parameters say of the aircraft, and what is taken where they say nothing."""
+
+    airspeed_min: float  # m/s
+    airspeed_max: float
+    bank: float  # greatest of plans, rad
+    climb: float  # greatest rate, m/s
+    sink: float  # least rate without power, m/s
+    assumed: tuple[str, ...]  # a sentence for each that is unknown
+
+
+def _read(parameters: Mapping[str, float]) -> _Stated:
     slow, fast = (_require(parameters, name) for name in ("AIRSPEED_MIN", "AIRSPEED_MAX"))
     if not 0.0 < slow < fast:
         raise ParameterError(
             f"AIRSPEED_MIN, AIRSPEED_MAX are {slow:g}, {fast:g} m/s; expected 0 < min < max"
         )
-    notes: list[str] = []
-    top = _RESERVE * fast
-    low = max(_STALL * slow, _SLOWEST * top)
-    notes.append(f"plans fly {low:.1f} to {top:.1f} m/s of AIRSPEED_MIN, MAX {slow:g}, {fast:g}")
-    if low > _FASTEST_RATIO * top:
-        notes.append(f"the speeds are closer together than the policy's family has them ({top:g})")
-    given = value_of(parameters, "ROLL_LIMIT_DEG")
-    if given is None:
-        given = 45.0
-        notes.append("ROLL_LIMIT_DEG is unknown and taken as 45 degrees")
-    bank = min(math.radians(given), _MOST_BANK)
-    able = 0.8 * GRAVITY * math.tan(bank) / top
-    climb, sink = (
-        _value_or(parameters, name, usual, notes)
-        for name, usual in (("TECS_CLMB_MAX", 3.0), ("TECS_SINK_MIN", 1.0))
-    )
+    assumed: list[str] = []
+    roll = value_of(parameters, "ROLL_LIMIT_DEG")
+    if roll is None:
+        roll = 45.0
+        assumed.append("ROLL_LIMIT_DEG is unknown and taken as 45 degrees")
+    climb = _value_or(parameters, "TECS_CLMB_MAX", 3.0, assumed)
+    sink = _value_or(parameters, "TECS_SINK_MIN", 1.0, assumed)
+    bank = min(math.radians(roll), _MOST_BANK)
+    return _Stated(slow, fast, bank, climb, sink, tuple(assumed))
+
+
+def _vehicle_limits(stated: _Stated) -> Limits:
+    """Return what the aircraft can do, less the reserves of plans."""
+    top = _RESERVE * stated.airspeed_max
     # TECS trades the specific power of its greatest climb and least sink rate against speed.
-    gain, loss = (_ACCELERATION * rate * GRAVITY / top for rate in (climb, sink))
+    gain, loss = (_ACCELERATION * rate * GRAVITY / top for rate in (stated.climb, stated.sink))
+    return Limits(
+        speed_min=max(_STALL * stated.airspeed_min, _SLOWEST * top),
+        speed_max=top,
+        acceleration_min=-min(loss, _MOST_ACCELERATION),
+        acceleration_max=min(gain, _MOST_ACCELERATION),
+        yaw_rate_max=0.8 * GRAVITY * math.tan(stated.bank) / top,
+    )
+
+
+def _decision_limits(able: Limits, separation: float) -> Limits:
+    """Return what plans decide with: a share of what the aircraft can do, within what the policy's
+    family has for the separation, m.
+    """
+    top = able.speed_max
     unit = top * top / separation
-    vehicle = Limits(low, top, -min(loss, _MOST), min(gain, _MOST), able)
-    decided = Limits(
-        low,
+    return Limits(
+        able.speed_min,
         top,
-        max(-_LIMIT * unit, 0.75 * vehicle.acceleration_min),
-        min(_LIMIT * unit, 0.75 * vehicle.acceleration_max),
-        min(0.75 * able, top / (_LEAST_RADIUS * separation)),
+        max(-_LIMIT * unit, 0.75 * able.acceleration_min),
+        min(_LIMIT * unit, 0.75 * able.acceleration_max),
+        min(0.75 * able.yaw_rate_max, top / (_LEAST_RADIUS * separation)),
     )
-    notes.append(
-        f"turns of {math.degrees(able):.1f} deg/s at most (bank {math.degrees(bank):.0f} degrees at"
-        f" {top:.1f} m/s), plans decide with {math.degrees(decided.yaw_rate_max):.1f}"
+
+
+def _notes(stated: _Stated, able: Limits, decided: Limits) -> Iterator[str]:
+    """Yield what follows from the parameters, a sentence each."""
+    low, top = able.speed_min, able.speed_max
+    given = f"{stated.airspeed_min:g}, {stated.airspeed_max:g}"
+    yield f"plans fly {low:.1f} to {top:.1f} m/s of AIRSPEED_MIN, MAX {given}"
+    if low > _WIDEST * top:
+        yield f"the speeds are closer together than the policy's family has them ({top:g})"
+    yield from stated.assumed
+    bank, turn, decision = map(math.degrees, (stated.bank, able.yaw_rate_max, decided.yaw_rate_max))
+    yield (
+        f"turns of {turn:.1f} deg/s at most (bank {bank:.0f} degrees at {top:.1f} m/s), plans "
+        f"decide with {decision:.1f}"
     )
-    notes.append(
-        f"accelerations {vehicle.acceleration_min:.2f} to {vehicle.acceleration_max:.2f} m/s^2 of "
-        f"TECS_SINK_MIN {sink:g} and TECS_CLMB_MAX {climb:g} m/s"
+    yield (
+        f"accelerations {able.acceleration_min:.2f} to {able.acceleration_max:.2f} m/s^2 of "
+        f"TECS_SINK_MIN {stated.sink:g} and TECS_CLMB_MAX {stated.climb:g} m/s"
     )
-    try:
-        aircraft = new_aircraft(decided, separation, vehicle=vehicle)
-    except AircraftError as problem:
-        raise ParameterError(f"the autopilot's parameters make no aircraft: {problem}") from None
-    return Vehicle(aircraft, slow, fast, tuple(notes))
 
 
 def check_flyable(parameters: Mapping[str, float]) -> None:
@@ -142,9 +185,12 @@ def _require(parameters: Mapping[str, float], name: str) -> float:
     return found
 
 
-def _value_or(parameters: Mapping[str, float], name: str, usual: float, notes: list[str]) -> float:
+def _value_or(
+    parameters: Mapping[str, float], name: str, usual: float, assumed: list[str]
+) -> float:
+    """Return a rate, m/s, or the usual one with a note of that."""
     found = value_of(parameters, name)
     if found is None or found <= 0.0:
-        notes.append(f"{name} is unknown and taken as {usual:g} m/s")
+        assumed.append(f"{name} is unknown and taken as {usual:g} m/s")
         return usual
     return found
