@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.mavlink.link import Link
-from ros_bridge.mavlink.program import Program, Spent, options_of
+from ros_bridge.mavlink.messages import Mode
+from ros_bridge.mavlink.program import Program, Spent, Steered, options_of
 from ros_bridge.mavlink.sitl import HOME, Leg, Sitl
 
 SEPARATION, VERTICAL = 200.0, 50.0
@@ -39,6 +40,7 @@ AVOIDANCES = {
 BEGIN, GOAL = 1_100.0, 6_000.0
 """m east of home: where the clock begins, and where the mission ends by default."""
 
+_AT_GOAL = 60.0  # m before the goal, from which on it is reached
 _BEYOND = 3_000.0  # m, from the goal to the mission's last waypoint
 _WATCHING, _UNGUIDED = 3, 5  # reports of position in a step, where nothing of ours is flown
 _LONGEST = 420.0  # s
@@ -93,7 +95,7 @@ class Result(NamedTuple):
     arrived: float | None  # s; None: not in time
     on_mission: float  # s in AUTO
     path: float  # m
-    steered: tuple[Any, ...]  # what our follower was at and told, each period
+    steered: tuple[Steered, ...]  # what our follower was at and told, each period
     taken_over: int  # how often
     texts: tuple[str, ...]
     planned: tuple[Spent, ...]  # what our plans took from their requests
@@ -157,9 +159,9 @@ def fly(
         if encounter.fence:
             sitl.upload_fence(encounter.fence, keep_in=False)
         sitl.take_off()
-        sitl.rate(33, 1e5)
-        sitl.rate(74, 1e5)
-        sitl.rate(0, 2e5)
+        sitl.rate(33, 1e5)  # GLOBAL_POSITION_INT
+        sitl.rate(74, 1e5)  # VFR_HUD
+        sitl.rate(0, 2e5)  # HEARTBEAT
         program = program_beside(sitl, more) if method == "ours" else None
         try:
             return _fly(encounter, sitl, program, frame, until, watch)
@@ -209,6 +211,49 @@ def advance(sitl: Sitl, positions: int) -> list[Any]:
     return [message for message in found if message is not None]
 
 
+class _Log:
+    """What the simulation has reported of a flight."""
+
+    def __init__(self, encounter: Encounter, frame: LocalFrame) -> None:
+        self.rows: list[Row] = []
+        self.texts: list[str] = []
+        self.arrived: float | None = None  # at the goal, s; None: not yet
+        self._encounter, self._frame = encounter, frame
+        self._began: float | None = None  # on the simulation's clock, s; None: not yet
+        self._airspeed, self._mode = 0.0, -1
+
+    def take(self, message: Any) -> Row | None:
+        """Take in a message, and return the row that it completes; None: none."""
+        kind = message.get_type()
+        if kind == "VFR_HUD":
+            self._airspeed = message.airspeed
+        elif kind == "HEARTBEAT" and message.get_srcComponent() == 1:
+            self._mode = message.custom_mode
+        elif kind == "STATUSTEXT":
+            self.texts.append(message.text)
+        elif kind == "GLOBAL_POSITION_INT":
+            return self._take_position(message)
+        return None
+
+    def over(self, until: float) -> bool:
+        """Return whether the flight has arrived, or lasted longer than ``until``, s."""
+        return bool(self.rows) and (self.rows[-1].time > until or self.arrived is not None)
+
+    def _take_position(self, message: Any) -> Row | None:
+        at = self._frame.place(1e-7 * message.lat, 1e-7 * message.lon)
+        x, y, clock = float(at.x), float(at.y), 1e-3 * message.time_boot_ms
+        if self._began is None and x >= BEGIN:
+            self._began = clock
+        if self._began is None:
+            return None
+        seconds, speed = clock - self._began, 0.01 * math.hypot(message.vx, message.vy)
+        row = Row(seconds, x, y, 1e-3 * message.alt, self._airspeed, speed, self._mode)
+        self.rows.append(row)
+        if self.arrived is None and x >= self._encounter.goal - _AT_GOAL:
+            self.arrived = seconds
+        return row
+
+
 def _fly(
     encounter: Encounter,
     sitl: Sitl,
@@ -217,62 +262,37 @@ def _fly(
     until: float,
     watch: Callable[[Sitl, float, Row], None] | None,
 ) -> Result:
-    rows: list[Row] = []
-    began: float | None = None
+    log = _Log(encounter, frame)
     told, heard = -1.0, time.monotonic()
-    airspeed, mode, texts = 0.0, -1, []
-    arrived = None
-    while True:
+    while not log.over(until):
         sitl.beat()
         if program is not None:
             program.turn(0.0)
         for message in advance(sitl, _positions(program)):
             heard = time.monotonic()
-            kind = message.get_type()
-            if kind == "VFR_HUD":
-                airspeed = message.airspeed
-            elif kind == "HEARTBEAT" and message.get_srcComponent() == 1:
-                mode = message.custom_mode
-            elif kind == "STATUSTEXT":
-                texts.append(message.text)
-            elif kind == "GLOBAL_POSITION_INT":
-                at = frame.place(1e-7 * message.lat, 1e-7 * message.lon)
-                clock = 1e-3 * message.time_boot_ms
-                x, y = float(at.x), float(at.y)
-                if began is None and x >= BEGIN:
-                    began = clock
-                if began is not None:
-                    seconds = clock - began
-                    fast = 0.01 * math.hypot(message.vx, message.vy)
-                    rows.append(Row(seconds, x, y, 1e-3 * message.alt, airspeed, fast, mode))
-                    if arrived is None and x >= encounter.goal - 60.0:
-                        arrived = seconds
-                    if seconds - told >= 1.0:
-                        told = seconds
-                        _traffic(encounter, sitl, seconds)
-                    if watch is not None:
-                        watch(sitl, seconds, rows[-1])
-        if rows and (rows[-1].time > until or arrived is not None):
-            break
+            row = log.take(message)
+            if row is None:
+                continue
+            if row.time - told >= 1.0:
+                told = row.time
+                _traffic(encounter, sitl, row.time)
+            if watch is not None:
+                watch(sitl, row.time, row)
         if time.monotonic() - heard > _STILL:
             raise RuntimeError(f"encounter {encounter.number}: the simulation says nothing")
-    return _judge(encounter, rows, arrived, program, texts)
+    return _judge(encounter, log, program)
 
 
 def _traffic(encounter: Encounter, sitl: Sitl, seconds: float) -> None:
+    """Send where the intruders are."""
     for number, one in enumerate(encounter.intruders):
         x, y, course = place_of(one, seconds, encounter.cruise)
         track = 90.0 - math.degrees(course)
         sitl.traffic(0xA00001 + number, x, y, track, one.speed, _ABOVE)
 
 
-def _judge(
-    encounter: Encounter,
-    rows: Sequence[Row],
-    arrived: float | None,
-    program: Program | None,
-    texts: Sequence[str],
-) -> Result:
+def _judge(encounter: Encounter, log: _Log, program: Program | None) -> Result:
+    rows, fence = log.rows, encounter.fence
     least, lost = math.inf, False
     for row in rows:
         for one in encounter.intruders:
@@ -281,26 +301,19 @@ def _judge(
             if abs(row.above - _ABOVE) < VERTICAL:
                 least = min(least, away)
                 lost = lost or away < SEPARATION
-    fence = encounter.fence
-    breached = bool(fence) and any(_inside(row.x, row.y, fence) for row in rows)
     pairs = list(itertools.pairwise(rows))
-    path = sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in pairs)
-    auto = sum(b.time - a.time for a, b in pairs if a.mode == 10)
-    taken = sum(a.mode != 15 and b.mode == 15 for a, b in pairs)
-    steered = () if program is None else tuple(program.steered)
-    planned = () if program is None else tuple(program.planned)
     return Result(
-        tuple(rows),
-        least,
-        lost,
-        breached,
-        arrived,
-        auto,
-        path,
-        steered,
-        taken,
-        tuple(texts),
-        planned,
+        rows=tuple(rows),
+        separation=least,
+        lost=lost,
+        breached=bool(fence) and any(_inside(row.x, row.y, fence) for row in rows),
+        arrived=log.arrived,
+        on_mission=sum(b.time - a.time for a, b in pairs if a.mode == Mode.AUTO),
+        path=sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in pairs),
+        steered=() if program is None else tuple(program.steered),
+        taken_over=sum(a.mode != Mode.GUIDED and b.mode == Mode.GUIDED for a, b in pairs),
+        texts=tuple(log.texts),
+        planned=() if program is None else tuple(program.planned),
     )
 
 
