@@ -20,7 +20,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
@@ -35,6 +35,7 @@ from envs.perception import carry_back
 from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.assurance import to_fly
 from ros_bridge.core.categories import Categories, separations_of
+from ros_bridge.core.conversions import Route
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.planning import rehearse
 from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown
@@ -56,7 +57,16 @@ from ros_bridge.mavlink.judging import (
 from ros_bridge.mavlink.link import FENCE, MISSION, Link
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.plan_file import geojson, kml
-from ros_bridge.mavlink.steering import PERIOD, Air, Command, command, errors, guide, sense
+from ros_bridge.mavlink.steering import (
+    PERIOD,
+    Air,
+    Command,
+    Follower,
+    command,
+    errors,
+    guide,
+    sense,
+)
 from ros_bridge.mavlink.vehicle import (
     Vehicle,
     check_flyable,
@@ -171,6 +181,62 @@ class View(NamedTuple):
     mission: tuple[Item, ...]
 
 
+@dataclass
+class _Last:
+    """When something was done last, s, on the clock that is named."""
+
+    beat: float = 0.0  # our heartbeat; ours
+    rates: float = 0.0  # the autopilot was asked for its messages; ours
+    fence: float = 0.0  # a download of the fence was begun; the autopilot's, as all below
+    judgement: float = 0.0
+    steering: float = 0.0
+    airspeed: float = 0.0
+    late: float = -math.inf  # it did not keep up
+
+
+class _MissionId(NamedTuple):
+    """What MISSION_CURRENT says of the mission, by which another one is known."""
+
+    size: int
+    number: int
+
+
+_NO_MISSION = _MissionId(0, 0)
+
+
+class _Leg(NamedTuple):
+    """The leg that is flown."""
+
+    item: int  # that it leads to
+    began: tuple[float, float]  # latitude and longitude, degrees
+
+
+class _Followed(NamedTuple):
+    """A plan or backup that is flown."""
+
+    what: ToFly
+    follower: Follower
+
+
+class _Autopilot(NamedTuple):
+    """What an autopilot answers before anything is judged."""
+
+    parameters: dict[str, float]
+    vehicle: Vehicle
+    corners: tuple[Item, ...]  # of its fence
+    mission: tuple[Item, ...]
+
+
+def _question(link: Link, options: argparse.Namespace) -> _Autopilot:
+    """Return an autopilot's answers; InputError: it is not there, or cannot be flown beside."""
+    link.find(options.wait)
+    parameters = link.parameters()
+    if options.fly:
+        check_flyable(parameters)
+    vehicle = vehicle_of(parameters, options.separation)
+    return _Autopilot(parameters, vehicle, link.fence(), link.mission())
+
+
 class Program:
     """The program between messages: what is known, judged and flown.
 
@@ -186,47 +252,46 @@ class Program:
         self.steered: deque[Steered] = deque(maxlen=20_000)
         self.planned: deque[Spent] = deque(maxlen=20_000)
         self.viewers: list[Callable[[View], object]] = []
-        self._told: dict[str, float] = {}
         self._open = ExitStack()
-        self._live: LiveReports | None = None
-        link.find(options.wait)
-        parameters = link.parameters()
-        if self._fly:
-            check_flyable(parameters)
-        self._vehicle = vehicle_of(parameters, options.separation)
-        self._corners = link.fence()
-        fence = _fence(self._corners, options.margin)
-        self._rules = _rules(self._vehicle, options)
-        self._downloads: dict[int, Download] = {}
-        self._fence_asked = 0.0
-        references = {0: "msl", 1: "msl"} if options.traffic_altitude == "msl" else {}
-        self._reading = Reading(references)
-        self._items = link.mission()
-        self._received = Received(Situation(fixed_areas=fence), parameters=parameters)
-        self._judgement = Judgement(self._rules.begin())
-        self._control = Control()
-        self._guide: Any = None
-        self._air = Air()
-        self._flown: ToFly | None = None
-        self._beaten = self._judged = self._steered = self._sped = 0.0
-        self._late_at = -math.inf
-        self._spent = _clocks()
-        self._moved = False  # whether a new place has come
-        self._leg: tuple[int, tuple[float, float]] | None = None
+        self._last = _Last()
+        self._told: dict[str, float] = {}
         self._causes: set[Cause] = set()
         self._remarked: set[str] = set()
-        self._mission = self._downloaded = (0, 0)  # its size and number by MISSION_CURRENT
-        self.log(f"autopilot {link.system}/{link.component}, mission of {len(self._items)} items")
-        self.log(f"fence of {len(fence)} areas")
-        for note in self._vehicle.notes:
-            self.log(note)
-        for note in failsafe_notes(parameters, options.system) if self._fly else ():
-            self.log(f"warning: {note}")
+        self._downloads: dict[int, Download] = {}
+        self._mission_id = self._downloaded = _NO_MISSION
+        self._leg: _Leg | None = None
+        self._followed: _Followed | None = None
+        self._air = Air()
+        self._moved = False  # whether a new place has come
+        self._live: LiveReports | None = None
+
+        found = _question(link, options)
+        fence = _fence(found.corners, options.margin)
+        self._vehicle, self._corners, self._items = found.vehicle, found.corners, found.mission
+        self._rules = _rules(self._vehicle, options)
+        above_sea = options.traffic_altitude == "msl"
+        self._reading = Reading({0: "msl", 1: "msl"} if above_sea else {})
+        self._received = Received(Situation(fixed_areas=fence), parameters=found.parameters)
+        self._judgement = Judgement(self._rules.begin())
+        self._control = Control()
+        self._spent = _clocks()
+        self._introduce(found, len(fence))
         rehearse(self._rules.policy, self._rules.settings.options)
         if options.adsb:
-            self._live = self._listen(options.adsb, options.own or own_address(parameters))
+            self._live = self._listen(options.adsb, options.own or own_address(found.parameters))
         link.ask_rates()
-        self._rated = time.monotonic()
+        self._last.rates = time.monotonic()
+
+    def _introduce(self, found: _Autopilot, areas: int) -> None:
+        """Log what the autopilot has answered, and what follows from it."""
+        link = self._link
+        self.log(f"autopilot {link.system}/{link.component}, mission of {len(self._items)} items")
+        self.log(f"fence of {areas} areas")
+        for note in found.vehicle.notes:
+            self.log(note)
+        if self._fly:
+            for note in failsafe_notes(found.parameters, self._options.system):
+                self.log(f"warning: {note}")
 
     def show(self) -> None:
         """Serve the display, and write the recording, that the options ask for, until the program
@@ -295,26 +360,26 @@ class Program:
     def turn(self, seconds: float = 0.02) -> None:
         """Receive for so long, and do what is due."""
         ours = time.monotonic()
-        if ours - self._beaten >= (0.05 if self._options.simulated else _BEAT):
-            self._beaten = ours
+        if ours - self._last.beat >= (0.05 if self._options.simulated else _BEAT):
+            self._last.beat = ours
             self._link.beat()
         for message, now in self._link.receive(ours + seconds):
             self._take(message, now)
         if self._live is not None:
             self._take_live(self._live)
         now = self._link.clock.now(time.monotonic())
-        if ours - self._rated > _RATES_AGAIN:
-            self._rated = ours
+        if ours - self._last.rates > _RATES_AGAIN:
+            self._last.rates = ours
             if self._received.situation.own.age(now) > STALE:
                 self._link.ask_rates()  # it was lost, or the autopilot has begun anew
         self._ask(now / SECOND)
-        since = now / SECOND - self._judged
+        since = now / SECOND - self._last.judgement
         if now and not 0.0 <= since < _JUDGE:
-            if self._judged:
+            if self._last.judgement:
                 self._keep_pace(since, now)
-            self._judged = now / SECOND
+            self._last.judgement = now / SECOND
             self._judge(now)
-        elif self._moved and not 0.0 <= now / SECOND - self._steered < 0.9 * PERIOD:
+        elif self._moved and not 0.0 <= now / SECOND - self._last.steering < 0.9 * PERIOD:
             self._control_step(now)
         self._moved = False
 
@@ -325,7 +390,8 @@ class Program:
         if kind == "PARAM_VALUE" and message.param_id == "AVD_ENABLE" and message.param_value:
             self._refuse("AVD_ENABLE was set: the autopilot's own avoidance is on")
         if kind == "MISSION_CURRENT":
-            self._mission = int(message.total), int(getattr(message, "mission_id", 0))
+            number = int(getattr(message, "mission_id", 0))
+            self._mission_id = _MissionId(int(message.total), number)
         if kind == "HEARTBEAT" and before.heartbeat != self._received.heartbeat:
             assert self._received.heartbeat is not None
             self.log(f"mode {self._received.heartbeat.mode_name}", now)
@@ -358,7 +424,7 @@ class Program:
         before, self._spent = self._spent, _clocks()
         if since <= LATE:
             return
-        self._late_at = now / SECOND
+        self._last.late = now / SECOND
         text = f"late by {since:.1f} s, separation not assured"
         wall, computed = self._spent.wall - before.wall, self._spent.computed - before.computed
         more = f"{computed:.2f} s of processor time in {wall:.2f} s"
@@ -372,11 +438,11 @@ class Program:
         if problem:
             self._tell("adsb", problem, now, send=True, again=_REPORT)
         phase = self._control.phase
-        if self._mission != self._downloaded and not self._control.flies:
+        if self._mission_id != self._downloaded and not self._control.flies:
             # MISSION_CURRENT says that it is another one.
-            if self._downloaded != (0, 0):
+            if self._downloaded != _NO_MISSION:
                 self._downloads[MISSION] = Download(MISSION)
-            self._downloaded = self._mission
+            self._downloaded = self._mission_id
         try:
             route = self._route()
         except FieldError as error:
@@ -405,8 +471,8 @@ class Program:
 
     def _ask(self, now: float) -> None:
         """Ask for what is missing of a download, and for the fence every now and then."""
-        if not 0.0 <= now - self._fence_asked < FENCE_AGAIN and now:
-            self._fence_asked = now
+        if not 0.0 <= now - self._last.fence < FENCE_AGAIN and now:
+            self._last.fence = now
             self._downloads.setdefault(FENCE, Download(FENCE))
         for kind, download in self._downloads.items():
             if due(download, now):
@@ -445,18 +511,18 @@ class Program:
     def _mode(self) -> int:
         return -1 if self._received.heartbeat is None else self._received.heartbeat.mode
 
-    def _route(self) -> Any:
+    def _route(self) -> Route:
         """Return the mission from the current item on, its first leg from where it began."""
         current = self._received.current
         own = self._received.situation.own.last
         left = mission.remaining_items(self._items, current)
         if not left or own is None:
             raise FieldError("mission", f"is at item {current}, where no waypoint is flown to")
-        if self._leg is None or self._leg[0] != current:
+        if self._leg is None or self._leg.item != current:
             came_from = mission.before(self._items, current)
-            self._leg = current, own.place if came_from is None else came_from.place
+            self._leg = _Leg(current, own.place if came_from is None else came_from.place)
         spacing = SPACING * self._vehicle.aircraft.separation
-        return mission.route(self._leg[1], left, spacing)
+        return mission.route(self._leg.began, left, spacing)
 
     def _tell_time(self, began: Spent, now: int) -> None:
         """Log what it took from the request, at a time, to the plan."""
@@ -549,18 +615,18 @@ class Program:
         on_plan = to_fly(judged.supervision) is FlyMode.PLAN
         watching = self._control.phase is Phase.WATCHING
         return Seen(
-            now / SECOND,
-            self._mode,
-            received.heartbeat is not None and received.heartbeat.armed,
-            fresh,
-            judged.conflict is not None and judged.conflict.time <= self._rules.engage,
-            self._safe(now) if watching else to_follow(judged) is not None,
-            on_plan and rejoin is not None and now >= rejoin.time,
+            time=now / SECOND,
+            mode=self._mode,
+            armed=received.heartbeat is not None and received.heartbeat.armed,
+            fresh=fresh,
+            conflict=judged.conflict is not None and judged.conflict.time <= self._rules.engage,
+            flyable=self._safe(now) if watching else to_follow(judged) is not None,
+            rejoined=on_plan and rejoin is not None and now >= rejoin.time,
         )
 
     def _safe(self, now: int) -> bool:
         """Return whether there is a plan that may be called safe."""
-        return self._judgement.safe and now / SECOND - self._late_at > RECOVERED
+        return self._judgement.safe and now / SECOND - self._last.late > RECOVERED
 
     def _obey(self, order: Order, now: int, before: Control) -> None:
         if order is Order.TAKE_OVER:
@@ -584,29 +650,33 @@ class Program:
         self._link.reposition(messages.target(point.latitude, point.longitude, own.altitude))
 
     def _steer(self, now: int) -> None:
-        followed = to_follow(self._judgement)
-        report = self._received.situation.own.last
-        if followed is None or report is None:
+        """Command roll and airspeed of what is to be flown."""
+        wanted, report = to_follow(self._judgement), self._received.situation.own.last
+        if wanted is None or report is None:
             return
-        if self._flown is None or self._flown.key != followed.key:
-            self._flown = followed
-            self._guide = guide(followed.own, followed.waypoints, followed.wind)
-            self.log(f"flying {followed.key[0]} {followed.key[1]}", now)
-        state = to_local(followed.frame, report)
-        late = (now - report.time) / SECOND
-        state = carry_back(state, -late, FLOATS)
-        clock = (now - followed.began) / SECOND
+        follower = self._follow(wanted, now)
+        age = (now - report.time) / SECOND
+        state = carry_back(to_local(wanted.frame, report), -age, FLOATS)
+        clock = (now - wanted.began) / SECOND
         speeds = self._vehicle.airspeed_min, self._vehicle.airspeed_max
         airspeed = self._received.airspeed
         self._air = sense(self._air, state, report.wind, airspeed)
-        told = command(self._guide, state, clock, self._air, speeds, _BANK_MAX)
-        self._steered = seconds = now / SECOND
-        off = errors(self._guide, state, clock)
+        told = command(follower, state, clock, self._air, speeds, _BANK_MAX)
+        self._last.steering = seconds = now / SECOND
+        off = errors(follower, state, clock)
         self.steered.append(Steered(seconds, *off, state.speed, airspeed or math.nan, told))
-        speed = not 0.0 <= seconds - self._sped < _SPEED
-        if speed:
-            self._sped = seconds
-        self._link.steer(told, now // 1_000_000, speed=speed)
+        with_speed = not 0.0 <= seconds - self._last.airspeed < _SPEED
+        if with_speed:
+            self._last.airspeed = seconds
+        self._link.steer(told, now // 1_000_000, speed=with_speed)
+
+    def _follow(self, wanted: ToFly, now: int) -> Follower:
+        """Return the follower of what is to be flown, a new one where that is another."""
+        if self._followed is None or self._followed.what.key != wanted.key:
+            follower = guide(wanted.own, wanted.waypoints, wanted.wind)
+            self._followed = _Followed(wanted, follower)
+            self.log(f"flying {wanted.key[0]} {wanted.key[1]}", now)
+        return self._followed.follower
 
     # Texts.
 
@@ -618,7 +688,7 @@ class Program:
         if 0.0 <= seconds - self._told.get(kind, -math.inf) < again:
             return False
         self._told[kind] = seconds
-        self.log(f"{text}{' (' * bool(more)}{more}{')' * bool(more)}", now)
+        self.log(f"{text} ({more})" if more else text, now)
         if send:
             self._link.say(f"RLCAS: {text}")
         return True
