@@ -40,6 +40,17 @@ class Leg(NamedTuple):
     parameter: float = 0.0
 
 
+class _Item(NamedTuple):
+    """An item of a mission or a fence, as it is uploaded."""
+
+    frame: int  # MAV_FRAME
+    command: int  # MAV_CMD
+    parameter: float  # the first
+    latitude: float  # degrees
+    longitude: float
+    above: float  # m, above what the frame says
+
+
 def folder() -> Path:
     """Return the folder of the program, or raise :class:`SitlError`."""
     named = os.environ.get("RLCAS_SITL", "")
@@ -214,20 +225,21 @@ class Sitl:
 
     def upload(self, legs: Sequence[Leg]) -> None:
         """Upload a mission; item 0 is home."""
-        items: list[tuple[Any, ...]] = [(0, 16, 0.0, *HOME[:2], HOME[2])]
+        items = [_Item(0, 16, 0.0, *HOME)]
         items += [
-            (_RELATIVE, one.command, one.parameter, *place(one.east, one.north), one.above)
+            _Item(_RELATIVE, one.command, one.parameter, *place(one.east, one.north), one.above)
             for one in legs
         ]
         self._upload(items, 0)
 
     def upload_fence(self, polygon: Sequence[tuple[float, float]], *, keep_in: bool) -> None:
         """Upload a fence of one polygon, m east and north of home."""
-        command = 5001 if keep_in else 5002
-        corners = [place(*corner) for corner in polygon]
-        self._upload([(0, command, float(len(corners)), *corner, 0.0) for corner in corners], 1)
+        command, corners = 5001 if keep_in else 5002, float(len(polygon))
+        items = [_Item(0, command, corners, *place(*corner), 0.0) for corner in polygon]
+        self._upload(items, 1)
 
-    def _upload(self, items: Sequence[tuple[Any, ...]], kind: int) -> None:
+    def _upload(self, items: Sequence[_Item], kind: int) -> None:
+        """Answer the autopilot's questions for items of a MAV_MISSION_TYPE until it has all."""
         mav = self.station.mav
         mav.mission_count_send(1, 1, len(items), kind)
         until = time.monotonic() + _BEGINS
@@ -238,39 +250,38 @@ class Sitl:
                 blocking=True,
                 timeout=1.0,
             )
-            if asked is None:
-                mav.mission_count_send(1, 1, len(items), kind)
+            if asked is not None and asked.get_type() != "MISSION_ACK":
+                self._send_item(items[asked.seq], asked.seq, kind)
                 continue
-            if asked.get_type() == "MISSION_ACK":
-                if asked.type == 0:
-                    return
+            if asked is not None and asked.type == 0:
+                return
+            if asked is not None:
                 # Right after its start there is no room for one yet. What is still on its way
                 # belongs to the transfer that failed; an answer to it would end the next one, too.
                 time.sleep(0.5)
                 while self.station.recv_match(blocking=False) is not None:
                     pass
-                mav.mission_count_send(1, 1, len(items), kind)
-                continue
-            row: Any = items[asked.seq]
-            frame, command, first, latitude, longitude, above = row
-            mav.mission_item_int_send(
-                target_system=1,
-                target_component=1,
-                seq=asked.seq,
-                frame=frame,
-                command=command,
-                current=0,
-                autocontinue=1,
-                param1=first,
-                param2=0.0,
-                param3=0.0,
-                param4=0.0,
-                x=round(1e7 * latitude),
-                y=round(1e7 * longitude),
-                z=above,
-                mission_type=kind,
-            )
+            mav.mission_count_send(1, 1, len(items), kind)
         raise SitlError("the mission was not taken")
+
+    def _send_item(self, item: _Item, number: int, kind: int) -> None:
+        self.station.mav.mission_item_int_send(
+            target_system=1,
+            target_component=1,
+            seq=number,
+            frame=item.frame,
+            command=item.command,
+            current=0,
+            autocontinue=1,
+            param1=item.parameter,
+            param2=0.0,
+            param3=0.0,
+            param4=0.0,
+            x=round(1e7 * item.latitude),
+            y=round(1e7 * item.longitude),
+            z=item.above,
+            mission_type=kind,
+        )
 
     def take_off(self) -> None:
         """Arm, fly the mission in AUTO, and wait until it has left its first item behind."""
