@@ -2,7 +2,6 @@
 """A display on the ROS graph: it subscribes to what runner and monitor hear and publish."""
 
 import threading
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -62,7 +61,7 @@ class Listening:
         """Begin to listen."""
         for topic in topics.EVERY:
             if topic is not topics.CLOCK and topic.name in INPUTS:
-                topic.subscribe(self._node, self._into(topic.name))
+                topic.subscribe(self._node, partial(self._hear, topic.name))
         self._thread.start()
         return self
 
@@ -73,13 +72,11 @@ class Listening:
         self._node.destroy_node()
         rclpy.try_shutdown()
 
-    def _into(self, name: str) -> Callable[[Any], None]:
-        def heard(message: Any) -> None:
-            now = self._now()
-            if now > 0:  # simulated time has begun
-                self.board.feed(partial(take, name=name, message=message, now=now))
-
-        return heard
+    def _hear(self, name: str, message: Any) -> None:
+        """Feed a message of a topic, once simulated time has begun."""
+        now = self._now()
+        if now > 0:
+            self.board.feed(partial(take, name=name, message=message, now=now))
 
     def _spin(self) -> None:
         # It waits for events instead of building a set of what to wait for at every message.

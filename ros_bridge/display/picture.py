@@ -8,12 +8,13 @@ the turn that their reports show. Every picture is whole: one that is lost chang
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.assurance.state import FlyMode
-from envs.areas import Area, AreaError, Circle, Keep
+from envs.areas import Area, AreaError, Circle, Keep, Level
+from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
@@ -24,7 +25,7 @@ from ros_bridge.core.reach import level
 from ros_bridge.core.replies import wind_of
 from ros_bridge.core.reports import Report
 from ros_bridge.core.tracks import Track
-from ros_bridge.display.scene import Guidance, HeldAreas, Monitor, Scene
+from ros_bridge.display.scene import Guidance, Health, HeldAreas, Monitor, Scene
 
 VERSION = 1
 """Of the document; it changes where a field changes its meaning or goes."""
@@ -71,49 +72,25 @@ def picture(scene: Scene, now: int, centre: tuple[float, float] | None = None) -
             unknown; None: the first aircraft.
     """
     scene = scene.at(now)
-    situation, own = scene.situation, scene.situation.own.last
     frame = _frame(scene, centre)
     if frame is None:
         return _empty(scene, now)
-    names = sorted(name for name, track in situation.traffic.items() if track.last is not None)
-    tracks = [situation.traffic[name] for name in names]
-    if own is not None:
-        tracks.append(situation.own)
-    planes = _planes(tracks, frame, now)
-    own_plane = planes.pop() if own is not None else None
-    undulation = None if situation.origin.value is None else situation.origin.value.undulation
     levels = _levels(scene, now)
-    for name, plane, track in zip(names, planes, tracks, strict=False):
-        report = _last(track)
-        plane["level"], plane["loss"] = levels.get(name, (0, None))
-        plane["relative_altitude"] = _relative(own, report, now, undulation)
-    if own is not None and own_plane is not None:
-        own_plane["state"] = _state(situation.own, now, math.inf, OWN_STALE)
-        own_plane["air"] = _through_air(own)
-    document = _empty(scene, now)
-    document.update(
-        origin=[frame.latitude, frame.longitude],
-        own=own_plane,
-        traffic=planes,
-        wind=None if own is None or own.wind is None else _round(own.wind),
-        plan=_trajectory(scene.plan, frame, now),
-        backup=_trajectory(_flown_backup(scene), frame, now),
-        unresolved=_trajectory(scene.unresolved, frame, now),
-        route=_route(situation.route.value, frame),
-        areas=_areas(scene, frame, now),
-        bands=_bands(scene.guidance, now),
-        alerts=[
-            {"id": name, "of": kind, "level": found, "loss": loss}
-            for kind, name, (found, loss) in sorted(
-                (
-                    *(("intruder", *one) for one in levels.items()),
-                    *(("area", *one) for one in _area_levels(scene, now).items()),
-                ),
-                key=lambda one: -one[2][0],
-            )
-            if found > 0
-        ],
-    )
+    own, traffic = _aircraft(scene, frame, levels, now)
+    report = scene.situation.own.last
+    document = _empty(scene, now) | {
+        "origin": [frame.latitude, frame.longitude],
+        "own": own,
+        "traffic": traffic,
+        "wind": None if report is None or report.wind is None else _round(report.wind),
+        "plan": _trajectory(scene.plan, frame, now),
+        "backup": _trajectory(_backup_to_fly(scene), frame, now),
+        "unresolved": _trajectory(scene.unresolved, frame, now),
+        "route": _route(scene.situation.route.value, frame),
+        "areas": _areas(scene.areas, frame, now),
+        "bands": _bands(scene.guidance, now),
+        "alerts": _alerts(levels, _area_levels(scene, now)),
+    }
     document["advice"] = advice(document)
     return document
 
@@ -168,49 +145,106 @@ def _last(track: Track) -> Report:
     return report
 
 
+class _Alert(NamedTuple):
+    """Of an intruder or an area."""
+
+    level: int
+    loss: float | None  # until the separation is lost, s; None: it is not
+
+
+_NO_ALERT = _Alert(0, None)
+
+
+def _aircraft(
+    scene: Scene, frame: LocalFrame, levels: Mapping[str, _Alert], now: int
+) -> tuple[Document | None, list[Document]]:
+    """Return the ownship, None where it is unknown, and the traffic, sorted by name."""
+    own, origin = scene.situation.own, scene.situation.origin.value
+    traffic = {
+        name: track
+        for name, track in sorted(scene.situation.traffic.items())
+        if track.last is not None
+    }
+    tracks = list(traffic.values())
+    planes = _planes(tracks if own.last is None else [*tracks, own], frame, now)
+    own_plane = None
+    if own.last is not None:
+        own_plane = planes.pop()
+        own_plane["state"] = _state(own, now, math.inf, OWN_STALE)
+        own_plane["air"] = _through_air(own.last)
+    undulation = None if origin is None else origin.undulation
+    for (name, track), plane in zip(traffic.items(), planes, strict=True):
+        plane["level"], plane["loss"] = levels.get(name, _NO_ALERT)
+        plane["relative_altitude"] = _relative(own.last, _last(track), now, undulation)
+    return own_plane, planes
+
+
+class _Motion(NamedTuple):
+    """Aircraft on the map now; fields ``[K]``."""
+
+    x: Array  # m
+    y: Array
+    vx: Array  # m/s
+    vy: Array
+    track_deg: Array  # true
+    age: Array  # of the reports, s
+
+
 def _planes(tracks: Sequence[Track], frame: LocalFrame, now: int) -> list[Document]:
     """Return the aircraft at a time, ns; each has a report."""
     if not tracks:
         return []
+    motion = _carry_on(tracks, frame, now)
+    return [_plane(track, motion, number, now) for number, track in enumerate(tracks)]
+
+
+def _carry_on(tracks: Sequence[Track], frame: LocalFrame, now: int) -> _Motion:
+    """Return where aircraft are at a time, ns: on a turn from the report on, for some seconds, and
+    straight on after it.
+    """
     reports = [_last(track) for track in tracks]
     here = frame.place([one.latitude for one in reports], [one.longitude for one in reports])
-    east, north = (np.array([getattr(one, axis) for one in reports]) for axis in ("east", "north"))
+    east = np.array([one.east for one in reports])
+    north = np.array([one.north for one in reports])
     along, across = here.velocity(east, north)
     age = np.array([(now - one.time) / SECOND for one in reports])
-    # A turn from the report on, for some seconds, and straight on after it.
-    turn = np.array([track.turn_rate for track in tracks])
     turning = np.clip(age, 0.0, _TURN)
-    angle = turn * turning
-    mean = 0.5 * angle
-    chord = np.sinc(mean / np.pi) * turning
-    later = age - turning
-    x = here.x + chord * _rotate(along, across, mean)[0]
-    y = here.y + chord * _rotate(along, across, mean)[1]
+    angle = np.array([track.turn_rate for track in tracks]) * turning
+    # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
+    chord = np.sinc(0.5 * angle / np.pi) * turning
+    cx, cy = _rotate(along, across, 0.5 * angle)
     vx, vy = _rotate(along, across, angle)
-    x, y = x + later * vx, y + later * vy
-    track_deg = np.degrees(np.arctan2(vx, vy) + here.convergence) % 360.0
-    found = []
-    for n, (track, report) in enumerate(zip(tracks, reports, strict=True)):
-        height = report.altitude
-        found.append(
-            {
-                "id": report.identifier,
-                "x": round(float(x[n]), 1),
-                "y": round(float(y[n]), 1),
-                "vx": round(float(vx[n]), 2),
-                "vy": round(float(vy[n]), 2),
-                "track_deg": round(float(track_deg[n]), 1),
-                "speed": round(report.speed, 1),
-                "turn_deg": round(math.degrees(track.turn_rate), 2) if age[n] < _TURN else 0.0,
-                "altitude": None if height is None else round(height.value, 1),
-                "reference": None if height is None else height.reference,
-                "climb": _tenths(None if height is None else height.vertical_speed),
-                "age": round(float(age[n]), 3),
-                "state": _state(track, now, COASTING, STALE),
-                "fault": "" if track.fault is None else track.fault.message,
-            }
-        )
-    return found
+    straight = age - turning
+    return _Motion(
+        x=here.x + chord * cx + straight * vx,
+        y=here.y + chord * cy + straight * vy,
+        vx=vx,
+        vy=vy,
+        track_deg=np.degrees(np.arctan2(vx, vy) + here.convergence) % 360.0,
+        age=age,
+    )
+
+
+def _plane(track: Track, motion: _Motion, number: int, now: int) -> Document:
+    """Return an aircraft whose motion has a number."""
+    report, age = _last(track), float(motion.age[number])
+    height = report.altitude
+    return {
+        "id": report.identifier,
+        "x": round(float(motion.x[number]), 1),
+        "y": round(float(motion.y[number]), 1),
+        "vx": round(float(motion.vx[number]), 2),
+        "vy": round(float(motion.vy[number]), 2),
+        "track_deg": round(float(motion.track_deg[number]), 1),
+        "speed": round(report.speed, 1),
+        "turn_deg": round(math.degrees(track.turn_rate), 2) if age < _TURN else 0.0,
+        "altitude": None if height is None else round(height.value, 1),
+        "reference": None if height is None else height.reference,
+        "climb": _tenths(None if height is None else height.vertical_speed),
+        "age": round(age, 3),
+        "state": _state(track, now, COASTING, STALE),
+        "fault": "" if track.fault is None else track.fault.message,
+    }
 
 
 def _through_air(own: Report) -> Document:
@@ -237,7 +271,9 @@ def _state(track: Track, now: int, coasting: float, stale: float) -> str:
     return "coasting" if age > coasting else "fresh"
 
 
-def _relative(own: Report | None, other: Report, now: int, undulation: float | None) -> Any:
+def _relative(
+    own: Report | None, other: Report, now: int, undulation: float | None
+) -> float | None:
     """Return by how much an aircraft is above the ownship, m; None: not comparable."""
     if own is None:
         return None
@@ -249,36 +285,45 @@ def _relative(own: Report | None, other: Report, now: int, undulation: float | N
     return round(theirs.value - mine.value, 1)
 
 
-def _levels(scene: Scene, now: int) -> dict[str, tuple[int, float | None]]:
-    """Return alert levels and times to loss, s, by intruder: the monitor's bands and alerts of
-    other functions.
-    """
+def _levels(scene: Scene, now: int) -> dict[str, _Alert]:
+    """Return the alerts of intruders: of the monitor's bands and of other functions."""
     held = scene.guidance
     found = {} if held is None else _left(held.levels, held, now)
     alert = scene.situation.alert.value
     if alert is not None and (now - alert.time) / SECOND <= _ALERT:
         for name in alert.identifiers:
-            before, loss = found.get(name, (0, None))
-            found[name] = max(before, alert.level), loss
+            before = found.get(name, _NO_ALERT)
+            found[name] = before._replace(level=max(before.level, alert.level))
     return found
 
 
-def _area_levels(scene: Scene, now: int) -> dict[str, tuple[int, float | None]]:
-    """Return alert levels and times to loss, s, by area, of the monitor's bands."""
+def _area_levels(scene: Scene, now: int) -> dict[str, _Alert]:
+    """Return the alerts of areas, of the monitor's bands."""
     return {} if scene.guidance is None else _left(scene.guidance.areas, scene.guidance, now)
 
 
 def _left(
     levels: Mapping[str, tuple[int, float]], guidance: Guidance, now: int
-) -> dict[str, tuple[int, float | None]]:
-    """Return levels with the times to loss that are left, s; None: none. Old ones count no more."""
+) -> dict[str, _Alert]:
+    """Return alerts with the times to loss that are left. Old ones count no more."""
     since = (now - guidance.time) / SECOND
     if since > STALE:
         return {}
     return {
-        name: (value, None if loss < 0.0 else round(max(loss - since, 0.0), 1))
+        name: _Alert(value, None if loss < 0.0 else round(max(loss - since, 0.0), 1))
         for name, (value, loss) in levels.items()
     }
+
+
+def _alerts(intruders: Mapping[str, _Alert], areas: Mapping[str, _Alert]) -> list[Document]:
+    """Return alerts, the highest level first, and of a level intruders first."""
+    found = [
+        {"id": name, "of": kind, "level": alert.level, "loss": alert.loss}
+        for kind, alerts in (("intruder", intruders), ("area", areas))
+        for name, alert in alerts.items()
+        if alert.level > 0
+    ]
+    return sorted(found, key=lambda one: -one["level"])
 
 
 def _bands(guidance: Guidance | None, now: int) -> Document | None:
@@ -307,7 +352,7 @@ def _bands(guidance: Guidance | None, now: int) -> Document | None:
     }
 
 
-def _flown_backup(scene: Scene) -> Published | None:
+def _backup_to_fly(scene: Scene) -> Published | None:
     """Return the backup while it is what is to be flown."""
     flown = scene.monitor is not None and scene.monitor.status.fly is FlyMode.BACKUP
     return scene.backup if flown else None
@@ -380,38 +425,41 @@ def _route(route: Route | None, frame: LocalFrame) -> list[list[float]]:
     return [_round(one) for one in zip(here.x.tolist(), here.y.tolist(), strict=True)]
 
 
-def _areas(scene: Scene, frame: LocalFrame, now: int) -> list[Document]:
-    held = scene.areas
+def _areas(held: HeldAreas | None, frame: LocalFrame, now: int) -> list[Document]:
     if held is None:
         return []
-    later, documents = (now - held.report.time) / SECOND, []
-    for area in _place(held, frame):
-        # Only its place moves here: checking its shape anew at every picture would take too long.
-        x, y = (later * speed for speed in area.velocity)
-        shape: Document
-        if isinstance(area.shape, Circle):
-            circle = area.shape
-            radius = max(circle.radius + later * area.growth, 0.0)
-            shape = {"circle": _round((circle.x + x, circle.y + y, radius))}
-        else:
-            rings = area.shape.rings
-            shape = {"rings": [[_round((px + x, py + y)) for px, py in ring] for ring in rings]}
-        heights = {
-            side: None if limit is None else [round(limit.value, 1), limit.reference]
-            for side, limit in (("floor", area.floor), ("ceiling", area.ceiling))
-        }
-        documents.append(
-            {
-                "name": area.name,
-                "keep": "in" if area.keep is Keep.IN else "out",
-                "valid": area.valid_from <= later <= area.valid_until,
-                "clearance": round(area.clearance, 1),
-                "growth": round(area.growth, 1),
-                **shape,
-                **heights,
-            }
-        )
-    return documents
+    later = (now - held.report.time) / SECOND
+    return [_area(area, later) for area in _place(held, frame)]
+
+
+def _area(area: Area, later: float) -> Document:
+    """Return an area some seconds later. Only its place and size change here: checking its shape
+    anew at every picture would take too long.
+    """
+    x, y = (later * speed for speed in area.velocity)
+    shape: Document
+    if isinstance(area.shape, Circle):
+        circle = area.shape
+        radius = max(circle.radius + later * area.growth, 0.0)
+        shape = {"circle": _round((circle.x + x, circle.y + y, radius))}
+    else:
+        rings = area.shape.rings
+        shape = {"rings": [[_round((px + x, py + y)) for px, py in ring] for ring in rings]}
+    return {
+        "name": area.name,
+        "keep": "in" if area.keep is Keep.IN else "out",
+        "valid": area.valid_from <= later <= area.valid_until,
+        "clearance": round(area.clearance, 1),
+        "growth": round(area.growth, 1),
+        **shape,
+        "floor": _limit(area.floor),
+        "ceiling": _limit(area.ceiling),
+    }
+
+
+def _limit(level: Level | None) -> list[Any] | None:
+    """Return a height, m, and what it is above."""
+    return None if level is None else [round(level.value, 1), level.reference]
 
 
 @lru_cache(maxsize=2)
@@ -506,31 +554,39 @@ def _turn(track: float, other: float) -> str:
 
 def _health(scene: Scene, now: int) -> Iterator[Document]:
     """Yield the inputs that were ever heard, or must be, and the nodes."""
-
-    def line(name: str, level: int, text: str, heard: int | None) -> Document:
-        age = None if heard is None else round((now - heard) / SECOND, 1)
-        return {"name": name, "level": level, "text": text, "age": age}
-
-    own = scene.situation.own
     for short, called in _NAMES.items():
         heard, problem = scene.arrived.get(short), scene.problems.get(short)
         if problem is not None:
-            yield line(called, problem.level, problem.text, problem.time)
-            continue
-        if short == "ownship":
-            state = "never" if own.last is None else _state(own, now, math.inf, OWN_STALE)
-            text = {"never": "not heard yet", "stale": "silent", "fresh": ""}.get(state)
-            fault = "" if own.fault is None else own.fault.message
-            yield line(called, 0 if text == "" else 2, fault if text is None else text, heard)
+            yield _health_line(called, problem, problem.time, now)
+        elif short == "ownship":
+            yield _health_line(called, _own_health(scene.situation.own, now), heard, now)
         elif heard is not None:
             late = (now - heard) / SECOND > _LATE.get(short, math.inf)
-            yield line(called, 3 if late else 0, "silent" if late else "", heard)
+            yield _health_line(called, _SILENT if late else _OK, heard, now)
     for name, problem in sorted(scene.problems.items()):
         if name not in _NAMES:
-            yield line(name, problem.level, problem.text, problem.time)
-    for name, said in sorted(scene.nodes.items()):
-        late = (now - said.time) / SECOND > _LATE["diagnostics"]
-        yield line(name, 3 if late else said.level, "silent" if late else said.text, said.time)
+            yield _health_line(name, problem, problem.time, now)
+    for name, state in sorted(scene.nodes.items()):
+        late = (now - state.time) / SECOND > _LATE["diagnostics"]
+        yield _health_line(name, _SILENT if late else state, state.time, now)
+
+
+_OK = Health(0, 0, "")
+_SILENT = Health(0, 3, "silent")
+
+
+def _own_health(own: Track, now: int) -> Health:
+    if own.last is None:
+        return Health(now, 2, "not heard yet")
+    if own.fault is not None:
+        return Health(now, 2, own.fault.message)
+    return Health(now, 2, "silent") if own.age(now) > OWN_STALE else _OK
+
+
+def _health_line(name: str, health: Health, heard: int | None, now: int) -> Document:
+    """Return a line about what was heard at a time, ns; None: never."""
+    age = None if heard is None else round((now - heard) / SECOND, 1)
+    return {"name": name, "level": health.level, "text": health.text, "age": age}
 
 
 def _tenths(value: float | None) -> float | None:
