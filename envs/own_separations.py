@@ -2,7 +2,7 @@
 need different ones.
 
 It is named ``envs.own_separations:separations``, as one of the user's own (:mod:`envs.scenarios`),
-in trainings and by ``eval.monte_carlo`` in mode policy.
+in trainings and by ``eval.monte_carlo``.
 """
 
 import math

@@ -3,6 +3,7 @@ it is drawn.
 """
 
 import math
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -19,16 +20,28 @@ from envs.encounters import (
 from envs.reaction import GIVES_WAY, TURNS_INTO
 from envs.trees import map_leaves
 
+_OPTIONAL = {
+    "separation": "intruders with separations of their own; expected a training, or "
+    "eval.monte_carlo",
+    "coverage": "intruders that are not always reported; expected a training, or "
+    "eval.monte_carlo in mode policy",
+    "reaction": "intruders that answer the ownship; expected a training, or eval.monte_carlo in "
+    "mode policy",
+}
+"""What an encounter has by its optional fields, and who heeds them."""
+
+EVERY_FIELD = tuple(_OPTIONAL)
+"""The optional fields of an encounter."""
+
 
 def encounters_of_seed(
-    scenario: Scenario, seed: int, first: int, count: int, *, whole: bool = False
+    scenario: Scenario, seed: int, first: int, count: int, *, heeds: Collection[str] = ()
 ) -> Encounter:
     """Return the encounters ``first .. first + count - 1`` of a seed, float64 fields ``[count]``
     and ``[count, K]``.
 
     Args:
-        whole: whether the caller heeds the encounters' optional fields: separations of intruders'
-            own, the reports' coverage, and intruders that answer the ownship.
+        heeds: the optional fields of an encounter that the caller heeds, of :data:`EVERY_FIELD`.
 
     Raises:
         EncounterError: seed or number are out of range, the scenario's conditions are never met, or
@@ -48,27 +61,20 @@ def encounters_of_seed(
             f"encounter {number} of seed {seed} {unmet}; allow more, or other conditions"
         )
     check_sampled(scenario, encounter)
-    if not whole:
-        check_plain(encounter, f"scenario {scenario.name!r}")
+    check_heeded(encounter, f"scenario {scenario.name!r}", heeds)
     return encounter
 
 
-def check_plain(encounter: Encounter, what: str) -> None:
-    """Refuse encounters with optional fields; ``what`` names them.
+def check_heeded(encounter: Encounter, what: str, heeds: Collection[str] = ()) -> None:
+    """Refuse encounters with other optional fields than those that are heeded; ``what`` names them.
 
     Raises:
         EncounterError: intruders have separations of their own, are reported in part, or answer
             the ownship.
     """
-    for name, said in (
-        ("separation", "intruders with separations of their own"),
-        ("coverage", "intruders that are not always reported"),
-        ("reaction", "intruders that answer the ownship"),
-    ):
-        if getattr(encounter, name) is not None:
-            raise EncounterError(
-                f"{what} has {said}; expected a training, or eval.monte_carlo in mode policy"
-            )
+    for name, said in _OPTIONAL.items():
+        if name not in heeds and getattr(encounter, name) is not None:
+            raise EncounterError(f"{what} has {said}")
 
 
 def check_sampled(scenario: Scenario, encounter: Encounter) -> None:

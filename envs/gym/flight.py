@@ -19,7 +19,7 @@ from envs.kinematics import VehicleState
 from envs.observation import SetObservation
 from envs.relative import distance
 from envs.rewards import Transition
-from envs.starts import check_plain
+from envs.starts import check_heeded
 from envs.trees import map_leaves
 from envs.world import State, StepResult
 
@@ -36,7 +36,7 @@ def begin(encounter: Encounter, dt: float) -> State:
     own, goal_x, goal_y = map_leaves(float, (encounter.own, encounter.goal_x, encounter.goal_y))
     sensor = map_leaves(lambda field: float(field[0]), encounter.sensor)
     mask = (True,) * len(members)
-    check_plain(encounter, "the encounter")
+    check_heeded(encounter, "the encounter")
     plain = Encounter(
         own, goal_x, goal_y, each(encounter.intruders), mask, each(encounter.intent), sensor
     )

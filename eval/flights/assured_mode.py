@@ -80,7 +80,7 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     air = Air(begin(encounters, np, history_dt=dt), np.zeros(count), ends, asked.drift)
     first = Traffic.straight(
         perceive_intruders(air.state, None if noise is None else noise(0), dt, np), encounters.mask
-    )
+    )._replace(separation=encounters.separation)
     monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
     made = plans.proposals
     monitor = assurance.activate(monitor, rows, made.plan_states, made.safe, 0.0, first, thresholds)
@@ -96,6 +96,7 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
         amid = None if areas is None else in_air_at(areas[rows], take(wind, rows), time)
         if amid is not None:
             known["areas"] = _areas_met(amid, state, monitor, time, thresholds)
+        known["separation"] = state.separation
         given = assurance.inputs(time, state.own, seen, state.mask, **known)
         monitor, decision = assurance.step(monitor, given, thresholds)
         make = _planner((asked, amid), decision, state, time, aircraft, policy)

@@ -19,7 +19,7 @@ from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
-from envs.starts import join
+from envs.starts import EVERY_FIELD, join
 from envs.wind import Wind
 from eval.flights.among_areas import areas_of, judge, with_breaches
 from eval.flights.assured_mode import fly_assured
@@ -60,6 +60,13 @@ class Evaluation(NamedTuple):
         return areas_of(self.areas, self.seed, starts, numbers, self.aircraft)
 
     @property
+    def heeds(self) -> tuple[str, ...]:
+        """The optional fields of encounters that the mode heeds: a plan knows neither of reports
+        that are missing nor of intruders that answer it.
+        """
+        return EVERY_FIELD if self.mode == "policy" else ("separation",)
+
+    @property
     def options(self) -> Options:
         """How plans are made and flown."""
         return Options.for_aircraft(self.aircraft) if self.given is None else self.given
@@ -95,9 +102,8 @@ def pick(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
     """Return the encounters with these numbers, at least one, ``[M]``; raises as
     :func:`eval.flights.sources.draw`.
     """
-    takes = evaluation.mode == "policy"
     each = (
-        draw(evaluation.source, evaluation.seed, int(number), 1, whole=takes)[0]
+        draw(evaluation.source, evaluation.seed, int(number), 1, heeds=evaluation.heeds)[0]
         for number in numbers
     )
     return reduce(join, each)
@@ -109,8 +115,7 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     """
     evaluation = pilot.evaluation
     aircraft = evaluation.aircraft
-    alone_flies = evaluation.mode == "policy"
-    starts, weights = draw(evaluation.source, evaluation.seed, first, count, whole=alone_flies)
+    starts, weights = draw(evaluation.source, evaluation.seed, first, count, heeds=evaluation.heeds)
     begun = conditions(starts, aircraft)
     noise = noise_of(evaluation, starts, first)
     alone = fly(starts, pilot.resolver, aircraft, noise=noise)

@@ -19,7 +19,7 @@ from envs.follower import PERIOD, gains, offset, steer
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance, leg_separation
 from envs.trees import column
-from envs.world import State, move_intruders
+from envs.world import State, move_intruders, shares
 from eval.flights.simulate import OUTCOMES, Flights, last_turn, reversal_rate
 
 SUBSTEPS = round(1.0 / PERIOD)  # periods of the follower in a time step
@@ -48,7 +48,9 @@ class Air(NamedTuple):
 class Step(NamedTuple):
     """What one time step of flight along legs brought; fields ``[M]``."""
 
-    separation: Any  # smallest distance to any intruder, m
+    # smallest distance to any intruder, m; to one with a separation of its own in shares of it,
+    # times the aircraft's
+    separation: Any
     nearest: Any  # smallest distance to the goal, m
     # time since the beginning of the step at which the goal's radius was entered, s; nan if it was
     # not
@@ -62,14 +64,14 @@ def request_of(
     encounters: Encounter, aircraft: Aircraft, intruders: VehicleState | None = None
 ) -> Request:
     """Return what a planner is asked at the start of encounters ``[N]``, with intruders as
-    believed, or as they are.
+    believed, or as they are, and their separations of their own.
 
     The route runs from the start to the goal, then over a point every 5 separations on the same
     line to 45 beyond it.
     """
     traffic = Traffic.straight(
         encounters.intruders if intruders is None else intruders, encounters.mask
-    )
+    )._replace(separation=encounters.separation)
     own = encounters.own
     return Request(own, traffic, *route_of(own, encounters.goal_x, encounters.goal_y, aircraft))
 
@@ -99,7 +101,7 @@ def fly_step(
     state, side, dt = air.state, air.side, aircraft.dt
     own, other, following = state.own, state.intruders.vehicle, move_intruders(state, dt, np)
     period, feedback, straight = PERIOD * dt, gains(dt), reversal_rate(aircraft.limits)
-    turn = wrap(following.vehicle.heading - other.heading, np)
+    turn, share = wrap(following.vehicle.heading - other.heading, np), shares(state, aircraft, np)
     separation, nearest = np.full(own.x.shape, np.inf), np.full(own.x.shape, np.inf)
     reached, error, path = (
         np.full(own.x.shape, np.nan),
@@ -116,6 +118,7 @@ def fly_step(
         # Over a step the intruder's controller holds its yaw rate.
         other_next = advance(other, other.speed * 0.0, turn / dt, period, intruder.COASTING, np)
         apart = leg_separation(column(own), column(moved), other, other_next, period, np)
+        apart = apart if share is None else apart * share
         clock = (state.steps + (step + 1) * PERIOD) * dt
         flown = (clock <= air.ends + 1e-6)[:, None]
         separation = np.minimum(

@@ -158,7 +158,7 @@ def fly(
     )
     rules = rules._replace(separation=0.0) if endless else rules
     dt, limits, world = rules.dt, aircraft.limits, World(rules, aircraft)
-    air = _takeoff(encounters, history_dt=None if noise is None else dt)
+    air = _takeoff(encounters, aircraft, history_dt=None if noise is None else dt)
     step = 0
     while len(air.number):
         state = air.state
@@ -218,10 +218,11 @@ def _ends(air: _Air, flown: StepResult, time: float) -> Flights:
     )
 
 
-def _takeoff(encounters: Encounter, *, history_dt: float | None) -> _Air:
+def _takeoff(encounters: Encounter, aircraft: Aircraft, *, history_dt: float | None) -> _Air:
     state, count = begin(encounters, np, history_dt=history_dt), len(encounters.goal_x)
-    own, vehicles = encounters.own, encounters.intruders
+    own, vehicles, share = encounters.own, encounters.intruders, shares(state, aircraft, np)
     apart = distance(vehicles.x - own.x[:, None], vehicles.y - own.y[:, None], np)
+    apart = apart if share is None else apart * share
     return _Air(
         state=state,
         number=np.arange(count),

@@ -3,7 +3,7 @@ model.
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -108,10 +108,10 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
 
 
 def draw(
-    source: Source, seed: int, first: int, count: int, *, whole: bool = False
+    source: Source, seed: int, first: int, count: int, *, heeds: Collection[str] = ()
 ) -> tuple[Encounter, np.ndarray]:
     """Return the encounters ``first .. first + count - 1`` and their weights, 1 where there are
-    none; ``whole`` as of :func:`envs.starts.encounters_of_seed`.
+    none; ``heeds`` as of :func:`envs.starts.encounters_of_seed`.
 
     One that meets the scenario's conditions in none of its attempts raises ``EncounterError``.
     """
@@ -120,7 +120,7 @@ def draw(
     if isinstance(source, Replay):
         return take((source.starts, source.weights), slice(first, first + count))
     if isinstance(source, Scenario):
-        starts = encounters_of_seed(source, seed, first, count, whole=whole)
+        starts = encounters_of_seed(source, seed, first, count, heeds=heeds)
         return starts, np.ones(count)
     return take(source, slice(first, first + count)), np.ones(count)
 

@@ -16,7 +16,7 @@ from envs.aircraft import PAPER
 from envs.encounters import Encounter, EncounterError, Scenario, registered, scenario
 from envs.outcome import RULES
 from envs.scenarios import resolve
-from envs.starts import cast, check_encounter, encounters_of_seed
+from envs.starts import EVERY_FIELD, cast, check_encounter, encounters_of_seed
 from envs.surrogate import World, redraw_pool
 from envs.trees import map_leaves
 
@@ -33,7 +33,7 @@ def chosen() -> Any:
 
 @pytest.fixture(scope="module")
 def drawn(chosen: Scenario) -> Encounter:
-    return encounters_of_seed(chosen, 3, 0, 300, whole=True)
+    return encounters_of_seed(chosen, 3, 0, 300, heeds=EVERY_FIELD)
 
 
 def fly_all(start: Encounter, xp: Any, steps: int = 40) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from envs.kinematics import VehicleState
 from envs.outcome import RULES
 from envs.perception import EVERYTHING, Coverage, report
 from envs.scenarios import resolve
-from envs.starts import cast, check_encounter, encounters_of_seed
+from envs.starts import EVERY_FIELD, cast, check_encounter, encounters_of_seed
 from envs.surrogate import World, redraw_pool
 from envs.trees import map_leaves
 
@@ -35,7 +35,7 @@ def chosen() -> Any:
 
 @pytest.fixture(scope="module")
 def drawn(chosen: Scenario) -> Encounter:
-    return encounters_of_seed(chosen, 3, 0, 300, whole=True)
+    return encounters_of_seed(chosen, 3, 0, 300, heeds=EVERY_FIELD)
 
 
 def test_what_is_far_abaft_or_silent_is_not_reported():
@@ -119,7 +119,7 @@ def test_late_reports_of_what_turns_are_where_it_was_headed():
     """Dead-reckoned over their age: right for what flies straight, wrong where it has turned."""
     name = "envs.partly_seen:late"
     resolve(name)
-    start = encounters_of_seed(scenario(name, PAPER), 3, 0, 200, whole=True)
+    start = encounters_of_seed(scenario(name, PAPER), 3, 0, 200, heeds=EVERY_FIELD)
     registered.pop(name)
     assert start.sensor.latency.min() >= PAPER.dt
     state = world.begin(start, np, history_dt=PAPER.dt)

@@ -18,7 +18,7 @@ from envs.kinematics import VehicleState
 from envs.outcome import RULES
 from envs.reaction import GIVES_WAY, TURNS_INTO, Reaction, answer, sight_rate
 from envs.scenarios import resolve
-from envs.starts import cast, check_encounter, encounters_of_seed
+from envs.starts import EVERY_FIELD, cast, check_encounter, encounters_of_seed
 from envs.surrogate import World, redraw_pool
 from envs.trees import map_leaves
 
@@ -32,7 +32,7 @@ def drawn() -> Any:
     for name in NAMES:
         resolve(name)
         made[name.rpartition(":")[2]] = encounters_of_seed(
-            scenario(name, PAPER, intruders=(1, 2)), 3, 0, 300, whole=True
+            scenario(name, PAPER, intruders=(1, 2)), 3, 0, 300, heeds=EVERY_FIELD
         )
     yield made
     for name in NAMES:

@@ -14,7 +14,7 @@ from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
 from envs.scenarios import resolve
-from envs.starts import encounters_of_seed
+from envs.starts import EVERY_FIELD, encounters_of_seed
 from envs.trees import take
 from eval.flights.simulate import OUTCOMES, ByPolicy, fly
 from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel
@@ -29,7 +29,7 @@ def encounters() -> Encounter:
     """
     resolve(NAME)
     close = scenario(NAME, PAPER, radius=(2_000.0, 5_000.0))
-    return encounters_of_seed(close, 4, 0, 60, whole=True)
+    return encounters_of_seed(close, 4, 0, 60, heeds=EVERY_FIELD)
 
 
 @pytest.fixture(scope="module")

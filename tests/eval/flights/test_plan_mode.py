@@ -19,6 +19,7 @@ from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario
 from envs.kinematics import C208_PUBLISHED
 from envs.outcome import RULES
+from envs.scenarios import resolve
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval.flights.assured_mode import Assured, fly_assured
@@ -29,6 +30,7 @@ from eval.monte_carlo import run as monte_carlo
 
 REACHED, TIMEOUT = OUTCOMES.index("reached"), OUTCOMES.index("timeout")
 OPTIONS = Options.for_aircraft(PAPER, C208_PUBLISHED)
+OWN = "envs.own_separations:separations"
 SMALL = ("--set", "resamples=200", "--set", "figures=false")
 
 
@@ -80,6 +82,41 @@ def test_refusing_is_no_success(encounters: Encounter, plans: Plans) -> None:
     assert not (refused.outcome == REACHED).any()
     assert np.all(refused.score[refused.outcome == TIMEOUT] == RULES.reward_timeout)
     assert np.all(refused.duration[refused.outcome == TIMEOUT] == RULES.t_max)
+
+
+@pytest.fixture(scope="module")
+def own_separations() -> Encounter:
+    """Encounters from each of whose intruders 300 to 3000 m are to be kept: 30."""
+    resolve(OWN)
+    return encounters_of_seed(scenario(OWN, PAPER), 5, 0, 30, heeds=("separation",))
+
+
+def test_safe_plans_keep_the_separation_of_each_intruder(own_separations: Encounter) -> None:
+    plans = plan_at_start(own_separations, Policy.load(), PAPER, OPTIONS)
+    flown = fly_once(own_separations, plans, PAPER, OPTIONS).flights
+    safe = plans.proposals.safe
+    assert safe.mean() > 0.8
+    assert np.all(flown.outcome[safe] == REACHED)
+    assert flown.min_separation[safe].min() >= PAPER.separation
+    # The nearest distance in metres is less than the usual separation in some, and many times it
+    # is required in others.
+    assert plans.proposals.min_separation[safe].min() < PAPER.separation
+    assured = fly_assured(own_separations, plans, Policy.load(), PAPER, OPTIONS).flown.flights
+    assert np.all(assured.outcome[safe] == REACHED)
+
+
+def test_the_usual_separation_of_each_changes_no_plan(
+    encounters: Encounter, plans: Plans, flown: PlanFlights
+) -> None:
+    some = take(encounters, slice(0, 6))
+    usual = some._replace(separation=np.full(some.mask.shape, PAPER.separation))
+    ours = plan_at_start(usual, Policy.load(), PAPER, OPTIONS)
+    np.testing.assert_array_equal(
+        ours.proposals.plan_states.x, take(plans, slice(0, 6)).proposals.plan_states.x
+    )
+    there = fly_once(usual, ours, PAPER, OPTIONS).flights
+    for one, other in zip(there, take(flown.flights, slice(0, 6)), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_the_route_of_an_evaluation(encounters: Encounter) -> None:
