@@ -1,6 +1,6 @@
 """How a flight conforms to its plan, and its intruders to what the plan expected of them."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from agents.assurance.lookahead import Course, outlook
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic, predict, requirement_of, separations, uncertainty
-from envs.follower import deviation
+from envs.follower import Deviation, deviation
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 
@@ -52,6 +52,33 @@ def follows_plan(monitor: Monitor) -> Any:
     return (monitor.state != State.IDLE) & ~monitor.on_backup
 
 
+class Measured(NamedTuple):
+    """What a second measures against the plan; the fields of a decision of these names, ``[N]``."""
+
+    cross_track: Any
+    along_track: Any
+    time_error: Any
+    intruder_position: Any
+    intruder_velocity: Any
+    separation: Any
+    loss: Any
+    area_deficit: Any
+    area: Any
+
+
+class _Latch(NamedTuple):
+    """Causes that begin beyond a limit and end below a share of it; fields ``[N]``."""
+
+    before: Any  # causes of the second before
+    on: Any  # which rows fly a plan, bool
+    leave: float  # the share
+
+    def bits(self, value: Any, limit: Any, cause: Cause) -> Any:
+        """Return the bit of a cause where a value is beyond, else 0, ``[N]``."""
+        beyond = value > np.where(has(self.before, cause), self.leave * limit, limit)
+        return np.where(self.on & beyond, int(cause), 0)
+
+
 def judge(
     monitor: Monitor,
     memory: Memory,
@@ -59,7 +86,7 @@ def judge(
     traffic: Traffic,
     causes: Any,
     thresholds: Thresholds,
-) -> tuple[Any, Any, dict[str, Any]]:
+) -> tuple[Any, Any, Measured]:
     """Measure the present second against the plan; a cause begins beyond its threshold and ends
     below a share of it.
 
@@ -67,58 +94,68 @@ def judge(
     ``[N, K]``.
 
     Returns:
-        The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured, by the names of a
-        decision's fields.
+        The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured.
     """
     on = follows_plan(monitor)
     since = memory.time - monitor.started
+    latch = _Latch(monitor.causes, on, thresholds.leave)
     off = deviation(monitor.plan.legs, own, since)
-    errors = np.abs(np.stack([off.cross_track, off.along_track, off.time], axis=-1))
-    limits = np.array([thresholds.cross_track, thresholds.along_track, thresholds.time_error])
-    seen = ~has(causes, BLIND)
-    elapsed = memory.time - monitor.memory.time
-    sums = _leaky_sums(monitor.sums, errors, elapsed, seen, thresholds)
-    sums = np.where(on[:, None], sums, 0.0)
-
-    def latch(value: Any, limit: Any, cause: Cause) -> Any:
-        beyond = value > np.where(has(monitor.causes, cause), thresholds.leave * limit, limit)
-        return np.where(on & beyond, int(cause), 0)
-
-    for column, cause in enumerate((Cause.CROSS_TRACK, Cause.ALONG_TRACK, Cause.TIME_ERROR)):
-        causes = causes | latch(errors[:, column], limits[column], cause)
-    lasting = np.max(sums / (thresholds.sustained * thresholds.memory * limits), axis=-1)
-    causes = causes | latch(lasting, 1.0, Cause.ACCUMULATED)
-    causes = causes | latch(
-        thresholds.plan_ending - (monitor.plan.plan_states.time[:, -1] - since),
-        0.0,
-        Cause.PLAN_ENDING,
-    )
+    sums, of_errors = _judge_errors(monitor, memory, off, ~has(causes, BLIND), latch, thresholds)
+    left = monitor.plan.plan_states.time[:, -1] - since
+    of_end = latch.bits(thresholds.plan_ending - left, 0.0, Cause.PLAN_ENDING)
 
     offset = np.hypot(off.cross_track, off.along_track)
     separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
-    causes = causes | np.where(on & close, int(Cause.SEPARATION), 0)
     amid = rest(monitor.plan, since, memory.areas, offset, thresholds)
-    causes = causes | np.where(on & amid.lost, int(Cause.AREA), 0)
-    position, speed, noise = _deviations(monitor, traffic, since)
-    share = np.maximum(
-        position / (thresholds.intruder_position + _NOISE * noise[0]),
-        speed / (thresholds.intruder_velocity + _NOISE * noise[1]),
-    )
-    share = np.where(_of_concern(separation, traffic, thresholds), share, 0.0)
-    causes = causes | latch(np.max(share, axis=-1, initial=0.0), 1.0, Cause.INTRUDER_DEVIATION)
+    of_rest = np.where(on & close, int(Cause.SEPARATION), 0)
+    of_rest |= np.where(on & amid.lost, int(Cause.AREA), 0)
+
+    deviations = _deviations(monitor, traffic, since)
+    concern = _of_concern(separation, traffic, thresholds)
+    share = np.where(concern, deviations.share_of(thresholds), 0.0)
+    largest = np.max(share, axis=-1, initial=0.0)
+    of_intruders = latch.bits(largest, 1.0, Cause.INTRUDER_DEVIATION)
+
+    causes = causes | of_errors | of_end | of_rest | of_intruders
     causes = np.where(on, causes, causes & ~int(WANTING & ~_REPORTS)).astype(np.int32)
-    measured = {
-        "cross_track": off.cross_track,
-        "along_track": off.along_track,
-        "time_error": off.time,
-        "intruder_position": np.max(position, axis=-1, initial=0.0),
-        "intruder_velocity": np.max(speed, axis=-1, initial=0.0),
-        "separation": np.min(separation, axis=-1, initial=np.inf) - offset,
-        "loss": np.minimum(loss, amid.loss),
-        "area_deficit": amid.deficit,
-        "area": amid.area,
-    }
-    return sums, causes, measured
+    return (
+        sums,
+        causes,
+        Measured(
+            cross_track=off.cross_track,
+            along_track=off.along_track,
+            time_error=off.time,
+            intruder_position=np.max(deviations.position, axis=-1, initial=0.0),
+            intruder_velocity=np.max(deviations.velocity, axis=-1, initial=0.0),
+            separation=np.min(separation, axis=-1, initial=np.inf) - offset,
+            loss=np.minimum(loss, amid.loss),
+            area_deficit=amid.deficit,
+            area=amid.area,
+        ),
+    )
+
+
+def _judge_errors(
+    monitor: Monitor,
+    memory: Memory,
+    off: Deviation,
+    seen: Any,
+    latch: _Latch,
+    thresholds: Thresholds,
+) -> tuple[Any, Any]:
+    """Return the leaky sums of the errors against the plan ``[N, 3]``, and the causes that lie in
+    errors and sums, ``[N]``; ``seen`` says where the ownship was, bool.
+    """
+    errors = np.abs(np.stack([off.cross_track, off.along_track, off.time], axis=-1))
+    limits = np.array([thresholds.cross_track, thresholds.along_track, thresholds.time_error])
+    elapsed = memory.time - monitor.memory.time
+    sums = _leaky_sums(monitor.sums, errors, elapsed, seen, thresholds)
+    sums = np.where(latch.on[:, None], sums, 0.0)
+    lasting = np.max(sums / (thresholds.sustained * thresholds.memory * limits), axis=-1)
+    causes = latch.bits(lasting, 1.0, Cause.ACCUMULATED)
+    for column, cause in enumerate((Cause.CROSS_TRACK, Cause.ALONG_TRACK, Cause.TIME_ERROR)):
+        causes |= latch.bits(errors[:, column], limits[column], cause)
+    return sums, causes
 
 
 def _leaky_sums(before: Any, errors: Any, elapsed: Any, seen: Any, thresholds: Thresholds) -> Any:
@@ -170,23 +207,38 @@ def _outlook(
     return ahead.separation, np.min(ahead.loss, axis=-1, initial=np.inf), close
 
 
-def _deviations(monitor: Monitor, traffic: Traffic, since: Any) -> tuple[Any, Any, tuple[Any, Any]]:
-    """Return how far intruders are from what the plan expected, m and m/s, inf for new ones, and
-    one sigma of both.
+class _Deviations(NamedTuple):
+    """How far intruders are from what the plan expected, inf for new ones; fields ``[N, K]``."""
+
+    position: Any  # m
+    velocity: Any  # m/s
+    position_std: Any  # one sigma of what was expected and is believed now, m
+    velocity_std: Any  # m/s
+
+    def share_of(self, thresholds: Thresholds) -> Any:
+        """Return which share of what is allowed the greater of the two is."""
+        place = thresholds.intruder_position + _NOISE * self.position_std
+        motion = thresholds.intruder_velocity + _NOISE * self.velocity_std
+        return np.maximum(self.position / place, self.velocity / motion)
+
+
+def _deviations(monitor: Monitor, traffic: Traffic, since: Any) -> _Deviations:
+    """Return how far intruders ``[N, K]`` are from what the plan expected, ``since`` seconds after
+    it was requested, ``[N]``.
     """
     expected = monitor.expected
     there = predict(expected, since[:, None])
     there = there._replace(speed=expected.state.speed)
     position = distance(traffic.state.x - there.x, traffic.state.y - there.y, np)
     (vx, vy), (to_vx, to_vy) = velocity(traffic.state, np), velocity(there, np)
-    speed = distance(vx - to_vx, vy - to_vy, np)
-
-    def where_known(error: Any) -> Any:
-        return np.where(traffic.mask, np.where(expected.mask, error, np.inf), 0.0)
-
-    place = np.hypot(uncertainty(expected, since[:, None]), uncertainty(traffic, 0.0))
-    return (
-        where_known(position),
-        where_known(speed),
-        (place, np.hypot(expected.velocity_std, traffic.velocity_std)),
+    change = distance(vx - to_vx, vy - to_vy, np)
+    new = ~expected.mask
+    position, change = (
+        np.where(traffic.mask, np.where(new, np.inf, error), 0.0) for error in (position, change)
+    )
+    return _Deviations(
+        position,
+        change,
+        np.hypot(uncertainty(expected, since[:, None]), uncertainty(traffic, 0.0)),
+        np.hypot(expected.velocity_std, traffic.velocity_std),
     )

@@ -7,7 +7,7 @@ no clock: the caller plans where a decision says so and hands the answers to :fu
 thresholds and guarantees: docs/explanation/assurance.md.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,9 +57,7 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     ``[N, K]``.
     """
     memory, own, traffic, causes = update(monitor.memory, given, thresholds)
-    idle = monitor.state == State.IDLE
-    blind = has(causes, BLIND)
-    now = memory.time
+    now, idle, blind = memory.time, monitor.state == State.IDLE, has(causes, BLIND)
     sums, causes, measured = judge(monitor, memory, own, traffic, causes, thresholds)
 
     sighted = np.flatnonzero(~(idle | blind))
@@ -67,24 +65,18 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)
     causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)
 
-    pending = monitor.requested > monitor.answered
-    silent = pending & (now - monitor.requested_at > thresholds.answer_time)
-    lost, unsafe, wants = has(causes, LOST), has(causes, UNSAFE), has(causes, WANTING)
-    refused = has(monitor.causes, Cause.REFUSED) & (wants | monitor.on_backup | blind)
-    causes |= np.where(refused, int(Cause.REFUSED), 0) | np.where(silent, int(Cause.NO_ANSWER), 0)
+    asked = _requests(monitor, causes, now, thresholds)
+    causes |= np.where(asked.refused, int(Cause.REFUSED), 0)
+    causes |= np.where(asked.silent, int(Cause.NO_ANSWER), 0)
     causes = np.where(idle, causes & int(BLIND | LOST | DOUBTFUL), causes).astype(np.int32)
 
-    rested = now - monitor.requested_at >= thresholds.replan_interval - 1e-9
-    may_ask = rested & (~pending | silent) & ~blind & ~lost & ~idle
-    held_up = (pending & ~may_ask) | ~rested | silent
-    at_once = unsafe & (
-        refused | lost | silent | (held_up & (measured["loss"] <= thresholds.urgent))
-    )
+    urgent = measured.loss <= thresholds.urgent
+    at_once = has(causes, UNSAFE) & (asked.hopeless | (asked.held_up & urgent))
     # Of a plan that has ended nothing is left to fly.
     ended = now - monitor.started >= monitor.plan.plan_states.time[:, -1]
     on_backup = (monitor.on_backup | ((at_once | ended) & ~blind)) & ~idle
-    state = _state(idle, on_backup, causes, unanswered=refused | silent)
-    replan = may_ask & (wants | on_backup)
+    state = _state(idle, on_backup, causes, unanswered=asked.refused | asked.silent)
+    replan = asked.may_ask & (has(causes, WANTING) | on_backup)
     asking = np.flatnonzero(replan)
     monitor = _with(
         monitor, asking, request_traffic=take(traffic, asking), requested_at=now[asking]
@@ -107,10 +99,33 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
         causes=causes,
         own=own,
         traffic=traffic,
-        **measured,
+        **measured._asdict(),
         backup_area=backup.area,
         areas=memory.areas,
     )
+
+
+class _Requests(NamedTuple):
+    """How monitors stand with the planner; fields ``[N]``, bool."""
+
+    silent: Any  # the last request is not answered in time
+    refused: Any  # the last answer could not be flown, and a plan is wanted still
+    may_ask: Any  # a request may go out now
+    held_up: Any  # none may, or the last one is not answered in time
+    hopeless: Any  # it is of no use to wait for a plan
+
+
+def _requests(monitor: Monitor, causes: Any, now: Any, thresholds: Thresholds) -> _Requests:
+    """Return how monitors ``[N]`` stand with the planner, by the causes of this second."""
+    idle, blind, lost = monitor.state == State.IDLE, has(causes, BLIND), has(causes, LOST)
+    pending = monitor.requested > monitor.answered
+    silent = pending & (now - monitor.requested_at > thresholds.answer_time)
+    unmet = has(causes, WANTING) | monitor.on_backup | blind
+    refused = has(monitor.causes, Cause.REFUSED) & unmet
+    rested = now - monitor.requested_at >= thresholds.replan_interval - 1e-9
+    may_ask = rested & (~pending | silent) & ~blind & ~lost & ~idle
+    held_up = (pending & ~may_ask) | ~rested | silent
+    return _Requests(silent, refused, may_ask, held_up, hopeless=refused | lost | silent)
 
 
 def _refresh_backups(
