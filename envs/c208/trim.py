@@ -21,9 +21,8 @@ from envs.edge.files import write_file
 
 REFERENCE_ALTITUDE = 2500.0  # of the stored equilibria and of flights, m
 REFERENCE_WEIGHT = 8807.0 * POUND  # of the stored equilibria, N
-TABLE_SPEEDS = tuple(
-    float(speed) for speed in range(46, 107, 3)
-)  # true airspeeds of the stored equilibria, m/s
+TABLE_SPEEDS = tuple(float(speed) for speed in range(46, 107, 3))
+"""True airspeeds of the stored equilibria, m/s."""
 _FILE, _COLUMNS = DATA / "trim.csv", ("speed", "alpha", "elevator", "thrust")
 _ITERATIONS, _EXACT = 30, 1e-8
 
@@ -33,31 +32,40 @@ class TrimError(RuntimeError):
 
 
 class Trim(NamedTuple):
-    """An unaccelerated state with level wings, in SI units and radians; ``speed`` is the true
-    airspeed.
-    """
+    """An unaccelerated state with level wings."""
 
-    speed: float
-    alpha: float
-    elevator: float  # positive with the trailing edge down
+    speed: float  # true airspeed, m/s
+    alpha: float  # angle of attack, rad
+    elevator: float  # rad, positive with the trailing edge down
     throttle: float  # 0 to 1
-    gamma: float  # climb angle
-    thrust: float
+    gamma: float  # climb angle, rad
+    thrust: float  # N
 
 
-_LEVEL = (
-    "lat-geod-deg",
-    "long-gc-deg",
-    "h-sl-ft",
-    "vt-fps",
-    "beta-deg",
-    "phi-deg",
-    "psi-true-deg",
-    "p-rad_sec",
-    "q-rad_sec",
-    "r-rad_sec",
+class _Flight(NamedTuple):
+    """The flight whose equilibrium is sought."""
+
+    speed: float  # true airspeed, m/s
+    altitude: float  # geometric, m
+    throttle: float | None  # 0 to 1; None: what level flight takes
+    flaps: float  # degrees
+
+
+class _State(NamedTuple):
+    """A state on the way to an equilibrium."""
+
+    alpha: float  # rad
+    elevator: float  # rad
+    power: float  # square of the throttle, in which the thrust is linear
+    gamma: float  # climb angle, rad
+
+
+_ACCELERATIONS = (
+    "accelerations/udot-ft_sec2",
+    "accelerations/wdot-ft_sec2",
+    "accelerations/qdot-rad_sec2",
 )
-"""Initial conditions of level flight but for its angles; 0 where nothing is said of them."""
+"""What is 0 in an equilibrium with level wings: forward, down and in pitch."""
 
 
 def solve(
@@ -68,63 +76,86 @@ def solve(
     throttle: float | None = None,
     flaps: float = 0.0,
 ) -> Trim:
-    """Find an equilibrium: level flight, or at a given throttle whatever climb or descent it makes.
+    """Find an equilibrium: of level flight, or with a throttle that of the climb or descent that it
+    makes.
 
-    The true airspeed is in m/s, the geometric altitude in m, the throttle 0 to 1 and the flaps in
-    degrees. The state of the aircraft is lost.
+    The state of the aircraft is lost.
+
+    Args:
+        speed: true airspeed, m/s.
+        altitude: geometric, m.
+        throttle: 0 to 1; None: what level flight takes.
+        flaps: degrees.
 
     Raises:
         TrimError: there is none below the stall and within the engine's and the elevator's range.
     """
-    # Angle of attack, elevator, and the climb angle or for level flight the power. The thrust goes
-    # with the square of the throttle: linear in what is solved for.
+    flight = _Flight(speed, altitude, throttle, flaps)
     unknown = np.array([0.05, -0.05, 0.3 if throttle is None else 0.0])
-    nodes = [
-        fdm.node(f"accelerations/{name}")
-        for name in ("udot-ft_sec2", "wdot-ft_sec2", "qdot-rad_sec2")
-    ]
-    place = dict.fromkeys(_LEVEL, 0.0)
-    place |= {"h-sl-ft": altitude / FOOT, "vt-fps": speed / FOOT, "psi-true-deg": 90.0}
-
-    def parts(point: np.ndarray) -> tuple[float, float, float, float]:
-        alpha, elevator, last = (float(number) for number in point)
-        return (
-            (alpha, elevator, last, 0.0)
-            if throttle is None
-            else (alpha, elevator, throttle**2, last)
-        )
-
-    def residual(point: np.ndarray) -> np.ndarray:
-        alpha, elevator, power, gamma = parts(point)
-        angles = {"alpha-deg": math.degrees(alpha), "gamma-deg": math.degrees(gamma)}
-        controls = surfaces(elevator, math.sqrt(min(max(power, 0.0), 1.0))) | {
-            "flap-cmd-norm": flaps / 30.0
-        }
-        fdm.initialise(place | angles, controls)
-        return np.array([node.get_double_value() for node in nodes])
-
     for _ in range(_ITERATIONS):
-        here = residual(unknown)
+        here = _accelerations(fdm, flight, unknown)
         if not np.isfinite(here).all():
             break
         if np.abs(here).max() < _EXACT:
-            return _make_trim(fdm, speed, *parts(unknown), flaps)
-        slope = np.empty((3, 3))
-        for column in range(3):
-            # Inwards at the end of the throttle's range, outside which nothing changes.
-            step = -1e-5 if column == 2 and throttle is None and unknown[2] > 0.5 else 1e-5
-            moved = unknown.copy()
-            moved[column] += step
-            slope[:, column] = (residual(moved) - here) / step
+            return _make_trim(fdm, flight, _state(flight, unknown))
+        slope = _slope(fdm, flight, unknown, here)
         if abs(np.linalg.det(slope)) < 1e-9:
             break
         unknown = unknown - np.clip(np.linalg.solve(slope, here), -0.1, 0.1)
         if throttle is None:
             unknown[2] = min(max(unknown[2], 0.0), 1.0)
-    flight = "level" if throttle is None else f"at throttle {throttle:g}"
+    kind = "level" if throttle is None else f"at throttle {throttle:g}"
     raise TrimError(
-        f"no equilibrium {flight} at {speed:.2f} m/s, {altitude:.0f} m, flaps {flaps:g} deg"
+        f"no equilibrium {kind} at {speed:.2f} m/s, {altitude:.0f} m, flaps {flaps:g} deg"
     )
+
+
+def _state(flight: _Flight, unknown: np.ndarray) -> _State:
+    """Return the state of three unknowns: angle of attack, elevator, and the power of level flight
+    or else the climb angle.
+    """
+    alpha, elevator, last = (float(number) for number in unknown)
+    if flight.throttle is None:
+        return _State(alpha, elevator, power=last, gamma=0.0)
+    return _State(alpha, elevator, power=flight.throttle**2, gamma=last)
+
+
+def _accelerations(fdm: Fdm, flight: _Flight, unknown: np.ndarray) -> np.ndarray:
+    """Return the accelerations of a state: forward and down, ft/s^2, and in pitch, rad/s^2."""
+    state = _state(flight, unknown)
+    # In this order: what JSBSim makes of one depends on those before.
+    initial = {
+        "lat-geod-deg": 0.0,
+        "long-gc-deg": 0.0,
+        "h-sl-ft": flight.altitude / FOOT,
+        "vt-fps": flight.speed / FOOT,
+        "beta-deg": 0.0,
+        "phi-deg": 0.0,
+        "psi-true-deg": 90.0,
+        "p-rad_sec": 0.0,
+        "q-rad_sec": 0.0,
+        "r-rad_sec": 0.0,
+        "alpha-deg": math.degrees(state.alpha),
+        "gamma-deg": math.degrees(state.gamma),
+    }
+    controls = surfaces(state.elevator, math.sqrt(min(max(state.power, 0.0), 1.0)))
+    fdm.initialise(initial, controls | {"flap-cmd-norm": flight.flaps / 30.0})
+    return np.array([fdm.get(name) for name in _ACCELERATIONS])
+
+
+def _slope(fdm: Fdm, flight: _Flight, unknown: np.ndarray, here: np.ndarray) -> np.ndarray:
+    """Return how the accelerations, ``here`` at the unknowns, change with each of them,
+    ``[3, 3]``.
+    """
+    slope = np.empty((3, 3))
+    for column in range(3):
+        # Inwards at the end of the throttle's range, outside which nothing changes.
+        at_end = column == 2 and flight.throttle is None and unknown[2] > 0.5
+        step = -1e-5 if at_end else 1e-5
+        moved = unknown.copy()
+        moved[column] += step
+        slope[:, column] = (_accelerations(fdm, flight, moved) - here) / step
+    return slope
 
 
 def surfaces(elevator: float, throttle: float) -> dict[str, float]:
@@ -132,35 +163,40 @@ def surfaces(elevator: float, throttle: float) -> dict[str, float]:
     surfaces at rest.
     """
     travel = value("elevator_down") if elevator > 0.0 else value("elevator_up")
-    at_rest = dict.fromkeys(("aileron-cmd-norm", "rudder-cmd-norm", "flap-cmd-norm"), 0.0)
     return {
         "elevator-cmd-norm": elevator / math.radians(travel),
-        **at_rest,
+        "aileron-cmd-norm": 0.0,
+        "rudder-cmd-norm": 0.0,
+        "flap-cmd-norm": 0.0,
         "throttle-cmd-norm": throttle,
     }
 
 
-def _make_trim(
-    fdm: Fdm, speed: float, alpha: float, elevator: float, power: float, gamma: float, flaps: float
-) -> Trim:
+def _make_trim(fdm: Fdm, flight: _Flight, found: _State) -> Trim:
+    """Return an equilibrium that has been found, or refuse one beyond the stall or the elevator."""
     low, high = -math.radians(value("elevator_up")), math.radians(value("elevator_down"))
-    if alpha > stall_angle(fdm.loading.lift_slope_factor) or not low <= elevator <= high:
-        raise TrimError(f"no equilibrium below the stall at {speed:.2f} m/s, flaps {flaps:g} deg")
-    fdm.set("propulsion/engine/n2", 60.0 + 40.0 * math.sqrt(power))
+    stalls = found.alpha > stall_angle(fdm.loading.lift_slope_factor)
+    if stalls or not low <= found.elevator <= high:
+        raise TrimError(
+            f"no equilibrium below the stall at {flight.speed:.2f} m/s, flaps {flight.flaps:g} deg"
+        )
+    throttle = math.sqrt(found.power)
+    # The spool's speed of this throttle, at which the thrust is read.
+    fdm.set("propulsion/engine/n2", 60.0 + 40.0 * throttle)
     fdm.exec.run_ic()
     return Trim(
-        speed,
-        alpha,
-        elevator,
-        math.sqrt(power),
-        gamma,
-        fdm.get("propulsion/engine/thrust-lbs") * POUND,
+        speed=flight.speed,
+        alpha=found.alpha,
+        elevator=found.elevator,
+        throttle=throttle,
+        gamma=found.gamma,
+        thrust=fdm.get("propulsion/engine/thrust-lbs") * POUND,
     )
 
 
 def level_table(fdm: Fdm) -> dict[str, np.ndarray]:
-    """Find the level equilibria at the reference altitude, ``[N]`` each, by their names in
-    :class:`Trim`.
+    """Find the level equilibria at the reference altitude: columns ``[N]`` by the names of
+    :class:`Trim`'s fields.
     """
     found = [solve(fdm, speed) for speed in TABLE_SPEEDS]
     return {name: np.array([getattr(trim, name) for trim in found]) for name in _COLUMNS}
@@ -168,12 +204,11 @@ def level_table(fdm: Fdm) -> dict[str, np.ndarray]:
 
 @cache
 def load_stored() -> dict[str, np.ndarray]:
-    """Return the level equilibria that ship: of the EX at its greatest weight, reference
-    altitude.
+    """Return the level equilibria that ship, as :func:`level_table` does: of the EX at its greatest
+    weight, at the reference altitude.
     """
-    return dict(
-        zip(_COLUMNS, np.loadtxt(_FILE, delimiter=",", skiprows=2, unpack=True), strict=True)
-    )
+    columns = np.loadtxt(_FILE, delimiter=",", skiprows=2, unpack=True)
+    return dict(zip(_COLUMNS, columns, strict=True))
 
 
 def level_curve(name: str) -> Curve:
@@ -186,9 +221,9 @@ def main() -> int:
     Parser(prog="python -m envs.c208.trim", description=__doc__).parse_args()
     lines = [
         "# Level flight of the EX at 8807 lb, 2500 m: m/s, rad, rad, N. Written by python -m "
-        "envs.c208.trim."
+        "envs.c208.trim.",
+        ",".join(_COLUMNS),
     ]
-    lines.append(",".join(_COLUMNS))
     lines += [
         ",".join(f"{number:.9g}" for number in row)
         for row in zip(*level_table(Fdm()).values(), strict=True)
