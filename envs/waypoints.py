@@ -13,11 +13,12 @@ into the air mass and :func:`at` a place on its legs back.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.wind import Wind, over_ground, through_air
 
@@ -36,9 +37,8 @@ _ITERATIONS, _EXACT = 12, 5e-4
 # turns by 1 rad.
 _NODES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
 _WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(4)[1]
-_QUARTER = np.array([-1.0, 1.0])[
-    :, None, None
-]  # with x and y exchanged, a quarter turn to the left
+# Times x and y exchanged: a quarter turn to the left.
+_QUARTER = np.array([-1.0, 1.0])[:, None, None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,31 +64,38 @@ class RoutePoint:
 
 
 class PlanStates(NamedTuple):
-    """States with their times as arrays: where legs begin and end; fields ``[..., W]``, SI
-    units.
-    """
+    """States with their times, where legs begin and end; fields ``[..., W]``."""
 
-    x: Any
-    y: Any
-    heading: Any
-    speed: Any
-    time: Any  # s, increasing along the last axis
+    x: Array  # m
+    y: Array
+    heading: Array  # rad
+    speed: Array  # m/s
+    time: Array  # s, increasing along the last axis
 
 
 class Legs(NamedTuple):
-    """Curves between consecutive plan states, SI units and radians; fields ``[...]``, those of arcs
-    ``[..., ARCS]``.
-    """
+    """Curves between consecutive plan states; fields ``[...]``, those of arcs ``[..., ARCS]``."""
 
-    time: Any  # at the beginning, s
-    duration: Any  # s
-    miss: Any  # distance between the end of the curve and the plan state, m (see CLOSED)
-    x: Any  # at the beginning of each arc, m
-    y: Any
-    heading: Any  # there, rad, not wrapped, so that differences are turns
-    speed: Any  # there, m/s
-    yaw_rate: Any  # of each arc, rad/s
-    acceleration: Any  # of each arc, m/s^2
+    time: Array  # at the beginning, s
+    duration: Array  # s
+    miss: Array  # distance between the end of the curve and the plan state, m (see CLOSED)
+    x: Array  # at the beginning of each arc, m
+    y: Array
+    heading: Array  # there, rad, not wrapped, so that differences are turns
+    speed: Array  # there, m/s
+    yaw_rate: Array  # of each arc, rad/s
+    acceleration: Array  # of each arc, m/s^2
+
+
+class _Arc(NamedTuple):
+    """The beginning of an arc, and its controls; fields ``[...]`` as those of :class:`Legs`."""
+
+    x: Array
+    y: Array
+    heading: Array
+    speed: Array
+    yaw_rate: Array
+    acceleration: Array
 
 
 def plan_states(
@@ -98,11 +105,16 @@ def plan_states(
     wind: Wind | None = None,
 ) -> PlanStates:
     """Return the state at the request and the waypoints after it as arrays, ``[1 +
-    len(waypoints)]``; in a wind as the air mass sees them that lies over the ground at time 0.
+    len(waypoints)]``.
+
+    The time of the request is in s. In a wind they are as the air mass sees them that lies over the
+    ground at time 0.
     """
-    first = [(float(own.x), float(own.y), float(own.heading), float(own.speed), time)]
-    rest = [(point.x, point.y, point.heading, point.speed, point.time) for point in waypoints]
-    found = PlanStates(*np.array(first + rest, dtype=float).T)
+    first = PlanStates(float(own.x), float(own.y), float(own.heading), float(own.speed), time)
+    rest = [
+        PlanStates(point.x, point.y, point.heading, point.speed, point.time) for point in waypoints
+    ]
+    found = PlanStates(*np.array([first, *rest], dtype=float).T)
     return found if wind is None else in_air(found, wind)
 
 
@@ -121,7 +133,7 @@ def on_ground(plan_states: PlanStates, wind: Wind) -> PlanStates:
 
 
 def leg(a: Waypoint, b: Waypoint, wind: Wind | None = None) -> Legs:
-    """Return the curve between two waypoints, fields without leading axes; in a wind, in the air
+    """Return the curve between two waypoints, fields ``[]`` and ``[ARCS]``; in a wind, in the air
     mass.
     """
     own = VehicleState(a.x, a.y, a.heading, a.speed)
@@ -136,84 +148,106 @@ def legs(plan_states: PlanStates) -> Legs:
     itself: results do not depend on what else is in the arrays. Plan states ``[..., W]``, float64,
     finite, times increasing, give legs ``[..., W - 1]``.
     """
-    # In one piece, and in place: all plans pass here, and parts with names would hand on as many
-    # arrays as they have lines.
     shape = np.shape(plan_states.time)
+    # All M legs in one row: x, y, heading, speed and time of both ends, [5, M] each.
     start, end = (
         np.stack([np.asarray(field)[..., part].reshape(-1) for field in plan_states])
         for part in (slice(-1), slice(1, None))
     )
     step = (end[4] - start[4]) / ARCS
-    # The controls, yaw rate and acceleration, have an axis of their own, and so have x and y of
-    # places: half the calls. [2, M] and [2, M, ARCS].
+    target = end[:2] - start[:2]
+    # Yaw rate and acceleration of each arc, [2, M, ARCS]: x and y, and both controls, stand in one
+    # array, which halves the calls.
     change = np.stack([wrap(end[2] - start[2], np), end[3] - start[3]])
     mean = (change / (ARCS * step))[..., None]
-    controls, target = np.repeat(mean, ARCS, axis=-1), end[:2] - start[:2]
+    controls = np.repeat(mean, ARCS, axis=-1)
     place, motion = np.zeros((2, 2, step.size, ARCS))  # motion: heading and speed
     miss, left = np.zeros(step.size), np.arange(step.size)
     for iteration in range(_ITERATIONS + 1):
         part = left if left.size < step.size else slice(None)  # a view while nothing is finished
-        h, control = step[part, None], controls[:, part]
-        moving = start[2:4, part, None] + _before(control * h)
-        flown = _arc(*moving, *control, h)
-        ends = flown.cumsum(axis=-1)
+        seconds, control = step[part, None], controls[:, part]
+        moving = start[2:4, part, None] + _before(control * seconds)
+        arcs = _displacement(*moving, *control, seconds)
+        ends = arcs.cumsum(axis=-1)
         off = target[:, part] - ends[..., -1]
-        missed = np.hypot(*off)
-        place[:, part], motion[:, part], miss[part] = ends - flown, moving, missed
+        distance = np.hypot(*off)
+        place[:, part], motion[:, part], miss[part] = ends - arcs, moving, distance
         # Written so that what is not finite stays unfinished, and shows in its miss.
-        going_on = ~(missed <= _EXACT)
+        going_on = ~(distance <= _EXACT)
         if iteration == _ITERATIONS or not going_on.any():
             break
         if not going_on.all():
-            left, h, control = left[going_on], h[going_on], control[:, going_on]
-            flown, ends, off = flown[:, going_on], ends[:, going_on], off[:, going_on]
-        # What a change of each arc's yaw rate does to the end position is a rotation of the rest of
-        # the leg; of its acceleration, a push along the rest. Less their means, because the sums of
-        # both controls are fixed. [2, 2, M, ARCS]: of each control on x and y.
-        rest = ends[..., -1:] - ends + 0.5 * flown
-        pushed = _from_here(flown / np.maximum(np.hypot(*flown), 1e-9) * h * h)
-        effect = _centre(np.stack([rest[::-1] * _QUARTER * h, pushed]))
-        of_turn, of_push = (effect * effect).sum(axis=-1)
-        a11, a22 = _TURN * of_turn + _SPEED * of_push
-        of_turn, of_push = (effect[:, 0] * effect[:, 1]).sum(axis=-1)
-        a12 = _TURN * of_turn + _SPEED * of_push
-        of_turn, of_push = (effect * control[:, None]).sum(axis=-1)
-        b1, b2 = of_turn + of_push + off
-        determinant = np.maximum(a11 * a22 - a12 * a12, 1e-12)
-        m1 = ((a22 * b1 - a12 * b2) / determinant)[:, None]
-        m2 = ((a11 * b2 - a12 * b1) / determinant)[:, None]
-        controls[:, left] = mean[:, left] + _EACH * (effect[:, 0] * m1 + effect[:, 1] * m2)
+            left, seconds, control = left[going_on], seconds[going_on], control[:, going_on]
+            arcs, ends, off = arcs[:, going_on], ends[:, going_on], off[:, going_on]
+        controls[:, left] = mean[:, left] + _correction(control, seconds, arcs, ends, off)
 
-    def by_leg(field: Any) -> Any:
+    def by_leg(field: Array) -> Array:
         return field.reshape(*shape[:-1], shape[-1] - 1, *field.shape[1:])
 
-    fields = start[4], ARCS * step, miss, *(start[:2, :, None] + place), *motion, *controls
-    return Legs(*map(by_leg, fields))
+    x, y = start[:2, :, None] + place
+    return Legs(*map(by_leg, (start[4], ARCS * step, miss, x, y, *motion, *controls)))
 
 
-def at(legs: Legs, time: Any, wind: Wind | None = None) -> VehicleState:
-    """Return the state on legs ``[..., L]`` at a time (s), ``[...]``; their first and last arc go
-    on beyond them. With the wind whose air mass the legs are in, the state is over the ground.
+def _correction(control: Array, seconds: Array, arcs: Array, ends: Array, off: Array) -> Array:
+    """Return the controls, less their means, by which legs come nearer to their ends,
+    ``[2, M, ARCS]``.
+
+    Args:
+        control: yaw rate and acceleration of each arc, ``[2, M, ARCS]``.
+        seconds: duration of an arc, ``[M, 1]``.
+        arcs: displacement of each, m, ``[2, M, ARCS]``.
+        ends: where each ends, from the leg's beginning, m, ``[2, M, ARCS]``.
+        off: from the last end to where the leg is to end, m, ``[2, M]``.
     """
-    begun = np.sum(np.asarray(time)[..., None] >= legs.time[..., 1:], axis=-1)
+    # What a change of each arc's yaw rate does to the end position is a rotation of the rest of the
+    # leg; of its acceleration, a push along the rest. Less their means, because the sums of both
+    # controls are fixed. [2, 2, M, ARCS]: of each control on x and y.
+    rest = ends[..., -1:] - ends + 0.5 * arcs
+    pushed = _from_here(arcs / np.maximum(np.hypot(*arcs), 1e-9) * seconds * seconds)
+    effect = _centre(np.stack([rest[::-1] * _QUARTER * seconds, pushed]))
+    # Of all controls that reach the end, those of least weighted norm: effect times the multipliers
+    # m of A m = b, with A symmetric.
+    of_turn, of_push = (effect * effect).sum(axis=-1)
+    a11, a22 = _TURN * of_turn + _SPEED * of_push
+    of_turn, of_push = (effect[:, 0] * effect[:, 1]).sum(axis=-1)
+    a12 = _TURN * of_turn + _SPEED * of_push
+    of_turn, of_push = (effect * control[:, None]).sum(axis=-1)
+    b1, b2 = of_turn + of_push + off
+    determinant = np.maximum(a11 * a22 - a12 * a12, 1e-12)
+    m1 = ((a22 * b1 - a12 * b2) / determinant)[:, None]
+    m2 = ((a11 * b2 - a12 * b1) / determinant)[:, None]
+    return _EACH * (effect[:, 0] * m1 + effect[:, 1] * m2)
+
+
+def at(legs: Legs, time: Array, wind: Wind | None = None) -> VehicleState:
+    """Return the state on legs ``[..., L]`` at a time (s), ``[...]``; before and after them their
+    first and last arc go on.
+
+    With the wind whose air mass the legs are in, the state is over the ground.
+    """
+    begun = np.sum(np.asarray(time)[..., None] >= legs.time[..., 1:], axis=-1)  # all but the first
     number = np.broadcast_to(begun, np.shape(legs.time)[:-1])[..., None]
-    began, duration = (
-        np.take_along_axis(field, number, -1)[..., 0] for field in (legs.time, legs.duration)
-    )
+    began = np.take_along_axis(legs.time, number, -1)[..., 0]
+    duration = np.take_along_axis(legs.duration, number, -1)[..., 0]
     seconds = time - began
     arc = np.clip(np.floor(seconds / duration * ARCS), 0, ARCS - 1).astype(np.intp)
     flat = number[..., 0] * ARCS + arc
     arcs = (field.reshape(*field.shape[:-2], -1) for field in legs[3:])
-    x, y, psi, v, omega, accel = (
-        np.take_along_axis(field, flat[..., None], -1)[..., 0] for field in arcs
-    )
+    now = _Arc(*(np.take_along_axis(field, flat[..., None], -1)[..., 0] for field in arcs))
     t = seconds - arc * (duration / ARCS)
-    dx, dy = _arc(psi, v, omega, accel, t)
-    state = VehicleState(x + dx, y + dy, wrap(psi + omega * t, np), v + accel * t)
+    dx, dy = _displacement(now.heading, now.speed, now.yaw_rate, now.acceleration, t)
+    state = VehicleState(
+        now.x + dx,
+        now.y + dy,
+        wrap(now.heading + now.yaw_rate * t, np),
+        now.speed + now.acceleration * t,
+    )
     return state if wind is None else over_ground(state, wind, time)
 
 
-def _arc(heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, duration: Any) -> Any:
+def _displacement(
+    heading: Array, speed: Array, yaw_rate: Array, acceleration: Array, duration: Array
+) -> Array:
     """Return the displacement of an arc, m, ``[2, ...]``: its velocity integrated by
     Gauss-Legendre's rule.
     """
@@ -224,15 +258,16 @@ def _arc(heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, duration: A
     return np.add.reduce(covered * np.stack([np.cos(psi), np.sin(psi)]), axis=1)
 
 
-def _before(parts: Any) -> Any:
+def _before(parts: Array) -> Array:
     """Return the sum of the parts before each, ``[..., ARCS]``."""
     return parts.cumsum(axis=-1) - parts
 
 
-def _from_here(parts: Any) -> Any:
+def _from_here(parts: Array) -> Array:
     """Return the sum of the parts after each and half of itself, ``[..., ARCS]``."""
     return parts.sum(axis=-1, keepdims=True) - parts.cumsum(axis=-1) + 0.5 * parts
 
 
-def _centre(effect: Any) -> Any:
+def _centre(effect: Array) -> Array:
+    """Return effects less their means, ``[..., ARCS]``."""
     return effect - effect.sum(axis=-1, keepdims=True) * (1.0 / ARCS)

@@ -454,7 +454,7 @@ def test_positions_along_an_arc_are_the_proven_sum() -> None:
             COQ["gauss"](lambda t, part=part: COQ[part](psi, v, w, a, t), h)  # noqa: B023
             for part in ("own_vx", "own_vy")
         ]
-        assert waypoints._arc(psi, v, w, a, h) == pytest.approx(proven, abs=1e-9)
+        assert waypoints._displacement(psi, v, w, a, h) == pytest.approx(proven, abs=1e-9)
         one = (np.array([[value]]) for value in (0.0, 0.0, psi, v, w, a))
         x, y = separation.along(*one, np.array([[h / separation.FINE]]))
         assert (x[0, -1], y[0, -1]) == pytest.approx(proven, abs=1e-9)
@@ -479,7 +479,7 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
         t = 30.0 * (1.0 + nodes)
         place += np.sum(30.0 * weights * (v + a * t) * np.exp(1j * (psi + w * t)))
     last = curves.x[0, 0, -1] + 1j * curves.y[0, 0, -1]
-    last += complex(*waypoints._arc(*(field[0, 0, -1] for field in curves[5:]), 60.0))
+    last += complex(*waypoints._displacement(*(field[0, 0, -1] for field in curves[5:]), 60.0))
     assert 1e-7 < abs(place - last) < error < 1e-3
 
     one = np.ones((1, 1))
