@@ -1,14 +1,14 @@
 """Rows of recorded tracks, ordered in time and held against each other.
 
 From one row to the next, and over each :data:`WINDOW` seconds, the change of position must be what
-the reported velocities make of it (by the trapezoidal rule), within
+the reported velocities make of it by the trapezoidal rule. With t seconds in all and dt from row to
+row, it may be off by
 
-    ``POSITION + VELOCITY t + ACCELERATION / 4 sum(dt^2)`` horizontally and ``HEIGHT + CLIMB t``
-    vertically,
+    ``POSITION + VELOCITY t + ACCELERATION / 4 sum(dt^2)`` horizontally,
+    ``HEIGHT + CLIMB t`` vertically;
 
-t seconds in all and dt from row to row; the last term is what an acceleration between two rows can
-do. A row that no aircraft could have reached so is an outlier, of another aircraft with the same
-address, or of another clock.
+the last term of the first is what an acceleration between two rows can do. A row that is further
+off is an outlier, of another aircraft with the same address, or of another clock.
 
 Nothing is repaired unless asked for, and what was repaired is counted.
 """
@@ -17,7 +17,7 @@ import math
 import operator
 from bisect import bisect_right
 from collections.abc import Mapping
-from typing import NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -68,27 +68,26 @@ def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
         TrackError: something is wrong and must not be repaired, nothing is left, or tracks are too
             far apart.
     """
-    kept, done = {}, []
+    longest, repairs = {}, []
     for name, each in rows.items():
-        flights, repairs = flights_of(name, each, how)
-        kept[name] = max(flights, key=len)
-        if not kept[name]:
+        flights, repaired = flights_of(name, each, how)
+        longest[name] = max(flights, key=len)
+        if not longest[name]:
             raise TrackError(
                 f"{how.source}: no row of {name!r} is left, expected at least one that is finite"
             )
-        others = sum(map(len, flights)) - len(kept[name])
-        done.append(repairs._replace(impossible=repairs.impossible + others, split=0))
-    reference = place_of(next(iter(kept.values()))[0])
-    tracks = tuple(track_of(name, each, reference) for name, each in kept.items())
+        others = sum(map(len, flights)) - len(longest[name])
+        repairs.append(repaired._replace(impossible=repaired.impossible + others, split=0))
+    reference = place_of(next(iter(longest.values()))[0])
+    tracks = tuple(track_of(name, each, reference) for name, each in longest.items())
     for track in tracks:
         far = float(np.hypot(track.x, track.y).max())
         if far > DISTANT:
-            away = (
-                f"{far / 1e3:.0f} km from where {tracks[0].name!r} begins, expected at most "
-                f"{DISTANT / 1e3:.0f} km"
+            raise TrackError(
+                f"{how.source}: {track.name!r} is {far / 1e3:.0f} km from where "
+                f"{tracks[0].name!r} begins, expected at most {DISTANT / 1e3:.0f} km"
             )
-            raise TrackError(f"{how.source}: {track.name!r} is {away}")
-    return TrackFile(tracks, sum_of_repairs(done))
+    return TrackFile(tracks, sum_of_repairs(repairs))
 
 
 def place_of(row: tuple[int, dict[str, float]]) -> tuple[float, float] | None:
@@ -117,15 +116,14 @@ def track_of(name: str, rows: Rows, reference: tuple[float, float] | None) -> Tr
 
 
 def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs]:
-    """Return the flights of an aircraft, each in order and without gaps, at least one, and what it
-    took.
+    """Return the flights of an aircraft, each in order and without gaps, at least one, and what was
+    repaired for it.
 
     Raises:
         TrackError: something is wrong and must not be repaired.
     """
     counts = dict.fromkeys(Repairs._fields, 0)
-    groups: list[list[_Flight]] = []
-    recent: list[_Flight] = []  # that with the latest row last
+    sorter = _Sorter(name)
     for number, values in rows:
         bad = next((key for key, value in values.items() if not math.isfinite(value)), None)
         if bad is not None:
@@ -135,147 +133,195 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
                 )
             counts["not_finite"] += 1
             continue
-        fault, refusal, filled = "", "", 0
-        for flight in reversed(recent):
-            found, sentence, filled = flight.add(number, values, how)
-            if found in ("", "out_of_order", "stale"):
-                fault, refusal = found, sentence
-                recent.remove(flight)
-                recent.append(flight)
-                break
-            if fault in ("", "apart"):
-                fault, refusal = found, sentence
-        else:
-            if fault in ("", "apart") or how.repair:
-                recent = [*recent[1 - _MOST_OPEN :], _Flight(name, number, values)]
-                if fault in ("", "apart"):
-                    groups.append([])
-                groups[-1].append(recent[-1])
-                continue
-        if fault and not how.repair:
-            raise TrackError(refusal)
-        counts["filled"] += filled
+        fit = sorter.add(number, values, how)
+        if fit.fault and not how.repair:
+            raise TrackError(fit.sentence)
+        counts["filled"] += fit.filled
         if counts["filled"] > _MOST_FILLED:
             raise TrackError(
                 f"{how.source}: the gaps of {name!r} take more than {_MOST_FILLED} rows to fill"
             )
-        if fault:
-            counts[fault] += 1
-    kept: list[Rows] = []
-    for group in groups:
-        longest = max(group, key=lambda flight: len(flight.rows))
-        lasting = [flight for flight in group if flight is longest or flight.lasts() >= _LASTING]
-        kept += [flight.rows for flight in lasting]
+        if fit.fault:
+            counts[fit.fault] += 1
+    found: list[Rows] = []
+    for group in sorter.groups:
+        lasting = _lasting(group)
+        found += [flight.rows for flight in lasting]
         counts["split"] += len(lasting) - 1
-        counts["impossible"] += sum(len(flight.rows) for flight in group) - sum(
-            len(flight.rows) for flight in lasting
-        )
-    return kept or [[]], Repairs(**counts)
+        counts["impossible"] += _count_rows(group) - _count_rows(lasting)
+    return found or [[]], Repairs(**counts)
+
+
+class _Fit(NamedTuple):
+    """What came of holding a row against a flight."""
+
+    fault: Literal["", "apart", "impossible", "out_of_order", "stale"] = ""
+    """What keeps it out, by the field of :class:`Repairs` that counts it; ``apart``: it is of
+    another flight; empty: it has been added."""
+    sentence: str = ""  # on the fault
+    filled: int = 0  # rows that were filled in before it
+
+
+class _Sorter:
+    """Sorts the rows of an aircraft into flights."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self.groups: list[list[_Flight]] = []
+        """Flights that are apart in time; those of one group contradict each other."""
+        self._recent: list[_Flight] = []  # that with the latest row last
+
+    def add(self, number: int, values: dict[str, float], how: Reading) -> _Fit:
+        """Add a row to the flight that it belongs to, or begin one with it."""
+        misfit = _Fit("apart")
+        for flight in reversed(self._recent):
+            fit = flight.add(number, values, how)
+            if fit.fault in ("", "out_of_order", "stale"):
+                self._recent.remove(flight)
+                self._recent.append(flight)
+                return fit
+            if misfit.fault == "apart":
+                misfit = fit
+        if misfit.fault != "apart" and not how.repair:
+            return misfit
+        begun = _Flight(self._name, number, values)
+        self._recent = [*self._recent[1 - _MOST_OPEN :], begun]
+        if misfit.fault == "apart":
+            self.groups.append([])
+        self.groups[-1].append(begun)
+        return _Fit()
+
+
+class _Miss(NamedTuple):
+    """How far positions are from where the velocities lead, m."""
+
+    east: float
+    north: float
+    up: float
+    bend: float  # what an acceleration between the rows can do, horizontally
 
 
 class _Flight:
-    """Rows that follow from each other, and what their positions miss of their velocities since the
-    first.
-    """
+    """Rows that follow from each other."""
 
     def __init__(self, name: str, number: int, values: dict[str, float]) -> None:
         self.name = name
         self.rows: Rows = [(number, values)]
         self.times = [values["time"]]
-        self.missed: list[tuple[float, ...]] = [(0.0, 0.0, 0.0, 0.0)]
-        """East, north and up, and what an acceleration can do, m."""
+        self.missed = [_Miss(0.0, 0.0, 0.0, 0.0)]
+        """In all since the first row, at each row."""
 
     def lasts(self) -> float:
+        """Return the time from the first row to the last, s."""
         return self.times[-1] - self.times[0]
 
-    def add(self, number: int, values: dict[str, float], how: Reading) -> tuple[str, str, int]:
-        """Add a row; return the fault that keeps it out or "", a sentence on it, and how many rows
-        were filled in.
-        """
-        (line, last), time = self.rows[-1], values["time"]
-        step, of = time - last["time"], f"of {self.name!r}"
+    def add(self, number: int, values: dict[str, float], how: Reading) -> _Fit:
+        """Add a row and fill the gap before it, or return what keeps it out."""
+        step = values["time"] - self.times[-1]
         if step <= 0.0:
-            expected = f"expected more than {last['time']:.15g} s as in {how.noun} {line}"
-            sentence = f"{how.field(number, 'time')}: {time:.15g} s {of}, {expected}"
-            before = bisect_right(self.times, time) - 1
-            if before < 0:
-                return ("apart" if self.times[0] - time > how.apart else "impossible"), sentence, 0
-            again = _Flight(self.name, *self.rows[before])
-            return (
-                ("impossible" if again.strays(number, values, how) else "out_of_order"),
-                sentence,
-                0,
-            )
+            return self._look_back(number, values, how)
         if step > how.apart:
-            return "apart", "", 0
-        place = ("lat", "lon") if "lat" in last else ("sx", "sy")
-        if (
-            all(last[key] == values[key] for key in place)
-            and values.get("gs", 0.0) * step > how.standing
-        ):
-            same = (
-                f"the position of {time:.15g} s is that of {last['time']:.15g} s at "
-                f"{values['gs']:.0f} m/s"
-            )
-            return "stale", f"{how.field(number, place[0])}: {same}, expected another", 0
+            return _Fit("apart")
+        stale = self._find_stale(number, values, how)
+        if stale:
+            return _Fit("stale", stale)
         parts = math.ceil(min(step / how.max_gap, _MOST_FILLED + 1))
         if parts > 1 and (not how.repair or parts > _MOST_FILLED):
-            gap = f"a gap of {step:g} s in the track {of}, expected at most {how.max_gap:g} s"
-            return "impossible", f"{how.field(number, 'time')}: {gap}", 0
-        size = len(self.rows)
+            gap = f"a gap of {step:g} s in the track of {self.name!r}"
+            sentence = f"{how.field(number, 'time')}: {gap}, expected at most {how.max_gap:g} s"
+            return _Fit("impossible", sentence)
+        return self._fill(number, values, parts, how)
+
+    def _look_back(self, number: int, values: dict[str, float], how: Reading) -> _Fit:
+        """Return why a row that is not after the last one is kept out: it is of this flight, but
+        out of order, where it follows from the row before its time.
+        """
+        time, (line, last) = values["time"], self.rows[-1]
+        sentence = (
+            f"{how.field(number, 'time')}: {time:.15g} s of {self.name!r}, expected more than "
+            f"{last['time']:.15g} s as in {how.noun} {line}"
+        )
+        before = bisect_right(self.times, time) - 1
+        if before < 0:
+            return _Fit("apart" if self.times[0] - time > how.apart else "impossible", sentence)
+        there = _Flight(self.name, *self.rows[before])
+        return _Fit("impossible" if there.strays(number, values, how) else "out_of_order", sentence)
+
+    def _find_stale(self, number: int, values: dict[str, float], how: Reading) -> str:
+        """Return what is wrong with a position that stays although the aircraft moves, or ""."""
+        last, time, speed = self.rows[-1][1], values["time"], values.get("gs", 0.0)
+        place = ("lat", "lon") if "lat" in last else ("sx", "sy")
+        stays = all(last[key] == values[key] for key in place)
+        if not (stays and speed * (time - last["time"]) > how.standing):
+            return ""
+        return (
+            f"{how.field(number, place[0])}: the position of {time:.15g} s is that of "
+            f"{last['time']:.15g} s at {speed:.0f} m/s, expected another"
+        )
+
+    def _fill(self, number: int, values: dict[str, float], parts: int, how: Reading) -> _Fit:
+        """Add a row at the end of so many equal steps, and one at the end of each step before; or
+        none of them where one strays.
+        """
+        size, last = len(self.rows), self.rows[-1][1]
         for part in range(1, parts + 1):
-            share = part / parts
-            each = (
-                values
-                if part == parts
-                else {key: _mix(key, last[key], values[key], share) for key in last}
-            )
-            strays = (
-                "no time passes"
-                if each["time"] <= self.times[-1]
-                else self.strays(number, each, how)
-            )
+            row = values
+            if part < parts:
+                row = {key: _mix(key, last[key], values[key], part / parts) for key in last}
+            strays = "no time passes"
+            if row["time"] > self.times[-1]:
+                strays = self.strays(number, row, how)
             if strays:
                 del self.rows[size:], self.times[size:], self.missed[size:]
-                return "impossible", strays, 0
-            self.rows.append((number, each))
-            self.times.append(each["time"])
-        return "", "", parts - 1
+                return _Fit("impossible", strays)
+            self.rows.append((number, row))
+            self.times.append(row["time"])
+        return _Fit(filled=parts - 1)
 
     def strays(self, number: int, values: dict[str, float], how: Reading) -> str:
         """Return why no aircraft can come from the last rows to another; "" if one can: what it
         misses is noted.
         """
         step = values["time"] - self.times[-1]
-        off = (*_misses(self.rows[-1][1], values), 0.25 * ACCELERATION * step * step)
-        total = tuple(map(operator.add, self.missed[-1], off))
+        missed = _Miss(*_misses(self.rows[-1][1], values), 0.25 * ACCELERATION * step * step)
+        total = _Miss(*map(operator.add, self.missed[-1], missed))
         begin = max(bisect_right(self.times, values["time"] - WINDOW) - 1, 0)
-        for row, missed in (
-            (-1, off),
-            (begin, tuple(map(operator.sub, total, self.missed[begin]))),
+        of_window = _Miss(*map(operator.sub, total, self.missed[begin]))
+        problem = self._too_far(-1, missed, number, values, how)
+        problem = problem or self._too_far(begin, of_window, number, values, how)
+        if not problem:
+            self.missed.append(total)
+        return problem
+
+    def _too_far(
+        self, row: int, missed: _Miss, number: int, values: dict[str, float], how: Reading
+    ) -> str:
+        """Return which bound is missed since one of the rows, or ""."""
+        seconds = values["time"] - self.times[row]
+        position = POSITION + VELOCITY * seconds + missed.bend
+        for key, far, most in (
+            ("alt", abs(missed.up), HEIGHT + CLIMB * seconds),
+            ("lat" if "lat" in values else "sx", math.hypot(missed.east, missed.north), position),
         ):
-            east, north, up, bend = missed
-            seconds = values["time"] - self.times[row]
-            for key, far, most in (
-                ("alt", abs(up), HEIGHT + CLIMB * seconds),
-                (
-                    "lat" if "lat" in values else "sx",
-                    math.hypot(east, north),
-                    POSITION + VELOCITY * seconds + bend,
-                ),
-            ):
-                if not far <= most:
-                    lead = (
-                        f"{how.noun} {self.rows[row][0]} of {self.name!r} and the velocities "
-                        "since lead"
-                    )
-                    where = (
-                        f"{far:.0f} m off where {lead} in {seconds:g} s, expected at most "
-                        f"{most:.0f} m"
-                    )
-                    return f"{how.field(number, key)}: {where}"
-        self.missed.append(total)
+            if not far <= most:
+                return (
+                    f"{how.field(number, key)}: {far:.0f} m off where {how.noun} "
+                    f"{self.rows[row][0]} of {self.name!r} and the velocities since lead in "
+                    f"{seconds:g} s, expected at most {most:.0f} m"
+                )
         return ""
+
+
+def _lasting(group: list[_Flight]) -> list[_Flight]:
+    """Return the longest of flights that contradict each other, and those long enough to be real,
+    in their order.
+    """
+    longest = max(group, key=lambda flight: len(flight.rows))
+    return [flight for flight in group if flight is longest or flight.lasts() >= _LASTING]
+
+
+def _count_rows(flights: list[_Flight]) -> int:
+    return sum(len(flight.rows) for flight in flights)
 
 
 def _misses(before: dict[str, float], after: dict[str, float]) -> tuple[float, float, float]:
