@@ -7,16 +7,15 @@ a scenario or an observation needs as a number follows from here.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from envs.arrays import Array
 from envs.edge.command import InputError
 from envs.kinematics import FASTEST, Limits
 from envs.outcome import Rules
 
 _STEPS = 300
-"""Time steps until a route counts as missed: 30 D / speed_max of 0.1 D / speed_max each (paper: 300
-s of 1 s).
-"""
+"""Time steps until a route counts as missed (paper: 300 s of 1 s)."""
 
 _TRAFFIC = 1.5
 """Greatest speed of the traffic, in greatest speeds of the ownship (paper: 150 of 100 m/s)."""
@@ -27,21 +26,19 @@ class AircraftError(InputError):
 
 
 class Aircraft(NamedTuple):
-    """An aircraft and its task, SI units; floats, so that they can be data of a compiled
-    function.
-    """
+    """An aircraft and its task; floats, so that they can be data of a compiled function."""
 
     limits: Limits
-    separation: Any  # required horizontal separation D, m
-    goal_radius: Any  # distance from the goal at which the ownship has rejoined its route, m
-    traffic_speed_max: Any  # greatest speed of the traffic, m/s
-    dt: Any  # time step of decisions, s
-    t_max: Any  # duration after which the route counts as missed, s; a whole number of steps
-    # What the vehicle itself can do, where decisions are more conservative; None: the limits.
+    separation: Array  # required horizontal separation D, m
+    goal_radius: Array  # distance from the goal at which the ownship has rejoined its route, m
+    traffic_speed_max: Array  # greatest speed of the traffic, m/s
+    dt: Array  # time step of decisions, s
+    t_max: Array  # duration after which the route counts as missed, s; a whole number of steps
     vehicle: Limits | None = None
+    """What the vehicle itself can do, where decisions are more conservative; None: the limits."""
 
     @property
-    def time_unit(self) -> Any:
+    def time_unit(self) -> Array:
         """D / ``speed_max``, s."""
         return self.separation / self.limits.speed_max
 
@@ -58,15 +55,15 @@ class Aircraft(NamedTuple):
 class Ratios(NamedTuple):
     """The limits in units of the separation D and of ``speed_max``; floats or ``[...]``."""
 
-    speed_min: Any  # in speed_max
-    acceleration_min: Any  # in speed_max^2 / D, negative
-    acceleration_max: Any
-    turn_radius: Any  # of the circle at speed_max and the greatest yaw rate, in D
+    speed_min: Array  # in speed_max
+    acceleration_min: Array  # in speed_max^2 / D, negative
+    acceleration_max: Array  # in the same
+    turn_radius: Array  # of the circle at speed_max and the greatest yaw rate, in D
 
 
-def ratios(limits: Limits, separation: Any) -> Ratios:
-    """Return the limits (floats or ``[...]``) in units of the separation (m) and of the greatest
-    speed.
+def ratios(limits: Limits, separation: Array) -> Ratios:
+    """Return the limits in units of the separation (m) and of the greatest speed; floats or
+    ``[...]``.
     """
     unit = separation / (limits.speed_max * limits.speed_max)
     return Ratios(
@@ -101,47 +98,67 @@ def new_aircraft(
     Raises:
         AircraftError: a number is not finite or out of range, or two contradict each other.
     """
-    limits = _checked_limits("", limits)
+    limits = _check_limits("", limits)
     if vehicle is not None:
-        vehicle = _checked_limits("vehicle: ", vehicle)
-        if max(limits.speed_min, vehicle.speed_min) >= min(limits.speed_max, vehicle.speed_max):
-            raise AircraftError(
-                f"vehicle: flies {vehicle.speed_min:g} to {vehicle.speed_max:g} m/s; expected "
-                f"speeds in common with {limits.speed_min:g} to {limits.speed_max:g} m/s"
-            )
+        vehicle = _check_vehicle(vehicle, limits)
     if not 1.0 <= separation <= 1e6:
         raise AircraftError(f"separation is {separation:g}; expected 1 to 1e+06")
-    given = Aircraft(
+    if goal_radius is None:
+        goal_radius = 0.5 * separation
+    if traffic_speed_max is None:
+        traffic_speed_max = _TRAFFIC * float(limits.speed_max)
+    if dt is None:
+        dt = float(f"{0.1 * separation / limits.speed_max:.1e}")
+    if t_max is None:
+        t_max = _STEPS * dt
+    made = Aircraft(
         limits,
-        float(separation),
-        0.5 * separation if goal_radius is None else float(goal_radius),
-        _TRAFFIC * limits.speed_max if traffic_speed_max is None else float(traffic_speed_max),
-        float(f"{0.1 * separation / limits.speed_max:.1e}") if dt is None else float(dt),
-        0.0,
-        vehicle,
+        separation=float(separation),
+        goal_radius=float(goal_radius),
+        traffic_speed_max=float(traffic_speed_max),
+        dt=float(dt),
+        t_max=float(t_max),
+        vehicle=vehicle,
     )
-    given = given._replace(t_max=_STEPS * given.dt if t_max is None else float(t_max))
-    for name, value in given._asdict().items():
+    _check_task(made)
+    return made
+
+
+def _check_task(aircraft: Aircraft) -> None:
+    """Refuse numbers of a task that are not finite and positive, or that contradict each other."""
+    for name, value in aircraft._asdict().items():
         if name not in ("limits", "vehicle") and not (math.isfinite(value) and value > 0.0):
             raise AircraftError(f"{name} is {value:g}; expected a finite number above 0")
-    if given.goal_radius > given.separation:
-        expected = f"at most the separation, {given.separation:g} m"
-        raise AircraftError(f"goal_radius is {given.goal_radius:g} m; expected {expected}")
-    turn = limits.yaw_rate_max * given.dt
+    separation, dt, t_max = aircraft.separation, aircraft.dt, aircraft.t_max
+    if aircraft.goal_radius > separation:
+        raise AircraftError(
+            f"goal_radius is {aircraft.goal_radius:g} m; expected at most the separation, "
+            f"{separation:g} m"
+        )
+    turn = aircraft.limits.yaw_rate_max * dt
     if turn > 1.0:
         raise AircraftError(
-            f"yaw_rate_max turns {turn:g} rad in a time step of {given.dt:g} s; expected at most "
-            "1 rad"
+            f"yaw_rate_max turns {turn:g} rad in a time step of {dt:g} s; expected at most 1 rad"
         )
-    if abs(given.t_max / given.dt - round(given.t_max / given.dt)) > 1e-6:
+    if abs(t_max / dt - round(t_max / dt)) > 1e-6:
         raise AircraftError(
-            f"t_max is {given.t_max:g} s; expected a whole number of time steps of {given.dt:g} s"
+            f"t_max is {t_max:g} s; expected a whole number of time steps of {dt:g} s"
         )
-    return given
 
 
-def _checked_limits(where: str, limits: Limits) -> Limits:
-    """Return limits as floats, or raise :class:`AircraftError` with the place before the name."""
+def _check_vehicle(vehicle: Limits, limits: Limits) -> Limits:
+    """Return a vehicle's limits as floats; refuse speeds that have none in common with others."""
+    vehicle = _check_limits("vehicle: ", vehicle)
+    if max(limits.speed_min, vehicle.speed_min) >= min(limits.speed_max, vehicle.speed_max):
+        raise AircraftError(
+            f"vehicle: flies {vehicle.speed_min:g} to {vehicle.speed_max:g} m/s; expected "
+            f"speeds in common with {limits.speed_min:g} to {limits.speed_max:g} m/s"
+        )
+    return vehicle
+
+
+def _check_limits(where: str, limits: Limits) -> Limits:
+    """Return limits as floats; refuse impossible ones, with the place before the name."""
     limits = Limits(*map(float, limits))
     slow, fast, most = limits.speed_min, limits.speed_max, FASTEST.speed_max
     if not 0.0 <= slow < fast <= most:
@@ -164,6 +181,6 @@ PAPER = new_aircraft(
     1_000.0,
     vehicle=Limits(31.0, 100.0, -0.8, 0.5, math.radians(5.0)),
 )
-"""The paper's aircraft and task (its tables of limits, simulation parameters and reward), with the
-true vehicle that its conservative limits leave a reserve to.
+"""The paper's aircraft and task (its tables of limits, simulation parameters and reward); the
+vehicle is the true one, to which the conservative limits leave a reserve.
 """
