@@ -7,8 +7,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from envs import surrogate
+from envs.arrays import Array
 from envs.encounters import Encounter
 from envs.observation import ROW, SIZE
 from envs.relative import distance
@@ -36,11 +38,42 @@ class Setting(NamedTuple):
         return SIZE if self.intruders == 1 else ROW + (ROW + 1) * self.intruders
 
 
+class Columns(NamedTuple):
+    """What a step says beside the observations; fields ``[N]``, in the order of its packed columns.
+
+    The distances are in m; the last two are of the start that follows where an encounter has ended.
+    """
+
+    reward: Array
+    code: Array  # of the outcome: 0 flying, 1 violation, 2 reached, 3 timeout
+    separation: Array  # smallest in the step
+    goal_distance: Array
+    new_separation: Array  # from the nearest intruder
+    new_goal_distance: Array
+
+
+class Packed(NamedTuple):
+    """A step in one array, because a transfer costs more than what it carries, taken apart."""
+
+    seen: np.ndarray  # observations to act on, [N, S]
+    final_seen: np.ndarray  # observations at the end of the step, [N, S]
+    columns: Columns
+
+
+def unpack(packed: jax.Array, setting: Setting) -> Packed:
+    """Return what :func:`step` has packed, on the host."""
+    host, size = np.asarray(packed), setting.size
+    return Packed(host[:, :size], host[:, size : 2 * size], Columns(*host[:, 2 * size :].T))
+
+
 @partial(jax.jit, static_argnums=3)
 def begin(
     encounter: Encounter, key: jax.Array, tick: int, setting: Setting
 ) -> tuple[State, jax.Array]:
-    """Begin encounters ``[N]``, float32, in the call number ``tick`` under a key.
+    """Begin encounters ``[N]``, float32.
+
+    Args:
+        tick: number of the call under this key.
 
     Returns:
         The state and, packed as float32 ``[N, S + 2]``: observation (S), distance to the nearest
@@ -72,11 +105,7 @@ def step(
         tick: number of the call under this key.
 
     Returns:
-        The state to go on with and, packed as float32 ``[N, 2 S + 6]``, because a transfer costs
-        more than what it
-        carries: observation (S), observation at the end of the step (S), reward, code of the
-        outcome (0 flying, 1 violation, 2 reached, 3 timeout), smallest separation in the step, goal
-        distance, and of the fresh start the distance to the nearest intruder and to the goal, m.
+        The state to go on with, and float32 ``[N, 2 S + 6]`` for :func:`unpack`.
     """
     command = actions[:, 0], actions[:, 1]
     final, result = surrogate.step(state, command, setting.world)
@@ -92,15 +121,25 @@ def step(
     # the noise.
     noise_key = jax.random.fold_in(key, tick)
     violation, reached, timeout = result.outcome
-    code = 1.0 * violation + 2.0 * reached + 3.0 * timeout
-    columns = jnp.stack(
-        [reward, code, result.separation, result.goal_distance, *_distances(fresh)], axis=-1
+    new_separation, new_goal_distance = _distances(fresh)
+    columns = Columns(
+        reward=reward,
+        code=1.0 * violation + 2.0 * reached + 3.0 * timeout,
+        separation=result.separation,
+        goal_distance=result.goal_distance,
+        new_separation=new_separation,
+        new_goal_distance=new_goal_distance,
     )
-    packed = [_observe(following, noise_key, setting), _observe(final, noise_key, setting), columns]
+    packed = [
+        _observe(following, noise_key, setting),
+        _observe(final, noise_key, setting),
+        jnp.stack(columns, axis=-1),
+    ]
     return following, jnp.concatenate(packed, axis=-1)
 
 
 def _observe(state: State, key: jax.Array, setting: Setting) -> jax.Array:
+    """Return observations, ``[N, S]``, with noise drawn from the key where reports are noisy."""
     noise = jax.random.normal(key, (4, *state.mask.shape)) if setting.noisy else None
     aircraft = setting.world.aircraft
     if setting.intruders == 1:
@@ -112,6 +151,7 @@ def _observe(state: State, key: jax.Array, setting: Setting) -> jax.Array:
 
 
 def _distances(state: State) -> tuple[jax.Array, jax.Array]:
+    """Return the distances to the nearest intruder and to the goal, m, ``[N]`` each."""
     own, other = state.own, state.intruders.vehicle
     apart = distance(other.x - own.x[:, None], other.y - own.y[:, None], jnp)
     nearest = jnp.min(jnp.where(state.mask, apart, jnp.inf), axis=-1)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import error, spaces
+from numpy.typing import ArrayLike
 
 from envs.aircraft import Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, scenario
@@ -33,14 +34,13 @@ def has_display() -> bool:
 
 
 def observation_space(intruders: int) -> spaces.Space[Any]:
-    """Return the space of an observation: float32 ``[8]`` for one intruder, a ``Dict`` for more (at
-    most 64).
+    """Return the space of an observation: float32 ``[8]`` for one intruder, a ``Dict`` for more.
+
+    Raises:
+        EncounterError: it is no number of intruders, 1 to :data:`envs.encounters.MOST_INTRUDERS`.
     """
-    if (
-        isinstance(intruders, bool)
-        or not isinstance(intruders, int)
-        or not 1 <= intruders <= MOST_INTRUDERS
-    ):
+    whole = isinstance(intruders, int) and not isinstance(intruders, bool)
+    if not (whole and 1 <= intruders <= MOST_INTRUDERS):
         raise EncounterError(
             f"intruders is {intruders!r}; expected a whole number from 1 to {MOST_INTRUDERS}"
         )
@@ -56,8 +56,9 @@ def observation_space(intruders: int) -> spaces.Space[Any]:
 
 
 def as_dict(packed: np.ndarray, intruders: int) -> dict[str, np.ndarray]:
-    """Return observations as the ``Dict`` space has them, from own, traffic and mask in one array
-    ``[..., S]``.
+    """Return observations as the ``Dict`` space has them.
+
+    Packed they hold own, traffic and mask one after the other, ``[..., 4 + 5 K]`` for K intruders.
     """
     own, traffic, mask = np.split(packed, [ROW, ROW + ROW * intruders], axis=-1)
     rows = traffic.reshape(*packed.shape[:-1], intruders, ROW)
@@ -74,8 +75,10 @@ def action_space() -> spaces.Box:
 
 
 def scenario_of(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
-    """Return the scenario meant, of ``module:name`` with its code loaded; an EncounterError where
-    there is none of that name or it is another aircraft's.
+    """Return the scenario meant; where it is named ``module:name`` its code is loaded.
+
+    Raises:
+        EncounterError: there is none of that name, or it is another aircraft's.
     """
     if isinstance(wanted, str):
         resolve(wanted)
@@ -92,11 +95,12 @@ def scenario_of(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
     return wanted
 
 
-def checked_world(
-    aircraft: Aircraft, rules: Rules | None, rewards: Mapping[str, float] | None
-) -> World:
+def world_of(aircraft: Aircraft, rules: Rules | None, rewards: Mapping[str, float] | None) -> World:
     """Return the world of an aircraft, by its own rules or others, with the scores of a table of
-    rewards; an EncounterError for another time step.
+    rewards.
+
+    Raises:
+        EncounterError: the rules have another time step than the aircraft.
     """
     chosen = aircraft.rules() if rules is None else rules
     if chosen.dt != aircraft.dt:
@@ -106,17 +110,19 @@ def checked_world(
     return World(with_scores(Rules(*map(float, chosen)), rewards or {}), aircraft)
 
 
-def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the options of a reset, or raise an EncounterError for one that is unknown or of a
-    wrong type.
+def check_options(options: dict[str, Any] | None) -> dict[str, Any]:
+    """Return the options of a reset.
+
+    Raises:
+        EncounterError: one is unknown or of a wrong type.
     """
     chosen = dict(options or {})
     for key in chosen:
         if key not in _OPTIONS:
             near = get_close_matches(str(key), _OPTIONS, n=1)
-            hint = (
-                f"did you mean {near[0]!r}?" if near else f"expected some of {', '.join(_OPTIONS)}"
-            )
+            hint = f"expected some of {', '.join(_OPTIONS)}"
+            if near:
+                hint = f"did you mean {near[0]!r}?"
             raise EncounterError(f"reset option {key!r} is unknown; {hint}")
     wanted = chosen.get("encounter")
     if isinstance(wanted, (int, np.integer)) and not isinstance(wanted, bool):
@@ -128,9 +134,11 @@ def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
     return chosen
 
 
-def checked_actions(action: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return actions as float32, or raise an InvalidAction for another shape or what is not
-    finite.
+def check_actions(action: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """Return actions as float32 of a shape.
+
+    Raises:
+        gymnasium.error.InvalidAction: they have another shape, or one is no finite number.
     """
     try:
         numbers = np.asarray(action, dtype=np.float32)

@@ -6,7 +6,7 @@ docs/howto/gymnasium.md.
 """
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -21,13 +21,14 @@ from envs.gym.gymnasium_contract import (
     OUTCOMES,
     action_space,
     as_dict,
-    checked_actions,
-    checked_options,
-    checked_world,
+    check_actions,
+    check_options,
     has_display,
     observation_space,
     scenario_of,
+    world_of,
 )
+from envs.kinematics import VehicleState
 from envs.outcome import Rules
 from envs.rewards import learning_reward, table
 from envs.world import State, StepResult
@@ -37,6 +38,14 @@ if TYPE_CHECKING:
     from envs.gym.window import Window
 
 ENV_ID = "rlcas/Deconfliction-v0"
+
+
+class _Frame(NamedTuple):
+    """A moment of an encounter of K intruders, for pictures."""
+
+    own: VehicleState
+    intruders: list[VehicleState]  # K
+    separations: tuple[float, ...]  # smallest distance to each during the step before, m, K
 
 
 class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
@@ -51,9 +60,9 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
     Action: float32 ``[2]`` in [-1, 1], acceleration and yaw rate as parts of the aircraft's limits
         (the paper's: 0.5 m/s^2 and 3 deg/s), positive to the left; values beyond are clipped.
     Reward: sparse; -100 at a violation, +100 at the goal, -10 at ``t_max``, else 0; with
-        ``rewards`` that table, points. Termination:
-    ``terminated`` at a violation (closest approach within a step, by continuous motion) and at the
-        goal; ``truncated`` at ``t_max``, because the observation holds no clock.
+        ``rewards`` that table, points.
+    Termination: ``terminated`` at a violation (closest approach within a step, by continuous
+        motion) and at the goal; ``truncated`` at ``t_max``, because the observation holds no clock.
     Info: ``separation`` (smallest in the step, m), ``min_separation`` (since the start, m),
         ``goal_distance`` (m), ``time`` (s), ``outcome`` (one of
         :data:`envs.gym.gymnasium_contract.OUTCOMES`), ``encounter`` (its number; -1 for one given).
@@ -108,8 +117,10 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         self.observation_space = observation_space(intruders)
         self.action_space = action_space()
         self.scenario = scenario_of(scenario, aircraft)
-        self.world, self._rows = checked_world(aircraft, rules, rewards), intruders
-        self._rewards, self._discount = table(rewards or {}), discount
+        self.world = world_of(aircraft, rules, rewards)
+        self._rows = intruders
+        self._rewards = table(rewards or {})
+        self._discount = discount
         self._seed: int | None = None
         self._next = 0
         self._number = 0
@@ -118,7 +129,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         self._mask = np.zeros(0, dtype=bool)
         self._noisy = False
         self._min_separation = np.inf
-        self._frames: list[tuple[Any, list[Any], tuple[float, ...]]] = []
+        self._frames: list[_Frame] = []
         self._outcome = OUTCOMES[0]
         self._picture: Drawing | None = None
         self._window: Window | None = None
@@ -127,7 +138,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Begin the next encounter, or the one that the options ask for."""
-        chosen = checked_options(options)
+        chosen = check_options(options)
         super().reset(seed=seed)
         if seed is not None:
             self._seed, self._next = seed, 0
@@ -141,8 +152,10 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         drawn = wanted if given else starts.encounters_of_seed(self.scenario, self._seed, number, 1)
         encounter = starts.check_encounter(drawn, self.world.aircraft)
 
-        self._number, self._next, self._label = number, number + 1, -1 if given else number
-        self._flight, self._outcome = flight.begin(encounter, self.world.aircraft.dt), OUTCOMES[0]
+        self._number, self._next = number, number + 1
+        self._label = -1 if given else number
+        self._flight = flight.begin(encounter, self.world.aircraft.dt)
+        self._outcome = OUTCOMES[0]
         self._mask = encounter.mask
         self._noisy = any(np.any(field > 0.0) for field in encounter.sensor)
         separations = flight.separations(self._flight)
@@ -168,8 +181,9 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             raise error.ResetNeeded(
                 f"the encounter has ended ({self._outcome}); call reset to begin another one"
             )
-        acceleration, yaw_rate = checked_actions(action, (2,)).tolist()
-        before, command = self._flight, (acceleration, yaw_rate)
+        acceleration, yaw_rate = check_actions(action, (2,)).tolist()
+        before = self._flight
+        command = acceleration, yaw_rate
         self._flight, result = self._advance(before, command)
         reward = result.reward
         if self._rewards.shaping:
@@ -177,7 +191,8 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             reward, _ = learning_reward(self._rewards, moved, self._discount, np)
         self._min_separation = min(self._min_separation, result.separation)
         judged = result.outcome
-        self._outcome = OUTCOMES[1 * judged.violation + 2 * judged.reached + 3 * judged.timeout]
+        holds = (name for name, value in judged._asdict().items() if value)
+        self._outcome = next(holds, OUTCOMES[0])
         self._record(result.separations)
         if self.render_mode == "human":
             self.render()
@@ -222,22 +237,19 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         from envs.gym.rendering import Picture
 
         assert self._flight is not None
-        label = (
-            "an encounter of your own"
-            if self._label < 0
-            else f"{self.scenario.name}, encounter {self._label}"
-        )
-        own, intruders, separations = (np.array(rows) for rows in zip(*self._frames, strict=True))
+        label = f"{self.scenario.name}, encounter {self._label}"
+        if self._label < 0:
+            label = "an encounter of your own"
         return Picture(
-            own,
-            intruders,
-            separations,
-            (self._flight.goal_x, self._flight.goal_y),
-            self.world.rules.goal_radius,
-            self.world.rules.separation,
-            self._flight.steps * self.world.rules.dt,
-            self._outcome,
-            label,
+            own=np.array([frame.own for frame in self._frames]),
+            intruders=np.array([frame.intruders for frame in self._frames]),
+            separations=np.array([frame.separations for frame in self._frames]),
+            goal=(self._flight.goal_x, self._flight.goal_y),
+            goal_radius=self.world.rules.goal_radius,
+            required=self.world.rules.separation,
+            time=self._flight.steps * self.world.rules.dt,
+            outcome=self._outcome,
+            title=label,
         )
 
     def _advance(self, before: State, action: tuple[float, float]) -> tuple[State, StepResult]:
@@ -247,7 +259,7 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
     def _record(self, separations: tuple[float, ...]) -> None:
         if self.render_mode is not None and self._flight is not None:
             intruders = [state.vehicle for state in self._flight.intruders]
-            self._frames.append((self._flight.own, intruders, separations))
+            self._frames.append(_Frame(self._flight.own, intruders, separations))
 
     def _observe(self) -> Any:
         assert self._flight is not None and self._seed is not None

@@ -15,16 +15,16 @@ from envs import starts
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter, EncounterError, Scenario, pad
 from envs.gym import batch_flight
-from envs.gym.batch_flight import Setting
+from envs.gym.batch_flight import Columns, Setting
 from envs.gym.gymnasium_contract import (
     OUTCOMES,
     action_space,
     as_dict,
-    checked_actions,
-    checked_options,
-    checked_world,
+    check_actions,
+    check_options,
     observation_space,
     scenario_of,
+    world_of,
 )
 from envs.outcome import Rules
 from envs.rewards import table
@@ -73,8 +73,10 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         if num_envs < 1:
             raise ValueError(f"num_envs is {num_envs}; expected 1 or more")
         if render_mode is not None:
-            instead = 'expected None (for pictures vectorization_mode="sync")'
-            raise error.UnsupportedMode(f"render_mode is {render_mode!r}; {instead}")
+            raise error.UnsupportedMode(
+                f"render_mode is {render_mode!r}; expected None (for pictures "
+                'vectorization_mode="sync")'
+            )
         self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
         self.num_envs = num_envs
         self.single_observation_space = observation_space(intruders)
@@ -83,8 +85,10 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.scenario = scenario_of(scenario, aircraft)
         # Plain numbers, because the compiled step is chosen by their values.
-        self.world, self._rows = checked_world(aircraft, rules, rewards), intruders
-        self._rewards, self._discount = table(rewards or {}), discount
+        self.world = world_of(aircraft, rules, rewards)
+        self._rows = intruders
+        self._rewards = table(rewards or {})
+        self._discount = discount
         self._seed: int | None = None
         self._next = self._ticks = 0
         self._state: State | None = None
@@ -94,7 +98,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin all encounters anew."""
         self._check_open()
-        chosen = checked_options(options)
+        chosen = check_options(options)
         if seed is not None and not isinstance(seed, (int, np.integer)):
             raise EncounterError(
                 f"seed is {seed!r}; expected one integer for all encounters, or None"
@@ -108,29 +112,35 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         encounter = self._take_encounters(chosen.get("encounter", self._next), self._seed)
         columns, most = encounter.mask.shape[-1], self.scenario.intruders[1]
         if most > columns:
-            has = (
-                f"have {columns} intruder columns; expected {most}, as scenario "
-                f"{self.scenario.name!r} has"
+            raise EncounterError(
+                f"the encounters given have {columns} intruder columns; expected {most}, as "
+                f"scenario {self.scenario.name!r} has, which follows them"
             )
-            raise EncounterError(f"the encounters given {has}, which follows them")
-        spread = (
+        self._setting = self._setting_of(encounter)
+        self._draw_pool(columns)
+        return self._begin(encounter, self._seed)
+
+    def _setting_of(self, encounter: Encounter) -> Setting:
+        """Return what a step is compiled for with these encounters and those of the scenario."""
+        errors = (
             self.scenario.position_std,
             self.scenario.velocity_std,
             self.scenario.latency[1],
             *encounter.sensor,
         )
-        self._setting = Setting(
+        return Setting(
             self.world,
-            any(np.any(np.asarray(one) > 0.0) for one in spread),
-            self._rows,
-            self._rewards,
-            self._discount,
+            noisy=any(np.any(np.asarray(each) > 0.0) for each in errors),
+            intruders=self._rows,
+            rewards=self._rewards,
+            discount=self._discount,
         )
-        self._draw_pool(columns)
 
+    def _begin(self, encounter: Encounter, seed: int) -> tuple[Any, dict[str, Any]]:
+        """Begin encounters ``[N]``; return their observations and infos."""
         # Counted on through resets, so that no noise comes twice under a seed.
         self._ticks += 1
-        self._key = jax.random.fold_in(jax.random.key(self._seed & 0xFFFFFFFF), self._seed >> 32)
+        self._key = jax.random.fold_in(jax.random.key(seed & 0xFFFFFFFF), seed >> 32)
         self._steps = np.zeros(self.num_envs, dtype=np.int64)
         single = starts.cast(encounter, np.float32)
         self._state, packed = batch_flight.begin(single, self._key, self._ticks, self._setting)
@@ -140,8 +150,9 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         return self._shape(host[:, :size]), self._infos(self._min_separation, host[:, size + 1])
 
     def _take_encounters(self, wanted: Any, seed: int) -> Encounter:
-        """Return the encounters that are given, or those of the seed from a number on; note the
-        numbers, -1 of given ones.
+        """Return the encounters that are given, or those of the seed from a number on.
+
+        Their numbers are noted, -1 of given ones.
         """
         if isinstance(wanted, Encounter):
             given = starts.check_encounter(wanted, self.world.aircraft, (self.num_envs,))
@@ -164,35 +175,26 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
             raise error.ResetNeeded(
                 "step was called before reset; call reset to begin the encounters"
             )
-        checked = checked_actions(actions, (self.num_envs, 2))
+        checked = check_actions(actions, (self.num_envs, 2))
         self._ticks += 1
         self._state, packed = batch_flight.step(
             self._state, self._pool, self._used, checked, self._key, self._ticks, self._setting
         )
-        host = np.asarray(packed)
-        size = self._setting.size
-        seen, final_seen = host[:, :size], host[:, size : 2 * size]
-        reward, code, separation, goal_distance, new_separation, new_goal_distance = host[
-            :, 2 * size :
-        ].T
-        ended = code > 0.0
+        seen, final_seen, flown = batch_flight.unpack(packed, self._setting)
+        ended = flown.code > 0.0
         self._steps += 1
-        self._min_separation = np.minimum(self._min_separation, separation)
+        self._min_separation = np.minimum(self._min_separation, flown.separation)
+        final: dict[str, Any] = {}
+        separation, goal_distance = flown.separation, flown.goal_distance
         if ended.any():
-            final = self._final(ended, final_seen, code, separation, goal_distance)
-            separation = np.where(ended, new_separation, separation)
-            goal_distance = np.where(ended, new_goal_distance, goal_distance)
-            self._restart(ended, new_separation)
-        else:
-            final = {}
+            final = self._final(ended, final_seen, flown)
+            separation = np.where(ended, flown.new_separation, separation)
+            goal_distance = np.where(ended, flown.new_goal_distance, goal_distance)
+            self._restart(ended, flown.new_separation)
         infos = final | self._infos(separation, goal_distance)
-        return (
-            self._shape(seen),
-            reward.astype(np.float64),
-            (code == 1.0) | (code == 2.0),
-            code == 3.0,
-            infos,
-        )
+        terminated = (flown.code == 1.0) | (flown.code == 2.0)
+        reward = flown.reward.astype(np.float64)
+        return self._shape(seen), reward, terminated, flown.code == 3.0, infos
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the device's memory."""
@@ -213,7 +215,8 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         drawn = starts.cast(
             starts.encounters_of_seed(self.scenario, self._seed, self._next, count), np.float32
         )
-        self._pool, self._used = jax.device_put(pad(drawn, columns, np)), 0
+        self._pool = jax.device_put(pad(drawn, columns, np))
+        self._used = 0
 
     def _restart(self, ended: np.ndarray, new_separation: np.ndarray) -> None:
         """Number the encounters that have begun, and draw starts before they could run out."""
@@ -227,14 +230,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         if count - self._used < self.num_envs:
             self._draw_pool(columns)
 
-    def _final(
-        self,
-        ended: np.ndarray,
-        seen: np.ndarray,
-        code: np.ndarray,
-        separation: np.ndarray,
-        goal: np.ndarray,
-    ) -> dict[str, Any]:
+    def _final(self, ended: np.ndarray, seen: np.ndarray, flown: Columns) -> dict[str, Any]:
         """Return the last observations and infos of encounters that have ended, in Gymnasium's
         form.
         """
@@ -242,8 +238,8 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         outcomes = np.full(self.num_envs, None, dtype=object)
         for index in np.flatnonzero(ended):
             final_obs[index] = self._shape(seen[index])
-            outcomes[index] = OUTCOMES[int(code[index])]
-        infos = self._infos(separation, goal)
+            outcomes[index] = OUTCOMES[int(flown.code[index])]
+        infos = self._infos(flown.separation, flown.goal_distance)
         values = {key: np.where(ended, value, 0) for key, value in infos.items() if key[0] != "_"}
         values |= {"outcome": outcomes}
         final: dict[str, Any] = {"final_obs": final_obs}
@@ -251,6 +247,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         return final | {f"_{key}": ended.copy() for key in final}
 
     def _infos(self, separation: np.ndarray, goal_distance: np.ndarray) -> dict[str, Any]:
+        """Return the infos of all encounters, in Gymnasium's form, from distances in m, ``[N]``."""
         values = {
             "separation": separation.astype(np.float64),
             "min_separation": self._min_separation.copy(),
