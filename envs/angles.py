@@ -8,9 +8,8 @@ arithmetic, so that they vectorise and agree across backends. Coefficients are o
 """
 
 import math
-from typing import Any
 
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.backend import FLOATS
 
 _TWO_PI = 2.0 * math.pi
@@ -39,7 +38,7 @@ _ATAN = (
 _TINY = 1e-30
 
 
-def wrap(angle: Any, xp: ArrayModule) -> Any:
+def wrap(angle: Array, xp: ArrayModule) -> Array:
     """Return the angle (rad, any shape) wrapped to [-pi, pi)."""
     wrapped = angle - _TWO_PI * xp.floor((angle + math.pi) * (1.0 / _TWO_PI))
     # Rounding can leave the ends of the range one unit outside it.
@@ -47,7 +46,7 @@ def wrap(angle: Any, xp: ArrayModule) -> Any:
     return xp.where(wrapped < -math.pi, -math.pi, wrapped)
 
 
-def sincos(angle: Any, xp: ArrayModule) -> tuple[Any, Any]:
+def sincos(angle: Array, xp: ArrayModule) -> tuple[Array, Array]:
     """Return sine and cosine of an angle in [-3/2 pi, 3/2 pi] (rad, any shape).
 
     Headings are wrapped, and half a step's turn on top of one stays far inside the range.
@@ -61,7 +60,7 @@ def sincos(angle: Any, xp: ArrayModule) -> tuple[Any, Any]:
     return sine, _odd(folded, _SIN)
 
 
-def atan2(y: Any, x: Any, xp: ArrayModule) -> Any:
+def atan2(y: Array, x: Array, xp: ArrayModule) -> Array:
     """Return the angle of the vector (x, y) in [-pi, pi] (rad, any shape); 0 for the null
     vector.
     """
@@ -75,7 +74,7 @@ def atan2(y: Any, x: Any, xp: ArrayModule) -> Any:
     return xp.where(y < 0.0, -angle, angle)
 
 
-def _odd(x: Any, coefficients: tuple[float, ...]) -> Any:
+def _odd(x: Array, coefficients: tuple[float, ...]) -> Array:
     """Evaluate x * (c0 + c1 x^2 + c2 x^4 + ...)."""
     square = x * x
     total = coefficients[-1]

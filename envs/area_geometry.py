@@ -9,11 +9,12 @@ its own frame, in which it stands still.
 """
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from envs.areas import Area, Circle, Keep, Polygon
+from envs.arrays import Array
 
 DEGENERATE = 1e-12
 """Squares of lengths below this, m^2, count as this (proofs/Bound.v, ``TINY``)."""
@@ -24,10 +25,10 @@ _CHUNK = 100_000  # pairs of a part and an edge that are looked at together, in 
 class Edges(NamedTuple):
     """Edges of a polygon, the inside on their left; fields ``[E]``."""
 
-    x: Any  # where they begin, m
-    y: Any
-    dx: Any  # to where they end, m
-    dy: Any
+    x: Array  # where they begin, m
+    y: Array
+    dx: Array  # to where they end, m
+    dy: Array
 
 
 class Box(NamedTuple):
@@ -42,13 +43,13 @@ class Box(NamedTuple):
 class Parts(NamedTuple):
     """Chords of parts of curves, in an area's own frame; fields ``[M]``, m."""
 
-    x0: Any  # where they begin
-    y0: Any
-    x1: Any  # where they end
-    y1: Any
+    x0: Array  # where they begin
+    y0: Array
+    x1: Array  # where they end
+    y1: Array
 
     @property
-    def length(self) -> Any:
+    def length(self) -> Array:
         """Of the chords, m."""
         return np.hypot(self.x1 - self.x0, self.y1 - self.y0)
 
@@ -56,9 +57,9 @@ class Parts(NamedTuple):
 class Distances(NamedTuple):
     """Of parts from what an area forbids, as it is at the request; fields ``[M]``, m."""
 
-    bound: Any  # no point of the chord is nearer; negative where it is inside
-    begin: Any  # signed distance of the beginning
-    end: Any  # signed distance of the end
+    bound: Array  # no point of the chord is nearer; negative where it is inside
+    begin: Array  # signed distance of the beginning
+    end: Array  # signed distance of the end
 
 
 @lru_cache(maxsize=256)
@@ -80,7 +81,7 @@ def box(shape: Polygon | Circle) -> Box:
     return Box(*map(float, (x.min(), x.max(), y.min(), y.max())))
 
 
-def own_frame(area: Area, x: Any, y: Any, time: Any) -> tuple[Any, Any]:
+def own_frame(area: Area, x: Array, y: Array, time: Array) -> tuple[Array, Array]:
     """Return places at times since the request, s, in the frame in which the area stands still."""
     return x - area.velocity[0] * time, y - area.velocity[1] * time
 
@@ -90,7 +91,7 @@ def gain(area: Area) -> float:
     return area.growth if area.keep is Keep.IN else -area.growth
 
 
-def signed_distance(area: Area, x: Any, y: Any, time: Any = 0.0) -> Any:
+def signed_distance(area: Area, x: Array, y: Array, time: Array = 0.0) -> Array:
     """Return the distance of places from what the area forbids at times since the request, m,
     ``[...]``; negative where they are inside of it.
 
@@ -103,7 +104,7 @@ def signed_distance(area: Area, x: Any, y: Any, time: Any = 0.0) -> Any:
     return still + gain(area) * time
 
 
-def _signed_distances(area: Area, x: Any, y: Any) -> Any:
+def _signed_distances(area: Area, x: Array, y: Array) -> Array:
     """Return signed distances of places ``[M]`` in the area's own frame, without growth."""
     sign = -1.0 if area.keep is Keep.IN else 1.0
     if isinstance(area.shape, Circle):
@@ -116,7 +117,7 @@ def _signed_distances(area: Area, x: Any, y: Any) -> Any:
     return sign * out
 
 
-def chord_distances(area: Area, parts: Parts, enough: Any = np.inf) -> Distances:
+def chord_distances(area: Area, parts: Parts, enough: Array = np.inf) -> Distances:
     """Return a lower bound of the signed distance on each chord, and that of its ends.
 
     A part of a curve that stays within a sagitta of its chord has a signed distance of at least the
@@ -136,7 +137,7 @@ def chord_distances(area: Area, parts: Parts, enough: Any = np.inf) -> Distances
     return whole
 
 
-def box_distance(area: Area, parts: Parts) -> Any:
+def box_distance(area: Area, parts: Parts) -> Array:
     """Return a lower bound of the distance of chords from the rectangle around an area to be kept
     out of, m, ``[...]``; 0 where they may meet it.
     """
@@ -150,7 +151,7 @@ def box_distance(area: Area, parts: Parts) -> Any:
     return np.hypot(np.maximum(east, 0.0), np.maximum(north, 0.0))
 
 
-def inside(lines: Edges, x: Any, y: Any) -> Any:
+def inside(lines: Edges, x: Array, y: Array) -> Array:
     """Return whether places ``[M]`` are inside: whether the edges, seen from there, wind round.
 
     The sum of the angles under which the edges are seen is one turn inside and none outside; it
@@ -159,7 +160,7 @@ def inside(lines: Edges, x: Any, y: Any) -> Any:
     return np.abs(winding(lines, x, y)) > np.pi
 
 
-def winding(lines: Edges, x: Any, y: Any) -> Any:
+def winding(lines: Edges, x: Array, y: Array) -> Array:
     """Return the sum of the angles under which the edges are seen from places ``[M]``, rad."""
     ax, ay = lines.x - x[:, None], lines.y - y[:, None]
     bx, by = ax + lines.dx, ay + lines.dy
@@ -177,7 +178,7 @@ def _of_circle(area: Area, disc: Circle, parts: Parts) -> Distances:
     return Distances(nearest - disc.radius, begin - disc.radius, end - disc.radius)
 
 
-def _of_polygon(area: Area, lines: Edges, parts: Parts, enough: Any) -> Distances:
+def _of_polygon(area: Area, lines: Edges, parts: Parts, enough: Array) -> Distances:
     follows = np.append((parts.x1[:-1] == parts.x0[1:]) & (parts.y1[:-1] == parts.y0[1:]), False)
     begin = _to_edges(lines, parts.x0, parts.y0)
     end = np.roll(begin, -1)
@@ -199,7 +200,7 @@ def _of_polygon(area: Area, lines: Edges, parts: Parts, enough: Any) -> Distance
     return Distances(np.where(meets | first, crossed, apart), begin, end)
 
 
-def _sides(lines: Edges, parts: Parts, meets: Any, follows: Any) -> tuple[Any, Any]:
+def _sides(lines: Edges, parts: Parts, meets: Array, follows: Array) -> tuple[Array, Array]:
     """Return whether chords begin and end inside.
 
     ``meets`` says which may meet an edge, ``follows`` at whose end the next one begins.
@@ -213,13 +214,13 @@ def _sides(lines: Edges, parts: Parts, meets: Any, follows: Any) -> tuple[Any, A
     return first, last
 
 
-def _to_edges(lines: Edges, x: Any, y: Any) -> Any:
+def _to_edges(lines: Edges, x: Array, y: Array) -> Array:
     """Return the distances of places ``[M]`` from the nearest edge, m."""
     squares = _squares(lines.x - x[:, None], lines.y - y[:, None], lines.dx, lines.dy)
     return np.sqrt(squares.min(axis=1))
 
 
-def _to_chords(lines: Edges, parts: Parts) -> Any:
+def _to_chords(lines: Edges, parts: Parts) -> Array:
     """Return the distances of the nearest corner from chords, m, ``[M]``; 0 where an edge crosses
     the chord.
 
@@ -236,7 +237,7 @@ def _to_chords(lines: Edges, parts: Parts) -> Any:
     return np.where(((begin * end < 0.0) & (corner * next_corner < 0.0)).any(axis=1), 0.0, nearest)
 
 
-def _squares(x: Any, y: Any, dx: Any, dy: Any) -> Any:
+def _squares(x: Array, y: Array, dx: Array, dy: Array) -> Array:
     """Return squares of the distances of the origin from segments that begin at x, y, m^2."""
     share = (x * dx + y * dy) / -np.maximum(dx * dx + dy * dy, DEGENERATE)
     share = np.minimum(np.maximum(share, 0.0), 1.0)

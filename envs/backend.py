@@ -7,7 +7,8 @@ thousands of times and array overhead would dominate).
 
 import math
 import operator
-from typing import Any
+
+from envs.arrays import ArrayModule
 
 
 class FloatNamespace:
@@ -48,12 +49,12 @@ class FloatNamespace:
         return list(values)
 
 
-FLOATS: Any = FloatNamespace()
+FLOATS: ArrayModule = FloatNamespace()
 """Plain floats with the functions of ``math`` for angles: the fastest, off by up to 4e-8 rad, 1 mm
 in 300 s.
 """
 
-EXACT_FLOATS: Any = FloatNamespace()
+EXACT_FLOATS: ArrayModule = FloatNamespace()
 """Plain floats with the arrays' own polynomials for angles: equal to numpy in double precision to
 the last bit.
 """

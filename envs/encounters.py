@@ -6,13 +6,13 @@ course difference +90 degrees comes from the left.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
 from envs.angles import sincos, wrap
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
 from envs.edge.extension import is_extension
 from envs.intruder import Intent
@@ -31,14 +31,14 @@ class Encounter(NamedTuple):
     """One or many starts, SI units; own fields ``[...]``, intruder fields ``[..., K]``."""
 
     own: VehicleState
-    goal_x: Any
-    goal_y: Any
+    goal_x: Array  # m
+    goal_y: Array
     intruders: VehicleState
-    mask: Any  # which of the K intruders exist, bool [..., K]
+    mask: Array  # which of the K intruders exist, bool [..., K]
     intent: Intent
     sensor: Sensor  # quality of the intruders' reports, [..., 1] each
     coverage: Coverage | None = None  # [..., K]; None: reports of all intruders at any time
-    separation: Any = None
+    separation: Array | None = None
     """To be kept from each intruder, m, ``[..., K]``; None: the aircraft's, from all."""
     reaction: Reaction | None = None  # [..., K]; None: no intruder takes notice of the ownship
 
@@ -59,7 +59,7 @@ class Sampler(NamedTuple):
     :mod:`envs.scenarios`. Functions of a module can be sent to other processes, lambdas cannot.
     """
 
-    encounters: Callable[["Scenario", Any, Any], tuple[Encounter, Any]]
+    encounters: Callable[["Scenario", Array, ArrayModule], tuple[Encounter, Array]]
     """(scenario, draws ``[N, D]`` in [0, 1), numpy or jax.numpy) -> encounters ``[N]``, and which
     of them meet the scenario's conditions, bool ``[N]``. Each row follows from its own draws."""
     shared: int  # draws that an encounter takes
@@ -81,22 +81,17 @@ class Scenario:
     name: str
     sampler: Sampler
     aircraft: Aircraft  # the ownship; what a scenario does not state otherwise is scaled by it
-    radius: tuple[
-        float, float
-    ]  # distance of the ownship from the centre, m; the goal lies as far on the other side
+    radius: tuple[float, float]
+    """Distance of the ownship from the centre, m; the goal lies as far on the other side."""
     own_speed: tuple[float, float]  # m/s
     intruder_speed: tuple[float, float]  # m/s
-    displacement: (
-        float  # each start is moved by up to this in x and in y, m; headings and goal stay
-    )
+    displacement: float
+    """Each start is moved by up to this in x and in y, m; headings and goal stay."""
     min_initial_separation: float  # starts closer than this, m, are redrawn; 0 keeps them all
-    course_difference: tuple[float, float] = (
-        -math.pi,
-        math.pi,
-    )  # intruder's course less own course, rad clockwise
-    conflicts_closer_than: float = (
-        math.inf
-    )  # only starts whose straight courses pass closer than this, m, are kept
+    course_difference: tuple[float, float] = (-math.pi, math.pi)
+    """Intruder's course less own course, rad clockwise."""
+    conflicts_closer_than: float = math.inf
+    """Only starts whose straight courses pass closer than this, m, are kept."""
     intruders: tuple[int, int] = (1, 1)  # fewest and most intruders
     turn_rate: float = 0.0  # largest rate of each intruder's one turn, rad/s; 0: it flies straight
     heading_change: float = math.radians(120.0)  # largest heading change of that turn, rad
@@ -212,7 +207,7 @@ def _check(chosen: Scenario) -> None:
             raise EncounterError(f"{name} is {value:g}; expected {expected}")
 
 
-def sample(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Encounter, Any]:
+def sample(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
     """Turn draws ``[A, N, D]`` in [0, 1), D = ``scenario.dimensions``, into encounters ``[N]``.
 
     Each takes the first of A attempts that meets the scenario's conditions, else its last. Also
@@ -236,7 +231,7 @@ def pad(encounter: Encounter, count: int, xp: ArrayModule) -> Encounter:
     if count <= places:
         return encounter
 
-    def more(field: Any) -> Any:
+    def more(field: Array) -> Array:
         return xp.concatenate([field] + [field[..., :1]] * (count - places), axis=-1)
 
     intruders, intent, mask = map_leaves(
@@ -252,7 +247,7 @@ def pad(encounter: Encounter, count: int, xp: ArrayModule) -> Encounter:
     )
 
 
-def attempt(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Encounter, Any]:
+def attempt(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
     """Return the encounters of one attempt, draws ``[N, D]``, and which of them meet the
     conditions, ``[N]``.
 
@@ -274,7 +269,7 @@ def attempt(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Encounter,
     return made
 
 
-def _check_shapes(scenario: Scenario, made: Any, count: int) -> None:
+def _check_shapes(scenario: Scenario, made: object, count: int) -> None:
     """Refuse what a sampler returned unless it is encounters ``[count]`` and a mask of them."""
     where = f"scenario {scenario.name!r}: its sampler returns"
     if not (isinstance(made, tuple) and len(made) == 2 and isinstance(made[0], Encounter)):
@@ -299,7 +294,7 @@ def _check_shapes(scenario: Scenario, made: Any, count: int) -> None:
                 raise EncounterError(f"{where} {full} of shape {shape}; expected {expected}")
 
 
-def conflict_point(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Encounter, Any]:
+def conflict_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
     """Return encounters ``[N]`` around a common conflict point (the paper's "circle" and variants
     of it), from draws ``[N, 7 + 7 K]``, and which of them meet the conditions, ``[N]``.
 
@@ -341,7 +336,11 @@ def conflict_point(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Enc
 
 
 def one_turn(
-    scenario: Scenario, own: VehicleState, intruders: VehicleState, draws: Any, xp: ArrayModule
+    scenario: Scenario,
+    own: VehicleState,
+    intruders: VehicleState,
+    draws: Sequence[Array],
+    xp: ArrayModule,
 ) -> Intent:
     """Return the one turn of each intruder ``[N, K]``, which begins until a little after its
     closest approach to the ownship ``[N]``.
@@ -369,7 +368,7 @@ def no_turn(scenario: Scenario, intruders: VehicleState, xp: ArrayModule) -> Int
     return Intent(never, never, never + scenario.aircraft.limits.yaw_rate_max)
 
 
-def sensor_of(scenario: Scenario, draw: Any, xp: ArrayModule) -> Sensor:
+def sensor_of(scenario: Scenario, draw: Array, xp: ArrayModule) -> Sensor:
     """Return the scenario's quality of reports, ``[N, 1]``; the draw ``[N]`` is of their age."""
     ones = xp.ones_like(draw)[:, None]
     return Sensor(
@@ -380,8 +379,8 @@ def sensor_of(scenario: Scenario, draw: Any, xp: ArrayModule) -> Sensor:
 
 
 def meets_conditions(
-    scenario: Scenario, own: VehicleState, intruders: VehicleState, mask: Any, xp: ArrayModule
-) -> Any:
+    scenario: Scenario, own: VehicleState, intruders: VehicleState, mask: Array, xp: ArrayModule
+) -> Array:
     """Return which starts ``[N]`` are far enough apart and, on straight courses, close enough
     later, for every intruder ``[N, K]`` that exists.
     """
@@ -394,7 +393,7 @@ def meets_conditions(
     return xp.all(xp.logical_or(meets, xp.logical_not(mask)), axis=-1)
 
 
-def between(bounds: tuple[float, float], draw: Any) -> Any:
+def between(bounds: tuple[float, float], draw: Array) -> Array:
     """Return what unit-uniform draws are in a range."""
     low, high = bounds
     return low + (high - low) * draw

@@ -5,11 +5,12 @@ where the plan is now; both loops are critically damped, so that no error of the
 :func:`deviation` says how far a flight is from its plan: across it, along it, and in time.
 """
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState, advance
 from envs.waypoints import Legs, at
 from envs.wind import Wind
@@ -49,7 +50,7 @@ class Vehicle(Protocol):
         """Position, heading and speed over the ground now."""
         ...
 
-    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+    def step(self, acceleration: Array, yaw_rate: Array, dt: float) -> None:
         """Fly on for ``dt`` seconds under an acceleration (m/s^2) and a yaw rate (rad/s, positive
         to the left).
         """
@@ -63,7 +64,7 @@ class KinematicVehicle:
         self.state = state
         self._limits = limits
 
-    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+    def step(self, acceleration: Array, yaw_rate: Array, dt: float) -> None:
         """Fly on for ``dt`` seconds; commands beyond the limits are cut off there."""
         limits = self._limits
         acceleration = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
@@ -74,11 +75,11 @@ class KinematicVehicle:
 def guidance(
     legs: Legs,
     state: VehicleState,
-    time: Any,
+    time: Array,
     dt: float = PERIOD,
     gains: Gains = GAINS,
     wind: Wind | None = None,
-) -> tuple[Any, Any]:
+) -> tuple[Array, Array]:
     """Return the acceleration (m/s^2) and yaw rate (rad/s) for the coming period of ``dt`` s,
     ``[...]`` each.
 
@@ -94,7 +95,7 @@ def steer(
     state: VehicleState,
     dt: float = PERIOD,
     gains: Gains = GAINS,
-) -> tuple[Any, Any]:
+) -> tuple[Array, Array]:
     """Return the commands that lead along two states of the plan one period apart, as
     :func:`guidance` does.
     """
@@ -115,16 +116,15 @@ def steer(
 class Deviation(NamedTuple):
     """Errors of a state against a plan; fields ``[...]``, SI units and radians."""
 
-    cross_track: Any  # distance from the path, m, positive to its left
-    along_track: (
-        Any  # distance ahead of where the plan is now, along the path, m; negative when behind
-    )
-    time: Any  # how much later than planned the aircraft is at its place, s; negative when early
-    heading: Any  # against the path's heading there, rad, positive to the left
-    speed: Any  # against the plan's speed there, m/s
+    cross_track: Array  # distance from the path, m, positive to its left
+    along_track: Array
+    """Distance ahead of where the plan is now, along the path, m; negative when behind."""
+    time: Array  # how much later than planned the aircraft is at its place, s; negative when early
+    heading: Array  # against the path's heading there, rad, positive to the left
+    speed: Array  # against the plan's speed there, m/s
 
 
-def offset(state: VehicleState, reference: VehicleState) -> tuple[Any, Any]:
+def offset(state: VehicleState, reference: VehicleState) -> tuple[Array, Array]:
     """Return where a state is in the frame of a reference: ahead and to the left, m, ``[...]``
     each.
     """
@@ -133,7 +133,7 @@ def offset(state: VehicleState, reference: VehicleState) -> tuple[Any, Any]:
     return x * cosine + y * sine, y * cosine - x * sine
 
 
-def deviation(legs: Legs, state: VehicleState, time: Any) -> Deviation:
+def deviation(legs: Legs, state: VehicleState, time: Array) -> Deviation:
     """Compare a state ``[...]`` with the legs ``[..., L]`` of a plan at a time on its clock, s.
 
     The point of the path abeam of the aircraft is found from where the plan is now, by its speed;

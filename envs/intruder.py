@@ -7,12 +7,12 @@ change of 0 rad).
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from envs.angles import atan2, sincos, wrap
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.kinematics import Limits, VehicleState, advance
 from envs.reaction import Answer
 
@@ -41,9 +41,9 @@ GAINS = Gains()
 class Intent(NamedTuple):
     """A planned change of course; fields ``[..., K]``, s, rad and rad/s."""
 
-    onset: Any  # s after the start; the controller notices it at its next step
-    heading_change: Any  # rad, positive to the left, within +-pi; 0 for a passive intruder
-    turn_rate: Any  # largest turn rate used, rad/s, positive
+    onset: Array  # s after the start; the controller notices it at its next step
+    heading_change: Array  # rad, positive to the left, within +-pi; 0 for a passive intruder
+    turn_rate: Array  # largest turn rate used, rad/s, positive
 
 
 class Recording(VehicleState):
@@ -59,10 +59,10 @@ class IntruderState(NamedTuple):
     """Vehicle and controller; fields ``[..., K]``."""
 
     vehicle: VehicleState
-    waypoint_x: Any
-    waypoint_y: Any
-    error: Any  # heading error of the step before, rad
-    error_sum: Any  # sum of the heading errors, rad times steps
+    waypoint_x: Array  # m
+    waypoint_y: Array
+    error: Array  # heading error of the step before, rad
+    error_sum: Array  # sum of the heading errors, rad times steps
 
 
 def start(vehicle: VehicleState, xp: ArrayModule) -> IntruderState:
@@ -80,13 +80,13 @@ def start(vehicle: VehicleState, xp: ArrayModule) -> IntruderState:
 def step(
     state: IntruderState,
     intent: Intent | Recording,
-    time: Any,
-    dt: Any,
+    time: Array,
+    dt: Array,
     xp: ArrayModule,
     gains: Gains = GAINS,
     *,
-    response: Any = None,
-    answers: Callable[[VehicleState, Any], Answer] | None = None,
+    response: Array | None = None,
+    answers: Callable[[VehicleState, Array], Answer] | None = None,
 ) -> IntruderState:
     """Advance the intruder by one step of its motion, or by one row of its recording.
 
@@ -99,8 +99,8 @@ def step(
         answers: (vehicles, turns back to their courses, rad) -> what they do about the ownship
             (:func:`envs.reaction.answer`); None: nothing.
     """
-    response = dt if response is None else response
-    far = LOOKAHEAD * response
+    period = dt if response is None else response
+    far = LOOKAHEAD * period
     vehicle = state.vehicle
     if isinstance(intent, Recording):
         return state._replace(vehicle=_replay_step(vehicle, intent, time, dt))
@@ -111,10 +111,10 @@ def step(
     waypoint_y = xp.where(changes, vehicle.y + far * sine, state.waypoint_y)
 
     error = wrap(atan2(waypoint_y - vehicle.y, waypoint_x - vehicle.x, xp) - vehicle.heading, xp)
-    error_sum = state.error_sum + error * (dt / response)
-    change = wrap(error - state.error, xp) * (response / dt)
+    error_sum = state.error_sum + error * (dt / period)
+    change = wrap(error - state.error, xp) * (period / dt)
     command = gains.proportional * error + gains.integral * error_sum + gains.derivative * change
-    command = command * (1.0 / response)
+    command = command * (1.0 / period)
     yaw_rate = xp.clip(command, -intent.turn_rate, intent.turn_rate)
     if answers is not None:
         answer = answers(vehicle, error)
@@ -123,7 +123,9 @@ def step(
     return IntruderState(moved, waypoint_x, waypoint_y, error, error_sum)
 
 
-def _replay_step(vehicle: VehicleState, recording: Recording, time: Any, dt: float) -> VehicleState:
+def _replay_step(
+    vehicle: VehicleState, recording: Recording, time: Array, dt: float
+) -> VehicleState:
     """Return the vehicles after the step that begins at ``time``, ``[..., K]``."""
     still = vehicle.heading * 0.0
     straight = advance(vehicle, still, still, dt, COASTING, np)

@@ -7,10 +7,10 @@ form ours). Frame: local ENU, x east and y north in metres; heading counter-cloc
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from envs.angles import sincos, wrap
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 
 
 class VehicleState(NamedTuple):
@@ -18,10 +18,10 @@ class VehicleState(NamedTuple):
     ``[...]``.
     """
 
-    x: Any  # east position, m
-    y: Any  # north position, m
-    heading: Any  # direction of the velocity, rad counter-clockwise from east, in [-pi, pi)
-    speed: Any  # speed along the heading, m/s
+    x: Array  # east position, m
+    y: Array  # north position, m
+    heading: Array  # direction of the velocity, rad counter-clockwise from east, in [-pi, pi)
+    speed: Array  # speed along the heading, m/s
 
 
 class Limits(NamedTuple):
@@ -29,11 +29,11 @@ class Limits(NamedTuple):
     state.
     """
 
-    speed_min: Any  # m/s
-    speed_max: Any  # m/s
-    acceleration_min: Any  # strongest deceleration, m/s^2, negative
-    acceleration_max: Any  # m/s^2
-    yaw_rate_max: Any  # largest turn rate to either side, rad/s
+    speed_min: Array  # m/s
+    speed_max: Array  # m/s
+    acceleration_min: Array  # strongest deceleration, m/s^2, negative
+    acceleration_max: Array  # m/s^2
+    yaw_rate_max: Array  # largest turn rate to either side, rad/s
 
 
 SURROGATE = Limits(50.0, 100.0, -0.5, 0.5, math.radians(3.0))
@@ -69,11 +69,11 @@ def intersection(first: Limits, second: Limits) -> Limits:
     return both
 
 
-def commands(action: Any, limits: Limits, xp: ArrayModule) -> tuple[Any, Any]:
-    """Return the acceleration (m/s^2) and yaw rate (rad/s) that an action, a pair of ``[...]``,
-    asks for.
+def commands(action: Array, limits: Limits, xp: ArrayModule) -> tuple[Array, Array]:
+    """Return the acceleration (m/s^2) and yaw rate (rad/s) that an action asks for, ``[...]`` each.
 
-    Its components are parts of the limits in [-1, 1]; values beyond are clipped.
+    The action, a pair or an array ``[2, ...]``, holds shares of the limits in [-1, 1]; values
+    beyond are clipped.
     """
     throttle = xp.clip(action[0], -1.0, 1.0)
     steering = xp.clip(action[1], -1.0, 1.0)
@@ -83,14 +83,19 @@ def commands(action: Any, limits: Limits, xp: ArrayModule) -> tuple[Any, Any]:
     return acceleration, steering * limits.yaw_rate_max
 
 
-def velocity(state: VehicleState, xp: ArrayModule) -> tuple[Any, Any]:
+def velocity(state: VehicleState, xp: ArrayModule) -> tuple[Array, Array]:
     """Return the velocity's east and north components, m/s, ``[...]`` each."""
     sine, cosine = sincos(state.heading, xp)
     return state.speed * cosine, state.speed * sine
 
 
 def advance(
-    state: VehicleState, acceleration: Any, yaw_rate: Any, dt: Any, limits: Limits, xp: ArrayModule
+    state: VehicleState,
+    acceleration: Array,
+    yaw_rate: Array,
+    dt: Array,
+    limits: Limits,
+    xp: ArrayModule,
 ) -> VehicleState:
     """Move the vehicle by ``dt`` seconds under constant acceleration and yaw rate.
 
@@ -122,8 +127,13 @@ def advance(
 
 
 def _arc(
-    heading: Any, speed: Any, acceleration: Any, yaw_rate: Any, duration: Any, xp: ArrayModule
-) -> tuple[Any, Any]:
+    heading: Array,
+    speed: Array,
+    acceleration: Array,
+    yaw_rate: Array,
+    duration: Array,
+    xp: ArrayModule,
+) -> tuple[Array, Array]:
     """Return the displacement (m) of an arc, in the frame of its middle heading and then in ENU.
 
     With h half the duration and theta = yaw_rate h, integrating the velocity about the middle of

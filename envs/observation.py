@@ -5,15 +5,21 @@ Everything is scaled by the aircraft, so that alike encounters of alike aircraft
 """
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from envs.aircraft import Aircraft
 from envs.angles import sincos
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.backend import FloatNamespace
 from envs.kinematics import VehicleState
 from envs.relative import bearing, distance, straight_cpa
 from envs.trees import map_leaves
+
+T = TypeVar("T")
+
+Vehicles: TypeAlias = Any
+"""States of intruders: a `VehicleState` of arrays ``[..., K]``, or a tuple of K of floats."""
 
 NAMES = (
     "own_speed",
@@ -36,41 +42,39 @@ ROW = 4
 def observe(
     own: VehicleState,
     intruder: VehicleState,
-    goal_x: Any,
-    goal_y: Any,
+    goal_x: Array,
+    goal_y: Array,
     aircraft: Aircraft,
     xp: ArrayModule,
-) -> Any:
+) -> Array:
     """Return the observation of one intruder and the goal, ``[..., 8]`` in [-1, 1].
 
     Own speed is scaled from the aircraft's lowest to its highest, the intruder's from 0 to the
-    traffic's highest, distances from 0 to 20 separations; angles are divided by pi (bearings
-    relative to the own heading). What lies outside is clipped. All arguments are ``[...]``, the
-    goal in m, the aircraft ``[...]`` or floats.
+    traffic's highest, distances from 0 to 20 separations. Angles are divided by pi; bearings are
+    relative to the own heading. What lies outside is clipped. All arguments are ``[...]``, the goal
+    in m, the aircraft ``[...]`` or floats.
     """
-    mine, other = (
-        _own_parts(own, goal_x, goal_y, aircraft, xp),
-        _traffic_parts(own, intruder, aircraft, xp),
-    )
-    return _stack([mine[0], mine[1], other[0], other[1], other[2], other[3], mine[2], mine[3]], xp)
+    mine = _own_parts(own, goal_x, goal_y, aircraft, xp)
+    other = _traffic_parts(own, intruder, aircraft, xp)
+    return _stack([*mine[:2], *other, *mine[2:]], xp)
 
 
 class SetObservation(NamedTuple):
-    """An observation of several intruders: ``[..., 4]``, ``[..., K, 4]`` and ``[..., K]``, numbers
-    in [-1, 1].
-    """
+    """An observation of several intruders, numbers in [-1, 1]."""
 
-    own: Any  # own speed, own heading, bearing and distance to the goal
-    traffic: Any  # speed, heading, bearing and distance of each intruder; 0 where there is none
-    mask: Any  # which of the K exist, bool
+    own: Array  # own speed, own heading, bearing and distance to the goal, [..., 4]
+    traffic: Array
+    """Speed, heading, bearing and distance of each intruder, ``[..., K, 4]``; 0 where there is
+    none."""
+    mask: Array  # which of the K exist, bool [..., K]
 
 
 def observe_set(
     own: VehicleState,
     intruders: VehicleState,
-    mask: Any,
-    goal_x: Any,
-    goal_y: Any,
+    mask: Array,
+    goal_x: Array,
+    goal_y: Array,
     aircraft: Aircraft,
     xp: ArrayModule,
 ) -> SetObservation:
@@ -86,25 +90,22 @@ def observe_set(
         raise ValueError(
             f"mask has shape {mask.shape}; expected {intruders.x.shape}, that of the intruders"
         )
-    seen_by, scaled_by = beside(own), beside(aircraft)
-    traffic = _stack(_traffic_parts(seen_by, intruders, scaled_by, xp), xp)
-    return SetObservation(
-        _stack(_own_parts(own, goal_x, goal_y, aircraft, xp), xp),
-        xp.where(mask[..., None], traffic, 0.0),
-        mask,
-    )
+    mine = _stack(_own_parts(own, goal_x, goal_y, aircraft, xp), xp)
+    traffic = _stack(_traffic_parts(beside(own), intruders, beside(aircraft), xp), xp)
+    return SetObservation(mine, xp.where(mask[..., None], traffic, 0.0), mask)
 
 
-def beside(tree: Any) -> Any:
-    """Return nested tuples with a last axis added to every array, to be set against intruders;
-    floats stay.
+def beside(tree: T) -> T:
+    """Return nested tuples of arrays ``[...]`` as ``[..., 1]``, to be set against intruders
+    ``[..., K]``; floats stay.
     """
     return map_leaves(lambda field: field[..., None] if getattr(field, "ndim", 0) else field, tree)
 
 
 def _own_parts(
-    own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft, xp: ArrayModule
-) -> list[Any]:
+    own: VehicleState, goal_x: Array, goal_y: Array, aircraft: Aircraft, xp: ArrayModule
+) -> list[Array]:
+    """Return own speed, own heading, bearing and distance to the goal, ``[...]`` each, scaled."""
     middle, half = _speeds(aircraft)
     return [
         (own.speed - middle) * (1.0 / half),
@@ -116,7 +117,8 @@ def _own_parts(
 
 def _traffic_parts(
     own: VehicleState, other: VehicleState, aircraft: Aircraft, xp: ArrayModule
-) -> list[Any]:
+) -> list[Array]:
+    """Return an intruder's speed, heading, bearing and distance, ``[...]`` each, scaled."""
     return [
         other.speed * (1.0 / (0.5 * aircraft.traffic_speed_max)) - 1.0,
         other.heading * (1.0 / math.pi),
@@ -125,36 +127,37 @@ def _traffic_parts(
     ]
 
 
-def _stack(parts: list[Any], xp: ArrayModule) -> Any:
+def _stack(parts: list[Array], xp: ArrayModule) -> Array:
+    """Return C parts ``[...]`` in one array ``[..., C]``, clipped to [-1, 1]."""
     return xp.stack([xp.clip(part, -1.0, 1.0) for part in parts], axis=-1)
 
 
-def _speeds(aircraft: Aircraft) -> tuple[Any, Any]:
+def _speeds(aircraft: Aircraft) -> tuple[Array, Array]:
     """Return the own speed that is 0 in the observation, and how much faster 1 is, m/s."""
     low, high = aircraft.limits.speed_min, aircraft.limits.speed_max
     return 0.5 * (high + low), 0.5 * (high - low)
 
 
-def _far(aircraft: Aircraft) -> Any:
+def _far(aircraft: Aircraft) -> Array:
     """Return the distance that is 0 in the observation, and how much farther 1 is, m."""
     return 10.0 * aircraft.separation
 
 
 class Decoded(NamedTuple):
-    """The geometry behind an observation in the ownship's frame (x ahead, y left); fields
-    ``[...]``, SI units.
+    """The geometry behind an observation in the ownship's frame, x ahead and y to the left; fields
+    ``[...]``.
     """
 
-    own_speed: Any
-    intruder_x: Any
-    intruder_y: Any
-    intruder_vx: Any  # velocity over the ground, not relative to the ownship, m/s
-    intruder_vy: Any
-    goal_x: Any
-    goal_y: Any
+    own_speed: Array  # m/s
+    intruder_x: Array  # m
+    intruder_y: Array
+    intruder_vx: Array  # velocity over the ground, not relative to the ownship, m/s
+    intruder_vy: Array
+    goal_x: Array  # m
+    goal_y: Array
 
 
-def decode(observation: Any, aircraft: Aircraft, xp: ArrayModule) -> Decoded:
+def decode(observation: Sequence[Array], aircraft: Aircraft, xp: ArrayModule) -> Decoded:
     """Recover the geometry from an observation given as eight components ``[...]`` each.
 
     Exact but for what :func:`observe` clipped. Absolute headings enter only through their
@@ -185,14 +188,18 @@ def decode(observation: Any, aircraft: Aircraft, xp: ArrayModule) -> Decoded:
 
 def criticality(
     own: VehicleState, intruders: VehicleState, aircraft: Aircraft, xp: ArrayModule
-) -> Any:
+) -> Array:
     """Rank intruders by urgency, smallest first, ``[..., K]``.
 
-    The rank is the time until the range falls below 1.5 separations on straight courses, tenths of
-    the aircraft's time unit (s for the paper's); where it does not, 10^4 plus the predicted
-    distance at the closest approach, thousandths of a separation; where it is below already, that
-    distance less the 1.5 separations, which is negative. Ownship and aircraft are ``[..., 1]``, the
-    intruders ``[..., K]``.
+    Both aircraft are taken to fly straight on. There are three cases:
+
+    - the range will fall below 1.5 separations: the time until then, in tenths of the aircraft's
+      time unit (s for the paper's);
+    - it never will: 10^4 plus the distance at the closest approach, in thousandths of a separation;
+    - it is below already: the distance at the closest approach less the 1.5 separations, in
+      thousandths of a separation, which is negative.
+
+    Ownship and aircraft are ``[..., 1]``, the intruders ``[..., K]``.
     """
     radius = 1.5 * aircraft.separation
     length = 1_000.0 / aircraft.separation
@@ -209,12 +216,11 @@ def criticality(
 
 
 def most_critical(
-    own: VehicleState, intruders: Any, mask: Any, aircraft: Aircraft, xp: ArrayModule
+    own: VehicleState, intruders: Vehicles, mask: Array, aircraft: Aircraft, xp: ArrayModule
 ) -> VehicleState:
-    """Choose, of the intruders ``[..., K]`` present by ``mask``, the most urgent one, ``[...]``.
+    """Return the most urgent of the intruders ``[..., K]`` that exist by the mask, ``[...]``.
 
-    An absent intruder is never chosen unless all are absent. Plain floats come as a tuple of the
-    intruders present.
+    One that does not exist is chosen only where none does. Of plain floats all exist.
     """
     if isinstance(xp, FloatNamespace):
         if len(intruders) == 1:
@@ -232,13 +238,13 @@ def most_critical(
 def urgent(
     own: VehicleState,
     intruders: VehicleState,
-    mask: Any,
+    mask: Array,
     count: int,
     aircraft: Aircraft,
     xp: ArrayModule,
-) -> Any:
+) -> Array:
     """Return the numbers of the ``count`` most urgent of the intruders ``[..., K]``, the most
-    urgent first, ``[..., min(count, K)]``; absent ones come last.
+    urgent first, ``[..., min(count, K)]``; those that do not exist come last.
     """
     rank = xp.where(mask, criticality(beside(own), intruders, beside(aircraft), xp), xp.inf)
     return xp.argsort(rank, axis=-1)[..., :count]
@@ -247,15 +253,15 @@ def urgent(
 def rank_urgent(
     own: VehicleState,
     intruders: VehicleState,
-    mask: Any,
+    mask: Array,
     count: int,
     aircraft: Aircraft,
     xp: ArrayModule,
-) -> tuple[VehicleState, Any]:
+) -> tuple[VehicleState, Array]:
     """Return the ``count`` most urgent of the intruders ``[..., K]``, the most urgent first, and
-    their mask.
+    which of them exist, ``[..., count]`` each.
 
-    Where there are fewer, absent ones follow.
+    Where K is smaller than ``count``, some that do not exist are added.
     """
     order = urgent(own, intruders, mask, count, aircraft, xp)
     missing = count - order.shape[-1]
@@ -265,6 +271,5 @@ def rank_urgent(
         chosen_mask = xp.concatenate(
             [chosen_mask] + [xp.zeros_like(chosen_mask[..., :1])] * missing, axis=-1
         )
-    return VehicleState(
-        *(xp.take_along_axis(field, order, axis=-1) for field in intruders)
-    ), chosen_mask
+    chosen = VehicleState(*(xp.take_along_axis(field, order, axis=-1) for field in intruders))
+    return chosen, chosen_mask

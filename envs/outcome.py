@@ -2,43 +2,43 @@
 3).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 
 
 class Rules(NamedTuple):
     """Numbers of the task, SI units; floats, so that they can be data of a compiled function."""
 
-    dt: Any = 1.0  # time step, s
-    t_max: Any = 300.0  # duration after which the route counts as missed, s
-    separation: Any = 1000.0  # required horizontal separation, m
-    goal_radius: Any = (
-        500.0  # where the ownship has rejoined its route, m (the paper leaves it open)
-    )
-    reward_violation: Any = -100.0
-    reward_goal: Any = 100.0
-    reward_timeout: Any = -10.0
+    dt: Array = 1.0  # time step, s
+    t_max: Array = 300.0  # duration after which the route counts as missed, s
+    separation: Array = 1000.0  # required horizontal separation, m
+    goal_radius: Array = 500.0
+    """Distance from the goal at which the ownship has rejoined its route, m; the paper leaves it
+    open."""
+    reward_violation: Array = -100.0
+    reward_goal: Array = 100.0
+    reward_timeout: Array = -10.0
 
 
 RULES = Rules()
 
 
 class Outcome(NamedTuple):
-    """The state of an encounter after a step: at most one of the three is true; fields are bool
-    ``[...]``.
-    """
+    """How encounters stand after a step, bool ``[...]``; at most one field of each is true."""
 
-    violation: Any
-    reached: Any
-    timeout: Any
+    violation: Array
+    reached: Array
+    timeout: Array
 
-    def ended(self, xp: ArrayModule) -> Any:
+    def ended(self, xp: ArrayModule) -> Array:
         """Return whether the encounter is over, ``[...]``."""
         return xp.logical_or(self.violation, xp.logical_or(self.reached, self.timeout))
 
 
-def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: ArrayModule) -> Outcome:
+def judge(
+    separation: Array, goal_distance: Array, time: Array, rules: Rules, xp: ArrayModule
+) -> Outcome:
     """Judge a step by its smallest separation (m) and by goal distance (m) and time (s) at its end,
     ``[...]``.
 
@@ -52,7 +52,7 @@ def judge(separation: Any, goal_distance: Any, time: Any, rules: Rules, xp: Arra
     return Outcome(violation, reached, timeout)
 
 
-def reward(outcome: Outcome, rules: Rules, xp: ArrayModule) -> Any:
+def reward(outcome: Outcome, rules: Rules, xp: ArrayModule) -> Array:
     """Return the sparse reward of the step, ``[...]`` (paper, table "Surrogate environment reward
     function").
     """

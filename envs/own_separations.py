@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from envs.aircraft import Aircraft
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.encounters import Encounter, Sampler, Scenario, conflict_point
 from envs.relative import distance
 
@@ -18,7 +18,7 @@ LEAST, GREATEST = 0.3, 3.0
 """Between these, D, as many separations from 0.5 to 1 as from 1 to 2."""
 
 
-def around_a_point(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Encounter, Any]:
+def around_a_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
     """Return encounters ``[N]`` of :func:`envs.encounters.conflict_point` with a separation of each
     intruder, from draws ``[N, 7 + 8 K]``, and which of them meet the conditions, ``[N]``.
 

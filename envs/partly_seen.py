@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from envs.aircraft import Aircraft
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.encounters import Encounter, Sampler, Scenario, between, conflict_point
 from envs.perception import Coverage
 
@@ -28,7 +28,7 @@ SILENCE = 3.0
 """For at most so long, D / ``speed_max`` (paper: 30 s)."""
 
 
-def around_a_point(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Encounter, Any]:
+def around_a_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
     """Return encounters ``[N]`` of :func:`envs.encounters.conflict_point` with the coverage of the
     reports, from draws ``[N, 9 + 9 K]``, and which of them meet the conditions, ``[N]``.
     """

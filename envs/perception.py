@@ -6,10 +6,10 @@ intruder's manoeuvres since.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from envs.angles import atan2, wrap
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 
@@ -17,18 +17,18 @@ from envs.relative import distance
 class Sensor(NamedTuple):
     """Quality of the intruder's reports, SI units; floats or ``[..., 1]``."""
 
-    position_std: Any = 0.0  # one sigma per axis, m
-    velocity_std: Any = 0.0  # one sigma per axis, m/s
-    latency: Any = 0.0  # age of a report when it is used, s, at most two time steps
+    position_std: Array = 0.0  # one sigma per axis, m
+    velocity_std: Array = 0.0  # one sigma per axis, m/s
+    latency: Array = 0.0  # age of a report when it is used, s, at most two time steps
 
 
 class Coverage(NamedTuple):
     """Of which intruders there are reports at all; fields ``[..., K]``."""
 
-    reach: Any  # farthest intruder that is reported, m
-    half_angle: Any  # greatest bearing to either side, rad; pi: all round
-    onset: Any  # of the time without reports, s after the start
-    silence: Any  # how long it lasts, s
+    reach: Array  # farthest intruder that is reported, m
+    half_angle: Array  # greatest bearing to either side, rad; pi: all round
+    onset: Array  # of the time without reports, s after the start
+    silence: Array  # how long it lasts, s
 
 
 EVERYTHING = Coverage(math.inf, math.pi, 0.0, 0.0)
@@ -36,8 +36,8 @@ EVERYTHING = Coverage(math.inf, math.pi, 0.0, 0.0)
 
 
 def report(
-    own: VehicleState, intruders: VehicleState, coverage: Coverage, time: Any, xp: ArrayModule
-) -> Any:
+    own: VehicleState, intruders: VehicleState, coverage: Coverage, time: Array, xp: ArrayModule
+) -> Array:
     """Return of which intruders ``[..., K]`` there is a report, bool.
 
     Args:
@@ -63,7 +63,7 @@ def perceive(
     before: VehicleState,
     before_that: VehicleState,
     sensor: Sensor,
-    noise: Any,
+    noise: Array,
     dt: float,
     xp: ArrayModule,
 ) -> VehicleState:
@@ -80,7 +80,7 @@ def perceive(
     recent = xp.clip(steps, 0.0, 1.0)
     older = xp.clip(steps - 1.0, 0.0, 1.0)
 
-    def at_report(a: Any, b: Any, c: Any) -> Any:
+    def at_report(a: Array, b: Array, c: Array) -> Array:
         return a + (b - a) * recent + (c - b) * older
 
     velocities = [velocity(state, xp) for state in (now, before, before_that)]

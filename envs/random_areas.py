@@ -6,13 +6,13 @@ off.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from envs import draws
 from envs.aircraft import Aircraft
 from envs.areas import Area, Circle, Place, Polygon
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 
 MOST = 8
@@ -54,7 +54,7 @@ def random_areas(
     return tuple(area for area in drawn if area is not None)
 
 
-def _draw(u: Any, number: int, start: Place, goal: Place, aircraft: Aircraft) -> Area | None:
+def _draw(u: Array, number: int, start: Place, goal: Place, aircraft: Aircraft) -> Area | None:
     unit = aircraft.separation
     way = np.subtract(goal, start)
     length = max(float(np.hypot(*way)), 1e-9)
@@ -81,5 +81,5 @@ def _draw(u: Any, number: int, start: Place, goal: Place, aircraft: Aircraft) ->
     return Area(shape, velocity=velocity, clearance=_CLEARANCE * unit, name=f"area {number}")
 
 
-def _within(span: tuple[float, float], share: Any) -> Any:
+def _within(span: tuple[float, float], share: Array) -> Array:
     return span[0] + (span[1] - span[0]) * share

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.encounters import Encounter, Sampler, Scenario, between, conflict_point, no_turn
 from envs.reaction import GIVES_WAY, TAKES_NO_NOTICE, TURNS_INTO, Reaction
 
@@ -37,8 +37,8 @@ class Shares(NamedTuple):
 
 
 def around_a_point(
-    scenario: Scenario, draws: Any, xp: ArrayModule, *, shares: Shares
-) -> tuple[Encounter, Any]:
+    scenario: Scenario, draws: Array, xp: ArrayModule, *, shares: Shares
+) -> tuple[Encounter, Array]:
     """Return encounters ``[N]`` of :func:`envs.encounters.conflict_point` with intruders that
     answer the ownship, from draws ``[N, 7 + 12 K]``, and which of them meet the conditions,
     ``[N]``.

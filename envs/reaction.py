@@ -5,10 +5,10 @@ They see the ownship as it is, and take it to fly straight on. Who does neither 
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from envs.angles import wrap
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.kinematics import VehicleState, velocity
 from envs.relative import bearing, distance, straight_cpa
 
@@ -30,11 +30,11 @@ NAVIGATION = 3.0
 class Reaction(NamedTuple):
     """How intruders answer the ownship; fields ``[..., K]``."""
 
-    manner: Any  # one of GIVES_WAY, TAKES_NO_NOTICE and TURNS_INTO
-    ahead: Any  # closest approaches within this time are answered, s
-    within: Any  # those nearer than this are, m
-    heading_change: Any  # greatest turn off its own course, rad, positive
-    turn_rate: Any  # greatest turn rate, rad/s, positive
+    manner: Array  # one of GIVES_WAY, TAKES_NO_NOTICE and TURNS_INTO
+    ahead: Array  # closest approaches within this time are answered, s
+    within: Array  # those nearer than this are, m
+    heading_change: Array  # greatest turn off its own course, rad, positive
+    turn_rate: Array  # greatest turn rate, rad/s, positive
 
 
 NONE = Reaction(TAKES_NO_NOTICE, 0.0, 0.0, 0.0, 0.0)
@@ -44,12 +44,12 @@ NONE = Reaction(TAKES_NO_NOTICE, 0.0, 0.0, 0.0, 0.0)
 class Answer(NamedTuple):
     """What intruders do now; fields ``[..., K]``."""
 
-    reacts: Any  # whether they turn otherwise than their controller would, bool
-    yaw_rate: Any  # rad/s, where they do
+    reacts: Array  # whether they turn otherwise than their controller would, bool
+    yaw_rate: Array  # rad/s, where they do
 
 
 def answer(
-    vehicle: VehicleState, back: Any, own: VehicleState, reaction: Reaction, xp: ArrayModule
+    vehicle: VehicleState, back: Array, own: VehicleState, reaction: Reaction, xp: ArrayModule
 ) -> Answer:
     """Return what intruders ``[..., K]`` do about the ownship ``[..., 1]``.
 
@@ -80,14 +80,16 @@ def answer(
     return Answer(reacts, xp.where(too_far, 0.0, wanted))
 
 
-def _conflict(vehicle: VehicleState, own: VehicleState, reaction: Reaction, xp: ArrayModule) -> Any:
+def _conflict(
+    vehicle: VehicleState, own: VehicleState, reaction: Reaction, xp: ArrayModule
+) -> Array:
     """Return which straight flights come near soon, bool ``[..., K]``."""
     cpa = straight_cpa(vehicle, own, xp)
     soon = (cpa.time > 0.0) & (cpa.time <= reaction.ahead)
     return soon & (cpa.distance < reaction.within)
 
 
-def sight_rate(vehicle: VehicleState, own: VehicleState, xp: ArrayModule) -> Any:
+def sight_rate(vehicle: VehicleState, own: VehicleState, xp: ArrayModule) -> Array:
     """Return how fast the line from intruders ``[..., K]`` to the ownship turns, rad/s, left
     positive.
     """

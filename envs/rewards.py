@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
 from envs.edge.extension import is_extension, load_extension
 from envs.encounters import Encounter
@@ -36,7 +36,7 @@ class Transition(NamedTuple):
 
     before: State
     after: State
-    action: tuple[Any, Any]  # acceleration and yaw rate as commanded; 1 is the limit
+    action: tuple[Array, Array]  # acceleration and yaw rate as commanded; 1 is the limit
     result: StepResult  # outcome, smallest separations during the step, distance to the goal
     aircraft: Aircraft  # the ownship; its limits are numbers or [...]
 
@@ -72,7 +72,7 @@ class Rewards(NamedTuple):
         return tuple(row for row in self.rows if row.name not in TASK)
 
 
-def goal_distance(state: State, aircraft: Aircraft, xp: ArrayModule) -> Any:
+def goal_distance(state: State, aircraft: Aircraft, xp: ArrayModule) -> Array:
     """Return the potential of the way to the goal, ``[...]``, in ten separations.
 
     It counts the distance, and the way round where the goal lies inside the turning circle: without
@@ -87,19 +87,19 @@ def goal_distance(state: State, aircraft: Aircraft, xp: ArrayModule) -> Any:
     return -(distance(x, y, xp) + DETOUR * inside) * (0.1 / aircraft.separation)
 
 
-def turn_rate(step: Transition, xp: ArrayModule) -> Any:
+def turn_rate(step: Transition, xp: ArrayModule) -> Array:
     """Return the squared turn rate as flown, ``[...]``, from commands of which 1 is the limit."""
     return xp.square(xp.clip(step.action[1], -1.0, 1.0))
 
 
-def heading_change(step: Transition, xp: ArrayModule) -> Any:
+def heading_change(step: Transition, xp: ArrayModule) -> Array:
     """Return the change of heading, in quarter turns, ``[...]``."""
     limit, dt = step.aircraft.limits.yaw_rate_max, step.aircraft.dt
     turned = xp.abs(xp.clip(step.action[1], -1.0, 1.0)) * (limit * dt)
     return turned / (0.5 * xp.pi)
 
 
-def path_excess(step: Transition, xp: ArrayModule) -> Any:
+def path_excess(step: Transition, xp: ArrayModule) -> Array:
     """Return the path of a step less what it brought the goal nearer, in ten separations,
     ``[...]``.
 
@@ -108,7 +108,7 @@ def path_excess(step: Transition, xp: ArrayModule) -> Any:
     before, after = step.before.own, step.after.own
     goal_x, goal_y = step.before.goal_x, step.before.goal_y
 
-    def distance_to_goal(own: VehicleState) -> Any:
+    def distance_to_goal(own: VehicleState) -> Array:
         return distance(goal_x - own.x, goal_y - own.y, xp)
 
     path = distance(after.x - before.x, after.y - before.y, xp)
@@ -117,15 +117,15 @@ def path_excess(step: Transition, xp: ArrayModule) -> Any:
     )
 
 
-def _violation(step: Transition, xp: ArrayModule) -> Any:
+def _violation(step: Transition, xp: ArrayModule) -> Array:
     return xp.where(step.result.outcome.violation, 1.0, 0.0)
 
 
-def _goal(step: Transition, xp: ArrayModule) -> Any:
+def _goal(step: Transition, xp: ArrayModule) -> Array:
     return xp.where(step.result.outcome.reached, 1.0, 0.0)
 
 
-def _timeout(step: Transition, xp: ArrayModule) -> Any:
+def _timeout(step: Transition, xp: ArrayModule) -> Array:
     return xp.where(step.result.outcome.timeout, 1.0, 0.0)
 
 
@@ -221,7 +221,7 @@ def with_scores(rules: Rules, weights: Mapping[str, float]) -> Rules:
 
 def learning_reward(
     rewards: Rewards, step: Transition, discount: float, xp: ArrayModule, scale: float = 1.0
-) -> tuple[Any, dict[str, Any]]:
+) -> tuple[Array, dict[str, Array]]:
     """Return the reward of a step of encounters that may have ended, ``[...]``, points times a
     scale, and what each shaping term adds to it.
 
@@ -234,7 +234,7 @@ def learning_reward(
     return total, parts
 
 
-def part(row: Row, step: Transition, discount: float, xp: ArrayModule, scale: float = 1.0) -> Any:
+def part(row: Row, step: Transition, discount: float, xp: ArrayModule, scale: float = 1.0) -> Array:
     """Return what a term adds to the reward of a step, ``[...]``, points times a scale.
 
     Raises:
@@ -263,7 +263,7 @@ def part(row: Row, step: Transition, discount: float, xp: ArrayModule, scale: fl
 
 def shaping_of_first_step(
     rewards: Rewards, starts: Encounter, world: World, xp: ArrayModule
-) -> dict[str, Any]:
+) -> dict[str, Array]:
     """Return what the shaping terms add to the reward of the first step of encounters ``[N]``.
 
     A training calls it before it begins, so that what cannot be used fails then.
@@ -277,8 +277,8 @@ def shaping_of_first_step(
 
 
 def shaping_reward(
-    before: Any, after: Any, terminated: Any, discount: float, xp: ArrayModule
-) -> Any:
+    before: Array, after: Array, terminated: Array, discount: float, xp: ArrayModule
+) -> Array:
     """Return the shaping reward of a step: the discounted gain in potential, which is 0 once
     terminated.
     """

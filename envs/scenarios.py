@@ -6,8 +6,6 @@ in a configuration, an option or a call (:func:`resolve`). A policy file names t
 was trained with; reading it imports nothing.
 """
 
-from typing import Any
-
 from envs.edge.command import InputError
 from envs.edge.extension import is_extension, load_extension
 from envs.encounters import SHIPPED, EncounterError, Sampler, is_known, registered, sampler_of
@@ -33,7 +31,7 @@ def register(name: str, sampler: Sampler) -> Sampler:
             "envs.encounters.Sampler"
         )
     for key, least in (("shared", 0), ("each", 0)):
-        count: Any = getattr(sampler, key)
+        count: object = getattr(sampler, key)
         if not isinstance(count, int) or count < least:
             raise EncounterError(
                 f"scenario {name!r}: {key} is {count!r}; expected how many draws it takes"

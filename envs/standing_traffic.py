@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from envs.aircraft import Aircraft
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.encounters import (
     Encounter,
     Sampler,
@@ -36,7 +36,7 @@ FREE_GOAL = 1.5
 """Nearest place to the goal, D: the whole of its radius can be reached at first."""
 
 
-def around_the_way(scenario: Scenario, draws: Any, xp: ArrayModule) -> tuple[Encounter, Any]:
+def around_the_way(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
     """Return encounters ``[N]`` of :func:`envs.encounters.conflict_point` in which some intruders
     stand or drift beside the ownship's way, from draws ``[N, 7 + 12 K]``, and which of them meet
     the conditions, ``[N]``.

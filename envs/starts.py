@@ -7,16 +7,12 @@ from collections.abc import Collection
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from envs import draws
 from envs.aircraft import Aircraft
-from envs.encounters import (
-    MOST_INTRUDERS,
-    Encounter,
-    EncounterError,
-    Scenario,
-    sample,
-)
+from envs.arrays import Array
+from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, sample
 from envs.reaction import GIVES_WAY, TURNS_INTO
 from envs.trees import map_leaves
 
@@ -112,7 +108,7 @@ def join(first: Encounter, second: Encounter) -> Encounter:
     return map_leaves(lambda *fields: np.concatenate(fields), first, second)
 
 
-def cast(encounters: Encounter, dtype: Any) -> Encounter:
+def cast(encounters: Encounter, dtype: DTypeLike) -> Encounter:
     """Return the encounters with numbers of another type; the mask stays."""
     return map_leaves(
         lambda field: field if field.dtype == bool else field.astype(dtype), encounters
@@ -142,33 +138,46 @@ def check_encounter(
             f"mask has {mask.shape[-1]} intruder columns; expected 1 to {MOST_INTRUDERS}"
         )
     wide, narrow = (*batch, mask.shape[-1]), (*batch, 1)
-    ranges = _ranges(aircraft)
-
-    def numbers(name: str, value: Any, shape: tuple[int, ...]) -> Any:
-        return _numbers(name, value, shape, *ranges.get(name, (-math.inf, math.inf)))
-
-    def part(name: str, shape: tuple[int, ...]) -> Any:
-        tree = getattr(encounter, name)
-        return type(tree)(
-            *(numbers(f"{name}.{key}", value, shape) for key, value in tree._asdict().items())
-        )
-
     mask = _shape("mask", mask, wide)
     if not mask.any(axis=-1).all():
         raise EncounterError(
             "mask leaves an encounter without intruders; expected at least one each"
         )
-    goal_x, goal_y = (
-        numbers("goal_x", encounter.goal_x, batch),
-        numbers("goal_y", encounter.goal_y, batch),
+    ranges = _ranges(aircraft)
+
+    def part(name: str, shape: tuple[int, ...]) -> Any:
+        return _part(name, getattr(encounter, name), shape, ranges)
+
+    def optional(name: str) -> Any:
+        return None if getattr(encounter, name) is None else part(name, wide)
+
+    return Encounter(
+        own=part("own", batch),
+        goal_x=part("goal_x", batch),
+        goal_y=part("goal_y", batch),
+        intruders=part("intruders", wide),
+        mask=mask,
+        intent=part("intent", wide),
+        sensor=part("sensor", narrow),
+        coverage=optional("coverage"),
+        separation=optional("separation"),
+        reaction=optional("reaction"),
     )
-    others = part("intruders", wide), mask, part("intent", wide), part("sensor", narrow)
-    coverage = None if encounter.coverage is None else part("coverage", wide)
-    reaction = None if encounter.reaction is None else part("reaction", wide)
-    separation = encounter.separation
-    if separation is not None:
-        separation = numbers("separation", separation, wide)
-    return Encounter(part("own", batch), goal_x, goal_y, *others, coverage, separation, reaction)
+
+
+def _part(
+    name: str, given: Any, shape: tuple[int, ...], ranges: dict[str, tuple[float, float]]
+) -> Any:
+    """Return a field, or a named tuple of fields, as finite float64 of a shape, in their ranges."""
+    if hasattr(given, "_fields"):
+        return type(given)(
+            *(
+                _part(f"{name}.{key}", value, shape, ranges)
+                for key, value in given._asdict().items()
+            )
+        )
+    low, high = ranges.get(name, (-math.inf, math.inf))
+    return _numbers(name, given, shape, low, high)
 
 
 def _ranges(aircraft: Aircraft) -> dict[str, tuple[float, float]]:
@@ -197,8 +206,10 @@ def _ranges(aircraft: Aircraft) -> dict[str, tuple[float, float]]:
     }
 
 
-def _numbers(name: str, value: Any, shape: tuple[int, ...], low: float, high: float) -> np.ndarray:
-    """Return a field as finite float64 within its range."""
+def _numbers(
+    name: str, value: Array, shape: tuple[int, ...], low: float, high: float
+) -> np.ndarray:
+    """Return a field as finite float64 of a shape, within its range."""
     try:
         given = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -6,7 +6,6 @@ access.
 """
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -66,7 +65,7 @@ def redraw_pool(
     for scenario in scenarios:
         drawn, accepted = encounters.sample(scenario, draws[..., : scenario.dimensions], jnp)
         parts.append(encounters.pad(_accepted_only(drawn, accepted), most, jnp))
-    mixed: Any = None
+    mixed: Encounter | None = None
     threshold = 0.0
     for drawn, weight in zip(_alike(parts, scenarios[0].aircraft), weights, strict=True):
         mixed = drawn if mixed is None else choose(choice < threshold, mixed, drawn, jnp)

@@ -5,7 +5,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 
 T = TypeVar("T")
 
@@ -20,8 +20,8 @@ class Shared(Generic[T]):
 
 
 def map_leaves(function: Callable[..., Any], *trees: Any) -> Any:
-    """Apply a function to the arrays at the same place of nested tuples of one structure; None
-    and what is shared stay.
+    """Apply a function to the arrays at the same place of nested tuples of one structure, and
+    return what it gives in that structure; None and what is shared stay.
     """
     first = trees[0]
     if first is None or isinstance(first, Shared):
@@ -33,16 +33,17 @@ def map_leaves(function: Callable[..., Any], *trees: Any) -> Any:
 
 
 def take(tree: T, index: Any) -> T:
-    """Return some rows of every array: one by its number, or several by a slice, indices or
-    a mask.
+    """Return some rows of every array ``[N, ...]``: one by its number, or several by a slice,
+    indices or a mask.
     """
-    taken: Any = tree
-    if isinstance(tree, tuple):  # not by mapped: a plan takes rows thirty times
+    found: Any = tree
+    # Not by map_leaves, which is slower: a plan takes rows thirty times.
+    if isinstance(tree, tuple):
         parts = [take(field, index) for field in tree]
-        taken = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+        found = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
     elif tree is not None and not isinstance(tree, Shared):
-        taken = np.asarray(tree)[index]
-    return taken
+        found = np.asarray(tree)[index]
+    return found
 
 
 def column(tree: T) -> T:
@@ -50,20 +51,24 @@ def column(tree: T) -> T:
     return map_leaves(lambda field: field[:, None], tree)
 
 
-def choose(condition: Any, yes: T, no: T, xp: ArrayModule) -> T:
+def choose(condition: Array, yes: T, no: T, xp: ArrayModule) -> T:
     """Return arrays ``[N, ...]`` that hold ``yes`` where the condition ``[N]`` holds and else
     ``no``.
     """
 
-    def either(a: Any, b: Any) -> Any:
+    def either(a: Array, b: Array) -> Array:
         return xp.where(condition.reshape(condition.shape + (1,) * (a.ndim - condition.ndim)), a, b)
 
     return map_leaves(either, yes, no)
 
 
-def first_of_each(owners: Any, *keys: Any) -> tuple[Any, Any]:
-    """Return, ascending, the owners ``[M]`` of rows ``[N]``, and the number of each one's first
-    row by the keys ``[N]``, the last key before the others; rows alike in all stay in order.
+def first_of_each(owners: np.ndarray, *keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the owners of rows, ascending and each once, and the number of each one's first row,
+    ``[M]`` each.
+
+    Which row is the first is decided by the last of the keys, ``[N]`` each, and where rows are
+    alike in it by the key before; rows alike in all keys stay in order. The rows' owners are
+    ``[N]``.
     """
     order = np.lexsort((*keys, owners))
     owner = owners[order]
@@ -73,9 +78,9 @@ def first_of_each(owners: Any, *keys: Any) -> tuple[Any, Any]:
 
 
 def scatter(into: Any, rows: Any, values: Any) -> None:
-    """Write values into some rows of every array, in place."""
+    """Write a tree of values into some rows of every array of a tree, in place."""
 
-    def write(old: Any, new: Any) -> None:
+    def write(old: np.ndarray, new: Array) -> None:
         old[rows] = new
 
     map_leaves(write, into, values)

@@ -7,12 +7,12 @@ same too.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from envs.angles import wrap
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
 
@@ -24,12 +24,12 @@ class Wind(NamedTuple):
     numbers, or arrays ``[N]``.
     """
 
-    east: Any = 0.0  # towards the east, m/s
-    north: Any = 0.0  # towards the north, m/s
-    std: Any = 0.0  # one sigma of both, m/s; 0: known exactly
+    east: Array = 0.0  # towards the east, m/s
+    north: Array = 0.0  # towards the north, m/s
+    std: Array = 0.0  # one sigma of both, m/s; 0: known exactly
 
     @property
-    def speed(self) -> Any:
+    def speed(self) -> Array:
         """How fast it is, m/s."""
         return np.hypot(self.east, self.north)
 
@@ -37,19 +37,19 @@ class Wind(NamedTuple):
 NO_WIND = Wind()
 
 
-def through_air(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
+def through_air(state: VehicleState, wind: Wind, time: Array) -> VehicleState:
     """Return a state over the ground, ``[...]`` or plain floats, as the air mass sees it, ``time``
     s after 0.
     """
     return _carry(state, wind.east, wind.north, time)
 
 
-def over_ground(state: VehicleState, wind: Wind, time: Any) -> VehicleState:
+def over_ground(state: VehicleState, wind: Wind, time: Array) -> VehicleState:
     """Return a state in the air mass as the ground sees it; arguments as of :func:`through_air`."""
     return _carry(state, -wind.east, -wind.north, time)
 
 
-def _carry(state: VehicleState, east: Any, north: Any, time: Any) -> VehicleState:
+def _carry(state: VehicleState, east: Array, north: Array, time: Array) -> VehicleState:
     """Return a state as a frame sees it that moves with a velocity, m/s."""
     if isinstance(east, float | int) and east == 0.0 and north == 0.0:
         return state
@@ -79,11 +79,11 @@ def turn_through_air(state: VehicleState, turn_rate: float, wind: Wind) -> float
 
 def aim_point(
     own: VehicleState,
-    goal: tuple[Any, Any],
-    drift: tuple[Any, Any] | None,
+    goal: tuple[Array, Array],
+    drift: tuple[Array, Array] | None,
     latest: float,
     xp: ArrayModule,
-) -> tuple[Any, Any]:
+) -> tuple[Array, Array]:
     """Return where aircraft meet their goals by flying straight ahead, m, ``[...]`` each.
 
     Args:

@@ -7,19 +7,25 @@ along the last axis, plain floats keep them in a tuple of K.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from envs import intruder, observation, outcome
 from envs.aircraft import Aircraft
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.backend import FloatNamespace
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState, advance, commands
-from envs.observation import SetObservation, beside
+from envs.observation import SetObservation, Vehicles, beside
 from envs.outcome import Outcome, Rules
 from envs.perception import Coverage, Sensor, carry_back, perceive, report
 from envs.reaction import Reaction, answer
 from envs.relative import at_share, distance, leg_separation
+
+Intruders: TypeAlias = Any
+"""An `IntruderState` of arrays ``[..., K]``, or a tuple of K of floats."""
+
+Intents: TypeAlias = Any
+"""An `Intent` of arrays ``[..., K]`` or a `Recording`, or a tuple of K intents of floats."""
 
 
 class World(NamedTuple):
@@ -38,20 +44,20 @@ class State(NamedTuple):
     """Encounters in progress; fields ``[...]``, those of intruders ``[..., K]`` or tuples of K."""
 
     own: VehicleState
-    goal_x: Any
-    goal_y: Any
-    intruders: Any  # envs.intruder.IntruderState; of plain floats a tuple of them
-    mask: Any  # which intruders exist, bool; a tuple of plain floats holds existing ones only
-    intent: Any
+    goal_x: Array  # m
+    goal_y: Array
+    intruders: Intruders
+    mask: Array  # which intruders exist, bool; a tuple of plain floats holds existing ones only
+    intent: Intents
     sensor: Sensor  # [..., 1] or plain floats
-    previous: (
-        tuple[Any, Any] | None
-    )  # intruders' vehicles one and two steps ago; None where no report is late
-    steps: Any  # steps taken since the start
-    ended: Any  # whether the last step ended the encounter, bool
-    required_separation: Any = None  # by which each encounter is judged, m; None: that of the rules
+    previous: tuple[Vehicles, Vehicles] | None
+    """Intruders' vehicles one and two steps ago; None where no report is late."""
+    steps: Array  # steps taken since the start
+    ended: Array  # whether the last step ended the encounter, bool
+    required_separation: Array | None = None
+    """By which each encounter is judged, m; None: that of the rules."""
     coverage: Coverage | None = None  # [..., K]; None: reports of all intruders at any time
-    separation: Any = None
+    separation: Array | None = None
     """To be kept from each intruder, m, ``[..., K]``; None: that of the rules, from all. Distances
     to an intruder count in it: twice as near where twice as much must be kept."""
     reaction: Reaction | None = None  # [..., K]; None: no intruder takes notice of the ownship
@@ -61,20 +67,20 @@ class StepResult(NamedTuple):
     """Evaluation of a step; fields ``[...]``, distances in m."""
 
     outcome: Outcome
-    reward: Any
-    separations: Any
+    reward: Array
+    separations: Array
     """Smallest distance to each intruder during the step, m, ``[..., K]``; to one with a separation
     of its own in shares of it, times the aircraft's."""
-    separation: Any  # smallest distance to any intruder during the step, m
-    goal_distance: Any  # at the end of the step, m
+    separation: Array  # smallest distance to any intruder during the step, m
+    goal_distance: Array  # at the end of the step, m
 
 
 def begin(
     encounter: Encounter,
     xp: ArrayModule,
     *,
-    history_dt: Any = None,
-    required_separation: Any = None,
+    history_dt: Array | None = None,
+    required_separation: Array | None = None,
 ) -> State:
     """Return the state at the start of encounters ``[...]``.
 
@@ -85,35 +91,36 @@ def begin(
     """
     previous = None
     if history_dt is not None:
-        previous = tuple(
-            _each(
-                lambda one, ago=ago: carry_back(one, ago * history_dt, xp),
-                xp,
-                encounter.intruders,
-            )
-            for ago in (1.0, 2.0)
+        previous = (
+            _carry_back(encounter.intruders, history_dt, xp),
+            _carry_back(encounter.intruders, 2.0 * history_dt, xp),
         )
     steps = xp.zeros_like(encounter.goal_x)
     return State(
-        encounter.own,
-        encounter.goal_x,
-        encounter.goal_y,
-        _each(lambda vehicle: intruder.start(vehicle, xp), xp, encounter.intruders),
-        encounter.mask,
-        encounter.intent,
-        encounter.sensor,
-        previous,
-        steps,
-        steps > 0.0,
-        required_separation,
-        encounter.coverage,
-        encounter.separation,
-        encounter.reaction,
+        own=encounter.own,
+        goal_x=encounter.goal_x,
+        goal_y=encounter.goal_y,
+        intruders=_each(partial(intruder.start, xp=xp), xp, encounter.intruders),
+        mask=encounter.mask,
+        intent=encounter.intent,
+        sensor=encounter.sensor,
+        previous=previous,
+        steps=steps,
+        ended=steps > 0.0,
+        required_separation=required_separation,
+        coverage=encounter.coverage,
+        separation=encounter.separation,
+        reaction=encounter.reaction,
     )
 
 
+def _carry_back(vehicles: Vehicles, seconds: Array, xp: ArrayModule) -> Vehicles:
+    """Return where intruders ``[..., K]`` were some seconds ago if they flew straight until now."""
+    return _each(lambda one: carry_back(one, seconds, xp), xp, vehicles)
+
+
 def step(
-    state: State, action: tuple[Any, Any], world: World, xp: ArrayModule
+    state: State, action: tuple[Array, Array], world: World, xp: ArrayModule
 ) -> tuple[State, StepResult]:
     """Advance encounters ``[...]`` by one time step under an action of
     :func:`envs.kinematics.commands`.
@@ -131,8 +138,8 @@ def step(
     return evaluate(state, own, intruders, world.rules, xp, usual=world.aircraft.separation)
 
 
-def move_intruders(state: State, dt: float, xp: ArrayModule) -> Any:
-    """Return the intruders one time step later, ``[..., K]``."""
+def move_intruders(state: State, dt: float, xp: ArrayModule) -> Intruders:
+    """Return the intruders one time step of ``dt`` s later, ``[..., K]``."""
     time, dt = beside((state.steps * dt, dt))
     if state.reaction is not None:  # arrays alone
         answers = partial(answer, own=beside(state.own), reaction=state.reaction, xp=xp)
@@ -148,48 +155,51 @@ def move_intruders(state: State, dt: float, xp: ArrayModule) -> Any:
 def evaluate(
     state: State,
     own: VehicleState,
-    intruders: Any,
+    intruders: Intruders,
     rules: Rules,
     xp: ArrayModule,
     *,
-    usual: Any = None,
+    usual: Array | None = None,
 ) -> tuple[State, StepResult]:
-    """Return the state ``[...]`` before a step with the vehicles that it has moved, and the
-    evaluation of the step.
+    """Return the state after a step that has moved the vehicles, and the evaluation of the step.
 
     Args:
-        usual: the aircraft's separation, m, in which distances count to intruders with one of their
-            own; None: that of the rules.
+        state: before the step, ``[...]``.
+        own: the ownship after it, ``[...]``.
+        intruders: after it, ``[..., K]``.
+        usual: the aircraft's separation, m; the distance to an intruder with a separation of its
+            own counts in shares of that one, times the usual one. None: that of the rules.
     """
     usual = rules.separation if usual is None else usual
     if state.required_separation is not None:
         rules = rules._replace(separation=state.required_separation)
-    before, after, dt = beside((state.own, own, rules.dt))
+    begin, end, dt = beside((state.own, own, rules.dt))
     separations = _each(
-        lambda old, new: leg_separation(before, after, old.vehicle, new.vehicle, dt, xp),
+        lambda old, new: leg_separation(begin, end, old.vehicle, new.vehicle, dt, xp),
         xp,
         state.intruders,
         intruders,
     )
     if state.separation is not None:
-        shares = _shares(state.separation, usual, xp)
-        separations = _each(lambda one, share: one * share, xp, separations, shares)
+        share = _shares(state.separation, usual, xp)
+        separations = _each(lambda one, times: one * times, xp, separations, share)
     separation = smallest(separations, state.mask, xp)
     goal_distance = distance(state.goal_x - own.x, state.goal_y - own.y, xp)
     steps = state.steps + 1.0
     judged = outcome.judge(separation, goal_distance, steps * rules.dt, rules, xp)
-    previous = (
-        None if state.previous is None else (_vehicles(state.intruders, xp), state.previous[0])
-    )
-    moved = state._replace(
+    reward = outcome.reward(judged, rules, xp)
+    result = StepResult(judged, reward, separations, separation, goal_distance)
+
+    previous = None
+    if state.previous is not None:
+        previous = _vehicles(state.intruders, xp), state.previous[0]
+    after = state._replace(
         own=own, intruders=intruders, previous=previous, steps=steps, ended=judged.ended(xp)
     )
-    return moved, StepResult(
-        judged, outcome.reward(judged, rules, xp), separations, separation, goal_distance
-    )
+    return after, result
 
 
-def perceive_intruders(state: State, noise: Any, dt: Any, xp: ArrayModule) -> Any:
+def perceive_intruders(state: State, noise: Array | None, dt: Array, xp: ArrayModule) -> Vehicles:
     """Return the intruders as the ownship believes them to be, ``[..., K]``.
 
     Args:
@@ -211,20 +221,20 @@ def perceive_intruders(state: State, noise: Any, dt: Any, xp: ArrayModule) -> An
     )
 
 
-def shares(state: State, aircraft: Aircraft, xp: ArrayModule) -> Any:
-    """Return how much of its distance each intruder counts at, ``[..., K]``: the aircraft's
-    separation over its own; None where they have none of their own.
+def shares(state: State, aircraft: Aircraft, xp: ArrayModule) -> Array | None:
+    """Return at which share of its distance each intruder counts, ``[..., K]``: the aircraft's
+    separation divided by the intruder's own; None where they have none of their own.
     """
     if state.separation is None:
         return None
     return _shares(state.separation, aircraft.separation, xp)
 
 
-def _shares(separation: Any, usual: Any, xp: ArrayModule) -> Any:
+def _shares(separation: Array, usual: Array, xp: ArrayModule) -> Array:
     return _each(lambda own: usual / own, xp, separation)
 
 
-def known(state: State, aircraft: Aircraft, xp: ArrayModule) -> Any:
+def known(state: State, aircraft: Aircraft, xp: ArrayModule) -> Array:
     """Return of which intruders the ownship knows, bool ``[..., K]``: those that exist and are
     reported.
     """
@@ -234,17 +244,25 @@ def known(state: State, aircraft: Aircraft, xp: ArrayModule) -> Any:
     return state.mask & report(own, _vehicles(state.intruders, xp), state.coverage, time, xp)
 
 
-def _in_own_separations(state: State, noise: Any, aircraft: Aircraft, xp: ArrayModule) -> Any:
-    """Return the intruders as :func:`perceive_intruders` does, ``[..., K]``, each at its distance
-    in its own separation, on the same bearing.
+def _in_own_separations(
+    state: State, noise: Array | None, aircraft: Aircraft, xp: ArrayModule
+) -> Vehicles:
+    """Return the intruders of :func:`perceive_intruders`, ``[..., K]``, each at that share of its
+    distance at which it counts, on the same bearing.
     """
-    seen, share = perceive_intruders(state, noise, aircraft.dt, xp), shares(state, aircraft, xp)
-    return seen if share is None else _each(partial(at_share, beside(state.own)), xp, seen, share)
+    seen = perceive_intruders(state, noise, aircraft.dt, xp)
+    share = shares(state, aircraft, xp)
+    if share is None:
+        return seen
+    return _each(partial(at_share, beside(state.own)), xp, seen, share)
 
 
-def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: ArrayModule) -> Any:
-    """Return the observation of the most critical intruder and the goal, ``[..., 8]``; see
-    :func:`perceive_intruders`.
+def observe(
+    state: State, aircraft: Aircraft, noise: Array | None = None, *, xp: ArrayModule
+) -> Array:
+    """Return the observation of the most critical intruder and the goal, ``[..., 8]``.
+
+    The noise is that of :func:`perceive_intruders`.
     """
     seen = _in_own_separations(state, noise, aircraft, xp)
     chosen = observation.most_critical(state.own, seen, known(state, aircraft, xp), aircraft, xp)
@@ -254,24 +272,25 @@ def observe(state: State, aircraft: Aircraft, noise: Any = None, *, xp: ArrayMod
 def observe_set(
     state: State,
     aircraft: Aircraft,
-    noise: Any = None,
+    noise: Array | None = None,
     count: int | None = None,
     *,
     xp: ArrayModule,
 ) -> SetObservation:
-    """Return the observation of several intruders and the goal, by the noise of
-    :func:`perceive_intruders`; arrays only.
+    """Return the observation of several intruders and the goal; arrays only.
 
-    Seen are the ``count`` most critical ones, in their order; None: all K as they come.
+    Observed are the ``count`` most critical ones, the most critical first; None: all K as they
+    come. The noise is that of :func:`perceive_intruders`.
     """
-    seen, mask = _in_own_separations(state, noise, aircraft, xp), known(state, aircraft, xp)
+    seen = _in_own_separations(state, noise, aircraft, xp)
+    mask = known(state, aircraft, xp)
     if count is not None:
         seen, mask = observation.rank_urgent(state.own, seen, mask, count, aircraft, xp)
     return observation.observe_set(state.own, seen, mask, state.goal_x, state.goal_y, aircraft, xp)
 
 
-def smallest(values: Any, mask: Any, xp: ArrayModule) -> Any:
-    """Return the smallest value of the intruders that exist, ``[...]``."""
+def smallest(values: Array, mask: Array, xp: ArrayModule) -> Array:
+    """Return the smallest of the values ``[..., K]`` of the intruders that exist, ``[...]``."""
     if isinstance(xp, FloatNamespace):
         return min(values)
     return xp.min(xp.where(mask, values, xp.inf), axis=-1)
@@ -286,5 +305,5 @@ def _each(function: Callable[..., Any], xp: ArrayModule, *trees: Any) -> Any:
     return function(*trees)
 
 
-def _vehicles(intruders: Any, xp: ArrayModule) -> Any:
+def _vehicles(intruders: Intruders, xp: ArrayModule) -> Vehicles:
     return _each(lambda one: one.vehicle, xp, intruders)
