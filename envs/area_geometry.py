@@ -1,11 +1,11 @@
 """Distances of points and of curves to what an area forbids, batched.
 
-The signed distance is positive where the area allows flight, and smaller by 1 m at most a metre
-away. For a whole part of a curve there is a lower bound: where a curve stays within a sagitta of
-the chord between its ends, its signed distance is nowhere less than the chord's, less the sagitta;
-and a chord that meets no edge stays on the side on which it begins (theorems ``keeps_near``,
-``chord_keeps_sound`` and ``side_carried`` of proofs/Signed.v). An area that moves is looked at from
-its own frame, in which it stands still.
+The signed distance is positive where the area allows flight. Between two points it differs by no
+more than they are apart. For a part of a curve there is a lower bound: where the part stays within
+a sagitta of the chord between its ends, its signed distance is nowhere less than the chord's, less
+the sagitta. A chord that meets no edge stays on the side on which it begins. (Theorems
+``keeps_near``, ``chord_keeps_sound`` and ``side_carried`` of proofs/Signed.v.) An area that moves
+is looked at from its own frame, in which it stands still.
 """
 
 from functools import lru_cache
@@ -57,7 +57,7 @@ class Parts(NamedTuple):
 class Distances(NamedTuple):
     """Of parts from what an area forbids, as it is at the request; fields ``[M]``, m."""
 
-    bound: Array  # no point of the chord is nearer; negative where it is inside
+    bound: Array  # no point of the chord has a smaller signed distance
     begin: Array  # signed distance of the beginning
     end: Array  # signed distance of the end
 
@@ -82,7 +82,9 @@ def box(shape: Polygon | Circle) -> Box:
 
 
 def own_frame(area: Area, x: Array, y: Array, time: Array) -> tuple[Array, Array]:
-    """Return places at times since the request, s, in the frame in which the area stands still."""
+    """Return places (m) at times since the request (s) in the frame in which the area stands still,
+    ``[...]`` each.
+    """
     return x - area.velocity[0] * time, y - area.velocity[1] * time
 
 
@@ -121,9 +123,12 @@ def chord_distances(area: Area, parts: Parts, enough: Array = np.inf) -> Distanc
     """Return a lower bound of the signed distance on each chord, and that of its ends.
 
     A part of a curve that stays within a sagitta of its chord has a signed distance of at least the
-    bound less the sagitta. Where that of the ends and the chord's length say that it is ``enough``
-    (m, ``[M]``), nothing more is computed. Parts that follow one another should stand so: the side
-    of an edge is then found once for all of them.
+    bound less the sagitta. Parts that follow one another should stand in their order: on which side
+    of the edges they are is then found once for all of them.
+
+    Args:
+        enough: bounds that need not be better, m, ``[M]``: where the distances of the ends and the
+            chord's length show as much, nothing more is computed.
     """
     if isinstance(area.shape, Circle):
         return _of_circle(area, area.shape, parts)
@@ -152,9 +157,9 @@ def box_distance(area: Area, parts: Parts) -> Array:
 
 
 def inside(lines: Edges, x: Array, y: Array) -> Array:
-    """Return whether places ``[M]`` are inside: whether the edges, seen from there, wind round.
+    """Return whether places ``[M]`` are inside.
 
-    The sum of the angles under which the edges are seen is one turn inside and none outside; it
+    The angles under which the edges are seen add up to one turn inside and to none outside; the sum
     cannot change without touching an edge (proofs/Area.v, ``winding_constant``).
     """
     return np.abs(winding(lines, x, y)) > np.pi
@@ -168,6 +173,7 @@ def winding(lines: Edges, x: Array, y: Array) -> Array:
 
 
 def _of_circle(area: Area, disc: Circle, parts: Parts) -> Distances:
+    """Return the distances of parts ``[M]`` where the area is a disc."""
     x0, y0, x1, y1 = parts.x0 - disc.x, parts.y0 - disc.y, parts.x1 - disc.x, parts.y1 - disc.y
     begin, end = np.hypot(x0, y0), np.hypot(x1, y1)
     if area.keep is Keep.IN:  # the farthest point of a chord is one of its ends
@@ -179,6 +185,7 @@ def _of_circle(area: Area, disc: Circle, parts: Parts) -> Distances:
 
 
 def _of_polygon(area: Area, lines: Edges, parts: Parts, enough: Array) -> Distances:
+    """Return the distances of parts ``[M]`` where the area is a polygon with these edges."""
     follows = np.append((parts.x1[:-1] == parts.x0[1:]) & (parts.y1[:-1] == parts.y0[1:]), False)
     begin = _to_edges(lines, parts.x0, parts.y0)
     end = np.roll(begin, -1)
@@ -201,9 +208,11 @@ def _of_polygon(area: Area, lines: Edges, parts: Parts, enough: Array) -> Distan
 
 
 def _sides(lines: Edges, parts: Parts, meets: Array, follows: Array) -> tuple[Array, Array]:
-    """Return whether chords begin and end inside.
+    """Return whether chords ``[M]`` begin and whether they end inside.
 
-    ``meets`` says which may meet an edge, ``follows`` at whose end the next one begins.
+    Args:
+        meets: which may meet an edge, bool ``[M]``.
+        follows: at whose end the next one begins, bool ``[M]``.
     """
     # A chord that meets no edge ends on the side on which it begins, and the next one begins there.
     known = np.append(False, (follows & ~meets)[:-1])
@@ -221,7 +230,7 @@ def _to_edges(lines: Edges, x: Array, y: Array) -> Array:
 
 
 def _to_chords(lines: Edges, parts: Parts) -> Array:
-    """Return the distances of the nearest corner from chords, m, ``[M]``; 0 where an edge crosses
+    """Return the distances of chords from the nearest corner, m, ``[M]``; 0 where an edge crosses
     the chord.
 
     Together with the distances of the chord's ends from the edges that is the distance between
@@ -238,7 +247,9 @@ def _to_chords(lines: Edges, parts: Parts) -> Array:
 
 
 def _squares(x: Array, y: Array, dx: Array, dy: Array) -> Array:
-    """Return squares of the distances of the origin from segments that begin at x, y, m^2."""
+    """Return the squared distances of the origin from segments from (x, y) to (x + dx, y + dy),
+    m^2, ``[...]``.
+    """
     share = (x * dx + y * dy) / -np.maximum(dx * dx + dy * dy, DEGENERATE)
     share = np.minimum(np.maximum(share, 0.0), 1.0)
     x, y = x + share * dx, y + share * dy
@@ -246,6 +257,6 @@ def _squares(x: Array, y: Array, dx: Array, dy: Array) -> Array:
 
 
 def _chunks(parts: int, lines: int) -> list[slice]:
-    """Return parts in pieces that fit into memory with all edges."""
+    """Return slices of so many parts that fit into the cache with all edges."""
     size = max(_CHUNK // lines, 1)
     return [slice(start, start + size) for start in range(0, parts, size)]

@@ -22,8 +22,8 @@ MOST_POINTS = 1_024
 """Points of an area at most, all rings together."""
 
 WIDEST = 60_000.0
-"""Extent of an area at most, m, in x and in y: so far straight lines of the local frame are those
-on the ground to less than a metre.
+"""Extent of an area at most, m, in x and in y: over this distance a straight line of the local
+frame is the one on the ground to less than a metre.
 """
 
 _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame
@@ -199,14 +199,14 @@ class Area:
 
 
 def after(area: Area, seconds: float) -> Area:
-    """Return an area as it is some seconds after the request, for a request of then.
+    """Return an area as a request made some seconds later has it.
 
-    What it has grown by then is added to the clearance, or taken from it as far as that reaches.
+    What it has grown by then is added to the clearance, or taken from it down to 0.
     """
     grown = area.growth * seconds
-    return _changed(
+    return _replace_fields(
         area,
-        shape=_shifted(area.shape, *(speed * seconds for speed in area.velocity)),
+        shape=_shift(area.shape, *(speed * seconds for speed in area.velocity)),
         clearance=max(area.clearance + (grown if area.keep is Keep.OUT else -grown), 0.0),
         valid_from=area.valid_from - seconds,
         valid_until=area.valid_until - seconds,
@@ -214,27 +214,30 @@ def after(area: Area, seconds: float) -> Area:
 
 
 def in_air(area: Area, wind: Wind, seconds: float = 0.0) -> Area:
-    """Return an area as the air mass sees it that lay over the ground some seconds before."""
+    """Return an area over the ground as the air mass sees it, whose frame lay over the ground's
+    some seconds before.
+    """
     east, north = float(wind.east), float(wind.north)
     # In the air an area may be faster than one may be over the ground.
     velocity = area.velocity[0] - east, area.velocity[1] - north
     if seconds == 0.0:
-        return _changed(area, velocity=velocity)
-    shape = _shifted(area.shape, -east * seconds, -north * seconds)
-    return _changed(area, velocity=velocity, shape=shape)
+        return _replace_fields(area, velocity=velocity)
+    shape = _shift(area.shape, -east * seconds, -north * seconds)
+    return _replace_fields(area, velocity=velocity, shape=shape)
 
 
-def _shifted(shape: Polygon | Circle, dx: float, dy: float) -> Polygon | Circle:
-    """Return a shape elsewhere, m."""
+def _shift(shape: Polygon | Circle, dx: float, dy: float) -> Polygon | Circle:
+    """Return a shape moved by dx and dy, m."""
     if isinstance(shape, Circle):
-        return _changed(shape, x=shape.x + dx, y=shape.y + dy)
+        return _replace_fields(shape, x=shape.x + dx, y=shape.y + dy)
     outer, *holes = (tuple((x + dx, y + dy) for x, y in ring) for ring in shape.rings)
-    return _changed(shape, outer=outer, holes=tuple(holes))
+    return _replace_fields(shape, outer=outer, holes=tuple(holes))
 
 
-def _changed(one: _T, **fields: object) -> _T:
-    """Return an area or a shape with other fields, of which what was checked holds as well: that
-    takes long, and areas move with every step of a monitor.
+def _replace_fields(one: _T, **fields: object) -> _T:
+    """Return an area or a shape with other fields, for which the checks of the old ones hold too.
+
+    The checks take long, and areas move with every step of a monitor.
     """
     made = copy.copy(one)
     for name, value in fields.items():
