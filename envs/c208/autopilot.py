@@ -41,27 +41,22 @@ _GUST_SHARE, _GUST_LAG = 1.5, 20.0  # times their mean size, which is taken over
 
 
 class Measured(NamedTuple):
-    """What the autopilot sees; SI units (weight in N) and radians, body axes x forward, y right, z
-    down.
+    """What the autopilot sees; body axes x forward, y right, z down."""
 
-    ``airspeed`` is the true one, gusts included, ``steady_airspeed`` that of the flight path
-    against the slowly varying wind; ``spool`` is the share of its range between idle and full.
-    """
-
-    bank: float
+    bank: float  # rad
     pitch: float
-    roll_rate: float
+    roll_rate: float  # rad/s
     pitch_rate: float
     yaw_rate: float
-    alpha: float
-    beta: float
-    airspeed: float
-    steady_airspeed: float
-    altitude: float
-    climb: float
-    density: float
-    weight: float
-    spool: float
+    alpha: float  # angle of attack, rad
+    beta: float  # sideslip, rad
+    airspeed: float  # true, gusts included, m/s
+    steady_airspeed: float  # that of the flight path against the slowly varying wind, m/s
+    altitude: float  # m
+    climb: float  # m/s
+    density: float  # kg/m^3
+    weight: float  # N
+    spool: float  # share of its range between idle and full
 
 
 class Controls(NamedTuple):
@@ -87,6 +82,7 @@ class Autopilot:
             level_curve, ("alpha", "elevator", "thrust")
         )
         self._density_0 = density_at(REFERENCE_ALTITUDE)
+        # Both tables of thrust at the present density, over the speed.
         here = [
             np.array([np.interp(density, DENSITIES, row) for row in thrusts])
             for thrusts in tables(variant)
@@ -120,8 +116,9 @@ class Autopilot:
         return math.sqrt(2.0 * measured.weight / (measured.density * self._area * self._top_lift))
 
     def fly(self, measured: Measured, along: float, left: float) -> Controls:
-        """Return the controls for the coming period from accelerations along the path through the
-        air and across it.
+        """Return the controls for the coming period.
+
+        Demanded are accelerations along the path through the air and to its left, m/s^2.
         """
         m = measured
         speed = max(m.airspeed, 30.0)
@@ -143,18 +140,22 @@ class Autopilot:
         elevator, aileron, rudder = self._servos
         return Controls(elevator, aileron, rudder, throttle)
 
-    def _lateral(
-        self, m: Measured, left: float, speed: float, pressure: float, stall: float
-    ) -> tuple[float, float]:
+    def _bank_demand(self, left: float, speed: float, stall: float) -> float:
+        """Return the bank that gives an acceleration across the path, as far as the wing bears it,
+        rad.
+        """
         # The load that the wing can carry with the margin to the stall bounds the bank.
         load_max = max(1.02, (speed / (_FLOOR * stall)) ** 2)
         bank_max = min(BANK_MAX, math.acos(1.0 / load_max))
         wanted_bank = _clamp(-math.atan(left / GRAVITY), BANK_MAX)
         # What the turn needs to be flown is the speed's business too.
         self._load_wanted = 1.0 / math.cos(wanted_bank)
-        demand = _clamp(wanted_bank, bank_max)
+        return _clamp(wanted_bank, bank_max)
 
-        half_turn = 0.5 * self._span / speed
+    def _move_bank_reference(self, demand: float, half_turn: float) -> float:
+        """Move the bank's reference towards a demand for a period; return the roll acceleration
+        that it takes, rad/s^2.
+        """
         rate_max = (
             _ROLL_SHARE * value("roll_aileron") * self._high[1] / (-value("roll_rate") * half_turn)
         )
@@ -165,6 +166,16 @@ class Autopilot:
         acceleration = (rate - self._roll_reference) / TICK
         self.bank_reference += 0.5 * (rate + self._roll_reference) * TICK
         self._roll_reference = rate
+        return acceleration
+
+    def _lateral(
+        self, m: Measured, left: float, speed: float, pressure: float, stall: float
+    ) -> tuple[float, float]:
+        """Return the demanded aileron and rudder, rad."""
+        half_turn = 0.5 * self._span / speed  # s: times a rate it makes the model's coefficients
+        demand = self._bank_demand(left, speed, stall)
+        acceleration = self._move_bank_reference(demand, half_turn)
+        rate = self._roll_reference
 
         turn = GRAVITY / speed * math.tan(self.bank_reference)
         error = self.bank_reference - m.bank
@@ -189,6 +200,7 @@ class Autopilot:
     def _vertical(
         self, m: Measured, load: float, speed: float, equivalent: float, stall: float
     ) -> float:
+        """Return the demanded elevator, rad, that holds the altitude."""
         height = self._altitude - m.altitude
         climb = _clamp(0.35 * height, CLIMB_MAX)
         floor = _FLOOR * stall * math.sqrt(load)
@@ -217,6 +229,7 @@ class Autopilot:
     def _speed(
         self, m: Measured, along: float, load: float, equivalent: float, stall: float
     ) -> float:
+        """Return the demanded throttle, 0 to 1, that gives an acceleration along the path."""
         slow = _SLOWEST * stall * math.sqrt(max(load, self._load_wanted))
         fast = self._speed_max * math.sqrt(DENSITY_0 / m.density)
         reference = self.speed_reference + along * TICK

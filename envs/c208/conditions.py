@@ -34,8 +34,10 @@ _BOUNDS = {
 
 
 def check_loading(loading: Loading) -> Loading:
-    """Return the loading; raises a ValueError where a number is outside what the model
-    stands for.
+    """Return the loading.
+
+    Raises:
+        ValueError: a number is outside what the model stands for.
     """
     for name, (low, high) in _BOUNDS.items():
         number = getattr(loading, name)
@@ -66,7 +68,7 @@ def check_state(state: VehicleState) -> None:
 
 
 def check_start(state: VehicleState, conditions: Conditions, altitude: float) -> None:
-    """Raise a ValueError for a beginning that is none."""
+    """Raise a ValueError for a state, conditions or an altitude (m) in which no flight begins."""
     check_state(state)
     if conditions.turbulence not in TURBULENCE:
         raise ValueError(

@@ -1,9 +1,9 @@
 """What is known of the Cessna 208B, and what had to be estimated: the only numbers that the model
 is made of.
 
-They stand with their sources in ``data/facts.csv``. "Estimate" means that no published figure was
-found and says what stands behind the number instead; "fit" names the published point that
-determined it. Published performance is in ``data/points.csv``; each point says whether the model
+They stand with their sources in ``data/facts.csv``. An "estimate" has no published figure, and the
+source says what it rests on instead; a "fit" names the published point that determined it.
+Published performance is in ``data/points.csv``; each point says whether the model
 was fitted to it or is merely checked against it.
 """
 
@@ -68,13 +68,14 @@ class Point(NamedTuple):
     weight: float  # lb
     altitude: float  # pressure altitude, ft
     temperature: float  # above the standard atmosphere, K
-    # cruise: shaft power, shp; climb and glide: calibrated airspeed, kt; stall: flaps, deg, at idle
     setting: float
-    # cruise: KTAS; climb: ft/min; stall: KCAS; glide: least share of the best lift-to-drag ratio
+    """Cruise: shaft power, shp; climb and glide: calibrated airspeed, kt; stall: flaps, deg, at
+    idle."""
     value: float
-    tolerance: (
-        float  # cruise and climb: share of the value; stall: kt; glide: nothing below the value
-    )
+    """Cruise: KTAS; climb: ft/min; stall: KCAS; glide: least share of the best lift-to-drag
+    ratio."""
+    tolerance: float
+    """Cruise and climb: share of the value; stall: kt; glide: nothing below the value."""
     use: Literal["fit", "check"]
     source: str
 
@@ -87,12 +88,11 @@ _SETTING_UNITS = {
 
 def _point(row: dict[str, str]) -> Point:
     fields: dict[str, Any] = {name: row[name] for name in Point._fields}
-    fields |= {
-        name: float(row[name])
-        for name in ("weight", "altitude", "temperature", "value", "tolerance")
-    }
-    setting = float(row["setting"]) * _SETTING_UNITS.get(row["setting_unit"], 1.0)
-    return Point(**fields | {"pod": row["pod"] == "yes", "setting": setting})
+    for name in ("weight", "altitude", "temperature", "setting", "value", "tolerance"):
+        fields[name] = float(row[name])
+    fields["setting"] *= _SETTING_UNITS.get(row["setting_unit"], 1.0)
+    fields["pod"] = row["pod"] == "yes"
+    return Point(**fields)
 
 
 POINTS = tuple(map(_point, _rows("points.csv")))  # published performance

@@ -6,7 +6,8 @@ are errors.
 
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from envs.c208.conditions import NOMINAL, Loading, check_loading
 from envs.c208.facts import DATA, VARIANTS
@@ -22,10 +23,11 @@ class FdmError(RuntimeError):
     """JSBSim cannot be loaded, or does not know a name."""
 
 
-_silence: list[Any] = []  # JSBSim keeps no reference of its own
+_silence: list["jsbsim.FGLogger"] = []  # JSBSim keeps no reference of its own
 
 
-def _jsbsim() -> Any:
+def _jsbsim() -> ModuleType:
+    """Return JSBSim, silent."""
     import jsbsim
 
     if not _silence:

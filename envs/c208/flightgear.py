@@ -12,7 +12,7 @@ import struct
 import tempfile
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,15 +21,18 @@ from envs.edge.command import ConfigError
 from envs.formats.local_frame import geocentric
 from envs.kinematics import VehicleState
 
+if TYPE_CHECKING:
+    import jsbsim
+
 _PACKET = struct.Struct(">6I8s96s5d15fI")
 _HEADER = (
-    0x46474653,
-    0x00010001,
-    7,
+    0x46474653,  # "FGFS"
+    0x00010001,  # protocol 1.1
+    7,  # a position
     _PACKET.size,
-    100,
-    0,
-)  # "FGFS", protocol 1.1, a position, length, range NM, no port
+    100,  # range, NM
+    0,  # no port
+)
 _MODEL = b"Aircraft/Cessna208Caravan/Models/Cessna208-ai.xml"  # in AI/ of FlightGear's base package
 _LAG = 0.1  # between two packets, s
 
@@ -41,9 +44,9 @@ class FlightGear(NamedTuple):
     port: int  # of the ownship's packets
     paced: bool  # whether JSBSim is held to real time
 
-    def attach(self, executive: Any) -> None:
-        """Give JSBSim its output to here, silent until :meth:`begin`; its next initial conditions
-        open it.
+    def attach(self, executive: "jsbsim.FGFDMExec") -> None:
+        """Have JSBSim write its output to here, from :meth:`begin` on; its next initial conditions
+        open the connection.
         """
         name = f'name="{self.host}" port="{self.port}" protocol="UDP"'
         with tempfile.NamedTemporaryFile("w", suffix=".xml") as file:
@@ -52,7 +55,7 @@ class FlightGear(NamedTuple):
             executive.set_output_directive(file.name)
         executive.disable_output()
 
-    def begin(self, executive: Any) -> Callable[[], bool]:
+    def begin(self, executive: "jsbsim.FGFDMExec") -> Callable[[], bool]:
         """Show what JSBSim flies from now on; return what runs one of its steps, in real time where
         that is asked.
         """

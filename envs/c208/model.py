@@ -10,7 +10,6 @@ trailing edge down, rudder left, aileron to roll right.
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,11 +26,8 @@ def lift_curve(slope_factor: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Return angles of attack (rad) and lift coefficients, flaps up, elevator at rest: straight,
     rounded, falling.
     """
-    slope, top, rounding = (
-        value("lift_slope") * slope_factor,
-        value("lift_max"),
-        value("lift_rounding"),
-    )
+    slope = value("lift_slope") * slope_factor
+    top, rounding = value("lift_max"), value("lift_rounding")
     knee = (top - rounding - value("lift_zero")) / slope
     # A parabola that continues the line and is level at the top.
     reach = 2.0 * rounding / slope
@@ -107,7 +103,8 @@ def engine(variant: Variant) -> str:
     )
 
 
-def _fill(template: str, variant: Variant, **numbers: Any) -> str:
+def _fill(template: str, variant: Variant, **numbers: float | str) -> str:
+    """Return a template with the facts and numbers in their places."""
     text = (DATA / f"{template}.template.xml").read_text(encoding="utf-8")
     facts = {name: fact.value for name, fact in FACTS.items()}
     return text.format(**facts | numbers, variant=variant, written=_WRITTEN)

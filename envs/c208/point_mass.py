@@ -8,10 +8,11 @@ attack, no turbulence.
 """
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
+from envs.arrays import Array
 from envs.c208.air_mass import air_demands
 from envs.c208.autopilot import BANK_MAX, CLIMB_MAX
 from envs.c208.conditions import check_state
@@ -21,7 +22,16 @@ from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, level_curve
 from envs.kinematics import VehicleState
 from envs.wind import NO_WIND, Wind
 
-_LAGS = 0.65, 0.5, 1.5  # of bank, longitudinal acceleration and climb, s
+
+class _Lagged(NamedTuple):
+    """What follows its command with a lag."""
+
+    bank: float  # rad
+    along: float  # acceleration along the path, m/s^2
+    climb: float  # m/s
+
+
+_LAGS = _Lagged(bank=0.65, along=0.5, climb=1.5)  # s
 _LONGEST = 0.05  # of an integration step, s
 
 
@@ -71,7 +81,7 @@ class PointMassVehicle:
         north = level * math.sin(self._course) + self._wind.north
         return VehicleState(self._x, self._y, math.atan2(north, east), math.hypot(east, north))
 
-    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+    def step(self, acceleration: Array, yaw_rate: Array, dt: float) -> None:
         """Fly on under an acceleration along the track (m/s^2) and its turn rate (rad/s, positive
         to the left).
 
@@ -108,16 +118,18 @@ class PointMassVehicle:
         along, left = air_demands(state, acceleration, yaw_rate, self._wind, (low, high))
         bank = min(max(math.atan(left / GRAVITY), -BANK_MAX), BANK_MAX)
         climb = min(max(0.35 * (self._held - self.altitude), -CLIMB_MAX), CLIMB_MAX)
+        before = _Lagged(self.bank, self._along, self.climb)
+        wanted = _Lagged(bank, min(max(along, low), high), climb)
         # Exact over the step for a constant command.
-        before = self.bank, self._along, self.climb
-        targets = bank, min(max(along, low), high), climb
-        after = [
-            target + (here - target) * math.exp(-dt / lag)
-            for here, target, lag in zip(before, targets, _LAGS, strict=True)
-        ]
-        turn = 0.5 * (math.tan(before[0]) + math.tan(after[0])) * GRAVITY / self.airspeed
-        gain = 0.5 * (before[1] + after[1])
-        self.altitude += 0.5 * (before[2] + after[2]) * dt
+        after = _Lagged(
+            *(
+                target + (here - target) * math.exp(-dt / lag)
+                for here, target, lag in zip(before, wanted, _LAGS, strict=True)
+            )
+        )
+        turn = 0.5 * (math.tan(before.bank) + math.tan(after.bank)) * GRAVITY / self.airspeed
+        gain = 0.5 * (before.along + after.along)
+        self.altitude += 0.5 * (before.climb + after.climb) * dt
         self._course = math.remainder(self._course + turn * dt, 2.0 * math.pi)
         self.airspeed = max(self.airspeed + gain * dt, 30.0)
         self.bank, self._along, self.climb = after

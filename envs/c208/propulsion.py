@@ -7,10 +7,10 @@ idle the blades' own drag takes more than the engine gives: thrust is negative.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
+from envs.arrays import Array
 from envs.c208.facts import Variant, value
 
 DENSITY_0 = 1.225  # of the standard atmosphere at sea level, kg/m^3
@@ -22,9 +22,8 @@ SPEEDS = np.array([0.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 1
 DENSITIES = np.array([0.40, 0.55, 0.70, 0.80, 0.90, 0.98, 1.08, 1.16, 1.225, 1.35])
 """Air densities of the tables, kg/m^3."""
 
-_SLOWEST = (
-    35.0  # below this speed the blades rest on their low-pitch stop and the drag stops growing, m/s
-)
+_SLOWEST = 35.0
+"""Below this speed the blades rest on their low-pitch stop and their drag stops growing, m/s."""
 
 
 def density_at(altitude: float) -> float:
@@ -32,9 +31,9 @@ def density_at(altitude: float) -> float:
     return DENSITY_0 * (1.0 - 0.0065 * altitude / 288.15) ** 4.25588
 
 
-def thrust(power: Any, speed: Any, density: Any) -> Any:
-    """Return the installed thrust (N) of a shaft power (W) at a true airspeed (m/s); arrays
-    broadcast.
+def thrust(power: Array, speed: Array, density: Array) -> Array:
+    """Return the installed thrust (N) of a shaft power (W) at a true airspeed (m/s) in air of a
+    density (kg/m^3); arrays broadcast.
     """
     diameter = value("propeller_diameter") * 0.0254
     area = 0.25 * math.pi * diameter**2
@@ -50,9 +49,10 @@ def thrust(power: Any, speed: Any, density: Any) -> Any:
     return 2.0 * density * area * induced * (speed + induced) - scrubbing
 
 
-def maximum_thrust(variant: Variant, speed: Any, density: Any) -> Any:
-    """Return the thrust at full throttle, N: rated power, or what the thinner air leaves of the
-    thermodynamic one.
+def maximum_thrust(variant: Variant, speed: Array, density: Array) -> Array:
+    """Return the thrust at full throttle, N, at a true airspeed (m/s) in air of a density (kg/m^3).
+
+    The power is the rated one, or what thinner air leaves of the thermodynamic one.
     """
     power = np.minimum(
         variant.rated_power, variant.thermodynamic_power * np.asarray(density) / DENSITY_0
@@ -60,9 +60,11 @@ def maximum_thrust(variant: Variant, speed: Any, density: Any) -> Any:
     return thrust(power * HORSEPOWER, speed, density)
 
 
-def idle_thrust(variant: Variant, speed: Any, density: Any) -> Any:
-    """Return the thrust at flight idle, N, governed speed: negative, the blades' drag less the
-    engine's power.
+def idle_thrust(variant: Variant, speed: Array, density: Array) -> Array:
+    """Return the thrust at flight idle, N, at a true airspeed (m/s) in air of a density (kg/m^3).
+
+    The propeller turns at its governed speed. The thrust is negative: the blades' drag is greater
+    than what the engine gives.
     """
     diameter, turns = value("propeller_diameter") * 0.0254, value("propeller_speed") / 60.0
     profile = value("profile_power") * np.asarray(density) * turns**3 * diameter**5
@@ -71,7 +73,9 @@ def idle_thrust(variant: Variant, speed: Any, density: Any) -> Any:
 
 
 def tables(variant: Variant) -> tuple[np.ndarray, np.ndarray]:
-    """Return idle and maximum thrust, N, ``[SPEEDS, DENSITIES]``."""
+    """Return idle and maximum thrust at :data:`SPEEDS` and :data:`DENSITIES`, N, ``[12, 10]``
+    each.
+    """
     speed, density = SPEEDS[:, None], DENSITIES[None, :]
     return idle_thrust(variant, speed, density), maximum_thrust(variant, speed, density)
 

@@ -64,11 +64,8 @@ def measure(point: Point) -> float:
         return _cruise(air, point.setting * HORSEPOWER) / KNOT
     if point.quantity == "climb":
         speed = air.true(point.setting * KNOT)
-        return (
-            speed
-            * math.sin(solve(air.fdm, speed, air.altitude, throttle=1.0).gamma)
-            / (FOOT / 60.0)
-        )
+        climb = solve(air.fdm, speed, air.altitude, throttle=1.0)
+        return speed * math.sin(climb.gamma) / (FOOT / 60.0)
     if point.quantity == "stall":
         return _stall(air, point.setting) * math.sqrt(air.density / DENSITY_0) / KNOT
     return _glide(air, point.setting)
@@ -130,14 +127,14 @@ def _performance() -> Iterator[Verdict]:
         figure = measure(point)
         off = figure - point.value
         if point.quantity == "glide":
-            kept, tolerance = off >= 0.0, "at least"
+            kept = off >= 0.0
+            tolerance = "at least"
         elif point.quantity == "stall":
-            kept, tolerance = abs(off) <= point.tolerance, f"{point.tolerance:g} kt"
+            kept = abs(off) <= point.tolerance
+            tolerance = f"{point.tolerance:g} kt"
         else:
-            kept, tolerance = (
-                abs(off) <= point.tolerance * point.value,
-                f"{100.0 * point.tolerance:g} %",
-            )
+            kept = abs(off) <= point.tolerance * point.value
+            tolerance = f"{100.0 * point.tolerance:g} %"
         name = f"{point.quantity}: {point.name}, {point.altitude:.0f} ft"
         yield Verdict(
             name, figure, units[point.quantity], f"{point.value:g}", tolerance, point.use, kept

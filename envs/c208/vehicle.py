@@ -8,10 +8,11 @@ raises :class:`FlightError` with its reason.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from envs.arrays import Array
 from envs.c208.air_mass import air_demands
 from envs.c208.autopilot import TICK, Autopilot, Measured
 from envs.c208.conditions import CALM, TURBULENCE, Conditions, check_start
@@ -28,78 +29,81 @@ _SUBSTEPS = round(TICK / STEP)
 _WIND_LAG = 10.0  # of the autopilot's estimate of the wind, s
 _LEAD_IN = 20.0  # flown before the start, so that no transient of the initial state is left, s
 
-LOG_COLUMNS = (
-    "time",
-    "x",
-    "y",
-    "altitude",
-    "heading",
-    "speed",
-    "airspeed",
-    "bank",
-    "alpha",
-    "beta",
-    "throttle",
-)
+
+class _Row(NamedTuple):
+    """The flight after a period of the autopilot; SI units and radians."""
+
+    time: float
+    x: float
+    y: float
+    altitude: float
+    heading: float
+    speed: float
+    airspeed: float
+    bank: float
+    alpha: float
+    beta: float
+    throttle: float
+
+
+LOG_COLUMNS = _Row._fields
 """Of :meth:`C208Vehicle.log`; SI units and radians."""
 
 
 class _Readings(NamedTuple):
-    """What is read of the flight dynamics model after each period, in its own units."""
+    """What is read of the flight dynamics model after each period, in the units of its names."""
 
-    bank: Any
-    pitch: Any
-    roll_rate: Any
-    pitch_rate: Any
-    yaw_rate: Any
-    alpha: Any
-    beta: Any
-    airspeed: Any
-    altitude: Any
-    climb: Any
-    density: Any
-    weight: Any
-    spool: Any
-    east: Any
-    north: Any
-    longitude: Any
-    latitude: Any
-    wind_east: Any
-    wind_north: Any
+    bank: float
+    pitch: float
+    roll_rate: float
+    pitch_rate: float
+    yaw_rate: float
+    alpha: float
+    beta: float
+    airspeed: float
+    altitude: float
+    climb: float
+    density: float
+    weight: float
+    spool: float
+    east: float
+    north: float
+    longitude: float
+    latitude: float
+    wind_east: float
+    wind_north: float
 
 
-_PROPERTIES = _Readings(
-    bank="attitude/phi-rad",
-    pitch="attitude/theta-rad",
-    roll_rate="velocities/p-rad_sec",
-    pitch_rate="velocities/q-rad_sec",
-    yaw_rate="velocities/r-rad_sec",
-    alpha="aero/alpha-rad",
-    beta="aero/beta-rad",
-    airspeed="velocities/vt-fps",
-    altitude="position/h-sl-ft",
-    climb="velocities/h-dot-fps",
-    density="atmosphere/rho-slugs_ft3",
-    weight="inertia/weight-lbs",
-    spool="propulsion/engine/n2",
-    east="velocities/v-east-fps",
-    north="velocities/v-north-fps",
-    longitude="position/long-gc-rad",
-    latitude="position/lat-geod-rad",
-    wind_east="atmosphere/total-wind-east-fps",
-    wind_north="atmosphere/total-wind-north-fps",
-)
-"""Where they stand in JSBSim's tree of properties."""
+_PROPERTIES = {
+    "bank": "attitude/phi-rad",
+    "pitch": "attitude/theta-rad",
+    "roll_rate": "velocities/p-rad_sec",
+    "pitch_rate": "velocities/q-rad_sec",
+    "yaw_rate": "velocities/r-rad_sec",
+    "alpha": "aero/alpha-rad",
+    "beta": "aero/beta-rad",
+    "airspeed": "velocities/vt-fps",
+    "altitude": "position/h-sl-ft",
+    "climb": "velocities/h-dot-fps",
+    "density": "atmosphere/rho-slugs_ft3",
+    "weight": "inertia/weight-lbs",
+    "spool": "propulsion/engine/n2",
+    "east": "velocities/v-east-fps",
+    "north": "velocities/v-north-fps",
+    "longitude": "position/long-gc-rad",
+    "latitude": "position/lat-geod-rad",
+    "wind_east": "atmosphere/total-wind-east-fps",
+    "wind_north": "atmosphere/total-wind-north-fps",
+}
+"""Where JSBSim's tree of properties holds the readings."""
 
 
 class FlightError(RuntimeError):
-    """The flight cannot go on; the message says why, and when."""
+    """The flight cannot go on; the message says why and when."""
 
 
 class StartError(FlightError):
-    """The aircraft cannot be where the flight is to begin: too slow, or too fast, through
-    the air.
-    """
+    """The flight cannot begin: the aircraft would be too slow or too fast through the air."""
 
 
 class C208Vehicle:
@@ -107,8 +111,8 @@ class C208Vehicle:
 
     Commands over the ground are reached with the lags of engine and roll, for which
     :mod:`envs.c208.guidance` looks ahead. ``state`` is that over the ground now, ``measured`` what
-    the autopilot sees. A flight of 20 s before the first state is not seen. ``altitude`` is held, m
-    above the sea; a viewer shows the flight from its start on.
+    the autopilot sees. Before the given state 20 s are flown, which are not part of the flight.
+    ``altitude`` is held, m above the sea; a viewer shows the flight from its start on.
 
     Raises:
         StartError: the aircraft cannot fly so slowly or so fast at the start.
@@ -147,7 +151,7 @@ class C208Vehicle:
         self._nodes()
         self.conditions, self._altitude = conditions, altitude
         self.state, self.time = state, 0.0
-        self._rows: list[tuple[float, ...]] = []
+        self._rows: list[_Row] = []
         self._offset = (0.0, 0.0)
         self._wind = Wind(conditions.wind_east, conditions.wind_north)
         self._take_off(state)
@@ -165,14 +169,16 @@ class C208Vehicle:
         self._see()
 
     def _nodes(self) -> None:
+        """Look up what is read and written in every period."""
         node = self.fdm.node
-        self._read = [node(name).get_double_value for name in _PROPERTIES]
+        self._read = [node(_PROPERTIES[name]).get_double_value for name in _Readings._fields]
         controls = ("elevator-cmd-norm", "aileron-cmd-norm", "rudder-cmd-norm", "throttle-cmd-norm")
         self._write = [node(f"fcs/{name}").set_double_value for name in controls]
         surfaces = ("elevator_up", "elevator_down", "aileron", "rudder")
         self._travel = [1.0 / math.radians(value(name)) for name in surfaces]
 
     def _take_off(self, state: VehicleState) -> None:
+        """Begin in the air, in the equilibrium of the state's speed through it."""
         conditions, fdm = self.conditions, self.fdm
         heading, speed = float(state.heading), float(state.speed)
         east, north = speed * math.cos(heading), speed * math.sin(heading)
@@ -218,7 +224,7 @@ class C208Vehicle:
         self._throttle = trim.throttle
         self._see()
 
-    def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+    def step(self, acceleration: Array, yaw_rate: Array, dt: float) -> None:
         """Fly on under an acceleration along the track (m/s^2) and its turn rate (rad/s, positive
         to the left).
 
@@ -252,6 +258,7 @@ class C208Vehicle:
             self._viewer.send(latitude, longitude, self._altitude, others)
 
     def _tick(self, acceleration: float, yaw_rate: float) -> None:
+        """Fly a period of the autopilot under a command over the ground."""
         demands = air_demands(self.state, acceleration, yaw_rate, self._wind, self.autopilot.reach)
         controls = self.autopilot.fly(self.measured, *demands)
         up, down, aileron, rudder = self._travel
@@ -271,6 +278,7 @@ class C208Vehicle:
         self._see()
 
     def _see(self) -> None:
+        """Read the state, log it, and raise a FlightError where the flight has failed."""
         now = _Readings(*[read() for read in self._read])
         east, north = now.east * FOOT, now.north * FOOT
         airspeed, altitude = now.airspeed * FOOT, now.altitude * FOOT
@@ -301,11 +309,25 @@ class C208Vehicle:
         problem = _problem(self.state, self.measured)
         if problem:
             raise FlightError(f"{problem} at {self.time:.2f} s")
-        row = (self.time, x, y, altitude, self.state.heading, self.state.speed, airspeed)
-        self._rows.append((*row, now.bank, now.alpha, now.beta, self._throttle))
+        self._rows.append(
+            _Row(
+                time=self.time,
+                x=x,
+                y=y,
+                altitude=altitude,
+                heading=self.state.heading,
+                speed=self.state.speed,
+                airspeed=airspeed,
+                bank=now.bank,
+                alpha=now.alpha,
+                beta=now.beta,
+                throttle=self._throttle,
+            )
+        )
 
 
 def _problem(state: VehicleState, m: Measured) -> str | None:
+    """Return why a flight has failed, the beginning of a sentence; None where it has not."""
     if not math.isfinite(sum(m) + state.x + state.y + state.speed + state.heading):
         return "the state is not finite"
     if m.altitude < 150.0:
