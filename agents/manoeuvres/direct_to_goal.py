@@ -4,12 +4,12 @@ clear of the traffic.
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from envs.angles import atan2, sincos, wrap
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.kinematics import Limits, VehicleState, velocity
 
 EVERY = 5
@@ -27,7 +27,7 @@ class DirectTask(NamedTuple):
     turn_rate: float  # of turns on the way back, rad/s
 
 
-def arc_end(state: VehicleState, arc: Any, length: Any) -> tuple[Any, Any]:
+def arc_end(state: VehicleState, arc: Array, length: Array) -> tuple[Array, Array]:
     """Return where arcs from a state end that turn by ``arc``, rad, on a length, m; numpy,
     ``[...]`` each.
     """
@@ -37,8 +37,8 @@ def arc_end(state: VehicleState, arc: Any, length: Any) -> tuple[Any, Any]:
 
 
 def end_speed(
-    length: Any, speed: Any, seconds: Any, limits: Limits, xp: ArrayModule
-) -> tuple[Any, Any]:
+    length: Array, speed: Array, seconds: Array, limits: Limits, xp: ArrayModule
+) -> tuple[Array, Array]:
     """Return the speed to cover a length (m) in some seconds, m/s, and whether that is possible,
     ``[...]``.
 
@@ -57,15 +57,20 @@ def end_speed(
 class Turn(NamedTuple):
     """A turn towards a point, and the straight line from its end to the point; fields ``[...]``."""
 
-    side: Any  # 1 left, -1 right
-    angle: Any  # rad, 0 or more
-    length: Any  # of the straight line, m
-    course: Any  # of the straight line, rad, not wrapped
-    possible: Any  # bool
+    side: Array  # 1 left, -1 right
+    angle: Array  # rad, 0 or more
+    length: Array  # of the straight line, m
+    course: Array  # of the straight line, rad, not wrapped
+    possible: Array  # bool
 
 
 def turn_onto(
-    own: VehicleState, point: tuple[Any, Any], radius: Any, xp: ArrayModule, *, exact: bool = False
+    own: VehicleState,
+    point: tuple[Array, Array],
+    radius: Array,
+    xp: ArrayModule,
+    *,
+    exact: bool = False,
 ) -> Turn:
     """Return the turns with some radius (m) after which points, m, lie straight ahead, ``[...]``.
 
@@ -99,18 +104,18 @@ def turn_onto(
 class Direct(NamedTuple):
     """One turn onto the goal and the straight line to its disc; fields ``[...]``."""
 
-    side: Any  # of the turn, 1 left
-    circle: Any  # its radius, m
-    turn: Any  # rad, 0 or more
-    turning: Any  # s
-    course: Any  # of the straight line, rad
-    straight: Any  # its length, m
-    speed: Any  # at its end, m/s
-    possible: Any  # whether there is such a way in time, bool
+    side: Array  # of the turn, 1 left
+    circle: Array  # its radius, m
+    turn: Array  # rad, 0 or more
+    turning: Array  # s
+    course: Array  # of the straight line, rad
+    straight: Array  # its length, m
+    speed: Array  # at its end, m/s
+    possible: Array  # whether there is such a way in time, bool
 
 
 def direct(
-    own: VehicleState, goal: tuple[Any, Any], time: Any, task: DirectTask, xp: ArrayModule
+    own: VehicleState, goal: tuple[Array, Array], time: Array, task: DirectTask, xp: ArrayModule
 ) -> Direct:
     """Return the direct route to a goal, m, from states at some times, s, ``[...]``.
 
@@ -135,8 +140,8 @@ def direct(
 
 
 def arrival(
-    own: VehicleState, goal: tuple[Any, Any], time: Any, task: DirectTask, xp: ArrayModule
-) -> tuple[Any, Any, Any]:
+    own: VehicleState, goal: tuple[Array, Array], time: Array, task: DirectTask, xp: ArrayModule
+) -> tuple[Array, Array, Array]:
     """Return when the direct route passes over the goal, s, on which course, rad, and how fast,
     m/s, ``[...]``.
     """
@@ -148,14 +153,14 @@ def arrival(
 
 def clear(
     own: VehicleState,
-    goal: tuple[Any, Any],
+    goal: tuple[Array, Array],
     other: VehicleState,
-    required: Any,
-    time: Any,
+    required: Array,
+    time: Array,
     task: DirectTask,
     xp: ArrayModule,
-    window: tuple[Any, Any] | None = None,
-) -> Any:
+    window: tuple[Array, Array] | None = None,
+) -> Array:
     """Return whether turning onto the goal now and flying there keeps clear of an intruder that
     flies straight on, while it counts: in a window of times, s; None: always.
 
@@ -170,12 +175,12 @@ def keeps_clear(
     own: VehicleState,
     way: Direct,
     other: VehicleState,
-    required: Any,
-    time: Any,
+    required: Array,
+    time: Array,
     task: DirectTask,
     xp: ArrayModule,
-    window: tuple[Any, Any] | None = None,
-) -> Any:
+    window: tuple[Array, Array] | None = None,
+) -> Array:
     """Return what :func:`clear` does for a direct route that is known.
 
     The turn is judged on the chords of its quarters, less what the arcs can leave them by, the
@@ -206,7 +211,7 @@ def keeps_clear(
     return xp.logical_and(possible, near >= required * xp.abs(required))
 
 
-def _chords(own: VehicleState, way: Direct, xp: ArrayModule) -> Iterator[tuple[Any, Any]]:
+def _chords(own: VehicleState, way: Direct, xp: ArrayModule) -> Iterator[tuple[Array, Array]]:
     """Yield the chords of the quarters of a direct route's turn, east and north, m."""
     sine, cosine = sincos(own.heading, xp)
     half_sine, half_cosine = sincos(0.5 * (way.turn * (1.0 / _PARTS)), xp)
@@ -225,15 +230,15 @@ def _chords(own: VehicleState, way: Direct, xp: ArrayModule) -> Iterator[tuple[A
 
 
 def _nearest_while_it_counts(
-    x: Any,
-    y: Any,
-    step_x: Any,
-    step_y: Any,
-    begin: Any,
-    lasts: Any,
-    window: tuple[Any, Any] | None,
+    x: Array,
+    y: Array,
+    step_x: Array,
+    step_y: Array,
+    begin: Array,
+    lasts: Array,
+    window: tuple[Array, Array] | None,
     xp: ArrayModule,
-) -> Any:
+) -> Array:
     """Return the squared distance from the origin to the part of a step that lies in a window, m^2;
     inf: none does.
 
@@ -248,8 +253,14 @@ def _nearest_while_it_counts(
 
 
 def _nearest(
-    x: Any, y: Any, step_x: Any, step_y: Any, xp: ArrayModule, low: Any = 0.0, high: Any = 1.0
-) -> Any:
+    x: Array,
+    y: Array,
+    step_x: Array,
+    step_y: Array,
+    xp: ArrayModule,
+    low: Array = 0.0,
+    high: Array = 1.0,
+) -> Array:
     """Return the squared distance from the origin to the line from (x, y) along a step, from one
     share of it to another, m^2.
     """

@@ -5,11 +5,12 @@ full rate onto one course and holds it, at extremal acceleration with at most on
 turn at the switch serves delayed starts, manoeuvring intruders and several of them.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import arc_end
+from envs.arrays import Array
 from envs.encounters import Encounter
 from envs.intruder import start, step
 from envs.kinematics import Limits, VehicleState, advance, commands, velocity
@@ -24,35 +25,34 @@ REGARDLESS = -1e9
 class Manoeuvre(NamedTuple):
     """Parameters of one escape; fields ``[...]``, float64."""
 
-    turn: Any  # heading change at full rate from the start, rad, positive to the left
-    throttle: Any  # acceleration at first, in [-1, 1] of the limits
+    turn: Array  # heading change at full rate from the start, rad, positive to the left
+    throttle: Array  # acceleration at first, in [-1, 1] of the limits
     # time at which the second turn is added to what is left of the first and the throttle changes,
     # s
-    switch: Any
-    turn_after: Any  # second turn, rad
-    throttle_after: Any  # acceleration from the switch on, in [-1, 1]
-    resume: Any  # earliest time at which the aircraft turns onto the goal, s
+    switch: Array
+    turn_after: Array  # second turn, rad
+    throttle_after: Array  # acceleration from the switch on, in [-1, 1]
+    resume: Array  # earliest time at which the aircraft turns onto the goal, s
     # what the way to the goal keeps beyond the separation, m, from the traffic's straight courses
-    slack: Any
-    throttle_home: (
-        Any  # acceleration on the way to the goal, in [-1, 1]; full wherever time gets short
-    )
+    slack: Array
+    # acceleration on the way to the goal, in [-1, 1]; full wherever time gets short
+    throttle_home: Array
 
 
 class Flight(NamedTuple):
     """An escape in progress; fields ``[...]``."""
 
     own: VehicleState
-    to_turn: Any  # what is left of the turn, rad
-    switched: Any  # whether the second part has begun, bool
-    returning: Any  # whether the aircraft is on the way to the goal, bool
+    to_turn: Array  # what is left of the turn, rad
+    switched: Array  # whether the second part has begun, bool
+    returning: Array  # whether the aircraft is on the way to the goal, bool
 
 
 class Counting(NamedTuple):
     """How intruders count; fields ``[..., K]``."""
 
-    mask: Any  # which of them exist, bool
-    share: Any  # of the distance to each: the rules' separation over its own; None: 1 of all
+    mask: Array  # which of them exist, bool
+    share: Array  # of the distance to each: the rules' separation over its own; None: 1 of all
 
 
 def steps(rules: Rules) -> int:
@@ -88,12 +88,12 @@ def choose_action(
     flight: Flight,
     manoeuvre: Manoeuvre,
     time: float,
-    goal: tuple[Any, Any],
+    goal: tuple[Array, Array],
     traffic: VehicleState,
     counting: Counting,
     rules: Rules,
     limits: Limits,
-) -> tuple[tuple[Any, Any], Flight]:
+) -> tuple[tuple[Array, Array], Flight]:
     """Return the action of one step of the escapes, ``[M]`` twice in [-1, 1], and the escapes after
     it, not yet moved.
 
@@ -119,7 +119,7 @@ def fly(
     flight: Flight,
     manoeuvre: Manoeuvre,
     time: float,
-    goal: tuple[Any, Any],
+    goal: tuple[Array, Array],
     traffic: VehicleState,
     counting: Counting,
     rules: Rules,
@@ -136,17 +136,17 @@ class Step(NamedTuple):
     """What one step of escapes brought; fields ``[M]``."""
 
     flight: Flight  # after it
-    separation: Any
+    separation: Array
     """Smallest distance to any intruder during it, m; inf without intruders. That to one with a
     separation of its own counts in shares of it, times the rules'."""
-    to_goal: Any  # distance to the goal after it, m
+    to_goal: Array  # distance to the goal after it, m
 
 
 def fly_step(
     flight: Flight,
     manoeuvre: Manoeuvre,
     time: float,
-    goal: tuple[Any, Any],
+    goal: tuple[Array, Array],
     traffic: tuple[VehicleState, VehicleState],
     counting: Counting,
     rules: Rules,
@@ -167,13 +167,13 @@ def fly_step(
 class Away(NamedTuple):
     """Commands of one step away from the route; fields ``[M]``."""
 
-    turn: Any  # of the step, rad
-    throttle: Any  # in [-1, 1]
-    to_turn: Any  # what is left of the turn before the step, rad
-    switched: Any  # whether the second part has begun, bool
+    turn: Array  # of the step, rad
+    throttle: Array  # in [-1, 1]
+    to_turn: Array  # what is left of the turn before the step, rad
+    switched: Array  # whether the second part has begun, bool
 
 
-def steer_away(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Any) -> Away:
+def steer_away(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Array) -> Away:
     """Return the commands of the step away that begins at a time, s, and turns by ``full_turn``,
     rad, at most.
     """
@@ -185,12 +185,12 @@ def steer_away(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Any
 
 def _to_goal(
     own: VehicleState,
-    goal: tuple[Any, Any],
+    goal: tuple[Array, Array],
     time: float,
-    throttle: Any,
+    throttle: Array,
     rules: Rules,
     limits: Limits,
-) -> tuple[Any, Any]:
+) -> tuple[Array, Array]:
     """Return the turn (rad) and the throttle of a step on the way to the goal, ``[M]`` each."""
     to_goal = bearing(own, *goal, np)
     far = distance(goal[0] - own.x, goal[1] - own.y, np)
@@ -209,13 +209,13 @@ def _to_goal(
 
 def _clear(
     own: VehicleState,
-    goal: tuple[Any, Any],
+    goal: tuple[Array, Array],
     traffic: VehicleState,
     counting: Counting,
-    slack: Any,
+    slack: Array,
     rules: Rules,
     limits: Limits,
-) -> Any:
+) -> Array:
     """Return whether the traffic's straight courses are clear half-way through the turn onto the
     goal and after it.
     """

@@ -5,7 +5,7 @@ The search is clairvoyant: it flies against the true motion of the intruders, so
 bounds from above what any resolver without foresight can achieve.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from agents.manoeuvres.escape_manoeuvre import (
     tracks,
 )
 from envs.aircraft import Aircraft
+from envs.arrays import Array
 from envs.draws import normals, uniforms
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
@@ -47,23 +48,23 @@ separations.
 class EscapeOutcome(NamedTuple):
     """How escapes ended; fields ``[M]``."""
 
-    arrival: Any  # time at which the goal was reached, s; nan if it was not
-    separation: Any  # smallest distance to any intruder until then, m, as of a Step
-    path: Any  # length flown until the circle around the goal was entered, m; nan if it was not
+    arrival: Array  # time at which the goal was reached, s; nan if it was not
+    separation: Array  # smallest distance to any intruder until then, m, as of a Step
+    path: Array  # length flown until the circle around the goal was entered, m; nan if it was not
 
 
 class _Aloft(NamedTuple):
     """Escapes in the air; fields ``[M]``."""
 
-    row: Any  # their numbers
-    which: Any  # number of the encounter
-    goal: tuple[Any, Any]  # m
+    row: Array  # their numbers
+    which: Array  # number of the encounter
+    goal: tuple[Array, Array]  # m
     counting: Counting  # how the intruders count, [M, K]
     manoeuvre: Manoeuvre
     flight: Flight
     now: VehicleState  # of the intruders, [M, K]
-    length: Any  # flown so far, m
-    to_goal: Any  # distance to the goal, m
+    length: Array  # flown so far, m
+    to_goal: Array  # distance to the goal, m
 
 
 class Found(NamedTuple):
@@ -72,13 +73,13 @@ class Found(NamedTuple):
     """
 
     manoeuvre: Manoeuvre
-    arrival: Any
-    separation: Any
-    path: Any
+    arrival: Array
+    separation: Array
+    path: Array
 
 
 def _grid(
-    turns_deg: Any, throttles: Any = (0.0,), delays: Any = (0.0,), slacks: Any = (0.03,)
+    turns_deg: Array, throttles: Array = (0.0,), delays: Array = (0.0,), slacks: Array = (0.03,)
 ) -> Manoeuvre:
     """Return all combinations of turns, throttles, delayed starts and slacks, ``[M]``."""
     mesh = np.meshgrid(np.radians(turns_deg), throttles, delays, slacks, indexing="ij")
@@ -106,7 +107,7 @@ _THROTTLES = (-1.0, 0.0, 1.0)
 COARSE = _grid(np.arange(-180.0, 180.1, 15.0), _THROTTLES)
 
 
-def _staying_away(turns_deg: Any, resumes: Any) -> Manoeuvre:
+def _staying_away(turns_deg: Array, resumes: Array) -> Manoeuvre:
     """Return turns that do not come back before a time: with one throttle, or slow and then fast,
     ``[M]``.
     """
@@ -142,7 +143,7 @@ unsolved.
 def fly_out(
     encounter: Encounter,
     traffic: VehicleState,
-    which: Any,
+    which: Array,
     manoeuvre: Manoeuvre,
     rules: Rules,
     limits: Limits,
@@ -289,7 +290,7 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
     return found
 
 
-def offspring(pool: Any, index: int, task: Aircraft | Rules) -> Any:
+def offspring(pool: Array, index: int, task: Aircraft | Rules) -> Array:
     """Return variants ``[8, N, CHILDREN]`` of elites ``[8, N, ELITES]``, the same random changes
     for all encounters.
     """
@@ -302,7 +303,7 @@ def offspring(pool: Any, index: int, task: Aircraft | Rules) -> Any:
     return within_range(pool[..., parents] + changes[:, None])
 
 
-def within_range(values: Any) -> Any:
+def within_range(values: Array) -> Array:
     """Return parameters ``[8, ...]`` that are manoeuvres again."""
     changed = Manoeuvre(*values)
     return np.stack(
@@ -317,7 +318,7 @@ def within_range(values: Any) -> Any:
 
 
 def _keep_best(
-    found: Found, part: Any, which: Any, family: Manoeuvre, flown: EscapeOutcome
+    found: Found, part: Array, which: Array, family: Manoeuvre, flown: EscapeOutcome
 ) -> None:
     """Write, per encounter, the earliest arrival of what was flown (the widest of those) into what
     is found.
@@ -345,7 +346,7 @@ def nothing(count: int) -> Found:
     return Found(Manoeuvre(*np.full((len(SPREAD), count), np.nan)), *np.full((3, count), np.nan))
 
 
-def parts(indices: Any, each: int, encounter: Encounter) -> list[Any]:
+def parts(indices: Array, each: int, encounter: Encounter) -> list[Array]:
     """Split indices of encounters into parts that fit into memory, with so many escapes each."""
     crowd = max(encounter.mask.shape[-1] / 8, 1.0)
     size = max(int(min(BLOCK / each, MOST) / crowd), 1)

@@ -13,28 +13,28 @@ The policy's flight asks the network (:mod:`agents.planner.rollout`).
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, steer_away, takeoff
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.trees import scatter, take
 
 _AT_ONCE = 6  # strides flown at once at first
-_PAIRS = (
-    8_192  # strides times manoeuvres times intruders at once: more do not stay in a core's cache
-)
+# strides times manoeuvres times intruders at once: more do not stay in a core's cache
+_PAIRS = 8_192
 
 
 class Departure(NamedTuple):
     """States in which manoeuvres may turn back; fields ``[R]``."""
 
     own: VehicleState
-    stride: Any  # number of the stride that begins there
-    owner: Any  # whose manoeuvre it is
-    slack: Any  # what the way back keeps beyond the required distance, m
+    stride: Array  # number of the stride that begins there
+    owner: Array  # whose manoeuvre it is
+    slack: Array  # what the way back keeps beyond the required distance, m
 
 
 class Surroundings(Protocol):
@@ -45,7 +45,7 @@ class Surroundings(Protocol):
         """About how many each flight is set against."""
         ...
 
-    def clearance(self, flown: VehicleState, first: int, owner: Any) -> Any:
+    def clearance(self, flown: VehicleState, first: int, owner: Array) -> Array:
         """Return the least distance less the required one in each stride of flights, m, ``[S, M]``.
 
         Args:
@@ -55,7 +55,7 @@ class Surroundings(Protocol):
         """
         ...
 
-    def way_back(self, departure: Departure) -> Any:
+    def way_back(self, departure: Departure) -> Array:
         """Return whether the way back is clear, bool ``[R]``."""
         ...
 
@@ -78,24 +78,24 @@ class Landed(NamedTuple):
     """Where manoeuvres have been and ended; fields ``[M]``."""
 
     states: VehicleState  # at the beginning of each stride until the end, [S, M]; nan after it
-    end: Any  # number of the stride at whose beginning each ended
-    returned: Any  # whether it turned back there, bool; else it was given up
-    clearance: Any  # least distance less the required one until then, m; an estimate
+    end: Array  # number of the stride at whose beginning each ended
+    returned: Array  # whether it turned back there, bool; else it was given up
+    clearance: Array  # least distance less the required one until then, m; an estimate
 
 
 class _Aloft(NamedTuple):
     """Manoeuvres in the air; fields ``[M]``."""
 
-    row: Any  # their numbers
-    owner: Any
+    row: Array  # their numbers
+    owner: Array
     manoeuvre: Manoeuvre
     flight: Flight
-    closest: Any  # clearance so far, m
+    closest: Array  # clearance so far, m
 
 
 def fly_until_clear(
     own: VehicleState,
-    owner: Any,
+    owner: Array,
     manoeuvre: Manoeuvre,
     around: Surroundings,
     effort: Effort,
@@ -150,12 +150,12 @@ def fly_until_clear(
 def _returning(
     aloft: _Aloft,
     flown: VehicleState,
-    nearest: Any,
+    nearest: Array,
     first: int,
     stride: float,
     around: Surroundings,
     effort: Effort,
-) -> Any:
+) -> Array:
     """Return at the beginning of which strides manoeuvres may turn back, bool ``[S, M]``."""
     strides = np.arange(first, first + len(nearest))
     returning = (nearest >= effort.least) & (strides[:, None] * stride >= aloft.manoeuvre.resume)
@@ -167,8 +167,8 @@ def _returning(
 
 
 def _ends(
-    owner: Any, nearest: Any, returning: Any, count_well: Any, effort: Effort
-) -> tuple[Any, Any]:
+    owner: Array, nearest: Array, returning: Array, count_well: Array, effort: Effort
+) -> tuple[Array, Array]:
     """Return the stride at whose beginning each manoeuvre ends, ``[M]``, all of them where it does
     not, and how many have ended well, ``[N]``.
     """
@@ -185,7 +185,7 @@ def _ends(
     return np.minimum(own_end, np.where(enough_there, full, count)[owner]), well[-1]
 
 
-def _first(happens: Any) -> tuple[Any, Any]:
+def _first(happens: Array) -> tuple[Array, Array]:
     """Return in which row something ``[S, M]`` happens first, 0 where it does not, and whether it
     does, ``[M]``.
     """
@@ -201,13 +201,13 @@ def _nothing(count: int, last: int) -> Landed:
 
 def _note(
     landed: Landed,
-    row: Any,
+    row: Array,
     first: int,
     flown: VehicleState,
-    over: Any,
-    ended: Any,
-    returning: Any,
-    nearest: Any,
+    over: Array,
+    ended: Array,
+    returning: Array,
+    nearest: Array,
 ) -> None:
     """Note strides of manoeuvres: the last of them in which each is in the air, and whether it
     turned back there.
@@ -246,7 +246,7 @@ def fly_away(
 
 
 def integrate(
-    own: VehicleState, acceleration: Any, yaw_rate: Any, dt: float, limits: Limits
+    own: VehicleState, acceleration: Array, yaw_rate: Array, dt: float, limits: Limits
 ) -> tuple[VehicleState, VehicleState]:
     """Return motion under known controls, every displacement found at once.
 
@@ -279,6 +279,6 @@ def integrate(
     return VehicleState(x, y, heading, speed), VehicleState(x[-1], y[-1], course[-1], speed[-1])
 
 
-def _running_sums(start: Any, steps: Any) -> Any:
+def _running_sums(start: Array, steps: Array) -> Array:
     """Return the running sums of steps ``[S, M]`` from a start ``[M]``, ``[S + 1, M]``."""
     return np.add.accumulate(np.concatenate([start[None], steps]), axis=0)

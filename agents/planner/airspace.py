@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from agents.planner.request import (
 )
 from envs.area_geometry import signed_distance
 from envs.areas import Area, in_air
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import Shared
 from envs.wind import Wind
@@ -184,7 +185,7 @@ def _round(
     )
 
 
-def _ahead(request: Request, first: int, options: Options) -> tuple[Any, Any, Any]:
+def _ahead(request: Request, first: int, options: Options) -> tuple[Array, Array, Array]:
     """Return the points of a route that are ahead, m, and their numbers in the one asked for."""
     x, y = request.route_x[0], request.route_y[0]
     number = np.arange(x.size) if request.of_route is None else request.of_route[0]
@@ -199,7 +200,7 @@ def _ahead(request: Request, first: int, options: Options) -> tuple[Any, Any, An
     return x[first:], y[first:], number[first:]
 
 
-def _reach(request: Request, own: VehicleState) -> Any:
+def _reach(request: Request, own: VehicleState) -> Array:
     """Return when the points of a route would be reached at the present airspeed, s, ``[R]``."""
     x, y = (
         np.concatenate([[begin], field[0]])
@@ -220,7 +221,7 @@ def _reach(request: Request, own: VehicleState) -> Any:
     return np.array(times)
 
 
-def _holders(areas: Sequence[Counted], x: Any, y: Any, time: Any, margin: float) -> Any:
+def _holders(areas: Sequence[Counted], x: Array, y: Array, time: Array, margin: float) -> Array:
     """Return the number of the first area in which places lie at some times, s, or nearer to it
     than its clearance; -1: none; ``[M]``.
     """

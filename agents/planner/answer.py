@@ -44,15 +44,12 @@ class Kind(Enum):
     NO_REJOIN = "no_rejoin"  # the route was not rejoined in time
     GOAL_BEHIND = "goal_behind"  # no point of the route lies ahead
     GOAL_TOO_FAR = "goal_too_far"  # no point of the route can be reached in time
-    ROUTE_TOO_SHORT = (
-        "route_too_short"  # the route ends before the plan does, and may not be extended
-    )
+    # the route ends before the plan does, and may not be extended
+    ROUTE_TOO_SHORT = "route_too_short"
     DEADLINE = "deadline"  # the computation ended before everything was searched
-    START_IN_VIOLATION = (
-        # an intruder is closer than the separation at the request already, or an area forbids the
-        # place of the ownship
-        "start_in_violation"
-    )
+    # an intruder is closer than the separation at the request already, or an area forbids the
+    # place of the ownship
+    START_IN_VIOLATION = "start_in_violation"
 
 
 class Subject(Enum):

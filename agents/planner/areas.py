@@ -9,11 +9,11 @@ An area counts while it is valid and the ownship may be level with it. As with t
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.request import Altitude
+from agents.planner.levels import Altitude
 from agents.planner.separation import FINE, along, position_error_bound
 from agents.planner.validator import CLOSE, ROUNDING
 from envs.area_geometry import (
@@ -25,6 +25,8 @@ from envs.area_geometry import (
     signed_distance,
 )
 from envs.areas import Area, Keep, Level
+from envs.arrays import Array
+from envs.kinematics import VehicleState
 from envs.trees import first_of_each, take
 from envs.waypoints import ARCS, Legs, PlanStates
 
@@ -46,19 +48,19 @@ class Counted(NamedTuple):
 class AreaFindings(NamedTuple):
     """What plans keep of the clearance from areas; fields ``[N]``."""
 
-    wrong: Any  # whether the clearance from some area is not kept, bool
-    area: Any  # number of the area of which it is lost first; -1 where it is kept
-    leg: Any  # number of the leg on which that is; -1
-    time: Any  # when it begins to be lost, s; nan
-    until: Any  # from when on it is kept again, good to the length of an arc, s; nan
-    x: Any  # where that is, m
-    y: Any
+    wrong: Array  # whether the clearance from some area is not kept, bool
+    area: Array  # number of the area of which it is lost first; -1 where it is kept
+    leg: Array  # number of the leg on which that is; -1
+    time: Array  # when it begins to be lost, s; nan
+    until: Array  # from when on it is kept again, good to the length of an arc, s; nan
+    x: Array  # where that is, m
+    y: Array
     # Smallest signed distance less the required one, m; inf where no area counts. Never too large,
     # and negative exactly where something is wrong; elsewhere it may be too small by as much as
     # arcs and the area's rectangle are long.
-    clearance: Any
-    nearest: Any  # number of the area of which that is; -1
-    time_of_clearance: Any  # when its part begins, s; nan
+    clearance: Array
+    nearest: Array  # number of the area of which that is; -1
+    time_of_clearance: Array  # when its part begins, s; nan
 
     @classmethod
     def blank(cls, count: int) -> "AreaFindings":
@@ -81,19 +83,19 @@ class AreaFindings(NamedTuple):
 class _Arcs(NamedTuple):
     """The arcs of plans in a row; fields ``[N, A]``."""
 
-    begin: Any  # s after the request
-    end: Any
-    x0: Any  # where they begin, m
-    y0: Any
-    x1: Any  # where they end, m
-    y1: Any
-    acceleration: Any  # the largest on each, m/s^2
-    error: Any  # of the positions, m
+    begin: Array  # s after the request
+    end: Array
+    x0: Array  # where they begin, m
+    y0: Array
+    x1: Array  # where they end, m
+    y1: Array
+    acceleration: Array  # the largest on each, m/s^2
+    error: Array  # of the positions, m
 
 
 def relevant(
     areas: Sequence[Area],
-    own: Any,
+    own: VehicleState,
     altitude: Altitude | None,
     *,
     fastest: float,
@@ -126,7 +128,7 @@ def relevant(
     return tuple(found)
 
 
-def in_reach(area: Area, x: Any, y: Any, far: float, end: float, margin: float) -> bool:
+def in_reach(area: Area, x: Array, y: Array, far: float, end: float, margin: float) -> bool:
     """Return whether an aircraft that flies so far, m, by some time, s, may come nearer to an area
     than its clearance and the margin, m; to one that must be kept in: always.
     """
@@ -175,7 +177,7 @@ def judge(
     curves: Legs,
     areas: Sequence[Counted],
     margin: float = 0.0,
-    required: Sequence[Any] | None = None,
+    required: Sequence[Array] | None = None,
 ) -> AreaFindings:
     """Return whether every curve of plans keeps the clearance from every area that counts.
 
@@ -203,7 +205,7 @@ def judge(
     return found
 
 
-def required_distances(one: Counted, x: Any, y: Any, margin: float) -> Any:
+def required_distances(one: Counted, x: Array, y: Array, margin: float) -> Array:
     """Return the signed distance that plans which begin at places ``[N]`` must keep, m."""
     wanted = np.full(np.shape(x), one.area.clearance + margin)
     if one.begin > 0.0:
@@ -230,7 +232,7 @@ def _arcs(plan_states: PlanStates, curves: Legs) -> _Arcs:
     )
 
 
-def _judge_area(found: AreaFindings, one: Counted, arcs: _Arcs, curves: Legs, need: Any) -> None:
+def _judge_area(found: AreaFindings, one: Counted, arcs: _Arcs, curves: Legs, need: Array) -> None:
     """Judge all plans against one area, from which they must keep distances, m, ``[N]``."""
     near = counts = (arcs.end >= one.begin) & (arcs.begin <= one.end)
     if one.area.keep is Keep.OUT:
@@ -266,7 +268,7 @@ def _judge_area(found: AreaFindings, one: Counted, arcs: _Arcs, curves: Legs, ne
 
 
 def _judge_finely(
-    found: AreaFindings, one: Counted, plans: tuple[_Arcs, Legs], need: Any, which: Any
+    found: AreaFindings, one: Counted, plans: tuple[_Arcs, Legs], need: Array, which: Array
 ) -> None:
     """Judge the parts of arcs ``[m]`` that were not clear as a whole."""
     (n, a), (arcs, curves) = which, plans
@@ -291,14 +293,14 @@ def _judge_finely(
     _note_lost(found, one, rows[bad], legs[bad], take(parts, bad))
 
 
-def _required_less_tolerance(need: Any) -> Any:
+def _required_less_tolerance(need: Array) -> Array:
     """Return the required distance less the tolerance, which is for the clearance: the area itself
     is kept but for rounding.
     """
     return np.maximum(need - CLOSE, -ROUNDING)
 
 
-def _bounds(area: Area, arcs: _Arcs, need: Any) -> tuple[Any, Any]:
+def _bounds(area: Area, arcs: _Arcs, need: Array) -> tuple[Array, Array]:
     """Return a lower bound of the signed distance on whole arcs ``[M]``, and the least of its
     values at their ends, m.
     """
@@ -314,17 +316,19 @@ def _in_frame(area: Area, arcs: _Arcs) -> Parts:
     )
 
 
-def _least_gain(area: Area, arcs: _Arcs) -> Any:
+def _least_gain(area: Area, arcs: _Arcs) -> Array:
     """Return the least that the area's growth adds to signed distances within arcs, m."""
     return np.minimum(gain(area) * arcs.begin, gain(area) * arcs.end)
 
 
-def _chord_error(arcs: _Arcs) -> Any:
+def _chord_error(arcs: _Arcs) -> Array:
     """Return by how much the curve may be nearer than its chord as it is computed, m."""
     return 0.125 * arcs.acceleration * (arcs.end - arcs.begin) ** 2 + arcs.error
 
 
-def _note_least(found: AreaFindings, one: Counted, rows: Any, clearance: Any, begin: Any) -> None:
+def _note_least(
+    found: AreaFindings, one: Counted, rows: Array, clearance: Array, begin: Array
+) -> None:
     """Note the smallest clearance of parts ``[M]`` of plans numbered ``rows``, m, and when it is,
     s.
     """
@@ -335,7 +339,7 @@ def _note_least(found: AreaFindings, one: Counted, rows: Any, clearance: Any, be
     found.time_of_clearance[row] = begin[best]
 
 
-def _note_lost(found: AreaFindings, one: Counted, rows: Any, legs: Any, parts: _Arcs) -> None:
+def _note_lost(found: AreaFindings, one: Counted, rows: Array, legs: Array, parts: _Arcs) -> None:
     """Note the first and the last of parts ``[M]`` of plans numbered ``rows`` that lose the
     clearance.
     """

@@ -4,21 +4,25 @@
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, direct
 from agents.planner.areas import Counted
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 
 _PARTS = 4  # of the turn onto the goal
 
 
 def clearance(
-    areas: Sequence[Counted], required: Sequence[Any], flown: VehicleState, times: Any, of: Any
-) -> Any:
+    areas: Sequence[Counted],
+    required: Sequence[Array],
+    flown: VehicleState,
+    times: Array,
+    of: Array,
+) -> Array:
     """Return the least distance from all areas less the required one on each stride, m, ``[S, M]``.
 
     Args:
@@ -34,13 +38,13 @@ def clearance(
 
 def way_clear(
     areas: Sequence[Counted],
-    required: Sequence[Any],
+    required: Sequence[Array],
     own: VehicleState,
-    goal: tuple[Any, Any],
-    time: Any,
-    of: Any,
+    goal: tuple[Array, Array],
+    time: Array,
+    of: Array,
     task: DirectTask,
-) -> Any:
+) -> Array:
     """Return whether the direct route to goals, m, from states at some times, s, keeps clear of all
     areas, ``[R]``.
     """
@@ -60,8 +64,11 @@ def way_clear(
 
 
 def _least(
-    areas: Sequence[Counted], required: Sequence[Any], places: tuple[Any, Any, Any], of: Any
-) -> Any:
+    areas: Sequence[Counted],
+    required: Sequence[Array],
+    places: tuple[Array, Array, Array],
+    of: Array,
+) -> Array:
     """Return the least distance less the required one on straight flights between places (m, m, s),
     ``[M, P]``, of requests ``of``: m, ``[M, P - 1]``.
     """

@@ -6,7 +6,7 @@ the route at constant speed, intruders straight on after their turns. The valida
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, arrival, direc
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request
 from agents.planner.traffic import Traffic, predict, uncertainty
+from envs.arrays import Array
 from envs.kinematics import VehicleState, velocity
 from envs.trees import column, map_leaves, scatter, take
 from envs.wind import aim_point
@@ -29,37 +30,36 @@ _STRAIGHT = 1e-6  # rad between two legs of a route that are one
 class _Legs(NamedTuple):
     """Straight legs of routes; fields ``[N, L]``, or numbers of one."""
 
-    x: Any  # where each begins, m
-    y: Any
-    course: Any  # rad
-    begin: Any  # length of the route from the point after the goal to there, m
-    length: Any  # m; 0: none
+    x: Array  # where each begins, m
+    y: Array
+    course: Array  # rad
+    begin: Array  # length of the route from the point after the goal to there, m
+    length: Array  # m; 0: none
 
 
 class Beyond(NamedTuple):
     """The routes of requests beyond their goals, and the intruders, ``[N, K]``."""
 
     legs: _Legs
-    next_x: Any  # the point after the goal, m, [N]; the goal itself where there is none
-    next_y: Any
-    points: Any  # lengths of the route from there to its points, m, [N, P]; inf: none
+    next_x: Array  # the point after the goal, m, [N]; the goal itself where there is none
+    next_y: Array
+    points: Array  # lengths of the route from there to its points, m, [N, P]; inf: none
     traffic: Traffic
     straight: VehicleState  # the intruders after their turns, moved back along the line to time 0
-    order: (
-        Any  # numbers of a crowd by how near it comes to the direct flight, [N, K]; None: no crowd
-    )
+    # numbers of a crowd by how near it comes to the direct flight, [N, K]; None: no crowd
+    order: Array | None
     sigmas: float
     until: float  # a plan ends at the first point that is reached at or after this, s
 
     def clear(
         self,
         own: VehicleState,
-        goal: tuple[Any, Any],
-        required: Any,
-        owner: Any,
-        time: Any,
+        goal: tuple[Array, Array],
+        required: Array,
+        owner: Array,
+        time: Array,
         task: DirectTask,
-    ) -> Any:
+    ) -> Array:
         """Return whether the route is clear after the direct route to the goal from states ``[R]``
         of requests ``owner`` at some times, s, bool ``[R]``.
 
@@ -76,7 +76,7 @@ class Beyond(NamedTuple):
             found[rows] = self._clear_of(some, least, of, self.order[of, CROWD:])
         return found
 
-    def _clear_of(self, flown: "_Lines", required: Any, owner: Any, each: Any) -> Any:
+    def _clear_of(self, flown: "_Lines", required: Array, owner: Array, each: Array) -> Array:
         """Return whether flights keep clear of the intruders numbered ``each``, ``[R, k]``, bool
         ``[R]``.
         """
@@ -89,7 +89,7 @@ class Beyond(NamedTuple):
         near = passing.square < needed * np.abs(needed)
         return ~(near & (passing.last > passing.first)).any(axis=(1, 2))
 
-    def _pass(self, flown: "_Lines", owner: Any, each: Any) -> "_Passing":
+    def _pass(self, flown: "_Lines", owner: Array, each: Array) -> "_Passing":
         """Return how flights pass the intruders numbered ``each``, ``[R, k]``."""
         begin = first = flown.first[..., None]
         last = flown.last[..., None]
@@ -107,7 +107,9 @@ class Beyond(NamedTuple):
         x, y = x + vx * nearest, y + vy * nearest
         return _Passing(x * x + y * y, first, last)
 
-    def nearest_first(self, own: VehicleState, goal: tuple[Any, Any], task: DirectTask) -> Any:
+    def nearest_first(
+        self, own: VehicleState, goal: tuple[Array, Array], task: DirectTask
+    ) -> Array:
         """Return the numbers of intruders by how near they come to the route beyond the goal after
         direct flights from the request on, ``[N, K]``.
         """
@@ -120,7 +122,12 @@ class Beyond(NamedTuple):
         return np.argsort(away.min(axis=1), axis=-1, kind="stable")
 
     def _flights(
-        self, own: VehicleState, goal: tuple[Any, Any], owner: Any, time: Any, task: DirectTask
+        self,
+        own: VehicleState,
+        goal: tuple[Array, Array],
+        owner: Array,
+        time: Array,
+        task: DirectTask,
     ) -> "_Lines":
         """Return the flights of ``R`` manoeuvres beyond the goal: the turn onto the next point as
         its chord, the way there, and the rest of the route.
@@ -154,23 +161,23 @@ class Beyond(NamedTuple):
 class _Lines(NamedTuple):
     """Flights along straight lines, ``[R, L]``."""
 
-    x: Any  # where they begin, m
-    y: Any
-    vx: Any  # m/s
-    vy: Any
-    first: Any  # s
-    last: Any  # s; not flown where it is not later
+    x: Array  # where they begin, m
+    y: Array
+    vx: Array  # m/s
+    vy: Array
+    first: Array  # s
+    last: Array  # s; not flown where it is not later
 
 
 class _Passing(NamedTuple):
     """How flights pass intruders, ``[R, L, k]``, or what broadcasts."""
 
-    square: Any  # of the least distance, m^2
-    first: Any  # s
-    last: Any  # s; not passed where it is not later
+    square: Array  # of the least distance, m^2
+    first: Array  # s
+    last: Array  # s; not passed where it is not later
 
 
-def beyond(request: Request, goal: Any, options: Options) -> Beyond:
+def beyond(request: Request, goal: Array, options: Options) -> Beyond:
     """Return the routes of requests beyond the points numbered ``goal``, ``[N]``.
 
     Points that drift are where they would be met by flying straight to them.
@@ -215,7 +222,7 @@ def beyond(request: Request, goal: Any, options: Options) -> Beyond:
     return found._replace(order=found.nearest_first(request.own, to, task_of(options)))
 
 
-def _legs_of(x: Any, y: Any) -> tuple[list[_Legs], Any]:
+def _legs_of(x: Array, y: Array) -> tuple[list[_Legs], Array]:
     """Return the legs of a route, those on one line as one, and the lengths to its points."""
     lengths = np.hypot(np.diff(x), np.diff(y))
     along = np.concatenate([[0.0], np.cumsum(lengths)])

@@ -2,7 +2,7 @@
 request so far.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from agents.planner.options import Options
 from agents.planner.request import Request
 from agents.planner.rollout import Rollout
 from agents.planner.validator import CHECKS, Findings, validate
+from envs.arrays import Array
 from envs.trees import first_of_each, scatter, take
 from envs.waypoints import PlanStates, legs
 from envs.wind import aim_point
@@ -29,28 +30,26 @@ _ORDER = CHECKS.index("leg")  # so many checks are of finite numbers and of the 
 class Proposals(NamedTuple):
     """Plans with findings, cost and clearance; fields ``[N]``."""
 
-    plan_states: (
-        PlanStates  # the request and the waypoints, [N, W + 1]; nan where there is no whole plan
-    )
-    goal: Any  # number of the route's point at which it is rejoined; -1 without a plan
+    # the request and the waypoints, [N, W + 1]; nan where there is no whole plan
+    plan_states: PlanStates
+    goal: Array  # number of the route's point at which it is rejoined; -1 without a plan
     # number of the route's point that ends the plan; -1 without one; beyond the route's own if
     # extended
-    last: Any
+    last: Array
     findings: Findings  # of the validator; everything is wrong with what is no plan, clearance -inf
-    too_short: (
-        Any  # whether the route ended too soon for this plan or one that it was chosen from, bool
-    )
-    rejoin_time: Any  # s; nan without a plan
-    path: Any  # length until the rejoining, m; nan without a plan
-    cost: Any  # m; inf without a plan: path beyond the straight line, and the two weights above
+    # whether the route ended too soon for this plan or one that it was chosen from, bool
+    too_short: Array
+    rejoin_time: Array  # s; nan without a plan
+    path: Array  # length until the rejoining, m; nan without a plan
+    cost: Array  # m; inf without a plan: path beyond the straight line, and the two weights above
 
     @property
-    def safe(self) -> Any:
+    def safe(self) -> Array:
         """Whether the validator found nothing wrong, bool."""
         return self.findings.safe
 
     @property
-    def min_separation(self) -> Any:
+    def min_separation(self) -> Array:
         """Smallest distance, m; nan without a plan."""
         return self.findings.min_separation
 
@@ -87,7 +86,7 @@ def find_faults(plan_states: PlanStates, request: Request, options: Options) -> 
     return found
 
 
-def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) -> Proposals:
+def evaluate(request: Request, rollout: Rollout, goal: Array, options: Options) -> Proposals:
     """Complete the manoeuvres ``[M]`` of requests to plans for the goals numbered ``[M]``, and
     validate them.
     """
@@ -121,7 +120,7 @@ def evaluate(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     return proposals
 
 
-def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
+def keep_best(best: Proposals, rows: Array, plans: Proposals) -> Array:
     """Write the best of plans ``[M]`` of requests numbered ``rows`` into the best so far ``[N]``,
     where it is better.
 
@@ -136,7 +135,7 @@ def keep_best(best: Proposals, rows: Any, plans: Proposals) -> Any:
     return row[gain]
 
 
-def _merits(plans: Proposals) -> tuple[Any, Any, Any]:
+def _merits(plans: Proposals) -> tuple[Array, Array, Array]:
     """Return what plans are compared by, less is better: cost of safe ones, else clearance;
     legality; safety.
     """

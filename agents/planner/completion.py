@@ -7,7 +7,7 @@ times, and the last one is the first point of the route that is reached after th
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drift_points, latest_end
 from agents.planner.rollout import Rollout
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import scatter, take
 from envs.waypoints import PlanStates
@@ -28,75 +29,76 @@ class Completed(NamedTuple):
     """Whole plans, as in :class:`agents.planner.candidates.Proposals`; fields ``[N]``."""
 
     plan_states: PlanStates
-    last: Any
-    too_short: Any
-    rejoin_time: Any
-    path: Any
-    reversals: Any  # changes of the turn's side until the rejoining
+    last: Array
+    too_short: Array
+    rejoin_time: Array
+    path: Array
+    reversals: Array  # changes of the turn's side until the rejoining
 
 
 class _Tails(NamedTuple):
     """Plans from the ends of their manoeuvres on, as far as they have got; fields ``[M]``."""
 
-    row: Any  # numbers of the manoeuvres
+    row: Array  # numbers of the manoeuvres
     state: VehicleState
-    time: Any  # s
-    point: Any  # number of the route's point that comes next
-    direct: Any  # whether the first leg leads to the goal, bool
+    time: Array  # s
+    point: Array  # number of the route's point that comes next
+    direct: Array  # whether the first leg leads to the goal, bool
 
 
 class _Onward(NamedTuple):
     """What the next legs of some tails are made of; fields ``[L]``."""
 
-    tail: Any  # numbers of the tails
-    point: Any  # numbers of the route's points at their ends
-    place: tuple[Any, Any]  # of those points at the request, m
-    drift: tuple[Any, Any] | None  # of the points, m/s; None: they stand still
+    tail: Array  # numbers of the tails
+    point: Array  # numbers of the route's points at their ends
+    place: tuple[Array, Array]  # of those points at the request, m
+    drift: tuple[Array, Array] | None  # of the points, m/s; None: they stand still
     begin: VehicleState
-    began: Any  # s
+    began: Array  # s
     # which lead to the goal, where there may be a need to accelerate, bool; None: none
-    direct: Any | None
+    direct: Array | None
 
 
 class _Legs(NamedTuple):
     """The next leg of some tails, fields ``[L]``: a turn at the task's rate, then straight on."""
 
-    tail: Any  # numbers of the tails
-    point: Any  # numbers of the route's points at their ends
-    x: Any  # of those points, m
-    y: Any
+    tail: Array  # numbers of the tails
+    point: Array  # numbers of the route's points at their ends
+    x: Array  # of those points, m
+    y: Array
     begin: VehicleState
-    began: Any  # s
-    arc: Any  # of the turn, rad, positive to the left
-    length: Any  # of the straight part, m
-    course: Any  # of the straight part, rad
-    reached: Any  # whether the point can be reached so; else it is passed by, bool
-    turned: Any  # time at which the straight part begins, s
-    disc: Any  # how far before the point on the straight part its disc begins, m
-    speed: Any  # at the end, m/s; it differs from that at the beginning on the way to the goal only
-    in_time: Any  # whether the goal can be reached in time, bool; true of all other points
+    began: Array  # s
+    arc: Array  # of the turn, rad, positive to the left
+    length: Array  # of the straight part, m
+    course: Array  # of the straight part, rad
+    reached: Array  # whether the point can be reached so; else it is passed by, bool
+    turned: Array  # time at which the straight part begins, s
+    disc: Array  # how far before the point on the straight part its disc begins, m
+    # at the end, m/s; it differs from that at the beginning on the way to the goal only
+    speed: Array
+    in_time: Array  # whether the goal can be reached in time, bool; true of all other points
 
 
 class _Piece(NamedTuple):
     """A part of tails under constant controls; fields ``[M]``."""
 
-    begin: Any  # s; inf: not flown
-    x: Any  # these four at its beginning, m
-    y: Any
-    heading: Any  # rad
-    speed: Any  # m/s
-    turn_rate: Any  # rad/s
-    acceleration: Any  # m/s^2
+    begin: Array  # s; inf: not flown
+    x: Array  # these four at its beginning, m
+    y: Array
+    heading: Array  # rad
+    speed: Array  # m/s
+    turn_rate: Array  # rad/s
+    acceleration: Array  # m/s^2
 
 
-def complete(request: Request, rollout: Rollout, goal: Any, options: Options) -> Completed:
+def complete(request: Request, rollout: Rollout, goal: Array, options: Options) -> Completed:
     """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``."""
     task, most = task_of(options), request.route_x.shape[1]
     wind = 0.0 if request.drift is None else np.max(np.hypot(*request.drift), initial=0.0)
     latest = latest_end(request, options)
     whole, tails = _begin(rollout, goal, options)
     count = tails.row.size
-    left, pieces = np.arange(count), list[Any]()
+    left, pieces = np.arange(count), list[Array]()
     for step in range(most + 1 + points_beyond(options, wind)):
         if not options.extend_route:
             ended = tails.point[left] >= request.points[tails.row[left]]
@@ -124,7 +126,7 @@ def complete(request: Request, rollout: Rollout, goal: Any, options: Options) ->
     return whole
 
 
-def _begin(rollout: Rollout, goal: Any, options: Options) -> tuple[Completed, _Tails]:
+def _begin(rollout: Rollout, goal: Array, options: Options) -> tuple[Completed, _Tails]:
     """Return plans of which nothing but the manoeuvres is known, and tails of those that end."""
     count = goal.size
     whole = Completed(
@@ -146,10 +148,10 @@ def _fly_legs(
     request: Request,
     tails: _Tails,
     legs: _Legs,
-    arrived: Any,
-    latest: Any,
+    arrived: Array,
+    latest: Array,
     options: Options,
-) -> Any:
+) -> Array:
     """Move tails to the ends of legs, where they arrive at some times, s; return which of them end
     their plans there, bool ``[L]``.
     """
@@ -177,7 +179,7 @@ def points_beyond(options: Options, wind: float) -> int:
 
 
 def _next_legs(
-    request: Request, tails: _Tails, left: Any, extension: float, task: DirectTask, *, first: bool
+    request: Request, tails: _Tails, left: Array, extension: float, task: DirectTask, *, first: bool
 ) -> _Legs:
     """Return the legs of the tails numbered ``left`` to their next points; the first ones may lead
     to the goal.
@@ -197,7 +199,7 @@ def _next_legs(
     return _meeting(onward, onward.drift, task)
 
 
-def _legs_to(onward: _Onward, when: Any, task: DirectTask) -> _Legs:
+def _legs_to(onward: _Onward, when: Array, task: DirectTask) -> _Legs:
     """Return the legs to where the points are at some times, s."""
     begin, began, direct = onward.begin, onward.began, onward.direct
     x, y = drift_points(onward.place, onward.drift, when)
@@ -231,7 +233,7 @@ def _legs_to(onward: _Onward, when: Any, task: DirectTask) -> _Legs:
     return legs._replace(disc=disc, speed=speed, in_time=in_time | ~direct)
 
 
-def _disc(speed: Any, course: Any, drift: tuple[Any, Any], radius: float) -> Any:
+def _disc(speed: Array, course: Array, drift: tuple[Array, Array], radius: float) -> Array:
     """Return how far an aircraft flies through the air from the edge of a drifting point's disc to
     the point, m.
     """
@@ -239,7 +241,7 @@ def _disc(speed: Any, course: Any, drift: tuple[Any, Any], radius: float) -> Any
     return speed * radius / np.maximum(closing, 1e-3)
 
 
-def _meeting(onward: _Onward, drift: tuple[Any, Any], task: DirectTask) -> _Legs:
+def _meeting(onward: _Onward, drift: tuple[Array, Array], task: DirectTask) -> _Legs:
     """Return the legs that end where the points are when they end: by secants on the time of that.
 
     A point that is not met so is not reached.
@@ -264,12 +266,14 @@ def _meeting(onward: _Onward, drift: tuple[Any, Any], task: DirectTask) -> _Legs
     return legs._replace(reached=legs.reached & met)
 
 
-def _end(legs: _Legs, task: DirectTask) -> Any:
+def _end(legs: _Legs, task: DirectTask) -> Array:
     """Return when legs end, s."""
     return legs.turned + _duration(legs.length, legs.begin.speed, legs.speed, task)
 
 
-def _to_goal(whole: Completed, rollout: Rollout, rows: Any, legs: _Legs, task: DirectTask) -> _Legs:
+def _to_goal(
+    whole: Completed, rollout: Rollout, rows: Array, legs: _Legs, task: DirectTask
+) -> _Legs:
     """Return the first legs, without those that miss the goal, and note when the goal is reached.
 
     The goal itself must not be passed by, nor reached too late.
@@ -288,7 +292,7 @@ def _to_goal(whole: Completed, rollout: Rollout, rows: Any, legs: _Legs, task: D
     return legs
 
 
-def _pieces(count: int, legs: _Legs, task: DirectTask, *, level: bool) -> list[Any]:
+def _pieces(count: int, legs: _Legs, task: DirectTask, *, level: bool) -> list[Array]:
     """Return the turns and the straight parts of legs as pieces of ``count`` tails; ``level`` adds
     what follows where the speed at the leg's end is reached.
     """
@@ -318,7 +322,7 @@ def _level_piece(legs: _Legs, middle: VehicleState, task: DirectTask) -> _Piece:
     return _Piece(begin, x, y, middle.heading, legs.speed, turn_rate=none, acceleration=none)
 
 
-def _point(request: Request, rows: Any, number: Any, extension: float) -> tuple[Any, Any]:
+def _point(request: Request, rows: Array, number: Array, extension: float) -> tuple[Array, Array]:
     """Return a point of the route, or one beyond its end in its last direction, m, ``[M]`` each."""
     have = request.points[rows]
     inside = np.minimum(number, have - 1)
@@ -332,18 +336,18 @@ def _point(request: Request, rows: Any, number: Any, extension: float) -> tuple[
     return x + np.where(over > 0, dx * step, 0.0), y + np.where(over > 0, dy * step, 0.0)
 
 
-def _turn(state: VehicleState, arc: Any, turn_rate: float) -> VehicleState:
+def _turn(state: VehicleState, arc: Array, turn_rate: float) -> VehicleState:
     x, y = arc_end(state, arc, state.speed * np.abs(arc) / turn_rate)
     return VehicleState(x, y, state.heading + arc, state.speed)
 
 
-def _duration(length: Any, speed: Any, wanted: Any, task: DirectTask) -> Any:
+def _duration(length: Array, speed: Array, wanted: Array, task: DirectTask) -> Array:
     """Return the time for a length, s: accelerating from a speed to another, then holding that."""
     rise = (wanted - speed) / task.limits.acceleration_max
     return rise + (length - 0.5 * (speed + wanted) * rise) / wanted
 
 
-def _spread(count: int, tails: Any, piece: _Piece) -> Any:
+def _spread(count: int, tails: Array, piece: _Piece) -> Array:
     """Return a piece of some of ``count`` tails as one of all, ``[7, count]``."""
     values = np.zeros((len(piece), count))
     values[0] = np.inf

@@ -8,13 +8,14 @@ areas. A way is a row of straight flights at the present airspeed, each to where
 import heapq
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.planner.areas import Counted, required_distances
 from envs.area_geometry import Parts, box_distance, chord_distances, gain, own_frame
 from envs.areas import Circle, Keep, Polygon
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.wind import aim_point
@@ -36,10 +37,10 @@ class Place(NamedTuple):
 class Rings(NamedTuple):
     """Points about areas, in the air mass at the request; fields ``[P]``."""
 
-    x: Any  # m
-    y: Any
-    east: Any  # velocity, m/s
-    north: Any
+    x: Array  # m
+    y: Array
+    east: Array  # velocity, m/s
+    north: Array
 
 
 class Airspace(NamedTuple):
@@ -97,8 +98,8 @@ class Airspace(NamedTuple):
         return Place(float(there_x[0]), float(there_y[0]), float(arrival[0]))
 
     def _reach(
-        self, here: Place, to: tuple[Any, Any], velocity: tuple[Any, Any]
-    ) -> tuple[Any, Any, Any]:
+        self, here: Place, to: tuple[Array, Array], velocity: tuple[Array, Array]
+    ) -> tuple[Array, Array, Array]:
         """Return where moving points are met from a place, m, and when, s, ``[M]`` each."""
         same = np.ones_like(to[0])
         own = VehicleState(here.x * same, here.y * same, 0.0 * same, self.speed * same)
@@ -106,7 +107,7 @@ class Airspace(NamedTuple):
         x, y = aim_point(own, now, velocity, self.latest - here.time, np)
         return x, y, here.time + np.hypot(x - here.x, y - here.y) / self.speed
 
-    def clear(self, here: Place, x: Any, y: Any, arrival: Any) -> Any:
+    def clear(self, here: Place, x: Array, y: Array, arrival: Array) -> Array:
         """Return whether straight flights from a place keep clear of all areas, ``[M]``."""
         found = np.ones(x.shape, dtype=bool)
         for one, need in zip(self.areas, self.need, strict=True):
@@ -174,7 +175,7 @@ def _back(at: int, came: dict[int, int], places: dict[int, Place]) -> list[Place
     return way[::-1]
 
 
-def _points(one: Counted, own: VehicleState, away: float) -> tuple[Any, Any]:
+def _points(one: Counted, own: VehicleState, away: float) -> tuple[Array, Array]:
     """Return points about an area from which its edges can be gone round, m."""
     shape = one.area.shape
     if isinstance(shape, Circle):
@@ -194,7 +195,7 @@ def _points(one: Counted, own: VehicleState, away: float) -> tuple[Any, Any]:
     return np.concatenate([x for x, _ in found]), np.concatenate([y for _, y in found])
 
 
-def _around(points: Any, away: float) -> tuple[Any, Any]:
+def _around(points: Array, away: float) -> tuple[Array, Array]:
     """Return the corners of a polygon of :data:`RING` equal angles about points ``[P, 2]`` that is
     so far away, m.
     """
@@ -209,7 +210,7 @@ def _around(points: Any, away: float) -> tuple[Any, Any]:
     )
 
 
-def _corners(shape: Polygon, away: float) -> tuple[Any, Any]:
+def _corners(shape: Polygon, away: float) -> tuple[Array, Array]:
     """Return points inside a polygon beside the corners of its outer ring that point inwards."""
     ring = np.array(shape.outer)
     before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring

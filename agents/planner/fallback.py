@@ -9,7 +9,6 @@ are refined by random changes, each judged by the validator itself.
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from agents.planner.candidates import (
 from agents.planner.fallback_flight import fly_out
 from agents.planner.options import Options, aggressive_limits
 from agents.planner.request import Request
+from envs.arrays import Array
 from envs.trees import take
 
 _BLOCK = 16_384  # manoeuvres in the air at once
@@ -38,10 +38,8 @@ _WITHIN = 0.2  # separations of clearance that small changes can bring
 _SOON = 150.0  # time steps by which the manoeuvres of the quick stages turn back
 _ENOUGH = 12  # manoeuvres of a request that end well
 _JUDGED = 16  # manoeuvres that are validated at once where there is a deadline
-_PATIENCE, _PROGRESS = (
-    3,
-    0.2,
-)  # rounds of the refinement, and the part of what is missing that they must bring
+_PATIENCE = 3  # rounds of the refinement
+_PROGRESS = 0.2  # the part of what is missing that they must bring
 _FIRST = concatenate(*STAGES[:2])
 ALL, QUICK, SLOW = slice(None), slice(1), slice(1, None)
 """Stages of the family: all of them, the first one, the others."""
@@ -51,7 +49,7 @@ _SEEDS = concatenate(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
 
 
 def search(
-    request: Request, goal: Any, options: Options, budget: Budget, which: slice = ALL
+    request: Request, goal: Array, options: Options, budget: Budget, which: slice = ALL
 ) -> Proposals:
     """Return the best plan that the family's stages, or some of them, hold, ``[N]``; ``goal`` is
     the number of the point to rejoin at.
@@ -75,7 +73,7 @@ def search(
     return best
 
 
-def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Proposals:
+def refine(request: Request, goal: Array, options: Options, budget: Budget) -> Proposals:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
     best, options = (
         empty(goal.size, options.waypoints),
@@ -111,7 +109,7 @@ def refine(request: Request, goal: Any, options: Options, budget: Budget) -> Pro
     return best
 
 
-def _elites(turn: Any, scores: Any) -> Any:
+def _elites(turn: Array, scores: Array) -> Array:
     """Return the numbers of the best manoeuvres ``[n, ELITES]``, half to each side, or all would
     soon turn to one.
     """
@@ -124,14 +122,14 @@ def _elites(turn: Any, scores: Any) -> Any:
 
 def _try_out(
     best: Proposals,
-    left: Any,
+    left: Array,
     request: Request,
-    goal: Any,
-    tried: Any,
+    goal: Array,
+    tried: Array,
     options: Options,
     budget: Budget,
     judge: bool,
-) -> Any:
+) -> Array:
     """Fly manoeuvres ``[8, n, M]``, perhaps judge them as plans; return how near each is to a safe
     one, ``[n, M]``.
     """
@@ -166,9 +164,9 @@ def _try_out(
 
 def _improve(
     best: Proposals,
-    part: Any,
+    part: Array,
     request: Request,
-    goal: Any,
+    goal: Array,
     stage: Manoeuvre,
     options: Options,
     effort: Effort,
@@ -201,6 +199,6 @@ def _improve(
         keep_best(best, part[owners], plans)
 
 
-def _parts(rows: Any, each: int) -> list[Any]:
+def _parts(rows: Array, each: int) -> list[Array]:
     size = max(_BLOCK // each, 1)
     return [rows[first : first + size] for first in range(0, rows.size, size)]

@@ -2,7 +2,7 @@
 until the direct route to the goal is clear.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from agents.planner.request import Request, drift_points
 from agents.planner.rollout import Rollout
 from agents.planner.traffic import predict, requirement_of, uncertainty, within_window
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance, leg_separation
 from envs.trees import column, map_leaves, take
@@ -36,13 +37,17 @@ class ManoeuvreFlights(NamedTuple):
     """Manoeuvres flown until the way back is clear; fields ``[M]``."""
 
     rollout: Rollout
-    clearance: (
-        Any  # smallest distance to any intruder less the required one, until then, m; an estimate
-    )
+    # smallest distance to any intruder less the required one, until then, m; an estimate
+    clearance: Array
 
 
 def fly_out(
-    request: Request, goal: Any, which: Any, manoeuvre: Manoeuvre, options: Options, effort: Effort
+    request: Request,
+    goal: Array,
+    which: Array,
+    manoeuvre: Manoeuvre,
+    options: Options,
+    effort: Effort,
 ) -> ManoeuvreFlights:
     """Fly manoeuvres ``[M]`` of requests ``which`` until the direct route to the goal, a number
     ``[N]``, is clear.
@@ -62,7 +67,7 @@ class _Ahead:
     beyond the goal, and the areas.
     """
 
-    def __init__(self, request: Request, goal: Any, options: Options, last: int) -> None:
+    def __init__(self, request: Request, goal: Array, options: Options, last: int) -> None:
         """Predict the intruders up to the end of the stride numbered ``last``."""
         traffic, number = request.traffic, np.arange(goal.size)
         self._request, self._task, self._stride = request, task_of(options), stride_of(options)
@@ -97,7 +102,7 @@ class _Ahead:
         """About how many each flight is set against."""
         return min(self._required.shape[-1], _MANY)
 
-    def way_back(self, departure: Departure) -> Any:
+    def way_back(self, departure: Departure) -> Array:
         """Return whether the direct route to the goal keeps clear, bool ``[R]``."""
         time, drift = departure.stride * self._stride, take(self._request.drift, departure.owner)
         place = drift_points(take(self._goal, departure.owner), drift, time)
@@ -111,7 +116,7 @@ class _Ahead:
             )
         return found
 
-    def _clear_of_traffic(self, departure: Departure, aim: tuple[Any, Any]) -> Any:
+    def _clear_of_traffic(self, departure: Departure, aim: tuple[Array, Array]) -> Array:
         """Return whether direct routes keep clear of all intruders, bool ``[R]``.
 
         The nearest intruders block most ways: the route beyond the goal, and the others of a crowd,
@@ -132,7 +137,7 @@ class _Ahead:
             found[rows] = self._clear_of_some(left, to, next_ones)
         return found
 
-    def _clear_of_some(self, departure: Departure, aim: tuple[Any, Any], each: Any) -> Any:
+    def _clear_of_some(self, departure: Departure, aim: tuple[Array, Array], each: Array) -> Array:
         """Return whether direct routes keep clear of the intruders numbered ``each``, ``[R, k]``,
         bool ``[R]``.
         """
@@ -147,13 +152,13 @@ class _Ahead:
         kept = clear(own, goal, seen, required, at * self._stride, self._task, np, window)
         return np.all(kept, axis=-1)
 
-    def _clear_beyond(self, departure: Departure, aim: tuple[Any, Any]) -> Any:
+    def _clear_beyond(self, departure: Departure, aim: tuple[Array, Array]) -> Array:
         """Return whether the route beyond the goal is clear after direct routes, bool ``[R]``."""
         required = self._required[departure.owner] + departure.slack[:, None]
         time = departure.stride * self._stride
         return self._beyond.clear(departure.own, aim, required, departure.owner, time, self._task)
 
-    def clearance(self, flown: VehicleState, first: int, owner: Any) -> Any:
+    def clearance(self, flown: VehicleState, first: int, owner: Array) -> Array:
         """Return the least distance less the required one in each stride of flights, m,
         ``[S, M]``, to intruders and areas.
         """
@@ -167,7 +172,7 @@ class _Ahead:
         of_areas = areas_ahead.clearance(self._areas, self._off, flown, times, owner)
         return np.minimum(found, of_areas)
 
-    def _clearance_of_all(self, flown: VehicleState, first: int, owner: Any) -> Any:
+    def _clearance_of_all(self, flown: VehicleState, first: int, owner: Array) -> Array:
         """Return the least clearance from any intruder, m, ``[S, M]``."""
         count = len(flown.x) - 1
         # The intruders of a single request are seen by all of its manoeuvres.
@@ -183,7 +188,7 @@ class _Ahead:
             clearance = np.where(self._counted[first : first + count, of], clearance, np.inf)
         return np.min(clearance, axis=-1, initial=np.inf)
 
-    def _clearance_of_near(self, flown: VehicleState, first: int, owner: Any) -> Any:
+    def _clearance_of_near(self, flown: VehicleState, first: int, owner: Array) -> Array:
         """Return the same, but at most what is enough, from those intruders alone that can come so
         near in these strides.
         """
@@ -212,12 +217,12 @@ class _Ahead:
         found[:, flight[begins]] = np.minimum(least, self._enough)
         return found
 
-    def _stride_separation(self, own: VehicleState, seen: VehicleState) -> Any:
+    def _stride_separation(self, own: VehicleState, seen: VehicleState) -> Array:
         """Return the smallest distances in each stride between states at their ends, m."""
         before, after = take((own, seen), slice(-1)), take((own, seen), slice(1, None))
         return leg_separation(before[0], after[0], before[1], after[1], self._stride, np)
 
-    def _nearest_first(self, times: Any) -> Any:
+    def _nearest_first(self, times: Array) -> Array:
         """Return the numbers of intruders by how near they come to the straight flight to the goal
         while they count, ``[N, K]``.
         """
@@ -248,7 +253,7 @@ def _rollout(landed: Landed, limits: Limits, stride: float, spacing: int) -> Rol
     some, flown = slice(None, None, spacing), strides <= end
     plan_states = map_leaves(lambda field: np.where(flown[some], field[some], np.nan).T, states)
 
-    def known(values: Any) -> Any:
+    def known(values: Array) -> Array:
         return np.where(returned, values, np.nan)
 
     return Rollout(

@@ -15,6 +15,7 @@ from agents.planner.fields import quote, real
 from agents.planner.traffic import Requirement
 from agents.planner.validator import LONGEST
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
+from envs.arrays import Array
 from envs.kinematics import FASTEST, Limits, intersection
 
 # separations that the follower leaves the curve by, rounded up (docs/explanation/planner.md)
@@ -173,8 +174,8 @@ class Options:
         return _EXTENSION * self.aircraft.separation
 
     def latest_end(
-        self, own_speed: Any, x: Any, y: Any, points: Any = None, wind: Any = 0.0
-    ) -> Any:
+        self, own_speed: Array, x: Array, y: Array, points: Array | None = None, wind: Array = 0.0
+    ) -> Array:
         """Return a time that no plan outlasts, s after the request, ``[...]``.
 
         The last leg begins before :attr:`finished_by`. It turns by half a circle at most and then

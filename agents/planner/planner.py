@@ -11,7 +11,6 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -37,9 +36,10 @@ from agents.planner.request import (
 )
 from agents.planner.rollout import roll
 from agents.planner.sight import shares
-from agents.policy.domain import departures
+from agents.policy.domain import Departure, departures
 from agents.policy.inference import Policy
 from envs.areas import Area
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, scatter, take
 from envs.waypoints import RoutePoint
@@ -126,7 +126,7 @@ def plan(
 
 def _policy_departures(
     one: Request, start: VehicleState, goal: int, policy: Policy, options: Options
-) -> Any:
+) -> list[Departure]:
     """Return what of one request the policy has not been trained for, on its way to a point."""
     others = list(map(VehicleState, *(field.tolist() for field in one.traffic.state)))
     share = shares(one.traffic, options.requirement)
@@ -182,7 +182,7 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
 
 
 def plan_among(
-    request: Request, areas: Any, policy: Policy, options: Options, *, floats: bool = False
+    request: Request, areas: Array, policy: Policy, options: Options, *, floats: bool = False
 ) -> Plans:
     """Plan many requests ``[N]`` as :func:`plan_many` does, each among areas of its own.
 
@@ -200,7 +200,7 @@ def plan_among(
     return map_leaves(lambda *rows: np.concatenate(rows), *each)
 
 
-def _compact(request: Request, most: int) -> tuple[Request, Any]:
+def _compact(request: Request, most: int) -> tuple[Request, Array]:
     """Return requests with their intruders first and room for so many, and the intruders' numbers
     before, ``[N, most]``.
     """
@@ -210,7 +210,13 @@ def _compact(request: Request, most: int) -> tuple[Request, Any]:
 
 
 def _plan_rows(
-    request: Request, goals: Any, policy: Policy, options: Options, budget: Budget, *, floats: bool
+    request: Request,
+    goals: Array,
+    policy: Policy,
+    options: Options,
+    budget: Budget,
+    *,
+    floats: bool,
 ) -> Plans:
     """Plan requests of which every number is finite, to points of the route ``[N, goals]``."""
     count = request.points.size
@@ -248,11 +254,11 @@ def _plan_rows(
 
 
 def _search_on(
-    way: Callable[[Request, Any, Options, Budget], Proposals],
+    way: Callable[[Request, Array, Options, Budget], Proposals],
     best: Proposals,
-    source: Any,
+    source: Array,
     request: Request,
-    goal: Any,
+    goal: Array,
     options: Options,
     budget: Budget,
 ) -> None:

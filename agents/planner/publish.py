@@ -8,7 +8,7 @@ is published.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from agents.planner.traffic import separations, within_window
 from agents.planner.validator import CHECKS, Findings
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Keep
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint, Waypoint, on_ground
@@ -52,8 +53,8 @@ class Plans(NamedTuple):
     """Answers to many requests; fields ``[N]``."""
 
     proposals: Proposals
-    source: Any  # 0 none, 1 policy, 2 fallback; int8
-    policy_safe: Any  # whether the policy's own plan for the next point was safe, bool
+    source: Array  # 0 none, 1 policy, 2 fallback; int8
+    policy_safe: Array  # whether the policy's own plan for the next point was safe, bool
 
 
 def publish(

@@ -21,6 +21,7 @@ from agents.planner.levels import ALWAYS, Altitude, vertical_gap, window
 from agents.planner.options import Options, speed_range
 from agents.planner.separation import same_flight
 from agents.planner.traffic import Traffic, Window, advance_reports
+from envs.arrays import Array
 from envs.kinematics import FASTEST, VehicleState
 from envs.trees import Shared
 from envs.waypoints import RoutePoint
@@ -36,9 +37,8 @@ _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whateve
 _LEAST = 1.0  # m of a separation
 _EARTH = 6.3e6  # m; less than every radius of curvature of the earth
 _STRONGEST = 150.0  # m/s of wind, beyond any on earth
-_MOST_TURN = (
-    32.0  # rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
-)
+# rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
+_MOST_TURN = 32.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,16 +88,16 @@ class Request(NamedTuple):
 
     own: VehicleState
     traffic: Traffic
-    route_x: Any  # at the request, m
-    route_y: Any
-    points: Any  # how many points each route has
+    route_x: Array  # at the request, m
+    route_y: Array
+    points: Array  # how many points each route has
     # velocity of the route's points towards east and north, m/s, [N] each; None: they stand still
-    drift: tuple[Any, Any] | None = None
+    drift: tuple[Array, Array] | None = None
     # what of the areas a plan may meet, the same for all N; None: nothing
     areas: Shared[tuple["Counted", ...]] | None = None
     # numbers of the points in the route that was asked for, [N, R], what is passed left out; -1: a
     # point round an area; None: they are all of the route
-    of_route: Any = None
+    of_route: Array | None = None
 
 
 def check_request(
@@ -183,7 +183,7 @@ def _out_of_the_way(
     return tuple(excluded)
 
 
-def latest_end(request: Request, options: Options) -> Any:
+def latest_end(request: Request, options: Options) -> Array:
     """Return a time that no plan of requests outlasts, s, ``[N]``."""
     wind = 0.0 if request.drift is None else np.hypot(*request.drift)
     return options.latest_end(
@@ -238,7 +238,7 @@ def report_in_air(report: Intruder, wind: Wind) -> Intruder:
     )
 
 
-def arrays_of_reports(reports: Sequence[Intruder]) -> tuple[Traffic, Any]:
+def arrays_of_reports(reports: Sequence[Intruder]) -> tuple[Traffic, Array]:
     """Return checked reports as arrays as of their own times, and their ages, s, ``[1, K]``."""
     rows = [
         (*one.state, one.turn_rate, one.turn_time, one.position_std, one.velocity_std, one.age)
@@ -299,7 +299,7 @@ def finite(request: Request) -> None:
             )
 
 
-def eligible(request: Request, options: Options) -> Any:
+def eligible(request: Request, options: Options) -> Array:
     """Return the numbers of the route's points that may be rejoined at, the next one first, ``[N,
     goals]``; -1: none.
 
@@ -335,8 +335,8 @@ def eligible(request: Request, options: Options) -> Any:
 
 
 def drift_points(
-    points: tuple[Any, Any], drift: tuple[Any, Any] | None, time: Any
-) -> tuple[Any, Any]:
+    points: tuple[Array, Array], drift: tuple[Array, Array] | None, time: Array
+) -> tuple[Array, Array]:
     """Return where points of routes ``[N, ...]`` are some seconds after the request, m, as their
     drift ``[N]`` carries them.
     """
@@ -504,7 +504,7 @@ def least_distance(own: VehicleState, other: VehicleState) -> float:
     return math.hypot(other.x - own.x, other.y - own.y) / stretch
 
 
-def _route(route: Any) -> tuple[Any, Any]:
+def _route(route: Any) -> tuple[Array, Array]:
     points = sequence(Field(Subject.ROUTE), route)
     if len(points) < 2:
         raise RequestError(Field(Subject.ROUTE), f"has {len(points)} points, expected 2 or more")

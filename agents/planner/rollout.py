@@ -10,7 +10,7 @@ of all, the policy has done its work.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from agents.planner.request import Request, drift_points
 from agents.planner.sight import shares, visible
 from agents.planner.traffic import Traffic, Window, predict, requirement_of
 from agents.policy.inference import Policy
+from envs.arrays import Array
 from envs.backend import FLOATS
 from envs.kinematics import VehicleState, advance, commands
 from envs.relative import distance
@@ -38,43 +39,42 @@ _AHEAD = 13 * EVERY
 class Rollout(NamedTuple):
     """Where manoeuvres lead; fields ``[N]``, those of plan states ``[N, S]``."""
 
-    plan_states: (
-        VehicleState  # at each waypoint's time, the first at the request, [N, S]; nan after the end
-    )
+    # at each waypoint's time, the first at the request, [N, S]; nan after the end
+    plan_states: VehicleState
     # where the way back is clear, or the goal within the radius; nan where neither was in time
     end: VehicleState
-    time: Any  # when that is, s; nan where it was not
-    direct: Any  # whether the goal still lies ahead, on the direct route, bool
-    path: Any  # length flown until the end, m
-    turn_sign: Any  # of the last turn: 1 left, -1 right, 0 none
-    reversals: Any  # how often the turn changed side
+    time: Array  # when that is, s; nan where it was not
+    direct: Array  # whether the goal still lies ahead, on the direct route, bool
+    path: Array  # length flown until the end, m
+    turn_sign: Array  # of the last turn: 1 left, -1 right, 0 none
+    reversals: Array  # how often the turn changed side
 
 
 class _Flight(NamedTuple):
     """How far flights have come; fields ``[M]``, or plain numbers."""
 
     state: VehicleState
-    path: Any  # these three as of :class:`Rollout`
-    turn_sign: Any
-    reversals: Any
+    path: Array  # these three as of :class:`Rollout`
+    turn_sign: Array
+    reversals: Array
 
 
 class _Underway(NamedTuple):
     """Manoeuvres that have not ended, ``[M]``."""
 
-    rows: Any  # their numbers in the request
-    goal: tuple[Any, Any]  # at the request, m
-    drift: tuple[Any, Any] | None  # of the goal, m/s; None: it stands still
+    rows: Array  # their numbers in the request
+    goal: tuple[Array, Array]  # at the request, m
+    drift: tuple[Array, Array] | None  # of the goal, m/s; None: it stands still
     traffic: Traffic
-    required_range: Any  # from each intruder, m, [M, K]
+    required_range: Array  # from each intruder, m, [M, K]
     flight: _Flight
-    chosen: Any  # numbers of the intruders that the policy sees among many
-    share: Any  # at which the policy counts their distances, [M, K]; None: whole
+    chosen: Array  # numbers of the intruders that the policy sees among many
+    share: Array  # at which the policy counts their distances, [M, K]; None: whole
 
 
 def roll(
     request: Request,
-    goal: Any,
+    goal: Array,
     policy: Policy,
     options: Options,
     budget: Budget | None = None,
@@ -122,7 +122,11 @@ def roll(
 
 
 def _begin(
-    request: Request, goal: tuple[Any, Any], required_range: Any, policy: Policy, options: Options
+    request: Request,
+    goal: tuple[Array, Array],
+    required_range: Array,
+    policy: Policy,
+    options: Options,
 ) -> _Underway:
     """Return the manoeuvres of requests ``[N]`` at their beginning."""
     traffic, count = request.traffic, request.points.size
@@ -140,7 +144,7 @@ def _begin(
     )
 
 
-def _present(now: _Underway, time: float) -> Any:
+def _present(now: _Underway, time: float) -> Array:
     """Return which intruders the policy sees at a time, bool ``[M, K]``."""
     return now.traffic.mask & visible(now.traffic.window, time)
 
@@ -148,7 +152,7 @@ def _present(now: _Underway, time: float) -> Any:
 def _fly(
     now: _Underway,
     traffic: VehicleState,
-    aim: tuple[Any, Any],
+    aim: tuple[Array, Array],
     time: float,
     policy: Policy,
     options: Options,
@@ -174,7 +178,7 @@ def _fly(
     )
 
 
-def _note_end(result: Rollout, rows: Any, flight: _Flight, time: float, direct: Any) -> None:
+def _note_end(result: Rollout, rows: Array, flight: _Flight, time: float, direct: Array) -> None:
     """Write where and when flights ``[M]`` of the manoeuvres numbered ``rows`` ended."""
     scatter(result.end, rows, flight.state)
     result.time[rows], result.direct[rows] = time, direct
@@ -184,9 +188,9 @@ def _note_end(result: Rollout, rows: Any, flight: _Flight, time: float, direct: 
 
 def _roll_each(
     request: Request,
-    goal: Any,
-    to: tuple[Any, Any],
-    required_range: Any,
+    goal: Array,
+    to: tuple[Array, Array],
+    required_range: Array,
     policy: Policy,
     options: Options,
     budget: Budget,
@@ -273,7 +277,7 @@ class _Ahead:
     def __init__(
         self,
         traffic: Traffic,
-        required_range: Any,
+        required_range: Array,
         rest: Beyond | None,
         policy: Policy,
         options: Options,
@@ -317,7 +321,7 @@ class _Ahead:
         """Return the intruders at many time steps from one on, ``[T, K]``."""
         return predict(self._traffic, np.arange(step, step + _AHEAD)[:, None] * self._dt)
 
-    def _choose(self, seen: VehicleState, state: VehicleState, time: float) -> Any:
+    def _choose(self, seen: VehicleState, state: VehicleState, time: float) -> Array:
         """Return the numbers of the intruders that the policy looks at."""
         there = self._all & visible(self._window, time)
         chosen = self._every_number
@@ -352,7 +356,7 @@ def _clear_of_others(
     state: VehicleState,
     goal: tuple[float, float],
     others: VehicleState,
-    required_range: Any,
+    required_range: Array,
     window: Window | None,
     time: float,
     task: DirectTask,
@@ -380,12 +384,12 @@ def _in_floats(tracks: VehicleState) -> list[list[VehicleState]]:
 
 def _clear_beyond(
     now: _Underway,
-    aim: tuple[Any, Any],
+    aim: tuple[Array, Array],
     seen: VehicleState,
     rest: Beyond | None,
     time: float,
     task: DirectTask,
-) -> Any:
+) -> Array:
     """Return whether the direct route is clear of all intruders ``[M, K]``, and among many the
     route beyond it, bool ``[M]``.
     """
@@ -402,13 +406,13 @@ def _clear_beyond(
 
 def _all_clear(
     state: VehicleState,
-    goal: tuple[Any, Any],
+    goal: tuple[Array, Array],
     seen: VehicleState,
     traffic: Traffic,
-    required_range: Any,
+    required_range: Array,
     time: float,
     task: DirectTask,
-) -> Any:
+) -> Array:
     """Return whether the direct route is clear of all intruders, ``[N]``."""
     mask, own = traffic.mask, column((state, goal))
     if mask.shape[-1] == 0:

@@ -3,11 +3,10 @@
 Nothing here is shared with the modules that make plans, nor with their prediction of the intruders.
 """
 
-from typing import Any
-
 import numpy as np
 
 from agents.planner.traffic import Requirement, Traffic
+from envs.arrays import Array
 from envs.trees import column, map_leaves
 from envs.waypoints import ARCS, Legs
 
@@ -16,15 +15,14 @@ FINE = 32
 uncertainty.
 """
 
-_NODES, _FACTORS = (
-    part[:, None, None] for part in np.polynomial.legendre.leggauss(4)
-)  # the nodes lead
+# Gauss-Legendre's rule of four points over [0, 1], [4, 1, 1]: the nodes lead.
+_NODES, _FACTORS = (part[:, None, None] for part in np.polynomial.legendre.leggauss(4))
 _SHARES, _WEIGHTS = 0.5 * (1.0 + _NODES), 0.5 * _FACTORS
 _SAME_PLACE = 1e-6  # m by which an intruder may leave its report's flight for rounding's sake
 _STRAIGHT = 1e-30  # rad/s of a turn that is none
 
 
-def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
+def same_flight(reports: Traffic, age: Array, traffic: Traffic) -> Array:
     """Return whether intruders as of the request fly on as their reports, of some age (s) then,
     say, ``[N, K]``.
 
@@ -44,13 +42,13 @@ def same_flight(reports: Traffic, age: Any, traffic: Traffic) -> Any:
 
 
 def chords(
-    begin: Any,
-    length: Any,
-    start: tuple[Any, Any],
-    end: tuple[Any, Any],
+    begin: Array,
+    length: Array,
+    start: tuple[Array, Array],
+    end: tuple[Array, Array],
     traffic: Traffic,
-    relative_acceleration: Any,
-) -> tuple[Any, Any]:
+    relative_acceleration: Array,
+) -> tuple[Array, Array]:
     """Return a lower bound and an attained value of the distance from intruders ``[n, K]``, m,
     ``[n, A, K]``.
 
@@ -77,7 +75,7 @@ def chords(
     return near - loss, np.minimum(first, last)
 
 
-def distances(time: Any, x: Any, y: Any, traffic: Traffic) -> Any:
+def distances(time: Array, x: Array, y: Array, traffic: Traffic) -> Array:
     """Return the distances of intruders ``[n, K]`` from places at times, m, ``[n, A, K]``."""
     other_x, other_y = _positions(
         map_leaves(lambda field: field[:, None], traffic), time[..., None]
@@ -85,7 +83,7 @@ def distances(time: Any, x: Any, y: Any, traffic: Traffic) -> Any:
     return np.hypot(other_x - x[..., None], other_y - y[..., None])
 
 
-def _positions(traffic: Traffic, time: Any) -> tuple[Any, Any]:
+def _positions(traffic: Traffic, time: Array) -> tuple[Array, Array]:
     """Return the positions of intruders ``[...]`` at times that broadcast, m: they turn, then fly
     straight.
     """
@@ -104,7 +102,7 @@ def _positions(traffic: Traffic, time: Any) -> tuple[Any, Any]:
     return x, y
 
 
-def _turning(one: Traffic, time: Any) -> tuple[Any, Any]:
+def _turning(one: Traffic, time: Array) -> tuple[Array, Array]:
     turning = np.minimum(time, one.turn_time)
     # A turn's chord points half-way through it. Differences of sines would lose 0.1 mm in turns of
     # 1e-9 rad/s.
@@ -117,7 +115,7 @@ def _turning(one: Traffic, time: Any) -> tuple[Any, Any]:
     return x, y
 
 
-def growth(traffic: Traffic, time: Any, requirement: Requirement) -> Any:
+def growth(traffic: Traffic, time: Array, requirement: Requirement) -> Array:
     """Return what uncertainty adds to the required distance by a time since the request, m, ``[n,
     A, K]``.
     """
@@ -131,8 +129,14 @@ def growth(traffic: Traffic, time: Any, requirement: Requirement) -> Any:
 
 
 def along(
-    x: Any, y: Any, heading: Any, speed: Any, yaw_rate: Any, acceleration: Any, part: Any
-) -> tuple[Any, Any]:
+    x: Array,
+    y: Array,
+    heading: Array,
+    speed: Array,
+    yaw_rate: Array,
+    acceleration: Array,
+    part: Array,
+) -> tuple[Array, Array]:
     """Return positions on arcs ``[m, 1]`` after 0 to :data:`FINE` parts of some seconds:
     Gauss-Legendre's rule.
     """
@@ -148,7 +152,7 @@ def along(
     return x + moved.real * time, y + moved.imag * time
 
 
-def position_error_bound(curves: Legs) -> Any:
+def position_error_bound(curves: Legs) -> Array:
     """Return the error of positions on each leg by Gauss-Legendre's rule, m, ``[..., L]``.
 
     Proven in proofs/Quadrature.v (``position_error_bound_sound``): below 1 nm on legs of 20 s,

@@ -6,12 +6,11 @@ kept. One that is above or below for a while is shown while it counts. Plans are
 the intruders as they are. Why so: docs/explanation/planner.md.
 """
 
-from typing import Any
-
 from agents.planner.traffic import Requirement, Traffic, Window, separations
+from envs.arrays import Array
 
 
-def shares(traffic: Traffic, requirement: Requirement) -> Any:
+def shares(traffic: Traffic, requirement: Requirement) -> Array:
     """Return at how much of its distance each intruder counts, ``[..., K]``; None: all of it, for
     each.
     """
@@ -20,6 +19,6 @@ def shares(traffic: Traffic, requirement: Requirement) -> Any:
     return requirement.separation / separations(traffic, requirement)
 
 
-def visible(window: Window | None, time: float) -> Any:
+def visible(window: Window | None, time: float) -> Array:
     """Return which intruders the policy is shown at a time, s, bool ``[..., K]``; True: all."""
     return True if window is None else (window.begin <= time) & (window.end >= time)

@@ -1,11 +1,12 @@
 """The intruders as the planner predicts them, and the separation that is required from each."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import arc_end
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 
 _EDGE = 1e-6  # s by which a window may be wider, for the rounding of times
@@ -14,28 +15,29 @@ _EDGE = 1e-6  # s by which a window may be wider, for the rounding of times
 class Window(NamedTuple):
     """When each of some intruders counts, s after the request; fields ``[..., K]``."""
 
-    begin: Any  # -inf: from the request on at least
-    end: Any
+    begin: Array  # -inf: from the request on at least
+    end: Array
 
 
 class Traffic(NamedTuple):
     """Intruders of one or many requests; fields ``[..., K]``."""
 
     state: VehicleState  # at the time of the request
-    mask: Any  # which of the K intruders count, bool
-    turn_rate: Any  # with which each goes on turning, rad/s, positive to the left
-    turn_time: Any  # for how long it does, s; straight ahead after that
-    position_std: Any  # one sigma of the position, per axis, at the time of the report, m
-    velocity_std: Any  # one sigma of the velocity, per axis, m/s
+    mask: Array  # which of the K intruders count, bool
+    turn_rate: Array  # with which each goes on turning, rad/s, positive to the left
+    turn_time: Array  # for how long it does, s; straight ahead after that
+    position_std: Array  # one sigma of the position, per axis, at the time of the report, m
+    velocity_std: Array  # one sigma of the velocity, per axis, m/s
     # of the report at the request, s: for so long the velocity's error has moved the position
     # already
-    age: Any
-    separation: Any = None  # to be kept from each, m; nan: the requirement's; None: so for all
+    age: Array
+    # to be kept from each, m; nan: the requirement's; None: so for all
+    separation: Array | None = None
     # when each counts; else it is above or below. None: all of them always
     window: Window | None = None
 
     @classmethod
-    def straight(cls, state: VehicleState, mask: Any = None) -> "Traffic":
+    def straight(cls, state: VehicleState, mask: Array | None = None) -> "Traffic":
         """Return intruders that are known exactly and fly straight ahead, ``[..., K]``."""
         zero = np.zeros(np.shape(state.x))
         return cls(
@@ -61,7 +63,7 @@ def whole(traffic: Traffic) -> Traffic:
     return traffic
 
 
-def within_window(traffic: Traffic, begin: Any, end: Any) -> Any:
+def within_window(traffic: Traffic, begin: Array, end: Array) -> Array:
     """Return which intruders ``[..., K]`` may count in parts from some times to others, s, that
     broadcast; all of them where nobody has a window.
     """
@@ -79,7 +81,7 @@ class Requirement(NamedTuple):
     sigmas: float = 2.0  # how many sigmas of the predicted position are added
 
 
-def predict(traffic: Traffic, time: Any) -> VehicleState:
+def predict(traffic: Traffic, time: Array) -> VehicleState:
     """Return the intruders ``[..., K]`` some seconds (that broadcast) after the request: a turn,
     then straight on.
     """
@@ -92,7 +94,7 @@ def predict(traffic: Traffic, time: Any) -> VehicleState:
     return VehicleState(x, y, wrap(heading, np), state.speed + np.zeros_like(x))
 
 
-def advance_reports(reports: Traffic, age: Any) -> Traffic:
+def advance_reports(reports: Traffic, age: Array) -> Traffic:
     """Return the intruders ``[..., K]`` at the request from reports of an age, s: turned on, below
     0 moved back.
 
@@ -110,7 +112,7 @@ def advance_reports(reports: Traffic, age: Any) -> Traffic:
     return turning._replace(state=predict(turning, age), turn_time=turn_time, age=np.abs(age))
 
 
-def uncertainty(traffic: Traffic, time: Any) -> Any:
+def uncertainty(traffic: Traffic, time: Array) -> Array:
     """Return one sigma of the positions some seconds after the request, per axis, m,
     ``[..., K]``.
     """
@@ -118,7 +120,7 @@ def uncertainty(traffic: Traffic, time: Any) -> Any:
     return np.sqrt(traffic.position_std**2 + drift * drift)
 
 
-def separations(traffic: Traffic, requirement: Requirement) -> Any:
+def separations(traffic: Traffic, requirement: Requirement) -> Array:
     """Return the separation from each intruder, m, ``[..., K]``, or one for all."""
     own = traffic.separation
     if own is None:
@@ -126,7 +128,7 @@ def separations(traffic: Traffic, requirement: Requirement) -> Any:
     return np.where(np.isnan(own), requirement.separation, own)
 
 
-def requirement_of(traffic: Traffic, own: VehicleState, requirement: Requirement) -> Any:
+def requirement_of(traffic: Traffic, own: VehicleState, requirement: Requirement) -> Array:
     """Return the separation required from each intruder before uncertainty grows, m, ``[..., K]``.
 
     Where the request begins inside the margin, the present distance from the ownship ``[...]`` must

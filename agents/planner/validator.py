@@ -7,7 +7,7 @@ two times h apart by at most a h^2 / 8, a being the largest relative acceleratio
 whose bound is not clear are cut into :data:`FINE`.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from agents.planner.separation import (
     position_error_bound,
 )
 from agents.planner.traffic import Requirement, Traffic, requirement_of, separations, within_window
+from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState
 from envs.trees import column, first_of_each, map_leaves, take
 from envs.waypoints import ARCS, CLOSED, Legs, PlanStates, legs
@@ -53,28 +54,28 @@ _OF_FLIGHT = CHECKS.index("separation")  # so many checks are of the flight alon
 class Findings(NamedTuple):
     """What is wrong with plans; arrays over ``[N]`` plans and C = ``len(CHECKS)`` checks."""
 
-    wrong: Any  # bool, [N, C]
-    leg: Any  # number of the first leg at fault, [N, C]; -1 where nothing is wrong
-    time: Any  # when it begins to be wrong, s, [N, C]; nan where nothing is
-    x: Any  # where that is, m, [N, C]
-    y: Any
-    intruder: Any  # number of the intruder that is too close first, [N]; -1 where none is
-    area: Any  # number of the area whose clearance is lost first, [N]; -1 where none is
+    wrong: Array  # bool, [N, C]
+    leg: Array  # number of the first leg at fault, [N, C]; -1 where nothing is wrong
+    time: Array  # when it begins to be wrong, s, [N, C]; nan where nothing is
+    x: Array  # where that is, m, [N, C]
+    y: Array
+    intruder: Array  # number of the intruder that is too close first, [N]; -1 where none is
+    area: Array  # number of the area whose clearance is lost first, [N]; -1 where none is
     # Smallest distance to any intruder, m, [N]; inf without any, nan if not finite. Never too
     # large; too small by at most 5 mm on legs of 20 s, and by what longer turns in longer legs add.
-    min_separation: Any
-    time_of_min_separation: Any  # s, [N]; nan without one
+    min_separation: Array
+    time_of_min_separation: Array  # s, [N]; nan without one
     # smallest distance to an intruder or an area less the required one at the time, m, [N];
     # negative where one of these checks fails
-    clearance: Any
+    clearance: Array
 
     @property
-    def safe(self) -> Any:
+    def safe(self) -> Array:
         """Whether nothing is wrong, ``[N]``."""
         return ~self.wrong.any(axis=-1)
 
     @property
-    def legal(self) -> Any:
+    def legal(self) -> Array:
         """Whether nothing is wrong but the distances to intruders and areas, ``[N]``."""
         return ~self.wrong[:, :_OF_FLIGHT].any(axis=-1)
 
@@ -123,8 +124,8 @@ def validate(
     """
     plan_states = PlanStates(*(np.asarray(field, dtype=float) for field in plan_states))
     count, points = plan_states.time.shape
-    finite: Any = np.isfinite(np.stack(plan_states)).all(axis=0)
-    ordered: Any = np.diff(plan_states.time, axis=-1) > 0.0
+    finite: Array = np.isfinite(np.stack(plan_states)).all(axis=0)
+    ordered: Array = np.diff(plan_states.time, axis=-1) > 0.0
     sound = finite.all(axis=-1) & ordered.all(axis=-1)
     if curves is None or not sound.all():
         # Placeholders make the arrays whole; their rows are judged by what is wrong with them only.
@@ -150,7 +151,7 @@ def validate(
     return found
 
 
-def _legs_kept(curves: Legs, limits: Limits) -> tuple[Any, Any, Any, Any]:
+def _legs_kept(curves: Legs, limits: Limits) -> tuple[Array, Array, Array, Array]:
     """Return which legs end at their waypoints, and keep the limits of speed, of acceleration and
     of turn rate, bool ``[N, L]`` each.
     """
@@ -175,7 +176,7 @@ def _legs_kept(curves: Legs, limits: Limits) -> tuple[Any, Any, Any, Any]:
     return closed, steady.all(-1), gentle.all(-1), turning.all(-1)
 
 
-def _place(found: Findings, check: int, rows: Any, leg: Any, *place: Any) -> None:
+def _place(found: Findings, check: int, rows: Array, leg: Array, *place: Array) -> None:
     """Note where some plans first fail a check: the leg, the time (s) and the position (m), ``[m]``
     each.
     """
@@ -189,7 +190,7 @@ def _separation(
     curves: Legs,
     traffic: Traffic,
     requirement: Requirement,
-    sound: Any,
+    sound: Array,
 ) -> None:
     """Judge the separation from all intruders over the whole plan."""
     rows = np.flatnonzero(sound)
@@ -241,21 +242,21 @@ def _separation(
 class _Near(NamedTuple):
     """Legs that come near an intruder, ``[p]``; fields of their arcs ``[p, ARCS]``."""
 
-    n: Any  # number of the plan among those that are judged, [p]
-    leg: Any  # number of the leg, [p]
-    k: Any  # number of the intruder, [p]
+    n: Array  # number of the plan among those that are judged, [p]
+    leg: Array  # number of the leg, [p]
+    k: Array  # number of the intruder, [p]
     flown: Legs
     other: Traffic  # the intruder, [p, 1]
-    begin: Any  # of each arc, s
-    length: Any  # of each arc, s
-    relative_acceleration: Any  # a bound in each arc, m/s^2
-    error: Any  # by which positions may be off, m, [p, 1]
-    wanted: Any  # distance before uncertainty grows, m, [p, 1]
+    begin: Array  # of each arc, s
+    length: Array  # of each arc, s
+    relative_acceleration: Array  # a bound in each arc, m/s^2
+    error: Array  # by which positions may be off, m, [p, 1]
+    wanted: Array  # distance before uncertainty grows, m, [p, 1]
 
 
 def _judge_arcs(
-    found: Findings, rows: Any, near: _Near, ends: tuple[Any, Any], requirement: Requirement
-) -> Any:
+    found: Findings, rows: Array, near: _Near, ends: tuple[Array, Array], requirement: Requirement
+) -> Array:
     """Note the clearance of arcs, judged by their chords, that are clear; return which are not,
     bool ``[p, ARCS]``.
     """
@@ -283,7 +284,7 @@ def _judge_arcs(
 
 
 def _judge_parts(
-    found: Findings, rows: Any, near: _Near, pair: Any, arc: Any, requirement: Requirement
+    found: Findings, rows: Array, near: _Near, pair: Array, arc: Array, requirement: Requirement
 ) -> None:
     """Judge the parts of some arcs of near legs, ``[q]``, each by its chord."""
     # In the order of time, so that of equals the first is told.
@@ -308,25 +309,25 @@ def _judge_parts(
     _note_fine(found, rows, which, began, begins, close, needed)
 
 
-def _counts(one: Traffic, begin: Any, end: Any) -> Any:
+def _counts(one: Traffic, begin: Array, end: Array) -> Array:
     """Return in which parts ``[p, A]`` an intruder each, ``[p, 1]``, may count, bool."""
     return np.broadcast_to(within_window(one, begin, end), np.shape(begin))
 
 
-def _inside(one: Traffic, begin: Any, end: Any) -> Any:
+def _inside(one: Traffic, begin: Array, end: Array) -> Array:
     """Return in which parts ``[p, A]`` an intruder each, ``[p, 1]``, counts all the time, bool."""
     assert one.window is not None
     return (begin >= one.window.begin) & (end <= one.window.end)
 
 
-def _own_acceleration(own: Legs) -> Any:
+def _own_acceleration(own: Legs) -> Array:
     """Return a bound of the acceleration in each arc, m/s^2, ``[n, L, ARCS]``."""
     step = own.duration[..., None] / ARCS
     quickest = np.maximum(own.speed, own.speed + own.acceleration * step)
     return np.hypot(own.acceleration, quickest * own.yaw_rate)
 
 
-def _acceleration(seen: Traffic) -> Any:
+def _acceleration(seen: Traffic) -> Array:
     """Return a bound of the accelerations of intruders, m/s^2, ``[n, K]``."""
     return np.where(seen.turn_time > 0.0, np.abs(seen.state.speed * seen.turn_rate), 0.0)
 
@@ -334,11 +335,11 @@ def _acceleration(seen: Traffic) -> Any:
 def _near(
     own: Legs,
     seen: Traffic,
-    base: Any,
+    base: Array,
     requirement: Requirement,
-    position_error: Any,
-    own_acceleration: Any,
-) -> Any:
+    position_error: Array,
+    own_acceleration: Array,
+) -> Array:
     """Return which intruders the arcs of a leg must be set against, bool, ``[n, L, K]``.
 
     In a leg two aircraft come nearer by what both fly at most (theorem ``left_out_soundly`` of
@@ -377,7 +378,13 @@ def _near(
 
 
 def _note_fine(
-    found: Findings, rows: Any, which: Any, began: Any, begins: Any, close: Any, needed: Any
+    found: Findings,
+    rows: Array,
+    which: Array,
+    began: Array,
+    begins: Array,
+    close: Array,
+    needed: Array,
 ) -> None:
     """Judge the parts ``[m, FINE]`` of what was not clear."""
     n, leg, k = which

@@ -11,15 +11,17 @@ step by step; a test holds the two together.
 
 import math
 import sys
+from collections.abc import Sequence
 from functools import reduce
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.policy.scene import Scene
 from envs.aircraft import Ratios
 from envs.angles import atan2, sincos
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.backend import EXACT_FLOATS
 
 HORIZON = 10.0
@@ -66,12 +68,12 @@ _LONGEST = 0.9 * HORIZON
 class Paths(NamedTuple):
     """Where the ownship flies in each manoeuvre; fields ``[22, 10, ...]``, a chord each."""
 
-    times: Any  # at the chord's end
-    spans: Any  # of time
-    step_x: Any
-    step_y: Any
-    x: Any  # at the chord's end
-    y: Any
+    times: Array  # at the chord's end
+    spans: Array  # of time
+    step_x: Array
+    step_y: Array
+    x: Array  # at the chord's end
+    y: Array
 
 
 def paths(seen: Scene, xp: ArrayModule) -> Paths:
@@ -79,7 +81,7 @@ def paths(seen: Scene, xp: ArrayModule) -> Paths:
     speed, ratios = seen.own_speed, seen.ratios
     dtype, axes = speed.dtype, (1,) * speed.ndim
 
-    def table(values: Any) -> Any:
+    def table(values: Array) -> Array:
         return xp.asarray(np.asarray(values, dtype).reshape(np.shape(values) + axes))
 
     bearing = atan2(seen.goal_y, seen.goal_x, xp)
@@ -114,7 +116,7 @@ def paths(seen: Scene, xp: ArrayModule) -> Paths:
     return Paths(times, spans, step_x, step_y, xp.cumsum(step_x, axis=1), xp.cumsum(step_y, axis=1))
 
 
-def min_separation(seen: Scene, xp: ArrayModule) -> Any:
+def min_separation(seen: Scene, xp: ArrayModule) -> Array:
     """Return the least separation from any of K >= 1 intruders within :data:`HORIZON`, ``[22,
     ...]``, in D, or in the separation of an intruder that has one of its own.
     """
@@ -130,7 +132,9 @@ def min_separation(seen: Scene, xp: ArrayModule) -> Any:
     return xp.sqrt(_least_squares(path, tuple(intruders), xp, sys.modules["jax"].lax))
 
 
-def _least_squares(path: Paths, intruders: Any, xp: ArrayModule, lax: Any) -> Any:
+def _least_squares(
+    path: Paths, intruders: Sequence[Array], xp: ArrayModule, lax: ModuleType
+) -> Array:
     """Return the square of the least separation, ``[22, ...]``, compiled: one chord after the
     other, so that a running minimum is all that is kept of the separations from K intruders.
     """
@@ -141,7 +145,7 @@ def _least_squares(path: Paths, intruders: Any, xp: ArrayModule, lax: Any) -> An
         each = Paths(*(field[..., None] for field in path))
         return xp.min(_squares(intruders, each, xp), axis=(1, -1))
 
-    def nearer(chord: Any, nearest: Any) -> Any:
+    def nearer(chord: Array, nearest: Array) -> Array:
         here = Paths(
             *(lax.dynamic_index_in_dim(field, chord, axis=1, keepdims=False) for field in path)
         )
@@ -154,7 +158,7 @@ def _least_squares(path: Paths, intruders: Any, xp: ArrayModule, lax: Any) -> An
     return lax.fori_loop(0, _PIECES, nearer, farthest)
 
 
-def _squares(intruders: Any, path: Paths, xp: ArrayModule) -> Any:
+def _squares(intruders: Sequence[Array], path: Paths, xp: ArrayModule) -> Array:
     """Return the square of the separation along each chord of a path from intruders (x, y, vx, vy
     and, where they have separations of their own, the square of the share).
     """
@@ -172,10 +176,10 @@ def _squares(intruders: Any, path: Paths, xp: ArrayModule) -> Any:
 class _Chords(NamedTuple):
     """The chords of one turn, fields ``[10]``."""
 
-    times: Any  # at the end
-    cosine: Any  # of the course
-    sine: Any
-    shortening: Any  # length over the sum of the speeds at both ends, times the span
+    times: Array  # at the end
+    cosine: Array  # of the course
+    sine: Array
+    shortening: Array  # length over the sum of the speeds at both ends, times the span
 
 
 def _chords(turn: float, radius: float) -> _Chords:
@@ -235,7 +239,7 @@ class MinSeparationOfOne:
         return np.sqrt(np.minimum.reduce(square, axis=(0, 2), initial=1e6))
 
 
-def steering(seen: Scene, xp: ArrayModule) -> Any:
+def steering(seen: Scene, xp: ArrayModule) -> Array:
     """Return the turn of each manoeuvre at its beginning, 1 to the left at the greatest yaw rate,
     ``[..., 22]``.
     """
@@ -251,7 +255,7 @@ def steering_of_one(seen: Scene) -> np.ndarray:
     return turns
 
 
-def _turn_to_goal(seen: Scene, xp: ArrayModule) -> Any:
+def _turn_to_goal(seen: Scene, xp: ArrayModule) -> Array:
     """Return the turn to the goal; one that takes less than a tenth of a unit of time (a time step)
     is as gentle.
     """

@@ -7,20 +7,20 @@ latency those of the scenario ``noisy``.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.policy.file import PolicyFile
 from envs.aircraft import Aircraft, Ratios, ratios
+from envs.arrays import Array
 from envs.edge.command import InputError
 
 TRAFFIC_SPEED = (0.4, 1.3)
 """Intruders' speeds, in the ownship's greatest."""
 
-_DISTANCE = (
-    21.5  # of an intruder at the start, separations: two displaced starts on a circle of ten
-)
+# of an intruder at the start, separations: two displaced starts on a circle of ten
+_DISTANCE = 21.5
 _NOISE = 0.03  # one sigma of a report, separations and greatest speeds
 _LATENCY = 2.0  # time steps
 _UNITS = {
@@ -105,7 +105,7 @@ def traffic(aircraft: Aircraft) -> dict[str, tuple[float, float]]:
     }
 
 
-def excess(allowed: tuple[float, float], values: Any) -> np.ndarray:
+def excess(allowed: tuple[float, float], values: Array) -> np.ndarray:
     """Return by how much values ``[N]`` are outside a range; what is less than 1 % of its upper end
     is 0.
     """

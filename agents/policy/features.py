@@ -5,11 +5,9 @@ They say in the ownship's frame what a conflict is about: whether, when and on w
 aircraft will pass.
 """
 
-from typing import Any
-
 from agents.policy.set_features import passing, soft
 from envs.aircraft import PAPER
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.observation import decode
 
 FEATURE_SETS = ("none", "cpa", "mirror")
@@ -40,7 +38,7 @@ def size(feature_set: str) -> int:
     return _SIZES[feature_set]
 
 
-def mirror_sign(observation: list[Any], feature_set: str, xp: ArrayModule) -> Any:
+def mirror_sign(observation: list[Array], feature_set: str, xp: ArrayModule) -> Array:
     """Return the factor of the network's yaw rate, ``[...]`` or 1.0: -1 where the scene is seen
     mirrored.
 
@@ -57,7 +55,7 @@ def mirror_sign(observation: list[Any], feature_set: str, xp: ArrayModule) -> An
     return xp.copysign(1.0, angle) * xp.copysign(1.0, 1.0 - xp.abs(angle))
 
 
-def features(observation: list[Any], feature_set: str, xp: ArrayModule) -> list[Any]:
+def features(observation: list[Array], feature_set: str, xp: ArrayModule) -> list[Array]:
     """Return the inputs of the network's first layer, :func:`size` times ``[...]``, all within
     about [-3, 3].
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from copy import copy
 from importlib import resources
 from math import isfinite
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -18,6 +17,7 @@ from agents.policy.inputs import Input, extension_for, registered_inputs
 from agents.policy.set_features import TABLE, InputTable, table
 from agents.policy.set_network import SetNetwork
 from envs.aircraft import Aircraft
+from envs.arrays import Array
 from envs.backend import FLOATS
 from envs.edge.command import InputError
 from envs.kinematics import VehicleState
@@ -30,9 +30,8 @@ PARITY_TOLERANCE = 2e-5
 precision.
 """
 
-_ROUNDING_TOLERANCE = (
-    1e-3  # for the precision and paths that fly: a trained network amplifies float32's rounding
-)
+# for the precision and paths that fly: a trained network amplifies float32's rounding
+_ROUNDING_TOLERANCE = 1e-3
 
 TOLERANCE = 1e-5
 """By how much a component may leave [-1, 1]; it is clipped. More is an error of the caller."""
@@ -138,7 +137,11 @@ class Policy:
             )
 
     def most_critical(
-        self, own: VehicleState, intruders: VehicleState, mask: ArrayLike, share: Any = None
+        self,
+        own: VehicleState,
+        intruders: VehicleState,
+        mask: ArrayLike,
+        share: ArrayLike | None = None,
     ) -> np.ndarray:
         """Return the numbers of the intruders that the policy looks at, ``[..., min(most, K)]``: as
         many as in training, the most urgent first (:func:`envs.observation.urgent`).
@@ -211,9 +214,9 @@ class Policy:
         own: VehicleState,
         intruders: VehicleState,
         mask: ArrayLike,
-        goal_x: Any,
-        goal_y: Any,
-        share: Any = None,
+        goal_x: Array,
+        goal_y: Array,
+        share: ArrayLike | None = None,
     ) -> np.ndarray:
         """Return the actions ``[..., 2]``, float64; the bits of a row do not depend on the
         batch.
@@ -338,7 +341,7 @@ def _network(
     return SetNetwork(content, dtype, inputs) if content.of_set else EightNetwork(content, dtype)
 
 
-def _shape(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+def _shape(name: str, values: Array, shape: tuple[int, ...]) -> np.ndarray:
     try:
         return np.broadcast_to(np.asarray(values, float), shape)
     except ValueError:

@@ -20,7 +20,7 @@ import numpy as np
 
 from agents.policy.scene import Scene, mirror, random_scenes, unpacked_rows
 from envs.aircraft import Ratios
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
 from envs.edge.extension import is_extension, load_extension
 
@@ -45,7 +45,7 @@ class Input(NamedTuple):
     name: str
     of: str  # OWNSHIP or INTRUDER
     numbers: Sequence[Number]
-    compute: Callable[[Scene, Any], Any]
+    compute: Callable[[Scene, ArrayModule], Array]
     """(scenes ``[...]`` with K >= 1 places for intruders, numpy or jax.numpy) -> ``[..., n]`` of
     the ownship, ``[..., K, n]`` of each intruder, n numbers. Of absent intruders
     (``scene.mask``) anything finite."""
@@ -189,7 +189,7 @@ def check_input(one: Any) -> None:
             )
 
 
-def evaluate_input(one: Input, seen: Scene, xp: ArrayModule) -> Any:
+def evaluate_input(one: Input, seen: Scene, xp: ArrayModule) -> Array:
     """Return the values of an input for mirrored scenes, in the scenes' dtype; raises an InputError
     where they have another shape.
     """

@@ -11,13 +11,13 @@ its own separation. Places and velocities stay as they are; the inputs take the 
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from envs.aircraft import Ratios, ratios
 from envs.angles import sincos
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.backend import FLOATS
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance
@@ -32,26 +32,26 @@ NOWHERE = 1e3
 class Scene(NamedTuple):
     """The scene without dimension; fields ``[...]``, those of intruders ``[..., K]``."""
 
-    own_speed: Any
-    goal_x: Any
-    goal_y: Any
-    x: Any
-    y: Any
-    vx: Any  # velocity over the ground, not relative to the ownship
-    vy: Any
-    mask: Any  # bool
+    own_speed: Array
+    goal_x: Array
+    goal_y: Array
+    x: Array
+    y: Array
+    vx: Array  # velocity over the ground, not relative to the ownship
+    vy: Array
+    mask: Array  # bool
     ratios: Ratios  # of the ownship; floats or [...]
-    share: Any = None  # D over the separation of each intruder, [..., K]; None: 1 of all
+    share: Array | None = None  # D over the separation of each intruder, [..., K]; None: 1 of all
 
 
 def scene(
     own: VehicleState,
     intruders: VehicleState,
-    mask: Any,
-    goal_x: Any,
-    goal_y: Any,
+    mask: Array,
+    goal_x: Array,
+    goal_y: Array,
     limits: Limits,
-    separation: Any,
+    separation: Array,
     xp: ArrayModule,
 ) -> Scene:
     """Return the scene of states ``[...]`` and ``[..., K]`` in SI units; of absent intruders
@@ -139,7 +139,7 @@ def width(most: int) -> int:
     return OWN_NUMBERS + 5 * most
 
 
-def unpack(own: Any, traffic: Any) -> Scene:
+def unpack(own: Array, traffic: Array) -> Scene:
     """Return the scenes of rows ``[..., 7]`` and ``[..., K, 5]``, as a policy file's parity vectors
     hold them.
 
@@ -150,12 +150,12 @@ def unpack(own: Any, traffic: Any) -> Scene:
     return Scene(speed, goal_x, goal_y, x, y, vx, vy, mask > 0.5, Ratios(*limits))
 
 
-def parts(rows: Any) -> tuple[Any, Any]:
+def parts(rows: Array) -> tuple[Array, Array]:
     """Return what :func:`unpack` takes of parity vectors ``[..., 7 + 5 K]``."""
     return rows[..., :OWN_NUMBERS], rows[..., OWN_NUMBERS:].reshape(*rows.shape[:-1], -1, 5)
 
 
-def unpacked_rows(rows: Any) -> Scene:
+def unpacked_rows(rows: Array) -> Scene:
     """Return the scenes of parity vectors ``[..., 7 + 5 K]``."""
     return unpack(*parts(rows))
 
@@ -188,7 +188,7 @@ def random_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.nd
     return np.concatenate([own, rows], axis=-1).astype(np.float32)
 
 
-def mirror(seen: Scene, xp: ArrayModule) -> tuple[Scene, Any]:
+def mirror(seen: Scene, xp: ArrayModule) -> tuple[Scene, Array]:
     """Return the scene with most of the traffic left of the line to the goal, and the sign of its y
     axis, ``[...]``.
 
@@ -233,8 +233,15 @@ _TIE = 1e-9
 
 
 def _towards(
-    x: Any, y: Any, vx: Any, vy: Any, share: Any, pace: Any, goal: tuple[Any, Any], xp: ArrayModule
-) -> Any:
+    x: Array,
+    y: Array,
+    vx: Array,
+    vy: Array,
+    share: Array,
+    pace: Array,
+    goal: tuple[Array, Array],
+    xp: ArrayModule,
+) -> Array:
     """Return how much an intruder counts, positive to the left of the line to the goal, ``[...,
     K]``.
     """
@@ -250,5 +257,5 @@ def _towards(
     return weight * ((goal_x * y - goal_y * x) / away + _TIE)
 
 
-def _rotate(x: Any, y: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
+def _rotate(x: Array, y: Array, cosine: Array, sine: Array) -> tuple[Array, Array]:
     return x * cosine + y * sine, y * cosine - x * sine

@@ -7,14 +7,14 @@ of the toolkit's own; :func:`table` adds the user's (:mod:`agents.policy.inputs`
 """
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.policy import candidate_manoeuvres
 from agents.policy.inputs import INTRUDER, OWNSHIP, Input, Number, check_input, evaluate_input
 from agents.policy.scene import NOWHERE, Scene, mirror
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.backend import FLOATS
 from envs.edge.command import InputError
 from envs.relative import distance
@@ -34,10 +34,11 @@ _UNITS = (0.0025, 30.0, 1.0 / 6.0, 1.0, 0.2, 0.0)
 class SetInputs(NamedTuple):
     """Inputs of the network's first layers."""
 
-    own: Any  # [..., F]
-    each: Any  # [..., K, E]; of absent intruders anything finite
-    mask: Any  # bool [..., K]
-    mirror_sign: Any  # factor of the network's yaw rate, -1 where the scene is seen mirrored, [...]
+    own: Array  # [..., F]
+    each: Array  # [..., K, E]; of absent intruders anything finite
+    mask: Array  # bool [..., K]
+    # factor of the network's yaw rate, -1 where the scene is seen mirrored, [...]
+    mirror_sign: Array
 
 
 class InputTable(NamedTuple):
@@ -107,12 +108,12 @@ def set_inputs(seen: Scene, xp: ArrayModule, inputs: InputTable | None = None) -
     )
 
 
-def _side_by_side(rows: tuple[Input, ...], seen: Scene, xp: ArrayModule) -> Any:
+def _side_by_side(rows: tuple[Input, ...], seen: Scene, xp: ArrayModule) -> Array:
     parts = [evaluate_input(one, seen, xp) for one in rows]
     return parts[0] if len(parts) == 1 else xp.concatenate(parts, axis=-1)
 
 
-def _ownship(seen: Scene, xp: ArrayModule) -> Any:
+def _ownship(seen: Scene, xp: ArrayModule) -> Array:
     """Return the toolkit's inputs of the ownship for mirrored scenes, ``[..., 37]``."""
     # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the
     # number of rows.
@@ -123,7 +124,7 @@ def _ownship(seen: Scene, xp: ArrayModule) -> Any:
     return xp.concatenate([xp.stack([*own, *best], axis=-1), margin], axis=-1)
 
 
-def _intruder(seen: Scene, xp: ArrayModule) -> Any:
+def _intruder(seen: Scene, xp: ArrayModule) -> Array:
     """Return the toolkit's inputs of intruders for mirrored scenes, ``[..., K, 16]``."""
     to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
     cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
@@ -242,7 +243,7 @@ def batch_of_one(seen: Scene) -> Scene:
     )
 
 
-def own_part(seen: Scene, zero: Any, xp: ArrayModule) -> list[Any]:
+def own_part(seen: Scene, zero: Array, xp: ArrayModule) -> list[Array]:
     """Return what describes the ownship, its goal and its limits, 12 times ``[...]``; ``zero`` has
     that shape.
     """
@@ -269,15 +270,15 @@ def own_part(seen: Scene, zero: Any, xp: ArrayModule) -> list[Any]:
 
 
 def each_part(
-    x: Any,
-    y: Any,
-    vx: Any,
-    vy: Any,
-    share: Any,
-    pace: Any,
-    course: tuple[Any, Any],
+    x: Array,
+    y: Array,
+    vx: Array,
+    vy: Array,
+    share: Array,
+    pace: Array,
+    course: tuple[Array, Array],
     xp: ArrayModule,
-) -> list[Any]:
+) -> list[Array]:
     """Return what describes an intruder, 16 times ``[..., K]``, beside own speed and the cosine and
     sine of the goal's direction.
 
@@ -301,18 +302,18 @@ def each_part(
     ]
 
 
-def _in_shares(share: Any) -> tuple[Any, ...]:
+def _in_shares(share: Array) -> tuple[Array, ...]:
     """Return the units of :func:`passing` for an intruder with a separation of its own."""
     slow, horizon, per_time, per_length, per_far, floor = _UNITS
     return slow, horizon, per_time, per_length * share, per_far * share, floor
 
 
-def _margin(separation: Any, xp: ArrayModule) -> Any:
+def _margin(separation: Array, xp: ArrayModule) -> Array:
     """Return how far manoeuvres stay beyond the required separation, squashed."""
     return soft((separation - 1.0) * (1.0 / SEPARATION_UNIT), xp)
 
 
-def _best(margin: Any, steering: Any, xp: ArrayModule) -> tuple[Any, Any, Any]:
+def _best(margin: Array, steering: Array, xp: ArrayModule) -> tuple[Array, Array, Array]:
     """Return the margin of the best manoeuvre, and how it accelerates and turns, 1 at the limit;
     ``[...]`` each.
 
@@ -328,8 +329,8 @@ def _best(margin: Any, steering: Any, xp: ArrayModule) -> tuple[Any, Any, Any]:
 
 
 def passing(
-    x: Any, y: Any, vx: Any, vy: Any, units: tuple[Any, ...], xp: ArrayModule
-) -> tuple[Any, Any, Any, Any]:
+    x: Array, y: Array, vx: Array, vy: Array, units: tuple[Array, ...], xp: ArrayModule
+) -> tuple[Array, Array, Array, Array]:
     """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight
     course.
 
@@ -356,7 +357,7 @@ def passing(
     )
 
 
-def soft(value: Any, xp: ArrayModule) -> Any:
+def soft(value: Array, xp: ArrayModule) -> Array:
     """Return a value squashed to (-1, 1)."""
     return value / (1.0 + xp.abs(value))
 

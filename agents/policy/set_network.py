@@ -7,7 +7,7 @@ by the size of their batch: the result of a row does not depend on the batch.
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -18,12 +18,15 @@ from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpack
 from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_inputs_of_one
 from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
-from envs.arrays import ArrayModule
+from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
 from envs.kinematics import VehicleState
 from envs.observation import decode
 from envs.relative import distance
 from envs.trees import map_leaves
+
+if TYPE_CHECKING:
+    from agents.policy.inference import Policy
 
 Layers = list[tuple[np.ndarray, np.ndarray]]
 """Kernel ``[in, out]`` and bias ``[out]`` of each."""
@@ -147,7 +150,7 @@ def _min_separation(aircraft: Aircraft) -> MinSeparationOfOne:
     return MinSeparationOfOne(ratios(aircraft.limits, aircraft.separation))
 
 
-def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: ArrayModule) -> Any:
+def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: ArrayModule) -> Array:
     """Return the actions ``[N, 2]`` of the network's layers for inputs ``[N]``."""
     own, each, mask, sign = inputs
     each = xp.tanh(rows_through(each.reshape(-1, each.shape[-1]), encoder, xp)).reshape(
@@ -158,7 +161,7 @@ def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: ArrayModule) 
     return action * xp.stack([xp.ones_like(sign), sign], axis=-1)
 
 
-def rows_through(rows: Any, layers: Layers, xp: ArrayModule) -> Any:
+def rows_through(rows: Array, layers: Layers, xp: ArrayModule) -> Array:
     """Return the outputs ``[N, out]`` of layers with tanh between them, for rows ``[N, in]``."""
     x = rows[:, None, :]
     *before, (kernel, bias) = layers
@@ -179,8 +182,8 @@ def one_through(x: np.ndarray, layers: Layers) -> list[float]:
     return (x.dot(kernel) + bias).tolist()
 
 
-def check_one_layer(policy: Any) -> None:
-    """Refuse a :class:`agents.policy.inference.Policy` but one of schema 2 with one layer for each
+def check_one_layer(policy: "Policy") -> None:
+    """Refuse a policy but one of schema 2 with one layer for each
     intruder, and no inputs of the user's own.
     """
     if policy.inputs.extra:

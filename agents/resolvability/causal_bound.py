@@ -7,7 +7,7 @@ solves, a resolver without foresight can solve: a lower bound of what such resol
 the clairvoyant search's is an upper one.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from agents.manoeuvres.escape_search import (
     to_double,
 )
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.encounters import Encounter
 from envs.intruder import IntruderState, start, step
 from envs.kinematics import Limits, VehicleState
@@ -52,9 +53,7 @@ above it.
 
 _STRIDE = 2.0  # time step of simulated escapes, in time steps of the task
 _LOST = -10.0  # worth of a plan, in separations, below which it fails
-_TURN = np.radians(
-    90.0
-)  # heading change of an intruder that might begin to turn now, or goes on turning, rad
+_TURN = 0.5 * np.pi  # heading change of an intruder that begins to turn now or goes on, rad
 
 _FAMILY = concatenate(STAGES[0], COARSE)
 
@@ -62,14 +61,14 @@ _FAMILY = concatenate(STAGES[0], COARSE)
 class Causal(NamedTuple):
     """Flights of the oracle; fields ``[N]``."""
 
-    outcome: Any  # code, the place of the one that is true in Outcome, int8
-    separation: Any  # smallest distance to any intruder, m, as of agents.manoeuvres' Step
-    arrival: Any  # time at which the goal was reached, s; nan if it was not
-    path: Any  # length flown until the end, m
+    outcome: Array  # code, the place of the one that is true in Outcome, int8
+    separation: Array  # smallest distance to any intruder, m, as of agents.manoeuvres' Step
+    arrival: Array  # time at which the goal was reached, s; nan if it was not
+    path: Array  # length flown until the end, m
     own: VehicleState  # the ownship's flight, [T + 1, N], a state a step; nan after the end
 
     @property
-    def solved(self) -> Any:
+    def solved(self) -> Array:
         """Whether the goal was reached without a violation, bool ``[N]``."""
         return self.outcome == Outcome._fields.index("reached")
 
@@ -79,11 +78,11 @@ class _Air(NamedTuple):
     second before.
     """
 
-    number: Any
+    number: Array
     encounter: Encounter
     own: VehicleState
     intruders: IntruderState
-    rate: Any
+    rate: Array
     plan: Manoeuvre
 
 
@@ -100,7 +99,7 @@ def causal(encounters: Encounter, rules: Rules, limits: Limits) -> Causal:
     return result
 
 
-def _fly(encounter: Encounter, part: Any, rules: Rules, limits: Limits, result: Causal) -> None:
+def _fly(encounter: Encounter, part: Array, rules: Rules, limits: Limits, result: Causal) -> None:
     """Fly a part of the encounters to their ends and write them into the result."""
     nothing = Manoeuvre(*np.zeros((len(Manoeuvre._fields), part.size)))
     air = _Air(
@@ -148,7 +147,7 @@ def _plan(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
     rows = np.flatnonzero(surprised | (index % _EVERY == 0))
     coarse = rules._replace(dt=_STRIDE * rules.dt)
 
-    def futures(rows: Any) -> list[Encounter]:
+    def futures(rows: Array) -> list[Encounter]:
         own, intruders = take((air.own, air.intruders.vehicle), rows)
         return _futures(
             take(air.encounter, rows)._replace(own=own, intruders=intruders),
@@ -156,7 +155,7 @@ def _plan(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
             limits.yaw_rate_max,
         )
 
-    def value(rows: Any, tried: Any) -> Any:
+    def value(rows: Array, tried: Array) -> Array:
         return _value(futures(rows), tried, coarse, limits)
 
     enough = ENOUGH * rules.separation - _DEAR * rules.separation / rules.dt * rules.t_max
@@ -180,14 +179,14 @@ def _plan(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
     return Manoeuvre(*plan)
 
 
-def _futures(present: Encounter, rate: Any, most: float) -> list[Encounter]:
+def _futures(present: Encounter, rate: Array, most: float) -> list[Encounter]:
     """Return how encounters ``[M]`` may go on: straight courses, then turns as seen, else at the
     rate ``most``.
     """
     turning = np.abs(rate) > 1e-6
     zero = np.zeros_like(rate)
 
-    def with_turn(change: Any, turn_rate: Any) -> Encounter:
+    def with_turn(change: Array, turn_rate: Array) -> Encounter:
         intent = present.intent._replace(
             onset=zero, heading_change=zero + change, turn_rate=zero + turn_rate
         )
@@ -199,7 +198,7 @@ def _futures(present: Encounter, rate: Any, most: float) -> list[Encounter]:
     return [with_turn(0.0, most), one, other]
 
 
-def _value(futures: list[Encounter], tried: Any, rules: Rules, limits: Limits) -> Any:
+def _value(futures: list[Encounter], tried: Array, rules: Rules, limits: Limits) -> Array:
     """Return what plans ``[8, M, C]`` are worth in the futures: mean distances less a little for
     the time, m.
     """

@@ -8,13 +8,14 @@ escape that works; :func:`agents.resolvability.witness.least_cost` looks for the
 """
 
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, count_in, fly_step, steps, takeoff, tracks
 from agents.manoeuvres.escape_search import parts, search, to_double
 from agents.resolvability.proof import containment_time, look_ahead, reach_scale, split
+from envs.arrays import Array
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
@@ -37,9 +38,8 @@ class Method(IntEnum):
     SOLVED_ELSEWHERE = 1  # the caller said so
     SEARCH = 2  # a witness was found
     START = 3  # proof: it starts in violation
-    CONTAINMENT = (
-        4  # proof: one intruder's disc contains everything that can be reached at one time
-    )
+    # proof: one intruder's disc contains everything that can be reached at one time
+    CONTAINMENT = 4
     SPLITTING = 5  # proof: the same for each of several sets of control histories
     GOAL = 6  # proof: the goal is out of reach in time
 
@@ -47,29 +47,34 @@ class Method(IntEnum):
 class Resolvability(NamedTuple):
     """Verdicts; fields ``[N]``."""
 
-    verdict: Any  # Verdict, int8
-    method: Any  # Method, int8
-    witness: (
-        Manoeuvre  # parameters of an escape that works; nan where none was searched for or found
-    )
-    arrival: Any  # time at which the witness reaches the goal, s; nan without one
-    separation: Any
+    verdict: Array  # Verdict, int8
+    method: Array  # Method, int8
+    # parameters of an escape that works; nan where none was searched for or found
+    witness: Manoeuvre
+    arrival: Array  # time at which the witness reaches the goal, s; nan without one
+    separation: Array
     """Smallest distance of the witness to any intruder, m; nan without one. That to one with a
     separation of its own counts in shares of it, times the rules'."""
-    proof_time: Any  # time by which any control history has failed, s; nan without a proof
+    proof_time: Array  # time by which any control history has failed, s; nan without a proof
 
 
 class Replay(NamedTuple):
     """The flight of a witness, T steps."""
 
-    time: Any  # s, [T + 1]
+    time: Array  # s, [T + 1]
     own: VehicleState  # [T + 1]
     intruders: VehicleState  # [T + 1, K]
-    separation: Any  # smallest distance to any intruder during each step, m, [T]; counted likewise
+    # smallest distance to any intruder during each step, m, [T]; counted likewise
+    separation: Array
 
 
 def classify(
-    encounters: Encounter, rules: Rules, limits: Limits, solved: Any = None, *, reserve: float = 0.0
+    encounters: Encounter,
+    rules: Rules,
+    limits: Limits,
+    solved: Array | None = None,
+    *,
+    reserve: float = 0.0,
 ) -> Resolvability:
     """Decide which encounters ``[N]`` (numpy) are resolvable.
 
@@ -131,7 +136,7 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
 
 def _decide(
     chosen: Encounter,
-    part: Any,
+    part: Array,
     rules: Rules,
     limits: Limits,
     reserve: float,
@@ -143,13 +148,13 @@ def _decide(
     missed = rules._replace(separation=rules.separation - reserve)
     ahead = look_ahead(chosen, rules, limits)
 
-    def proven(numbers: Any, times: Any, method: Method) -> None:
+    def proven(numbers: Array, times: Array, method: Method) -> None:
         holds = ~np.isnan(times)
         rows = part[numbers[holds]]
         result.verdict[rows], result.method[rows] = Verdict.UNRESOLVABLE, method
         result.proof_time[rows] = times[holds]
 
-    def undecided_rows() -> Any:
+    def undecided_rows() -> Array:
         return np.flatnonzero(result.verdict[part] == Verdict.UNDECIDED)
 
     every = np.arange(part.size)

@@ -8,11 +8,11 @@ sides meet in the polygon's corners. Sums, largest values and the results here a
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from agents.resolvability.reachable_bound import DIRECTIONS
+from envs.arrays import Array
 
 ROUNDING = 1e-6
 """Added to all supports that are computed from corners, m: far more than the arithmetic errs by."""
@@ -21,7 +21,7 @@ _NORMAL_X, _NORMAL_Y = np.cos(DIRECTIONS), np.sin(DIRECTIONS)
 _COSINE, _SINE = math.cos(DIRECTIONS[1]), math.sin(DIRECTIONS[1])
 
 
-def outside(supports: Any, x: float, y: float, radius: float) -> tuple[Any, Any]:
+def outside(supports: Array, x: float, y: float, radius: float) -> tuple[Array, Array]:
     """Shrink polygons, by their supports ``[M, D]``, to the convex hull of what they have outside a
     disc, all m.
 
@@ -56,7 +56,7 @@ def outside(supports: Any, x: float, y: float, radius: float) -> tuple[Any, Any]
     return shrunk, left
 
 
-def beside(supports: Any, direction: Any, place: Any) -> Any:
+def beside(supports: Array, direction: Array, place: Array) -> Array:
     """Return the supports of the parts of polygons with n_k . x <= place, k being the direction, m,
     ``[M, D]``.
 
@@ -71,15 +71,21 @@ def beside(supports: Any, direction: Any, place: Any) -> Any:
     return _hull(corner_x, corner_y, ~gone, side_x, side_y, part, crosses)
 
 
-def corners(supports: Any) -> tuple[Any, Any]:
+def corners(supports: Array) -> tuple[Array, Array]:
     """Return x and y of the corners between each side and the next, ``[M, D]``."""
     along = (_next(supports) - supports * _COSINE) / _SINE
     return _NORMAL_X * supports - _NORMAL_Y * along, _NORMAL_Y * supports + _NORMAL_X * along
 
 
 def _hull(
-    corner_x: Any, corner_y: Any, kept: Any, side_x: Any, side_y: Any, part: Any, crosses: Any
-) -> Any:
+    corner_x: Array,
+    corner_y: Array,
+    kept: Array,
+    side_x: Array,
+    side_y: Array,
+    part: Array,
+    crosses: Array,
+) -> Array:
     """Return the supports of the corners kept and of the points at ``part`` of the sides that
     cross, ``[M, D]``.
     """
@@ -93,5 +99,5 @@ def _hull(
     return np.stack(along, axis=1) + ROUNDING
 
 
-def _next(sides: Any) -> Any:
+def _next(sides: Array) -> Array:
     return np.roll(sides, -1, axis=1)

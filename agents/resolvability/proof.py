@@ -8,7 +8,7 @@ heading or speed at some time, again and again.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from agents.resolvability.reachable_bound import (
 )
 from agents.resolvability.reachable_set import Cells, last_time
 from envs.angles import sincos, wrap
+from envs.arrays import Array
 from envs.encounters import Encounter
 from envs.intruder import start, step
 from envs.kinematics import Limits, advance
@@ -64,19 +65,19 @@ _ANY = Limits(-math.inf, math.inf, -math.inf, math.inf, math.inf)
 class Ahead(NamedTuple):
     """What a proof needs of encounters; fields ``[N, ...]``."""
 
-    speed: Any  # initial, m/s, [N]
+    speed: Array  # initial, m/s, [N]
     # what each intruder's own separation is beyond the rules', m, [N, K]; 0 where it has none
-    beyond: Any
-    start_distance: Any  # at the start, less beyond, to the intruder where that is least, m, [N]
+    beyond: Array
+    start_distance: Array  # at the start, less beyond, to the intruder where that is least, m, [N]
     # intruders in the ownship's initial frame at the test times, m, [N, K, T]; far off where absent
-    x: Any
-    y: Any
-    goal_x: Any  # goal in the same frame, m, [N]
-    goal_y: Any
-    out_of_reach: Any  # whether the goal cannot be reached in time, bool [N]
+    x: Array
+    y: Array
+    goal_x: Array  # goal in the same frame, m, [N]
+    goal_y: Array
+    out_of_reach: Array  # whether the goal cannot be reached in time, bool [N]
 
 
-def reach_scale(encounter: Encounter, rules: Rules) -> Any:
+def reach_scale(encounter: Encounter, rules: Rules) -> Array:
     """Return the separation by which a proof's horizon is measured, in whole separations of the
     rules, ``[N]``: the largest of each encounter, rounded up.
     """
@@ -98,7 +99,7 @@ def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
         beyond = encounter.separation - rules.separation
     sine, cosine = sincos(own.heading, np)
 
-    def in_frame(x: Any, y: Any) -> tuple[Any, Any]:
+    def in_frame(x: Array, y: Array) -> tuple[Array, Array]:
         """Return positions ``[..., N, K]`` in the ownship's initial frame."""
         east, north = x - own.x[:, None], y - own.y[:, None]
         return cosine[:, None] * east + sine[:, None] * north, cosine[:, None] * north - sine[
@@ -129,7 +130,7 @@ def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
     return Ahead(own.speed, beyond, start_distance, x, y, goal_x, goal_y, out_of_reach)
 
 
-def containment_time(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
+def containment_time(ahead: Ahead, rules: Rules, limits: Limits) -> Array:
     """Return the time by which every control history has violated the separation, nan where not
     proven, ``[N]``.
     """
@@ -149,7 +150,7 @@ def containment_time(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
     return proven
 
 
-def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Any:
+def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Array:
     """As :func:`containment_time`, for parts of the control histories: survivors, else up to so
     many halves of halves.
     """
@@ -204,7 +205,7 @@ def _bisect_until_contained(ahead: Ahead, nodes: int, rules: Rules, limits: Limi
     return np.nan
 
 
-def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[Any, Any]:
+def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[Array, Array]:
     """Return the first time at which a disc contains funnels ``[N]`` (nan: none), and when that is
     nearest.
     """
@@ -219,15 +220,15 @@ def _look(funnel: Funnel, ahead: Ahead, rules: Rules, limits: Limits) -> tuple[A
     return ended, times[np.argmin(excess / width, axis=-1)]
 
 
-def _halves(funnel: Funnel, promising: Any, times: Any, step: float, limits: Limits) -> Funnel:
+def _halves(funnel: Funnel, promising: Array, times: Array, step: float, limits: Limits) -> Funnel:
     """Split funnels where it narrows most what can be reached until the promising times, ``[N]`` ->
     ``[2 N]``.
     """
     rows = np.arange(promising.size)
     until = times <= promising[:, None]
     none = np.full(promising.size, np.nan)
-    least: Any = np.full(promising.size, np.inf)
-    chosen: Any = (funnel, funnel)
+    least: Array = np.full(promising.size, np.inf)
+    chosen: Array = (funnel, funnel)
     for fraction in (0.3, 0.6, 0.9):
         at = np.clip(np.rint(fraction * promising / step).astype(int), 1, times.size - 1)
         turn = 0.5 * (funnel.turn_low + funnel.turn_high)[rows, at]
@@ -249,7 +250,7 @@ def _halves(funnel: Funnel, promising: Any, times: Any, step: float, limits: Lim
     return Funnel(*(np.concatenate(pair) for pair in zip(*chosen, strict=True)))
 
 
-def _width(funnel: Funnel) -> Any:
+def _width(funnel: Funnel) -> Array:
     """Return how fast the reachable set widens, m/s, ``[N, T]``: it guides the splitting, and is no
     bound.
     """
@@ -259,7 +260,7 @@ def _width(funnel: Funnel) -> Any:
     )
 
 
-def _under_way(supports: Any, ahead: Ahead, rules: Rules, limits: Limits) -> Any:
+def _under_way(supports: Array, ahead: Ahead, rules: Rules, limits: Limits) -> Array:
     """Return whether no history of the funnels can have ended at the goal by the test times, ``[N,
     T]``.
     """
@@ -271,7 +272,9 @@ def _under_way(supports: Any, ahead: Ahead, rules: Rules, limits: Limits) -> Any
     return np.logical_and.accumulate(np.any(supports < short_of[..., None], axis=-2), axis=-1)
 
 
-def _out_of_reach(speed: Any, goal_x: Any, goal_y: Any, rules: Rules, limits: Limits) -> Any:
+def _out_of_reach(
+    speed: Array, goal_x: Array, goal_y: Array, rules: Rules, limits: Limits
+) -> Array:
     """Return whether the outer set at the end does not touch the goal's disc in some direction,
     bool ``[N]``.
     """
@@ -290,7 +293,7 @@ def _block(ahead: Ahead) -> int:
     return max(BLOCK * 8 // max(ahead.x.shape[1], 8), 1)
 
 
-def _radius(ahead: Ahead, rules: Rules, limits: Limits) -> Any:
+def _radius(ahead: Ahead, rules: Rules, limits: Limits) -> Array:
     """Return the radius of the disc around each intruder that a proof holds for violated, m,
     ``[N, K]``.
 
@@ -311,10 +314,10 @@ def _tests_ahead(separation: float, rules: Rules, limits: Limits) -> int:
     return int(min(1.5 * aside, steps(rules) * rules.dt) / stride)
 
 
-def _times(tests: int, rules: Rules) -> Any:
+def _times(tests: int, rules: Rules) -> Array:
     """Return the times of the funnels with so many test times, s."""
     return STEP * rules.dt * np.arange(STRIDE * tests + 1)
 
 
-def _test_times(tests: int, rules: Rules) -> Any:
+def _test_times(tests: int, rules: Rules) -> Array:
     return _times(tests, rules)[STRIDE::STRIDE]

@@ -14,11 +14,12 @@ and y to the left.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import Limits
 from envs.outcome import Rules
 from envs.trees import map_leaves
@@ -41,10 +42,10 @@ def delta(rules: Rules, limits: Limits) -> float:
 class Funnel(NamedTuple):
     """Bounds on control histories at times 0, step, 2 step, ...; fields ``[..., T]``."""
 
-    turn_low: Any  # heading less the initial heading, not wrapped, rad
-    turn_high: Any
-    speed_low: Any  # m/s
-    speed_high: Any
+    turn_low: Array  # heading less the initial heading, not wrapped, rad
+    turn_high: Array
+    speed_low: Array  # m/s
+    speed_high: Array
 
 
 def relax(limits: Limits) -> Limits:
@@ -53,7 +54,7 @@ def relax(limits: Limits) -> Limits:
     return Limits(limits.speed_min / wider, *(limit * wider for limit in limits[1:]))
 
 
-def root(speed: Any, times: Any, limits: Limits) -> Funnel:
+def root(speed: Array, times: Array, limits: Limits) -> Funnel:
     """Return the funnel of all control histories at times ``[T]``, s, within limits as proofs grant
     them.
 
@@ -64,7 +65,7 @@ def root(speed: Any, times: Any, limits: Limits) -> Funnel:
     return Funnel(-turn, turn, *speeds(speed, speed, times, limits))
 
 
-def speeds(low: Any, high: Any, seconds: Any, limits: Limits) -> tuple[Any, Any]:
+def speeds(low: Array, high: Array, seconds: Array, limits: Limits) -> tuple[Array, Array]:
     """Return the least and the greatest speeds some time later, m/s, ``[...]``; one outside the
     limits may stay.
     """
@@ -75,7 +76,7 @@ def speeds(low: Any, high: Any, seconds: Any, limits: Limits) -> tuple[Any, Any]
     return slowest, fastest
 
 
-def towards(funnel: Funnel, directions: Any) -> Any:
+def towards(funnel: Funnel, directions: Array) -> Array:
     """Return the largest speed in directions, rad from the initial heading, that a funnel allows,
     m/s, ``[...]``.
     """
@@ -86,7 +87,7 @@ def towards(funnel: Funnel, directions: Any) -> Any:
 
 
 def narrow(
-    funnel: Funnel, times: Any, at: Any, turn: Any, speed: Any, limits: Limits
+    funnel: Funnel, times: Array, at: Array, turn: Array, speed: Array, limits: Limits
 ) -> tuple[Funnel, Funnel]:
     """Cut funnels ``[N, T]`` in two: the histories at most, and those at least, at a turn or speed
     at a time ``[N]``.
@@ -113,13 +114,13 @@ def narrow(
 
 def support(
     funnel: Funnel,
-    directions: Any,
+    directions: Array,
     step: float,
     limits: Limits,
     *,
     growing: bool = False,
     stride: int = 1,
-) -> Any:
+) -> Array:
     """Return upper bounds of the support functions at every ``stride``-th time but 0, m, ``[..., D,
     T']``.
 
@@ -143,7 +144,7 @@ def support(
     return np.cumsum(cells, axis=-1)[..., stride - 1 :: stride]
 
 
-def farthest(supports: Any, x: Any, y: Any) -> Any:
+def farthest(supports: Array, x: Array, y: Array) -> Array:
     """Bound the distance of any point of the polygons from points (x, y), m, ``[..., K, T]``.
 
     A point seen from (x, y) between two neighbours of the fan obeys both their supports ``[..., D,

@@ -10,12 +10,13 @@ grid, and the sets of one cell are merged. If nothing is left, every history has
 separation.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.resolvability.outer_polygon import beside, corners, outside
 from agents.resolvability.reachable_bound import DIRECTIONS, Funnel, speeds, towards
+from envs.arrays import Array
 from envs.kinematics import Limits
 from envs.trees import column, take
 
@@ -23,11 +24,11 @@ from envs.trees import column, take
 class States(NamedTuple):
     """Sets of states at one time; fields ``[M]``, in the frame of the ownship's start."""
 
-    turn_low: Any  # heading less the initial heading, not wrapped, rad
-    turn_high: Any
-    speed_low: Any  # m/s
-    speed_high: Any
-    supports: Any  # of the positions, [M, D], m
+    turn_low: Array  # heading less the initial heading, not wrapped, rad
+    turn_high: Array
+    speed_low: Array  # m/s
+    speed_high: Array
+    supports: Array  # of the positions, [M, D], m
 
 
 class Cells(NamedTuple):
@@ -42,7 +43,7 @@ class Cells(NamedTuple):
 
 def last_time(
     speed: float,
-    discs: tuple[Any, Any, Any],
+    discs: tuple[Array, Array, Array],
     goal: tuple[float, float, float],
     stride: float,
     cells: Cells,
@@ -90,7 +91,7 @@ def last_time(
     return np.nan
 
 
-def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tuple[Any, States]:
+def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tuple[Array, States]:
     """Return the cells of turn and speed ``[B]`` in which sets ``[M]`` can end: the set each comes
     from, and bounds.
     """
@@ -106,7 +107,7 @@ def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tu
     return parent[again], ended
 
 
-def moves(before: States, ended: States, tests: int, stride: float, limits: Limits) -> Any:
+def moves(before: States, ended: States, tests: int, stride: float, limits: Limits) -> Array:
     """Bound how far histories between two sets of bounds move in each stride (s) of a segment;
     yield ``[M, D]``, m.
 
@@ -124,7 +125,7 @@ def moves(before: States, ended: States, tests: int, stride: float, limits: Limi
     bend = (top_speed * rate * rate + 2.0 * strongest * rate) * stride**3 / 12.0
     kinks = 0.5 * (top_speed * rate + strongest) * stride * stride
 
-    def speed_towards(time: float) -> Any:
+    def speed_towards(time: float) -> Array:
         """Return the largest speed in each direction, ``[M, D]``."""
         remaining = tests * stride - time
         turn_low = np.maximum(before.turn_low - rate * time, ended.turn_low - rate * remaining)
@@ -183,7 +184,7 @@ def _cut_along_grid(states: States, ahead: int, place: float) -> States:
     return States(*(np.concatenate(field) for field in zip(*done, strict=True)))
 
 
-def _passes(states: States, x: Any, y: Any, radius: Any, stride: float) -> bool:
+def _passes(states: States, x: Array, y: Array, radius: Array, stride: float) -> bool:
     """Return whether a straight flight stays clear of intruders ``[K, T]``: it would always be
     among the survivors.
     """
@@ -202,7 +203,7 @@ def _passes(states: States, x: Any, y: Any, radius: Any, stride: float) -> bool:
     return False
 
 
-def _divide(low: Any, high: Any, width: float) -> tuple[Any, Any, Any]:
+def _divide(low: Array, high: Array, width: float) -> tuple[Array, Array, Array]:
     """Cut intervals ``[M]`` at the multiples of a width; return the number of each piece's
     interval, and its ends.
     """

@@ -4,8 +4,6 @@ All escapes of the search that work, and a family that stays near the direct rou
 shortest of them breed a local refinement, a differential evolution whose draws are fixed.
 """
 
-from typing import Any
-
 import numpy as np
 
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre, steps, tracks
@@ -22,6 +20,7 @@ from agents.manoeuvres.escape_search import (
     to_double,
     within_range,
 )
+from envs.arrays import Array
 from envs.draws import normals, uniforms
 from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
@@ -37,11 +36,9 @@ for any aircraft.
 ROUNDS = 40
 """Of the refinement."""
 
-_ELITES, _CHILDREN, _DECAY = (
-    12,
-    48,
-    0.9,
-)  # flights kept, offspring a round, factor a round on the spread of the changes
+_ELITES = 12  # flights that breed
+_CHILDREN = 48  # offspring a round
+_DECAY = 0.9  # factor a round on the spread of the changes
 # required beyond the separation, m, so that a replay whose sums round otherwise keeps it too
 _MARGIN = 1e-6
 
@@ -78,7 +75,9 @@ def least_cost(
     return result
 
 
-def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limits: Limits) -> Found:
+def _cheapest(
+    encounter: Encounter, known: Array, rounds: int, rules: Rules, limits: Limits
+) -> Found:
     """Return the witnesses of a part of the encounters, ``[N]``; ``known`` is ``[8, N]``."""
     count = np.shape(encounter.goal_x)[0]
     traffic, every = tracks(encounter, steps(rules), rules), np.arange(count)
@@ -118,7 +117,7 @@ def _cheapest(encounter: Encounter, known: Any, rounds: int, rules: Rules, limit
     return Found(Manoeuvre(*best), arrival, separation, path)
 
 
-def _direct(encounter: Encounter, rules: Rules) -> Any:
+def _direct(encounter: Encounter, rules: Rules) -> Array:
     """Return flights near the direct route, which let the intruder pass by their speed: ``[8, N,
     F]``.
     """
@@ -131,13 +130,13 @@ def _direct(encounter: Encounter, rules: Rules) -> Any:
     return np.stack([turn, zero + throttle, never, zero, zero + throttle, zero, zero, zero + home])
 
 
-def _offspring(pool: Any, working: Any, changes: Any, draws: Any) -> Any:
+def _offspring(pool: Array, working: Array, changes: Array, draws: Array) -> Array:
     """Return variants ``[8, N, C]`` of flights ``[8, N, E]``, best first, ``working`` of which
     work, by some draws.
     """
     last = np.maximum(working - 1, 0)[:, None]
 
-    def some(draw: Any) -> Any:
+    def some(draw: Array) -> Array:
         return np.take_along_axis(
             pool, np.minimum((draw * (last + 1)).astype(int), last)[None], axis=-1
         )
@@ -151,7 +150,12 @@ def _offspring(pool: Any, working: Any, changes: Any, draws: Any) -> Any:
 
 
 def _fly(
-    encounter: Encounter, traffic: VehicleState, rows: Any, tried: Any, rules: Rules, limits: Limits
+    encounter: Encounter,
+    traffic: VehicleState,
+    rows: Array,
+    tried: Array,
+    rules: Rules,
+    limits: Limits,
 ) -> EscapeOutcome:
     """Fly candidates ``[8, R, C]`` of the encounters numbered ``rows``; fields ``[R, C]``, nan
     arrival if they fail.
@@ -172,7 +176,7 @@ def _fly(
     return EscapeOutcome(*(field.reshape(-1, size) for field in result))
 
 
-def _best(pool: Any, flown: EscapeOutcome, most: int) -> tuple[Any, EscapeOutcome]:
+def _best(pool: Array, flown: EscapeOutcome, most: int) -> tuple[Array, EscapeOutcome]:
     """Return the cheapest flights ``[8, N, most]`` that work, cheapest first, then those that do
     not.
     """
