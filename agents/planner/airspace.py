@@ -8,19 +8,14 @@ import numpy as np
 
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
 from agents.planner.areas import Counted, label, relevant
-from agents.planner.completion import points_beyond
 from agents.planner.detours import Place, airspace
 from agents.planner.fields import sequence
+from agents.planner.goals import next_goals
+from agents.planner.levels import Altitude
 from agents.planner.options import Options
-from agents.planner.request import (
-    SPEED_TOLERANCE,
-    Altitude,
-    Request,
-    drift_points,
-    eligible,
-    latest_end,
-    unknown_climb_of,
-)
+from agents.planner.out_of_the_way import SPEED_TOLERANCE
+from agents.planner.remarks import assumed_climb
+from agents.planner.request import Request, drift_points, latest_end
 from envs.area_geometry import signed_distance
 from envs.areas import Area, in_air
 from envs.arrays import Array
@@ -95,7 +90,7 @@ def _assumed_climb(
     levels = [level for one in areas for level in (one.floor, one.ceiling) if level is not None]
     if all(level.reference != altitude.reference for level in levels):
         return []
-    return [unknown_climb_of(Field(Subject.OWN_ALTITUDE, "vertical_speed"), options)]
+    return [assumed_climb(Field(Subject.OWN_ALTITUDE, "vertical_speed"), options)]
 
 
 def _reachable_areas(
@@ -162,7 +157,7 @@ def _round(
 
     Points that are passed are left out, and a route that may be extended is, as far as a plan goes.
     """
-    first = int(eligible(request, replace(options, rejoin_by=1e9))[0, 0])
+    first = int(next_goals(request, replace(options, rejoin_by=1e9))[0, 0])
     if first < 0:
         return request
     x, y, number = _ahead(request, first, options)
@@ -193,7 +188,7 @@ def _ahead(request: Request, first: int, options: Options) -> tuple[Array, Array
     if options.extend_route:
         wind = 0.0 if request.drift is None else float(np.hypot(*request.drift)[0])
         dx, dy = x[-1] - x[-2], y[-1] - y[-2]
-        step = np.arange(1, points_beyond(options, wind) + 1) * options.extension
+        step = np.arange(1, options.points_beyond(wind) + 1) * options.extension
         step = step / max(float(np.hypot(dx, dy)), 1e-9)
         x, y = np.append(x, x[-1] + step * dx), np.append(y, y[-1] + step * dy)
         number = np.append(number, last + 1 + np.arange(step.size))

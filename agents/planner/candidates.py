@@ -54,6 +54,14 @@ class Proposals(NamedTuple):
         return self.findings.min_separation
 
 
+class Plans(NamedTuple):
+    """Answers to many requests; fields ``[N]``."""
+
+    proposals: Proposals
+    source: Array  # 0 none, 1 policy, 2 fallback; int8
+    policy_safe: Array  # whether the policy's own plan for the next point was safe, bool
+
+
 def empty(count: int, waypoints: int) -> Proposals:
     """Return that there is no plan of so many waypoints, ``[count]``."""
     nan, none = np.full(count, np.nan), np.full(count, -1)

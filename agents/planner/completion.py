@@ -6,7 +6,6 @@ turning circle is passed by. The plan's states are read off manoeuvre and tail a
 times, and the last one is the first point of the route that is reached after the last of those.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -99,7 +98,7 @@ def complete(request: Request, rollout: Rollout, goal: Array, options: Options) 
     whole, tails = _begin(rollout, goal, options)
     count = tails.row.size
     left, pieces = np.arange(count), list[Array]()
-    for step in range(most + 1 + points_beyond(options, wind)):
+    for step in range(most + 1 + options.points_beyond(wind)):
         if not options.extend_route:
             ended = tails.point[left] >= request.points[tails.row[left]]
             whole.too_short[tails.row[left[ended]]] = True
@@ -168,14 +167,6 @@ def _fly_legs(
     in_time = done & (arrived <= latest[row])
     whole.last[row[in_time]] = legs.point[in_time]
     return done
-
-
-def points_beyond(options: Options, wind: float) -> int:
-    """Return how many points beyond the end of its route a plan may fly over in some wind, m/s."""
-    if not options.extend_route:
-        return 0
-    fastest = 1.5 * options.limits.speed_max + wind
-    return math.ceil(options.last_free * fastest / options.extension)
 
 
 def _next_legs(

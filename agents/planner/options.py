@@ -173,6 +173,15 @@ class Options:
         """Distance between the points beyond the end of a route that may be extended, m."""
         return _EXTENSION * self.aircraft.separation
 
+    def points_beyond(self, wind: float) -> int:
+        """Return how many points beyond the end of its route a plan may fly over in some wind,
+        m/s.
+        """
+        if not self.extend_route:
+            return 0
+        fastest = 1.5 * self.limits.speed_max + wind
+        return math.ceil(self.last_free * fastest / self.extension)
+
     def latest_end(
         self, own_speed: Array, x: Array, y: Array, points: Array | None = None, wind: Array = 0.0
     ) -> Array:

@@ -16,34 +16,25 @@ import numpy as np
 
 from agents.planner import fallback
 from agents.planner.airspace import amid
-from agents.planner.answer import Advisory, AdvisoryCode, Plan
+from agents.planner.answer import Plan
 from agents.planner.beyond import CROWD
 from agents.planner.budget import Budget
-from agents.planner.candidates import Proposals, empty, evaluate, keep_best
+from agents.planner.candidates import Plans, Proposals, empty, evaluate, keep_best
 from agents.planner.certificate import certificate
+from agents.planner.goals import next_goals
+from agents.planner.levels import Altitude
 from agents.planner.options import Options, check
-from agents.planner.publish import Plans, publish
-from agents.planner.request import (
-    Altitude,
-    Intruder,
-    Request,
-    assumptions,
-    check_request,
-    eligible,
-    finite,
-    in_wind,
-    own_separations,
-)
+from agents.planner.publish import publish
+from agents.planner.remarks import assumed_climbs, outside_domain, own_separations
+from agents.planner.request import Intruder, Request, check_finite, check_request, in_wind
 from agents.planner.rollout import roll
-from agents.planner.sight import shares
-from agents.policy.domain import Departure, departures
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, scatter, take
 from envs.waypoints import RoutePoint
-from envs.wind import Wind, through_air
+from envs.wind import Wind
 
 _POLICY, _FALLBACK = 1, 2  # codes of sources
 
@@ -88,17 +79,15 @@ def plan(
         check(options)
     options = options or Options.for_aircraft(policy.aircraft)
     in_air = options if wind is None else in_wind(options, wind)
-    request, excluded, kept = check_request(own, intruders, route, in_air, own_altitude, wind)
+    request, excluded, counted = check_request(own, intruders, route, in_air, own_altitude, wind)
     request, notes = amid(request, areas, own_altitude, in_air, wind)
-    budget, goals = Budget(options.deadline_s), eligible(request, in_air)
+    start = VehicleState(*(float(field[0]) for field in request.own))
+    budget = Budget(options.deadline_s)
+    goals = next_goals(request, in_air)
     plans = _plan_rows(request, goals, policy, in_air, budget, floats=True)
     goal, skipped = int(goals[0, 0]), tuple(budget.skipped)
-    answer = publish(request, plans, goal, route, excluded, kept, in_air, skipped)
-    one = take(request, 0)
-    start = VehicleState(*map(float, one.own))
-    outside = departures(policy.domain, _of_domain(intruders, wind))
-    if goal >= 0:  # without a point ahead the policy decides nothing
-        outside += _policy_departures(one, start, goal, policy, options)
+    answer = publish(request, plans, goal, route, excluded, counted, in_air, skipped)
+    assumed = *assumed_climbs(own_altitude, intruders, options), *notes
     certify = partial(
         certificate,
         start if wind is None else VehicleState(*map(float, own)),
@@ -114,8 +103,8 @@ def plan(
         answer,
         advisory=(
             *answer.advisory,
-            *(Advisory(AdvisoryCode.OUTSIDE_DOMAIN, *departure) for departure in outside),
-            *dict.fromkeys((*assumptions(own_altitude, intruders, options), *notes)),
+            *outside_domain(start, request, goal, intruders, wind, policy, options),
+            *dict.fromkeys(assumed),  # each once
             *own_separations(intruders, options),
         ),
         policy_sha256=policy.sha256,
@@ -124,46 +113,14 @@ def plan(
     )
 
 
-def _policy_departures(
-    one: Request, start: VehicleState, goal: int, policy: Policy, options: Options
-) -> list[Departure]:
-    """Return what of one request the policy has not been trained for, on its way to a point."""
-    others = list(map(VehicleState, *(field.tolist() for field in one.traffic.state)))
-    share = shares(one.traffic, options.requirement)
-    to = float(one.route_x[goal]), float(one.route_y[goal])
-    return policy.departures(start, others, *to, share)
-
-
-def _of_domain(
-    intruders: Sequence[VehicleState | Intruder], wind: Wind | None
-) -> dict[str, list[float]]:
-    """Return the quantities of the operating domain (:mod:`agents.policy.domain`), without far
-    intruders.
-    """
-    reported = [one for one in intruders if isinstance(one, Intruder)]
-    return {
-        "intruders": [len(intruders)],
-        "intruder_speed": [_airspeed(one, wind) for one in intruders],
-        "intruder_turn_rate": [abs(one.turn_rate) for one in reported],
-        "position_std": [one.position_std for one in reported],
-        "velocity_std": [one.velocity_std for one in reported],
-        "latency": [one.age for one in reported],
-    }
-
-
-def _airspeed(one: VehicleState | Intruder, wind: Wind | None) -> float:
-    state = one.state if isinstance(one, Intruder) else one
-    return state.speed if wind is None else through_air(state, wind, 0.0).speed
-
-
 def plan_many(request: Request, policy: Policy, options: Options, *, floats: bool = False) -> Plans:
     """Plan many requests ``[N]``, in range, each as if it were alone, and without a deadline.
 
     With ``floats`` the policy is rolled one request after the other in plain floats: ten times
     faster for one, and rounded differently. Raises a RequestError where a number is not finite.
     """
-    finite(request)
-    goals, mask = eligible(request, options), request.traffic.mask
+    check_finite(request)
+    goals, mask = next_goals(request, options), request.traffic.mask
     few = np.count_nonzero(mask, axis=-1) <= CROWD
     if mask.shape[-1] <= CROWD or not few.any():
         return _plan_rows(request, goals, policy, options, Budget(), floats=floats)

@@ -8,11 +8,9 @@ is published.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.airspace import amid
 from agents.planner.answer import (
     Advisory,
     AdvisoryCode,
@@ -21,40 +19,26 @@ from agents.planner.answer import (
     Kind,
     Plan,
     Reason,
-    RequestError,
     Source,
     Status,
 )
 from agents.planner.areas import Counted, label
 from agents.planner.audit import audit
-from agents.planner.candidates import Proposals, find_faults
-from agents.planner.options import Options, check
-from agents.planner.request import Altitude, Intruder, Request, check_request, eligible, in_wind
+from agents.planner.candidates import Plans, Proposals
+from agents.planner.goals import next_goals
+from agents.planner.options import Options
+from agents.planner.out_of_the_way import unproven_exclusions
+from agents.planner.request import Request
 from agents.planner.traffic import separations, within_window
 from agents.planner.validator import CHECKS, Findings
 from envs.area_geometry import signed_distance
-from envs.areas import Area, Keep
+from envs.areas import Keep
 from envs.arrays import Array
-from envs.kinematics import VehicleState
 from envs.trees import take
-from envs.waypoints import PlanStates, RoutePoint, Waypoint, on_ground
-from envs.waypoints import plan_states as plan_states_of
+from envs.waypoints import RoutePoint, Waypoint, on_ground
 from envs.wind import Wind
 
-JOIN = 5
-"""Least time to the waypoint at which a late plan is joined, time steps; a shorter leg turns hard
-on any error.
-"""
-
 _SOURCES = (Source.NONE, Source.POLICY, Source.FALLBACK)
-
-
-class Plans(NamedTuple):
-    """Answers to many requests; fields ``[N]``."""
-
-    proposals: Proposals
-    source: Array  # 0 none, 1 policy, 2 fallback; int8
-    policy_safe: Array  # whether the policy's own plan for the next point was safe, bool
 
 
 def publish(
@@ -63,63 +47,89 @@ def publish(
     next_goal: int,
     route: Sequence[RoutePoint],
     excluded: tuple[Excluded, ...],
-    kept: list[int],
+    counted: Sequence[int],
     options: Options,
     skipped: tuple[str, ...] = (),
 ) -> Plan:
     """Write the plan of one request ``[1]`` over the ground.
 
     Args:
+        request: in the air mass.
+        plans: the best plan of it, ``[1]``.
         next_goal: number of the first point of the route that may be rejoined at; -1: there is
             none.
-        kept: numbers of the intruders that were not left out.
+        route: that was asked for.
+        excluded: the intruders that were left out.
+        counted: numbers of the others.
+        options: of the flight in the air mass.
+        skipped: what the deadline left out of the search.
+    """
+    best = _number_points(_best_on_ground(request, plans), request)
+    waypoints = _waypoints(best, route)
+    faults = _faults(waypoints, route, excluded, options)
+    judged_safe = bool(best.findings.safe)
+    safe = judged_safe and not faults
+    reasons = [] if judged_safe else _reasons(request, best, next_goal, counted, options)
+    reasons += faults
+    if skipped and not safe:
+        reasons.append(_out_of_time(skipped, options))
+    exists = bool(waypoints)
+    return Plan(
+        status=Status.SAFE if safe else Status.UNRESOLVED,
+        source=_SOURCES[int(plans.source[0])] if exists else Source.NONE,
+        reasons=tuple(reasons),
+        min_separation=float(best.min_separation),
+        time_of_min_separation=float(best.findings.time_of_min_separation),
+        # A point of an extended route has no index.
+        goal_index=route[int(best.goal)].index if exists and best.goal < len(route) else None,
+        rejoin_time=float(best.rejoin_time),
+        excluded=excluded,
+        waypoints=waypoints,
+        cost=float(best.cost) if exists else np.nan,
+        advisory=_policy_unsafe() if safe and not plans.policy_safe[0] else (),
+        unsearched=skipped,
+        windows=_windows(request, counted),
+    )
+
+
+def _faults(
+    waypoints: Sequence[Waypoint],
+    route: Sequence[RoutePoint],
+    excluded: Sequence[Excluded],
+    options: Options,
+) -> list[Reason]:
+    """Return what is wrong with what is published, whatever the validator says of its states."""
+    if not waypoints:
+        return []
+    found = audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
+    return found + unproven_exclusions(excluded, waypoints[-1])
+
+
+def _out_of_time(skipped: Sequence[str], options: Options) -> Reason:
+    """Return that the deadline left something out of the search."""
+    what = f"options.deadline_s of {options.deadline_s:g} s was reached before: "
+    return Reason(Kind.DEADLINE, "options.deadline_s", what + ", ".join(skipped))
+
+
+def _policy_unsafe() -> tuple[Advisory, ...]:
+    """Return the remark that the policy's own plan was not safe, and another is given."""
+    what = "to the next point of the route was not safe"
+    return (Advisory(AdvisoryCode.POLICY_UNSAFE, "the policy's own plan", what),)
+
+
+def _best_on_ground(request: Request, plans: Plans) -> Proposals:
+    """Return the best plan ``[]`` with its states, and the places of its findings, over the
+    ground.
     """
     best = take(plans.proposals, 0)
-    if request.drift is not None:
-        east, north = (-float(part[0]) for part in request.drift)
-        best = _on_ground(best, Wind(east, north))
-    best = _number_points(best, request)
-    waypoints = _waypoints(best, route)
-    faults = (
-        audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
-        if waypoints
-        else []
-    )
-    faults += [
-        _outlasting(one, waypoints[-1])
-        for one in excluded
-        if waypoints and not waypoints[-1].time <= one.until
-    ]
-    valid = bool(best.findings.safe)
-    safe = valid and not faults
-    reasons = (
-        tuple(faults) if valid else (*_reasons(request, best, next_goal, kept, options), *faults)
-    )
-    if skipped and not safe:
-        what = (
-            f"options.deadline_s of {options.deadline_s:g} s was reached before: "
-            f"{', '.join(skipped)}"
-        )
-        reasons = (*reasons, Reason(Kind.DEADLINE, "options.deadline_s", what))
-    advisory: tuple[Advisory, ...] = ()
-    if safe and not plans.policy_safe[0]:
-        what = "to the next point of the route was not safe"
-        advisory = (Advisory(AdvisoryCode.POLICY_UNSAFE, "the policy's own plan", what),)
-    return Plan(
-        Status.SAFE if safe else Status.UNRESOLVED,
-        _SOURCES[int(plans.source[0])] if waypoints else Source.NONE,
-        reasons,
-        float(best.min_separation),
-        float(best.findings.time_of_min_separation),
-        # A point of an extended route has no index.
-        route[int(best.goal)].index if waypoints and best.goal < len(route) else None,
-        float(best.rejoin_time),
-        excluded,
-        waypoints,
-        float(best.cost) if waypoints else np.nan,
-        advisory,
-        skipped,
-        windows=_windows(request, kept),
+    if request.drift is None:
+        return best
+    east, north = (-float(part[0]) for part in request.drift)
+    found = best.findings
+    x, y = found.x + east * found.time, found.y + north * found.time
+    return best._replace(
+        plan_states=on_ground(best.plan_states, Wind(east, north)),
+        findings=found._replace(x=x, y=y),
     )
 
 
@@ -134,21 +144,12 @@ def _number_points(best: Proposals, request: Request) -> Proposals:
     return best._replace(goal=goal[goal >= 0][0], last=last)
 
 
-def _on_ground(best: Proposals, wind: Wind) -> Proposals:
-    """Return a plan ``[]`` with its states, and the places of its findings, over the ground."""
-    found = best.findings
-    x, y = found.x + wind.east * found.time, found.y + wind.north * found.time
-    return best._replace(
-        plan_states=on_ground(best.plan_states, wind), findings=found._replace(x=x, y=y)
-    )
-
-
-def _windows(request: Request, kept: list[int]) -> tuple[Counts, ...]:
+def _windows(request: Request, counted: Sequence[int]) -> tuple[Counts, ...]:
     """Return which intruders of one request ``[1]`` count for a while only."""
     window = request.traffic.window
     if window is None:
         return ()
-    each = zip(kept, window.begin[0].tolist(), window.end[0].tolist(), strict=True)
+    each = zip(counted, window.begin[0].tolist(), window.end[0].tolist(), strict=True)
     return tuple(
         Counts(number, max(begin, 0.0), end)
         for number, begin, end in each
@@ -156,73 +157,10 @@ def _windows(request: Request, kept: list[int]) -> tuple[Counts, ...]:
     )
 
 
-def _outlasting(one: Excluded, end: Waypoint) -> Reason:
-    """Return that a plan goes on longer than an intruder is known to stay out of the way."""
-    what = (
-        f"was left out until {one.until:.0f} s, expected until the plan's end at {end.time:.0f} s"
-    )
-    return Reason.of(Kind.SEPARATION, f"intruders[{one.number}]", what, end.time, end.x, end.y)
-
-
-def reconstruct(waypoints: tuple[Waypoint, ...], wind: Wind | None = None) -> Plan:
-    """Return a plan as a receiver of its waypoints and its wind has it: only SAFE ones have any."""
-    status = Status.SAFE if waypoints else Status.UNRESOLVED
-    return Plan(status, Source.NONE, (), np.nan, np.nan, None, np.nan, (), waypoints, wind=wind)
-
-
-def recheck(  # noqa: PLR0913 - a plan, and all of a request
-    plan: Plan,
-    late: float,
-    own: VehicleState,
-    intruders: Sequence[VehicleState | Intruder],
-    route: Sequence[RoutePoint],
-    options: Options,
-    own_altitude: Altitude | None = None,
-    wind: Wind | None = None,
-    *,
-    areas: Sequence[Area] = (),
-) -> Plan:
-    """Return a plan as checked ``late`` seconds after its request, by what is there then, areas
-    as of then: SAFE only if it still is.
-    """
-    if not plan.safe or late <= 0.0:
-        return plan
-    least = JOIN * options.aircraft.dt
-    left = [
-        replace(point, time=point.time - late)
-        for point in plan.waypoints
-        if point.time - late >= least
-    ]
-    try:
-        check(options)
-        options = options if wind is None else in_wind(options, wind)
-        request, excluded, _ = check_request(own, intruders, route, options, own_altitude, wind)
-        request, _ = amid(request, areas, own_altitude, options, wind)
-    except RequestError as error:
-        return _void(plan, late, str(error))
-    curve = PlanStates(*(field[None] for field in plan_states_of(own, left, wind=wind)))
-    found = find_faults(curve, request, options)
-    outlasted = [
-        _outlasting(one, left[-1]).message
-        for one in excluded
-        if left and not left[-1].time <= one.until
-    ]
-    if outlasted:
-        return _void(plan, late, outlasted[0])
-    if bool(found.safe[0]):
-        return plan
-    wrong = ", ".join(CHECKS[number] for number in np.flatnonzero(found.wrong[0]))
-    return _void(plan, late, f"from the states by then it fails the checks: {wrong}")
-
-
-def _void(plan: Plan, late: float, why: str) -> Plan:
-    message = f"plan was found {late:.1f} s after the request and is too late: {why}"
-    return replace(
-        plan, status=Status.UNRESOLVED, reasons=(Reason(Kind.SEPARATION, "plan", message),)
-    )
-
-
 def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, ...]:
+    """Return the plan states after the request under indices that the route does not have, the
+    last one under the route's where it is a point of it; none without a plan.
+    """
     if best.last < 0:
         return ()
     taken = {point.index for point in route}
@@ -235,38 +173,57 @@ def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, 
 
 
 def _reasons(
-    request: Request, best: Proposals, next_goal: int, kept: list[int], options: Options
+    request: Request, best: Proposals, next_goal: int, counted: Sequence[int], options: Options
 ) -> list[Reason]:
-    """Return everything that is wrong with one request ``[1]`` and its best plan ``[]``."""
-    reasons = []
-    requirement = options.requirement
-    own, traffic = request.own, request.traffic
-    apart = np.hypot(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None])[0]
-    least = np.broadcast_to(separations(traffic, requirement), (1, apart.size))[0]
-    counts = np.broadcast_to(within_window(traffic, 0.0, 0.0), (1, apart.size))[0]
-    for number, far, wanted, now in zip(kept, apart, least, counts, strict=True):
-        if now and far < wanted:
-            what = f"is {far:.1f} m away at the request, expected {wanted:.1f} m or more"
-            place = 0.0, float(own.x[0]), float(own.y[0])
-            reasons.append(Reason.of(Kind.START_IN_VIOLATION, f"intruders[{number}]", what, *place))
-    reasons += _begins_inside(request)
+    """Return everything that the validator finds wrong with one request ``[1]`` and its best plan
+    ``[]``, or why there is none.
+    """
+    separation = _separations_now(request, options)
+    reasons = _begins_too_close(request, separation, counted) + _begins_inside(request)
     if next_goal < 0:
         return [*reasons, _no_goal(request, options)]
-    if best.last < 0 and best.too_short:
-        what = "ends before the plan does and may not be extended"
-        return [*reasons, Reason.of(Kind.ROUTE_TOO_SHORT, "route", what)]
     if best.last < 0:
-        what = f"cannot be rejoined within {options.rejoin_by:g} s by any manoeuvre that was tried"
-        return [*reasons, Reason.of(Kind.NO_REJOIN, "route", what)]
-    close, wrong = int(best.findings.intruder), np.flatnonzero(best.findings.wrong)
-    wanted = float(least[close]) + requirement.margin if close >= 0 else np.nan
-    if request.areas is not None and best.findings.area >= 0:
-        reasons.append(_area_finding(best.findings, request.areas.value, requirement.margin))
+        return [*reasons, _no_plan(best, options)]
+    found, margin = best.findings, options.requirement.margin
+    if request.areas is not None and found.area >= 0:
+        reasons.append(_area_finding(found, request.areas.value, margin))
+    close = int(found.intruder)
+    required = float(separation[close]) + margin if close >= 0 else np.nan
     return reasons + [
-        _finding(best.findings, number, kept, wanted)
-        for number in wrong.tolist()
+        _finding(found, number, counted, required)
+        for number in np.flatnonzero(found.wrong).tolist()
         if CHECKS[number] != Kind.AREA.value
     ]
+
+
+def _separations_now(request: Request, options: Options) -> Array:
+    """Return the separation that is to be kept from each intruder of one request, m, ``[K]``."""
+    traffic = request.traffic
+    each = separations(traffic, options.requirement)
+    return np.broadcast_to(each, traffic.mask.shape)[0]
+
+
+def _begins_too_close(request: Request, separation: Array, counted: Sequence[int]) -> list[Reason]:
+    """Return the intruders that are closer than the separation at the request already."""
+    own, traffic = request.own, request.traffic
+    away = np.hypot(traffic.state.x - own.x[:, None], traffic.state.y - own.y[:, None])[0]
+    counts = np.broadcast_to(within_window(traffic, 0.0, 0.0), traffic.mask.shape)[0]
+    place = 0.0, float(own.x[0]), float(own.y[0])
+    reasons = []
+    for number, far, wanted, now in zip(counted, away, separation, counts, strict=True):
+        if now and far < wanted:
+            what = f"is {far:.1f} m away at the request, expected {wanted:.1f} m or more"
+            reasons.append(Reason.of(Kind.START_IN_VIOLATION, f"intruders[{number}]", what, *place))
+    return reasons
+
+
+def _no_plan(best: Proposals, options: Options) -> Reason:
+    """Return why no manoeuvre was completed to a plan."""
+    if best.too_short:
+        what = "ends before the plan does and may not be extended"
+        return Reason.of(Kind.ROUTE_TOO_SHORT, "route", what)
+    what = f"cannot be rejoined within {options.rejoin_by:g} s by any manoeuvre that was tried"
+    return Reason.of(Kind.NO_REJOIN, "route", what)
 
 
 def _begins_inside(request: Request) -> list[Reason]:
@@ -294,6 +251,7 @@ def _area_finding(found: Findings, areas: Sequence[Counted], margin: float) -> R
 
 
 def _side(one: Counted) -> str:
+    """Return on which side of an area flight is allowed."""
     return "inside" if one.area.keep is Keep.IN else "outside"
 
 
@@ -303,9 +261,10 @@ def _of_area(kind: Kind, one: Counted, what: str, *place: float) -> Reason:
 
 
 def _no_goal(request: Request, options: Options) -> Reason:
+    """Return why no point of the route can be rejoined at."""
     own, x, y = request.own, request.route_x[0], request.route_y[0]
     nearest = float(np.min(np.hypot(x - own.x[0], y - own.y[0])))
-    ahead = eligible(request, replace(options, rejoin_by=1e9))[0, 0] >= 0
+    ahead = next_goals(request, replace(options, rejoin_by=1e9))[0, 0] >= 0
     if ahead:
         what = f"has no point that can be reached in time; the nearest is {nearest:.0f} m away"
         return Reason.of(Kind.GOAL_TOO_FAR, "route", what)
@@ -314,23 +273,19 @@ def _no_goal(request: Request, options: Options) -> Reason:
     )
 
 
-def _finding(found: Findings, check: int, kept: list[int], wanted: float) -> Reason:
-    """Return one finding of the validator as a reason."""
+def _finding(found: Findings, check: int, counted: Sequence[int], required: float) -> Reason:
+    """Return one finding of the validator as a reason; ``required`` is the distance from the
+    intruder that is too close first, m.
+    """
     kind = Kind(CHECKS[check])
     time, x, y = (float(field[check]) for field in (found.time, found.x, found.y))
     if kind is Kind.SEPARATION:
         what = (
-            f"comes closer than required from {time:.1f} s on, expected {wanted:.1f} m or more; "
+            f"comes closer than required from {time:.1f} s on, expected {required:.1f} m or more; "
             f"the smallest distance to any intruder is {found.min_separation:.1f} m at "
             f"{found.time_of_min_separation:.1f} s"
         )
-        return Reason.of(kind, f"intruders[{kept[int(found.intruder)]}]", what, time, x, y)
+        return Reason.of(kind, f"intruders[{counted[int(found.intruder)]}]", what, time, x, y)
     name = f"waypoints[{found.leg[check]}]"
-    return Reason(
-        kind,
-        name,
-        f"the leg to {name} fails the check of {kind.value} from {time:.1f} s on",
-        time,
-        x,
-        y,
-    )
+    what = f"the leg to {name} fails the check of {kind.value} from {time:.1f} s on"
+    return Reason(kind, name, what, time, x, y)

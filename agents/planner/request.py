@@ -1,4 +1,7 @@
-"""A request for a plan: states, intruders and route, checked and as arrays."""
+"""A request for a plan: states, intruders and route, checked and as arrays.
+
+Messages of what is refused name the field, the value and what was expected.
+"""
 
 import math
 from collections.abc import Sequence
@@ -7,18 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.answer import (
-    Advisory,
-    AdvisoryCode,
-    Apart,
-    Excluded,
-    Field,
-    RequestError,
-    Subject,
-)
+from agents.planner.answer import Excluded, Field, RequestError, Subject
 from agents.planner.fields import part_value, quote, real, sequence
-from agents.planner.levels import ALWAYS, Altitude, vertical_gap, window
+from agents.planner.levels import ALWAYS, Altitude, window
 from agents.planner.options import Options, speed_range
+from agents.planner.out_of_the_way import find_excluded
 from agents.planner.separation import same_flight
 from agents.planner.traffic import Traffic, Window, advance_reports
 from envs.arrays import Array
@@ -30,12 +26,8 @@ from envs.wind import Wind, narrow, through_air
 if TYPE_CHECKING:
     from agents.planner.areas import Counted
 
-SPEED_TOLERANCE = 1e-3
-"""m/s; far more than a leg may pass its limit by."""
-
 _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame, whatever the aircraft
-_LEAST = 1.0  # m of a separation
-_EARTH = 6.3e6  # m; less than every radius of curvature of the earth
+_LEAST = 1.0  # m of a separation, and between points of a route
 _STRONGEST = 150.0  # m/s of wind, beyond any on earth
 # rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
 _MOST_TURN = 32.0
@@ -113,74 +105,51 @@ def check_request(
     States are over the ground.
 
     Returns:
-        The request as arrays with N = 1, in the air mass, the intruders left out, and the numbers
-        of those that are in.
+        The request as arrays with N = 1, in the air mass, the intruders that are left out, and the
+        numbers of those that count.
 
     Raises:
         RequestError: something is missing, not finite, out of range or inconsistent.
     """
-    ground = _state(Field(Subject.OWN), own)
-    state = ground if wind is None else through_air(ground, wind, 0.0)
-    low, high = speed_range(options.aircraft.limits)
-    if not low <= state.speed <= high:
-        what = Field(Subject.OWN, "speed")
-        air = "" if wind is None else f", {state.speed:g} m/s through the air"
-        raise RequestError(what, f"is {ground.speed:g} m/s{air}, expected {low:g} to {high:g}")
-    _altitude(Field(Subject.OWN_ALTITUDE), own_altitude)
-    reports = [
-        _report(
-            Field(Subject.INTRUDERS, number=number),
-            given if isinstance(given, Intruder) else Intruder(given),
-            options,
-        )
-        for number, given in enumerate(sequence(Field(Subject.INTRUDERS), intruders))
-    ]
-    if wind is not None:
-        reports = [report_in_air(report, wind) for report in reports]
-        for number, report in enumerate(reports):
-            name = Field(Subject.INTRUDERS, "state.speed through the air", number)
-            real(name, report.state.speed, 0.0, FASTEST.speed_max, "m/s")
-    x, y = _route(route)
+    state = _check_own(own, options, wind)
+    _check_altitude(Field(Subject.OWN_ALTITUDE), own_altitude)
+    reports = _check_intruders(intruders, options, wind)
+    x, y = _check_route(route)
     blows = 0.0 if wind is None else wind.speed
     end = float(options.latest_end(state.speed, x, y, wind=blows))
-    excluded = _out_of_the_way(state, reports, own_altitude, end, options)
+    excluded = find_excluded(state, reports, own_altitude, end, options)
     out = {one.number for one in excluded}
-    kept = [number for number in range(len(reports)) if number not in out]
-    seen, age = arrays_of_reports([reports[number] for number in kept])
-    traffic = advance_reports(seen, age)
+    counted = [number for number in range(len(reports)) if number not in out]
+    request = Request(
+        own=VehicleState(*(np.array([value]) for value in state)),
+        traffic=_traffic_of(reports, counted, own_altitude, options),
+        route_x=x[None],
+        route_y=y[None],
+        points=np.array([x.size]),
+        drift=None if wind is None else (np.array([-wind.east]), np.array([-wind.north])),
+    )
+    return request, excluded, counted
+
+
+def _traffic_of(
+    reports: Sequence[Intruder],
+    counted: Sequence[int],
+    own_altitude: Altitude | None,
+    options: Options,
+) -> Traffic:
+    """Return those of the intruders that count, as of the request, ``[1, K]``."""
+    some = [reports[number] for number in counted]
+    reported, age = arrays_of_reports(some)
+    traffic = advance_reports(reported, age)
     # Plans are checked against the traffic as of the request: it must fly what the reports say, by
     # the validator's own arithmetic.
-    for number in np.flatnonzero(~same_flight(seen, age, traffic)[0]) if age.any() else ():
-        raise RequestError(
-            Field(Subject.INTRUDERS, number=kept[number]),
-            "cannot be advanced from its report to the request",
-        )
-    count = windows([reports[number] for number in kept], own_altitude, options)
-    traffic = traffic._replace(window=count)
-    one = VehicleState(*(np.array([value]) for value in state))
-    drift = None if wind is None else (np.array([-wind.east]), np.array([-wind.north]))
-    request = Request(one, traffic, x[None], y[None], np.array([x.size]), drift)
-    return request, excluded, kept
-
-
-def _out_of_the_way(
-    own: VehicleState,
-    reports: Sequence[Intruder],
-    own_altitude: Altitude | None,
-    end: float,
-    options: Options,
-) -> tuple[Excluded, ...]:
-    """Return the intruders that cannot come near until the plan's end, s, and why."""
-    excluded = list[Excluded]()
-    for number, report in enumerate(reports):
-        above = _vertically_apart(own_altitude, report, end, options)
-        if above is not None:
-            excluded.append(Excluded(number, above, end))
-            continue
-        far = _out_of_reach(own, report, end, options)
-        if far is not None:
-            excluded.append(Excluded(number, far, end, Apart.FAR))
-    return tuple(excluded)
+    if age.any():
+        for number in np.flatnonzero(~same_flight(reported, age, traffic)[0]):
+            raise RequestError(
+                Field(Subject.INTRUDERS, number=counted[number]),
+                "cannot be advanced from its report to the request",
+            )
+    return traffic._replace(window=windows(some, own_altitude, options))
 
 
 def latest_end(request: Request, options: Options) -> Array:
@@ -238,28 +207,47 @@ def report_in_air(report: Intruder, wind: Wind) -> Intruder:
     )
 
 
+class _Report(NamedTuple):
+    """Numbers of a report; floats, or arrays ``[1, K]``."""
+
+    x: Array  # m
+    y: Array
+    heading: Array  # rad
+    speed: Array  # m/s
+    turn_rate: Array  # these and the others as of :class:`Intruder`
+    turn_time: Array
+    position_std: Array
+    velocity_std: Array
+    age: Array
+
+
 def arrays_of_reports(reports: Sequence[Intruder]) -> tuple[Traffic, Array]:
     """Return checked reports as arrays as of their own times, and their ages, s, ``[1, K]``."""
     rows = [
-        (*one.state, one.turn_rate, one.turn_time, one.position_std, one.velocity_std, one.age)
+        _Report(
+            *one.state,
+            one.turn_rate,
+            one.turn_time,
+            one.position_std,
+            one.velocity_std,
+            one.age,
+        )
         for one in reports
     ]
-    each = np.array(rows, dtype=float).reshape(len(rows), 9).T[:, None, :]
-    x, y, heading, speed, *more, age = each
-    rate, lasts, position, drift = more
-    mask = np.ones((1, len(rows)), dtype=bool)
+    table = np.array(rows, dtype=float).reshape(len(rows), len(_Report._fields))
+    each = _Report(*table.T[:, None, :])
     own = [math.nan if one.separation is None else one.separation for one in reports]
-    separation = None if all(map(math.isnan, own)) else np.array([own], dtype=float)
-    return Traffic(
-        VehicleState(x, y, heading, speed),
-        mask,
-        rate,
-        lasts,
-        position,
-        drift,
-        0.0 * age,
-        separation,
-    ), age
+    traffic = Traffic(
+        state=VehicleState(each.x, each.y, each.heading, each.speed),
+        mask=np.ones((1, len(rows)), dtype=bool),
+        turn_rate=each.turn_rate,
+        turn_time=each.turn_time,
+        position_std=each.position_std,
+        velocity_std=each.velocity_std,
+        age=0.0 * each.age,
+        separation=None if all(map(math.isnan, own)) else np.array([own], dtype=float),
+    )
+    return traffic, each.age
 
 
 def windows(
@@ -280,58 +268,30 @@ def windows(
     return Window(begin, end)
 
 
-def finite(request: Request) -> None:
+def check_finite(request: Request) -> None:
     """Refuse, by a RequestError, requests ``[N]`` with a number of what exists that is not
     finite.
     """
-    traffic, exists = request.traffic, np.arange(request.route_x.shape[1]) < request.points[:, None]
-    fields = {f"own.{name}": (values, True) for name, values in request.own._asdict().items()}
-    seen = traffic.state._asdict() | traffic._asdict()
-    del seen["state"], seen["mask"], seen["separation"], seen["window"]
-    if traffic.separation is not None:
-        seen["separation"] = np.nan_to_num(traffic.separation, posinf=np.inf)
-    fields |= {f"intruders.{name}": (values, traffic.mask) for name, values in seen.items()}
-    fields |= {"route_x": (request.route_x, exists), "route_y": (request.route_y, exists)}
-    for name, (values, counts) in fields.items():
-        for where in np.argwhere(~np.isfinite(values) & counts):
-            raise RequestError(
-                f"{name}{where.tolist()}", f"is {values[tuple(where)]}, expected a finite number"
-            )
+    for name, values in request.own._asdict().items():
+        _check_numbers(f"own.{name}", values, True)
+    traffic = request.traffic
+    for name, values in traffic.state._asdict().items():
+        _check_numbers(f"intruders.{name}", values, traffic.mask)
+    for name in ("turn_rate", "turn_time", "position_std", "velocity_std", "age"):
+        _check_numbers(f"intruders.{name}", getattr(traffic, name), traffic.mask)
+    if traffic.separation is not None:  # nan: none of its own
+        separation = np.nan_to_num(traffic.separation, posinf=np.inf)
+        _check_numbers("intruders.separation", separation, traffic.mask)
+    exists = np.arange(request.route_x.shape[1]) < request.points[:, None]
+    _check_numbers("route_x", request.route_x, exists)
+    _check_numbers("route_y", request.route_y, exists)
 
 
-def eligible(request: Request, options: Options) -> Array:
-    """Return the numbers of the route's points that may be rejoined at, the next one first, ``[N,
-    goals]``; -1: none.
-
-    A point counts as passed when the ownship is within the goal radius of it, or beyond it in the
-    direction in which the route goes on there. Points that cannot be reached in time at the
-    greatest speed are left out. Of points round areas only the next one is rejoined at.
-    """
-    x, y, points = request.route_x, request.route_y, request.points
-    number = np.arange(x.shape[1])
-    exists = number < points[:, None]
-    rows, leg = np.arange(points.size)[:, None], np.minimum(number, points[:, None] - 2)
-    dx, dy = (field[rows, leg + 1] - field[rows, leg] for field in (x, y))
-    off_x, off_y = request.own.x[:, None] - x, request.own.y[:, None] - y
-    far = np.hypot(off_x, off_y) - options.aircraft.goal_radius
-    passed = ((off_x * dx + off_y * dy > 0.0) | (far <= 0.0)) & exists
-    first = np.argmin(
-        np.concatenate([passed, np.zeros((points.size, 1), dtype=bool)], axis=1), axis=1
-    )
-    fastest = np.maximum(options.manoeuvre.speed_max, request.own.speed)[:, None]
-    near = far <= fastest * options.rejoin_by
-    if request.drift is not None:  # who can meet what drifts more slowly once, can later too
-        later_x, later_y = drift_points((x, y), request.drift, options.rejoin_by)
-        later = np.hypot(request.own.x[:, None] - later_x, request.own.y[:, None] - later_y)
-        near = later - options.aircraft.goal_radius <= fastest * options.rejoin_by
-    if request.of_route is None:
-        chosen = first[:, None] + np.arange(options.goals)
-    else:  # of one request
-        ahead = np.flatnonzero((request.of_route[0] >= 0) | (number == 0))
-        chosen = np.append(ahead, np.full(options.goals, x.shape[1]))[None, : options.goals]
-    inside = chosen < points[:, None]
-    chosen = np.where(inside, chosen, 0)
-    return np.where(inside & (near & exists)[rows, chosen], chosen, -1)
+def _check_numbers(name: str, values: Array, counts: Array) -> None:
+    """Refuse numbers that are not finite where they count."""
+    for where in np.argwhere(~np.isfinite(values) & counts):
+        what = f"is {values[tuple(where)]}, expected a finite number"
+        raise RequestError(f"{name}{where.tolist()}", what)
 
 
 def drift_points(
@@ -348,57 +308,38 @@ def drift_points(
     return x + east * time, y + north * time
 
 
-def assumptions(
-    own: Altitude | None, intruders: Sequence[VehicleState | Intruder], options: Options
-) -> list[Advisory]:
-    """Return which vertical speeds are unknown and assumed, of those that the vertical filter
-    uses.
-    """
-    if own is None:
-        return []
-    compared = [
-        (number, one.altitude)
-        for number, one in enumerate(intruders)
-        if isinstance(one, Intruder)
-        and one.altitude is not None
-        and one.altitude.reference == own.reference
+def _check_own(own: Any, options: Options, wind: Wind | None) -> VehicleState:
+    """Return the state of the ownship in floats, in the air mass."""
+    ground = _check_state(Field(Subject.OWN), own)
+    state = ground if wind is None else through_air(ground, wind, 0.0)
+    low, high = speed_range(options.aircraft.limits)
+    if not low <= state.speed <= high:
+        air = "" if wind is None else f", {state.speed:g} m/s through the air"
+        what = f"is {ground.speed:g} m/s{air}, expected {low:g} to {high:g}"
+        raise RequestError(Field(Subject.OWN, "speed"), what)
+    return state
+
+
+def _check_intruders(intruders: Any, options: Options, wind: Wind | None) -> list[Intruder]:
+    """Return the reports of the intruders, in the air mass."""
+    reports = [
+        _check_report(
+            Field(Subject.INTRUDERS, number=number),
+            given if isinstance(given, Intruder) else Intruder(given),
+            options,
+        )
+        for number, given in enumerate(sequence(Field(Subject.INTRUDERS), intruders))
     ]
-    fields = [
-        Field(Subject.INTRUDERS, "altitude.vertical_speed", number)
-        for number, altitude in compared
-        if altitude.vertical_speed is None
-    ]
-    if compared and own.vertical_speed is None:
-        fields.insert(0, Field(Subject.OWN_ALTITUDE, "vertical_speed"))
-    return [unknown_climb_of(field, options) for field in fields]
+    if wind is None:
+        return reports
+    reports = [report_in_air(report, wind) for report in reports]
+    for number, report in enumerate(reports):
+        name = Field(Subject.INTRUDERS, "state.speed through the air", number)
+        real(name, report.state.speed, 0.0, FASTEST.speed_max, "m/s")
+    return reports
 
 
-def own_separations(
-    intruders: Sequence[VehicleState | Intruder], options: Options
-) -> list[Advisory]:
-    """Return which intruders are kept other separations from than the others, and which."""
-    usual = {
-        "separation": options.requirement.separation,
-        "vertical_separation": options.vertical_filter,
-    }
-    found = []
-    for number, one in enumerate(intruders):
-        for name, others in usual.items():
-            metres = getattr(one, name, None)
-            if metres is not None and metres != others:
-                what = f"is {metres:g} m, of the others {others:g} m"
-                field = Field(Subject.INTRUDERS, name, number)
-                found.append(Advisory(AdvisoryCode.OWN_SEPARATION, field, what))
-    return found
-
-
-def unknown_climb_of(field: Field, options: Options) -> Advisory:
-    """Return that a vertical speed is unknown, and what is assumed."""
-    what = f"is unknown and taken as up to {options.unknown_climb:g} m/s either way"
-    return Advisory(AdvisoryCode.ASSUMED, field, what)
-
-
-def _state(name: Field, state: Any) -> VehicleState:
+def _check_state(name: Field, state: Any) -> VehicleState:
     """Return a state of plain floats, heading wrapped."""
     if not isinstance(state, VehicleState):
         raise RequestError(name, f"is {type(state).__name__}, expected a VehicleState")
@@ -409,7 +350,8 @@ def _state(name: Field, state: Any) -> VehicleState:
     return VehicleState(x, y, math.remainder(heading, 2.0 * math.pi), speed)
 
 
-def _altitude(name: Field, altitude: Any) -> None:
+def _check_altitude(name: Field, altitude: Any) -> None:
+    """Refuse what is neither an altitude nor None."""
     if altitude is None:
         return
     if not isinstance(altitude, Altitude):
@@ -424,10 +366,11 @@ def _altitude(name: Field, altitude: Any) -> None:
         raise RequestError(name.part("reference"), what)
 
 
-def _report(name: Field, report: Intruder, options: Options) -> Intruder:
-    state = _state(name, report.state)
+def _check_report(name: Field, report: Intruder, options: Options) -> Intruder:
+    """Return a report of plain floats, over the ground."""
+    state = _check_state(name, report.state)
     if report.altitude is not None:
-        _altitude(name.part("altitude"), report.altitude)
+        _check_altitude(name.part("altitude"), report.altitude)
     age = part_value(name, "age", report.age, -0.5, math.inf, "s")
     if age > options.max_age:
         raise RequestError(
@@ -442,96 +385,53 @@ def _report(name: Field, report: Intruder, options: Options) -> Intruder:
             "rad at most"
         )
         raise RequestError(name.part("turn_time"), what)
+    vertical = report.vertical_separation
     return Intruder(
-        state,
-        age,
-        rate,
-        lasts,
-        part_value(name, "position_std", report.position_std, 0.0, 10_000.0, "m"),
-        part_value(name, "velocity_std", report.velocity_std, 0.0, 100.0, "m/s"),
-        report.altitude,
-        _own(name, "separation", report.separation),
-        _own(name, "vertical_separation", report.vertical_separation),
+        state=state,
+        age=age,
+        turn_rate=rate,
+        turn_time=lasts,
+        position_std=part_value(name, "position_std", report.position_std, 0.0, 10_000.0, "m"),
+        velocity_std=part_value(name, "velocity_std", report.velocity_std, 0.0, 100.0, "m/s"),
+        altitude=report.altitude,
+        separation=_check_separation(name, "separation", report.separation),
+        vertical_separation=_check_separation(name, "vertical_separation", vertical),
     )
 
 
-def _own(name: Field, kind: str, separation: Any) -> float | None:
-    """Return a separation of an intruder's own, m."""
+def _check_separation(name: Field, kind: str, separation: Any) -> float | None:
+    """Return a separation of an intruder's own, m; None: it has none."""
     if separation is None:
         return None
     return part_value(name, kind, separation, _LEAST, _FARTHEST, "m")
 
 
-def _vertically_apart(
-    own: Altitude | None, report: Intruder, end: float, options: Options
-) -> str | None:
-    """Return why an intruder is vertically out of the way until the plan's end, or None."""
-    if own is None or report.altitude is None:
-        return None
-    least = abs(vertical_gap(own, report.altitude, report.age, end, options.unknown_climb))
-    if least <= report.vertical(options):
-        return None
-    return f"stays {least:.0f} m above or below ({own.reference}) for {end:.0f} s"
-
-
-def _out_of_reach(own: VehicleState, report: Intruder, end: float, options: Options) -> str | None:
-    """Return why an intruder cannot come near until the plan's end, or None.
-
-    However both turn, neither flies farther than its speed times the time. The intruder may be as
-    fast as traffic is, whatever its report says, and its uncertainty grows until the end.
-    """
-    away = least_distance(own, report.state)
-    time = abs(report.age) + end
-    speed = max(report.state.speed, options.aircraft.traffic_speed_max)
-    fastest = max(own.speed, options.limits.speed_max) + SPEED_TOLERANCE
-    spread = math.hypot(report.position_std, report.velocity_std * time)
-    wanted = options.requirement
-    separation = wanted.separation if report.separation is None else report.separation
-    required = separation + wanted.margin + wanted.sigmas * spread
-    if away - speed * time - fastest * end <= required:
-        return None
-    return f"is {away / 1e3:.0f} km away, out of reach within {end:.0f} s"
-
-
-def least_distance(own: VehicleState, other: VehicleState) -> float:
-    """Return a distance on the earth that two places in a local frame are at least apart, m.
-
-    The frame is true from its origin outwards and stretches what lies across: by d^2 / (6 R^2) at a
-    distance d (azimuthal equidistant projection; 0.04 % at 300 km).
-    """
-    farthest = max(math.hypot(own.x, own.y), math.hypot(other.x, other.y))
-    stretch = 1.0 + (farthest / _EARTH) ** 2 / 5.0
-    return math.hypot(other.x - own.x, other.y - own.y) / stretch
-
-
-def _route(route: Any) -> tuple[Array, Array]:
+def _check_route(route: Any) -> tuple[Array, Array]:
+    """Return the places of a route's points, m, ``[R]`` each."""
     points = sequence(Field(Subject.ROUTE), route)
     if len(points) < 2:
         raise RequestError(Field(Subject.ROUTE), f"has {len(points)} points, expected 2 or more")
     indices: set[int] = set()
-    x, y = [], []
+    x, y = list[float](), list[float]()
     for number, point in enumerate(points):
         name = Field(Subject.ROUTE, number=number)
         if not isinstance(point, RoutePoint):
             raise RequestError(name, f"is {type(point).__name__}, expected a RoutePoint")
-        if (
-            isinstance(point.index, bool)
-            or not isinstance(point.index, int)
-            or not 0 <= point.index < 2**31
-        ):
-            raise RequestError(
-                name.part("index"),
-                f"is {quote(point.index)}, expected an integer from 0 to 2147483647",
-            )
-        if point.index in indices:
-            raise RequestError(
-                name.part("index"), f"is {quote(point.index)} again, expected one of its own"
-            )
+        _check_index(name.part("index"), point.index, indices)
         indices.add(point.index)
         x.append(part_value(name, "x", point.x, -_FARTHEST, _FARTHEST, "m"))
         y.append(part_value(name, "y", point.y, -_FARTHEST, _FARTHEST, "m"))
-        if number and math.hypot(x[-1] - x[-2], y[-1] - y[-2]) < 1.0:
+        if number and math.hypot(x[-1] - x[-2], y[-1] - y[-2]) < _LEAST:
             raise RequestError(
                 name, "is closer than 1 m to the point before it, expected another place"
             )
     return np.array(x), np.array(y)
+
+
+def _check_index(name: Field, index: Any, taken: set[int]) -> None:
+    """Refuse what is no index, and one that is taken."""
+    whole = isinstance(index, int) and not isinstance(index, bool)
+    if not whole or not 0 <= index < 2**31:
+        raise RequestError(name, f"is {quote(index)}, expected an integer from 0 to 2147483647")
+    if index in taken:
+        raise RequestError(name, f"is {quote(index)} again, expected one of its own")

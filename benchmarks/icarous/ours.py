@@ -20,7 +20,7 @@ from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import Plan, RequestError
 from agents.planner.options import Options
 from agents.planner.planner import plan
-from agents.planner.publish import reconstruct
+from agents.planner.recheck import reconstruct
 from agents.planner.request import Intruder
 from agents.policy.inference import Policy
 from benchmarks.icarous.flights import Flight

@@ -18,7 +18,7 @@ from agents.assurance import single as watch
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Thresholds
-from agents.planner.publish import reconstruct
+from agents.planner.recheck import reconstruct
 from agents.planner.request import Altitude, Intruder
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame

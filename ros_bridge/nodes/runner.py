@@ -40,7 +40,7 @@ from rlcas_msgs.msg import Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
 from agents.planner.answer import AdvisoryCode, Plan, RequestError
-from agents.planner.publish import recheck
+from agents.planner.recheck import recheck
 from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import load_policy

@@ -15,7 +15,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 
 from agents.planner.answer import AdvisoryCode, Apart, Plan
 from agents.planner.planner import plan
-from agents.planner.publish import recheck
+from agents.planner.recheck import recheck
 from agents.planner.request import check_request
 from agents.policy.inference import Policy
 from envs.formats.local_frame import LocalFrame

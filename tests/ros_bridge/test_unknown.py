@@ -18,7 +18,9 @@ import pytest
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from agents.planner.answer import AdvisoryCode
-from agents.planner.request import Altitude, Intruder, assumptions, check_request, vertical_gap
+from agents.planner.levels import vertical_gap
+from agents.planner.remarks import assumed_climbs
+from agents.planner.request import Altitude, Intruder, check_request
 from envs.kinematics import VehicleState
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core import conversions
@@ -248,7 +250,7 @@ def _says(reader: str, unsaid: frozenset[str], wanted: PlanTask) -> None:
     """Check that every assumption is said, and no other."""
     said = [
         *wanted.notes,
-        *assumptions(wanted.own_altitude, wanted.intruders, wanted.options),
+        *assumed_climbs(wanted.own_altitude, wanted.intruders, wanted.options),
     ]
     fields = {str(one.field) for one in said if one.code is AdvisoryCode.ASSUMED}
     expected = {

@@ -12,7 +12,7 @@ from agents.assurance.bands import Bands, heading_bands, recovery, speed_bands
 from agents.assurance.inputs import no_areas
 from agents.planner import Options, plan
 from agents.planner.areas import Counted, required_distances
-from agents.planner.publish import reconstruct
+from agents.planner.recheck import reconstruct
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER

@@ -17,7 +17,7 @@ from agents.assurance.state import State
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.planner.areas import Counted
 from agents.planner.options import Options
-from agents.planner.publish import reconstruct
+from agents.planner.recheck import reconstruct
 from agents.planner.request import Altitude
 from agents.planner.traffic import Requirement
 from envs.aircraft import PAPER

@@ -16,7 +16,7 @@ from agents.assurance.state import State
 from agents.planner.answer import Plan
 from agents.planner.areas import Counted
 from agents.planner.options import Options
-from agents.planner.publish import reconstruct
+from agents.planner.recheck import reconstruct
 from agents.planner.request import Intruder
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle

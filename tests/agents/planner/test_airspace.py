@@ -9,7 +9,7 @@ import pytest
 
 from agents.planner.answer import AdvisoryCode, Kind, Plan, RequestError
 from agents.planner.planner import plan
-from agents.planner.publish import recheck
+from agents.planner.recheck import recheck
 from agents.planner.request import Altitude, Options
 from agents.policy.inference import Policy
 from envs.area_geometry import signed_distance

@@ -25,16 +25,11 @@ from agents.planner.answer import (
     Status,
 )
 from agents.planner.candidates import evaluate
-from agents.planner.planner import eligible, plan, plan_many
-from agents.planner.publish import recheck
-from agents.planner.request import (
-    Altitude,
-    Intruder,
-    Options,
-    Request,
-    arrays_of_reports,
-    least_distance,
-)
+from agents.planner.goals import next_goals
+from agents.planner.out_of_the_way import least_distance
+from agents.planner.planner import plan, plan_many
+from agents.planner.recheck import recheck
+from agents.planner.request import Altitude, Intruder, Options, Request, arrays_of_reports
 from agents.planner.rollout import roll
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy
@@ -297,7 +292,7 @@ def test_the_next_point_is_the_first_that_lies_ahead() -> None:
         column = np.zeros((1, 0))
         nobody = Traffic.straight(VehicleState(column, column, column, column))
         points = np.array([[0.0, 5_000.0, 10_000.0, 15_000.0]])
-        return eligible(Request(own, nobody, points, points * 0.0, np.array([4])), OPTIONS)[
+        return next_goals(Request(own, nobody, points, points * 0.0, np.array([4])), OPTIONS)[
             0
         ].tolist()
 

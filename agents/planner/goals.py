@@ -1,0 +1,65 @@
+"""The goals of a request: points of the route at which a plan may rejoin it."""
+
+import numpy as np
+
+from agents.planner.options import Options
+from agents.planner.request import Request, drift_points
+from envs.arrays import Array
+
+
+def next_goals(request: Request, options: Options) -> Array:
+    """Return the numbers of the route's points that may be rejoined at, the next one first, ``[N,
+    goals]``; -1: none.
+
+    Points that are passed are left out, and those that cannot be reached in time at the greatest
+    speed. Of points round areas only the next one is rejoined at.
+    """
+    number = np.arange(request.route_x.shape[1])
+    exists = number < request.points[:, None]
+    # From the points to the ownship, m, [N, R].
+    off_x = request.own.x[:, None] - request.route_x
+    off_y = request.own.y[:, None] - request.route_y
+    away = np.hypot(off_x, off_y) - options.aircraft.goal_radius
+    possible = _in_time(request, away, options) & exists
+    if request.of_route is None:
+        passed = _passes(request, number, (off_x, off_y)) | (away <= 0.0)
+        goals = _first_ahead(passed & exists)[:, None] + np.arange(options.goals)
+    else:  # of one request
+        ahead = np.flatnonzero((request.of_route[0] >= 0) | (number == 0))
+        none = np.full(options.goals, number.size)
+        goals = np.append(ahead, none)[None, : options.goals]
+    inside = goals < request.points[:, None]
+    goals = np.where(inside, goals, 0)
+    rows = np.arange(request.points.size)[:, None]
+    return np.where(inside & possible[rows, goals], goals, -1)
+
+
+def _passes(request: Request, number: Array, off: tuple[Array, Array]) -> Array:
+    """Return whether the ownship, off the points by so much, m, is beyond them in the direction in
+    which the route goes on there, bool ``[N, R]``.
+    """
+    rows = np.arange(request.points.size)[:, None]
+    leg = np.minimum(number, request.points[:, None] - 2)
+    dx, dy = (
+        field[rows, leg + 1] - field[rows, leg] for field in (request.route_x, request.route_y)
+    )
+    off_x, off_y = off
+    return off_x * dx + off_y * dy > 0.0
+
+
+def _first_ahead(passed: Array) -> Array:
+    """Return the number of the first point that is not passed, ``[N]``; R where all are."""
+    never = np.zeros((len(passed), 1), dtype=bool)
+    return np.argmin(np.concatenate([passed, never], axis=1), axis=1)
+
+
+def _in_time(request: Request, away: Array, options: Options) -> Array:
+    """Return which points, so far away now, m, can be reached in time, bool ``[N, R]``."""
+    own = request.own
+    fastest = np.maximum(options.manoeuvre.speed_max, own.speed)[:, None]
+    if request.drift is not None:  # who can meet what drifts more slowly once, can later too
+        points = request.route_x, request.route_y
+        later_x, later_y = drift_points(points, request.drift, options.rejoin_by)
+        away = np.hypot(own.x[:, None] - later_x, own.y[:, None] - later_y)
+        away = away - options.aircraft.goal_radius
+    return away <= fastest * options.rejoin_by

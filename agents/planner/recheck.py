@@ -1,0 +1,94 @@
+"""A plan looked at again: by a receiver of its waypoints, and when it comes late."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from agents.planner.airspace import amid
+from agents.planner.answer import Kind, Plan, Reason, RequestError, Source, Status
+from agents.planner.candidates import find_faults
+from agents.planner.levels import Altitude
+from agents.planner.options import Options, check
+from agents.planner.out_of_the_way import unproven_exclusions
+from agents.planner.request import Intruder, check_request, in_wind
+from agents.planner.validator import CHECKS
+from envs.areas import Area
+from envs.kinematics import VehicleState
+from envs.waypoints import PlanStates, RoutePoint, Waypoint, plan_states
+from envs.wind import Wind
+
+JOIN = 5
+"""Least time to the waypoint at which a late plan is joined, time steps; a shorter leg turns hard
+on any error.
+"""
+
+
+def reconstruct(waypoints: tuple[Waypoint, ...], wind: Wind | None = None) -> Plan:
+    """Return a plan as a receiver of its waypoints and its wind has it: only SAFE ones have any."""
+    return Plan(
+        status=Status.SAFE if waypoints else Status.UNRESOLVED,
+        source=Source.NONE,
+        reasons=(),
+        min_separation=np.nan,
+        time_of_min_separation=np.nan,
+        goal_index=None,
+        rejoin_time=np.nan,
+        excluded=(),
+        waypoints=waypoints,
+        wind=wind,
+    )
+
+
+def recheck(  # noqa: PLR0913 - a plan, and all of a request
+    plan: Plan,
+    late: float,
+    own: VehicleState,
+    intruders: Sequence[VehicleState | Intruder],
+    route: Sequence[RoutePoint],
+    options: Options,
+    own_altitude: Altitude | None = None,
+    wind: Wind | None = None,
+    *,
+    areas: Sequence[Area] = (),
+) -> Plan:
+    """Return a plan as checked some time after its request, by what is there then: SAFE only if it
+    still is.
+
+    Args:
+        plan: as it was made.
+        late: how long after its request it is found, s.
+        own: these, the wind and the areas as of then, as :func:`agents.planner.planner.plan` takes
+            them.
+    """
+    if not plan.safe or late <= 0.0:
+        return plan
+    least = JOIN * options.aircraft.dt
+    left = [
+        replace(point, time=point.time - late)
+        for point in plan.waypoints
+        if point.time - late >= least
+    ]
+    try:
+        check(options)
+        options = options if wind is None else in_wind(options, wind)
+        request, excluded, _ = check_request(own, intruders, route, options, own_altitude, wind)
+        request, _ = amid(request, areas, own_altitude, options, wind)
+    except RequestError as error:
+        return _void(plan, late, str(error))
+    curve = PlanStates(*(field[None] for field in plan_states(own, left, wind=wind)))
+    found = find_faults(curve, request, options)
+    nearer = unproven_exclusions(excluded, left[-1]) if left else []
+    if nearer:
+        return _void(plan, late, nearer[0].message)
+    if bool(found.safe[0]):
+        return plan
+    wrong = ", ".join(CHECKS[number] for number in np.flatnonzero(found.wrong[0]))
+    return _void(plan, late, f"from the states by then it fails the checks: {wrong}")
+
+
+def _void(plan: Plan, late: float, why: str) -> Plan:
+    """Return a plan that is not SAFE any more, with the reason."""
+    message = f"plan was found {late:.1f} s after the request and is too late: {why}"
+    reason = Reason(Kind.SEPARATION, "plan", message)
+    return replace(plan, status=Status.UNRESOLVED, reasons=(reason,))

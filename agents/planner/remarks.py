@@ -1,0 +1,119 @@
+"""Remarks to a plan for the operator: what the policy was not trained for, what is unknown and
+assumed, and which intruders are kept other separations from than the others.
+"""
+
+from collections.abc import Sequence
+
+from agents.planner.answer import Advisory, AdvisoryCode, Field, Subject
+from agents.planner.levels import Altitude
+from agents.planner.options import Options
+from agents.planner.request import Intruder, Request
+from agents.planner.sight import shares
+from agents.policy.domain import departures
+from agents.policy.inference import Policy
+from envs.kinematics import VehicleState
+from envs.trees import take
+from envs.wind import Wind, through_air
+
+
+def outside_domain(
+    own: VehicleState,
+    request: Request,
+    goal: int,
+    intruders: Sequence[VehicleState | Intruder],
+    wind: Wind | None,
+    policy: Policy,
+    options: Options,
+) -> list[Advisory]:
+    """Return what of one request ``[1]`` the policy was not trained for.
+
+    Args:
+        own: state of the ownship in floats, in the air mass as the request is.
+        request: whose traffic and route the policy looks at.
+        goal: number of the route's point that comes next; -1: none lies ahead, and the policy
+            decides nothing.
+        intruders: as they were reported, over the ground.
+        wind: in which they fly.
+        policy: that is asked.
+        options: of the plan.
+    """
+    found = departures(policy.domain, _traffic_quantities(intruders, wind))
+    if goal >= 0:
+        traffic = take(request.traffic, 0)
+        others = list(map(VehicleState, *(field.tolist() for field in traffic.state)))
+        share = shares(traffic, options.requirement)
+        to_x, to_y = float(request.route_x[0, goal]), float(request.route_y[0, goal])
+        found += policy.departures(own, others, to_x, to_y, share)
+    return [Advisory(AdvisoryCode.OUTSIDE_DOMAIN, *departure) for departure in found]
+
+
+def _traffic_quantities(
+    intruders: Sequence[VehicleState | Intruder], wind: Wind | None
+) -> dict[str, list[float]]:
+    """Return the quantities of the operating domain (:mod:`agents.policy.domain`) that the traffic
+    has, SI; distances are left out, because far intruders do not matter.
+    """
+    reported = [one for one in intruders if isinstance(one, Intruder)]
+    return {
+        "intruders": [len(intruders)],
+        "intruder_speed": [_airspeed(one, wind) for one in intruders],
+        "intruder_turn_rate": [abs(one.turn_rate) for one in reported],
+        "position_std": [one.position_std for one in reported],
+        "velocity_std": [one.velocity_std for one in reported],
+        "latency": [one.age for one in reported],
+    }
+
+
+def _airspeed(one: VehicleState | Intruder, wind: Wind | None) -> float:
+    state = one.state if isinstance(one, Intruder) else one
+    return state.speed if wind is None else through_air(state, wind, 0.0).speed
+
+
+def assumed_climbs(
+    own: Altitude | None, intruders: Sequence[VehicleState | Intruder], options: Options
+) -> list[Advisory]:
+    """Return which vertical speeds are unknown and assumed, of those that the vertical filter
+    uses.
+    """
+    if own is None:
+        return []
+    compared = [
+        (number, one.altitude)
+        for number, one in enumerate(intruders)
+        if isinstance(one, Intruder)
+        and one.altitude is not None
+        and one.altitude.reference == own.reference
+    ]
+    fields = [
+        Field(Subject.INTRUDERS, "altitude.vertical_speed", number)
+        for number, altitude in compared
+        if altitude.vertical_speed is None
+    ]
+    if compared and own.vertical_speed is None:
+        fields.insert(0, Field(Subject.OWN_ALTITUDE, "vertical_speed"))
+    return [assumed_climb(field, options) for field in fields]
+
+
+def assumed_climb(field: Field, options: Options) -> Advisory:
+    """Return that a vertical speed is unknown, and what is assumed."""
+    what = f"is unknown and taken as up to {options.unknown_climb:g} m/s either way"
+    return Advisory(AdvisoryCode.ASSUMED, field, what)
+
+
+def own_separations(
+    intruders: Sequence[VehicleState | Intruder], options: Options
+) -> list[Advisory]:
+    """Return which intruders are kept other separations from than the others, and which."""
+    usual = {
+        "separation": options.requirement.separation,
+        "vertical_separation": options.vertical_filter,
+    }
+    found = []
+    for number, one in enumerate(intruders):
+        for name, others in usual.items():
+            metres = getattr(one, name, None)
+            if metres is not None and metres != others:
+                what = f"is {metres:g} m, of the others {others:g} m"
+                field = Field(Subject.INTRUDERS, name, number)
+                found.append(Advisory(AdvisoryCode.OWN_SEPARATION, field, what))
+    return found
