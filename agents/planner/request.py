@@ -144,7 +144,7 @@ def _traffic_of(
     # Plans are checked against the traffic as of the request: it must fly what the reports say, by
     # the validator's own arithmetic.
     if age.any():
-        for number in np.flatnonzero(~same_flight(reported, age, traffic)[0]):
+        for number in np.flatnonzero(~same_flight(reported, age, traffic)[0]).tolist():
             raise RequestError(
                 Field(Subject.INTRUDERS, number=counted[number]),
                 "cannot be advanced from its report to the request",

@@ -238,30 +238,20 @@ class Policy:
             raise ValueError(
                 f"mask has shape {exist.shape}, expected {shape} and an axis of the intruders"
             )
-        own = VehicleState(
-            *(_shape(f"own.{name}", field, shape) for name, field in own._asdict().items())
-        )
+        own = _states("own", own, shape)
         goal_x, goal_y = _shape("goal_x", goal_x, shape), _shape("goal_y", goal_y, shape)
-        fields = intruders._asdict().items()
-        seen = VehicleState(
-            *(_shape(f"intruders.{name}", field, exist.shape) for name, field in fields)
-        )
-        if share is not None:
-            share = _shape("share", share, exist.shape)
+        seen = _states("intruders", intruders, exist.shape)
+        shares = None if share is None else _shape("share", share, exist.shape)
         if exist.shape[-1] > self.most:
             self.check_intruders(int(np.max(np.count_nonzero(exist, axis=-1), initial=0)))
-            order = self.most_critical(own, seen, exist, share)
-            seen, exist, share = map_leaves(
-                lambda field: np.take_along_axis(field, order, axis=-1), (seen, exist, share)
+            order = self.most_critical(own, seen, exist, shares)
+            seen, exist, shares = map_leaves(
+                lambda field: np.take_along_axis(field, order, axis=-1), (seen, exist, shares)
             )
-        one, wide = (
-            VehicleState(*(field.reshape(-1) for field in own)),
-            (own.x.size, exist.shape[-1]),
-        )
-        each, exist, share = map_leaves(lambda field: field.reshape(wide), (seen, exist, share))
-        actions = self._resolver.of_states(
-            one, each, exist, goal_x.reshape(-1), goal_y.reshape(-1), share
-        )
+        wide = own.x.size, exist.shape[-1]
+        one, to_x, to_y = map_leaves(lambda field: field.reshape(-1), (own, goal_x, goal_y))
+        each, exist, shares = map_leaves(lambda field: field.reshape(wide), (seen, exist, shares))
+        actions = self._resolver.of_states(one, each, exist, to_x, to_y, shares)
         return _clip(actions).astype(float).reshape(*shape, 2)
 
     def command_one(
@@ -341,7 +331,14 @@ def _network(
     return SetNetwork(content, dtype, inputs) if content.of_set else EightNetwork(content, dtype)
 
 
+def _states(name: str, states: VehicleState, shape: tuple[int, ...]) -> VehicleState:
+    """Return states as arrays of a shape; raises a ValueError that names the field of another."""
+    fields = states._asdict().items()
+    return VehicleState(*(_shape(f"{name}.{field}", values, shape) for field, values in fields))
+
+
 def _shape(name: str, values: Array, shape: tuple[int, ...]) -> np.ndarray:
+    """Return numbers as an array of a shape; raises a ValueError where they have another."""
     try:
         return np.broadcast_to(np.asarray(values, float), shape)
     except ValueError:
