@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.planner.levels import Altitude
-from agents.planner.separation import FINE, along, position_error_bound
+from agents.planner.separation import FINE, Arcs, along, arcs_of, position_error_bound
 from agents.planner.validator import CLOSE, ROUNDING
 from envs.area_geometry import (
     Parts,
@@ -27,7 +27,7 @@ from envs.area_geometry import (
 from envs.areas import Area, Keep, Level
 from envs.arrays import Array
 from envs.kinematics import VehicleState
-from envs.trees import first_of_each, take
+from envs.trees import first_of_each, map_leaves, take
 from envs.waypoints import ARCS, Legs, PlanStates
 
 NEARER = 0.01
@@ -48,7 +48,7 @@ class Counted(NamedTuple):
 class AreaFindings(NamedTuple):
     """What plans keep of the clearance from areas; fields ``[N]``."""
 
-    wrong: Array  # whether the clearance from some area is not kept, bool
+    wrong: Array  # whether the clearance from some area is lost, bool
     area: Array  # number of the area of which it is lost first; -1 where it is kept
     leg: Array  # number of the leg on which that is; -1
     time: Array  # when it begins to be lost, s; nan
@@ -67,21 +67,21 @@ class AreaFindings(NamedTuple):
         """Return that no area counts, ``[count]``."""
         none, nan = np.full(count, -1), np.full(count, np.nan)
         return cls(
-            np.zeros(count, dtype=bool),
-            none,
-            none.copy(),
-            nan,
-            nan.copy(),
-            nan.copy(),
-            nan.copy(),
-            np.full(count, np.inf),
-            none.copy(),
-            nan.copy(),
+            wrong=np.zeros(count, dtype=bool),
+            area=none,
+            leg=none.copy(),
+            time=nan,
+            until=nan.copy(),
+            x=nan.copy(),
+            y=nan.copy(),
+            clearance=np.full(count, np.inf),
+            nearest=none.copy(),
+            time_of_clearance=nan.copy(),
         )
 
 
-class _Arcs(NamedTuple):
-    """The arcs of plans in a row; fields ``[N, A]``."""
+class _Chords(NamedTuple):
+    """The arcs of plans in a row, or parts of them, as their chords; fields ``[N, A]``."""
 
     begin: Array  # s after the request
     end: Array
@@ -195,7 +195,7 @@ def judge(
     found = AreaFindings.blank(len(plan_states.time))
     if not areas:
         return found
-    arcs = _arcs(plan_states, curves)
+    arcs = _chords(plan_states, curves)
     for number, one in enumerate(areas):
         if required is None:
             need = required_distances(one, arcs.x0[:, 0], arcs.y0[:, 0], margin)
@@ -213,38 +213,34 @@ def required_distances(one: Counted, x: Array, y: Array, margin: float) -> Array
     return np.clip(signed_distance(one.area, x, y) - NEARER, 0.0, wanted)
 
 
-def _arcs(plan_states: PlanStates, curves: Legs) -> _Arcs:
+def _chords(plan_states: PlanStates, curves: Legs) -> _Chords:
+    """Return the chords of all arcs of plans, ``[N, A]``."""
     rows = len(plan_states.time)
     step = curves.duration[..., None] / ARCS
     begin = (curves.time[..., None] + np.arange(ARCS) * step).reshape(rows, -1)
     x, y = curves.x.reshape(rows, -1), curves.y.reshape(rows, -1)
     quickest = np.maximum(curves.speed, curves.speed + curves.acceleration * step)
-    return _Arcs(
-        begin,
+    acceleration = np.hypot(curves.acceleration, quickest * curves.yaw_rate)
+    return _Chords(
+        begin=begin,
         # The curve ends where its last waypoint stands, but for less than CLOSED.
-        np.concatenate([begin[:, 1:], plan_states.time[:, -1:]], axis=1),
-        x,
-        y,
-        np.concatenate([x[:, 1:], plan_states.x[:, -1:]], axis=1),
-        np.concatenate([y[:, 1:], plan_states.y[:, -1:]], axis=1),
-        np.hypot(curves.acceleration, quickest * curves.yaw_rate).reshape(rows, -1),
-        np.repeat(curves.miss + position_error_bound(curves), ARCS, axis=1),
+        end=np.concatenate([begin[:, 1:], plan_states.time[:, -1:]], axis=1),
+        x0=x,
+        y0=y,
+        x1=np.concatenate([x[:, 1:], plan_states.x[:, -1:]], axis=1),
+        y1=np.concatenate([y[:, 1:], plan_states.y[:, -1:]], axis=1),
+        acceleration=acceleration.reshape(rows, -1),
+        error=np.repeat(curves.miss + position_error_bound(curves), ARCS, axis=1),
     )
 
 
-def _judge_area(found: AreaFindings, one: Counted, arcs: _Arcs, curves: Legs, need: Array) -> None:
+def _judge_area(
+    found: AreaFindings, one: Counted, arcs: _Chords, curves: Legs, need: Array
+) -> None:
     """Judge all plans against one area, from which they must keep distances, m, ``[N]``."""
-    near = counts = (arcs.end >= one.begin) & (arcs.begin <= one.end)
+    near = (arcs.end >= one.begin) & (arcs.begin <= one.end)
     if one.area.keep is Keep.OUT:
-        away = box_distance(one.area, _in_frame(one.area, arcs))
-        # Within the rectangle it says nothing: signed distances there may be negative.
-        away = np.where(away > 0.0, away, -np.inf)
-        far = away + _least_gain(one.area, arcs) - _chord_error(arcs)
-        near = counts & ~(far > need[:, None])
-        away = np.where(counts & ~near, far - need[:, None], np.inf)
-        least = np.argmin(away, axis=1)
-        pick = np.arange(len(need)), least
-        _note_least(found, one, pick[0], away[pick], arcs.begin[pick])
+        near = _judge_far_arcs(found, one, arcs, near, need)
     n, a = np.nonzero(near)
     if n.size == 0:
         return
@@ -264,28 +260,57 @@ def _judge_area(found: AreaFindings, one: Counted, arcs: _Arcs, curves: Legs, ne
     late = lost[~fine[lost]]
     _note_lost(found, one, n[late], a[late] // ARCS, take(near_arcs, late))
     if fine.any():
-        _judge_finely(found, one, (arcs, curves), need, (n[fine], a[fine]))
+        _judge_finely(found, one, arcs, curves, need, n[fine], a[fine])
+
+
+def _judge_far_arcs(
+    found: AreaFindings, one: Counted, arcs: _Chords, counts: Array, need: Array
+) -> Array:
+    """Note the clearance of arcs that the rectangle about an area tells to be far enough; return
+    which of those that count it does not, bool ``[N, A]``.
+    """
+    away = box_distance(one.area, _in_frame(one.area, arcs))
+    # Within the rectangle it says nothing: signed distances there may be negative.
+    away = np.where(away > 0.0, away, -np.inf)
+    far = away + _least_gain(one.area, arcs) - _chord_error(arcs)
+    near = counts & ~(far > need[:, None])
+    clearance = np.where(counts & ~near, far - need[:, None], np.inf)
+    rows, least = np.arange(len(need)), np.argmin(clearance, axis=1)
+    _note_least(found, one, rows, clearance[rows, least], arcs.begin[rows, least])
+    return near
 
 
 def _judge_finely(
-    found: AreaFindings, one: Counted, plans: tuple[_Arcs, Legs], need: Array, which: Array
+    found: AreaFindings,
+    one: Counted,
+    arcs: _Chords,
+    curves: Legs,
+    need: Array,
+    n: Array,
+    a: Array,
 ) -> None:
-    """Judge the parts of arcs ``[m]`` that were not clear as a whole."""
-    (n, a), (arcs, curves) = which, plans
+    """Judge the parts of the arcs ``a`` of plans ``n``, ``[m]`` each, that were not clear as a
+    whole.
+    """
     duration = (arcs.end - arcs.begin)[n, a, None]
-    x, y, heading, speed, yaw_rate, acceleration = (
-        field.reshape(len(need), -1)[n, a][:, None] for field in curves[3:]
-    )
-    x, y = along(x, y, heading, speed, yaw_rate, acceleration, duration / FINE)
+    flown = (field.reshape(len(need), -1)[n, a][:, None] for field in arcs_of(curves))
+    x, y = along(Arcs(*flown), duration / FINE)
     time = arcs.begin[n, a, None] + np.arange(FINE + 1) * (duration / FINE)
-    begin, end = time[:, :-1], time[:, 1:]
-    counts = (end >= one.begin) & (begin <= one.end)
-    ends = begin, end, x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]
-    of_arc = arcs.acceleration[n, a, None], arcs.error[n, a, None], n[:, None], a[:, None] // ARCS
-    *fields, rows, legs = (
-        np.broadcast_to(field, begin.shape)[counts] for field in (*ends, *of_arc)
+    every = _Chords(
+        begin=time[:, :-1],
+        end=time[:, 1:],
+        x0=x[:, :-1],
+        y0=y[:, :-1],
+        x1=x[:, 1:],
+        y1=y[:, 1:],
+        acceleration=arcs.acceleration[n, a, None],
+        error=arcs.error[n, a, None],
     )
-    parts = _Arcs(*fields)
+    counts = (every.end >= one.begin) & (every.begin <= one.end)
+    parts, rows, legs = map_leaves(
+        lambda field: np.broadcast_to(field, counts.shape)[counts],
+        (every, n[:, None], a[:, None] // ARCS),
+    )
     needed = _required_less_tolerance(need[rows])
     bound, _ = _bounds(one.area, parts, needed)
     _note_least(found, one, rows, bound - needed, parts.begin)
@@ -300,7 +325,7 @@ def _required_less_tolerance(need: Array) -> Array:
     return np.maximum(need - CLOSE, -ROUNDING)
 
 
-def _bounds(area: Area, arcs: _Arcs, need: Array) -> tuple[Array, Array]:
+def _bounds(area: Area, arcs: _Chords, need: Array) -> tuple[Array, Array]:
     """Return a lower bound of the signed distance on whole arcs ``[M]``, and the least of its
     values at their ends, m.
     """
@@ -310,18 +335,19 @@ def _bounds(area: Area, arcs: _Arcs, need: Array) -> tuple[Array, Array]:
     return chord.bound + grown - lost, np.minimum(*ends)
 
 
-def _in_frame(area: Area, arcs: _Arcs) -> Parts:
+def _in_frame(area: Area, arcs: _Chords) -> Parts:
+    """Return chords where the area stands still."""
     return Parts(
         *own_frame(area, arcs.x0, arcs.y0, arcs.begin), *own_frame(area, arcs.x1, arcs.y1, arcs.end)
     )
 
 
-def _least_gain(area: Area, arcs: _Arcs) -> Array:
+def _least_gain(area: Area, arcs: _Chords) -> Array:
     """Return the least that the area's growth adds to signed distances within arcs, m."""
     return np.minimum(gain(area) * arcs.begin, gain(area) * arcs.end)
 
 
-def _chord_error(arcs: _Arcs) -> Array:
+def _chord_error(arcs: _Chords) -> Array:
     """Return by how much the curve may be nearer than its chord as it is computed, m."""
     return 0.125 * arcs.acceleration * (arcs.end - arcs.begin) ** 2 + arcs.error
 
@@ -339,7 +365,7 @@ def _note_least(
     found.time_of_clearance[row] = begin[best]
 
 
-def _note_lost(found: AreaFindings, one: Counted, rows: Array, legs: Array, parts: _Arcs) -> None:
+def _note_lost(found: AreaFindings, one: Counted, rows: Array, legs: Array, parts: _Chords) -> None:
     """Note the first and the last of parts ``[M]`` of plans numbered ``rows`` that lose the
     clearance.
     """
@@ -349,6 +375,5 @@ def _note_lost(found: AreaFindings, one: Counted, rows: Array, legs: Array, part
     earlier = ~(found.time[row] <= parts.begin[first])
     row, first = row[earlier], first[earlier]
     found.wrong[row], found.area[row], found.leg[row] = True, one.number, legs[first]
-    found.time[row], found.x[row], found.y[row] = (
-        field[first] for field in (parts.begin, parts.x0, parts.y0)
-    )
+    found.time[row] = parts.begin[first]
+    found.x[row], found.y[row] = parts.x0[first], parts.y0[first]

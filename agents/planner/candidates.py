@@ -68,7 +68,14 @@ def empty(count: int, waypoints: int) -> Proposals:
     plan_states = PlanStates(*(np.full((count, waypoints + 1), np.nan) for _ in range(5)))
     no, never = np.zeros(count, dtype=bool), np.full(count, np.inf)
     return Proposals(
-        plan_states, none, none.copy(), Findings.empty(count), no, nan, nan.copy(), never
+        plan_states=plan_states,
+        goal=none,
+        last=none.copy(),
+        findings=Findings.empty(count),
+        too_short=no,
+        rejoin_time=nan,
+        path=nan.copy(),
+        cost=never,
     )
 
 
@@ -86,11 +93,12 @@ def find_faults(plan_states: PlanStates, request: Request, options: Options) -> 
     rows = np.flatnonzero(~found.wrong[:, :_ORDER].any(axis=-1))
     some = take(plan_states, rows)
     part = curves if curves is not None and rows.size == len(plan_states.time) else legs(some)
-    kept = judge(some, part, request.areas.value, options.requirement.margin)
-    found.wrong[rows, _AREA], found.leg[rows, _AREA] = kept.wrong, kept.leg
-    found.time[rows, _AREA], found.x[rows, _AREA], found.y[rows, _AREA] = kept.time, kept.x, kept.y
-    found.area[rows] = kept.area
-    found.clearance[rows] = np.minimum(found.clearance[rows], kept.clearance)
+    of_areas = judge(some, part, request.areas.value, options.requirement.margin)
+    found.wrong[rows, _AREA], found.leg[rows, _AREA] = of_areas.wrong, of_areas.leg
+    found.time[rows, _AREA] = of_areas.time
+    found.x[rows, _AREA], found.y[rows, _AREA] = of_areas.x, of_areas.y
+    found.area[rows] = of_areas.area
+    found.clearance[rows] = np.minimum(found.clearance[rows], of_areas.clearance)
     return found
 
 
@@ -106,26 +114,50 @@ def evaluate(request: Request, rollout: Rollout, goal: Array, options: Options) 
     if rows.size < goal.size:
         plan_states, part = take((plan_states, request), rows)
     findings = find_faults(plan_states, part, options)
-    to = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
-    goal_x, goal_y = aim_point(part.own, to, part.drift, options.rejoin_by, np)
-    away = np.hypot(goal_x - part.own.x, goal_y - part.own.y)
-    straight = away - options.aircraft.goal_radius
     time, path = whole.rejoin_time[rows], whole.path[rows]
-    excess = np.maximum(path - np.maximum(straight, 0.0), 0.0)
-    late = np.maximum(time * part.own.speed - np.maximum(straight, 0.0), 0.0)
-    cost = (
-        excess
-        + TIME_WEIGHT * late
-        + REVERSAL_WEIGHT * options.aircraft.separation * whole.reversals[rows]
-    )
+    to = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
     made = Proposals(
-        plan_states, goal[rows], whole.last[rows], findings, whole.too_short[rows], time, path, cost
+        plan_states=plan_states,
+        goal=goal[rows],
+        last=whole.last[rows],
+        findings=findings,
+        too_short=whole.too_short[rows],
+        rejoin_time=time,
+        path=path,
+        cost=_cost(part, to, time, path, whole.reversals[rows], options),
     )
     if rows.size == goal.size:
         return made
     proposals = empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
     scatter(proposals, rows, made)
     return proposals
+
+
+def _cost(
+    request: Request,
+    to: tuple[Array, Array],
+    time: Array,
+    path: Array,
+    reversals: Array,
+    options: Options,
+) -> Array:
+    """Return the cost of plans ``[M]``, m.
+
+    Args:
+        request: of each plan.
+        to: place of its goal at the request, m.
+        time: of its rejoining, s.
+        path: its length until then, m.
+        reversals: how often its turn changes side until then.
+        options: of the plans.
+    """
+    goal_x, goal_y = aim_point(request.own, to, request.drift, options.rejoin_by, np)
+    away = np.hypot(goal_x - request.own.x, goal_y - request.own.y)
+    straight = np.maximum(away - options.aircraft.goal_radius, 0.0)
+    excess = np.maximum(path - straight, 0.0)
+    late = np.maximum(time * request.own.speed - straight, 0.0)
+    turning = REVERSAL_WEIGHT * options.aircraft.separation * reversals
+    return excess + TIME_WEIGHT * late + turning
 
 
 def keep_best(best: Proposals, rows: Array, plans: Proposals) -> Array:

@@ -3,6 +3,8 @@
 Nothing here is shared with the modules that make plans, nor with their prediction of the intruders.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from agents.planner.traffic import Requirement, Traffic
@@ -128,18 +130,29 @@ def growth(traffic: Traffic, time: Array, requirement: Requirement) -> Array:
     return requirement.sigmas * (np.hypot(std, drift * (age + time[..., None])) - first)
 
 
-def along(
-    x: Array,
-    y: Array,
-    heading: Array,
-    speed: Array,
-    yaw_rate: Array,
-    acceleration: Array,
-    part: Array,
-) -> tuple[Array, Array]:
-    """Return positions on arcs ``[m, 1]`` after 0 to :data:`FINE` parts of some seconds:
-    Gauss-Legendre's rule.
+class Arcs(NamedTuple):
+    """Arcs of constant controls, each from its beginning on; fields ``[m, 1]``."""
+
+    x: Array  # m
+    y: Array
+    heading: Array  # rad
+    speed: Array  # m/s
+    yaw_rate: Array  # rad/s
+    acceleration: Array  # m/s^2
+
+
+def arcs_of(curves: Legs) -> Arcs:
+    """Return the arcs of legs, ``[..., ARCS]``."""
+    return Arcs(
+        curves.x, curves.y, curves.heading, curves.speed, curves.yaw_rate, curves.acceleration
+    )
+
+
+def along(arcs: Arcs, part: Array) -> tuple[Array, Array]:
+    """Return positions on arcs ``[m, 1]`` after 0 to :data:`FINE` parts of some seconds, m,
+    ``[m, FINE + 1]`` each: Gauss-Legendre's rule.
     """
+    x, y, heading, speed, yaw_rate, acceleration = arcs
     time = np.arange(FINE + 1) * part
     # Velocities as complex numbers: the course at a node of the rule turns by the same from part to
     # part, and turning it takes less than half the time of another sine and cosine. The error grows

@@ -7,6 +7,7 @@ two times h apart by at most a h^2 / 8, a being the largest relative acceleratio
 whose bound is not clear are cut into :data:`FINE`.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from agents.planner.separation import (
     FINE,
     along,
+    arcs_of,
     chords,
     distances,
     growth,
@@ -48,7 +50,8 @@ CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "s
 :class:`agents.planner.answer.Kind`. Areas are judged in :mod:`agents.planner.areas`.
 """
 
-_OF_FLIGHT = CHECKS.index("separation")  # so many checks are of the flight alone
+_SEPARATION = CHECKS.index("separation")
+_OF_FLIGHT = _SEPARATION  # so many checks are of the flight alone
 
 
 class Findings(NamedTuple):
@@ -86,16 +89,16 @@ class Findings(NamedTuple):
         none, nan, inf = np.full(count, -1), np.full(count, np.nan), np.full(count, np.inf)
         time, x, y = (np.full(places, np.nan) for _ in range(3))
         return cls(
-            np.zeros(places, dtype=bool),
-            np.full(places, -1),
-            time,
-            x,
-            y,
-            none,
-            none.copy(),
-            inf,
-            nan,
-            inf.copy(),
+            wrong=np.zeros(places, dtype=bool),
+            leg=np.full(places, -1),
+            time=time,
+            x=x,
+            y=y,
+            intruder=none,
+            area=none.copy(),
+            min_separation=inf,
+            time_of_min_separation=nan,
+            clearance=inf.copy(),
         )
 
     @classmethod
@@ -128,30 +131,28 @@ def validate(
     ordered: Array = np.diff(plan_states.time, axis=-1) > 0.0
     sound = finite.all(axis=-1) & ordered.all(axis=-1)
     if curves is None or not sound.all():
-        # Placeholders make the arrays whole; their rows are judged by what is wrong with them only.
-        straight = np.arange(points) * 1.0
-        filled = zip(plan_states, (straight, 0.0, 0.0, 1.0, straight), strict=True)
-        curves = legs(PlanStates(*(np.where(sound[:, None], *pair) for pair in filled)))
+        # A flight to the east at 1 m/s in the place of others makes the arrays whole; those are
+        # judged by what is wrong with them only.
+        second = np.arange(points) * 1.0
+        east = PlanStates(x=second, y=0.0, heading=0.0, speed=1.0, time=second)
+        curves = legs(map_leaves(partial(np.where, sound[:, None]), plan_states, east))
     found, both = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
     in_order = (ordered & (plan_states.time[:, 1:] <= LONGEST)) | ~both
-    kept = [field | ~sound[:, None] for field in _legs_kept(curves, limits)]
+    of_legs = [field | ~sound[:, None] for field in _right_legs(curves, limits)]
     # In the order of CHECKS.
-    for check, right in enumerate((both, in_order, *kept)):
+    for check, right in enumerate((both, in_order, *of_legs)):
         if not right.all():
             rows = np.flatnonzero(~right.all(axis=-1))
-            first = np.argmin(right[rows], axis=-1)
-            _place(
-                found,
-                check,
-                rows,
-                first,
-                *(field[rows, first] for field in (plan_states.time, plan_states.x, plan_states.y)),
+            leg = np.argmin(right[rows], axis=-1)
+            time, x, y = (
+                field[rows, leg] for field in (plan_states.time, plan_states.x, plan_states.y)
             )
-    _separation(found, plan_states, curves, traffic, requirement, sound)
+            _note_wrong(found, check, rows, leg, time, x, y)
+    _judge_separation(found, plan_states, curves, traffic, requirement, sound)
     return found
 
 
-def _legs_kept(curves: Legs, limits: Limits) -> tuple[Array, Array, Array, Array]:
+def _right_legs(curves: Legs, limits: Limits) -> tuple[Array, Array, Array, Array]:
     """Return which legs end at their waypoints, and keep the limits of speed, of acceleration and
     of turn rate, bool ``[N, L]`` each.
     """
@@ -176,15 +177,17 @@ def _legs_kept(curves: Legs, limits: Limits) -> tuple[Array, Array, Array, Array
     return closed, steady.all(-1), gentle.all(-1), turning.all(-1)
 
 
-def _place(found: Findings, check: int, rows: Array, leg: Array, *place: Array) -> None:
-    """Note where some plans first fail a check: the leg, the time (s) and the position (m), ``[m]``
-    each.
+def _note_wrong(
+    found: Findings, check: int, rows: Array, leg: Array, time: Array, x: Array, y: Array
+) -> None:
+    """Note where plans numbered ``rows`` first fail a check: the leg, the time (s) and the place
+    (m), ``[m]`` each.
     """
     found.wrong[rows, check], found.leg[rows, check] = True, leg
-    found.time[rows, check], found.x[rows, check], found.y[rows, check] = place
+    found.time[rows, check], found.x[rows, check], found.y[rows, check] = time, x, y
 
 
-def _separation(
+def _judge_separation(
     found: Findings,
     plan_states: PlanStates,
     curves: Legs,
@@ -192,48 +195,23 @@ def _separation(
     requirement: Requirement,
     sound: Array,
 ) -> None:
-    """Judge the separation from all intruders over the whole plan."""
+    """Judge the separation from all intruders over the whole of those plans that are sound.
+
+    First which legs come near which intruders, then their arcs by one chord each, then the parts of
+    those arcs that are not clear.
+    """
     rows = np.flatnonzero(sound)
     found.min_separation[~sound], found.clearance[~sound] = np.nan, -np.inf
     if rows.size == 0 or traffic.mask.shape[-1] == 0:
         return
     own, seen = (curves, traffic) if sound.all() else take((curves, traffic), rows)
-    base = requirement_of(
-        seen, VehicleState(*(field[rows, 0] for field in plan_states[:4])), requirement
-    )
-    # The joints of the legs are up to their miss apart, and positions are known but for the rule's
-    # error.
-    position_error = own.miss + position_error_bound(own)
-
-    own_acceleration = _own_acceleration(own)
-    n, leg, k = np.nonzero(
-        _near(own, seen, base, requirement, position_error, own_acceleration) & seen.mask[:, None]
-    )
-    if n.size == 0:
+    starts = VehicleState(*(field[rows, 0] for field in plan_states[:4]))
+    wanted = requirement_of(seen, starts, requirement)
+    last = plan_states.x[rows, -1:], plan_states.y[rows, -1:]
+    near = _near_legs(own, last, seen, wanted, requirement)
+    if near is None:
         return
-    flown = take(own, (n, leg))
-    step = flown.duration / ARCS
-    begin = flown.time[:, None] + np.arange(ARCS) * step[:, None]
-    near = _Near(
-        n=n,
-        leg=leg,
-        k=k,
-        flown=flown,
-        other=column(take(seen, (n, k))),
-        begin=begin,
-        length=np.broadcast_to(step[:, None], begin.shape),
-        relative_acceleration=own_acceleration[n, leg] + _acceleration(seen)[n, k, None],
-        error=position_error[n, leg, None],
-        wanted=base[n, k, None],
-    )
-    # The curve ends where its last waypoint stands, but for less than CLOSED.
-    ends_x, ends_y = (
-        np.concatenate([start[:, 1:, 0], last[rows, -1:]], axis=1)
-        for start, last in ((own.x, plan_states.x), (own.y, plan_states.y))
-    )
-    end_x = np.concatenate([flown.x[:, 1:], ends_x[n, leg, None]], axis=1)
-    end_y = np.concatenate([flown.y[:, 1:], ends_y[n, leg, None]], axis=1)
-    unclear = _judge_arcs(found, rows, near, (end_x, end_y), requirement)
+    unclear = _judge_arcs(found, rows, near, requirement)
     pair, arc = np.nonzero(unclear)
     if pair.size:
         _judge_parts(found, rows, near, pair, arc, requirement)
@@ -246,6 +224,8 @@ class _Near(NamedTuple):
     leg: Array  # number of the leg, [p]
     k: Array  # number of the intruder, [p]
     flown: Legs
+    end_x: Array  # where each arc ends, m
+    end_y: Array
     other: Traffic  # the intruder, [p, 1]
     begin: Array  # of each arc, s
     length: Array  # of each arc, s
@@ -254,9 +234,52 @@ class _Near(NamedTuple):
     wanted: Array  # distance before uncertainty grows, m, [p, 1]
 
 
-def _judge_arcs(
-    found: Findings, rows: Array, near: _Near, ends: tuple[Array, Array], requirement: Requirement
-) -> Array:
+def _near_legs(
+    own: Legs, last: tuple[Array, Array], seen: Traffic, wanted: Array, requirement: Requirement
+) -> _Near | None:
+    """Return the legs of plans ``[n, L]`` that must be set against an intruder; None: there is no
+    such leg.
+
+    Args:
+        own: the legs.
+        last: where each plan's last waypoint stands, m, ``[n, 1]`` each.
+        seen: the intruders, ``[n, K]``.
+        wanted: distance from each before uncertainty grows, m, ``[n, K]``.
+        requirement: how that grows.
+    """
+    # The joints of the legs are up to their miss apart, and positions are known but for the rule's
+    # error.
+    position_error = own.miss + position_error_bound(own)
+    own_acceleration = _own_acceleration(own)
+    must = _must_be_judged(own, seen, wanted, requirement, position_error, own_acceleration)
+    n, leg, k = np.nonzero(must & seen.mask[:, None])
+    if n.size == 0:
+        return None
+    flown = take(own, (n, leg))
+    step = flown.duration / ARCS
+    begin = flown.time[:, None] + np.arange(ARCS) * step[:, None]
+    # The curve ends where its last waypoint stands, but for less than CLOSED.
+    leg_end_x, leg_end_y = (
+        np.concatenate([start[:, 1:, 0], end], axis=1)
+        for start, end in zip((own.x, own.y), last, strict=True)
+    )
+    return _Near(
+        n=n,
+        leg=leg,
+        k=k,
+        flown=flown,
+        end_x=np.concatenate([flown.x[:, 1:], leg_end_x[n, leg, None]], axis=1),
+        end_y=np.concatenate([flown.y[:, 1:], leg_end_y[n, leg, None]], axis=1),
+        other=column(take(seen, (n, k))),
+        begin=begin,
+        length=np.broadcast_to(step[:, None], begin.shape),
+        relative_acceleration=own_acceleration[n, leg] + _acceleration(seen)[n, k, None],
+        error=position_error[n, leg, None],
+        wanted=wanted[n, k, None],
+    )
+
+
+def _judge_arcs(found: Findings, rows: Array, near: _Near, requirement: Requirement) -> Array:
     """Note the clearance of arcs, judged by their chords, that are clear; return which are not,
     bool ``[p, ARCS]``.
     """
@@ -265,7 +288,7 @@ def _judge_arcs(
         near.begin,
         near.length,
         (near.flown.x, near.flown.y),
-        ends,
+        (near.end_x, near.end_y),
         near.other,
         near.relative_acceleration[..., None],
     )
@@ -292,8 +315,7 @@ def _judge_parts(
     pair, arc = pair[order], arc[order]
     fine = near.length[pair, arc] / FINE
     began = near.begin[pair, arc, None] + np.arange(FINE) * fine[:, None]
-    px, py, psi, v, omega, accel = (field[pair, arc, None] for field in near.flown[3:])
-    at_x, at_y = along(px, py, psi, v, omega, accel, fine[:, None])
+    at_x, at_y = along(take(arcs_of(near.flown), (pair, arc, None)), fine[:, None])
     one = take(near.other, pair)
     finer = np.broadcast_to(fine[:, None], began.shape)
     begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])
@@ -301,12 +323,12 @@ def _judge_parts(
     close, _ = chords(began, finer, begins, ends, one, relative_acceleration)
     close = close[..., 0] - near.error[pair]
     close = np.where(_counts(one, began, began + finer), close, np.inf)
-    needed = near.wanted[pair] + growth(one, began + finer, requirement)[..., 0]
+    required = near.wanted[pair] + growth(one, began + finer, requirement)[..., 0]
     # The tolerance is for the margin; the separation itself is kept but for rounding.
     separation = separations(one, requirement)
-    needed = np.maximum(needed - CLOSE, separation - ROUNDING)
-    which = near.n[pair], near.leg[pair], near.k[pair]
-    _note_fine(found, rows, which, began, begins, close, needed)
+    required = np.maximum(required - CLOSE, separation - ROUNDING)
+    parts = _Parts(near.n[pair], near.leg[pair], near.k[pair], began, *begins, close, required)
+    _note_parts(found, rows, parts)
 
 
 def _counts(one: Traffic, begin: Array, end: Array) -> Array:
@@ -332,15 +354,16 @@ def _acceleration(seen: Traffic) -> Array:
     return np.where(seen.turn_time > 0.0, np.abs(seen.state.speed * seen.turn_rate), 0.0)
 
 
-def _near(
+def _must_be_judged(
     own: Legs,
     seen: Traffic,
-    base: Array,
+    wanted: Array,
     requirement: Requirement,
     position_error: Array,
     own_acceleration: Array,
 ) -> Array:
-    """Return which intruders the arcs of a leg must be set against, bool, ``[n, L, K]``.
+    """Return which intruders the arcs of a leg must be set against, bool, ``[n, L, K]``; arguments
+    are as of :func:`_near_legs`.
 
     In a leg two aircraft come nearer by what both fly at most (theorem ``left_out_soundly`` of
     proofs/Safe.v, arc by arc). A leg is left out only where that leaves more than what is required
@@ -367,8 +390,8 @@ def _near(
         - position_error[..., None]
         - _BOUND_ERROR
     )
-    now = base[:, None] + growth(seen, own.time, requirement)
-    later = base[:, None] + growth(seen, own.time + own.duration, requirement)
+    now = wanted[:, None] + growth(seen, own.time, requirement)
+    later = wanted[:, None] + growth(seen, own.time + own.duration, requirement)
     # Where an intruder does not count at the beginning of a leg, its distance there is no finding.
     away = np.where(told, away, np.inf)
     least, clearance = (np.min(each, axis=(1, 2), keepdims=True) for each in (away, away - now))
@@ -377,42 +400,37 @@ def _near(
     ) & counts
 
 
-def _note_fine(
-    found: Findings,
-    rows: Array,
-    which: Array,
-    began: Array,
-    begins: Array,
-    close: Array,
-    needed: Array,
-) -> None:
-    """Judge the parts ``[m, FINE]`` of what was not clear."""
-    n, leg, k = which
-    clearance = close - needed
-    # Per plan: the smallest distance, the smallest clearance, and the first part in which it is
-    # negative.
-    least = np.argmin(close, axis=1)
+class _Parts(NamedTuple):
+    """Parts of arcs that were not clear, ``[m, FINE]``."""
+
+    n: Array  # number of the plan among those that are judged, [m]
+    leg: Array  # number of the leg, [m]
+    k: Array  # number of the intruder, [m]
+    began: Array  # s
+    x: Array  # of the ownship then, m
+    y: Array
+    close: Array  # least distance in the part, m
+    required: Array  # m
+
+
+def _note_parts(found: Findings, rows: Array, parts: _Parts) -> None:
+    """Note of each plan the smallest distance, the smallest clearance, and the first part in which
+    that is negative.
+    """
+    n, clearance = parts.n, parts.close - parts.required
+    least = np.argmin(parts.close, axis=1)
     np.minimum.at(found.clearance, rows[n], clearance.min(axis=1))
-    value = np.take_along_axis(close, least[:, None], 1)[:, 0]
-    when = np.take_along_axis(began, least[:, None], 1)[:, 0]
+    value = np.take_along_axis(parts.close, least[:, None], 1)[:, 0]
+    when = np.take_along_axis(parts.began, least[:, None], 1)[:, 0]
     owner, best = first_of_each(n, when, value)
-    found.min_separation[rows[owner]], found.time_of_min_separation[rows[owner]] = (
-        value[best],
-        when[best],
-    )
+    found.min_separation[rows[owner]] = value[best]
+    found.time_of_min_separation[rows[owner]] = when[best]
 
     bad = np.flatnonzero(~(clearance >= 0.0).all(axis=1))
     if bad.size:
         part = np.argmax(~(clearance[bad] >= 0.0), axis=1)
-        when, x, y = (field[bad, part] for field in (began, *begins))
+        when, x, y = (field[bad, part] for field in (parts.began, parts.x, parts.y))
         owner, first = first_of_each(n[bad], when)
-        _place(
-            found,
-            CHECKS.index("separation"),
-            rows[owner],
-            leg[bad][first],
-            when[first],
-            x[first],
-            y[first],
-        )
-        found.intruder[rows[owner]] = k[bad][first]
+        row, leg = rows[owner], parts.leg[bad][first]
+        _note_wrong(found, _SEPARATION, row, leg, when[first], x[first], y[first])
+        found.intruder[row] = parts.k[bad][first]

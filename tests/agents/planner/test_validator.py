@@ -91,14 +91,14 @@ def test_legs_far_from_an_intruder_are_left_out_without_a_trace(
         lambda *both: np.concatenate(both, axis=1), near, far._replace(state=away)
     )._replace(velocity_std=np.full((30, 40), velocity_std))
     looked_at: list[float] = []
-    near_of = validator._near
+    must_be_judged = validator._must_be_judged
 
     def count_and_look(*given: Any) -> Any:
-        found = near_of(*given)
+        found = must_be_judged(*given)
         looked_at.append(found.mean())
         return found
 
-    monkeypatch.setattr(validator, "_near", count_and_look)
+    monkeypatch.setattr(validator, "_must_be_judged", count_and_look)
     found = validate(plan_states, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
     monkeypatch.setattr(validator, "_FEW", 40)
     every = validate(plan_states, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
