@@ -15,7 +15,7 @@ from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile, PolicyFileError
 from agents.policy.inference import Policy, input_table
 from agents.policy.inputs import Input
-from agents.policy.scene import random_scenes, unpacked_rows
+from agents.policy.scene import random_scenes, unpack_rows
 from agents.policy.set_features import InputTable, set_inputs
 from envs.edge.installation import versions
 from envs.observation import SIZE
@@ -105,7 +105,7 @@ def _flax_actions(content: PolicyFile, table: InputTable) -> np.ndarray:
     actor = Actor(content.hidden, content.feature_set, encoder=content.encoder)
 
     def mean(weights: Any, rows: jax.Array) -> Any:
-        seen = set_inputs(unpacked_rows(rows), jnp, table) if content.of_set else rows
+        seen = set_inputs(unpack_rows(rows), jnp, table) if content.of_set else rows
         return actor.apply(weights, seen)[0]
 
     with jax.enable_x64(True):

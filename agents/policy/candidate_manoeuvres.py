@@ -11,7 +11,6 @@ step by step; a test holds the two together.
 
 import math
 import sys
-from collections.abc import Sequence
 from functools import reduce
 from types import ModuleType
 from typing import NamedTuple
@@ -23,6 +22,7 @@ from envs.aircraft import Ratios
 from envs.angles import atan2, sincos
 from envs.arrays import Array, ArrayModule
 from envs.backend import EXACT_FLOATS
+from envs.trees import map_leaves
 
 HORIZON = 10.0
 """How far ahead is looked, D / ``speed_max`` (paper: 100 s)."""
@@ -76,6 +76,18 @@ class Paths(NamedTuple):
     y: Array
 
 
+class _Intruders(NamedTuple):
+    """Intruders that fly straight on, in units of the scene; fields ``[..., K]``, or of one
+    ``[...]``.
+    """
+
+    x: Array
+    y: Array
+    vx: Array
+    vy: Array
+    weight: Array | None = None  # square of the share; None: 1 of all
+
+
 def paths(seen: Scene, xp: ArrayModule) -> Paths:
     """Return the paths of all manoeuvres from a scene ``[...]``, in units of the scene."""
     speed, ratios = seen.own_speed, seen.ratios
@@ -120,27 +132,26 @@ def min_separation(seen: Scene, xp: ArrayModule) -> Array:
     """Return the least separation from any of K >= 1 intruders within :data:`HORIZON`, ``[22,
     ...]``, in D, or in the separation of an intruder that has one of its own.
     """
-    path, intruders = paths(seen, xp), [seen.x, seen.y, seen.vx, seen.vy]
-    if seen.share is not None:
-        intruders.append(seen.share * seen.share)
+    path = paths(seen, xp)
+    weight = None if seen.share is None else seen.share * seen.share
+    intruders = _Intruders(seen.x, seen.y, seen.vx, seen.vy, weight)
     if xp is np:
         # One intruder after the other stays in cache.
-        rows = np.ascontiguousarray(np.moveaxis(np.stack(intruders), -1, 0))  # [K, 4 or 5, ...]
-        nearest = (_squares(row, path, np).min(axis=1) for row in rows)
+        fields = [field for field in intruders if field is not None]
+        rows = np.ascontiguousarray(np.moveaxis(np.stack(fields), -1, 0))  # [K, 4 or 5, ...]
+        nearest = (_squares(_Intruders(*row), path, np).min(axis=1) for row in rows)
         return np.sqrt(reduce(np.minimum, nearest))
     # Arrays of jax come with jax, which is loaded then; where numpy flies it is not imported.
-    return xp.sqrt(_least_squares(path, tuple(intruders), xp, sys.modules["jax"].lax))
+    return xp.sqrt(_least_squares(path, intruders, xp, sys.modules["jax"].lax))
 
 
-def _least_squares(
-    path: Paths, intruders: Sequence[Array], xp: ArrayModule, lax: ModuleType
-) -> Array:
+def _least_squares(path: Paths, intruders: _Intruders, xp: ArrayModule, lax: ModuleType) -> Array:
     """Return the square of the least separation, ``[22, ...]``, compiled: one chord after the
     other, so that a running minimum is all that is kept of the separations from K intruders.
     """
     # Without the barrier the compiler would compute the path again for every intruder.
     path, intruders = lax.optimization_barrier((path, intruders))
-    count = intruders[0].shape[-1]
+    count = intruders.x.shape[-1]
     if not isinstance(count, int):  # exported for any number of intruders: all of them at once
         each = Paths(*(field[..., None] for field in path))
         return xp.min(_squares(intruders, each, xp), axis=(1, -1))
@@ -150,7 +161,7 @@ def _least_squares(
             *(lax.dynamic_index_in_dim(field, chord, axis=1, keepdims=False) for field in path)
         )
         for number in range(count):
-            row = [field[..., number] for field in intruders]
+            row = map_leaves(lambda field, number=number: field[..., number], intruders)
             nearest = xp.minimum(nearest, _squares(row, here, xp))
         return nearest
 
@@ -158,19 +169,17 @@ def _least_squares(
     return lax.fori_loop(0, _PIECES, nearer, farthest)
 
 
-def _squares(intruders: Sequence[Array], path: Paths, xp: ArrayModule) -> Array:
-    """Return the square of the separation along each chord of a path from intruders (x, y, vx, vy
-    and, where they have separations of their own, the square of the share).
-    """
-    x0, y0, vx, vy, *weight = intruders
-    x, y = x0 + vx * path.times - path.x, y0 + vy * path.times - path.y
+def _squares(intruders: _Intruders, path: Paths, xp: ArrayModule) -> Array:
+    """Return the square of the separation from intruders along each chord of a path."""
+    vx, vy = intruders.vx, intruders.vy
+    x, y = intruders.x + vx * path.times - path.x, intruders.y + vy * path.times - path.y
     over_x, over_y = vx * path.spans - path.step_x, vy * path.spans - path.step_y
     # How much of the chord lies behind its closest point.
     back = (x * over_x + y * over_y) / (over_x * over_x + over_y * over_y + 1e-8)
     back = xp.minimum(xp.maximum(back, 0.0), 1.0)
     x, y = x - back * over_x, y - back * over_y
     square = x * x + y * y
-    return square * weight[0] if weight else square
+    return square if intruders.weight is None else square * intruders.weight
 
 
 class _Chords(NamedTuple):

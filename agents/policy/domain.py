@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.policy.file import PolicyFile
-from envs.aircraft import Aircraft, Ratios, ratios
+from envs.aircraft import Aircraft, ratios
 from envs.arrays import Array
 from envs.edge.command import InputError
 
@@ -29,6 +29,12 @@ _UNITS = {
     "distance": " m",
     "latency": " s",
     "intruder_turn_rate": " rad/s",
+}
+_RATIO_UNITS = {
+    "speed_min": "V",
+    "acceleration_min": "V^2/D",
+    "acceleration_max": "V^2/D",
+    "turn_radius": "D",
 }
 _TOLERANCE = 0.01  # of a ratio; an aircraft is never known better
 
@@ -61,10 +67,9 @@ def unlike(content: PolicyFile, aircraft: Aircraft) -> Departure | None:
         alone = getattr(trained, name)
         low, high = content.metadata["family"][name] if content.of_set else (alone, alone)
         if not low - _TOLERANCE * abs(low) <= value <= high + _TOLERANCE * abs(high):
-            units = dict(zip(Ratios._fields, ("V", "V^2/D", "V^2/D", "D"), strict=True))[name]
             what = (
-                f"is {value:.3g} {units}; expected {low:.3g} to {high:.3g}, what the policy was "
-                f"trained for (D: separation {aircraft.separation:g} m; V: "
+                f"is {value:.3g} {_RATIO_UNITS[name]}; expected {low:.3g} to {high:.3g}, "
+                f"what the policy was trained for (D: separation {aircraft.separation:g} m; V: "
                 f"{aircraft.limits.speed_max:g} m/s)"
             )
             return Departure(name, what)

@@ -5,7 +5,7 @@ They say in the ownship's frame what a conflict is about: whether, when and on w
 aircraft will pass.
 """
 
-from agents.policy.set_features import passing, soft
+from agents.policy.set_features import PassingUnits, passing, soft
 from envs.aircraft import PAPER
 from envs.arrays import Array, ArrayModule
 from envs.observation import decode
@@ -17,14 +17,15 @@ goal: an exactly symmetric policy."""
 
 _SIZES = {"none": 8, "cpa": 22, "mirror": 22}
 _FAR = 10.0 * PAPER.separation
-_UNITS = (
-    25.0,
-    300.0,
-    1.0 / 60.0,
-    1.0 / 1_000.0,
-    1.0 / 5_000.0,
-    1.0,
-)  # of :func:`passing`, for m and m/s
+# of :func:`passing`, for m and m/s
+_UNITS = PassingUnits(
+    slow=25.0,
+    horizon=300.0,
+    per_time=1.0 / 60.0,
+    per_length=1.0 / 1_000.0,
+    per_far=1.0 / 5_000.0,
+    floor=1.0,
+)
 
 _INTRUDER, _GOAL = 4, 6  # bearings in the observation, left positive
 

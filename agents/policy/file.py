@@ -48,11 +48,9 @@ class PolicyFile:
     """Float32 tensors by name without ``actor/``: ``hidden_0/kernel`` [in, out], ``hidden_0/bias``
     [out], ..., ``head/kernel``, ``head/bias``, and ``log_std`` [2], which flying ignores."""
     parity_observation: np.ndarray
-    """Observations, float32 ``[P, 8]``, or rows of scenes
-    (:func:`agents.policy.scene.unpacked_rows`), and
-    """
+    """Observations, float32 ``[P, 8]``, or rows of :func:`agents.policy.scene.unpack_rows`."""
     parity_action: np.ndarray
-    """the actions ``[P, 2]`` that the training framework computes for them."""
+    """The actions ``[P, 2]`` that the training framework computes for these observations."""
     metadata: Mapping[str, Any]
     """As :func:`agents.policy.schema.new_metadata` makes it, without the digest."""
 
@@ -271,22 +269,26 @@ def _check_tensors(
         what = "is unexpected" if name in tensors else "is missing"
         raise PolicyFileError(f"{source}: tensor {name!r} {what}; expected {', '.join(shapes)}")
     for name, expected in shapes.items():
-        shape, wanted = (
-            tensors[name].shape,
-            ["P" if length is None else length for length in expected],
-        )
-        if tensors[name].dtype != np.float32:
-            raise PolicyFileError(
-                f"{source}: tensor {name} has dtype {tensors[name].dtype}, expected float32"
-            )
-        if len(shape) != len(wanted) or any(
-            want not in ("P", have) for have, want in zip(shape, wanted, strict=True)
-        ):
-            raise PolicyFileError(
-                f"{source}: tensor {name} has shape {list(shape)}, expected {wanted}"
-            )
+        _check_tensor(name, tensors[name], expected, source)
     counts = {len(tensors[PARITY_OBSERVATION]), len(tensors[PARITY_ACTION])}
     if len(counts) != 1 or counts == {0}:
         raise PolicyFileError(
             f"{source}: parity tensors hold {sorted(counts)} vectors, expected one number above 0"
         )
+
+
+def _check_tensor(
+    name: str, tensor: np.ndarray, expected: tuple[int | None, ...], source: str
+) -> None:
+    """Raise unless a tensor is of float32 and of the expected shape, in which None is the number of
+    parity vectors.
+    """
+    if tensor.dtype != np.float32:
+        raise PolicyFileError(f"{source}: tensor {name} has dtype {tensor.dtype}, expected float32")
+    shape = tensor.shape
+    alike = len(shape) == len(expected) and all(
+        length is None or have == length for have, length in zip(shape, expected, strict=True)
+    )
+    if not alike:
+        wanted = ["P" if length is None else length for length in expected]
+        raise PolicyFileError(f"{source}: tensor {name} has shape {list(shape)}, expected {wanted}")

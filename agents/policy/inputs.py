@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.policy.scene import Scene, mirror, random_scenes, unpacked_rows
+from agents.policy.scene import Scene, mirror, random_scenes, unpack_rows
 from envs.aircraft import Ratios
 from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
@@ -171,7 +171,7 @@ def check_input(one: Any) -> None:
                 "the lower one first"
             )
     rows = random_scenes(_TRIAL_INTRUDERS, _TRIAL_FAMILY).astype(float)
-    seen, _ = mirror(unpacked_rows(rows), np)
+    seen, _ = mirror(unpack_rows(rows), np)
     try:
         values = evaluate_input(one, seen, np)
     except InputError:

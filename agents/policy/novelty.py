@@ -37,10 +37,11 @@ class Box(NamedTuple):
 @cache
 def shipped_box(sha256: str) -> Box | None:
     """Return the box of the policy with this digest; None unless it is the one that ships."""
-    kept = parse_json(
-        resources.files("agents").joinpath("data/inputs.json").read_text(encoding="utf-8")
-    )
-    return Box(np.array(kept["own"]), np.array(kept["each"])) if kept["policy"] == sha256 else None
+    text = resources.files("agents").joinpath("data/inputs.json").read_text(encoding="utf-8")
+    recorded = parse_json(text)
+    if recorded["policy"] != sha256:
+        return None
+    return Box(np.array(recorded["own"]), np.array(recorded["each"]))
 
 
 def box_of(sha256: str, inputs: InputTable) -> Box:

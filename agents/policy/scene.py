@@ -62,7 +62,7 @@ def scene(
     length, speed = 1.0 / separation, 1.0 / limits.speed_max
     sine, cosine = sincos(own.heading, xp)
     ahead, left = _rotate((goal_x - own.x) * length, (goal_y - own.y) * length, cosine, sine)
-    pulled = xp.minimum(1.0, FARTHEST / xp.maximum(distance(ahead, left, xp), 1e-6))
+    goal_nearer = xp.minimum(1.0, FARTHEST / xp.maximum(distance(ahead, left, xp), 1e-6))
     sine, cosine, length, speed = (
         xp.asarray(value)[..., None] for value in (sine, cosine, length, speed)
     )
@@ -77,15 +77,15 @@ def scene(
     pace = intruders.speed * speed
     vx, vy = _rotate(pace * course_cosine, pace * course_sine, cosine, sine)
     return Scene(
-        own.speed * speed[..., 0],
-        ahead * pulled,
-        left * pulled,
-        xp.where(mask, x * nearer, NOWHERE),
-        xp.where(mask, y * nearer, 0.0),
-        xp.where(mask, vx, 0.0),
-        xp.where(mask, vy, 0.0),
-        mask,
-        ratios(limits, separation),
+        own_speed=own.speed * speed[..., 0],
+        goal_x=ahead * goal_nearer,
+        goal_y=left * goal_nearer,
+        x=xp.where(mask, x * nearer, NOWHERE),
+        y=xp.where(mask, y * nearer, 0.0),
+        vx=xp.where(mask, vx, 0.0),
+        vy=xp.where(mask, vy, 0.0),
+        mask=mask,
+        ratios=ratios(limits, separation),
     )
 
 
@@ -103,8 +103,8 @@ def scene_of_one(
 
     def place_in_scene(x: float, y: float) -> tuple[float, float]:
         ahead, left = _rotate((x - own.x) * length, (y - own.y) * length, cosine, sine)
-        pulled = min(1.0, FARTHEST / max(math.hypot(ahead, left), 1e-6))
-        return ahead * pulled, left * pulled
+        nearer = min(1.0, FARTHEST / max(math.hypot(ahead, left), 1e-6))
+        return ahead * nearer, left * nearer
 
     places = [place_in_scene(one.x, one.y) for one in intruders]
     velocities = [
@@ -118,15 +118,15 @@ def scene_of_one(
     ]
     goal = place_in_scene(goal_x, goal_y)
     return Scene(
-        own.speed * speed,
-        goal[0],
-        goal[1],
-        [x for x, _ in places],
-        [y for _, y in places],
-        [vx for vx, _ in velocities],
-        [vy for _, vy in velocities],
-        [True] * len(intruders),
-        ratios(limits, separation),
+        own_speed=own.speed * speed,
+        goal_x=goal[0],
+        goal_y=goal[1],
+        x=[x for x, _ in places],
+        y=[y for _, y in places],
+        vx=[vx for vx, _ in velocities],
+        vy=[vy for _, vy in velocities],
+        mask=[True] * len(intruders),
+        ratios=ratios(limits, separation),
     )
 
 
@@ -145,9 +145,17 @@ def unpack(own: Array, traffic: Array) -> Scene:
 
     The latter hold of each place for an intruder x, y, vx, vy and whether there is one, 1 or 0.
     """
-    speed, goal_x, goal_y, *limits = (own[..., i] for i in range(OWN_NUMBERS))
-    x, y, vx, vy, mask = (traffic[..., i] for i in range(5))
-    return Scene(speed, goal_x, goal_y, x, y, vx, vy, mask > 0.5, Ratios(*limits))
+    return Scene(
+        own_speed=own[..., 0],
+        goal_x=own[..., 1],
+        goal_y=own[..., 2],
+        x=traffic[..., 0],
+        y=traffic[..., 1],
+        vx=traffic[..., 2],
+        vy=traffic[..., 3],
+        mask=traffic[..., 4] > 0.5,
+        ratios=Ratios(*(own[..., i] for i in range(3, OWN_NUMBERS))),
+    )
 
 
 def parts(rows: Array) -> tuple[Array, Array]:
@@ -155,14 +163,14 @@ def parts(rows: Array) -> tuple[Array, Array]:
     return rows[..., :OWN_NUMBERS], rows[..., OWN_NUMBERS:].reshape(*rows.shape[:-1], -1, 5)
 
 
-def unpacked_rows(rows: Array) -> Scene:
+def unpack_rows(rows: Array) -> Scene:
     """Return the scenes of parity vectors ``[..., 7 + 5 K]``."""
     return unpack(*parts(rows))
 
 
 def random_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.ndarray:
     """Return random scenes as parity vectors, float32 ``[128, 7 + 5 most]``
-    (:func:`unpacked_rows`).
+    (:func:`unpack_rows`).
 
     They are random over the family, with none to all of the intruders, whose velocities differ from
     the ownship's.
@@ -213,7 +221,7 @@ def mirror(seen: Scene, xp: ArrayModule) -> tuple[Scene, Array]:
     return seen._replace(goal_y=seen.goal_y * sign, y=seen.y * each, vy=seen.vy * each), sign
 
 
-def mirrored_one(seen: Scene) -> tuple[Scene, float]:
+def mirror_one(seen: Scene) -> tuple[Scene, float]:
     """Return :func:`mirror` of a scene of plain floats."""
     share = [1.0] * len(seen.x) if seen.share is None else seen.share
     intruders = zip(seen.x, seen.y, seen.vx, seen.vy, share, strict=True)
@@ -222,9 +230,8 @@ def mirrored_one(seen: Scene) -> tuple[Scene, float]:
     sign = math.copysign(1.0, total + 1e-20 * seen.goal_y)
     if sign > 0.0:
         return seen, sign
-    return seen._replace(
-        goal_y=-seen.goal_y, y=[-y for y in seen.y], vy=[-vy for vy in seen.vy]
-    ), sign
+    y, vy = [-y for y in seen.y], [-vy for vy in seen.vy]
+    return seen._replace(goal_y=-seen.goal_y, y=y, vy=vy), sign
 
 
 # What is on the line to the goal, to rounding, counts as left: two aircraft that are exact images
@@ -258,4 +265,5 @@ def _towards(
 
 
 def _rotate(x: Array, y: Array, cosine: Array, sine: Array) -> tuple[Array, Array]:
+    """Return a vector in a frame turned to the left by an angle."""
     return x * cosine + y * sine, y * cosine - x * sine

@@ -27,8 +27,22 @@ ALIKE = 0.05
 one.
 """
 
-_UNITS = (0.0025, 30.0, 1.0 / 6.0, 1.0, 0.2, 0.0)
-# of :func:`passing`, for lengths in D and speeds in the greatest
+
+class PassingUnits(NamedTuple):
+    """What :func:`passing` scales and softens by."""
+
+    slow: float  # square of the speed that softens
+    horizon: float  # how far ahead is looked
+    per_time: float  # a time is scaled by
+    per_length: Array  # a length
+    per_far: Array  # a length far away
+    floor: float  # square of the range that softens
+
+
+# for lengths in D and speeds in the greatest
+_UNITS = PassingUnits(
+    slow=0.0025, horizon=30.0, per_time=1.0 / 6.0, per_length=1.0, per_far=0.2, floor=0.0
+)
 
 
 class SetInputs(NamedTuple):
@@ -109,6 +123,7 @@ def set_inputs(seen: Scene, xp: ArrayModule, inputs: InputTable | None = None) -
 
 
 def _side_by_side(rows: tuple[Input, ...], seen: Scene, xp: ArrayModule) -> Array:
+    """Return the values of inputs one after the other, along the last axis."""
     parts = [evaluate_input(one, seen, xp) for one in rows]
     return parts[0] if len(parts) == 1 else xp.concatenate(parts, axis=-1)
 
@@ -142,6 +157,7 @@ def _intruder(seen: Scene, xp: ArrayModule) -> Array:
 
 
 def _passing_numbers(course: str) -> tuple[Number, ...]:
+    """Return the numbers of :func:`passing` for a course."""
     return (
         Number(f"time to closest approach{course}", "1", -1.0, 1.0),
         Number(f"miss distance{course}", "1", -1.0, 1.0),
@@ -302,10 +318,9 @@ def each_part(
     ]
 
 
-def _in_shares(share: Array) -> tuple[Array, ...]:
+def _in_shares(share: Array) -> PassingUnits:
     """Return the units of :func:`passing` for an intruder with a separation of its own."""
-    slow, horizon, per_time, per_length, per_far, floor = _UNITS
-    return slow, horizon, per_time, per_length * share, per_far * share, floor
+    return _UNITS._replace(per_length=_UNITS.per_length * share, per_far=_UNITS.per_far * share)
 
 
 def _margin(separation: Array, xp: ArrayModule) -> Array:
@@ -329,7 +344,7 @@ def _best(margin: Array, steering: Array, xp: ArrayModule) -> tuple[Array, Array
 
 
 def passing(
-    x: Array, y: Array, vx: Array, vy: Array, units: tuple[Array, ...], xp: ArrayModule
+    x: Array, y: Array, vx: Array, vy: Array, units: PassingUnits, xp: ArrayModule
 ) -> tuple[Array, Array, Array, Array]:
     """Describe how an aircraft at (x, y) with relative velocity (vx, vy) passes on a straight
     course.
@@ -338,9 +353,7 @@ def passing(
     and how deep the separation is entered ahead. Slow relative speeds are softened: there the
     quotients would amplify the rounding of float32.
 
-    Args:
-        units: square of the speed that softens, how far ahead is looked, and what a time, a length,
-            a length far away and the square of a range are scaled by or softened with.
+    All ``[...]``; lengths and times in units that ``units`` are for.
     """
     slow, horizon, per_time, per_length, per_far, floor = units
     square = vx * vx + vy * vy + slow

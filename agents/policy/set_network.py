@@ -14,7 +14,7 @@ from numpy.typing import DTypeLike
 
 from agents.policy.candidate_manoeuvres import MinSeparationOfOne
 from agents.policy.file import PolicyFile
-from agents.policy.scene import Scene, mirrored_one, scene, scene_of_one, unpacked_rows
+from agents.policy.scene import Scene, mirror_one, scene, scene_of_one, unpack_rows
 from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_inputs_of_one
 from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
@@ -55,9 +55,9 @@ class SetNetwork:
 
     def of_parity(self, rows: np.ndarray) -> np.ndarray:
         """Return the actions ``[P, 2]`` for a file's parity vectors
-        (:func:`agents.policy.scene.unpacked_rows`).
+        (:func:`agents.policy.scene.unpack_rows`).
         """
-        return self._of_scenes(unpacked_rows(rows))
+        return self._of_scenes(unpack_rows(rows))
 
     def of_observations(self, observation: np.ndarray) -> np.ndarray:
         """Return the actions ``[N, 2]`` for observations ``[N, 8]`` of one intruder."""
@@ -125,7 +125,7 @@ class SetNetwork:
         """
         limits, separation = self._aircraft.limits, self._aircraft.separation
         found = scene_of_one(own, intruders, goal_x, goal_y, limits, separation)
-        seen, sign = mirrored_one(found._replace(share=share))
+        seen, sign = mirror_one(found._replace(share=share))
         return *set_inputs_of_one(seen, self._min_separation(seen), self._inputs), sign
 
     def _of_scenes(self, seen: Scene) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.baselines.baselines import Sight
 from agents.policy.inference import Policy
-from agents.policy.scene import OWN_NUMBERS, scene, unpacked_rows, width
+from agents.policy.scene import OWN_NUMBERS, scene, unpack_rows, width
 from agents.policy.set_features import set_inputs
 from agents.policy.set_network import actions
 from envs.aircraft import Ratios, ratios
@@ -38,7 +38,7 @@ class Compiled:
         def decide_rows(known: Any, rows: Any, share: Any) -> Any:
             encoder, trunk, numbers = known
             # What hangs on the aircraft alone is computed once for all rows of a tile.
-            seen = unpacked_rows(rows)._replace(ratios=Ratios(*numbers), share=share)
+            seen = unpack_rows(rows)._replace(ratios=Ratios(*numbers), share=share)
             inputs = set_inputs(seen, jax.numpy, policy.inputs)
             return jax.numpy.clip(actions(inputs, encoder, trunk, jax.numpy), -1.0, 1.0)
 

@@ -18,7 +18,7 @@ from agents.policy.file import PolicyFile, PolicyFileError, parse, serialise
 from agents.policy.inference import Policy
 from agents.policy.inputs import INTRUDER, OWNSHIP, Input, Number, register, resolve
 from agents.policy.novelty import box_of, departures
-from agents.policy.scene import random_scenes, unpacked_rows
+from agents.policy.scene import random_scenes, unpack_rows
 from agents.policy.schema import EXTENDED_SCHEMA, SetOf, new_metadata
 from agents.policy.set_features import TABLE, set_inputs, table
 from envs.aircraft import PAPER, Ratios
@@ -70,7 +70,7 @@ def content(*inputs: Input) -> PolicyFile:
     """Return a policy file of random weights with inputs."""
     rows = jnp.asarray(random_scenes(3, FAMILY))
     actor = Actor((16,), "set", encoder=(12,))
-    seen = set_inputs(unpacked_rows(rows), jnp, table(inputs))
+    seen = set_inputs(unpack_rows(rows), jnp, table(inputs))
     random = np.random.default_rng(4)
     weights = jax.tree.map(
         lambda leaf: random.normal(0.0, leaf.shape[0] ** -0.5, leaf.shape).astype("f4"),
@@ -201,7 +201,7 @@ def test_novelty_names_an_input_outside_its_bounds():
 
 
 def test_the_shipped_inputs_keep_the_bounds_of_their_table():
-    seen = set_inputs(unpacked_rows(random_scenes(5, FAMILY).astype(float)), np)
+    seen = set_inputs(unpack_rows(random_scenes(5, FAMILY).astype(float)), np)
     for numbers, values in (
         (TABLE.own_numbers, seen.own),
         (TABLE.each_numbers, seen.each[seen.mask]),
