@@ -320,9 +320,16 @@ def read(data: Any) -> Certificate:
         parts=data["parts"],
         bounds=table("bounds", [data["bounds"]], len(intruders))[0],
     )
+    check_sizes(found)
+    return found
+
+
+def check_sizes(found: Certificate) -> None:
+    """Refuse a certificate whose lists do not belong together, or whose sizes are negative."""
     power = type(found.parts) is int and found.parts in [1 << n for n in range(11)]
     demand(power, "parts is no power of 2 to 1024")
-    paired = len(controls) == len(waypoints) > 0
+    # The first plan state is the ownship's, the others are the waypoints.
+    paired = len(found.controls) == len(found.plan_states) - 1 > 0
     demand(paired, "there are not as many controls as waypoints, one or more")
     sizes = [*found.requirement, *found.bounds, found.wind.std]
     for one in found.reports:
@@ -332,7 +339,6 @@ def read(data: Any) -> Certificate:
     demand(min(separations) > 0.0, "a separation is not positive")
     levels = [one.vertical for one in (*found.excluded, *(time.heights for time in found.apart))]
     demand(min(levels, default=0.0) >= 0.0, "a vertical separation is negative")
-    return found
 
 
 def as_list(name: str, given: Any) -> list[Any]:

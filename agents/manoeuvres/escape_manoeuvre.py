@@ -27,8 +27,8 @@ class Manoeuvre(NamedTuple):
 
     turn: Array  # heading change at full rate from the start, rad, positive to the left
     throttle: Array  # acceleration at first, in [-1, 1] of the limits
-    # time at which the second turn is added to what is left of the first and the throttle changes,
-    # s
+    # time, s, at which the second turn is added to what is left of the first, and the throttle
+    # changes
     switch: Array
     turn_after: Array  # second turn, rad
     throttle_after: Array  # acceleration from the switch on, in [-1, 1]
@@ -104,8 +104,9 @@ def choose_action(
     returning = flight.returning.copy()
     asking = np.flatnonzero(~returning & (time >= manoeuvre.resume))
     if asking.size:
-        scene = take((own, goal, traffic, counting, manoeuvre.slack), asking)
-        returning[asking] = _clear(*scene, rules, limits)
+        some, to, slack = take((own, goal, manoeuvre.slack), asking)
+        others, how = take((traffic, counting), asking)
+        returning[asking] = _way_back_clear(some, to, others, how, slack, rules, limits)
     full_turn = limits.yaw_rate_max * rules.dt
     away = steer_away(flight, manoeuvre, time, full_turn)
     goal_turn, goal_throttle = _to_goal(own, goal, time, manoeuvre.throttle_home, rules, limits)
@@ -207,7 +208,7 @@ def _to_goal(
     return turn, np.where(late, 1.0, throttle)
 
 
-def _clear(
+def _way_back_clear(
     own: VehicleState,
     goal: tuple[Array, Array],
     traffic: VehicleState,
@@ -231,7 +232,7 @@ def _clear(
         traffic.x + traffic_vx * seconds - half_x[:, None],
         traffic.y + traffic_vy * seconds - half_y[:, None],
     )
-    clear = distance(rx, ry, np) >= required
+    half_way_clear = distance(rx, ry, np) >= required
 
     x, y = arc_end(own, to_goal, own.speed * turning)
     rx, ry = rx + traffic_vx * seconds, ry + traffic_vy * seconds
@@ -246,5 +247,5 @@ def _clear(
     closest = np.clip(
         -(rx * vx + ry * vy) / np.maximum(vx * vx + vy * vy, 1e-9), 0.0, flight[:, None]
     )
-    clear &= distance(rx + vx * closest, ry + vy * closest, np) >= required
-    return np.all(clear | ~counting.mask, axis=-1)
+    after_clear = distance(rx + vx * closest, ry + vy * closest, np) >= required
+    return np.all((half_way_clear & after_clear) | ~counting.mask, axis=-1)

@@ -107,7 +107,7 @@ _THROTTLES = (-1.0, 0.0, 1.0)
 COARSE = _grid(np.arange(-180.0, 180.1, 15.0), _THROTTLES)
 
 
-def _staying_away(turns_deg: Array, resumes: Array) -> Manoeuvre:
+def _turns_that_stay_away(turns_deg: Array, resumes: Array) -> Manoeuvre:
     """Return turns that do not come back before a time: with one throttle, or slow and then fast,
     ``[M]``.
     """
@@ -133,7 +133,7 @@ STAGES: tuple[Manoeuvre, ...] = (
         delays=[5.0, 10.0, 20.0, 40.0],
         slacks=[0.0, 0.2],
     ),
-    _staying_away(np.arange(-180.0, 180.1, 15.0), [20.0, 30.0]),
+    _turns_that_stay_away(np.arange(-180.0, 180.1, 15.0), [20.0, 30.0]),
 )
 """What is flown, coarse to fine: each stage only for the encounters that those before it left
 unsolved.
@@ -260,10 +260,10 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
     count = np.shape(encounter.goal_x)[0]
     traffic = tracks(encounter, steps(rules), rules)
     found = nothing(count)
-    left, pool, scores = np.arange(count), np.zeros((len(SPREAD), count, 0)), np.zeros((count, 0))
-    coarse = np.broadcast_to(
-        np.stack(scale(COARSE, rules))[:, None], (len(SPREAD), count, COARSE.turn.size)
-    )
+    left = np.arange(count)
+    pool, scores = np.zeros((len(SPREAD), count, 0)), np.zeros((count, 0))
+    seeds = np.stack(scale(COARSE, rules))
+    coarse = np.broadcast_to(seeds[:, None], (len(SPREAD), count, COARSE.turn.size))
     for index in range(ROUNDS + 1):
         tried = offspring(pool, index - 1, rules) if index else coarse
         family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
@@ -274,13 +274,10 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
         _keep_best(found, np.arange(count), which, family, flown._replace(arrival=arrival))
 
         # What misses the goal comes after all that reach it.
-        score = np.where(np.isnan(flown.arrival), flown.separation - 1e6, flown.separation).reshape(
-            left.size, -1
-        )
-        pool, scores = (
-            np.concatenate([pool, tried], axis=-1),
-            np.concatenate([scores, score], axis=-1),
-        )
+        missed = np.isnan(flown.arrival)
+        score = np.where(missed, flown.separation - 1e6, flown.separation).reshape(left.size, -1)
+        pool = np.concatenate([pool, tried], axis=-1)
+        scores = np.concatenate([scores, score], axis=-1)
         best = np.argsort(-scores, axis=-1, kind="stable")[:, :ELITES]
         on = np.isnan(found.arrival[left])
         pool = np.take_along_axis(pool, best[None], axis=-1)[:, on]
@@ -294,11 +291,8 @@ def offspring(pool: Array, index: int, task: Aircraft | Rules) -> Array:
     """Return variants ``[8, N, CHILDREN]`` of elites ``[8, N, ELITES]``, the same random changes
     for all encounters.
     """
-    changes = (
-        np.array(scale(SPREAD, task))[:, None]
-        * normals(0, index, 1, (len(SPREAD), CHILDREN))[0]
-        * 0.8**index
-    )
+    sigma = np.array(scale(SPREAD, task))[:, None]
+    changes = sigma * normals(0, index, 1, (len(SPREAD), CHILDREN))[0] * 0.8**index
     parents = (uniforms(0, index, 1, (CHILDREN,), stream=1)[0] * ELITES).astype(int)
     return within_range(pool[..., parents] + changes[:, None])
 

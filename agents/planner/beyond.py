@@ -27,7 +27,7 @@ the goal.
 _STRAIGHT = 1e-6  # rad between two legs of a route that are one
 
 
-class _Legs(NamedTuple):
+class _RouteLegs(NamedTuple):
     """Straight legs of routes; fields ``[N, L]``, or numbers of one."""
 
     x: Array  # where each begins, m
@@ -40,7 +40,7 @@ class _Legs(NamedTuple):
 class Beyond(NamedTuple):
     """The routes of requests beyond their goals, and the intruders, ``[N, K]``."""
 
-    legs: _Legs
+    legs: _RouteLegs
     next_x: Array  # the point after the goal, m, [N]; the goal itself where there is none
     next_y: Array
     points: Array  # lengths of the route from there to its points, m, [N, P]; inf: none
@@ -134,28 +134,50 @@ class Beyond(NamedTuple):
         """
         at_goal, course, speed = arrival(own, goal, time, task, np)
         there = VehicleState(*goal, course, speed)
-        way = direct(there, (self.next_x[owner], self.next_y[owner]), at_goal, task, np)
+        to_next, at_next = self._to_next(there, at_goal, owner, task)
+        rest = self._on_route(speed, at_next, owner)
+        return map_leaves(lambda *both: np.concatenate(both, axis=-1), to_next, rest)
+
+    def _to_next(
+        self, there: VehicleState, time: Array, owner: Array, task: DirectTask
+    ) -> tuple["_Lines", Array]:
+        """Return the turn onto the next point and the way there, ``[R, 2]``, from states at some
+        times, and when the point is reached, s.
+        """
+        speed = there.speed
+        way = direct(there, (self.next_x[owner], self.next_y[owner]), time, task, np)
         turned_x, turned_y = arc_end(there, way.side * way.turn, speed * way.turning)
-        turned = at_goal + way.turning
+        turned = time + way.turning
         at_next = turned + (way.straight + task.radius) / speed
         turning = np.maximum(way.turning, 1e-9)
+        chord_vx, chord_vy = (turned_x - there.x) / turning, (turned_y - there.y) / turning
+        vx, vy = speed * np.cos(way.course), speed * np.sin(way.course)
         lines = _Lines(
-            np.stack([goal[0], turned_x], axis=-1),
-            np.stack([goal[1], turned_y], axis=-1),
-            np.stack([(turned_x - goal[0]) / turning, speed * np.cos(way.course)], axis=-1),
-            np.stack([(turned_y - goal[1]) / turning, speed * np.sin(way.course)], axis=-1),
-            np.stack([at_goal, turned], axis=-1),
-            np.stack([turned, at_next], axis=-1),
+            x=np.stack([there.x, turned_x], axis=-1),
+            y=np.stack([there.y, turned_y], axis=-1),
+            vx=np.stack([chord_vx, vx], axis=-1),
+            vy=np.stack([chord_vy, vy], axis=-1),
+            first=np.stack([time, turned], axis=-1),
+            last=np.stack([turned, at_next], axis=-1),
         )
-        legs = take(self.legs, owner)
-        pace = speed[:, None]
+        return lines, at_next
+
+    def _on_route(self, speed: Array, at_next: Array, owner: Array) -> "_Lines":
+        """Return the flights along the legs after the next point, which is reached at some times,
+        s, until the plans end, ``[R, L]``.
+        """
+        legs, pace = take(self.legs, owner), speed[:, None]
         reached = at_next[:, None] + self.points[owner] / pace
         end = np.min(reached, axis=1, where=reached >= self.until, initial=np.inf)
         first = at_next[:, None] + legs.begin / pace
-        last = np.minimum(first + legs.length / pace, end[:, None])
-        vx, vy = pace * np.cos(legs.course), pace * np.sin(legs.course)
-        rest = _Lines(legs.x, legs.y, vx, vy, first, last)
-        return map_leaves(lambda *both: np.concatenate(both, axis=-1), lines, rest)
+        return _Lines(
+            x=legs.x,
+            y=legs.y,
+            vx=pace * np.cos(legs.course),
+            vy=pace * np.sin(legs.course),
+            first=first,
+            last=np.minimum(first + legs.length / pace, end[:, None]),
+        )
 
 
 class _Lines(NamedTuple):
@@ -193,7 +215,7 @@ def beyond(request: Request, goal: Array, options: Options) -> Beyond:
         for row, (first, last) in enumerate(zip(after, request.points, strict=True))
     ]
     most = max(len(legs) for legs, _ in each)
-    legs = _Legs(*np.zeros((len(_Legs._fields), goal.size, most)))
+    legs = _RouteLegs(*np.zeros((len(_RouteLegs._fields), goal.size, most)))
     points = np.full(route_x.shape, np.inf)
     for row, (found, along) in enumerate(each):
         for number, leg in enumerate(found):
@@ -222,15 +244,15 @@ def beyond(request: Request, goal: Array, options: Options) -> Beyond:
     return found._replace(order=found.nearest_first(request.own, to, task_of(options)))
 
 
-def _legs_of(x: Array, y: Array) -> tuple[list[_Legs], Array]:
+def _legs_of(x: Array, y: Array) -> tuple[list[_RouteLegs], Array]:
     """Return the legs of a route, those on one line as one, and the lengths to its points."""
     lengths = np.hypot(np.diff(x), np.diff(y))
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     courses = np.arctan2(np.diff(y), np.diff(x))
-    found: list[_Legs] = []
+    found: list[_RouteLegs] = []
     for number, (course, length) in enumerate(zip(courses, lengths, strict=True)):
         if found and abs(math.remainder(course - found[-1].course, math.tau)) < _STRAIGHT:
             found[-1] = found[-1]._replace(length=found[-1].length + length)
         else:
-            found.append(_Legs(x[number], y[number], course, along[number], length))
+            found.append(_RouteLegs(x[number], y[number], course, along[number], length))
     return found, along

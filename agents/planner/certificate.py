@@ -52,11 +52,11 @@ def certificate(  # noqa: PLR0913, PLR0917 - all of a request
     """
     out = {one.number for one in excluded if one.apart is Apart.VERTICALLY}
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
-    kept = [report for number, report in enumerate(reports) if number not in out]
+    counted = [report for number, report in enumerate(reports) if number not in out]
     plan_states = waypoints.plan_states(own, published, wind=wind)
-    in_air, seen = options, kept
+    in_air, seen = options, counted
     if wind is not None:
-        in_air, seen = in_wind(options, wind), [report_in_air(one, wind) for one in kept]
+        in_air, seen = in_wind(options, wind), [report_in_air(one, wind) for one in counted]
     curves = waypoints.legs(plan_states)
     data = {
         "format": FORMAT,
@@ -66,11 +66,11 @@ def certificate(  # noqa: PLR0913, PLR0917 - all of a request
             [point.x, point.y, point.heading, point.speed, point.time] for point in published
         ],
         "controls": np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1).tolist(),
-        "intruders": [_report(one, options.requirement.separation) for one in kept],
+        "intruders": [_report(one, options.requirement.separation) for one in counted],
         "excluded": [_heights(own_altitude, reports[number], options) for number in sorted(out)],
         "apart": [
             row
-            for number, report in enumerate(kept)
+            for number, report in enumerate(counted)
             for row in _apart(number, own_altitude, report, published[-1].time + _BEYOND, options)
         ],
         "requirement": options.requirement._asdict(),
@@ -148,6 +148,7 @@ def _apart(
 
 
 def _row(heights: Heights, vertical: float) -> list[float]:
+    """Return altitudes at their worst, and the vertical separation, as the file has them."""
     return [*(float(value) for value in heights), float(vertical)]
 
 

@@ -24,6 +24,7 @@ RING = 12
 """Points about an area."""
 
 _MOST_TRIED = 40  # places that are looked at from, a way
+_BEGIN = -1  # number of the place where a way begins
 
 
 class Place(NamedTuple):
@@ -61,11 +62,13 @@ class Airspace(NamedTuple):
         if straight.time < self.latest and self.clear(begin, *there).all():
             return [straight]
         rings = self.rings
-        to_x, to_y = np.append(rings.x, x), np.append(rings.y, y)
-        east, north = np.append(rings.east, drift[0]), np.append(rings.north, drift[1])
-        goal, best = to_x.size - 1, {-1: begin.time}
-        came, places = dict[int, int](), {-1: begin}
-        queue, done = [(begin.time, -1)], set[int]()
+        to = np.append(rings.x, x), np.append(rings.y, y)
+        velocity = np.append(rings.east, drift[0]), np.append(rings.north, drift[1])
+        # A* over the points of the rings and, as the last of them, the goal: by when each is
+        # reached, and how long the straight flight from there would take.
+        goal = to[0].size - 1
+        places, came, done = {_BEGIN: begin}, dict[int, int](), set[int]()
+        queue = [(begin.time, _BEGIN)]
         while queue and len(done) < _MOST_TRIED:
             _, at = heapq.heappop(queue)
             if at in done:
@@ -74,19 +77,20 @@ class Airspace(NamedTuple):
             if at == goal:
                 return _back(at, came, places)
             here = places[at]
-            there_x, there_y, arrival = self._reach(here, (to_x, to_y), (east, north))
-            promising = np.array(
-                [n not in done and arrival[n] < best.get(n, self.latest) for n in range(goal + 1)]
-            )
-            free = np.flatnonzero(promising)
+            there_x, there_y, arrival = self._reach(here, to, velocity)
+            earlier = [
+                n not in done and arrival[n] < (places[n].time if n in places else self.latest)
+                for n in range(goal + 1)
+            ]
+            free = np.flatnonzero(np.array(earlier))
             free = free[self.clear(here, there_x[free], there_y[free], arrival[free])]
             for n in free.tolist():
-                best[n], came[n] = float(arrival[n]), at
-                places[n] = Place(float(there_x[n]), float(there_y[n]), best[n])
-                left = math.hypot(
-                    x + drift[0] * best[n] - places[n].x, y + drift[1] * best[n] - places[n].y
-                )
-                heapq.heappush(queue, (best[n] + left / self.speed, n))
+                there = Place(float(there_x[n]), float(there_y[n]), float(arrival[n]))
+                places[n], came[n] = there, at
+                off_x = x + drift[0] * there.time - there.x
+                off_y = y + drift[1] * there.time - there.y
+                left = math.hypot(off_x, off_y) / self.speed
+                heapq.heappush(queue, (there.time + left, n))
         return []
 
     def straight(self, here: Place, x: float, y: float, drift: tuple[float, float]) -> Place:
@@ -119,17 +123,17 @@ class Airspace(NamedTuple):
             begin_x, begin_y = (np.full(rows.size, value) for value in start)
             parts = Parts(begin_x, begin_y, end_x, end_y)
             grown = np.minimum(gain(one.area) * here.time, gain(one.area) * arrival[rows])
-            kept = np.zeros(rows.size, dtype=bool)
+            clear = np.zeros(rows.size, dtype=bool)
             if one.area.keep is Keep.OUT:
                 # The rectangle around an area is far away more cheaply.
                 away = box_distance(one.area, parts)
-                kept = (away > 0.0) & (away + grown >= need)
-            near = np.flatnonzero(~kept)
+                clear = (away > 0.0) & (away + grown >= need)
+            near = np.flatnonzero(~clear)
             if near.size:
                 some, gained = take((parts, grown), near)
                 bound = chord_distances(one.area, some, need - gained).bound
-                kept[near] = bound + gained >= need
-            found[rows] = kept
+                clear[near] = bound + gained >= need
+            found[rows] = clear
         return found
 
 
@@ -158,11 +162,11 @@ def airspace(
         for axis in (0, 1)
     )
     return Airspace(
-        tuple(areas),
-        tuple(least + 0.5 * pad if least > margin else least for least in need),
-        Rings(x, y, east, north),
-        max(own.speed, 1.0),
-        latest,
+        areas=tuple(areas),
+        need=tuple(least + 0.5 * pad if least > margin else least for least in need),
+        rings=Rings(x, y, east, north),
+        speed=max(own.speed, 1.0),
+        latest=latest,
     )
 
 

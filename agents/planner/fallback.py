@@ -75,11 +75,8 @@ def search(
 
 def refine(request: Request, goal: Array, options: Options, budget: Budget) -> Proposals:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
-    best, options = (
-        empty(goal.size, options.waypoints),
-        replace(options, manoeuvre=aggressive_limits(options)),
-    )
-    aircraft = options.aircraft
+    options = replace(options, manoeuvre=aggressive_limits(options))
+    best, aircraft = empty(goal.size, options.waypoints), options.aircraft
     seeds, within = np.stack(scale(_SEEDS, aircraft)), _WITHIN * aircraft.separation
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
     for part in _parts(np.arange(goal.size), _SEEDS.turn.size):
@@ -91,22 +88,30 @@ def refine(request: Request, goal: Array, options: Options, budget: Budget) -> P
             tried = offspring(pool, index - 1, aircraft) if index else coarse
             # What begins was validated by the stages before as far as it was promising.
             score = _try_out(best, left, request, goal, tried, options, budget, index > 0)
-            pool, scores = (
-                np.concatenate([pool, tried], axis=-1),
-                np.concatenate([scores, score], axis=-1),
-            )
+            pool = np.concatenate([pool, tried], axis=-1)
+            scores = np.concatenate([scores, score], axis=-1)
             order = _elites(pool[0], scores)
             pool = np.take_along_axis(pool, order[None], axis=-1)
             scores = np.take_along_axis(scores, order, axis=-1)
             history[left, index] = scores.max(axis=-1)
-            going_on = ~best.safe[left] & (history[left, index] >= -within)
-            if index >= _PATIENCE:
-                gained = history[left, index] - history[left, index - _PATIENCE]
-                going_on &= gained >= _PROGRESS * -history[left, index - _PATIENCE]
+            going_on = ~best.safe[left] & _promising(history[left], index, within)
             left, pool, scores = left[going_on], pool[:, going_on], scores[going_on]
             if left.size == 0:
                 break
     return best
+
+
+def _promising(history: Array, index: int, within: float) -> Array:
+    """Return whether more changes may help requests, bool ``[n]``, by their best scores so far, m,
+    ``[n, rounds]``: those are within reach of a safe plan, and the latest rounds brought them
+    nearer.
+    """
+    now = history[:, index]
+    promising = now >= -within
+    if index >= _PATIENCE:
+        before = history[:, index - _PATIENCE]
+        promising &= now - before >= _PROGRESS * -before
+    return promising
 
 
 def _elites(turn: Array, scores: Array) -> Array:
@@ -133,11 +138,8 @@ def _try_out(
     """Fly manoeuvres ``[8, n, M]``, perhaps judge them as plans; return how near each is to a safe
     one, ``[n, M]``.
     """
-    request, goal, which = (
-        take(request, left),
-        goal[left],
-        np.repeat(np.arange(left.size), tried.shape[-1]),
-    )
+    request, goal = take(request, left), goal[left]
+    which = np.repeat(np.arange(left.size), tried.shape[-1])
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
     effort = Effort(
         -np.inf, options.smoothing, enough=tried.size, ends=partial(budget.ends, "fallback")
@@ -171,7 +173,9 @@ def _improve(
     options: Options,
     effort: Effort,
 ) -> None:
-    """Try a stage of the family on some requests."""
+    """Fly a stage of the family for the requests numbered ``part``, and note the best plans that
+    its most promising manoeuvres become.
+    """
     each, reversal = stage.turn.size, REVERSAL_WEIGHT * options.aircraft.separation
     request, goal, which = take(request, part), goal[part], np.repeat(np.arange(part.size), each)
     family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
@@ -200,5 +204,6 @@ def _improve(
 
 
 def _parts(rows: Array, each: int) -> list[Array]:
+    """Return rows in parts of which so many manoeuvres each are in the air at once."""
     size = max(_BLOCK // each, 1)
     return [rows[first : first + size] for first in range(0, rows.size, size)]

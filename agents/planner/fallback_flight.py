@@ -54,17 +54,18 @@ def fly_out(
     """
     task, stride = task_of(options), stride_of(options)
     last = int(min(task.until, effort.longest) / stride + 1e-9)
-    ahead = _Ahead(request, goal, options, last)
+    around = _RequestSurroundings(request, goal, options, last)
     landed = fly_until_clear(
-        request.own, which, manoeuvre, ahead, effort, stride, task.until, task.limits
+        request.own, which, manoeuvre, around, effort, stride, task.until, task.limits
     )
     found = _rollout(landed, task.limits, stride, options.spacing // EVERY)
     return ManoeuvreFlights(found, landed.clearance)
 
 
-class _Ahead:
-    """What lies ahead of requests ``[N]``: their intruders ``[N, K]`` at each stride, the route
-    beyond the goal, and the areas.
+class _RequestSurroundings:
+    """What manoeuvres of requests ``[N]`` are tested against
+    (:class:`agents.manoeuvres.simulator.Surroundings`): their intruders ``[N, K]`` at each stride,
+    the route beyond the goal, and the areas.
     """
 
     def __init__(self, request: Request, goal: Array, options: Options, last: int) -> None:
@@ -149,8 +150,9 @@ class _Ahead:
         own, goal = column((departure.own, aim))
         seen = take(self._others, (at, of, each))
         window = take(self._request.traffic.window, (of, each))
-        kept = clear(own, goal, seen, required, at * self._stride, self._task, np, window)
-        return np.all(kept, axis=-1)
+        time = at * self._stride
+        each_clear = clear(own, goal, seen, required, time, self._task, np, window)
+        return np.all(each_clear, axis=-1)
 
     def _clear_beyond(self, departure: Departure, aim: tuple[Array, Array]) -> Array:
         """Return whether the route beyond the goal is clear after direct routes, bool ``[R]``."""
@@ -253,15 +255,15 @@ def _rollout(landed: Landed, limits: Limits, stride: float, spacing: int) -> Rol
     some, flown = slice(None, None, spacing), strides <= end
     plan_states = map_leaves(lambda field: np.where(flown[some], field[some], np.nan).T, states)
 
-    def known(values: Array) -> Array:
+    def where_returned(values: Array) -> Array:
         return np.where(returned, values, np.nan)
 
     return Rollout(
         plan_states,
-        end=map_leaves(known, take(states, (end, rows))),
-        time=known(end * stride),
+        end=map_leaves(where_returned, take(states, (end, rows))),
+        time=where_returned(end * stride),
         direct=returned,
-        path=known(path[end, rows]),
-        turn_sign=known(side[-1]),
-        reversals=known(reversals),
+        path=where_returned(path[end, rows]),
+        turn_sign=where_returned(side[-1]),
+        reversals=where_returned(reversals),
     )

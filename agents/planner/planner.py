@@ -175,7 +175,12 @@ def _plan_rows(
     *,
     floats: bool,
 ) -> Plans:
-    """Plan requests of which every number is finite, to points of the route ``[N, goals]``."""
+    """Plan requests of which every number is finite, to points of the route ``[N, goals]``.
+
+    Goals are tried one after the other where no plan is safe yet: the policy, then the fallback
+    where the policy's plan is not safe or costs much, at the end the refinement. Among areas the
+    slow stages of the last two follow when all goals have been tried quickly.
+    """
     count = request.points.size
     best = empty(count, options.waypoints)
     source, policy_safe = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=bool)
@@ -219,7 +224,9 @@ def _search_on(
     options: Options,
     budget: Budget,
 ) -> None:
-    """Search on in some way for plans to points ``[N]`` where there is none that is safe."""
+    """Search on in some way for plans to points ``[N]``, and keep the best, where there is none
+    that is safe.
+    """
     # Where the route is too short for one manoeuvre it is for all.
     left = np.flatnonzero(~best.safe & (goal >= 0) & ~best.too_short)
     if left.size:

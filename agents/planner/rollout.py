@@ -203,7 +203,7 @@ def _roll_each(
         own, traffic, place, drift = take((request.own, request.traffic, to, request.drift), row)
         one = slice(row, row + 1)
         rest = beyond(take(request, one), goal[one], options) if crowd else None
-        ahead = _Ahead(traffic, required_range[row], rest, policy, options)
+        ahead = _TrafficAhead(traffic, required_range[row], rest, policy, options)
         target = _Target(map_leaves(float, place), map_leaves(float, drift))
         each.append(_roll_one(map_leaves(float, own), ahead, target, policy, options, ends))
     return each[0] if len(each) == 1 else map_leaves(lambda *rows: np.concatenate(rows), *each)
@@ -225,7 +225,7 @@ class _Target(NamedTuple):
 
 def _roll_one(
     own: VehicleState,
-    ahead: "_Ahead",
+    ahead: "_TrafficAhead",
     target: _Target,
     policy: Policy,
     options: Options,
@@ -271,7 +271,7 @@ def _roll_one(
     return result
 
 
-class _Ahead:
+class _TrafficAhead:
     """The intruders of one request as they will be, in plain floats."""
 
     def __init__(
@@ -418,8 +418,8 @@ def _all_clear(
     if mask.shape[-1] == 0:
         return clear(state, goal, state, -np.inf, time, task, np)
     required_range = np.where(mask, required_range, -np.inf)
-    kept = clear(*own, seen, required_range, time, task, np, traffic.window)
-    return np.all(kept, axis=-1)
+    each_clear = clear(*own, seen, required_range, time, task, np, traffic.window)
+    return np.all(each_clear, axis=-1)
 
 
 def _empty(count: int, points: int) -> Rollout:

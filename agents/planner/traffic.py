@@ -41,13 +41,13 @@ class Traffic(NamedTuple):
         """Return intruders that are known exactly and fly straight ahead, ``[..., K]``."""
         zero = np.zeros(np.shape(state.x))
         return cls(
-            state,
-            np.ones(zero.shape, dtype=bool) if mask is None else mask,
-            zero,
-            zero,
-            zero,
-            zero,
-            zero,
+            state=state,
+            mask=np.ones(zero.shape, dtype=bool) if mask is None else mask,
+            turn_rate=zero,
+            turn_time=zero,
+            position_std=zero,
+            velocity_std=zero,
+            age=zero,
         )
 
 

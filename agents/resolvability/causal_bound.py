@@ -74,16 +74,14 @@ class Causal(NamedTuple):
 
 
 class _Air(NamedTuple):
-    """Encounters (whose intents the oracle does not see) and states now, ``[M]``; turn rates of the
-    second before.
-    """
+    """Encounters under way; fields ``[M]``, those of intruders ``[M, K]``."""
 
-    number: Array
-    encounter: Encounter
-    own: VehicleState
-    intruders: IntruderState
-    rate: Array
-    plan: Manoeuvre
+    number: Array  # of the encounter
+    encounter: Encounter  # whose intents the oracle does not see
+    own: VehicleState  # now
+    intruders: IntruderState  # now
+    rate: Array  # at which they turned in the step before, rad/s
+    plan: Manoeuvre  # that is followed
 
 
 def causal(encounters: Encounter, rules: Rules, limits: Limits) -> Causal:
@@ -103,12 +101,12 @@ def _fly(encounter: Encounter, part: Array, rules: Rules, limits: Limits, result
     """Fly a part of the encounters to their ends and write them into the result."""
     nothing = Manoeuvre(*np.zeros((len(Manoeuvre._fields), part.size)))
     air = _Air(
-        part,
-        encounter,
-        encounter.own,
-        start(encounter.intruders, np),
-        0.0 * encounter.intruders.x,
-        nothing,
+        number=part,
+        encounter=encounter,
+        own=encounter.own,
+        intruders=start(encounter.intruders, np),
+        rate=0.0 * encounter.intruders.x,
+        plan=nothing,
     )
     scatter(result.own, (0, part), air.own)
     for index in range(steps(rules)):
@@ -147,36 +145,33 @@ def _plan(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
     rows = np.flatnonzero(surprised | (index % _EVERY == 0))
     coarse = rules._replace(dt=_STRIDE * rules.dt)
 
-    def futures(rows: Array) -> list[Encounter]:
-        own, intruders = take((air.own, air.intruders.vehicle), rows)
-        return _futures(
-            take(air.encounter, rows)._replace(own=own, intruders=intruders),
-            air.rate[rows],
-            limits.yaw_rate_max,
-        )
-
-    def value(rows: Array, tried: Array) -> Array:
-        return _value(futures(rows), tried, coarse, limits)
-
     enough = ENOUGH * rules.separation - _DEAR * rules.separation / rules.dt * rules.t_max
     if index > 0 and rows.size:
-        rows = rows[value(rows, plan[:, rows, None])[:, 0] < enough]
+        worth = _value(_futures_of(air, rows, limits), plan[:, rows, None], coarse, limits)
+        rows = rows[worth[:, 0] < enough]
     family = np.stack(scale(_FAMILY, rules))
     for part in parts(rows, 3 * family.shape[-1], air.encounter):
         tried = np.broadcast_to(family[:, None], (family.shape[0], part.size, family.shape[-1]))
         # The old plan comes first, so that it is kept where nothing is better.
         tried = tried if index == 0 else np.concatenate([plan[:, part, None], tried], axis=-1)
-        worth = value(part, tried)
+        worth = _value(_futures_of(air, part, limits), tried, coarse, limits)
         best = np.argmax(worth, axis=-1)
         plan[:, part] = np.take_along_axis(tried, best[None, :, None], axis=-1)[:, :, 0]
         # Where no plan keeps clear of the straight courses, a thorough search may find one that
         # just does.
         lost = part[np.max(worth, axis=-1) < _LOST * rules.separation]
         if lost.size:
-            found = search(futures(lost)[0], rules, limits)
+            found = search(_futures_of(air, lost, limits)[0], rules, limits)
             works = ~np.isnan(found.arrival)
             plan[:, lost[works]] = np.stack(found.manoeuvre)[:, works]
     return Manoeuvre(*plan)
+
+
+def _futures_of(air: _Air, rows: Array, limits: Limits) -> list[Encounter]:
+    """Return how the encounters in the air numbered ``rows`` may go on."""
+    own, intruders = take((air.own, air.intruders.vehicle), rows)
+    present = take(air.encounter, rows)._replace(own=own, intruders=intruders)
+    return _futures(present, air.rate[rows], limits.yaw_rate_max)
 
 
 def _futures(present: Encounter, rate: Array, most: float) -> list[Encounter]:
@@ -215,8 +210,9 @@ def _value(futures: list[Encounter], tried: Array, rules: Rules, limits: Limits)
     weights = np.array(_WEIGHTS)[:, None, None]
     unit, enough = rules.separation, ENOUGH * rules.separation
     dear = _DEAR * unit * _STRIDE / rules.dt  # the plans are flown in strides
-    kept = np.minimum(separation, enough) + _STEEP * np.minimum(separation - rules.separation, 0.0)
-    value = np.sum(weights * kept, axis=0) - dear * arrival[0]
+    missing = np.minimum(separation - rules.separation, 0.0)
+    worth = np.minimum(separation, enough) + _STEEP * missing
+    value = np.sum(weights * worth, axis=0) - dear * arrival[0]
     lost = _LOST * unit
     failed = np.minimum(separation[0], enough) + 2.0 * lost + lost * np.isnan(arrival[0])
     # A plan that does not keep the separation on the straight courses, or does not arrive, comes

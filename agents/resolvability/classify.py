@@ -148,7 +148,7 @@ def _decide(
     missed = rules._replace(separation=rules.separation - reserve)
     ahead = look_ahead(chosen, rules, limits)
 
-    def proven(numbers: Array, times: Array, method: Method) -> None:
+    def note_proof(numbers: Array, times: Array, method: Method) -> None:
         holds = ~np.isnan(times)
         rows = part[numbers[holds]]
         result.verdict[rows], result.method[rows] = Verdict.UNRESOLVABLE, method
@@ -158,10 +158,10 @@ def _decide(
         return np.flatnonzero(result.verdict[part] == Verdict.UNDECIDED)
 
     every = np.arange(part.size)
-    proven(every, np.where(ahead.out_of_reach, steps(rules) * rules.dt, np.nan), Method.GOAL)
+    note_proof(every, np.where(ahead.out_of_reach, steps(rules) * rules.dt, np.nan), Method.GOAL)
     times = containment_time(ahead, missed, limits)
-    proven(every, times, Method.CONTAINMENT)
-    proven(every, np.where(times == 0.0, times, np.nan), Method.START)
+    note_proof(every, times, Method.CONTAINMENT)
+    note_proof(every, np.where(times == 0.0, times, np.nan), Method.START)
 
     left = undecided_rows()
     found = search(take(chosen, left), rules, limits)
@@ -172,4 +172,4 @@ def _decide(
     result.arrival[rows], result.separation[rows] = found.arrival[works], found.separation[works]
 
     left = undecided_rows()
-    proven(left, split(take(ahead, left), missed, limits), Method.SPLITTING)
+    note_proof(left, split(take(ahead, left), missed, limits), Method.SPLITTING)

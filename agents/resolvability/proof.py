@@ -8,6 +8,7 @@ heading or speed at some time, again and again.
 """
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ from envs.intruder import start, step
 from envs.kinematics import Limits, advance
 from envs.outcome import Rules
 from envs.relative import distance
-from envs.trees import take
+from envs.trees import map_leaves, take
 
 STEP = 0.05
 """Of the integration of the supports, in time steps of the task."""
@@ -102,9 +103,8 @@ def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
     def in_frame(x: Array, y: Array) -> tuple[Array, Array]:
         """Return positions ``[..., N, K]`` in the ownship's initial frame."""
         east, north = x - own.x[:, None], y - own.y[:, None]
-        return cosine[:, None] * east + sine[:, None] * north, cosine[:, None] * north - sine[
-            :, None
-        ] * east
+        ahead, left = cosine[:, None], sine[:, None]
+        return ahead * east + left * north, ahead * north - left * east
 
     scale = float(np.max(reach_scale(encounter, rules), initial=1.0))
     times = _test_times(_tests_ahead(scale * rules.separation, rules, limits), rules)
@@ -228,7 +228,7 @@ def _halves(funnel: Funnel, promising: Array, times: Array, step: float, limits:
     until = times <= promising[:, None]
     none = np.full(promising.size, np.nan)
     least: Array = np.full(promising.size, np.inf)
-    chosen: Array = (funnel, funnel)
+    chosen = funnel, funnel
     for fraction in (0.3, 0.6, 0.9):
         at = np.clip(np.rint(fraction * promising / step).astype(int), 1, times.size - 1)
         turn = 0.5 * (funnel.turn_low + funnel.turn_high)[rows, at]
@@ -238,16 +238,8 @@ def _halves(funnel: Funnel, promising: Array, times: Array, step: float, limits:
             width = np.maximum(*(np.sum(_width(half) * until, axis=-1) for half in halves))
             better = width < least
             least = np.where(better, width, least)
-            chosen = tuple(
-                Funnel(
-                    *(
-                        np.where(better[:, None], new, old)
-                        for new, old in zip(half, best, strict=True)
-                    )
-                )
-                for half, best in zip(halves, chosen, strict=True)
-            )
-    return Funnel(*(np.concatenate(pair) for pair in zip(*chosen, strict=True)))
+            chosen = map_leaves(partial(np.where, better[:, None]), halves, chosen)
+    return map_leaves(lambda *pair: np.concatenate(pair), *chosen)
 
 
 def _width(funnel: Funnel) -> Array:

@@ -76,12 +76,8 @@ def last_time(
             supports = supports + grown[row]
             if not np.all(np.any(supports < short_of, axis=1)):
                 return np.nan
-            left = np.ones(row.size, dtype=bool)
-            for intruder in range(x.shape[0]):
-                supports, some = outside(
-                    supports, x[intruder, first + test], y[intruder, first + test], radius[intruder]
-                )
-                left &= some
+            at = first + test
+            supports, left = _outside_all(supports, x[:, at], y[:, at], radius)
             supports, row = supports[left], row[left]
             if not row.size:
                 return (first + test + 1) * stride
@@ -89,6 +85,17 @@ def last_time(
         if _passes(states, x[:, first + tests :], y[:, first + tests :], radius, stride):
             break
     return np.nan
+
+
+def _outside_all(supports: Array, x: Array, y: Array, radius: Array) -> tuple[Array, Array]:
+    """Shrink polygons to what they have outside the discs of all intruders ``[K]``; return also
+    whether anything is left, bool ``[M]``.
+    """
+    left = np.ones(len(supports), dtype=bool)
+    for place_x, place_y, far in zip(x, y, radius, strict=True):
+        supports, some = outside(supports, place_x, place_y, far)
+        left &= some
+    return supports, left
 
 
 def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tuple[Array, States]:
@@ -125,7 +132,7 @@ def moves(before: States, ended: States, tests: int, stride: float, limits: Limi
     bend = (top_speed * rate * rate + 2.0 * strongest * rate) * stride**3 / 12.0
     kinks = 0.5 * (top_speed * rate + strongest) * stride * stride
 
-    def speed_towards(time: float) -> Array:
+    def largest_speeds(time: float) -> Array:
         """Return the largest speed in each direction, ``[M, D]``."""
         remaining = tests * stride - time
         turn_low = np.maximum(before.turn_low - rate * time, ended.turn_low - rate * remaining)
@@ -135,9 +142,9 @@ def moves(before: States, ended: States, tests: int, stride: float, limits: Limi
         slowest = np.maximum(slowest, ended.speed_low - limits.acceleration_max * remaining)
         return towards(column(Funnel(turn_low, turn_high, slowest, fastest)), DIRECTIONS)
 
-    now = speed_towards(0.0)
+    now = largest_speeds(0.0)
     for test in range(tests):
-        after = speed_towards((test + 1) * stride)
+        after = largest_speeds((test + 1) * stride)
         yield 0.5 * stride * (now + after) + bend + (kinks if test == 0 else 0.0)
         now = after
 

@@ -26,7 +26,7 @@ from envs.encounters import Encounter
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules
 from envs.relative import bearing
-from envs.trees import scatter, take
+from envs.trees import map_leaves, scatter, take
 
 SECOND = 1e-3
 """Cost of a second of flight, m: of flights of the same length the earlier arrival is the better,
@@ -93,6 +93,25 @@ def _cheapest(
         pool[:, left, :1] = rescued
         scatter(flown, (left, slice(1)), _fly(encounter, traffic, left, rescued, rules, limits))
 
+    _breed(encounter, traffic, pool, flown, rounds, rules, limits)
+    works = ~np.isnan(flown.arrival[:, 0])
+    best = np.where(works, pool[:, :, 0], np.nan)
+    arrival, separation, path = (np.where(works, field[:, 0], np.nan) for field in flown)
+    return Found(Manoeuvre(*best), arrival, separation, path)
+
+
+def _breed(
+    encounter: Encounter,
+    traffic: VehicleState,
+    pool: Array,
+    flown: EscapeOutcome,
+    rounds: int,
+    rules: Rules,
+    limits: Limits,
+) -> None:
+    """Replace flights ``[8, N, E]``, cheapest first, and how they ended, ``[N, E]``, by cheaper
+    ones: rounds of random changes, of which the cheapest breed on.
+    """
     # Offspring of one round are the same changes for every encounter, so that results do not depend
     # on the batch.
     changes = normals(1, 0, rounds, (len(SPREAD), _CHILDREN))
@@ -105,16 +124,12 @@ def _cheapest(
         spread = np.array(scale(SPREAD, rules))[:, None] * (changes[index] * _DECAY**index)
         tried = _offspring(pool[:, alive], working[alive], spread, draws[index])
         outcome = _fly(encounter, traffic, alive, tried, rules, limits)
-        both = EscapeOutcome(
-            *(np.concatenate([a[alive], b], axis=-1) for a, b in zip(flown, outcome, strict=True))
+        both = map_leaves(
+            lambda old, new: np.concatenate([old, new], axis=-1), take(flown, alive), outcome
         )
-        kept, kept_flown = _best(np.concatenate([pool[:, alive], tried], axis=-1), both, _ELITES)
-        pool[:, alive] = kept
-        scatter(flown, alive, kept_flown)
-    works = ~np.isnan(flown.arrival[:, 0])
-    best = np.where(works, pool[:, :, 0], np.nan)
-    arrival, separation, path = (np.where(works, field[:, 0], np.nan) for field in flown)
-    return Found(Manoeuvre(*best), arrival, separation, path)
+        best, how = _best(np.concatenate([pool[:, alive], tried], axis=-1), both, _ELITES)
+        pool[:, alive] = best
+        scatter(flown, alive, how)
 
 
 def _direct(encounter: Encounter, rules: Rules) -> Array:
@@ -136,14 +151,14 @@ def _offspring(pool: Array, working: Array, changes: Array, draws: Array) -> Arr
     """
     last = np.maximum(working - 1, 0)[:, None]
 
-    def some(draw: Array) -> Array:
-        return np.take_along_axis(
-            pool, np.minimum((draw * (last + 1)).astype(int), last)[None], axis=-1
-        )
+    def draw_parents(draw: Array) -> Array:
+        number = np.minimum((draw * (last + 1)).astype(int), last)
+        return np.take_along_axis(pool, number[None], axis=-1)
 
     # The better parent is the likelier; half of the offspring vary along the differences between
     # the flights kept.
-    parent, one, other = some(draws[0] ** 2), some(draws[1]), some(draws[2])
+    parent = draw_parents(draws[0] ** 2)
+    one, other = draw_parents(draws[1]), draw_parents(draws[2])
     along = np.where(draws[3] < 0.5, draws[4], 0.0) * (one - other)
     noise = changes * np.where(draws[3] < 0.5, 0.2, 1.0)
     return within_range(parent + along + noise[:, None])
@@ -182,6 +197,5 @@ def _best(pool: Array, flown: EscapeOutcome, most: int) -> tuple[Array, EscapeOu
     """
     cost = np.where(np.isnan(flown.arrival), np.inf, flown.path + SECOND * flown.arrival)
     best = np.argsort(cost, axis=-1, kind="stable")[:, :most]
-    return np.take_along_axis(pool, best[None], axis=-1), EscapeOutcome(
-        *(np.take_along_axis(f, best, axis=-1) for f in flown)
-    )
+    chosen = map_leaves(lambda field: np.take_along_axis(field, best, axis=-1), flown)
+    return np.take_along_axis(pool, best[None], axis=-1), chosen
