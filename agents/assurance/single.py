@@ -21,7 +21,8 @@ from agents.assurance.inputs import Inputs, no_areas
 from agents.assurance.state import Decision, FlyMode, Monitor, State, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.planner.answer import Plan
-from agents.planner.request import Altitude, Intruder, arrays_of_reports, windows
+from agents.planner.levels import Altitude
+from agents.planner.reports import Intruder, arrays_of_reports, windows
 from agents.planner.traffic import advance_reports
 from envs.areas import Area
 from envs.kinematics import VehicleState

@@ -17,7 +17,8 @@ import numpy as np
 from agents.planner.answer import UNKNOWN_FLIGHT, Apart, Excluded, Flight
 from agents.planner.levels import Altitude, Heights, apart, vertical_gap, worst
 from agents.planner.options import Options
-from agents.planner.request import Intruder, arrays_of_reports, in_wind, report_in_air, windows
+from agents.planner.reports import Intruder, arrays_of_reports, report_in_air, windows
+from agents.planner.request import in_wind
 from agents.planner.separation import FINE
 from agents.planner.traffic import advance_reports
 from agents.planner.validator import validate

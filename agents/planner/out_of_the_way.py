@@ -6,16 +6,13 @@ they are apart. What is unknown counts as the worst that is plausible.
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from agents.planner.answer import Apart, Excluded, Kind, Reason
 from agents.planner.levels import Altitude, vertical_gap
 from agents.planner.options import Options
+from agents.planner.reports import Intruder
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
-
-if TYPE_CHECKING:
-    from agents.planner.request import Intruder
 
 SPEED_TOLERANCE = 1e-3
 """m/s; far more than a leg may pass its limit by."""
@@ -25,7 +22,7 @@ _EARTH = 6.3e6  # m; less than every radius of curvature of the earth
 
 def find_excluded(
     own: VehicleState,
-    reports: Sequence["Intruder"],
+    reports: Sequence[Intruder],
     own_altitude: Altitude | None,
     end: float,
     options: Options,
@@ -68,7 +65,7 @@ def unproven_exclusions(excluded: Sequence[Excluded], end: Waypoint) -> list[Rea
 
 
 def _why_vertically_apart(
-    own: Altitude | None, report: "Intruder", end: float, options: Options
+    own: Altitude | None, report: Intruder, end: float, options: Options
 ) -> str | None:
     """Return why an intruder is above or below until a time, s; None where it may not be."""
     if own is None or report.altitude is None:
@@ -80,7 +77,7 @@ def _why_vertically_apart(
 
 
 def _why_out_of_reach(
-    own: VehicleState, report: "Intruder", end: float, options: Options
+    own: VehicleState, report: Intruder, end: float, options: Options
 ) -> str | None:
     """Return why an intruder cannot come near until a time, s; None where it may.
 

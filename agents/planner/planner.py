@@ -26,7 +26,8 @@ from agents.planner.levels import Altitude
 from agents.planner.options import Options, check
 from agents.planner.publish import publish
 from agents.planner.remarks import assumed_climbs, outside_domain, own_separations
-from agents.planner.request import Intruder, Request, check_finite, check_request, in_wind
+from agents.planner.reports import Intruder
+from agents.planner.request import Request, check_finite, check_request, in_wind
 from agents.planner.rollout import roll
 from agents.policy.inference import Policy
 from envs.areas import Area

@@ -11,7 +11,8 @@ from agents.planner.candidates import find_faults
 from agents.planner.levels import Altitude
 from agents.planner.options import Options, check
 from agents.planner.out_of_the_way import unproven_exclusions
-from agents.planner.request import Intruder, check_request, in_wind
+from agents.planner.reports import Intruder
+from agents.planner.request import check_request, in_wind
 from agents.planner.validator import CHECKS
 from envs.areas import Area
 from envs.kinematics import VehicleState

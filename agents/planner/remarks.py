@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from agents.planner.answer import Advisory, AdvisoryCode, Field, Subject
 from agents.planner.levels import Altitude
 from agents.planner.options import Options
-from agents.planner.request import Intruder, Request
+from agents.planner.reports import Intruder
+from agents.planner.request import Request
 from agents.planner.sight import shares
 from agents.policy.domain import departures
 from agents.policy.inference import Policy

@@ -13,7 +13,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from agents.planner.answer import Plan
-from agents.planner.request import arrays_of_reports
+from agents.planner.reports import arrays_of_reports
 from agents.planner.traffic import advance_reports
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from ros_bridge.core.fields import SECOND

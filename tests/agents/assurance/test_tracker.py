@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from agents.assurance import single
 from agents.assurance.tracker import Tracks, begin, follow
 from agents.planner import Intruder, Options, RequestError, plan
-from agents.planner.request import arrays_of_reports, check_request
+from agents.planner.reports import arrays_of_reports
+from agents.planner.request import check_request
 from agents.planner.separation import growth, same_flight
 from agents.planner.traffic import (
     Requirement,

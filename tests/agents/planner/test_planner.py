@@ -29,7 +29,8 @@ from agents.planner.goals import next_goals
 from agents.planner.out_of_the_way import least_distance
 from agents.planner.planner import plan, plan_many
 from agents.planner.recheck import recheck
-from agents.planner.request import Altitude, Intruder, Options, Request, arrays_of_reports
+from agents.planner.reports import arrays_of_reports
+from agents.planner.request import Altitude, Intruder, Options, Request
 from agents.planner.rollout import roll
 from agents.planner.traffic import Requirement, Traffic
 from agents.policy.inference import Policy

@@ -1,0 +1,208 @@
+"""Intruders as they were reported: checked, in the air mass, and as arrays.
+
+Messages of what is refused name the field, the value and what was expected.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.planner.answer import Field, RequestError
+from agents.planner.fields import part_value, quote
+from agents.planner.levels import ALWAYS, Altitude, window
+from agents.planner.options import Options
+from agents.planner.traffic import Traffic, Window
+from envs.arrays import Array
+from envs.kinematics import FASTEST, VehicleState
+from envs.wind import Wind, through_air
+
+FARTHEST = 1e6
+"""Coordinates beyond this, m, belong to no local frame, whatever the aircraft."""
+
+_LEAST = 1.0  # m of a separation
+# rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
+_MOST_TURN = 32.0
+
+
+@dataclass(frozen=True, slots=True)
+class Intruder:
+    """An intruder as it was reported.
+
+    What stands here is believed: a standard deviation of 0 is an exact state. Where the accuracy is
+    unknown, give the worst that is plausible.
+    """
+
+    state: VehicleState
+    """At the time of the report."""
+    age: float = 0.0
+    """Of the report at the request, s; the planner advances the state over it, along the turn while
+    that lasts.
+    """
+    turn_rate: float = 0.0
+    """With which it is expected to go on turning, rad/s, positive to the left."""
+    turn_time: float = 0.0
+    """For how long after the report (not after the request) it turns, s; straight ahead after that.
+    """
+    position_std: float = 0.0
+    """One sigma per axis at the time of the report, m (from ADS-B's NACp: half its 95 % radius)."""
+    velocity_std: float = 0.0
+    """One sigma per axis, m/s (from NACv likewise)."""
+    altitude: Altitude | None = None
+    """None: unknown, which counts as the same level."""
+    separation: float | None = None
+    """To be kept from it horizontally, m; None: ``Options.requirement``'s."""
+    vertical_separation: float | None = None
+    """Predicted vertical separation beyond which it does not count, m; None:
+    ``Options.vertical_filter``.
+    """
+
+    def vertical(self, options: Options) -> float:
+        """Return the vertical separation beyond which it does not count, m."""
+        own = self.vertical_separation
+        return options.vertical_filter if own is None else own
+
+
+def check_state(name: Field, state: Any) -> VehicleState:
+    """Return a state of plain floats, heading wrapped."""
+    if not isinstance(state, VehicleState):
+        raise RequestError(name, f"is {type(state).__name__}, expected a VehicleState")
+    x = part_value(name, "x", state.x, -FARTHEST, FARTHEST, "m")
+    y = part_value(name, "y", state.y, -FARTHEST, FARTHEST, "m")
+    heading = part_value(name, "heading", state.heading, -2.0 * math.pi, 2.0 * math.pi, "rad")
+    speed = part_value(name, "speed", state.speed, 0.0, FASTEST.speed_max, "m/s")
+    return VehicleState(x, y, math.remainder(heading, 2.0 * math.pi), speed)
+
+
+def check_altitude(name: Field, altitude: Any) -> None:
+    """Refuse what is neither an altitude nor None."""
+    if altitude is None:
+        return
+    if not isinstance(altitude, Altitude):
+        raise RequestError(name, f"is {type(altitude).__name__}, expected an Altitude or None")
+    part_value(name, "value", altitude.value, -1_000.0, 30_000.0, "m")
+    if altitude.vertical_speed is not None:
+        part_value(name, "vertical_speed", altitude.vertical_speed, -100.0, 100.0, "m/s")
+    part_value(name, "error", altitude.error, 0.0, 30_000.0, "m")
+    part_value(name, "climb_error", altitude.climb_error, 0.0, 100.0, "m/s")
+    if not isinstance(altitude.reference, str) or not altitude.reference:
+        what = f"is {quote(altitude.reference)}, expected a name"
+        raise RequestError(name.part("reference"), what)
+
+
+def check_report(name: Field, report: Intruder, options: Options) -> Intruder:
+    """Return a report of plain floats, over the ground."""
+    state = check_state(name, report.state)
+    if report.altitude is not None:
+        check_altitude(name.part("altitude"), report.altitude)
+    age = part_value(name, "age", report.age, -0.5, math.inf, "s")
+    if age > options.max_age:
+        raise RequestError(
+            name.part("age"),
+            f"is {age:g} s: the report is stale, expected {options.max_age:g} s at most",
+        )
+    rate = part_value(name, "turn_rate", report.turn_rate, -0.5, 0.5, "rad/s")
+    lasts = part_value(name, "turn_time", report.turn_time, 0.0, 1_000.0, "s")
+    if abs(rate) * lasts > _MOST_TURN:
+        what = (
+            f"is {lasts:g} s: a turn of {abs(rate) * lasts:.0f} rad, expected {_MOST_TURN:g} "
+            "rad at most"
+        )
+        raise RequestError(name.part("turn_time"), what)
+    vertical = report.vertical_separation
+    return Intruder(
+        state=state,
+        age=age,
+        turn_rate=rate,
+        turn_time=lasts,
+        position_std=part_value(name, "position_std", report.position_std, 0.0, 10_000.0, "m"),
+        velocity_std=part_value(name, "velocity_std", report.velocity_std, 0.0, 100.0, "m/s"),
+        altitude=report.altitude,
+        separation=_check_separation(name, "separation", report.separation),
+        vertical_separation=_check_separation(name, "vertical_separation", vertical),
+    )
+
+
+def _check_separation(name: Field, kind: str, separation: Any) -> float | None:
+    """Return a separation of an intruder's own, m; None: it has none."""
+    if separation is None:
+        return None
+    return part_value(name, kind, separation, _LEAST, FARTHEST, "m")
+
+
+def report_in_air(report: Intruder, wind: Wind) -> Intruder:
+    """Return a report over the ground as the air mass sees it, which lies there at the request.
+
+    A turn is one through the air: its rate and its time stay. What the ground velocity becomes by
+    a turn depends on the wind, whose error e moves it by up to ``2 e sin(turn / 2)``; for that the
+    velocity's error of what turns grows.
+    """
+    turn = min(abs(report.turn_rate) * report.turn_time, 2.0)
+    return replace(
+        report,
+        state=through_air(report.state, wind, -report.age),
+        velocity_std=report.velocity_std + turn * float(wind.std),
+    )
+
+
+class _Report(NamedTuple):
+    """Numbers of a report; floats, or arrays ``[1, K]``."""
+
+    x: Array  # m
+    y: Array
+    heading: Array  # rad
+    speed: Array  # m/s
+    turn_rate: Array  # these and the others as of :class:`Intruder`
+    turn_time: Array
+    position_std: Array
+    velocity_std: Array
+    age: Array
+
+
+def arrays_of_reports(reports: Sequence[Intruder]) -> tuple[Traffic, Array]:
+    """Return checked reports as arrays as of their own times, and their ages, s, ``[1, K]``."""
+    rows = [
+        _Report(
+            *one.state,
+            one.turn_rate,
+            one.turn_time,
+            one.position_std,
+            one.velocity_std,
+            one.age,
+        )
+        for one in reports
+    ]
+    table = np.array(rows, dtype=float).reshape(len(rows), len(_Report._fields))
+    each = _Report(*table.T[:, None, :])
+    own = [math.nan if one.separation is None else one.separation for one in reports]
+    traffic = Traffic(
+        state=VehicleState(each.x, each.y, each.heading, each.speed),
+        mask=np.ones((1, len(rows)), dtype=bool),
+        turn_rate=each.turn_rate,
+        turn_time=each.turn_time,
+        position_std=each.position_std,
+        velocity_std=each.velocity_std,
+        age=0.0 * each.age,
+        separation=None if all(map(math.isnan, own)) else np.array([own], dtype=float),
+    )
+    return traffic, each.age
+
+
+def windows(
+    reports: Sequence[Intruder], own_altitude: Altitude | None, options: Options
+) -> Window | None:
+    """Return when checked reports count, ``[1, K]``; None: all of them always."""
+    if own_altitude is None:
+        return None
+    each = [
+        window(own_altitude, one.altitude, one.age, one.vertical(options), options.unknown_climb)
+        for one in reports
+    ]
+    # What is known to never count was left out; where rounding says otherwise it counts.
+    each = [one if one[0] <= one[1] else ALWAYS for one in each]
+    if all(begin <= 0.0 and end == math.inf for begin, end in each):
+        return None
+    begin, end = np.array(each, dtype=float).T[:, None, :]
+    return Window(begin, end)
