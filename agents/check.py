@@ -807,7 +807,7 @@ def check_separation(number: int, certificate: Certificate, arcs: list[Arc]) -> 
     other = track(certificate.reports[number], certificate.wind)
     times = [(ball(t.begin), ball(t.end)) for t in certificate.apart if t.number == number]
     away = (other.place_at(ZERO) - arcs[0].place).size()
-    keep = kept_at_request(other, certificate.requirement, away, times)
+    keep = required_at_request(other, certificate.requirement, away, times)
     near = away.lo  # the distance at the beginning of an arc is this at least
     for arc in arcs:
         relative = arc.own_acceleration + other.acceleration()
@@ -838,7 +838,7 @@ def check_separation(number: int, certificate: Certificate, arcs: list[Arc]) -> 
         near -= ball(_JOINT).hi
 
 
-def kept_at_request(
+def required_at_request(
     other: Track, requirement: Requirement, away: Ball, times: list[tuple[Ball, Ball]]
 ) -> int:
     """Return the distance that is to be kept from an intruder with what is known at the request,

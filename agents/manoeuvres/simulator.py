@@ -136,7 +136,7 @@ def fly_until_clear(
         nearest = np.minimum.accumulate(np.concatenate([aloft.closest[None], clearance]), axis=0)
         aloft = aloft._replace(flight=flight, closest=nearest[-1])
         nearest = nearest[:-1]
-        returning = _returning(aloft, flown, nearest, first, stride, around, effort)
+        returning = _may_turn_back(aloft, flown, nearest, first, stride, around, effort)
         over, count_well = _ends(aloft.owner, nearest, returning, count_well, effort)
         on = over == count
         over = np.minimum(over, count - 1)
@@ -147,7 +147,7 @@ def fly_until_clear(
     return landed
 
 
-def _returning(
+def _may_turn_back(
     aloft: _Aloft,
     flown: VehicleState,
     nearest: Array,

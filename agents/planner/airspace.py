@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,23 +31,18 @@ _PAD = 0.06
 _LATER = 100.0  # s after the last free waypoint until which ways round areas are looked for
 
 
-class Amid(NamedTuple):
-    """A request among areas."""
-
-    request: Request
-    notes: tuple[Advisory, ...]  # what is assumed of the altitudes, and what is passed over
-
-
-def amid(
+def add_areas(
     request: Request,
     areas: Sequence[Area],
     altitude: Altitude | None,
     options: Options,
     wind: Wind | None = None,
-) -> Amid:
-    """Return one request ``[1]`` with the areas that a plan of it may meet.
+) -> tuple[Request, tuple[Advisory, ...]]:
+    """Return one request ``[1]`` with the areas that a plan of it may meet, and what is assumed of
+    the altitudes and which points of the route are passed over.
 
-    Points of the route that lie in an area when they would be reached are left out.
+    Points that lie in an area when they would be reached are left out; where an area lies across
+    the route, points round it are put in.
 
     Args:
         request: in the air mass, without areas.
@@ -68,17 +62,19 @@ def amid(
     if len(given) > MOST:
         raise RequestError(Field(Subject.AREAS), f"are {len(given)}, expected {MOST} at most")
     if not given:
-        return Amid(request, ())
+        return request, ()
     seen = given if wind is None else [in_air(one, wind) for one in given]
     own = VehicleState(*(float(field[0]) for field in request.own))
     near = _reachable_areas(seen, request, own, altitude, options)
-    left, notes = _without_points_in(near, request, own, options) if near else (request, [])
-    left = _round(near, left, own, options) if near else left
+    left, notes = request, list[Advisory]()
+    if near:
+        left, notes = _without_points_in(near, request, own, options)
+        left = _with_points_round(near, left, own, options)
     if left is not request:  # its legs may be longer, and plans of it last longer
         near = _reachable_areas(seen, left, own, altitude, options)
     if near:
         left = left._replace(areas=Shared(near))
-    return Amid(left, (*_assumed_climb(given, altitude, options), *notes))
+    return left, (*_assumed_climb(given, altitude, options), *notes)
 
 
 def _assumed_climb(
@@ -150,7 +146,7 @@ def _without_points_in(
     return left, notes
 
 
-def _round(
+def _with_points_round(
     areas: tuple[Counted, ...], request: Request, own: VehicleState, options: Options
 ) -> Request:
     """Return a request with points round areas in its route where those lie in its way.

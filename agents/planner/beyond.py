@@ -37,7 +37,7 @@ class _RouteLegs(NamedTuple):
     length: Array  # m; 0: none
 
 
-class Beyond(NamedTuple):
+class RouteBeyond(NamedTuple):
     """The routes of requests beyond their goals, and the intruders, ``[N, K]``."""
 
     legs: _RouteLegs
@@ -199,7 +199,7 @@ class _Passing(NamedTuple):
     last: Array  # s; not passed where it is not later
 
 
-def beyond(request: Request, goal: Array, options: Options) -> Beyond:
+def route_beyond(request: Request, goal: Array, options: Options) -> RouteBeyond:
     """Return the routes of requests beyond the points numbered ``goal``, ``[N]``.
 
     Points that drift are where they would be met by flying straight to them.
@@ -227,7 +227,7 @@ def beyond(request: Request, goal: Array, options: Options) -> Beyond:
     straight = turned._replace(
         x=turned.x - vx * traffic.turn_time, y=turned.y - vy * traffic.turn_time
     )
-    found = Beyond(
+    found = RouteBeyond(
         legs=legs,
         next_x=route_x[rows, after],
         next_y=route_y[rows, after],

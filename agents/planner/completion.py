@@ -187,7 +187,7 @@ def _next_legs(
     )
     if onward.drift is None:
         return _legs_to(onward, onward.began, task)
-    return _meeting(onward, onward.drift, task)
+    return _legs_to_meet(onward, onward.drift, task)
 
 
 def _legs_to(onward: _Onward, when: Array, task: DirectTask) -> _Legs:
@@ -232,7 +232,7 @@ def _disc(speed: Array, course: Array, drift: tuple[Array, Array], radius: float
     return speed * radius / np.maximum(closing, 1e-3)
 
 
-def _meeting(onward: _Onward, drift: tuple[Array, Array], task: DirectTask) -> _Legs:
+def _legs_to_meet(onward: _Onward, drift: tuple[Array, Array], task: DirectTask) -> _Legs:
     """Return the legs that end where the points are when they end: by secants on the time of that.
 
     A point that is not met so is not reached.

@@ -11,7 +11,7 @@ from agents.manoeuvres.escape_manoeuvre import Manoeuvre
 from agents.manoeuvres.simulator import Departure, Effort, Landed, fly_until_clear
 from agents.planner import areas_ahead
 from agents.planner.areas import required_distances
-from agents.planner.beyond import CROWD, beyond
+from agents.planner.beyond import CROWD, route_beyond
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drift_points
 from agents.planner.rollout import Rollout
@@ -96,7 +96,7 @@ class _RequestSurroundings:
         # Clearance, m, beyond which more is not told where there are many intruders.
         self._enough = options.aircraft.separation
         self._order = self._nearest_first(times) if self.intruders > CROWD else None
-        self._beyond = beyond(request, goal, options)
+        self._beyond = route_beyond(request, goal, options)
 
     @property
     def intruders(self) -> int:

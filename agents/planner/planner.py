@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from agents.planner import fallback
-from agents.planner.airspace import amid
+from agents.planner.airspace import add_areas
 from agents.planner.answer import Plan
 from agents.planner.beyond import CROWD
 from agents.planner.budget import Budget
@@ -81,7 +81,7 @@ def plan(
     options = options or Options.for_aircraft(policy.aircraft)
     in_air = options if wind is None else in_wind(options, wind)
     request, excluded, counted = check_request(own, intruders, route, in_air, own_altitude, wind)
-    request, notes = amid(request, areas, own_altitude, in_air, wind)
+    request, notes = add_areas(request, areas, own_altitude, in_air, wind)
     start = VehicleState(*(float(field[0]) for field in request.own))
     budget = Budget(options.deadline_s)
     goals = next_goals(request, in_air)
@@ -153,7 +153,7 @@ def plan_among(
     """
     each = []
     for n in range(request.points.size):
-        one, _ = amid(take(request, slice(n, n + 1)), areas[n], None, options, None)
+        one, _ = add_areas(take(request, slice(n, n + 1)), areas[n], None, options, None)
         each.append(plan_many(one, policy, options, floats=floats))
     return map_leaves(lambda *rows: np.concatenate(rows), *each)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.planner.airspace import amid
+from agents.planner.airspace import add_areas
 from agents.planner.answer import Kind, Plan, Reason, RequestError, Source, Status
 from agents.planner.candidates import find_faults
 from agents.planner.levels import Altitude
@@ -74,7 +74,7 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
         check(options)
         options = options if wind is None else in_wind(options, wind)
         request, excluded, _ = check_request(own, intruders, route, options, own_altitude, wind)
-        request, _ = amid(request, areas, own_altitude, options, wind)
+        request, _ = add_areas(request, areas, own_altitude, options, wind)
     except RequestError as error:
         return _void(plan, late, str(error))
     curve = PlanStates(*(field[None] for field in plan_states(own, left, wind=wind)))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, clear, direct, keeps_clear
-from agents.planner.beyond import CROWD, Beyond, beyond
+from agents.planner.beyond import CROWD, RouteBeyond, route_beyond
 from agents.planner.budget import Budget
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request, drift_points
@@ -92,7 +92,7 @@ def roll(
     if floats:
         return _roll_each(request, goal, to, required_range, policy, options, budget or Budget())
     crowd = traffic.mask.shape[-1] > CROWD
-    rest = beyond(request, goal, options) if crowd else None
+    rest = route_beyond(request, goal, options) if crowd else None
     task, dt, spacing = task_of(options), options.aircraft.dt, options.spacing
     steps = int(task.until / dt + 1e-9)
     result = _empty(rows.size, steps // spacing + 1)
@@ -202,7 +202,7 @@ def _roll_each(
     for row in range(goal.size):
         own, traffic, place, drift = take((request.own, request.traffic, to, request.drift), row)
         one = slice(row, row + 1)
-        rest = beyond(take(request, one), goal[one], options) if crowd else None
+        rest = route_beyond(take(request, one), goal[one], options) if crowd else None
         ahead = _TrafficAhead(traffic, required_range[row], rest, policy, options)
         target = _Target(map_leaves(float, place), map_leaves(float, drift))
         each.append(_roll_one(map_leaves(float, own), ahead, target, policy, options, ends))
@@ -278,7 +278,7 @@ class _TrafficAhead:
         self,
         traffic: Traffic,
         required_range: Array,
-        rest: Beyond | None,
+        rest: RouteBeyond | None,
         policy: Policy,
         options: Options,
     ) -> None:
@@ -360,7 +360,7 @@ def _clear_of_others(
     window: Window | None,
     time: float,
     task: DirectTask,
-    rest: Beyond | None,
+    rest: RouteBeyond | None,
 ) -> bool:
     """Return whether the direct route is clear of intruders ``[K]``, and among many the route
     beyond it.
@@ -386,7 +386,7 @@ def _clear_beyond(
     now: _Underway,
     aim: tuple[Array, Array],
     seen: VehicleState,
-    rest: Beyond | None,
+    rest: RouteBeyond | None,
     time: float,
     task: DirectTask,
 ) -> Array:

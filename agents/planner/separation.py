@@ -100,11 +100,11 @@ def _positions(traffic: Traffic, time: Array) -> tuple[Array, Array]:
     if turning.any():
         turns = np.nonzero(np.broadcast_to(turning, x.shape))
         one = map_leaves(lambda field: np.broadcast_to(field, x.shape)[turns], traffic)
-        x[turns], y[turns] = _turning(one, np.broadcast_to(time, x.shape)[turns])
+        x[turns], y[turns] = _positions_of_turning(one, np.broadcast_to(time, x.shape)[turns])
     return x, y
 
 
-def _turning(one: Traffic, time: Array) -> tuple[Array, Array]:
+def _positions_of_turning(one: Traffic, time: Array) -> tuple[Array, Array]:
     turning = np.minimum(time, one.turn_time)
     # A turn's chord points half-way through it. Differences of sines would lose 0.1 mm in turns of
     # 1e-9 rad/s.

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from agents.planner.beyond import CROWD, beyond
+from agents.planner.beyond import CROWD, route_beyond
 from agents.planner.options import Options, task_of
 from agents.planner.request import Request
 from agents.planner.traffic import Traffic, predict
@@ -33,7 +33,7 @@ def test_estimate_beyond_the_goal_is_that_of_a_flight_along_the_route(
     zero = np.zeros(count)
     own = VehicleState(zero, zero, zero, zero + speed)
     request = Request(own, traffic, x, 0.0 * x, np.full(count, 9))
-    rest, owner = beyond(request, np.zeros(count, dtype=int), OPTIONS), np.arange(count)
+    rest, owner = route_beyond(request, np.zeros(count, dtype=int), OPTIONS), np.arange(count)
     required = np.full(many, separation)
     found = rest.clear(own, (x[:, 0], zero), required, owner, zero, task_of(OPTIONS))
 
