@@ -165,6 +165,7 @@ JUSTIFIED = {
     "eval/metrics/volumes.py": "volumes of standards",
     "agents/assurance/inputs.py": "bounds of what a message may hold",
     "agents/planner/separation.py": "seconds",
+    "agents/planner/reports.py": "bounds of what a request may hold",
     "agents/planner/request.py": "bounds of what a request may hold",
     "ros_bridge/core/conversions.py": "bounds of what a message may hold",
     "ros_bridge/transport/parameters.py": "ranges and defaults of parameters",
