@@ -262,8 +262,8 @@ class EncountersConfig(Strict):
             raise ConfigError(f"changes.{problem}") from None
 
 
-class MonteCarloConfig(EncountersConfig):
-    """An evaluation; the defaults fly the shipped policy through the paper's circle encounters."""
+class PolicyConfig(Strict):
+    """Which policy is examined."""
 
     policy: Path | None = None
     """Policy file (.safetensors), beside the configuration file or in the working directory; null:
@@ -271,6 +271,16 @@ class MonteCarloConfig(EncountersConfig):
     """
     policy_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """Digest that the policy must have, so that a repeated run flies the same one; null: any."""
+
+    @field_validator("policy")
+    @classmethod
+    def _policy(cls, path: Path | None, info: ValidationInfo) -> Path | None:
+        return None if path is None else locate(path, info)
+
+
+class MonteCarloConfig(PolicyConfig, EncountersConfig):
+    """An evaluation; the defaults fly the shipped policy through the paper's circle encounters."""
+
     mode: Literal["policy", "plan", "assured"] = "policy"
     """What decides: policy, the network alone, once a second; plan, the planner once at the start,
     then the plan is followed; assured, the same under a monitor that asks for new plans and falls
@@ -308,11 +318,6 @@ class MonteCarloConfig(EncountersConfig):
     are in the way of one."""
     figures: bool = True
     """Whether figures are drawn."""
-
-    @field_validator("policy")
-    @classmethod
-    def _policy(cls, path: Path | None, info: ValidationInfo) -> Path | None:
-        return None if path is None else locate(path, info)
 
     @model_validator(mode="after")
     def _check(self) -> "MonteCarloConfig":

@@ -6,19 +6,25 @@ from envs.edge.command import run_cli
 def tables() -> dict[str, list[str]]:
     """Return the tables by the name of their page."""
     from agents.config.keys import markdown
+    from eval.areas.config import AreasConfig
     from eval.boundary.config import BoundaryConfig
     from eval.compare.config import CompareConfig
     from eval.config import MonteCarloConfig, TrafficConfig
+    from eval.failures.config import FailuresConfig
+    from eval.family.config import FamilyConfig
     from eval.hifi.config import HifiConfig
+    from eval.policy_map.config import LocalConfig, PolicyMapConfig
     from eval.rare.config import RareConfig
+    from eval.sensitivity.config import SensitivityConfig
 
     flown = markdown(MonteCarloConfig, but=("aircraft.", "planner.vehicle."))
     hifi = markdown(HifiConfig, beside=MonteCarloConfig)
     rare = markdown(RareConfig, beside=MonteCarloConfig)
     compared = markdown(CompareConfig, beside=MonteCarloConfig)
     boundary = markdown(BoundaryConfig, but=("aircraft.",))
-    tables = [flown, hifi, rare, compared, boundary, markdown(TrafficConfig)]
-    return {"configuration-evaluation.md": tables}
+    others = (FamilyConfig, SensitivityConfig, FailuresConfig, PolicyMapConfig, LocalConfig)
+    tables = [flown, hifi, rare, compared, boundary, *map(markdown, others), markdown(AreasConfig)]
+    return {"configuration-evaluation.md": [*tables, markdown(TrafficConfig)]}
 
 
 def main() -> None:

@@ -1,5 +1,6 @@
 """Draw the areas of a file in the local frame about a place: ``python -m eval.areas FILE``."""
 
+import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,31 +10,60 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
+from agents.config.load import ConfigError, Parser
 from envs.areas import Area, Circle, Keep
-from envs.edge.command import Parser
-from envs.edge.files import write_whole
+from envs.edge.figures import save_figure
 from envs.formats.areas import read_areas
 from envs.formats.local_frame import LocalFrame
+from eval.areas.config import AreasConfig
+from eval.plots import save as picture_folder
 from eval.plots.style import SKY, VERMILION
+from eval.runner.options import config_option, default_folder, load_given, real
+
+_DESCRIPTION = """\
+Draw the areas of a file on a map, in the local frame about a place.
+
+Written to --out: areas.png, areas.svg and config.yaml."""
+
+_EPILOG = """\
+examples:
+  python -m eval.areas areas.geojson --latitude 47 --longitude 8 --out runs/areas
+  python -m eval.areas --config runs/areas/config.yaml --out runs/again          repeat one"""
 
 _COLOURS = {Keep.OUT: VERMILION, Keep.IN: SKY}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Read a file of areas and write the picture."""
-    parser = Parser(prog="python -m eval.areas", description=__doc__)
-    parser.add_argument("file", type=Path, help="GeoJSON, ED-269, ED-318, .plan or ICAROUS YAML")
-    for name, what in (("latitude", "north"), ("longitude", "east")):
-        parser.add_argument(
-            f"--{name}", type=float, required=True, help=f"of the frame's origin, degrees {what}"
-        )
-    parser.add_argument("--out", type=Path, default=Path("areas.png"), help="PNG to write")
-    options = parser.parse_args(arguments)
-    areas = read_areas(options.file, LocalFrame(options.latitude, options.longitude))
-    with write_whole(options.out) as temporary:
-        picture(areas).savefig(temporary, format="png", dpi=120)
-    print(f"{options.out}: {len(areas)} areas")
+    """Read a file of areas and draw them; bad input raises ``InputError``."""
+    options = _parser().parse_args(arguments)
+    config = _load(options)
+    areas = read_areas(config.file, LocalFrame(config.latitude, config.longitude))
+    out = options.out or default_folder("areas")
+    picture_folder.create(out, config)
+    save_figure(picture(areas), out / "areas", 120)
+    print(f"{out}: {len(areas)} areas")
     return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m eval.areas", description=_DESCRIPTION, epilog=_EPILOG)
+    add = parser.add_argument
+    formats = "GeoJSON, ED-269, ED-318, .plan or ICAROUS YAML"
+    add("file", type=Path, nargs="?", metavar="FILE", help=formats)
+    config_option(parser, "an earlier map")
+    add("--latitude", type=real(-90.0, 90.0), metavar="DEG", help="of the frame's origin, north")
+    add("--longitude", type=real(-180.0, 180.0), metavar="DEG", help="of the frame's origin, east")
+    default = "folder, new or empty (default: runs/areas_DATE_TIME)"
+    add("--out", type=Path, metavar="DIR", help=default)
+    return parser
+
+
+def _load(options: argparse.Namespace) -> AreasConfig:
+    """Return the configuration of a file under what the command line says."""
+    given = {name: getattr(options, name) for name in AreasConfig.model_fields}
+    if options.config is None and None in given.values():
+        raise ConfigError("expected FILE, --latitude and --longitude, or --config")
+    return load_given(AreasConfig, options.config, given)
 
 
 def picture(areas: Sequence[Area]) -> Figure:

@@ -8,19 +8,26 @@ import math
 import sys
 import time
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from agents.config.load import AIRCRAFT, ConfigError, Parser, dump, file_of, load
+from agents.config.load import AIRCRAFT, ConfigError, Parser, file_of
 from envs.aircraft import PAPER, Aircraft
-from envs.edge.files import write_file
 from eval.boundary.config import BoundaryConfig
 from eval.boundary.figure import boundary_figure
 from eval.boundary.grid import Solution, edge_value, make_grid, solve
 from eval.boundary.slices import Answers, Slice, compare, judge
 from eval.plots import save as picture_folder
-from eval.runner.options import new_folder_option, real
+from eval.runner.options import (
+    config_file,
+    config_option,
+    load_given,
+    new_folder_option,
+    real,
+    resume_option,
+)
+from eval.runner.parts import PartsFolder
 
 # Time steps of a half turn, and cell (separations), of two grids, the finer one last: the
 # difference is the error.
@@ -48,13 +55,14 @@ and witnesses know of no grid.
 A slice fixes both speeds and the difference of the courses; without --slice six are asked.
 Written to --out: boundary.json, config.yaml, boundary.png and .svg. Disagreements are points that
 one side says can be avoided and the other cannot, by more than the grid's error: there must be
-none."""
+none. Ctrl-C keeps the slices that are finished; --resume goes on."""
 
 _EPILOG = """\
 examples:
   python -m eval.boundary --out runs/boundary
   python -m eval.boundary --slice 60 90 120 --slice 60 90 -45 --spacing 100 --out runs/mine
   python -m eval.boundary --config runs/mine/config.yaml --out runs/again          repeat one
+  python -m eval.boundary --resume --out runs/mine          go on with one that was interrupted
 
 At nodes that both grids share (15 degrees and, for the paper's aircraft, 2.5 m/s) the stated
 error is smallest."""
@@ -69,12 +77,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     aircraft = _aircraft(config)
     cuts = _slices(config.slices, aircraft)
     config = config.model_copy(update={"spacing": _spacing(config, aircraft)})
-    picture_folder.create(options.out)
-    write_file(options.out / "config.yaml", dump(config))
+    picture_folder.check_room(options.out)
+    folder = PartsFolder(options.out, config, "boundary")
+    folder.begin(resume=options.resume)
     begun = time.perf_counter()
-    asked = _ask(config, cuts, aircraft)
-    result = _result(config, asked, aircraft) | {"wall_s": time.perf_counter() - begun}
-    picture_folder.write(options.out, "boundary", result, boundary_figure(asked, aircraft), 110)
+    with folder:
+        asked = _ask(config, cuts, aircraft, folder)
+        result = _result(config, asked, aircraft) | {"wall_s": time.perf_counter() - begun}
+        picture_folder.write(options.out, "boundary", result, boundary_figure(asked, aircraft), 110)
     _show(result)
     print(f"{result['disagreements']} disagreements; written to {options.out}")
     return 1 if result["disagreements"] else 0
@@ -82,37 +92,47 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _load(options: argparse.Namespace) -> BoundaryConfig:
     """Return the configuration of a file under what the command line says."""
-    given = {"spacing": options.spacing, "grid": options.grid}
-    if options.slice:
-        given["slices"] = json.dumps(options.slice)
-    if options.aircraft is not None:
-        given["aircraft"] = json.dumps(str(file_of(options.aircraft, AIRCRAFT).absolute()))
-    written = [f"{key}={value}" for key, value in given.items() if value is not None]
-    try:
-        return load(BoundaryConfig, options.config, written)
-    except ConfigError as problem:
-        raise ConfigError(str(problem).replace("--set: ", "--", 1)) from None
+    aircraft = None if options.aircraft is None else file_of(options.aircraft, AIRCRAFT)
+    given = {
+        "slices": options.slice or None,
+        "aircraft": aircraft,
+        "spacing": options.spacing,
+        "grid": options.grid,
+    }
+    return load_given(BoundaryConfig, config_file(options), given)
 
 
 def _ask(
-    config: BoundaryConfig, cuts: Sequence[Slice], aircraft: Aircraft
+    config: BoundaryConfig, cuts: Sequence[Slice], aircraft: Aircraft, folder: PartsFolder
 ) -> list[tuple[Answers, dict[str, Any]]]:
-    """Return both answers to each slice, and its figures, in the order of the slices."""
-    grids, spacing = _grids(config, aircraft), config.spacing
-    assert spacing is not None  # it is resolved
+    """Return both answers to each slice, and its figures, in the order of the slices; those that
+    are stored are not asked again.
+    """
     found: dict[int, tuple[Answers, dict[str, Any]]] = {}
-    solved = lru_cache(1)(_solve)  # one at a time bounds the memory
     for number, cut in sorted(enumerate(cuts), key=lambda one: one[1].intruder_speed):
-        coarse, fine = solved(cut.intruder_speed, grids, aircraft)
-        print(f"judging {cut.name}", file=sys.stderr)
-        answers = judge(cut, fine, coarse, spacing, aircraft)
-        grid = {
-            "grid_nodes": fine.value.size,
-            "grid_sweeps": fine.sweeps,
-            "last_change_m": fine.change,
-        }
-        found[number] = answers, compare(answers, aircraft.separation, spacing) | grid
+        part = folder.part(f"slice_{number}", partial(_judge, cut, config, aircraft))
+        figures = json.loads(str(part.pop("figures")))
+        found[number] = Answers(slice=cut, **part), figures
     return [found[number] for number in range(len(cuts))]
+
+
+def _judge(cut: Slice, config: BoundaryConfig, aircraft: Aircraft) -> dict[str, Any]:
+    """Return the part of a slice: the fields of both answers but for itself, and its figures as
+    JSON.
+    """
+    assert config.spacing is not None  # it is resolved
+    coarse, fine = _solve(cut.intruder_speed, _grids(config, aircraft), aircraft)
+    print(f"judging {cut.name}", file=sys.stderr)
+    answers = judge(cut, fine, coarse, config.spacing, aircraft)
+    figures = compare(answers, aircraft.separation, config.spacing)
+    figures |= {
+        "grid_nodes": fine.value.size,
+        "grid_sweeps": fine.sweeps,
+        "last_change_m": fine.change,
+    }
+    part = answers._asdict() | {"figures": json.dumps(figures)}
+    del part["slice"]
+    return part
 
 
 def _result(
@@ -150,7 +170,7 @@ def _parser() -> argparse.ArgumentParser:
         "metavar": ("OWN", "INTRUDER", "COURSE"),
         "default": [],
     }
-    add("--config", type=Path, metavar="FILE", help="YAML file, such as a check's config.yaml")
+    config_option(parser, "a check")
     add(
         "--slice",
         help="speeds, m/s, and intruder's course less the own, deg clockwise; may be repeated",
@@ -173,6 +193,7 @@ def _parser() -> argparse.ArgumentParser:
         choices=tuple(GRIDS),
         help="resolution; fine takes 3 times as long (default: default)",
     )
+    resume_option(parser)
     new_folder_option(parser)
     return parser
 
@@ -206,30 +227,35 @@ def _grids(config: BoundaryConfig, aircraft: Aircraft) -> tuple[tuple[float, flo
     )
 
 
-def _slices(wanted: Sequence[Sequence[float]], aircraft: Aircraft) -> list[Slice]:
+def _slices(wanted: Sequence[tuple[float, float, float]], aircraft: Aircraft) -> list[Slice]:
+    """Return the slices that are asked for, or six that the aircraft's speeds give;
+    ``ConfigError``: one is out of range.
+    """
     slowest, fastest = aircraft.limits.speed_min, aircraft.limits.speed_max
-    named = [(f"slice {number}", *values) for number, values in enumerate(wanted, 1)]
-    if not named:
-        speeds = {
-            part: slowest + part * (fastest - slowest) for _, *parts, _ in _SLICES for part in parts
-        }
-        named = [
-            (name, speeds[own], speeds[intruder], course) for name, own, intruder, course in _SLICES
-        ]
-    for name, own, intruder, course in named:
-        for what, value, low, high, unit in (
-            ("own speed", own, slowest, fastest, "m/s"),
-            ("intruder's speed", intruder, 0.0, aircraft.traffic_speed_max, "m/s"),
-            ("course difference", course, -180.0, 180.0, "degrees"),
-        ):
-            if not low <= value <= high:
-                said = f"{value:g} {unit}; expected {low:g} to {high:g} {unit}"
-                raise ConfigError(f"--slice: the {what} of {name} is {said}")
-    return [
-        Slice(name, own, intruder, math.radians(course)) for name, own, intruder, course in named
+    span = fastest - slowest
+    cuts = [
+        Slice(f"slice {number}", own, intruder, math.radians(course))
+        for number, (own, intruder, course) in enumerate(wanted, 1)
+    ] or [
+        Slice(name, slowest + own * span, slowest + intruder * span, math.radians(course))
+        for name, own, intruder, course in _SLICES
     ]
+    for cut in cuts:
+        traffic, course = aircraft.traffic_speed_max, math.degrees(cut.course_difference)
+        _check(f"own speed of {cut.name}", cut.own_speed, (slowest, fastest), "m/s")
+        _check(f"intruder's speed of {cut.name}", cut.intruder_speed, (0.0, traffic), "m/s")
+        _check(f"course difference of {cut.name}", course, (-180.0, 180.0), "degrees")
+    return cuts
 
 
+def _check(what: str, value: float, span: tuple[float, float], unit: str) -> None:
+    low, high = span
+    if not low <= value <= high:
+        said = f"{value:g} {unit}; expected {low:g} to {high:g} {unit}"
+        raise ConfigError(f"--slice: the {what} is {said}")
+
+
+@lru_cache(1)  # of one speed at a time, which bounds the memory
 def _solve(
     intruder_speed: float, grids: tuple[tuple[float, float], ...], aircraft: Aircraft
 ) -> list[Solution]:

@@ -5,7 +5,8 @@ runs/compare``.
 import argparse
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,9 @@ import numpy as np
 import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
-from agents.config.load import Parser, dump
+from agents.config.load import Parser
 from envs.edge.figures import save_figure
-from envs.edge.files import write_file, write_whole
+from envs.edge.files import check_space, write_whole
 from envs.edge.installation import versions
 from envs.traffic.replay import Replay
 from eval.compare.config import CompareConfig
@@ -34,8 +35,20 @@ from eval.flights.simulate import ByPolicy
 from eval.flights.sources import describe_tracks, most_intruders, say
 from eval.plots import save as picture_folder
 from eval.runner.command import Encounters
-from eval.runner.options import extension_option, load_config, named_source, whole
+from eval.runner.options import (
+    config_option,
+    default_folder,
+    extension_option,
+    load_config,
+    named_source,
+    resume_option,
+    whole,
+)
 from eval.runner.outputs import arrow_table
+from eval.runner.parts import PartsFolder
+
+_CHUNK = 500  # encounters that are flown and stored together
+_CHUNK_OF_WITNESSES = 100  # the same where witnesses are searched for: progress is to be seen
 
 _DESCRIPTION = """\
 Fly policies and baselines through the same encounters and say how they differ, with intervals for
@@ -53,7 +66,8 @@ takes two minutes for a thousand encounters.
 
 Scenarios are those of eval.monte_carlo: a name, file:PATH, tracks:PATH (recorded tracks,
 replayed) or lincoln:PATH. Written to --out: summary.json, encounters.parquet, config.yaml as
-resolved, and compare.png, .svg (contents in docs/howto/compare.md)."""
+resolved, and compare.png, .svg (contents in docs/howto/compare.md). Ctrl-C keeps the encounters
+flown so far, by the hundreds; --resume goes on."""
 
 _EPILOG = """\
 examples:
@@ -66,6 +80,7 @@ examples:
   python -m eval.compare --mode assured --set changes.own_speed=[50,70] --out runs/slow
 
   python -m eval.compare --config runs/a_b/config.yaml --out runs/again          repeat one
+  python -m eval.compare --resume --out runs/a_b          go on with one that was interrupted
 
 Every key of --config and --set: docs/reference/configuration-evaluation.md."""
 
@@ -77,36 +92,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     begun = time.perf_counter()
     config, comparison = _prepare(_load(options))
-    entries, evaluation = comparison
-    total = config.default_count
-    out = options.out or Path("runs") / time.strftime("compare_%Y%m%d_%H%M%S")
-    picture_folder.create(
-        out, 1_000_000 + 300 * total * len(entries)
-    )  # figure, and rows of an entry, generously
-    write_file(out / "config.yaml", dump(config))
-    say(evaluation.source)
-    # One thread: the network's rows would be rounded otherwise with another.
-    with threadpool_limits(1):
-        table = _fly(comparison, total)
-    weighted = bool((table["weight"] != 1.0).any())
-    weights = table["weight"] if weighted else None
-    found = Statistics(table, weights, config.confidence, config.resamples, config.seed)
-    keys = ("scenario", "changes", "seed", "confidence", "resamples")
-    summary = {
-        "schema_version": SCHEMA_VERSION,
-        **{key: getattr(config, key) for key in keys},
-        "ahead_s": config.tracks.ahead if isinstance(evaluation.source, Replay) else None,
-        "weighted": weighted,
-        **found.summary(entries),
-        **describe_tracks(evaluation.source),
-        **describe(evaluation.aircraft, None),
-        "wall_s": time.perf_counter() - begun,
-        "versions": versions("numpy", "scipy", "pyarrow"),
-    }
-    picture_folder.write(out, "summary", summary)
-    with write_whole(out / "encounters.parquet") as path:
-        pq.write_table(arrow_table(table), path)
-    save_figure(draw(summary), out / "compare", 130)
+    total, out = config.default_count, options.out or default_folder("compare")
+    # Figure, and rows of an entry twice, as parts and in the table, generously.
+    check_space(out, 1_000_000 + 600 * total * len(comparison.entries), "the rows")
+    folder = PartsFolder(out, config, "compare", free=("confidence", "resamples"))
+    folder.begin(resume=options.resume)
+    say(comparison.evaluation.source)
+    with folder:
+        # One thread: the network's rows would be rounded otherwise with another.
+        with threadpool_limits(1):
+            table = _fly(comparison, total, folder)
+        summary = _summary(config, comparison, table) | {"wall_s": time.perf_counter() - begun}
+        picture_folder.write(out, "summary", summary)
+        with write_whole(out / "encounters.parquet") as path:
+            pq.write_table(arrow_table(table), path)
+        save_figure(draw(summary), out / "compare", 130)
     show(summary, out)
     return 0
 
@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.compare", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     many: Any = {"action": "append", "default": []}
-    add("--config", type=Path, metavar="FILE", help="YAML file, such as a comparison's config.yaml")
+    config_option(parser, "a comparison")
     add(
         "--policy",
         type=Path,
@@ -171,6 +171,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="of encounters, sensor noise and bootstrap (default: 0)",
     )
+    resume_option(parser)
     add(
         "--out",
         type=Path,
@@ -193,7 +194,7 @@ def _load(options: argparse.Namespace) -> CompareConfig:
         given = {"policies_sha256": "[]"} | given
     keys = {"encounters": "encounters", "seed": "seed", "repair": "tracks.repair"}
     keys |= {key: key for key in given}
-    unused = {"resume": False, "policy": None, "policy_sha256": None}
+    unused = {"policy": None, "policy_sha256": None}
     return load_config(
         CompareConfig, argparse.Namespace(**vars(options) | unused | given), keys, "--"
     )
@@ -216,15 +217,36 @@ def _prepare(config: CompareConfig) -> tuple[CompareConfig, Comparison]:
     return config.model_copy(update=resolved), Comparison(entries, evaluation)
 
 
-def _fly(comparison: Comparison, total: int) -> dict[str, np.ndarray]:
+def _fly(comparison: Comparison, total: int, folder: PartsFolder) -> dict[str, np.ndarray]:
+    """Return the table of all encounters, of which chunks that are stored are not flown again."""
+    witness = any(entry.kind == WITNESS for entry in comparison.entries)
+    chunk = _CHUNK_OF_WITNESSES if witness else _CHUNK
     parts = []
-    chunk = (
-        100 if any(entry.kind == WITNESS for entry in comparison.entries) else 500
-    )  # progress is to be seen
     with Encounters(total) as progress:
         for first in range(0, total, chunk):
             size = min(chunk, total - first)
-            parts.append(columns(comparison, first, size))
+            parts.append(folder.part(f"{first:09d}", partial(columns, comparison, first, size)))
             outcome = parts[-1][f"{comparison.entries[0].name}.outcome"]
             progress.advance(size, int(np.count_nonzero(outcome == "reached")))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _summary(
+    config: CompareConfig, comparison: Comparison, table: Mapping[str, np.ndarray]
+) -> dict[str, Any]:
+    """Return what summary.json says, but for the time it took."""
+    entries, evaluation = comparison
+    weighted = bool((table["weight"] != 1.0).any())
+    weights = table["weight"] if weighted else None
+    found = Statistics(table, weights, config.confidence, config.resamples, config.seed)
+    keys = ("scenario", "changes", "seed", "confidence", "resamples")
+    return {
+        "schema_version": SCHEMA_VERSION,
+        **{key: getattr(config, key) for key in keys},
+        "ahead_s": config.tracks.ahead if isinstance(evaluation.source, Replay) else None,
+        "weighted": weighted,
+        **found.summary(entries),
+        **describe_tracks(evaluation.source),
+        **describe(evaluation.aircraft, None),
+        "versions": versions("numpy", "scipy", "pyarrow"),
+    }

@@ -34,14 +34,15 @@ class Reading(Strict):
     """Where the figures of a command are: in a JSON file of its folder ``--out``, or in the last
     line that it prints.
 
-    Kept are ``keys``: paths with ``/`` between their parts, ``*`` for any. A command that flies in
-    ``chunks`` takes ``--resume`` and ``--scheduler``; one without a file goes on in its folder by
-    itself.
+    Of these ``keys`` are published: paths with ``/`` between their parts, ``*`` for any. A command
+    that flies in ``chunks`` takes ``--resume`` and ``--scheduler``, one that ``resumes`` the first
+    alone; one without a file goes on in its folder by itself.
     """
 
     file: str | None = None
     keys: tuple[str, ...]
     chunks: bool = False
+    resumes: bool = False
 
 
 class Table(Strict):

@@ -200,7 +200,7 @@ def _json_of(
     words = [sys.executable, "-m", *shlex.split(os.path.expandvars(command))]
     words += ["--out", str(folder.absolute())] if reading.file is not None or reading.chunks else []
     if reading.file is not None:
-        if reading.chunks and (folder / "config.yaml").exists():
+        if (reading.chunks or reading.resumes) and (folder / "config.yaml").exists():
             words += ["--resume"]
         elif folder.exists():
             shutil.rmtree(folder)  # what was begun there cannot be gone on with

@@ -9,18 +9,27 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from agents.config.load import Parser
+from agents.config.load import ConfigError, Parser
 from envs.edge.files import write_whole
 from envs.formats import encounter_file
 from envs.intruder import Intent
 from envs.outcome import Rules
-from eval.flights.chunks import pick
+from eval.failures.config import FailuresConfig
+from eval.flights.chunks import Evaluation, pick
 from eval.plots import save as picture_folder
 from eval.plots.style import spread
 from eval.report.flights import Replayed, evaluation_of, fly_again
 from eval.report.folder import read_run
-from eval.runner.options import extension_option, load_extensions, whole
+from eval.runner.options import (
+    config_option,
+    extension_option,
+    load_extensions,
+    load_given,
+    new_folder_option,
+    whole,
+)
 
 _DESCRIPTION = """\
 Group the encounters in which a run of eval.monte_carlo failed and that are not proven
@@ -28,14 +37,15 @@ unresolvable, by how they failed (near miss: at least 95 % of the separation was
 time-out), by the angle between the courses and by the distance at the start; and draw some of
 each group beside a flight that would have succeeded.
 
-Written to --out, a new or empty folder: failures.json (the groups), failures.csv (a row a
-failure, all columns of the run), encounters.csv (their starts, for eval.monte_carlo --scenario
-file:F) and failures.png, .svg (of each group)."""
+Written to --out, a new or empty folder: failures.json (the groups), config.yaml, failures.csv (a
+row a failure, all columns of the run), encounters.csv (their starts, for eval.monte_carlo
+--scenario file:F) and failures.png, .svg (of each group)."""
 
 _EPILOG = """\
-example:
+examples:
   python -m eval.monte_carlo --encounters 100000 --mode policy --out runs/circle
-  python -m eval.failures --run runs/circle --cases 24 --out runs/failed"""
+  python -m eval.failures --run runs/circle --cases 24 --out runs/failed
+  python -m eval.failures --config runs/failed/config.yaml --out runs/again          repeat one"""
 
 
 HOW = ("near miss", "deep loss", "time-out")
@@ -123,64 +133,79 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
-    load_extensions(options.extension)
-    run = read_run(options.run)
-    evaluation = evaluation_of(run, options.policy)
-    picture_folder.create(options.out)
+    config = _load(options)
+    load_extensions(config.extensions)
+    run = read_run(config.run)
+    evaluation = evaluation_of(run, config.policy)
+    out: Path = options.out
+    picture_folder.create(out, config)
     table = run.table
     groups = group_failures(table, run.rules.separation)
-    chosen = representatives(groups, options.cases)
+    chosen = representatives(groups, config.cases)
     found = {
-        "run": str(options.run),
+        "run": str(config.run),
         "policy_sha256": run.config.policy_sha256,
         "encounters": len(table["encounter"]),
         "failures": sum(group.members.size for group in groups),
         "groups": [describe(group, table) for group in groups],
         "cases": chosen,
     }
+    _write_table(out / "failures.csv", table)
+    _write_starts(out / "encounters.csv", table, evaluation)
+    of = {number: group for group in groups for number in group.members.tolist()}
+    flights = list(fly_again(run, evaluation, chosen, set(chosen))) if chosen else []
+    titles = [_title(one.number, of[one.number], table) for one in flights]
+    picture_folder.write(out, "failures", found, _sheet(flights, titles, run.rules), 110)
+    _show(found)
+    print(f"files: {out}")
+    return 0
+
+
+def _load(options: argparse.Namespace) -> FailuresConfig:
+    """Return the configuration of a file under what the command line says."""
+    if options.run is None and options.config is None:
+        raise ConfigError("--run: expected the folder of a finished run, or --config")
+    given = {"run": options.run, "policy": options.policy, "cases": options.cases}
+    given["extensions"] = options.extension or None
+    return load_given(FailuresConfig, options.config, given)
+
+
+def _write_table(path: Path, table: Mapping[str, np.ndarray]) -> None:
+    """Write the failures' rows of a run's table, all columns, as CSV."""
     failed = failures(table)
     columns = {name: values[failed].tolist() for name, values in table.items()}
-    with (
-        write_whole(options.out / "failures.csv") as new,
-        new.open("w", encoding="utf-8", newline="") as file,
-    ):
+    with write_whole(path) as new, new.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))
-    numbers = [int(number) for number in table["encounter"][failed]]
-    if numbers:
-        starts = pick(evaluation, numbers)
-        if isinstance(starts.intent, Intent):  # what was recorded is no row of such a file
-            encounter_file.write(
-                options.out / "encounters.csv", starts, [str(number) for number in numbers]
-            )
-    of = {number: group for group in groups for number in group.members.tolist()}
-    flights = list(fly_again(run, evaluation, chosen, set(chosen))) if chosen else []
-    figure = _sheet(
-        flights, [_title(one.number, of[one.number], table) for one in flights], run.rules
-    )
-    picture_folder.write(options.out, "failures", found, figure, 110)
-    _show(found)
-    print(f"files: {options.out}")
-    return 0
+
+
+def _write_starts(path: Path, table: Mapping[str, np.ndarray], evaluation: Evaluation) -> None:
+    """Write the starts of the failures, to be flown again; no file where there is none, or where
+    intruders were recorded, which is no row of such a file.
+    """
+    numbers = [int(number) for number in table["encounter"][failures(table)]]
+    if not numbers:
+        return
+    starts = pick(evaluation, numbers)
+    if isinstance(starts.intent, Intent):
+        encounter_file.write(path, starts, [str(number) for number in numbers])
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.failures", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
+    config_option(parser, "an earlier look")
     add(
         "--run",
         type=Path,
         metavar="DIR",
-        required=True,
         help="folder of a finished run of eval.monte_carlo",
     )
-    add("--out", type=Path, metavar="DIR", required=True, help="folder, new or empty")
     add(
         "--cases",
         type=whole(0, 120),
         metavar="N",
-        default=24,
         help="flights to draw, 0 to 120 (default: 24)",
     )
     add(
@@ -190,6 +215,7 @@ def _parser() -> argparse.ArgumentParser:
         help="the run's policy, where its file lies elsewhere now",
     )
     extension_option(parser)
+    new_folder_option(parser)
     return parser
 
 
@@ -202,7 +228,7 @@ def _title(number: int, group: Group, table: Mapping[str, np.ndarray]) -> str:
     )
 
 
-def _sheet(flights: Sequence[Replayed], titles: Sequence[str], rules: Rules) -> Any:
+def _sheet(flights: Sequence[Replayed], titles: Sequence[str], rules: Rules) -> Figure | None:
     """Return the figure of flights, each beside one that would have succeeded; None of no
     flight.
     """

@@ -10,30 +10,45 @@ from typing import Any
 
 import numpy as np
 
-from agents.config.load import ConfigError, Parser, dump
+from agents.config.load import Parser, dump
 from agents.config.world import AircraftConfig
 from agents.policy.domain import TRAFFIC_SPEED
-from agents.policy.inference import Policy
 from envs.aircraft import ratios
 from envs.edge.files import write_file
 from envs.scenarios import resolve
-from eval.config import PREFIXES
 from eval.family.aircraft import draw_aircraft
+from eval.family.config import FamilyConfig
 from eval.monte_carlo.run import evaluate
 from eval.plots import save as picture_folder
 from eval.runner.command import UnfinishedError
 from eval.runner.options import (
-    check_digest,
     confidence_option,
+    config_file,
+    config_option,
     extension_option,
+    given_policy,
     load_extensions,
+    load_given,
+    named_policy,
     new_folder_option,
+    policy_options,
+    resume_option,
     whole,
+    workers_option,
 )
+from eval.runner.outputs import ResumableFolder
 from eval.stats.intervals import share
 
 _MODES = ("policy", "plan", "assured")
 _RATES = ("success_rate", "success_given_resolvable", "success_given_solved", "violation_rate")
+
+
+class FamilyFolder(ResumableFolder):
+    """The folder of a family, with the runs of its aircraft."""
+
+    free = ("policy", "confidence", "workers")
+    parts = "."
+
 
 _DESCRIPTION = """\
 Fly a policy with each of a number of random aircraft: greatest speed 25 to 240 m/s, turn circle
@@ -41,14 +56,19 @@ Fly a policy with each of a number of random aircraft: greatest speed 25 to 240 
 traffic 0.4 to 1.3 of the greatest.
 
 Written to --out, a new or empty folder: family.json (rates of each aircraft with exact intervals,
-their mean and the worst), aircraft_NN.yaml, each to be flown again by eval.monte_carlo
---aircraft, and aircraft_NN, the run of each."""
+their mean and the worst), config.yaml as resolved, aircraft_NN.yaml, each to be flown again by
+eval.monte_carlo --aircraft, and aircraft_NN, the run of each. Ctrl-C keeps what was flown; --resume
+goes on."""
 
 _EPILOG = """\
 examples:
   python -m eval.family --policy runs/set/policy.safetensors --encounters 500 --out runs/family
   python -m eval.family --policy runs/set/policy.safetensors --intruders 2 4 --turning \\
-    --out runs/family_turning"""
+    --out runs/family_turning
+  python -m eval.family --config runs/family/config.yaml --out runs/again          repeat one
+  python -m eval.family --resume --out runs/family          go on with one that was interrupted
+
+Every key of --config: docs/reference/configuration-evaluation.md."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -56,142 +76,147 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
-    if options.intruders[0] > options.intruders[1]:
-        raise ConfigError("--intruders: expected the fewest first, then the most")
-    if options.noisy and options.scenario != "circle":
-        raise ConfigError("--noisy is a scenario of its own; expected it without --scenario")
-    if options.scenario.startswith(PREFIXES):
-        raise ConfigError(
-            f"--scenario: {options.scenario!r} is a file; expected a sampled scenario"
-        )
-    resolve(options.scenario)
-    load_extensions(options.extension)
-    policy = Policy.load(options.policy)
-    check_digest(options.policy, policy.sha256, options.policy_sha256, "--policy-sha256")
-    aircraft = [draw_aircraft(options.aircraft_seed, number) for number in range(options.count)]
-    if not options.allow_outside_domain:
-        policy.check_intruders(options.intruders[1])
+    config = _load(options)
+    resolve(config.scenario)
+    load_extensions(config.extensions)
+    policy = named_policy(config)
+    config = config.model_copy(update={"policy_sha256": policy.sha256})
+    aircraft = [draw_aircraft(config.aircraft_seed, number) for number in range(config.count)]
+    if not config.allow_outside_domain:
+        policy.check_intruders(config.intruders[1])
         for one in aircraft:
             policy.for_aircraft(one.aircraft())
-    picture_folder.create(options.out)
-    summaries = []
-    for number, one in enumerate(aircraft):
-        file = options.out / f"aircraft_{number:02}.yaml"
-        write_file(file, dump(one))
-        print(f"aircraft {number} of {options.count}", file=sys.stderr, flush=True)
-        try:
-            summaries.append(evaluate(_keys(options, one, file), file.with_suffix("")).summary)
-        except UnfinishedError as end:
-            print(end, file=sys.stderr)
-            return end.status
-    found = _make_summary(options, aircraft, summaries) | {"policy_sha256": policy.sha256}
+    picture_folder.check_room(options.out)
+    FamilyFolder(options.out, config).begin(resume=options.resume)
+    try:
+        summaries = _fly(config, aircraft, options.out, resume=options.resume)
+    except UnfinishedError as end:
+        print(
+            f"{end}Go on with: python -m eval.family --resume --out {options.out}", file=sys.stderr
+        )
+        return end.status
+    found = _make_summary(config, aircraft, summaries) | {"out": str(options.out)}
     picture_folder.write(options.out, "family", found)
     _show(found, options.out)
     return 0
 
 
+def _load(options: argparse.Namespace) -> FamilyConfig:
+    """Return the configuration of a file under what the command line says."""
+    names = ("allow_outside_domain", "aircraft_seed", "count", "encounters", "seed", "scenario")
+    names += ("intruders", "turning", "noisy", "mode", "confidence", "workers")
+    given = {name: getattr(options, name) for name in names}
+    given |= {"extensions": options.extension or None} | given_policy(options)
+    return load_given(FamilyConfig, config_file(options), given)
+
+
+def _fly(
+    config: FamilyConfig, aircraft: Sequence[AircraftConfig], out: Path, *, resume: bool
+) -> list[Mapping[str, Any]]:
+    """Fly the run of every aircraft below a folder, or what is missing, and return the summaries;
+    the first that does not finish raises ``UnfinishedError``.
+    """
+    summaries = []
+    for number, one in enumerate(aircraft):
+        file = out / f"aircraft_{number:02}.yaml"
+        write_file(file, dump(one))
+        print(f"aircraft {number} of {config.count}", file=sys.stderr, flush=True)
+        run = evaluate(_keys(config, one, file), file.with_suffix(""), resume=resume)
+        summaries.append(run.summary)
+    return summaries
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.family", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
-    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
-    add(
-        "--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have (default: any)"
-    )
+    flag: Any = {"action": "store_const", "const": True}
+    config_option(parser, "a family")
+    policy_options(parser)
     add(
         "--allow-outside-domain",
-        action="store_true",
+        **flag,
         help="fly what the policy was not trained for, too",
     )
     add(
         "--aircraft-seed",
         type=whole(0),
-        default=0,
         metavar="N",
         help="of the aircraft (default: 0)",
     )
-    add("--count", type=whole(1), default=20, metavar="N", help="of aircraft (default: 20)")
+    add("--count", type=whole(1), metavar="N", help="of aircraft (default: 20)")
     add(
         "--encounters",
         type=whole(1),
-        default=500,
         metavar="N",
         help="of each aircraft (default: 500)",
     )
     add(
         "--seed",
         type=whole(0),
-        default=0,
         metavar="N",
         help="of encounters and sensor noise (default: 0)",
     )
-    add("--scenario", default="circle", metavar="NAME", help="a sampled scenario (default: circle)")
-    kinds = {"type": whole(1), "nargs": 2, "default": [1, 1], "metavar": ("MIN", "MAX")}
+    add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
+    kinds: Any = {"type": whole(1), "nargs": 2, "metavar": ("MIN", "MAX")}
     add("--intruders", help="fewest and most intruders of an encounter (default: 1 1)", **kinds)
     add(
         "--turning",
-        action="store_true",
+        **flag,
         help="let each intruder turn once, at up to the ownship's turn rate",
     )
     add(
         "--noisy",
-        action="store_true",
+        **flag,
         help="report them with the scenario noisy's errors and latency",
     )
-    add("--mode", default="policy", choices=_MODES, help="what decides (default: policy)")
+    add("--mode", choices=_MODES, help="what decides (default: policy)")
     confidence_option(parser)
     extension_option(parser)
-    add(
-        "--workers",
-        type=whole(0),
-        default=0,
-        metavar="N",
-        help="processes; 0: one for every core (default: 0)",
-    )
+    workers_option(parser)
+    resume_option(parser)
     new_folder_option(parser)
     return parser
 
 
-def _keys(options: argparse.Namespace, aircraft: AircraftConfig, file: Path) -> dict[str, Any]:
+def _keys(config: FamilyConfig, aircraft: AircraftConfig, file: Path) -> dict[str, Any]:
     """Return the keys of ``eval.monte_carlo`` for the run with one aircraft."""
     fastest = aircraft.speed_max_mps
     changes: dict[str, Any] = {
-        "intruders": options.intruders,
+        "intruders": config.intruders,
         "intruder_speed": [part * fastest for part in TRAFFIC_SPEED],
         "attempts": 200,
     }
-    if options.turning:
+    if config.turning:
         changes["turn_rate_deg_s"] = aircraft.yaw_rate_max_deg_s
     return {
-        "policy": options.policy,
-        "extensions": options.extension,
+        "policy": config.policy,
+        "extensions": config.extensions,
         "aircraft": file,
         "allow_outside_domain": True,
-        "scenario": "noisy" if options.noisy else options.scenario,
+        "scenario": "noisy" if config.noisy else config.scenario,
         "changes": changes,
-        "mode": options.mode,
-        "encounters": options.encounters,
-        "seed": options.seed,
-        "confidence": options.confidence,
+        "mode": config.mode,
+        "encounters": config.encounters,
+        "seed": config.seed,
+        "confidence": config.confidence,
         "resamples": 100,
-        "workers": options.workers,
+        "workers": config.workers,
     }
 
 
 def _make_summary(
-    options: argparse.Namespace,
+    config: FamilyConfig,
     aircraft: Sequence[AircraftConfig],
     summaries: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
+    """Return what family.json says, but for the folder."""
     rows = []
     for number, (one, summary) in enumerate(zip(aircraft, summaries, strict=True)):
         unlike = ratios(one.limits(), one.separation_m)._asdict()
         rows.append({"aircraft": number, "ratios": unlike} | {key: summary[key] for key in _RATES})
-    found: dict[str, Any] = {"schema_version": 1, **vars(options)}
-    found |= {
-        "policy": None if options.policy is None else str(options.policy),
-        "out": str(options.out),
-        "rows": rows,
-    }
+    settings = config.model_dump(mode="json")
+    settings["extension"] = settings.pop("extensions")
+    found: dict[str, Any] = {"schema_version": 1, **settings, "rows": rows}
     for key in _RATES:
         known = [row for row in rows if row[key]["value"] is not None]
         count, total = (sum(row[key][part] for row in known) for part in ("count", "total"))
@@ -200,7 +225,7 @@ def _make_summary(
         )
         # Aircraft that differ spread less than one with their mean: the interval is no narrower
         # than it should be.
-        found[key] = share(count, total, options.confidence) | {
+        found[key] = share(count, total, config.confidence) | {
             "mean": float(np.mean([row[key]["value"] for row in known])) if known else None,
             "worst": None if worst is None else {"aircraft": worst["aircraft"]} | worst[key],
         }

@@ -3,7 +3,6 @@ runs/first``.
 """
 
 import argparse
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from eval.runner.options import (
     load_code,
     named_evaluation,
     named_policy,
+    override,
     whole,
 )
 from eval.runner.outputs import RunFolder
@@ -75,17 +75,10 @@ def evaluate(
     """
     begun = folder / "config.yaml"
     resume = resume and begun.is_file()
-    given = [f"{key}={_override_text(value)}" for key, value in keys.items() if value is not None]
+    given = [override(key, value) for key, value in keys.items() if value is not None]
     config = load(MonteCarloConfig, begun if resume else None, [*given, *sets, "figures=false"])
     load_code(config)
     return fly(_COMMAND, resolve_config(config), folder, resume=resume)
-
-
-def _override_text(value: Any) -> str:
-    """Return the value of a key as ``KEY=VALUE`` has it: names as they stand, the rest as JSON."""
-    if isinstance(value, str):
-        return value
-    return json.dumps(str(value.absolute()) if isinstance(value, Path) else value)
 
 
 def resolve_config(config: MonteCarloConfig) -> Resolved:

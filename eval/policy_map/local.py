@@ -4,21 +4,25 @@
 
 import argparse
 import math
-import time
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from agents.policy.inference import Policy
 from agents.policy.set_network import check_one_layer
-from envs.edge.command import ConfigError, Parser, run_cli
+from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
 from eval.plots.cells import COURSES, RATIOS, cells_figure
 from eval.policy_map.proof import Scenes, answers, box_of, decide
 from eval.stats.intervals import share
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from eval.policy_map.config import LocalConfig
 
 VERDICTS = ("verified", "counterexample", "open")
 QUESTIONS = ("side", "toward")
@@ -35,13 +39,14 @@ courses, time, miss distance and goal. A box is verified by bounds of all of the
 state to the turn; or has a counterexample, an exact scene that the policy answered; or stays open
 after --depth cuts in two.
 
-Written to --out: local.json and the map local.png and .svg; what they mean:
-docs/howto/failures.md."""
+Written to --out: local.json, config.yaml as resolved, and the map local.png and .svg; what they
+mean: docs/howto/failures.md."""
 
 _EPILOG = """\
 examples:
   python -m eval.policy_map.local --boxes 100 --out runs/local
-  python -m eval.policy_map.local --course 135 180 --position 10 --velocity 1 --out runs/head_on"""
+  python -m eval.policy_map.local --course 135 180 --position 10 --velocity 1 --out runs/head_on
+  python -m eval.policy_map.local --config runs/local/config.yaml --out runs/again    repeat one"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,35 +56,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from threadpoolctl import threadpool_limits
 
     from eval.plots import save as picture_folder
+    from eval.runner.options import default_folder, named_policy
 
     options = _parser().parse_args(arguments)
-    for name in ("course", "loss"):
-        low, high = getattr(options, name)
-        if not low < high:
-            raise ConfigError(f"--{name}: {low:g} {high:g}; expected the lower end first")
-    policy = Policy.load(options.policy)
+    config = _load(options)
+    policy = named_policy(config)
     check_one_layer(policy)
-    out = options.out = options.out or Path("runs") / time.strftime("local_%Y%m%d_%H%M%S")
-    picture_folder.create(out)
+    config = config.model_copy(update={"policy_sha256": policy.sha256})
+    out = options.out or default_folder("local")
+    picture_folder.create(out, config)
     with threadpool_limits(1):
-        found = examine(policy, options)
+        found = examine(policy, config, out)
     picture_folder.write(out, "local", found, _figure(found))
     for name in QUESTIONS:
         parts = (f"{100.0 * found[name][verdict]['value']:.1f} % {verdict}" for verdict in VERDICTS)
-        print(f"{name}: {', '.join(parts)} of {options.boxes} boxes")
+        print(f"{name}: {', '.join(parts)} of {config.boxes} boxes")
     print(f"written to {out}")
     return 0
 
 
-def examine(policy: Policy, options: argparse.Namespace) -> dict[str, Any]:
-    """Return shares of the verdicts, of all boxes and of each cell."""
-    scenes, cell, names = draw(policy, options)
+def examine(policy: Policy, config: "LocalConfig", out: Path) -> dict[str, Any]:
+    """Return shares of the verdicts, of all boxes and of each cell; what other verifiers read is
+    written into the folder ``out``.
+    """
+    scenes, cell, names = draw(policy, config)
     half = np.repeat(
-        [options.position / policy.aircraft.separation, options.velocity / policy.limits.speed_max],
+        [config.position / policy.aircraft.separation, config.velocity / policy.limits.speed_max],
         2,
     )
     away, toward = -np.where(answers(policy, scenes) < 0.0, -1.0, 1.0), passing_side(scenes)
-    how: dict[str, Any] = {"allowed": options.allowed, "depth": options.depth, "seed": options.seed}
+    how: dict[str, Any] = {"allowed": config.allowed, "depth": config.depth, "seed": config.seed}
     found = dict.fromkeys(QUESTIONS, decide(policy, scenes, half, away, **how))
     # Where both questions forbid the same turn, one answer serves.
     other = np.flatnonzero(away != toward)
@@ -87,9 +93,9 @@ def examine(policy: Policy, options: argparse.Namespace) -> dict[str, Any]:
     part = scenes._make(field[other] for field in scenes)
     if len(other):
         found["toward"][other] = decide(policy, part, half, toward[other], **how)
-    if options.vnnlib:
-        part = scenes._make(field[: options.vnnlib] for field in scenes)
-        _write_vnnlib(options.out, policy, part, half / 4.0, away, options.allowed)
+    if config.vnnlib:
+        part = scenes._make(field[: config.vnnlib] for field in scenes)
+        _write_vnnlib(out, policy, part, half / 4.0, away, config.allowed)
 
     def shares(chosen: np.ndarray) -> dict[str, Any]:
         return {
@@ -101,54 +107,57 @@ def examine(policy: Policy, options: argparse.Namespace) -> dict[str, Any]:
         }
 
     keys = ("boxes", "course", "loss", "position", "velocity", *how)
+    settings = config.model_dump(mode="json")
     return {
         "schema_version": 1,
         "policy_sha256": policy.sha256,
-        "settings": {name: getattr(options, name) for name in keys},
+        "settings": {name: settings[name] for name in keys},
         **shares(np.ones(len(cell), bool)),
         "cells": [{"name": name, **shares(cell == number)} for number, name in enumerate(names)],
     }
 
 
-def draw(policy: Policy, options: argparse.Namespace) -> tuple[Scenes, np.ndarray, list[str]]:
+def draw(policy: Policy, config: "LocalConfig") -> tuple[Scenes, np.ndarray, list[str]]:
     """Return scenes spread evenly over the cells, the cell of each, and the names of the cells."""
-    low, high = options.course
+    low, high = config.course
     edges = [low, *(edge for edge in COURSES if low < edge < high), high]
     cells = [(course, ratio) for course in pairwise(edges) for ratio in pairwise(RATIOS)]
     names = ["{:g} to {:g} deg/{:g} to {:g}".format(*course, *ratio) for course, ratio in cells]
-    random, fast, unit = (
-        np.random.default_rng(options.seed),
-        policy.limits.speed_max,
-        policy.aircraft.separation,
-    )
-    count, cell = options.boxes, np.arange(options.boxes) % len(cells)
+    random, count = np.random.default_rng(config.seed), config.boxes
+    cell = np.arange(count) % len(cells)
     (from_course, to_course), (from_ratio, to_ratio) = np.array(cells)[cell].transpose(1, 2, 0)
-    pace, other = np.zeros(count), np.zeros(count)
-    slowest, fastest = (end / fast for end in policy.domain["intruder_speed"])
-    wrong = np.ones(count, dtype=bool)
-    while wrong.any():
-        pace = np.where(wrong, random.uniform(policy.limits.speed_min / fast, 1.0, count), pace)
-        other = np.where(wrong, pace * random.uniform(from_ratio, to_ratio), other)
-        wrong = ~((slowest <= other) & (other <= fastest))
+    pace, other = _draw_speeds(policy, from_ratio, to_ratio, random)
     course = np.radians(random.uniform(from_course, to_course)) * random.choice([-1.0, 1.0], count)
     velocity = other[:, None] * np.stack([np.cos(course), np.sin(course)], axis=-1)
     # Back from where the separation is lost: time to the loss, and miss distance on straight
     # courses.
     way = velocity - np.stack([pace, 0.0 * pace], axis=-1)
     ahead = way / np.hypot(*way.T)[:, None]
-    soonest, latest = (seconds * fast / unit for seconds in options.loss)
+    fast, unit = policy.limits.speed_max, policy.aircraft.separation
+    soonest, latest = (seconds * fast / unit for seconds in config.loss)
     miss, time = random.uniform(-1.0, 1.0, count), random.uniform(soonest, latest, count)
     lost = miss[:, None] * ahead[:, ::-1] * [-1.0, 1.0] - np.sqrt(1.0 - miss**2)[:, None] * ahead
-    bearing, distance = (
-        random.uniform(-0.5 * math.pi, 0.5 * math.pi, count),
-        random.uniform(2.0, 20.0, count),
-    )
+    bearing = random.uniform(-0.5 * math.pi, 0.5 * math.pi, count)
+    distance = random.uniform(2.0, 20.0, count)
     goal = distance[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
-    return (
-        Scenes(pace, goal, np.concatenate([lost - way * time[:, None], velocity], axis=-1)),
-        cell,
-        names,
-    )
+    state = np.concatenate([lost - way * time[:, None], velocity], axis=-1)
+    return Scenes(pace, goal, state), cell, names
+
+
+def _draw_speeds(
+    policy: Policy, from_ratio: np.ndarray, to_ratio: np.ndarray, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return own and intruders' speeds within the policy's domain, in the ownship's greatest, whose
+    ratios lie between two, ``[N]`` each.
+    """
+    fast, count = policy.limits.speed_max, len(from_ratio)
+    slowest, fastest = (end / fast for end in policy.domain["intruder_speed"])
+    pace, other, wrong = np.zeros(count), np.zeros(count), np.ones(count, dtype=bool)
+    while wrong.any():
+        pace = np.where(wrong, random.uniform(policy.limits.speed_min / fast, 1.0, count), pace)
+        other = np.where(wrong, pace * random.uniform(from_ratio, to_ratio), other)
+        wrong = ~((slowest <= other) & (other <= fastest))
+    return pace, other
 
 
 def passing_side(scenes: Scenes) -> np.ndarray:
@@ -161,7 +170,7 @@ def passing_side(scenes: Scenes) -> np.ndarray:
 
 
 def _write_vnnlib(
-    out: Path, policy: Policy, scenes: Scenes, half: Any, away: np.ndarray, allowed: float
+    out: Path, policy: Policy, scenes: Scenes, half: np.ndarray, away: np.ndarray, allowed: float
 ) -> None:
     """Write the network behind its derived inputs as ONNX, and boxes of these in which it may turn
     as is forbidden.
@@ -186,17 +195,16 @@ def _write_vnnlib(
         write_file(out / f"box_{number:03}.vnnlib", "\n".join([*declared, *ends, wrong, ""]))
 
 
-def _figure(found: dict[str, Any]) -> Any:
+def _figure(found: dict[str, Any]) -> "Figure":
     """Return the map: verified share of each cell in colour, all three in numbers."""
-    courses, ratios = (
-        list(dict.fromkeys(cell["name"].split("/")[i] for cell in found["cells"])) for i in (0, 1)
-    )
+    names = [cell["name"].split("/") for cell in found["cells"]]
+    courses, ratios = (list(dict.fromkeys(part)) for part in zip(*names, strict=True))
+    titles = {
+        "side": "side flipped: never / seen / open, %",
+        "toward": "turn to the passing side: never / seen / open, %",
+    }
     panels = []
-    titles = (
-        "side flipped: never / seen / open, %",
-        "turn to the passing side: never / seen / open, %",
-    )
-    for name, title in zip(QUESTIONS, titles, strict=True):
+    for name, title in titles.items():
         parts = [[cell[name][verdict]["value"] for verdict in VERDICTS] for cell in found["cells"]]
         values = 100.0 * np.array(parts, float).reshape(len(courses), len(ratios), 3)
         texts = [
@@ -208,67 +216,72 @@ def _figure(found: dict[str, Any]) -> Any:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from eval.runner.options import real, whole
+    from eval.runner.options import config_option, policy_options, real, whole
 
     parser = Parser(
         prog="python -m eval.policy_map.local", description=_DESCRIPTION, epilog=_EPILOG
     )
     add = parser.add_argument
-    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+    config_option(parser, "an earlier examination")
+    policy_options(parser)
     add(
         "--out",
         type=Path,
         metavar="DIR",
         help="folder, new or empty (default: runs/local_DATE_TIME)",
     )
-    add("--boxes", type=whole(1, 1_000_000), metavar="N", default=100, help="in all (default: 100)")
+    add("--boxes", type=whole(1, 1_000_000), metavar="N", help="in all (default: 100)")
     course = {
         "type": real(0.0, 180.0, "degrees"),
         "nargs": 2,
         "metavar": ("LOW", "HIGH"),
-        "default": [0.0, 180.0],
     }
     add("--course", **course, help="difference of the courses, degrees (default: 0 180)")
     loss = {
         "type": real(0.0, 60.0, "s"),
         "nargs": 2,
         "metavar": ("LOW", "HIGH"),
-        "default": [0.0, 30.0],
     }
     add("--loss", **loss, help="time to the loss of separation, s (default: 0 30)")
     add(
         "--position",
         type=real(0.0, 1000.0, "m"),
         metavar="M",
-        default=30.0,
         help="error of x and y, m (default: 30)",
     )
     add(
         "--velocity",
         type=real(0.0, 50.0, "m/s"),
         metavar="M/S",
-        default=3.0,
         help="of vx and vy, m/s (default: 3)",
     )
     allowed = "turn that does not count, of the greatest yaw rate (default: 0.1)"
-    add("--allowed", type=real(0.01, 0.9), metavar="PART", default=0.1, help=allowed)
+    add("--allowed", type=real(0.01, 0.9), metavar="PART", help=allowed)
     add(
         "--depth",
         type=whole(0, 30),
         metavar="N",
-        default=12,
         help="cuts of a box in two (default: 12)",
     )
     add(
         "--seed",
         type=whole(0, 2**63),
         metavar="N",
-        default=0,
         help="of scenes and samples (default: 0)",
     )
     also = "also write network.onnx and N boxes (default: 0)"
-    add("--vnnlib", type=whole(0, 10_000), metavar="N", default=0, help=also)
+    add("--vnnlib", type=whole(0, 10_000), metavar="N", help=also)
     return parser
+
+
+def _load(options: argparse.Namespace) -> "LocalConfig":
+    """Return the configuration of a file under what the command line says."""
+    from eval.policy_map.config import LocalConfig
+    from eval.runner.options import given_policy, load_given
+
+    names = ("boxes", "course", "loss", "position", "velocity", "allowed", "depth", "seed")
+    given = {name: getattr(options, name) for name in (*names, "vnnlib")}
+    return load_given(LocalConfig, options.config, given | given_policy(options))
 
 
 if __name__ == "__main__":

@@ -12,9 +12,8 @@ import numpy as np
 from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
-from agents.config.load import Parser, dump
+from agents.config.load import Parser
 from envs.edge.figures import save_figure
-from envs.edge.files import write_file
 from envs.edge.installation import versions
 from envs.formats import encounter_file
 from eval.flights.aircraft import describe, lines_about
@@ -27,13 +26,18 @@ from eval.rare.splitting import Plan, Repetition, pilot, repetition
 from eval.rare.tail import fits, tail_figure
 from eval.runner.options import (
     confidence_option,
+    config_option,
     extension_option,
     load_config,
     named_evaluation,
     new_folder_option,
+    policy_options,
     real,
+    resume_option,
     whole,
 )
+from eval.runner.outputs import RunFolder
+from eval.runner.parts import PartsFolder
 from eval.stats.intervals import share
 
 _OPTIONS = {
@@ -48,6 +52,8 @@ _OPTIONS = {
     "encounters_per_hour": "encounters_per_hour",
 }
 """Keys of the configuration by their options."""
+_FREE = (*RunFolder.free, "encounters_per_hour")
+"""Keys on which no flight depends."""
 _SHARE = 0.2  # of the particles that passes a level
 _WORST = 100
 _STREAM = 0x7261_7265  # keeps the draws apart from those of other commands with the same seed
@@ -60,7 +66,8 @@ resolver can be blamed.
 
 Written to --out: rare.json, rare.png and .svg (the levels), tail.png and .svg (an extreme-value
 fit), config.yaml, and worst.csv: encounters that were lost, for eval.monte_carlo --scenario
-file:worst.csv (docs/howto/sensitivity.md)."""
+file:worst.csv (docs/howto/sensitivity.md). Ctrl-C keeps the repetitions that are finished; --resume
+goes on."""
 
 _EPILOG = """\
 examples:
@@ -68,6 +75,7 @@ examples:
   python -m eval.rare --mode plan --scenario noisy --resolvable-only --particles 200 \\
     --out runs/rare_plan
   python -m eval.rare --mode none --closer-than 5 --out runs/check   straight flight, below 5 m
+  python -m eval.rare --resume --out runs/rare          go on with one that was interrupted
 
 Keys of --set and --config are those of eval.monte_carlo (its --help-keys), and those that say how
 the estimate is made: as the options, with _ for -."""
@@ -78,7 +86,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
-    options.resume = False
     config = load_config(RareConfig, options, _OPTIONS, "--")
     evaluation, policy, resolved = named_evaluation(config)
     del resolved["encounters"]  # as many as the particles ask for
@@ -89,54 +96,78 @@ def main(arguments: Sequence[str] | None = None) -> int:
         resolvable_only=config.resolvable_only,
         closer_than=config.closer_than,
     )
-    picture_folder.create(options.out)
+    picture_folder.check_room(options.out)
+    folder = PartsFolder(options.out, config, "rare", free=_FREE)
+    folder.begin(resume=options.resume)
     begun = time.perf_counter()
-    with threadpool_limits(1):
-        plan, made = _split(problem, config)
-        blamed = [np.ones(len(one.last), bool) for one in made]
-        if not config.resolvable_only:  # else all that are left are judged already
-            blamed = [~problem.unresolvable(problem.sample_encounters(one.last)[0]) for one in made]
-    found = {
-        "schema_version": 1,
-        "mode": config.mode,
-        "scenario": config.scenario,
-        "changes": config.changes,
-        "seed": config.seed,
-        **_estimate_in_json(config, plan, made, blamed),
-        "policy_sha256": policy.sha256,
-        **describe(evaluation.aircraft, policy),
-        "wall_s": time.perf_counter() - begun,
-    }
-    # Equally many of each repetition.
-    rows = [
-        one.last[kept][: max(1, _WORST // len(made))]
-        for one, kept in zip(made, blamed, strict=True)
-    ]
-    if any(map(len, rows)):
-        encounter_file.write(
-            options.out / "worst.csv", problem.sample_encounters(np.concatenate(rows))[0]
-        )
-    write_file(options.out / "config.yaml", dump(config))
-    picture_folder.write(options.out, "rare", found, levels_figure(found))
-    if found["tail"]:
-        save_figure(tail_figure(found), options.out / "tail", 130)
+    with folder:
+        with threadpool_limits(1):
+            plan, made = _split(problem, config, folder)
+            blamed = [_blame(problem, one.last, config) for one in made]
+        found = {
+            "schema_version": 1,
+            "mode": config.mode,
+            "scenario": config.scenario,
+            "changes": config.changes,
+            "seed": config.seed,
+            **_estimate_in_json(config, plan, made, blamed),
+            "policy_sha256": policy.sha256,
+            **describe(evaluation.aircraft, policy),
+            "wall_s": time.perf_counter() - begun,
+        }
+        _write_worst(options.out / "worst.csv", problem, made, blamed)
+        picture_folder.write(options.out, "rare", found, levels_figure(found))
+        if found["tail"]:
+            save_figure(tail_figure(found), options.out / "tail", 130)
     _show(found, options.out)
     return 0
 
 
-def _split(problem: FlightProblem, config: RareConfig) -> tuple[Plan, list[Repetition]]:
-    """Return the levels that a pilot run places, and the repetitions that use them."""
+def _split(
+    problem: FlightProblem, config: RareConfig, folder: PartsFolder
+) -> tuple[Plan, list[Repetition]]:
+    """Return the levels that a pilot run places, and the repetitions that use them; what is stored
+    is not flown again.
+    """
     sizes = config.particles, config.moves
     seeds = np.random.SeedSequence((config.seed, _STREAM)).spawn(config.repetitions + 1)
     first, *others = map(np.random.default_rng, seeds)
-    plan = pilot(problem, problem.level, *sizes, _SHARE, first)
+    placed = folder.part(
+        "pilot", lambda: pilot(problem, problem.level, *sizes, _SHARE, first)._asdict()
+    )
+    plan = Plan.of_arrays(placed)
     print(f"levels: {', '.join(f'{level:.0f}' for level in plan.levels)} m", file=sys.stderr)
     made: list[Repetition] = []
     for number, rng in enumerate(others, 1):
-        made.append(repetition(problem, plan, *sizes, rng))
+        part = folder.part(
+            f"repetition_{number}",
+            lambda rng=rng: repetition(problem, plan, *sizes, rng)._asdict(),
+        )
+        made.append(Repetition.of_arrays(part))
         rate = made[-1].probability[-1]
         print(f"repetition {number} of {len(others)}: {rate:.3g}", file=sys.stderr)
     return plan, made
+
+
+def _blame(problem: FlightProblem, draws: np.ndarray, config: RareConfig) -> np.ndarray:
+    """Return for which lost encounters, by their draws ``[M, dimensions]``, a resolver can be
+    blamed, bool ``[M]``: those not proven unresolvable.
+    """
+    if config.resolvable_only:  # all that are left are judged already
+        return np.ones(len(draws), bool)
+    return ~problem.unresolvable(problem.sample_encounters(draws)[0])
+
+
+def _write_worst(
+    path: Path, problem: FlightProblem, made: Sequence[Repetition], blamed: Sequence[np.ndarray]
+) -> None:
+    """Write lost encounters, equally many of each repetition, to be flown again; no file where none
+    is lost.
+    """
+    most = max(1, _WORST // len(made))
+    rows = [one.last[chosen][:most] for one, chosen in zip(made, blamed, strict=True)]
+    if any(map(len, rows)):
+        encounter_file.write(path, problem.sample_encounters(np.concatenate(rows))[0])
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -147,12 +178,7 @@ def _parser() -> argparse.ArgumentParser:
         choices=("policy", "plan", "none"),
         help="what decides: policy, plan, or none, straight to the goal (default: policy)",
     )
-    add(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="YAML file with what differs from the defaults, such as an estimate's config.yaml",
-    )
+    config_option(parser, "an estimate")
     add(
         "--set",
         action="append",
@@ -160,10 +186,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="KEY=VALUE",
         help="change one key of the configuration",
     )
-    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
-    add(
-        "--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have (default: any)"
-    )
+    policy_options(parser)
     extension_option(parser)
     add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
     add("--seed", type=whole(0), metavar="N", help="of all draws (default: 0)")
@@ -199,61 +222,77 @@ def _parser() -> argparse.ArgumentParser:
         help="independent estimates (default: 10)",
     )
     confidence_option(parser)
-    parser.set_defaults(confidence=None)  # the configuration's
     add(
         "--encounters-per-hour",
         type=real(1e-6, 1e4),
         metavar="R",
         help="of flight: says losses an hour, too",
     )
+    resume_option(parser)
     new_folder_option(parser)
     return parser
 
 
 def _estimate_in_json(
-    config: RareConfig, plan: Plan, made: Sequence[Repetition], blamed: Sequence[Any]
+    config: RareConfig, plan: Plan, made: Sequence[Repetition], blamed: Sequence[np.ndarray]
 ) -> dict[str, Any]:
     """Return what rare.json says of the estimate."""
-    by_level = np.stack([one.probability for one in made])
     first = np.concatenate([one.first for one in made])
+    levels = _levels_in_json(plan, made, first, config.confidence)
     shares = np.array([np.mean(each) if each.size else 0.0 for each in blamed])
-    levels = []
-    for stage, (level, step) in enumerate(zip(plan.levels, (*plan.steps, None), strict=True)):
-        taken = [
-            one.acceptance[stage] for one in made if step and np.isfinite(one.acceptance[stage])
-        ]
-        levels.append(
-            {
-                "level_m": level,
-                "rate": _estimate(by_level[:, stage], config.confidence),
-                "step": step,
-                "acceptance": float(np.mean(taken)) if taken else None,
-                "plain": share(np.count_nonzero(first < level), first.size, config.confidence),
-            }
-        )
-    rate = levels[-1]["rate"]
-    error, hourly = rate["relative_error"], config.encounters_per_hour
+    last = np.array([one.probability[-1] for one in made])
+    rate, hourly = levels[-1]["rate"], config.encounters_per_hour
+    names = ("resolvable_only", "particles", "moves", "repetitions")
     found = {
         "separation_m": plan.levels[-1],
-        **{
-            key: getattr(config, key)
-            for key in ("resolvable_only", "particles", "moves", "repetitions")
-        },
+        **{name: getattr(config, name) for name in names},
         "confidence": config.confidence,
         "rate": rate,
-        "rate_not_unresolvable": _estimate(by_level[:, -1] * shares, config.confidence),
+        "rate_not_unresolvable": _estimate(last * shares, config.confidence),
         "levels": levels,
         "ancestors": [one.ancestors for one in made],
         "flights": sum(one.evaluations for one in made),
         "flights_of_the_pilot": plan.evaluations,
         "tail": fits(first, plan.levels[-1]),
-        "losses_per_hour": hourly and {end: hourly * rate[end] for end in ("value", "low", "high")},
-        "plain_flights_for_the_same_error": (1.0 - rate["value"]) / rate["value"] / error**2
-        if error
-        else None,
+        "losses_per_hour": None if hourly is None else _times(rate, hourly),
+        "plain_flights_for_the_same_error": _plain_flights(rate),
         "versions": versions("numpy", "scipy", "safetensors"),
     }
     return found | {"warnings": _warnings(found)}
+
+
+def _levels_in_json(
+    plan: Plan, made: Sequence[Repetition], first: np.ndarray, confidence: float
+) -> list[dict[str, Any]]:
+    """Return what rare.json says of each level; ``first``: separations of the first encounters of
+    all repetitions, m, ``[N]``.
+    """
+    by_level = np.stack([one.probability for one in made])
+    levels = []
+    for stage, (level, step) in enumerate(zip(plan.levels, (*plan.steps, None), strict=True)):
+        accepted = [one.acceptance[stage] for one in made if step]
+        known = [part for part in accepted if np.isfinite(part)]
+        levels.append(
+            {
+                "level_m": level,
+                "rate": _estimate(by_level[:, stage], confidence),
+                "step": step,
+                "acceptance": float(np.mean(known)) if known else None,
+                "plain": share(np.count_nonzero(first < level), first.size, confidence),
+            }
+        )
+    return levels
+
+
+def _times(rate: dict[str, Any], factor: float) -> dict[str, float]:
+    """Return a rate and its interval times a factor."""
+    return {end: factor * rate[end] for end in ("value", "low", "high")}
+
+
+def _plain_flights(rate: dict[str, Any]) -> float | None:
+    """Return how many flights plain sampling would take for the same error; None: not known."""
+    error = rate["relative_error"]
+    return (1.0 - rate["value"]) / rate["value"] / error**2 if error else None
 
 
 def _estimate(values: np.ndarray, confidence: float) -> dict[str, Any]:

@@ -11,7 +11,8 @@ ones (S. L. Cotter et al., Statistical Science 28 (2013) 424). It is taken where
 level.
 """
 
-from typing import NamedTuple, Protocol
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -20,9 +21,8 @@ from envs.edge.command import InputError
 _MOST_LEVELS = 60
 _WANTED_ACCEPTANCE = 0.3
 _LARGEST_STEP, _SMALLEST_STEP = 0.9, 1e-3
-_SPREAD = (
-    10.0  # ratio of the largest to the smallest step of a stage: failures may lie in thin strips
-)
+# ratio of the largest to the smallest step of a stage: failures may lie in thin strips
+_SPREAD = 10.0
 _TRIES = 1_000
 
 
@@ -51,18 +51,35 @@ class Plan(NamedTuple):
     steps: tuple[float, ...]  # largest size of the proposals below each level but the last
     evaluations: int
 
+    @classmethod
+    def of_arrays(cls, fields: Mapping[str, np.ndarray]) -> Self:
+        """Return the plan whose fields were stored as arrays."""
+        levels, steps = (tuple(fields[name].tolist()) for name in ("levels", "steps"))
+        return cls(levels, steps, int(fields["evaluations"]))
+
 
 class Repetition(NamedTuple):
     """One independent estimate; arrays ``[L]``, one entry a level."""
 
     probability: np.ndarray  # of a value below each level
-    acceptance: (
-        np.ndarray
-    )  # share of the proposals taken below each level but the last, [L - 1]; nan: none was left
+    # share of the proposals accepted below each level but the last, [L - 1]; nan: none was left
+    acceptance: np.ndarray
     ancestors: int  # different first particles from which those below the last level descend
     evaluations: int
     first: np.ndarray  # values of the first particles: plain sampling, [N]
     last: np.ndarray  # particles below the last level, [M, dimensions]
+
+    @classmethod
+    def of_arrays(cls, fields: Mapping[str, np.ndarray]) -> Self:
+        """Return the estimate whose fields were stored as arrays."""
+        return cls(
+            probability=fields["probability"],
+            acceptance=fields["acceptance"],
+            ancestors=int(fields["ancestors"]),
+            evaluations=int(fields["evaluations"]),
+            first=fields["first"],
+            last=fields["last"],
+        )
 
 
 def pilot(
@@ -103,10 +120,10 @@ def pilot(
         rows = _copies(values < wanted, particles, rng)
         draws, values = draws[rows], values[rows]
         for _ in range(moves):
-            draws, values, taken, flown = _move(problem, draws, values, levels[-1], step, rng)
+            draws, values, accepted, flown = _move(problem, draws, values, levels[-1], step, rng)
             evaluations += flown
             step = float(
-                np.clip(step * np.exp(taken - _WANTED_ACCEPTANCE), _SMALLEST_STEP, _LARGEST_STEP)
+                np.clip(step * np.exp(accepted - _WANTED_ACCEPTANCE), _SMALLEST_STEP, _LARGEST_STEP)
             )
         steps.append(step)
 
@@ -133,11 +150,11 @@ def repetition(
         draws, values, family = draws[rows], values[rows], family[rows]
         shares = []
         for _ in range(moves):
-            draws, values, taken, flown = _move(
+            draws, values, accepted, flown = _move(
                 problem, draws, values, level, plan.steps[stage], rng
             )
             evaluations += flown
-            shares.append(taken)
+            shares.append(accepted)
         acceptance[stage] = np.mean(shares)
     raise AssertionError("the last level ends the loop")
 
@@ -170,12 +187,12 @@ def _move(
     size = step * _SPREAD ** -rng.random((len(values), 1))
     asked = np.sqrt(1.0 - size**2) * draws + size * rng.standard_normal(draws.shape)
     found = problem.value(asked)
-    taken = found < level
-    draws = np.where(taken[:, None], asked, draws)
+    accepted = found < level
+    draws = np.where(accepted[:, None], asked, draws)
     return (
         draws,
-        np.where(taken, found, values),
-        float(np.mean(taken)),
+        np.where(accepted, found, values),
+        float(np.mean(accepted)),
         int(np.count_nonzero(~np.isnan(found))),
     )
 

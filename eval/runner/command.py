@@ -23,7 +23,7 @@ from envs.edge.installation import versions
 from envs.edge.progress import Progress, group_digits
 from eval.config import MonteCarloConfig
 from eval.flights.aircraft import describe, lines_about
-from eval.runner.options import load_config, named_policy
+from eval.runner.options import default_folder, load_config, named_policy
 from eval.runner.outputs import SCHEMA_VERSION, RunFolder, check_unused
 from eval.runner.payload import DECISIVE, Chunk, Work, WorkerError
 from eval.runner.workers import cores, fly_chunks
@@ -95,7 +95,7 @@ def run(command: Command, options: argparse.Namespace) -> int:
         return 0
     config = load_config(command.folder.model, options, command.keys, command.prefix)
     resolved = command.resolve(config, options)
-    out = options.out or Path("runs") / time.strftime(f"{command.name}_%Y%m%d_%H%M%S")
+    out = options.out or default_folder(command.name)
     try:
         with _cluster_of(options, (*DECISIVE, *resolved.packages)) as cluster:
             finished = fly(command, resolved, out, resume=options.resume, cluster=cluster)

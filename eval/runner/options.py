@@ -3,22 +3,24 @@
 import argparse
 import hashlib
 import json
+import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from agents.config.load import AIRCRAFT, ConfigError, file_of, load
+from agents.config.load import AIRCRAFT, ConfigError, Strict, file_of, load
 from agents.policy import inputs
 from agents.policy.inference import Policy
 from envs import scenarios
 from envs.aircraft import Aircraft
 from envs.edge.extension import is_extension, load_extension
 from envs.encounters import EncounterError, Sampler
-from eval.config import PREFIXES, EncountersConfig, MonteCarloConfig
+from eval.config import PREFIXES, EncountersConfig, MonteCarloConfig, PolicyConfig
 from eval.flights.chunks import Evaluation
 from eval.flights.sources import Source, most_intruders, read_source
 
 Config = TypeVar("Config", bound=EncountersConfig)
+Model = TypeVar("Model", bound=Strict)
 
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:
@@ -122,12 +124,29 @@ def load_extensions(names: Iterable[str]) -> None:
 _EXTENSION = "an input of the network (agents.policy.inputs.Input) or a scenario"
 
 
+def config_option(parser: argparse.ArgumentParser, run: str) -> None:
+    """Add the option of a file that holds the configuration; ``run`` is what writes such files,
+    such as ``a comparison``.
+    """
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help=f"YAML file, such as {run}'s config.yaml"
+    )
+
+
+def policy_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that name a policy, for :func:`given_policy`."""
+    add = parser.add_argument
+    add("--policy", type=Path, metavar="FILE", help="policy file (default: the one that ships)")
+    add(
+        "--policy-sha256", metavar="DIGEST", help="SHA-256 that the policy must have (default: any)"
+    )
+
+
 def confidence_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option of the level of a command's intervals."""
+    """Add the option of the level of a command's intervals, which the configuration holds."""
     parser.add_argument(
         "--confidence",
         type=real(0.5, 0.999999),
-        default=0.95,
         metavar="P",
         help="of all intervals (default: 0.95)",
     )
@@ -144,25 +163,40 @@ def new_folder_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def last_options(parser: argparse.ArgumentParser, name: str) -> None:
-    """Add the options that a command ends with: workers, and the run's folder, whose default begins
-    with ``name``.
-    """
-    add = parser.add_argument
-    add(
+def default_folder(name: str) -> Path:
+    """Return the folder of a command's run where none is named."""
+    return Path("runs") / time.strftime(f"{name}_%Y%m%d_%H%M%S")
+
+
+def workers_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of the processes that fly."""
+    parser.add_argument(
         "--workers",
         type=whole(0),
         metavar="N",
         help="processes; 0: one for every core (default: 0)",
     )
+
+
+def resume_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option that goes on with a run, for :func:`config_file`."""
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with the run in --out instead of beginning one"
+    )
+
+
+def last_options(parser: argparse.ArgumentParser, name: str) -> None:
+    """Add the options that a command ends with: workers, and the run's folder, whose default begins
+    with ``name``.
+    """
+    add = parser.add_argument
+    workers_option(parser)
     add(
         "--scheduler",
         metavar="ADDRESS",
         help="fly on a Dask cluster instead, such as tcp://node7:8786",
     )
-    add(
-        "--resume", action="store_true", help="go on with the run in --out instead of beginning one"
-    )
+    resume_option(parser)
     add(
         "--out",
         type=Path,
@@ -171,47 +205,89 @@ def last_options(parser: argparse.ArgumentParser, name: str) -> None:
     )
 
 
+def override(key: str, value: Any) -> str:
+    """Return a key's value as ``KEY=VALUE``: words as they stand, a path absolute, the rest as
+    JSON.
+    """
+    if isinstance(value, str):
+        return f"{key}={value}"
+    # Absolute, because a path of the command line is meant from the working directory.
+    return f"{key}={json.dumps(str(value.absolute()) if isinstance(value, Path) else value)}"
+
+
+def load_given(model: type[Model], path: Path | None, given: Mapping[str, Any]) -> Model:
+    """Return a configuration: a file's values under those that options give, by key; None: not
+    given.
+
+    Raises:
+        ConfigError: a key or a value is refused; an option is named as such.
+    """
+    overrides = [override(key, value) for key, value in given.items() if value is not None]
+    try:
+        return load(model, path, overrides)
+    except ConfigError as problem:
+        raise ConfigError(str(problem).replace("--set: ", "--", 1)) from None
+
+
+def given_policy(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the keys of the policy that options name; the digest of a file's own policy does not
+    count for another one.
+    """
+    digest = options.policy_sha256
+    if options.policy is not None and digest is None:
+        digest = "null"
+    return {"policy": options.policy, "policy_sha256": digest and digest.lower()}
+
+
+def config_file(options: argparse.Namespace) -> Path | None:
+    """Return the file with the configuration: the one that is named, or that of the run that is
+    gone on with; None: neither.
+
+    Raises:
+        ConfigError: there is no run to go on with.
+    """
+    if not options.resume:
+        return options.config
+    if options.out is None:
+        raise ConfigError("--resume: expected --out with the folder of the run")
+    begun = options.out / "config.yaml"
+    if not begun.is_file():
+        raise ConfigError(
+            f"--resume: {options.out} holds no run (no config.yaml), expected one that was begun"
+        )
+    return options.config or begun
+
+
 def load_config(
     model: type[Config], options: argparse.Namespace, keys: Mapping[str, str], prefix: str
 ) -> Config:
-    """Return the configuration: a file's or a begun run's values under those of the command line.
+    """Return the configuration: a file's or a begun run's values under those of the command line;
+    the code of the user's own that it names is loaded.
 
-    The code of the user's own that it names is loaded. The options have config, resume, out,
-    policy, scenario, set and what ``keys`` names: key of the configuration by the option's name.
-    The prefix stands for ``--set: `` in messages about options
-    that have names of their own.
+    Args:
+        model: of the configuration.
+        options: config, resume, out, policy, policy_sha256, scenario, set, those that ``keys``
+            names, and where the command has them aircraft, allow_outside_domain and extension.
+        keys: of the configuration, by the names of their options.
+        prefix: stands for ``--set: `` in messages about options that have names of their own.
     """
-    path = options.config
-    if options.resume:
-        if options.out is None:
-            raise ConfigError("--resume: expected --out with the folder of the run")
-        begun = options.out / "config.yaml"
-        if not begun.is_file():
-            raise ConfigError(
-                f"--resume: {options.out} holds no run (no config.yaml), expected one that was "
-                "begun"
-            )
-        path = path or begun
-    overrides = []
+    path, overrides = config_file(options), list[str]()
     if options.policy is not None:
-        # Absolute, because a path of the command line is meant from the working directory.
-        overrides += [f"policy={json.dumps(str(options.policy.absolute()))}"]
+        overrides.append(override("policy", options.policy))
         overrides += [] if options.resume else ["policy_sha256=null"]
     if getattr(options, "aircraft", None) is not None:
-        overrides += [f"aircraft={json.dumps(str(file_of(options.aircraft, AIRCRAFT).absolute()))}"]
+        overrides.append(override("aircraft", file_of(options.aircraft, AIRCRAFT)))
     if getattr(options, "allow_outside_domain", False):
-        overrides += ["allow_outside_domain=true"]
+        overrides.append("allow_outside_domain=true")
     if getattr(options, "extension", None):
-        overrides += [f"extensions={json.dumps(options.extension)}"]
+        overrides.append(override("extensions", options.extension))
     if options.policy_sha256 is not None:
-        overrides += [f"policy_sha256={options.policy_sha256.lower()}"]
+        overrides.append(f"policy_sha256={options.policy_sha256.lower()}")
     if options.scenario is not None:
-        name = options.scenario
-        kind = next((each for each in PREFIXES if name.startswith(each) and name != each), None)
-        name = name if kind is None else f"{kind}{Path(name.removeprefix(kind)).absolute()}"
-        overrides += [f"scenario={name}", *([] if options.resume else ["scenario_sha256=null"])]
-    named = {key: getattr(options, name) for name, key in keys.items()}
-    overrides += [f"{key}={value}" for key, value in named.items() if value is not None]
+        overrides.append(f"scenario={_absolute(options.scenario)}")
+        overrides += [] if options.resume else ["scenario_sha256=null"]
+    given = {key: getattr(options, name) for name, key in keys.items()}
+    overrides += [f"{key}={value}" for key, value in given.items() if value is not None]
     try:
         config = load(model, path, [*overrides, *options.set])
     except ConfigError as problem:
@@ -220,6 +296,12 @@ def load_config(
         ) from None
     load_code(config)
     return config
+
+
+def _absolute(scenario: str) -> str:
+    """Return a scenario whose file, if it is one, is named from the root."""
+    kind = next((each for each in PREFIXES if scenario.startswith(each) and scenario != each), None)
+    return scenario if kind is None else f"{kind}{Path(scenario.removeprefix(kind)).absolute()}"
 
 
 def load_code(config: EncountersConfig) -> None:
@@ -236,7 +318,7 @@ def load_code(config: EncountersConfig) -> None:
             raise ConfigError(f"scenario: {problem}") from None
 
 
-def named_policy(config: MonteCarloConfig) -> Policy:
+def named_policy(config: PolicyConfig) -> Policy:
     """Load the policy that a configuration names; ``ConfigError``: it is not the expected one."""
     policy = Policy.load(config.policy)
     check_digest(config.policy, policy.sha256, config.policy_sha256, "key policy_sha256")

@@ -11,18 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from agents.config.load import ConfigError, dump, load
+from agents.config.load import ConfigError, Strict, dump, load
 from envs.edge.files import write_file, write_whole
 from envs.edge.folder_lock import is_unused
 from envs.edge.installation import versions
-from eval.config import MonteCarloConfig
+from eval.config import EncountersConfig, MonteCarloConfig
 
 SCHEMA_VERSION = 1  # of summary.json
 
-_PARTS, _CONFIG = "parts", "config.yaml"
+_CONFIG = "config.yaml"
 _ROW_GROUP = 65_536
-_FREE = ("policy", "workers", "figures", "confidence", "resamples")
-"""Keys of a configuration on which no row of the table depends: a resumed run may change them."""
 
 
 def check_unused(path: Path) -> None:
@@ -39,19 +37,26 @@ def check_unused(path: Path) -> None:
         )
 
 
-class RunFolder:
-    """The files of one evaluation."""
+class ResumableFolder:
+    """The folder of a run that can be gone on with by its configuration."""
 
-    model: type[MonteCarloConfig] = MonteCarloConfig  # of its configuration
-    table: str = "encounters.parquet"  # name of the file with a row an encounter
-    schema: bytes = b"monte_carlo 1"  # of that file, in its metadata
+    free: tuple[str, ...] = ()
+    """Keys of the configuration on which no part of the run depends: a resumed run may change
+    them."""
+    parts: str = "parts"
+    """Name of the folder with what is finished of the run, in the run's folder."""
 
-    def __init__(self, path: Path, config: MonteCarloConfig) -> None:
+    def __init__(self, path: Path, config: Strict) -> None:
         """Name a folder and the configuration as resolved; nothing is touched before it is created
         or resumed.
         """
         self.path = path
         self._config = config
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Packages that must have the same versions in all parts of the run."""
+        return ("numpy",)
 
     def begin(self, *, resume: bool) -> None:
         """Begin a run in an unused folder, or go on with one of the same configuration; else
@@ -62,7 +67,7 @@ class RunFolder:
         else:
             check_unused(self.path)
         try:
-            (self.path / _PARTS).mkdir(parents=True, exist_ok=True)
+            (self.path / self.parts).mkdir(parents=True, exist_ok=True)
             for left in self.path.glob(".*.tmp"):
                 left.unlink()
             write_file(self.path / _CONFIG, dump(self._config))
@@ -71,11 +76,52 @@ class RunFolder:
 
     def _check_same(self) -> None:
         path = self.path / _CONFIG
-        before, now = _plain(load(self.model, path)), _plain(self._config)
+        before, now = self._decisive(load(type(self._config), path)), self._decisive(self._config)
         for key in now:
             if before[key] != now[key]:
                 other = f"{key} is {now[key]!r}, expected {before[key]!r} as in {path}"
                 raise ConfigError(f"--resume: {other}; use another --out for another evaluation")
+
+    def _decisive(self, config: Strict) -> dict[str, Any]:
+        """Return what the parts of a run depend on, in plain values; of files their digests, not
+        where they lie.
+        """
+        values = config.model_dump(mode="json")
+        if isinstance(config, EncountersConfig) and config.file is not None:
+            values["scenario"] = "a file"
+        return {key: value for key, value in values.items() if key not in self.free}
+
+    def identity(self) -> str:
+        """Return a digest by which a stored part is known to belong to this run."""
+        made = {
+            "config": self._decisive(self._config),
+            "versions": {k: versions(*self.packages)[k] for k in ("rlcas-toolkit", *self.packages)},
+        }
+        return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()
+
+    def check_made_here(self, part: Path, identity: str) -> None:
+        """Refuse a stored part with the identity of another run."""
+        if identity != self.identity():
+            made = f"{part} was made with other versions of the toolkit, numpy or jax"
+            raise ConfigError(f"--resume: {made}; expected the same as now, or another --out")
+
+
+class RunFolder(ResumableFolder):
+    """The files of one evaluation."""
+
+    free = ("policy", "workers", "figures", "confidence", "resamples")
+    model: type[MonteCarloConfig] = MonteCarloConfig  # of its configuration
+    table: str = "encounters.parquet"  # name of the file with a row an encounter
+    schema: bytes = b"monte_carlo 1"  # of that file, in its metadata
+
+    def __init__(self, path: Path, config: MonteCarloConfig) -> None:
+        super().__init__(path, config)
+        self._config: MonteCarloConfig = config
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Packages that must have the same versions in all parts of the run."""
+        return ("numpy", "jaxlib") if self._config.backend == "jax" else ("numpy",)
 
     def done(self) -> set[int]:
         """Return the first encounters of the chunks that are stored; other versions made them:
@@ -85,20 +131,15 @@ class RunFolder:
         import pyarrow.parquet as pq
 
         if (self.path / self.table).is_file():
-            return set(
-                range(
-                    0, self._config.default_count, self._config.chunk or self._config.default_count
-                )
-            )
+            total = self._config.default_count
+            return set(range(0, total, self._config.chunk or total))
         stored = set()
-        for path in (self.path / _PARTS).glob("*.parquet"):
+        for path in (self.path / self.parts).glob("*.parquet"):
             try:
                 found = (pq.read_schema(path).metadata or {}).get(b"rlcas_run", b"").decode()
             except (OSError, pa.ArrowException):
                 continue  # not one of ours, or damaged: it is flown again
-            if found != self._identity():
-                made = f"{path} was made with other versions of the toolkit, numpy or jax"
-                raise ConfigError(f"--resume: {made}; expected the same as now, or another --out")
+            self.check_made_here(path, found)
             stored.add(int(path.stem))
         return stored
 
@@ -107,9 +148,9 @@ class RunFolder:
         import pyarrow.parquet as pq
 
         table = arrow_table(columns).replace_schema_metadata(
-            {b"rlcas_run": self._identity().encode()}
+            {b"rlcas_run": self.identity().encode()}
         )
-        with write_whole(self.path / _PARTS / f"{first:09d}.parquet") as path:
+        with write_whole(self.path / self.parts / f"{first:09d}.parquet") as path:
             pq.write_table(table, path)
 
     def finish(self) -> Mapping[str, np.ndarray]:
@@ -119,7 +160,7 @@ class RunFolder:
 
         target = self.path / self.table
         if not target.is_file():
-            parts = sorted((self.path / _PARTS).glob("*.parquet"))
+            parts = sorted((self.path / self.parts).glob("*.parquet"))
             table = pa.concat_tables(
                 pq.read_table(part).replace_schema_metadata() for part in parts
             )
@@ -127,27 +168,8 @@ class RunFolder:
             table = table.combine_chunks().replace_schema_metadata({b"rlcas_schema": self.schema})
             with write_whole(target) as path:
                 pq.write_table(table, path, row_group_size=_ROW_GROUP)
-        shutil.rmtree(self.path / _PARTS, ignore_errors=True)
+        shutil.rmtree(self.path / self.parts, ignore_errors=True)
         return read_table(target, "the table of this run")
-
-    def _identity(self) -> str:
-        """Return a digest by which a stored part is known to belong to this run."""
-        names = ("numpy", "jaxlib") if self._config.backend == "jax" else ("numpy",)
-        made = {
-            "config": _plain(self._config),
-            "versions": {k: versions(*names)[k] for k in ("rlcas-toolkit", *names)},
-        }
-        return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()
-
-
-def _plain(config: MonteCarloConfig) -> dict[str, Any]:
-    """Return what the rows of a run depend on, in plain values; of files their digests, not where
-    they lie.
-    """
-    values = {
-        key: value for key, value in config.model_dump(mode="json").items() if key not in _FREE
-    }
-    return values | {"scenario": values["scenario"] if config.file is None else "a file"}
 
 
 def arrow_table(columns: Mapping[str, np.ndarray]) -> Any:

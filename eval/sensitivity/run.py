@@ -5,25 +5,62 @@ runs/what``.
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from matplotlib.figure import Figure
 
 from agents.config.load import ConfigError, Parser
 from envs.edge.figures import save_figure
 from envs.edge.installation import versions
 from envs.edge.progress import group_digits
-from eval.config import PREFIXES
 from eval.plots import save as picture_folder
 from eval.plots.style import scenario_title
 from eval.runner.command import UnfinishedError
-from eval.runner.options import confidence_option, extension_option, new_folder_option, whole
+from eval.runner.options import (
+    confidence_option,
+    config_file,
+    config_option,
+    extension_option,
+    given_policy,
+    load_extensions,
+    load_given,
+    named_policy,
+    new_folder_option,
+    policy_options,
+    resume_option,
+    whole,
+    workers_option,
+)
+from eval.runner.outputs import ResumableFolder
 from eval.sensitivity.bins import Run, bins_of, quantities, read_run
+from eval.sensitivity.config import SensitivityConfig
 from eval.sensitivity.figure import draw_details, overview, points_of
 from eval.sensitivity.sweep import Sweep, change_of, collect, fly, parse_sweep
 from eval.stats.intervals import percent
 
 _SWEEPS = "sweeps"
+_OF_SWEEPS = (
+    "mode",
+    "scenario",
+    "policy",
+    "policy_sha256",
+    "encounters",
+    "seed",
+    "workers",
+    "set",
+    "extension",
+)
+"""Options that nothing uses without a sweep."""
+
+
+class StudyFolder(ResumableFolder):
+    """The folder of a study, with the runs of its sweeps; one that goes on may vary more."""
+
+    free = ("run", "vary", "policy", "confidence", "workers")
+    parts = "."
+
 
 _DESCRIPTION = """\
 Draw success as a function of what it depends on, under the bound of what can be resolved at all,
@@ -36,8 +73,9 @@ with exact intervals.
                (deg/s). NAME=V1,V2,... names values of one's own, rising; the first is what the
                others are compared with.
 
-Written to --out: sensitivity.json, a figure for each quantity (PNG and SVG), overview.png and
-.svg, and below sweeps/ the folder of every run flown (contents in docs/howto/sensitivity.md)."""
+Written to --out: sensitivity.json, config.yaml as resolved, a figure for each quantity (PNG and
+SVG), overview.png and .svg, and below sweeps/ the folder of every run flown (contents in
+docs/howto/sensitivity.md). Ctrl-C keeps what was flown; --resume goes on."""
 
 _EPILOG = """\
 examples:
@@ -45,7 +83,11 @@ examples:
   python -m eval.sensitivity --vary position_std --vary latency=0,1,2 --encounters 2000 \\
     --out runs/noise
   python -m eval.sensitivity --vary turn_rate --mode assured --encounters 200 --out runs/turning
+  python -m eval.sensitivity --config runs/noise/config.yaml --out runs/again          repeat one
+  python -m eval.sensitivity --resume --out runs/noise          go on with one that was interrupted
 
+Every key of --config: docs/reference/configuration-evaluation.md.
+--policy, --extension and --workers are of sweeps, too.
 A run in mode assured flies plan and policy beside, so that its figures show all three."""
 
 
@@ -54,43 +96,62 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
-    sweeps = [parse_sweep(text) for text in options.vary]
-    _check(options, sweeps)
-    run = None if options.run is None else read_run(options.run)
-    if options.resume:
-        options.out.mkdir(parents=True, exist_ok=True)
-    else:
-        picture_folder.create(options.out)
-    begun = time.perf_counter()
-    for sweep in sweeps:
-        print(
-            f"flying {sweep.name} = {', '.join(f'{value:g}' for value in sweep.values)}",
-            file=sys.stderr,
-            flush=True,
-        )
-        try:
-            fly(sweep, _keys(options), options.set, options.out / _SWEEPS, resume=options.resume)
-        except UnfinishedError as end:
-            print(f"{end}\nGo on with the same command and --resume", file=sys.stderr)
-            return end.status
-    found = _make_summary(options, run, sweeps)
-    if not found["quantities"] and not sweeps:
+    config = _load(options)
+    sweeps = [parse_sweep(text) for text in config.vary]
+    _check(options, config, sweeps)
+    run = None if config.run is None else read_run(config.run)
+    shown = [] if run is None else _quantities(run, config.confidence)
+    if not shown and not sweeps:
         raise ConfigError(
-            f"--run {options.run}: varies nothing that can be shown; expected a run with a scenario"
+            f"--run {config.run}: varies nothing that can be shown; expected a run with a scenario"
         )
-    paths = _draw(options, found)
+    if sweeps:
+        load_extensions(config.extensions)
+        config = config.model_copy(update={"policy_sha256": named_policy(config).sha256})
+    picture_folder.check_room(options.out)
+    StudyFolder(options.out, config).begin(resume=options.resume)
+    begun = time.perf_counter()
+    try:
+        for sweep in sweeps:
+            _fly(sweep, config, options.out, resume=options.resume)
+    except UnfinishedError as end:
+        again = f"python -m eval.sensitivity --resume --out {options.out}"
+        print(f"{end}Go on with: {again}", file=sys.stderr)
+        return end.status
+    found = _make_summary(config, run, shown, sweeps, options.out)
+    paths = _draw(found, options.out)
     found["wall_s"] = time.perf_counter() - begun
     picture_folder.write(options.out, "sensitivity", found)
     for one in [*found["quantities"], *found["sweeps"]]:
         _show(one)
-    print(f"files: {options.out}: " + ", ".join(["sensitivity.json", *paths]))
+    print(f"files: {options.out}: " + ", ".join(["config.yaml", "sensitivity.json", *paths]))
     return 0
+
+
+def _load(options: argparse.Namespace) -> SensitivityConfig:
+    """Return the configuration of a file under what the command line says."""
+    names = ("run", "mode", "scenario", "encounters", "seed", "workers", "confidence")
+    given = {name: getattr(options, name) for name in names}
+    given |= {
+        "vary": options.vary or None,
+        "extensions": options.extension or None,
+        "settings": options.set or None,
+    }
+    given |= given_policy(options)
+    return load_given(SensitivityConfig, config_file(options), given)
+
+
+def _fly(sweep: Sweep, config: SensitivityConfig, out: Path, *, resume: bool) -> None:
+    values = ", ".join(f"{value:g}" for value in sweep.values)
+    print(f"flying {sweep.name} = {values}", file=sys.stderr, flush=True)
+    fly(sweep, _keys(config), config.settings, out / _SWEEPS, resume=resume)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.sensitivity", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     modes = ("policy", "plan", "assured")
+    config_option(parser, "a study")
     add(
         "--run",
         type=Path,
@@ -106,12 +167,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--mode", choices=modes, help="of sweeps: what decides (default: policy)")
     add("--scenario", metavar="NAME", help="of sweeps: a sampled scenario (default: circle)")
-    add(
-        "--policy",
-        type=Path,
-        metavar="FILE",
-        help="of sweeps: policy file (default: the one that ships)",
-    )
+    policy_options(parser)
     extension_option(parser)
     add(
         "--encounters",
@@ -129,34 +185,20 @@ def _parser() -> argparse.ArgumentParser:
         metavar="KEY=VALUE",
         help="of sweeps: a key of eval.monte_carlo",
     )
-    add(
-        "--workers",
-        type=whole(0),
-        metavar="N",
-        help="of sweeps: processes; 0: one for every core (default: 0)",
-    )
+    workers_option(parser)
     confidence_option(parser)
-    add("--resume", action="store_true", help="go on with sweeps that were interrupted")
+    resume_option(parser)
     new_folder_option(parser)
     return parser
 
 
-def _check(options: argparse.Namespace, sweeps: Sequence[Sweep]) -> None:
-    if options.run is None and not sweeps:
+def _check(options: argparse.Namespace, config: SensitivityConfig, sweeps: Sequence[Sweep]) -> None:
+    """Refuse what asks for nothing, options that nothing uses, and a number varied twice."""
+    if config.run is None and not sweeps:
         raise ConfigError("neither --run nor --vary is given; expected at least one of them")
-    for name in (
-        "mode",
-        "scenario",
-        "policy",
-        "encounters",
-        "seed",
-        "workers",
-        "set",
-        "extension",
-        "resume",
-    ):
-        if not sweeps and getattr(options, name) not in (None, [], False):
-            raise ConfigError(f"--{name}: is for sweeps; expected --vary with it")
+    for name in _OF_SWEEPS:
+        if not sweeps and getattr(options, name) not in (None, []):
+            raise ConfigError(f"--{name.replace('_', '-')}: is for sweeps; expected --vary with it")
     names = [sweep.name for sweep in sweeps]
     for name in names:
         if names.count(name) > 1:
@@ -164,47 +206,42 @@ def _check(options: argparse.Namespace, sweeps: Sequence[Sweep]) -> None:
                 f"--vary {name}: given {names.count(name)} times; expected once, with all values"
             )
         for key in change_of(name, 1.0):
-            if any(text.startswith(f"changes.{key}=") for text in options.set):
+            if any(text.startswith(f"changes.{key}=") for text in config.settings):
                 raise ConfigError(
                     f"--set changes.{key}: is varied by --vary {name}; expected one of them"
                 )
-    if options.scenario is not None and options.scenario.startswith(PREFIXES):
-        raise ConfigError(
-            f"--scenario: {options.scenario!r} has no numbers to vary; expected a sampled scenario"
-        )
 
 
-def _keys(options: argparse.Namespace) -> dict[str, Any]:
+def _keys(config: SensitivityConfig) -> dict[str, Any]:
     """Return the keys of ``eval.monte_carlo`` that all values share."""
-    return {
-        "policy": options.policy,
-        "extensions": options.extension,
-        "scenario": options.scenario,
-        "mode": options.mode,
-        "encounters": options.encounters or 1_000,
-        "seed": options.seed,
-        "workers": options.workers,
-    }
+    names = ("policy", "policy_sha256", "extensions", "scenario", "mode", "encounters", "seed")
+    return {name: getattr(config, name) for name in (*names, "workers")}
+
+
+def _quantities(run: Run, confidence: float) -> list[dict[str, Any]]:
+    """Return the bins of each quantity that a run varies, in JSON types."""
+    bins = (bins_of(run, each, confidence) for each in quantities(run.aircraft).values())
+    return [one for one in bins if one is not None]
 
 
 def _make_summary(
-    options: argparse.Namespace, run: Run | None, sweeps: Sequence[Sweep]
+    config: SensitivityConfig,
+    run: Run | None,
+    shown: Sequence[Mapping[str, Any]],
+    sweeps: Sequence[Sweep],
+    out: Path,
 ) -> dict[str, Any]:
-    confidence = options.confidence
-    bins = (
-        [bins_of(run, each, confidence) for each in quantities(run.aircraft).values()]
-        if run
-        else []
-    )
-    usual = {"scenario": "circle", "mode": "policy", "encounters": 1_000, "seed": 0, "set": []}
-    settings = {name: getattr(options, name) or value for name, value in usual.items()}
+    """Return what sensitivity.json says, but for the time it took."""
+    confidence = config.confidence
+    names = ("scenario", "mode", "encounters", "seed")
+    settings = {name: getattr(config, name) for name in names} | {"set": list(config.settings)}
     return {
         "schema_version": 2,
         "confidence": confidence,
         "run": None if run is None else _describe(run),
-        "quantities": [one for one in bins if one is not None],
+        "quantities": list(shown),
         "sweeps_settings": settings if sweeps else None,
-        "sweeps": [collect(sweep, options.out / _SWEEPS, confidence) for sweep in sweeps],
+        "sweeps": [collect(sweep, out / _SWEEPS, confidence) for sweep in sweeps],
         "versions": versions("numpy", "scipy", "pyarrow", "matplotlib"),
     }
 
@@ -219,30 +256,32 @@ def _describe(run: Run) -> dict[str, Any]:
     return counted | dict(run.settings)
 
 
-def _draw(options: argparse.Namespace, found: dict[str, Any]) -> list[str]:
-    bars = f"bars: {100.0 * options.confidence:g} % intervals (Clopper-Pearson)"
-    figures: dict[str, Any] = {}
+def _draw(found: Mapping[str, Any], out: Path) -> list[str]:
+    """Draw the study's figures into its folder and return the names of their files."""
+    bars = f"bars: {100.0 * found['confidence']:g} % intervals (Clopper-Pearson)"
+    figures: dict[str, Figure] = {}
     titles = []
-    for said, name, each in (
-        (found["run"], "quantities", ""),
-        (found["sweeps_settings"], "sweeps", " a value"),
-    ):
-        if said is not None:
-            what = f"scenario {scenario_title(str(said.get('scenario')))}, mode {said.get('mode')}"
-            count = group_digits(said["encounters"])
-            titles.append(f"{said.get('folder', name)}: {count} encounters{each}, {what}")
-            for one in found[name]:
-                figures[f"{'vary_' if each else ''}{one['name']}"] = draw_details(
-                    one, f"{titles[-1]}\n{bars}"
-                )
-    figures["overview"] = overview(
-        [*found["quantities"], *found["sweeps"]], "\n".join([*titles, bars])
-    )
+    if found["run"] is not None:
+        titles.append(f"{found['run']['folder']}: {_title(found['run'], '')}")
+        for one in found["quantities"]:
+            figures[one["name"]] = draw_details(one, f"{titles[-1]}\n{bars}")
+    if found["sweeps_settings"] is not None:
+        titles.append(f"sweeps: {_title(found['sweeps_settings'], ' a value')}")
+        for one in found["sweeps"]:
+            figures[f"vary_{one['name']}"] = draw_details(one, f"{titles[-1]}\n{bars}")
+    every = [*found["quantities"], *found["sweeps"]]
+    figures["overview"] = overview(every, "\n".join([*titles, bars]))
     return [
         path.name
         for name, figure in figures.items()
-        for path in save_figure(figure, options.out / name, 130)
+        for path in save_figure(figure, out / name, 130)
     ]
+
+
+def _title(about: Mapping[str, Any], each: str) -> str:
+    """Return how many encounters were flown, and how; ``each`` says of what so many."""
+    count, scenario = group_digits(about["encounters"]), scenario_title(str(about.get("scenario")))
+    return f"{count} encounters{each}, scenario {scenario}, mode {about.get('mode')}"
 
 
 def _show(found: dict[str, Any]) -> None:

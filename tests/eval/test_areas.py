@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from agents.config.load import ConfigError
 from envs.areas import Area, AreaError, Circle, Keep, Polygon
 from envs.formats.areas import write_areas
 from envs.formats.local_frame import LocalFrame
@@ -17,13 +18,23 @@ AREAS = [
 
 
 def test_a_file_becomes_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file, out = tmp_path / "a.geojson", tmp_path / "a.png"
+    file, out, again = tmp_path / "a.geojson", tmp_path / "first", tmp_path / "again"
     write_areas(file, AREAS, LocalFrame(47.0, 8.0))
     assert main([str(file), *PLACE, "--out", str(out)]) == 0
-    assert out.read_bytes().startswith(b"\x89PNG")
+    assert (out / "areas.png").read_bytes().startswith(b"\x89PNG")
     assert "2 areas" in capsys.readouterr().out
+    assert main(["--config", str(out / "config.yaml"), "--out", str(again)]) == 0
+    names = {path.name for path in out.iterdir()}
+    assert names == {"areas.png", "areas.svg", "config.yaml"}
+    for name in names:
+        assert (again / name).read_bytes() == (out / name).read_bytes()
+
+
+def test_bad_input_is_refused_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(AreaError, match="there is no such file"):
         main([str(tmp_path / "none"), *PLACE])
+    with pytest.raises(ConfigError, match="expected FILE, --latitude and --longitude"):
+        main(PLACE)
 
 
 def test_the_picture_shows_all_of_every_area() -> None:

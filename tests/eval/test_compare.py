@@ -46,6 +46,7 @@ from eval.flights import recorded as recorded_flights
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.optimal import Witness, WitnessSearch, fly_witnesses
 from eval.flights.simulate import OUTCOMES
+from eval.runner import outputs
 from eval.stats.paired import mcnemar_exact, pairs, tango
 from tests.support import fly_recorded, recorded_path
 
@@ -168,6 +169,42 @@ def test_the_command_and_its_files(
     compare.main(["--config", str(out / "config.yaml"), "--out", str(again)])
     for name in ("encounters.parquet", "compare.svg", "config.yaml"):
         assert (again / name).read_bytes() == (out / name).read_bytes()
+
+
+def test_an_interrupted_comparison_goes_on_from_its_chunks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--baseline", "mvp", "--encounters", "30", "--set", "resamples=100"]
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    monkeypatch.setattr(compare, "_CHUNK", 10)
+    assert compare.main([*asked, "--out", str(whole)]) == 0
+    flown: list[int] = []
+
+    def stop_at_the_third(made: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
+        if first == 20 and len(flown) == 2:
+            raise KeyboardInterrupt
+        flown.append(first)
+        return comparison.columns(made, first, count)
+
+    monkeypatch.setattr(compare, "columns", stop_at_the_third)
+    with pytest.raises(KeyboardInterrupt):
+        compare.main([*asked, "--out", str(out)])
+    assert f"Go on with: python -m eval.compare --resume --out {out}" in capsys.readouterr().err
+    with pytest.raises(ConfigError, match="--resume: seed is 1, expected 0"):
+        compare.main(["--resume", "--seed", "1", "--out", str(out)])
+    monkeypatch.setattr(compare, "versions", lambda *_: {"rlcas-toolkit": "0"})
+    monkeypatch.setattr(outputs, "versions", lambda *_: {"rlcas-toolkit": "0", "numpy": "1"})
+    with pytest.raises(ConfigError, match="was made with other versions"):
+        compare.main(["--resume", "--out", str(out)])
+    monkeypatch.undo()
+    monkeypatch.setattr(compare, "_CHUNK", 10)
+    monkeypatch.setattr(compare, "columns", stop_at_the_third)
+    flown.append(-1)  # nothing stops it now
+    assert compare.main(["--resume", "--out", str(out)]) == 0
+    assert flown == [0, 10, -1, 20]
+    for name in ("encounters.parquet", "compare.svg", "config.yaml"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes()
+    assert {path.name for path in out.iterdir()} == {path.name for path in whole.iterdir()}
 
 
 def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -19,6 +20,7 @@ from eval.family import run as family
 from eval.family.aircraft import FAMILY, draw_aircraft
 from eval.flights.chunks import Evaluation, Pilot, columns
 from eval.monte_carlo import run as monte_carlo
+from eval.runner.command import UnfinishedError
 
 
 @pytest.mark.parametrize("seed", [0, 7])
@@ -128,11 +130,49 @@ def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) 
     assert reached == rates[1]["count"]
 
 
+def read_family(folder: Path) -> dict[str, Any]:
+    found = json.loads((folder / "family.json").read_text(encoding="utf-8"))
+    del found["out"]
+    return found
+
+
+def test_the_configuration_of_a_family_repeats_it_and_an_interrupted_one_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, again = tmp_path / "family", tmp_path / "again"
+    how = ["--count", "2", "--encounters", "8", "--intruders", "1", "2", "--workers", "1"]
+    how += ["--confidence", "0.9", "--turning", "--allow-outside-domain"]
+    evaluate = family.evaluate
+
+    def fly_the_first(keys: Any, folder: Path, **more: Any) -> Any:
+        if folder.name == "aircraft_01":
+            raise UnfinishedError("interrupted; finished chunks are kept. ", 130)
+        return evaluate(keys, folder, **more)
+
+    monkeypatch.setattr(family, "evaluate", fly_the_first)
+    assert family.main([*how, "--out", str(out)]) == 130
+    assert f"Go on with: python -m eval.family --resume --out {out}" in capsys.readouterr().err
+    monkeypatch.undo()
+    stamp = (out / "aircraft_00" / "encounters.parquet").stat().st_mtime_ns
+    with pytest.raises(InputError, match="--resume: count is 3, expected 2"):
+        family.main(["--resume", "--count", "3", "--out", str(out)])
+    assert family.main(["--resume", "--out", str(out)]) == 0
+    assert (out / "aircraft_00" / "encounters.parquet").stat().st_mtime_ns == stamp
+    assert family.main(["--config", str(out / "config.yaml"), "--out", str(again)]) == 0
+    assert read_family(out) == read_family(again)
+    assert read_family(out)["intruders"] == [1, 2]
+    assert (out / "config.yaml").read_bytes() == (again / "config.yaml").read_bytes()
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
         (["--intruders", "4", "2"], "--intruders: expected the fewest first"),
         (["--mode", "hope"], "--mode: invalid choice"),
+        (["--scenario", "file:a.csv"], "--scenario: 'file:a.csv' is a file; expected a sampled"),
+        (["--noisy", "--scenario", "multi"], "noisy is a scenario of its own"),
+        (["--policy-sha256", "0" * 64], "expected 000"),
+        (["--resume"], "holds no run"),
         (["--policy", "none.safetensors"], "no such policy file"),
         (["--intruders", "2", "64"], "outside_domain: there are 64 intruders"),
     ],

@@ -2,7 +2,6 @@
 proofs hold.
 """
 
-import argparse
 import csv
 import json
 import math
@@ -26,6 +25,7 @@ from eval.monte_carlo import run as monte_carlo
 from eval.policy_map import local
 from eval.policy_map import run as policy_map
 from eval.policy_map.advisory import FixedStates, advise, name_of, relative_velocity, scores
+from eval.policy_map.config import LocalConfig
 from eval.policy_map.enclosure import Form
 from eval.policy_map.proof import (
     COUNTEREXAMPLE,
@@ -135,18 +135,16 @@ def test_a_run_writes_its_files_and_repeats_itself(
         "20",
         *SMALL,
     ]
-    for name in ("one", "two"):
-        assert (
-            policy_map.main([*arguments, "--goal-distance", "3000", "--out", str(tmp_path / name)])
-            == 0
-        )
+    first, again = tmp_path / "one", tmp_path / "two"
+    assert policy_map.main([*arguments, "--goal-distance", "3000", "--out", str(first)]) == 0
+    assert policy_map.main(["--config", str(first / "config.yaml"), "--out", str(again)]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith("chatter, 4 circle flights: yaw rate")
     names = {path.name for path in (tmp_path / "one").iterdir()}
-    assert names == {"policy_map.json", "policy_map.png", "policy_map.svg"}
+    assert names == {"config.yaml", "policy_map.json", "policy_map.png", "policy_map.svg"}
     for name in names:
-        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
-    found = json.loads((tmp_path / "one" / "policy_map.json").read_text(encoding="utf-8"))
+        assert (first / name).read_bytes() == (again / name).read_bytes()
+    found = json.loads((first / "policy_map.json").read_text(encoding="utf-8"))
     assert found["policy_sha256"] == policy.sha256
     assert found["relative_headings_deg"] == [-90.0, 20.0]
     assert found["settings"]["cells"] == 31
@@ -268,6 +266,10 @@ def test_a_run_s_failures_are_listed_and_drawn(
     assert len(rows) == found["failures"]
     assert {int(row["encounter"]) for row in rows} >= set(found["cases"])
     assert (out / "failures.png").stat().st_size > 10_000
+    repeated = tmp_path / "repeated"
+    assert main(["--config", str(out / "config.yaml"), "--out", str(repeated)]) == 0
+    for path in out.iterdir():
+        assert (repeated / path.name).read_bytes() == path.read_bytes()
     # The file of their starts is flown as they were.
     again = tmp_path / "again"
     flown = [
@@ -297,6 +299,11 @@ def test_bad_input_is_a_sentence(
         main(["--run", str(report_run), "--out", str(tmp_path / "x"), *arguments])
 
 
+def test_a_run_must_be_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="--run: expected the folder of a finished run"):
+        main(["--out", str(tmp_path / "x")])
+
+
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="does not exist"):
         main(["--run", str(tmp_path / "nowhere"), "--out", str(tmp_path / "x")])
@@ -317,9 +324,7 @@ def policy() -> Policy:
 
 @cache
 def scenes(count: int = 12) -> Scenes:
-    return local.draw(
-        policy(), argparse.Namespace(boxes=count, course=(0.0, 180.0), loss=(0.0, 30.0), seed=3)
-    )[0]
+    return local.draw(policy(), LocalConfig(boxes=count, seed=3))[0]
 
 
 def move_scenes(shifts: np.ndarray, half: np.ndarray = ERROR) -> Scenes:
@@ -406,8 +411,8 @@ def test_what_is_verified_has_no_counterexample_and_the_mirror_image_is_verified
 
 
 def test_drawn_scenes_lose_the_separation_in_time_and_lie_in_their_cells():
-    options = argparse.Namespace(boxes=200, course=(30.0, 100.0), loss=(5.0, 10.0), seed=1)
-    drawn, cell, names = local.draw(policy(), options)
+    config = LocalConfig(boxes=200, course=(30.0, 100.0), loss=(5.0, 10.0), seed=1)
+    drawn, cell, names = local.draw(policy(), config)
     assert len(names) == 15
     x, y, vx, vy = drawn.state.T
     times = np.linspace(0.0, 1.0, 201)[:, None]  # 10 s is a unit of time
@@ -456,7 +461,12 @@ def test_the_command_writes_the_map_and_boxes_for_other_verifiers(
         ".png",
         ".svg",
         ".vnnlib",
+        ".yaml",
     }
+    config = str(tmp_path / "out/config.yaml")
+    assert local.main(["--config", config, "--out", str(tmp_path / "again")]) == 0
+    for path in (tmp_path / "out").iterdir():
+        assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -277,6 +277,37 @@ def test_the_configuration_of_an_estimate_repeats_it(tmp_path: Path, policy_path
         assert (first / name).read_bytes() == (again / name).read_bytes()
 
 
+def test_an_interrupted_estimate_goes_on_from_its_repetitions(
+    tmp_path: Path, policy_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    asked = ["--policy", str(policy_path), "--mode", "none", "--closer-than", "400"]
+    asked += ["--particles", "12", "--moves", "2", "--repetitions", "3", "--seed", "4"]
+    assert rare.main([*asked, "--out", str(whole)]) == 0
+    made: list[int] = []
+
+    def stop_at_the_second(problem, plan, *given):
+        if len(made) == 1:
+            raise KeyboardInterrupt
+        made.append(1)
+        return repetition(problem, plan, *given)
+
+    monkeypatch.setattr(rare, "repetition", stop_at_the_second)
+    with pytest.raises(KeyboardInterrupt):
+        rare.main([*asked, "--out", str(out)])
+    assert f"Go on with: python -m eval.rare --resume --out {out}" in capsys.readouterr().err
+    made.append(0)  # nothing stops it now
+    monkeypatch.setattr(rare, "pilot", lambda *_: pytest.fail("the pilot is stored"))
+    # The level of the intervals decides no flight.
+    assert rare.main(["--resume", "--confidence", "0.95", "--out", str(out)]) == 0
+    assert made == [1, 0, 1, 1]
+    said = [json.loads((one / "rare.json").read_text(encoding="utf-8")) for one in (out, whole)]
+    for one in said:
+        del one["wall_s"]
+    assert said[0] == said[1]
+    assert {path.name for path in out.iterdir()} == {path.name for path in whole.iterdir()}
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

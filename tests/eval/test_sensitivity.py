@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from agents.config.load import ConfigError
 from envs.aircraft import PAPER, new_aircraft
 from envs.edge.command import run_cli
 from eval.flights.aircraft import describe
+from eval.runner.command import UnfinishedError
 from eval.sensitivity import run as sensitivity
 from eval.sensitivity.bins import Quantity, Run, bins_of, quantities, rates
 from eval.sensitivity.sweep import PARAMETERS, Sweep, change_of, parse_sweep
@@ -126,6 +128,7 @@ def test_files_of_a_run_cut_into_bins(tmp_path: Path) -> None:
         assert success <= bound + 1e-12
     names = {"relative_heading", "distance", "overview"}
     assert {path.name for path in out.iterdir()} == {
+        "config.yaml",
         "sensitivity.json",
         *(f"{name}.{kind}" for name in names for kind in ("png", "svg")),
     }
@@ -173,6 +176,38 @@ def test_a_sweep_flies_the_same_encounters_and_goes_on(tmp_path: Path, policy_pa
     assert again["sweeps"] == found["sweeps"]
 
 
+def test_the_configuration_of_a_study_repeats_it(tmp_path: Path, policy_path: Path) -> None:
+    out, again = tmp_path / "out", tmp_path / "again"
+    asked = ["--run", str(make_run(tmp_path / "run")), "--vary", "latency=0,2"]
+    asked += ["--encounters", "6", "--seed", "3", "--workers", "1", "--confidence", "0.9"]
+    asked += ["--policy", str(policy_path), "--set", "resamples=100", "--scenario", "head_on"]
+    assert sensitivity.main([*asked, "--out", str(out)]) == 0
+    assert sensitivity.main(["--config", str(out / "config.yaml"), "--out", str(again)]) == 0
+    said = [json.loads((one / "sensitivity.json").read_text("utf-8")) for one in (out, again)]
+    for one in said:
+        del one["wall_s"]
+    assert said[0] == said[1]
+    for path in out.glob("*.*"):
+        if path.name != "sensitivity.json":
+            assert (again / path.name).read_bytes() == path.read_bytes()
+
+
+def test_an_interrupted_sweep_says_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise UnfinishedError("interrupted; finished chunks are kept. ", 130)
+
+    monkeypatch.setattr(sensitivity, "fly", interrupt)
+    out = tmp_path / "out"
+    assert sensitivity.main(["--vary", "latency", "--out", str(out)]) == 130
+    assert f"Go on with: python -m eval.sensitivity --resume --out {out}" in capsys.readouterr().err
+    monkeypatch.setattr(sensitivity, "fly", lambda *_, **__: None)
+    monkeypatch.setattr(sensitivity, "collect", lambda *_: {"name": "x"})
+    with pytest.raises(ConfigError, match="--resume: seed is 1, expected 0"):
+        sensitivity.main(["--resume", "--seed", "1", "--out", str(out)])
+
+
 def test_a_turn_rate_of_zero_means_no_turn() -> None:
     assert change_of("turn_rate", 0.0) == {"turn_rate_deg_s": "0", "heading_change_deg": "0"}
     assert change_of("turn_rate", 2.0)["heading_change_deg"] == "120"
@@ -214,7 +249,7 @@ def test_sweeps_are_read() -> None:
         (["--vary", "latency", "--scenario", "file:mine.csv"], "has no numbers to vary"),
         (["--vary", "latency", "--confidence", "2"], "--confidence: 2"),
         (["--run", "nowhere", "--encounters", "10"], "--encounters: is for sweeps"),
-        (["--run", "nowhere", "--resume"], "--resume: is for sweeps"),
+        (["--run", "nowhere", "--resume"], "holds no run (no config.yaml)"),
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str], said: str) -> None:
