@@ -14,5 +14,5 @@ __all__ = [
     "TrajectoryRecorder",
     "columns",
     "fly",
+    "fly_recorded",
 ]
-__all__ += ["fly_recorded"]

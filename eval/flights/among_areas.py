@@ -4,7 +4,7 @@ a flight entered one.
 The areas of an encounter follow from its number (:mod:`envs.random_areas`), as it does itself.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,7 @@ _PARTS = 10  # of a time step, at whose ends a flight is looked at
 
 
 class AmongAreas(NamedTuple):
-    """What flights kept from areas; fields ``[N]``."""
+    """How near flights came to areas; fields ``[N]``."""
 
     distance: np.ndarray  # smallest distance from an area less its clearance, m; inf without areas
     breach: np.ndarray  # when less than the clearance was left first, s; nan where it was kept
@@ -53,7 +53,7 @@ def areas_of(
     return found
 
 
-def in_air_at(areas: Any, wind: Wind | None, time: float) -> np.ndarray:
+def in_air_at(areas: np.ndarray, wind: Wind | None, time: float) -> np.ndarray:
     """Return areas of flights, object ``[N]``, as their air masses see them some seconds after the
     start, as they are then.
     """
@@ -65,19 +65,23 @@ def in_air_at(areas: Any, wind: Wind | None, time: float) -> np.ndarray:
 
 
 def in_air_mass(areas: tuple[Area, ...], wind: Wind, time: float) -> tuple[Area, ...]:
-    """Return the areas of one flight so."""
+    """Return the areas of one flight, over the ground at the start, as its air mass sees them some
+    seconds later.
+    """
     return tuple(in_air(after(one, time), wind, time) for one in areas)
 
 
-def as_row(areas: Any) -> np.ndarray:
+def as_row(areas: object) -> np.ndarray:
     """Return what belongs to one flight as an array of it alone, object ``[1]``."""
     found = np.empty(1, dtype=object)
     found[0] = areas
     return found
 
 
-def judge(flown: Trajectories, areas: Any, dt: float) -> AmongAreas:
-    """Return what flights kept from their areas, both over the ground; dt in s."""
+def judge(flown: Trajectories, areas: np.ndarray, dt: float) -> AmongAreas:
+    """Return how near flights ``[N]`` came to their areas, object ``[N]``, both over the ground; dt
+    in s.
+    """
     count = len(areas)
     found = AmongAreas(np.full(count, np.inf), np.full(count, np.nan))
     for n, some in enumerate(areas):
@@ -86,7 +90,9 @@ def judge(flown: Trajectories, areas: Any, dt: float) -> AmongAreas:
     return found
 
 
-def nearest(areas: tuple[Area, ...], x: Any, y: Any, time: Any) -> tuple[float, float]:
+def nearest(
+    areas: tuple[Area, ...], x: np.ndarray, y: np.ndarray, time: np.ndarray
+) -> tuple[float, float]:
     """Return the smallest distance from areas less their clearance, m, inf without any, and when it
     is first below 0, s, nan: never; at places, m, and times since the start, s, ``[T]``.
     """
@@ -124,13 +130,22 @@ def outlines(area: Area, time: float) -> list[np.ndarray]:
     return [np.array(ring) + moved for ring in area.shape.rings]
 
 
-def _places(own: VehicleState, dt: float) -> tuple[Any, Any, Any]:
+def _places(own: VehicleState, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return places of a flight ``[T + 1]``, m, and their times, s: those recorded, and between two
     of them on the cubic curve that has both velocities.
     """
     own = VehicleState(*(field[np.isfinite(field)] for field in own))
     if own.x.size < 2:
         return own.x, own.y, np.zeros(own.x.size)
+    x = _curve(own.x, dt * (own.speed * np.cos(own.heading)))
+    y = _curve(own.y, dt * (own.speed * np.sin(own.heading)))
+    return x, y, np.arange(x.size) * (dt / _PARTS)
+
+
+def _curve(place: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Return a coordinate at the ends of all parts of time steps, m, by Hermite's cubic through
+    places, m, at which a step's way at the velocity is so long, m, ``[T + 1]`` both.
+    """
     s = np.arange(_PARTS)[None] / _PARTS
     weights = (
         (1.0 + 2.0 * s) * (1.0 - s) ** 2,
@@ -138,13 +153,6 @@ def _places(own: VehicleState, dt: float) -> tuple[Any, Any, Any]:
         s * s * (3.0 - 2.0 * s),
         s * s * (s - 1.0),
     )
-    places = []
-    for place, speed in (
-        (own.x, own.speed * np.cos(own.heading)),
-        (own.y, own.speed * np.sin(own.heading)),
-    ):
-        ends = (place[:-1], dt * speed[:-1], place[1:], dt * speed[1:])
-        curve = sum(weight * end[:, None] for weight, end in zip(weights, ends, strict=True))
-        places.append(np.append(np.ravel(curve), place[-1]))
-    x, y = places
-    return x, y, np.arange(x.size) * (dt / _PARTS)
+    ends = (place[:-1], way[:-1], place[1:], way[1:])
+    curve = sum(weight * end[:, None] for weight, end in zip(weights, ends, strict=True))
+    return np.append(np.ravel(curve), place[-1])

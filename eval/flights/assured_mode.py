@@ -21,7 +21,7 @@ from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
-from envs.kinematics import VehicleState
+from envs.kinematics import Limits, VehicleState
 from envs.trees import take
 from envs.wind import Wind
 from envs.world import State, begin, perceive_intruders
@@ -31,6 +31,7 @@ from eval.flights.plan_flight import (
     SUBSTEPS,
     Air,
     PlanFlights,
+    Step,
     Tally,
     fly_step,
     request_of,
@@ -49,6 +50,18 @@ class Assured(NamedTuple):
     backup: np.ndarray  # time on the backup, s
 
 
+class _Flights(NamedTuple):
+    """Flights in progress; fields ``[M]``."""
+
+    rows: np.ndarray  # number of each among the encounters
+    air: Air
+    asked: Request  # of the planner at the start
+    monitor: Monitor
+    tracks: Tracks | None  # of the intruders; None: reports are the truth, or there was none yet
+    short: np.ndarray  # whether what is flown passes over the goal, or gets there too late
+    reached: np.ndarray  # whether the goal was reached
+
+
 def fly_assured(  # noqa: PLR0913 - all that a flight needs
     encounters: Encounter,
     plans: Plans,
@@ -60,7 +73,7 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     recorder: TrajectoryRecorder | None = None,
     endless: bool = False,
     wind: Wind | None = None,
-    areas: Any = None,
+    areas: np.ndarray | None = None,
 ) -> Assured:
     """Fly encounters ``[N]``, float64, planned at their start, with the monitor until the time
     limit or a violation.
@@ -72,59 +85,98 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     """
     count, dt = len(encounters.goal_x), aircraft.dt
     thresholds = Thresholds.for_plans(options)
-    asked = request_of(encounters, aircraft)._replace(drift=drift_of(wind))
+    required = 0.0 if endless else aircraft.separation
     tally = Tally(count, aircraft, endless=endless)
     replans, backup = np.zeros(count, np.int32), np.zeros(count, np.int32)
-    rows, reached = np.arange(count), np.zeros(count, dtype=bool)
-    ends = np.full(count, aircraft.t_max)
-    air = Air(begin(encounters, np, history_dt=dt), np.zeros(count), ends, asked.drift)
-    first = Traffic.straight(
-        perceive_intruders(air.state, None if noise is None else noise(0), dt, np), encounters.mask
-    )._replace(separation=encounters.separation)
-    monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
-    made = plans.proposals
-    monitor = assurance.activate(monitor, rows, made.plan_states, made.safe, 0.0, first, thresholds)
-    tracks: Tracks | None = None
-    # Whether what is flown passes over the goal, or gets there too late.
-    short = made.goal > _GOAL
+    first = None if noise is None else noise(0)
+    flights = _begin(encounters, plans, first, wind, aircraft, thresholds)
     for number in range(tally.steps):
-        time, state, known = number * dt, air.state, dict[str, Any]()
-        seen = perceive_intruders(state, None if noise is None else noise(number)[:, rows], dt, np)
-        if noise is not None:
-            tracks = follow(tracks, seen, state.sensor.position_std, state.sensor.velocity_std, dt)
-            seen, known = tracks.state, tracks.errors
+        time, rows = number * dt, flights.rows
+        draws = None if noise is None else noise(number)[:, rows]
         amid = None if areas is None else in_air_at(areas[rows], take(wind, rows), time)
-        if amid is not None:
-            known["areas"] = _areas_met(amid, state, monitor, time, thresholds)
-        known["separation"] = state.separation
-        given = assurance.inputs(time, state.own, seen, state.mask, **known)
-        monitor, decision = assurance.step(monitor, given, thresholds)
-        make = _planner((asked, amid), decision, state, time, aircraft, policy)
-        left = aircraft.t_max - time
-        monitor, short[rows], new = renew(
-            monitor, decision, short[rows], reached[rows], left, make, thresholds
-        )
-        replans[rows] += new
-        backup[rows] += monitor.on_backup
-        references = assurance.references(monitor, time, PERIOD * dt, SUBSTEPS)
-        air, flown = fly_step(air, references, aircraft, options.limits)
-        tally.add(rows, flown, number + 1)
-        reached[rows] |= ~np.isnan(flown.reached)
+        flights, decision = _watch(flights, draws, amid, time, dt, thresholds)
+        make = _MidFlightPlanner(flights, decision, amid, time, policy, aircraft)
+        flights, asked = _plan_anew(flights, decision, make, aircraft.t_max - time, thresholds)
+        replans[rows] += asked
+        backup[rows] += flights.monitor.on_backup
+        flights, step = _fly_on(flights, time, aircraft, options.limits)
+        tally.add(rows, step, number + 1)
         if recorder is not None:
-            recorder.append(rows, air.state.own, air.state.intruders.vehicle, flown.separation)
-        on = flown.separation >= (0.0 if endless else aircraft.separation)
+            state = flights.air.state
+            recorder.append(rows, state.own, state.intruders.vehicle, step.separation)
+        on = step.separation >= required
         if not on.all():
-            rows, air, monitor, asked, tracks = take((rows, air, monitor, asked, tracks), on)
-        if rows.size == 0:
+            flights = take(flights, on)
+        if flights.rows.size == 0:
             break
     return Assured(tally.judge(), replans, backup * dt)
 
 
+def _begin(
+    encounters: Encounter,
+    plans: Plans,
+    draws: np.ndarray | None,
+    wind: Wind | None,
+    aircraft: Aircraft,
+    thresholds: Thresholds,
+) -> _Flights:
+    """Return the flights ``[N]`` at their start, with the monitors of their plans; the draws are
+    those of the first reports, ``[4, N, K]``.
+    """
+    count = len(encounters.goal_x)
+    asked = request_of(encounters, aircraft)._replace(drift=drift_of(wind))
+    ends = np.full(count, aircraft.t_max)
+    air = Air(begin(encounters, np, history_dt=aircraft.dt), np.zeros(count), ends, asked.drift)
+    reported = perceive_intruders(air.state, draws, aircraft.dt, np)
+    traffic = Traffic.straight(reported, encounters.mask)
+    traffic = traffic._replace(separation=encounters.separation)
+    rows, made = np.arange(count), plans.proposals
+    monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
+    monitor = assurance.activate(
+        monitor, rows, made.plan_states, made.safe, 0.0, traffic, thresholds
+    )
+    return _Flights(
+        rows=rows,
+        air=air,
+        asked=asked,
+        monitor=monitor,
+        tracks=None,
+        short=made.goal > _GOAL,
+        reached=np.zeros(count, dtype=bool),
+    )
+
+
+def _watch(
+    flights: _Flights,
+    draws: np.ndarray | None,
+    areas: np.ndarray | None,
+    time: float,
+    dt: float,
+    thresholds: Thresholds,
+) -> tuple[_Flights, Decision]:
+    """Let the monitors see the reports of a time, s, and the areas as they are then, and decide;
+    dt: since the reports before, s.
+    """
+    state, tracks = flights.air.state, flights.tracks
+    seen = perceive_intruders(state, draws, dt, np)
+    known: dict[str, Any] = {}
+    if draws is not None:
+        sensor = state.sensor
+        tracks = follow(tracks, seen, sensor.position_std, sensor.velocity_std, dt)
+        seen, known = tracks.state, tracks.errors
+    if areas is not None:
+        known["areas"] = _areas_met(areas, state, flights.monitor, time, thresholds)
+    known["separation"] = state.separation
+    given = assurance.inputs(time, state.own, seen, state.mask, **known)
+    monitor, decision = assurance.step(flights.monitor, given, thresholds)
+    return flights._replace(monitor=monitor, tracks=tracks), decision
+
+
 def _areas_met(
-    areas: Any, state: State, monitor: Monitor, time: float, thresholds: Thresholds
-) -> Any:
-    """Return the areas that flights ``[M]`` may meet, of those in their air masses now, object
-    ``[M]``.
+    areas: np.ndarray, state: State, monitor: Monitor, time: float, thresholds: Thresholds
+) -> np.ndarray:
+    """Return the areas that flights ``[M]`` may meet, of those in their air masses at a time, s,
+    object ``[M]``.
     """
     found = np.empty(len(areas), dtype=object)
     for n, some in enumerate(areas):
@@ -134,31 +186,57 @@ def _areas_met(
     return found
 
 
-def _planner(
-    around: tuple[Request, Any],
-    decision: Decision,
-    state: State,
-    time: float,
-    aircraft: Aircraft,
-    policy: Policy,
-) -> Planner:
-    """Return what plans from the middle of flights, at a time, s: to the goal from where they are,
-    or along the route; ``around``: the requests at the start, and the areas now or None.
+def _plan_anew(
+    flights: _Flights, decision: Decision, make: Planner, left: float, thresholds: Thresholds
+) -> tuple[_Flights, np.ndarray]:
+    """Plan where the monitors ask for it, or where a better plan may be had, with ``left`` seconds
+    until the time limit; return also which flights asked, bool ``[M]``.
     """
-    asked, areas = around
+    monitor, short, asked = renew(
+        flights.monitor, decision, flights.short, flights.reached, left, make, thresholds
+    )
+    return flights._replace(monitor=monitor, short=short), asked
 
-    def plans(rows: Any, options: Options, kind: int) -> Proposals:
-        own, traffic = take((decision.own, decision.traffic), rows)
-        route = take(asked, rows)
-        drift = route.drift
+
+def _fly_on(
+    flights: _Flights, time: float, aircraft: Aircraft, limits: Limits
+) -> tuple[_Flights, Step]:
+    """Fly a time step from a time, s, on, along what the monitors have decided; the limits are the
+    vehicle's.
+    """
+    references = assurance.references(flights.monitor, time, PERIOD * aircraft.dt, SUBSTEPS)
+    air, step = fly_step(flights.air, references, aircraft, limits)
+    reached = flights.reached | ~np.isnan(step.reached)
+    return flights._replace(air=air, reached=reached), step
+
+
+class _MidFlightPlanner(NamedTuple):
+    """Plans from the middle of flights ``[M]``: to the goal from where they are, or along the
+    route.
+    """
+
+    flights: _Flights
+    decision: Decision
+    areas: np.ndarray | None  # in the air masses, as they are now, object [M]
+    time: float  # now, s after the start
+    policy: Policy
+    aircraft: Aircraft
+
+    def __call__(self, rows: np.ndarray, options: Options, kind: int) -> Proposals:
+        """Return the plans of some flights, numbers ``[m]``, of a kind of
+        :mod:`agents.assurance.asking`.
+        """
+        own, traffic = take((self.decision.own, self.decision.traffic), rows)
+        asked, state = take(self.flights.asked, rows), self.flights.air.state
         if kind == ALONG:
-            x, y = drift_points((route.route_x, route.route_y), drift, time)
-            request = route._replace(own=own, traffic=traffic, route_x=x, route_y=y)
+            x, y = drift_points((asked.route_x, asked.route_y), asked.drift, self.time)
+            request = asked._replace(own=own, traffic=traffic, route_x=x, route_y=y)
         else:
-            goal = drift_points((state.goal_x[rows], state.goal_y[rows]), drift, time)
-            request = Request(own, traffic, *route_of(own, *goal, aircraft), drift)
-        if areas is None:
-            return plan_many(request, policy, options, floats=True).proposals
-        return plan_among(request, areas[rows], policy, options, floats=True).proposals
-
-    return plans
+            goal = (state.goal_x[rows], state.goal_y[rows])
+            goal_x, goal_y = drift_points(goal, asked.drift, self.time)
+            route = route_of(own, goal_x, goal_y, self.aircraft)
+            request = Request(own, traffic, *route, asked.drift)
+        if self.areas is None:
+            return plan_many(request, self.policy, options, floats=True).proposals
+        amid = self.areas[rows]
+        return plan_among(request, amid, self.policy, options, floats=True).proposals

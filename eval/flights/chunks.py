@@ -15,6 +15,7 @@ import numpy as np
 
 from agents.baselines.baselines import BASELINES, Baseline
 from agents.planner.options import Options
+from agents.planner.planner import Plans
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
 from envs.aircraft import Aircraft
@@ -40,12 +41,10 @@ class Evaluation(NamedTuple):
     names: tuple[str, ...] | None  # names of the encounters of a file
     seed: int
     aircraft: Aircraft
-    mode: str = "policy"  # what decides, as of eval.config.MonteCarloConfig, and so the last two
-    given: Options | None = (
-        None  # how plans are made and flown in the other modes; None: as usual for the aircraft
-    )
-    baseline: str = "none"
-    backend: str = "numpy"
+    mode: str = "policy"  # what decides, as of eval.config.MonteCarloConfig
+    given: Options | None = None  # of plans in the other modes; None: as usual for the aircraft
+    baseline: str = "none"  # what decides in the policy's place, likewise
+    backend: str = "numpy"  # what computes the policy's decisions, likewise
     wind_mps: tuple[float, float] = (0.0, 0.0)  # span of the wind's speed in the other modes
     areas: int = 0  # of an encounter at most, in the other modes
 
@@ -76,10 +75,8 @@ class Pilot:
     """An evaluation with its policy, for the evaluation's aircraft."""
 
     def __init__(self, evaluation: Evaluation, policy: Policy) -> None:
-        self.evaluation, self.policy = (
-            evaluation,
-            policy.for_aircraft(evaluation.aircraft, outside="allow"),
-        )
+        self.evaluation = evaluation
+        self.policy = policy.for_aircraft(evaluation.aircraft, outside="allow")
 
     @classmethod
     def load(cls, evaluation: Evaluation) -> "Pilot":
@@ -102,11 +99,8 @@ def pick(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
     """Return the encounters with these numbers, at least one, ``[M]``; raises as
     :func:`eval.flights.sources.draw`.
     """
-    each = (
-        draw(evaluation.source, evaluation.seed, int(number), 1, heeds=evaluation.heeds)[0]
-        for number in numbers
-    )
-    return reduce(join, each)
+    source, seed, heeds = evaluation.source, evaluation.seed, evaluation.heeds
+    return reduce(join, (draw(source, seed, int(n), 1, heeds=heeds)[0] for n in numbers))
 
 
 def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
@@ -114,47 +108,25 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     docs/reference/evaluation-files.md.
     """
     evaluation = pilot.evaluation
-    aircraft = evaluation.aircraft
+    aircraft, plans = evaluation.aircraft, evaluation.mode != "policy"
+    number = np.arange(first, first + count)
     starts, weights = draw(evaluation.source, evaluation.seed, first, count, heeds=evaluation.heeds)
-    begun = conditions(starts, aircraft)
     noise = noise_of(evaluation, starts, first)
     alone = fly(starts, pilot.resolver, aircraft, noise=noise)
-    bare = fly(starts, Direct(aircraft), aircraft)
-    beside = (
-        {"baseline": bare} if evaluation.mode == "policy" else {"baseline": bare, "policy": alone}
-    )
-    number = np.arange(first, first + count)
-    wind = evaluation.wind(number)
-    flown, more = alone, {}
-    if evaluation.mode != "policy":
-        carried = carry(starts, wind)
-        flown, more = _plan(pilot, carried, noise, wind, evaluation.areas_of(carried, number))
-    reached = flown.outcome == OUTCOMES.index("reached")
-    solved = reduce(
-        np.logical_or,
-        (other.outcome == OUTCOMES.index("reached") for other in beside.values()),
-        reached,
-    )
+    flights, more = alone, {}
+    beside = {"baseline": fly(starts, Direct(aircraft), aircraft)}
+    if plans:
+        beside["policy"] = alone
+        flights, more = _plan(pilot, _for_plans(evaluation, starts, number, noise))
+    solved = reduce(np.logical_or, (_reached(one) for one in (flights, *beside.values())))
     judged = verdicts(starts, aircraft, solved=solved)
-
-    # The route is the straight line to the goal: what is left of it at the end counts as flown
-    # straight.
-    route = np.maximum(begun["route_length_m"], 1.0)  # a start on the goal has none
-    excess = np.maximum((flown.path_length + flown.goal_distance) / route - 1.0, 0.0)
+    begun = conditions(starts, aircraft)
     names = evaluation.names or ()
     return {
         "encounter": number,
         "name": np.array([names[i] if names else None for i in number], dtype=object),
         "weight": weights,
-        "outcome": np.array(ENDS, dtype=object)[flown.outcome],
-        "score": flown.score,
-        "duration_s": flown.duration,
-        "min_separation_m": flown.min_separation,
-        "time_of_min_separation_s": flown.time_of_min_separation,
-        "path_length_m": flown.path_length,
-        "path_excess": np.where(reached, excess, np.nan),
-        "goal_distance_m": flown.goal_distance,
-        "heading_reversals": flown.reversals,
+        **_flight_columns(flights, begun["route_length_m"]),
         "verdict": _names(Verdict)[judged.verdict],
         "verdict_method": _names(Method)[judged.method],
         **_beside(beside),
@@ -163,36 +135,67 @@ def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
     }
 
 
-def _plan(
-    pilot: Pilot,
+def _reached(flights: Flights) -> np.ndarray:
+    """Return which flights reached their goal, bool ``[N]``."""
+    return flights.outcome == OUTCOMES.index("reached")
+
+
+def _flight_columns(flights: Flights, route_length: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the columns of the flights that are judged, of routes of such lengths, m, ``[N]``."""
+    # The route is the straight line to the goal: what is left of it at the end counts as flown
+    # straight.
+    route = np.maximum(route_length, 1.0)  # a start on the goal has none
+    excess = np.maximum((flights.path_length + flights.goal_distance) / route - 1.0, 0.0)
+    return {
+        "outcome": np.array(ENDS, dtype=object)[flights.outcome],
+        "score": flights.score,
+        "duration_s": flights.duration,
+        "min_separation_m": flights.min_separation,
+        "time_of_min_separation_s": flights.time_of_min_separation,
+        "path_length_m": flights.path_length,
+        "path_excess": np.where(_reached(flights), excess, np.nan),
+        "goal_distance_m": flights.goal_distance,
+        "heading_reversals": flights.reversals,
+    }
+
+
+class _PlanEncounters(NamedTuple):
+    """Encounters ``[N]`` as a mode that plans flies them."""
+
+    starts: Encounter  # in the air mass, the goals over the ground
+    noise: Callable[[int], np.ndarray] | None  # of the sensors by step, [4, N, K]
+    wind: Wind | None
+    areas: np.ndarray | None  # over the ground, object [N]
+
+    def recorder(self) -> TrajectoryRecorder | None:
+        """Return what records flights that must be judged against areas."""
+        return None if self.areas is None else TrajectoryRecorder(self.starts)
+
+
+def _for_plans(
+    evaluation: Evaluation,
     starts: Encounter,
+    numbers: np.ndarray,
     noise: Callable[[int], np.ndarray] | None,
-    wind: Wind | None,
-    areas: np.ndarray | None,
-) -> tuple[Flights, dict[str, np.ndarray]]:
+) -> _PlanEncounters:
+    """Return encounters ``[N]`` by their numbers in the evaluation's wind, among its areas."""
+    wind = evaluation.wind(numbers)
+    carried = carry(starts, wind)
+    return _PlanEncounters(carried, noise, wind, evaluation.areas_of(carried, numbers))
+
+
+def _plan(pilot: Pilot, given: _PlanEncounters) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return the flights of a mode that plans, and the columns that only it has."""
-    evaluation = pilot.evaluation
+    evaluation, (starts, noise, wind, areas) = pilot.evaluation, given
     options, aircraft = evaluation.options, evaluation.aircraft
     first = None if noise is None else noise(0)
     plans = plan_at_start(starts, pilot.policy, aircraft, options, first, wind=wind, areas=areas)
-    recorder = None if areas is None else TrajectoryRecorder(starts)
+    recorder = given.recorder()
     flown = fly_once(starts, plans, aircraft, options, recorder, wind=wind)
-    flights, among = _judge_areas(flown.flights, recorder, areas, wind, aircraft)
-    made = plans.proposals
-    lost = made.safe & (flights.outcome == OUTCOMES.index("violation"))
-    promised = promised_separation(starts, plans, aircraft, options, lost, first)
-    loss = np.full(lost.size, None, dtype=object)
-    loss[lost] = np.where(promised[lost] >= aircraft.separation, "not_promised", "broken")
-    more = {
-        "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
-        "plan_source": np.array(SOURCES, dtype=object)[plans.source],
-        "plan_min_separation_m": made.min_separation,
-        "plan_rejoin_s": made.rejoin_time,
-        "plan_path_m": made.path,
-        "plan_cost_m": np.where(np.isfinite(made.cost), made.cost, np.nan),
-        "plan_goal": made.goal.astype(np.int32),
-        "plan_loss": loss,
-        "promised_min_separation_m": promised,
+    flights, among = _judge_areas(flown.flights, recorder, given, aircraft)
+    more = _plan_columns(plans)
+    more |= _broken_promises(starts, plans, flights, evaluation, first)
+    more |= {
         "whole_min_separation_m": flown.whole_separation,
         "follower_error_m": flown.error,
     }
@@ -200,7 +203,9 @@ def _plan(
         more |= {"wind_east_m_s": wind.east, "wind_north_m_s": wind.north}
     if evaluation.mode == "plan":
         return flights, more | among
-    recorder = None if areas is None else TrajectoryRecorder(starts)
+    beside = _beside({"plan": flights})
+    del beside["plan_min_separation_m"]  # the validated one stands there
+    recorder = given.recorder()
     assured = fly_assured(
         starts,
         plans,
@@ -212,25 +217,56 @@ def _plan(
         wind=wind,
         areas=areas,
     )
-    more |= _beside({"plan": flights}) | {"plan_min_separation_m": made.min_separation}
-    more |= {"replans": assured.replans, "backup_s": assured.backup}
-    flights, among = _judge_areas(assured.flown.flights, recorder, areas, wind, aircraft)
+    more |= beside | {"replans": assured.replans, "backup_s": assured.backup}
+    flights, among = _judge_areas(assured.flown.flights, recorder, given, aircraft)
     return flights, more | among
+
+
+def _plan_columns(plans: Plans) -> dict[str, np.ndarray]:
+    """Return the columns of plans as they were made."""
+    made = plans.proposals
+    return {
+        "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
+        "plan_source": np.array(SOURCES, dtype=object)[plans.source],
+        "plan_min_separation_m": made.min_separation,
+        "plan_rejoin_s": made.rejoin_time,
+        "plan_path_m": made.path,
+        "plan_cost_m": np.where(np.isfinite(made.cost), made.cost, np.nan),
+        "plan_goal": made.goal.astype(np.int32),
+    }
+
+
+def _broken_promises(
+    starts: Encounter,
+    plans: Plans,
+    flights: Flights,
+    evaluation: Evaluation,
+    first: np.ndarray | None,
+) -> dict[str, np.ndarray]:
+    """Return the columns that tell whether SAFE plans that lost the separation had promised it;
+    ``first``: draws of the first reports, ``[4, N, K]``.
+    """
+    aircraft = evaluation.aircraft
+    lost = plans.proposals.safe & (flights.outcome == OUTCOMES.index("violation"))
+    promised = promised_separation(starts, plans, aircraft, evaluation.options, lost, first)
+    loss = np.full(lost.size, None, dtype=object)
+    loss[lost] = np.where(promised[lost] >= aircraft.separation, "not_promised", "broken")
+    return {"plan_loss": loss, "promised_min_separation_m": promised}
 
 
 def _judge_areas(
     flights: Flights,
     recorder: TrajectoryRecorder | None,
-    areas: np.ndarray | None,
-    wind: Wind | None,
+    given: _PlanEncounters,
     aircraft: Aircraft,
 ) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return flights with their breaches of areas, and the columns that tell of areas."""
-    if recorder is None or areas is None:
+    if recorder is None or given.areas is None:
         return flights, {}
-    among = judge(to_ground(recorder.stack(), wind, aircraft.dt), areas, aircraft.dt)
+    over_ground = to_ground(recorder.stack(), given.wind, aircraft.dt)
+    among = judge(over_ground, given.areas, aircraft.dt)
     return with_breaches(flights, among, aircraft.rules()), {
-        "areas": np.array([len(some) for some in areas], dtype=np.int32),
+        "areas": np.array([len(some) for some in given.areas], dtype=np.int32),
         "min_area_clearance_m": np.where(np.isfinite(among.distance), among.distance, np.nan),
         "area_breach_s": among.breach,
     }
@@ -238,10 +274,10 @@ def _judge_areas(
 
 def _beside(flights: dict[str, Flights]) -> dict[str, np.ndarray]:
     columns = {}
-    for name, flown in flights.items():
-        columns[f"{name}_outcome"] = np.array(ENDS, dtype=object)[flown.outcome]
-        columns[f"{name}_duration_s"] = flown.duration
-        columns[f"{name}_min_separation_m"] = flown.min_separation
+    for name, each in flights.items():
+        columns[f"{name}_outcome"] = np.array(ENDS, dtype=object)[each.outcome]
+        columns[f"{name}_duration_s"] = each.duration
+        columns[f"{name}_min_separation_m"] = each.min_separation
     return columns
 
 

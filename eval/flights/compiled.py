@@ -4,7 +4,7 @@ XLA rounds a row by the size of its batch, so that rows are decided in tiles of 
 tile a row has the same bits in any place and company, which every process checks before it decides.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,11 +14,19 @@ from agents.policy.scene import OWN_NUMBERS, scene, unpack_rows, width
 from agents.policy.set_features import set_inputs
 from agents.policy.set_network import actions
 from envs.aircraft import Ratios, ratios
+from envs.arrays import Array
 from envs.edge.command import InputError
 from envs.edge.compiled import keep_compiled, local_devices
 from envs.trees import map_leaves, take
 
 _TILE = 256
+
+
+class _Rows(NamedTuple):
+    """Scenes as the compiled function takes them, float32."""
+
+    packed: np.ndarray  # of agents.policy.scene, [M, width]
+    share: np.ndarray | None  # of each intruder, as of the scene, [M, K]
 
 
 class Compiled:
@@ -35,7 +43,7 @@ class Compiled:
 
         local_devices(jax)
 
-        def decide_rows(known: Any, rows: Any, share: Any) -> Any:
+        def decide_rows(known: Any, rows: Array, share: Array | None) -> Array:
             encoder, trunk, numbers = known
             # What hangs on the aircraft alone is computed once for all rows of a tile.
             seen = unpack_rows(rows)._replace(ratios=Ratios(*numbers), share=share)
@@ -46,34 +54,22 @@ class Compiled:
             policy.layers(kind, np.float32) for kind in ("each", "hidden", "head")
         )
         self._policy = policy
-        self._units = policy.aircraft.limits, policy.aircraft.separation
-        known = each, hidden + head, np.array(ratios(*self._units), np.float32)
-        self._known, self._decided = jax.device_put(known), jax.jit(decide_rows)
+        self._limits, self._separation = policy.aircraft.limits, policy.aircraft.separation
+        numbers = np.array(ratios(self._limits, self._separation), np.float32)
+        self._known = jax.device_put((each, hidden + head, numbers))
+        self._decided = jax.jit(decide_rows)
         self._checked: set[int] = set()
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        others, mask, share = sight.intruders, sight.mask, sight.share
-        if mask.shape[-1] > self._policy.most:
-            critical = self._policy.most_critical(sight.own, others, mask, share)
-            others, mask, share = map_leaves(
-                lambda field: np.take_along_axis(field, critical, axis=-1), (others, mask, share)
-            )
-        seen = scene(sight.own, others, mask, sight.goal_x, sight.goal_y, *self._units, np)
-        count, places = mask.shape
+        rows, places = self._rows(sight)
+        count = len(sight.mask)
         whole = -(-count // _TILE) * _TILE  # rows of full tiles
-        rows = np.zeros((count, width(places)), np.float32)
-        rows[:, :3] = np.stack((seen.own_speed, seen.goal_x, seen.goal_y), axis=-1)
-        for i, field in enumerate((seen.x, seen.y, seen.vx, seen.vy, seen.mask)):
-            rows[:, OWN_NUMBERS + i :: 5] = field
-        rows = np.resize(rows, (whole, width(places)))
-        if share is not None:
-            share = np.resize(share.astype(np.float32), (whole, places))
-        tiles = [
-            take((rows, share), slice(first, first + _TILE)) for first in range(0, whole, _TILE)
-        ]
+        share = None if rows.share is None else _pad(rows.share, whole)
+        padded = _Rows(_pad(rows.packed, whole), share)
+        tiles = [take(padded, slice(first, first + _TILE)) for first in range(0, whole, _TILE)]
         if places not in self._checked:
-            self._check(*tiles[0])
+            self._check(tiles[0])
             self._checked.add(places)
         decided = [self._decided(self._known, *tile) for tile in tiles]
         actions = np.concatenate([np.asarray(tile) for tile in decided])[:count]
@@ -83,12 +79,36 @@ class Compiled:
             )
         return actions.astype(float), memory
 
-    def _check(self, rows: np.ndarray, share: np.ndarray | None) -> None:
+    def _rows(self, sight: Sight) -> tuple[_Rows, int]:
+        """Return what resolvers see as rows ``[M]``, and the number of intruders in each."""
+        others, mask, share = sight.intruders, sight.mask, sight.share
+        if mask.shape[-1] > self._policy.most:
+            critical = self._policy.most_critical(sight.own, others, mask, share)
+            others, mask, share = map_leaves(
+                lambda field: np.take_along_axis(field, critical, axis=-1), (others, mask, share)
+            )
+        seen = scene(
+            sight.own, others, mask, sight.goal_x, sight.goal_y, self._limits, self._separation, np
+        )
+        count, places = mask.shape
+        packed = np.zeros((count, width(places)), np.float32)
+        packed[:, :3] = np.stack((seen.own_speed, seen.goal_x, seen.goal_y), axis=-1)
+        for i, field in enumerate((seen.x, seen.y, seen.vx, seen.vy, seen.mask)):
+            packed[:, OWN_NUMBERS + i :: 5] = field
+        return _Rows(packed, None if share is None else share.astype(np.float32)), places
+
+    def _check(self, tile: _Rows) -> None:
         """Refuse a processor on which the bits of a row depend on its place in the tile."""
-        back = take((rows, share), slice(None, None, -1))
-        there, back = (self._decided(self._known, *tile) for tile in ((rows, share), back))
-        if not np.array_equal(there, back[::-1]):
+        reverse = slice(None, None, -1)
+        there = self._decided(self._known, *tile)
+        back = self._decided(self._known, *take(tile, reverse))
+        if not np.array_equal(there, back[reverse]):
             raise InputError(
                 "backend is 'jax', which rounds a row by its place on this processor; expected "
                 "numpy"
             )
+
+
+def _pad(rows: np.ndarray, count: int) -> np.ndarray:
+    """Return so many rows: those given, again and again."""
+    return np.resize(rows, (count, rows.shape[-1]))

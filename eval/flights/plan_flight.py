@@ -5,7 +5,7 @@ Nothing of the rollout that made a plan is used. The intruders fly their true mo
 included.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,34 +30,39 @@ class PlanFlights(NamedTuple):
 
     flights: Flights
     error: np.ndarray  # largest distance from where the plan was at the time, m; 0 without a plan
-    whole_separation: (
-        np.ndarray
-    )  # smallest distance to any intruder until the plan's end, m; nan without a plan
+    # smallest distance to any intruder until the plan's end, m; nan without a plan
+    whole_separation: np.ndarray
 
 
 class Air(NamedTuple):
     """Flights in progress; fields ``[M]``."""
 
     state: State
-    side: Any  # of the last turn: -1, 0 or 1
-    ends: Any  # what comes later than this is not judged, s after the start
-    # of the goal through the air, m/s, [M] each; None: it stands still
-    drift: tuple[Any, Any] | None = None
+    side: np.ndarray  # of the last turn: -1, 0 or 1
+    ends: np.ndarray  # what comes later than this is not judged, s after the start
+    # velocity of the goal through the air, m/s, [M] each; None: it stands still
+    drift: tuple[np.ndarray, np.ndarray] | None = None
 
 
 class Step(NamedTuple):
     """What one time step of flight along legs brought; fields ``[M]``."""
 
-    # smallest distance to any intruder, m; to one with a separation of its own in shares of it,
-    # times the aircraft's
-    separation: Any
-    nearest: Any  # smallest distance to the goal, m
+    # smallest distance to any intruder, m, inf without one; to one with a separation of its own in
+    # shares of it, times the aircraft's
+    separation: np.ndarray
+    nearest: np.ndarray  # smallest distance to the goal, m
     # time since the beginning of the step at which the goal's radius was entered, s; nan if it was
     # not
-    reached: Any
-    path: Any  # length flown, m
-    error: Any  # largest distance from where the plan was at the time, m
-    reversals: Any  # how often the turn changed side
+    reached: np.ndarray
+    path: np.ndarray  # length flown, m
+    error: np.ndarray  # largest distance from where the plan was at the time, m
+    reversals: np.ndarray  # how often the turn changed side, int32
+
+    @classmethod
+    def blank(cls, count: int) -> "Step":
+        """Return the step of so many flights before its first period."""
+        zeros, far = np.zeros(count), np.full(count, np.inf)
+        return cls(far, far, np.full(count, np.nan), zeros, zeros, np.zeros(count, np.int32))
 
 
 def request_of(
@@ -77,10 +82,10 @@ def request_of(
 
 
 def route_of(
-    own: VehicleState, goal_x: Any, goal_y: Any, aircraft: Aircraft
-) -> tuple[Any, Any, Any]:
+    own: VehicleState, goal_x: np.ndarray, goal_y: np.ndarray, aircraft: Aircraft
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the route from a place to the goal and on, ``[N, R]`` each of x and y, m, and its
-    number of points.
+    number of points, ``[N]``.
     """
     dx, dy = goal_x - own.x, goal_y - own.y
     length = np.maximum(np.hypot(dx, dy), 1e-9)
@@ -98,46 +103,50 @@ def fly_step(
 
     The limits are those of the vehicle that follows, not those of the ownship's decisions.
     """
-    state, side, dt = air.state, air.side, aircraft.dt
+    state, dt = air.state, aircraft.dt
     own, other, following = state.own, state.intruders.vehicle, move_intruders(state, dt, np)
-    period, feedback, straight = PERIOD * dt, gains(dt), reversal_rate(aircraft.limits)
-    turn, share = wrap(following.vehicle.heading - other.heading, np), shares(state, aircraft, np)
-    separation, nearest = np.full(own.x.shape, np.inf), np.full(own.x.shape, np.inf)
-    reached, error, path = (
-        np.full(own.x.shape, np.nan),
-        np.zeros(own.x.shape),
-        np.zeros(own.x.shape),
-    )
-    reversals = np.zeros(own.x.shape, np.int32)
-    for step in range(SUBSTEPS):
-        now, after = (VehicleState(*(field[step + i] for field in references)) for i in (0, 1))
-        acceleration, yaw_rate = steer(now, after, own, period, feedback)
-        acceleration = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
-        yaw_rate = np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
-        moved = advance(own, acceleration, yaw_rate, period, limits, np)
-        # Over a step the intruder's controller holds its yaw rate.
-        other_next = advance(other, other.speed * 0.0, turn / dt, period, intruder.COASTING, np)
-        apart = leg_separation(column(own), column(moved), other, other_next, period, np)
+    # Over a step the intruder's controller holds its yaw rate.
+    turn_rate = wrap(following.vehicle.heading - other.heading, np) / dt
+    share = shares(state, aircraft, np)
+    side, step = air.side, Step.blank(own.x.size)
+    for number in range(SUBSTEPS):
+        now, after = (VehicleState(*(field[number + i] for field in references)) for i in (0, 1))
+        acceleration, yaw_rate = _command(now, after, own, dt, limits)
+        moved = advance(own, acceleration, yaw_rate, PERIOD * dt, limits, np)
+        coasting = other.speed * 0.0
+        other_moved = advance(other, coasting, turn_rate, PERIOD * dt, intruder.COASTING, np)
+        clock = (state.steps + (number + 1) * PERIOD) * dt
+        judged = state.mask & (clock <= air.ends + 1e-6)[:, None]
+        apart = leg_separation(column(own), column(moved), other, other_moved, PERIOD * dt, np)
         apart = apart if share is None else apart * share
-        clock = (state.steps + (step + 1) * PERIOD) * dt
-        flown = (clock <= air.ends + 1e-6)[:, None]
-        separation = np.minimum(
-            separation, np.min(np.where(state.mask & flown, apart, np.inf), axis=-1, initial=np.inf)
-        )
+        least = np.min(np.where(judged, apart, np.inf), axis=-1, initial=np.inf)
         goal_x, goal_y = drift_points((state.goal_x, state.goal_y), air.drift, clock)
         to_goal = distance(goal_x - moved.x, goal_y - moved.y, np)
-        entered = np.isnan(reached) & (to_goal <= aircraft.goal_radius)
-        reached = np.where(entered, (step + 1) * PERIOD * dt, reached)
-        nearest = np.minimum(nearest, to_goal)
-        path += 0.5 * period * (own.speed + moved.speed)
-        error = np.maximum(error, np.hypot(*offset(moved, after)))
-        side, reversed_ = last_turn(yaw_rate, side, straight)
-        reversals += reversed_
-        own, other = moved, other_next
+        entered = np.isnan(step.reached) & (to_goal <= aircraft.goal_radius)
+        side, changed = last_turn(yaw_rate, side, reversal_rate(aircraft.limits))
+        step = Step(
+            separation=np.minimum(step.separation, least),
+            nearest=np.minimum(step.nearest, to_goal),
+            reached=np.where(entered, (number + 1) * PERIOD * dt, step.reached),
+            path=step.path + 0.5 * (PERIOD * dt) * (own.speed + moved.speed),
+            error=np.maximum(step.error, np.hypot(*offset(moved, after))),
+            reversals=step.reversals + changed,
+        )
+        own, other = moved, other_moved
     previous = None if state.previous is None else (state.intruders.vehicle, state.previous[0])
     state = state._replace(own=own, intruders=following, steps=state.steps + 1.0, previous=previous)
-    air = Air(state, side, air.ends, air.drift)
-    return air, Step(separation, nearest, reached, path, error, reversals)
+    return Air(state, side, air.ends, air.drift), step
+
+
+def _command(
+    now: VehicleState, after: VehicleState, own: VehicleState, dt: float, limits: Limits
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the follower's acceleration, m/s^2, and yaw rate, rad/s, ``[M]``, within the vehicle's
+    limits, from references now and after a period of a time step dt, s.
+    """
+    acceleration, yaw_rate = steer(now, after, own, PERIOD * dt, gains(dt))
+    acceleration = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
+    return acceleration, np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
 
 
 class Tally:
@@ -147,19 +156,16 @@ class Tally:
         self._rules = aircraft.rules()
         self._required = 0.0 if endless else aircraft.separation
         self.steps = round(aircraft.t_max / aircraft.dt)
-        self._reached = np.full(count, np.nan)
-        self._lost = np.full(count, np.nan)
+        self._reached, self._lost = np.full(count, np.nan), np.full(count, np.nan)  # when, s
         self._separation, self._whole = np.full(count, np.inf), np.full(count, np.inf)
-        self._closest_at, self._path, self._goal = (
-            np.zeros(count),
-            np.zeros(count),
-            np.full(count, np.inf),
-        )
+        self._closest_at, self._path = np.zeros(count), np.zeros(count)
+        self._goal, self._error = np.full(count, np.inf), np.zeros(count)
         self._reversals = np.zeros(count, np.int32)
-        self._error = np.zeros(count)
 
-    def add(self, rows: Any, step: Step, count: int) -> None:
-        """Add the step number ``count``, the first being 1, of some flights."""
+    def add(self, rows: np.ndarray, step: Step, count: int) -> None:
+        """Add the step number ``count``, the first being 1, of some flights by their numbers,
+        ``[M]``.
+        """
         self._whole[rows] = np.minimum(self._whole[rows], step.separation)
         self._error[rows] = np.maximum(self._error[rows], step.error)
         if count > self.steps:
@@ -171,15 +177,15 @@ class Tally:
         lost = (step.separation < self._required) & np.isnan(self._lost[rows])
         self._lost[rows[lost]] = count * dt
         # Path, goal and reversals count until the goal is reached.
-        under_way = rows[np.isnan(self._reached[rows])]
         part = np.isnan(self._reached[rows])
+        under_way = rows[part]
         self._path[under_way] += step.path[part]
         self._goal[under_way] = np.minimum(self._goal[under_way], step.nearest[part])
         self._reversals[under_way] += step.reversals[part]
         entered = ~np.isnan(step.reached) & part
         self._reached[rows[entered]] = (count - 1) * dt + step.reached[entered]
 
-    def judge(self, counts: Any = True) -> PlanFlights:
+    def judge(self, counts: np.ndarray | bool = True) -> PlanFlights:
         """Judge the flights; only those that count, bool ``[N]``, can have reached their goal."""
         rules = self._rules
         outcome = np.full(self._reached.size, OUTCOMES.index("timeout"), np.int8)
@@ -188,13 +194,13 @@ class Tally:
         scores = np.array([rules.reward_violation, rules.reward_goal, rules.reward_timeout])
         ends = (self._lost, self._reached, np.full(outcome.size, rules.t_max))
         flights = Flights(
-            outcome,
-            scores[outcome],
-            np.choose(outcome, ends),
-            self._separation,
-            self._closest_at,
-            self._path,
-            self._goal,
-            self._reversals,
+            outcome=outcome,
+            score=scores[outcome],
+            duration=np.choose(outcome, ends),
+            min_separation=self._separation,
+            time_of_min_separation=self._closest_at,
+            path_length=self._path,
+            goal_distance=self._goal,
+            reversals=self._reversals,
         )
         return PlanFlights(flights, self._error, self._whole)

@@ -1,7 +1,5 @@
 """The plan flown once, as in the paper: planned at the start, followed to its end."""
 
-from typing import Any
-
 import numpy as np
 
 from agents.planner.options import Options
@@ -25,7 +23,9 @@ SOURCES = ("none", "policy", "fallback")  # names of a plan's sources by their c
 STATUSES = ("unresolved", "safe")  # names of a plan's statuses by whether it is safe
 
 
-def perceive_at_start(encounters: Encounter, dt: float, noise: Any = None) -> VehicleState:
+def perceive_at_start(
+    encounters: Encounter, dt: float, noise: np.ndarray | None = None
+) -> VehicleState:
     """Return the intruders as known at the start, ``[N, K]``, by the sensors' noise ``[4, N, K]``;
     dt in s.
     """
@@ -37,10 +37,10 @@ def plan_at_start(
     policy: Policy,
     aircraft: Aircraft,
     options: Options,
-    noise: Any = None,
+    noise: np.ndarray | None = None,
     *,
     wind: Wind | None = None,
-    areas: Any = None,
+    areas: np.ndarray | None = None,
 ) -> Plans:
     """Plan at the start of encounters ``[N]``, in a wind in its air mass, among areas over the
     ground, object ``[N]``; noise as of :func:`perceive_at_start`.
@@ -98,7 +98,7 @@ def promised_separation(
     aircraft: Aircraft,
     options: Options,
     lost: np.ndarray,
-    noise: Any = None,
+    noise: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return how near the flights of lost plans would have come to the intruders as reported, m.
 

@@ -13,7 +13,7 @@ from envs.waypoints import on_ground
 from envs.wind import Wind
 from eval.flights.among_areas import judge, with_breaches
 from eval.flights.assured_mode import fly_assured
-from eval.flights.chunks import Pilot, noise_of, pick
+from eval.flights.chunks import Evaluation, Pilot, noise_of, pick
 from eval.flights.in_wind import carry, to_ground
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Flights, fly
@@ -44,31 +44,28 @@ class Recorded(NamedTuple):
         own, others, _, separation = self.trajectories
         end, members = int(np.count_nonzero(np.isfinite(own.x[:, row]))), self.starts.mask[row]
         return Track(
-            np.stack([own.x[:end, row], own.y[:end, row]]),
-            np.stack([others.x[:end, row, members].T, others.y[:end, row, members].T], axis=1),
-            separation[: end - 1, row],
-            (float(self.starts.goal_x[row]), float(self.starts.goal_y[row])),
-            () if self.areas is None else self.areas[row],
+            own=np.stack([own.x[:end, row], own.y[:end, row]]),
+            intruders=np.stack(
+                [others.x[:end, row, members].T, others.y[:end, row, members].T], axis=1
+            ),
+            separation=separation[: end - 1, row],
+            goal=(float(self.starts.goal_x[row]), float(self.starts.goal_y[row])),
+            areas=() if self.areas is None else self.areas[row],
         )
 
 
 def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
     """Fly the encounters of some numbers, at least one, in the evaluation's mode."""
-    starts = pick(pilot.evaluation, numbers)
-    noises = [
-        noise_of(pilot.evaluation, take(starts, [row]), number)
-        for row, number in enumerate(numbers)
-    ]
-    given = [each for each in noises if each is not None]  # all of them or none
-    noise = (lambda step: np.concatenate([each(step) for each in given], axis=1)) if given else None
+    evaluation, aircraft = pilot.evaluation, pilot.evaluation.aircraft
+    starts = pick(evaluation, numbers)
+    noise = _noise(evaluation, starts, numbers)
     recorder = TrajectoryRecorder(starts)
-    wind = pilot.evaluation.wind(np.asarray(numbers))
+    wind = evaluation.wind(np.asarray(numbers))
     starts = carry(starts, wind)
     areas = None
-    if pilot.evaluation.mode != "policy":
-        areas = pilot.evaluation.areas_of(starts, np.asarray(numbers))
+    if evaluation.mode != "policy":
+        areas = evaluation.areas_of(starts, np.asarray(numbers))
     plans, flights = fly_in_mode(pilot, starts, noise, recorder, wind=wind, areas=areas)
-    aircraft = pilot.evaluation.aircraft
     seen = to_ground(recorder.stack(), wind, aircraft.dt)
     if areas is not None:
         flights = with_breaches(flights, judge(seen, areas, aircraft.dt), aircraft.rules())
@@ -77,6 +74,19 @@ def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
         plan_states = on_ground(plans.proposals.plan_states, each)
         plans = plans._replace(proposals=plans.proposals._replace(plan_states=plan_states))
     return Recorded(starts, plans, flights, seen, areas)
+
+
+def _noise(
+    evaluation: Evaluation, starts: Encounter, numbers: Sequence[int]
+) -> Callable[[int], np.ndarray] | None:
+    """Return the sensors' noise of encounters ``[M]`` by their numbers, as it is where each is
+    flown in its chunk.
+    """
+    each = [noise_of(evaluation, take(starts, [row]), number) for row, number in enumerate(numbers)]
+    given = [one for one in each if one is not None]  # all of them or none
+    if not given:
+        return None
+    return lambda step: np.concatenate([one(step) for one in given], axis=1)
 
 
 def fly_in_mode(
@@ -104,7 +114,7 @@ def fly_in_mode(
         )
     first = None if noise is None else noise(0)
     plans = plan_at_start(starts, policy, aircraft, options, first, wind=wind, areas=areas)
-    how: Any = {"recorder": recorder, "endless": endless, "wind": wind}
+    how: dict[str, Any] = {"recorder": recorder, "endless": endless, "wind": wind}
     if evaluation.mode == "plan":
         return plans, fly_once(starts, plans, aircraft, options, **how).flights
     how |= {"noise": noise, "areas": areas}

@@ -47,9 +47,10 @@ class ByPolicy(NamedTuple):
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        return self.policy.command(
+        action = self.policy.command(
             sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y, sight.share
-        ), memory
+        )
+        return action, memory
 
 
 class Direct(NamedTuple):
@@ -63,15 +64,12 @@ class Direct(NamedTuple):
 
     def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        # As an observation has it: of its precision.
-        seen = (bearing(sight.own, sight.goal_x, sight.goal_y, np) * (1.0 / math.pi)).astype(
-            np.float32
-        )
+        off = bearing(sight.own, sight.goal_x, sight.goal_y, np) * (1.0 / math.pi)
+        seen = off.astype(np.float32)  # as an observation has it: of its precision
         full = self.aircraft.limits.yaw_rate_max * self.aircraft.dt
         steering = GAINS.proportional * math.pi * seen / full
-        return np.stack([np.zeros_like(steering), np.clip(steering, -1.0, 1.0)], axis=-1).astype(
-            float
-        ), memory
+        action = np.stack([np.zeros_like(steering), np.clip(steering, -1.0, 1.0)], axis=-1)
+        return action.astype(float), memory
 
 
 class Flights(NamedTuple):
@@ -87,9 +85,8 @@ class Flights(NamedTuple):
     a step).
     """
     goal_distance: np.ndarray  # at the end, m
-    reversals: (
-        np.ndarray
-    )  # how often the commanded turn changed side, int32; commands below reversal_rate do not count
+    # how often the commanded turn changed side, int32; commands below reversal_rate do not count
+    reversals: np.ndarray
 
 
 class _Air(NamedTuple):
@@ -100,7 +97,7 @@ class _Air(NamedTuple):
     min_separation: np.ndarray
     time_of_min_separation: np.ndarray
     path_length: np.ndarray
-    side: np.ndarray  # of the last turn, int8: see turned_to
+    side: np.ndarray  # of the last turn, int8: see last_turn
     reversals: np.ndarray
     memory: np.ndarray  # of a baseline
 
@@ -129,11 +126,11 @@ def sensor_noise(seed: int, first: int, count: int, intruders: int) -> Callable[
     intruders]``.
     """
 
-    def of(step: int) -> np.ndarray:
+    def draws(step: int) -> np.ndarray:
         # As envs.starts.report_noise: stream 0 makes the starts.
         return np.moveaxis(normals(seed, first, count, (4, intruders), stream=step + 1), 1, 0)
 
-    return of
+    return draws
 
 
 def fly(
@@ -151,46 +148,21 @@ def fly(
     recorder takes the trajectories (about 150 bytes an encounter and step); endless flights go on
     after a loss of separation.
     """
-    count, rules = len(encounters.goal_x), aircraft.rules()
-    kinds = {"outcome": np.int8, "reversals": np.int32}
-    result = Flights(
-        **{name: np.zeros(count, kinds.get(name, np.float64)) for name in Flights._fields}
-    )
+    rules = aircraft.rules()
     rules = rules._replace(separation=0.0) if endless else rules
-    dt, limits, world = rules.dt, aircraft.limits, World(rules, aircraft)
+    dt, world = rules.dt, World(rules, aircraft)
+    result = _blank(len(encounters.goal_x))
     air = _takeoff(encounters, aircraft, history_dt=None if noise is None else dt)
     step = 0
     while len(air.number):
-        state = air.state
         draws = None if noise is None else noise(step)[:, air.number]
-        seen = perceive_intruders(state, draws, aircraft.dt, np)
-        sight = Sight(
-            state.own,
-            seen,
-            known(state, aircraft, np),
-            state.goal_x,
-            state.goal_y,
-            rules.t_max - step * dt,
-            shares(state, aircraft, np),
-        )
+        sight = _look(air.state, draws, rules.t_max - step * dt, aircraft)
         action, memory = resolver.decide(sight, air.memory)
         controls = action[:, 0], action[:, 1]
-        after, flown = advance(state, controls, world, np)
+        after, flown = advance(air.state, controls, world, np)
         step += 1
-
-        side, reversed_ = last_turn(
-            commands(controls, limits, np)[1], air.side, reversal_rate(limits)
-        )
-        closer = flown.separation < air.min_separation
-        air = air._replace(
-            state=after,
-            path_length=air.path_length + (0.5 * dt) * (state.own.speed + after.own.speed),
-            min_separation=np.minimum(flown.separation, air.min_separation),
-            time_of_min_separation=np.where(closer, step * dt, air.time_of_min_separation),
-            reversals=air.reversals + reversed_,
-            side=side,
-            memory=memory,
-        )
+        yaw_rate = commands(controls, aircraft.limits, np)[1]
+        air = _tally(air, after, flown, yaw_rate, step * dt, aircraft)._replace(memory=memory)
         if recorder is not None:
             recorder.append(
                 air.number, after.own, after.intruders.vehicle, flown.separation, action
@@ -200,6 +172,46 @@ def fly(
             scatter(result, air.number[after.ended], take(ends, after.ended))
             air = take(air, ~after.ended)
     return result
+
+
+def _blank(count: int) -> Flights:
+    """Return so many flights to be filled in."""
+    kinds = {"outcome": np.int8, "reversals": np.int32}
+    fields = {name: np.zeros(count, kinds.get(name, np.float64)) for name in Flights._fields}
+    return Flights(**fields)
+
+
+def _look(state: State, draws: np.ndarray | None, left: float, aircraft: Aircraft) -> Sight:
+    """Return what resolvers see of states ``[M]``, by the draws of the sensors' noise,
+    ``[4, M, K]``, with ``left`` seconds until the time limit.
+    """
+    seen = perceive_intruders(state, draws, aircraft.dt, np)
+    exists, share = known(state, aircraft, np), shares(state, aircraft, np)
+    return Sight(state.own, seen, exists, state.goal_x, state.goal_y, left, share)
+
+
+def _tally(
+    air: _Air,
+    after: State,
+    flown: StepResult,
+    yaw_rate: np.ndarray,
+    time: float,
+    aircraft: Aircraft,
+) -> _Air:
+    """Return the flights after a step that ended at a time, s, with a commanded yaw rate, rad/s,
+    ``[M]``.
+    """
+    side, changed = last_turn(yaw_rate, air.side, reversal_rate(aircraft.limits))
+    closer = flown.separation < air.min_separation
+    speeds = air.state.own.speed + after.own.speed
+    return air._replace(
+        state=after,
+        path_length=air.path_length + (0.5 * aircraft.dt) * speeds,
+        min_separation=np.minimum(flown.separation, air.min_separation),
+        time_of_min_separation=np.where(closer, time, air.time_of_min_separation),
+        reversals=air.reversals + changed,
+        side=side,
+    )
 
 
 def _ends(air: _Air, flown: StepResult, time: float) -> Flights:
