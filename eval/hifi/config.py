@@ -191,14 +191,13 @@ def draw_conditions(
     wind, direction = _between(family.wind_mps, u[0]), 2.0 * math.pi * u[1]
     east, north = wind * math.cos(direction), wind * math.sin(direction)
     weights = (takeoff_weight, takeoff_weight) if family.weight_lb is None else family.weight_lb
-    ranges = (
-        weights,
-        family.centre_of_gravity,
-        family.inertia_factor,
-        family.drag_factor,
-        family.lift_slope_factor,
+    loading = Loading(
+        weight=_between(weights, u[2]),
+        centre_of_gravity=_between(family.centre_of_gravity, u[3]),
+        inertia_factor=_between(family.inertia_factor, u[4]),
+        drag_factor=_between(family.drag_factor, u[5]),
+        lift_slope_factor=_between(family.lift_slope_factor, u[6]),
     )
-    loading = Loading._make((*map(_between, ranges, u[2:7]), False))
     kinds = family.turbulence
     kind: Any = kinds[min(int(u[7] * len(kinds)), len(kinds) - 1)]
     conditions = Conditions(loading, east, north, kind, int(u[8] * 2**31))

@@ -8,7 +8,7 @@ the path, along it, and in time.
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,20 +32,15 @@ class Errors(NamedTuple):
     surrogate.
     """
 
-    cross_track: (
-        np.ndarray
-    )  # distance from the path over the ground, m, positive to its left, ``[T + 1]``
-    along_track: (
-        np.ndarray
-    )  # distance ahead of where the plan is at the time, along the path, m, ``[T + 1]``
-    late: np.ndarray  # how much later than planned the aircraft is at its place, s, ``[T + 1]``
-    position: (
-        np.ndarray
-    )  # distance from where the plan is at the time, m, ``[T + 1]``: the flight-technical error
-    definition: (
-        np.ndarray
-    )  # path-definition error, m, ``[S]``; empty where the plan is not the policy's
-    total: np.ndarray  # total error, m, ``[S]``
+    cross_track: np.ndarray  # distance from the path over the ground, m, left positive, [T + 1]
+    # distance ahead of where the plan is at the time, along the path, m, [T + 1]
+    along_track: np.ndarray
+    late: np.ndarray  # how much later than planned the aircraft is at its place, s, [T + 1]
+    # distance from where the plan is at the time, m, [T + 1]: the flight-technical error
+    position: np.ndarray
+    # path-definition error, m, [S]; empty where the plan is not the policy's
+    definition: np.ndarray
+    total: np.ndarray  # total error, m, [S]
 
 
 def against(
@@ -57,21 +52,14 @@ def against(
     The surrogate's flight there is second by second from time 0 on, ``[S]``; None: not known.
     """
     clock = PERIOD * np.arange(flight.altitude.size)
-
-    def planned_state(time: Any) -> VehicleState:
-        curves = Legs(*(np.broadcast_to(field, (time.size, *field.shape)) for field in legs))
-        return over_ground(at(curves, time), wind, time)
-
-    own, now = flight.own, planned_state(clock)
+    own, now = flight.own, _planned_state(legs, wind, clock)
     # Begun where the guidance was: a late aircraft on a winding path has several places abeam.
     abeam = clock - flight.late
     for _ in range(_SEARCH):
-        place = planned_state(abeam)
+        place = _planned_state(legs, wind, abeam)
         abeam = abeam + offset(own, place)[0] / np.maximum(place.speed, 1.0)
-    place = planned_state(abeam)
+    place = _planned_state(legs, wind, abeam)
     late = clock - abeam
-    position = np.hypot(own.x - now.x, own.y - now.y)
-    along = -late * 0.5 * (place.speed + now.speed)
     definition, total = np.zeros(0), np.zeros(0)
     if surrogate is not None:
         seconds = np.arange(surrogate.x.size)
@@ -80,7 +68,20 @@ def against(
         part = slice(None, count * SUBSTEPS, SUBSTEPS)
         definition = np.hypot(true.x - now.x[part], true.y - now.y[part])
         total = np.hypot(true.x - own.x[part], true.y - own.y[part])
-    return Errors(offset(own, place)[1], along, late, position, definition, total)
+    return Errors(
+        cross_track=offset(own, place)[1],
+        along_track=-late * 0.5 * (place.speed + now.speed),
+        late=late,
+        position=np.hypot(own.x - now.x, own.y - now.y),
+        definition=definition,
+        total=total,
+    )
+
+
+def _planned_state(legs: Legs, wind: Wind, time: np.ndarray) -> VehicleState:
+    """Return where a plan of legs ``[L]`` is over the ground at times, s, ``[T]``."""
+    curves = Legs(*(np.broadcast_to(field, (time.size, *field.shape)) for field in legs))
+    return over_ground(at(curves, time), wind, time)
 
 
 def roll_out(request: Request, goal: int, policy: Policy, options: Options) -> VehicleState:

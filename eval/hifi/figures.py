@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from threadpoolctl import threadpool_limits
@@ -21,6 +22,7 @@ from envs.wind import over_ground
 from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.recorded import Track
 from eval.hifi.errors import Errors
+from eval.hifi.flight import Flight
 from eval.hifi.flights import Campaign, FlightRecord, fly_one, prepare
 from eval.plots.encounters import separation_histogram
 from eval.plots.flight_sheet import area_sample, draw, explain
@@ -31,6 +33,13 @@ _FEWEST = 1e-6  # per cent of flights, less than any run has
 _NEAREST = 0.1  # m, where the axis of the errors begins
 _KM = 1_000.0
 _AFTER = 60.0  # the rejoining that the track is shown for, s
+_ERRORS = {
+    "path_definition_max_m": ("path definition", GREEN),
+    "position_error_max_m": ("flight-technical", BLUE),
+    "total_error_max_m": ("total, policy's part", ORANGE),
+    "separation_loss_m": ("separation lost against the plan", VERMILION),
+}
+"""What the errors are called, and their colours, by the columns of their largest values."""
 _WAYPOINT: dict[str, Any] = {
     "linestyle": "",
     "marker": "o",
@@ -42,24 +51,23 @@ _WAYPOINT: dict[str, Any] = {
 
 def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) -> list[Path]:
     """Draw every figure of a run into its folder and return the paths."""
-    flights = []
+    numbers = choose_flights(table)
     with threadpool_limits(1):
         loaded = prepare(campaign._replace(viewer=None), Policy.load(campaign.policy))
-        for number in choose_flights(table):
-            closest = table["min_separation_m"][number]
-            apart = "" if np.isnan(closest) else f", {closest:.0f} m"
-            wind = (
-                f", wind {table['wind_m_s'][number]:.0f} m/s" if table["wind_m_s"][number] else ""
-            )
-            flights.append(
-                (f"{number}: {table['outcome'][number]}{apart}{wind}", fly_one(*loaded, number))
-            )
+        flights = [(_title(table, number), fly_one(*loaded, number)) for number in numbers]
     figures = {"flights": sheet(flights, campaign.aircraft.rules())}
     if np.isfinite(table["min_separation_m"]).any():
         figures["min_separation"] = separation_histogram(table, campaign.aircraft.separation)
     if np.isfinite(table["position_error_max_m"]).any():
         figures["errors"] = distributions(table)
     return [path for name, figure in figures.items() for path in save_figure(figure, folder / name)]
+
+
+def _title(table: Mapping[str, np.ndarray], number: int) -> str:
+    closest, speed = table["min_separation_m"][number], table["wind_m_s"][number]
+    apart = "" if np.isnan(closest) else f", {closest:.0f} m"
+    wind = f", wind {speed:.0f} m/s" if speed else ""
+    return f"{number}: {table['outcome'][number]}{apart}{wind}"
 
 
 def choose_flights(table: Mapping[str, np.ndarray]) -> list[int]:
@@ -79,22 +87,13 @@ def distributions(table: Mapping[str, np.ndarray]) -> Figure:
     axes = figure.add_subplot()
     safe = table["plan_status"] == "safe"
     largest, fewest = _NEAREST, 50.0
-    for name, label, color in (
-        ("path_definition_max_m", "path definition", GREEN),
-        ("position_error_max_m", "flight-technical", BLUE),
-        ("total_error_max_m", "total, policy's part", ORANGE),
-        ("separation_loss_m", "separation lost against the plan", VERMILION),
-    ):
+    for name, (label, colour) in _ERRORS.items():
         values = table[name][safe]
         known = np.sort(values[np.isfinite(values)])
         if known.size:
-            # A separation that was gained is no loss: on this axis it is at its left end.
-            places = np.concatenate([[_NEAREST], np.maximum(known, _NEAREST)])
-            beyond = 100.0 * np.arange(known.size, -1, -1) / known.size
-            beyond[-1] = _FEWEST  # below the axis, which has no zero
+            _draw_beyond(axes, known, label, colour)
             fewest = min(fewest, 50.0 / known.size)
-            axes.step(places, beyond, color=color, label=label, where="post")
-            largest = max(largest, float(places[-1]))
+            largest = max(largest, float(known[-1]))
     axes.set_xscale("log")
     axes.set_xlim(_NEAREST, 1.2 * largest)
     axes.set_yscale("log")
@@ -107,6 +106,15 @@ def distributions(table: Mapping[str, np.ndarray]) -> Figure:
     axes.legend(frameon=False, fontsize=8, loc="best")
     tidy(axes, "both")
     return figure
+
+
+def _draw_beyond(axes: Axes, known: np.ndarray, label: str, colour: str) -> None:
+    """Draw for each of some distances, ascending, m, ``[M]``, how many of them are greater, %."""
+    # A separation that was gained is no loss: on this axis it is at its left end.
+    places = np.concatenate([[_NEAREST], np.maximum(known, _NEAREST)])
+    beyond = 100.0 * np.arange(known.size, -1, -1) / known.size
+    beyond[-1] = _FEWEST  # below the axis, which has no zero
+    axes.step(places, beyond, color=colour, label=label, where="post")
 
 
 def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
@@ -123,15 +131,15 @@ def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
     for i, (title, one) in enumerate(flights):
         axes = figure.add_subplot(grid[0, i])
         axes.set_title(title, fontsize=9)
-        _track(axes, one, rules)
+        _draw_flight(axes, one, rules)
         axes.set_xlabel("east, km", fontsize=8)
         axes.set_ylabel("north, km" if i == 0 else "", fontsize=8)
         for row, label in enumerate(rows, 1):
             below = figure.add_subplot(grid[row, i])
             if row == 1:
-                _separation(below, one, rules)
+                _draw_separation(below, one, rules)
             elif one.errors is not None:
-                _error(below, row - 2, one.errors)
+                _draw_error(below, row - 2, one.errors)
             below.set_ylabel(label if i == 0 else "", fontsize=8)
             below.tick_params(labelsize=7)
             below.grid(color="#EBEBEB", linewidth=0.5)
@@ -142,31 +150,13 @@ def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
     return figure
 
 
-def _track(axes: Any, one: FlightRecord, rules: Rules) -> None:
-    route = one.scene.route
+def _draw_flight(axes: Axes, one: FlightRecord, rules: Rules) -> None:
+    """Draw a flight from above, and the waypoints of its plan."""
     rejoin = rules.t_max if one.made is None else float(one.made.plans.proposals.rejoin_time[0])
     # What comes later is the route, a straight line.
     end = round(rejoin + _AFTER) if np.isfinite(rejoin) else round(rules.t_max)
     if one.flight is not None:
-        # The last second of an aircraft that was lost is not whole.
-        own = take(
-            one.flight.own,
-            slice(None, min(end, one.flight.separation.size) * SUBSTEPS + 1, SUBSTEPS),
-        )
-        others = take(one.flight.intruders, (slice(None, end + 1), one.scene.encounter.mask[0]))
-        traffic = np.stack([others.x.T, others.y.T], axis=1)
-        goal = float(route.x[1]), float(route.y[1])
-        draw(
-            axes,
-            Track(
-                np.stack([own.x, own.y]),
-                traffic,
-                one.flight.separation[:end],
-                goal,
-                one.scene.areas,
-            ),
-            rules,
-        )
+        draw(axes, _track_until(one, one.flight, end), rules)
     if one.made is not None and one.legs is not None and one.errors is not None:
         plan_states = one.made.plans.proposals.plan_states
         shown = plan_states.time[0] <= end
@@ -175,7 +165,23 @@ def _track(axes: Any, one: FlightRecord, rules: Rules) -> None:
         axes.plot(over.x / _KM, over.y / _KM, **_WAYPOINT)
 
 
-def _separation(axes: Any, one: FlightRecord, rules: Rules) -> None:
+def _track_until(one: FlightRecord, flight: Flight, end: int) -> Track:
+    """Return the track of a flight to its end, or until a time, s."""
+    # The last second of an aircraft that was lost is not whole.
+    seconds = min(end, flight.separation.size)
+    own = take(flight.own, slice(None, seconds * SUBSTEPS + 1, SUBSTEPS))
+    others = take(flight.intruders, (slice(None, end + 1), one.scene.encounter.mask[0]))
+    route = one.scene.route
+    return Track(
+        own=np.stack([own.x, own.y]),
+        intruders=np.stack([others.x.T, others.y.T], axis=1),
+        separation=flight.separation[:end],
+        goal=(float(route.x[1]), float(route.y[1])),
+        areas=one.scene.areas,
+    )
+
+
+def _draw_separation(axes: Axes, one: FlightRecord, rules: Rules) -> None:
     if one.flight is not None and one.flight.separation.size:
         apart = one.flight.separation
         axes.plot(np.arange(1, apart.size + 1), apart / _KM, color=BLUE, linewidth=1.0)
@@ -183,7 +189,7 @@ def _separation(axes: Any, one: FlightRecord, rules: Rules) -> None:
     axes.axhline(rules.separation / _KM, color=VERMILION, linewidth=0.8, linestyle="--")
 
 
-def _error(axes: Any, number: int, errors: Errors) -> None:
+def _draw_error(axes: Axes, number: int, errors: Errors) -> None:
     """Draw an error over time: across the path, along it, in time, or (the fourth) accumulated."""
     clock = PERIOD * np.arange(errors.late.size)
     if number < 3:

@@ -7,7 +7,7 @@ is carried with it.
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -70,7 +70,7 @@ class Traffic:
         self,
         encounter: Encounter,
         wind: Wind,
-        noise: Any = None,
+        noise: Callable[[int], np.ndarray] | None = None,
         watch: Callable[[VehicleState], None] | None = None,
     ) -> None:
         self._state, self.mask = begin(encounter, np, history_dt=1.0), encounter.mask
@@ -113,6 +113,40 @@ class Traffic:
             self._watch(take(whole, (period, self.mask[0])))
 
 
+class _Log:
+    """What is known of a flight so far."""
+
+    def __init__(self, vehicle: Airborne, traffic: Traffic) -> None:
+        self.states, self.altitudes, self.lates = [vehicle.state], [vehicle.altitude], [0.0]
+        self.intruders, self.separations = [traffic.ground()], list[float]()
+
+    def add_period(self, vehicle: Airborne, late: float) -> None:
+        self.states.append(vehicle.state)
+        self.altitudes.append(vehicle.altitude)
+        self.lates.append(late)
+
+    def add_second(self, whole: VehicleState, mask: np.ndarray) -> None:
+        """Add a second with the intruders at its beginning and after every period, ``[P + 1, K]``,
+        of which those of the mask ``[1, K]`` exist.
+        """
+        self.intruders.append(take(whole, slice(-1, None)))
+        self.separations.append(_apart(self.states[-SUBSTEPS - 1 :], whole, mask))
+
+    def flight(self, goal: tuple[float, float], failure: str | None) -> Flight:
+        own = _stack(self.states)
+        return Flight(
+            own=own,
+            altitude=np.array(self.altitudes, dtype=float),
+            late=np.array(self.lates, dtype=float),
+            intruders=VehicleState(
+                *(np.concatenate(field) for field in zip(*self.intruders, strict=True))
+            ),
+            separation=np.array(self.separations, dtype=float),
+            goal_distance=np.hypot(goal[0] - own.x, goal[1] - own.y),
+            failure=failure,
+        )
+
+
 def fly(
     vehicle: Airborne,
     pilot: Pilot,
@@ -129,48 +163,36 @@ def fly(
     The navigation says how the own place is known, the traffic is moved on, the goal is over the
     ground, m.
     """
-    states, altitudes, lates = [vehicle.state], [vehicle.altitude], [0.0]
-    others, separations = [traffic.ground()], []
-    failure: str | None = None
+    log = _Log(vehicle, traffic)
     for clock in range(until):
-        pilot.decide(
-            clock, navigation.believe(vehicle.state, float(clock)), traffic.report_intruders()
-        )
+        own = navigation.believe(vehicle.state, float(clock))
+        pilot.decide(clock, own, traffic.report_intruders())
         whole = traffic.second()
         try:
-            for step in range(SUBSTEPS):
-                time = clock + step * PERIOD
-                vehicle.step(*pilot.commands(navigation.believe(vehicle.state, time), time), PERIOD)
-                if not math.isfinite(sum(vehicle.state) + vehicle.altitude):
-                    raise FlightError(f"the state is not finite at {time + PERIOD:.2f} s")
-                states.append(vehicle.state)
-                altitudes.append(vehicle.altitude)
-                lates.append(pilot.late)
-                traffic.show(whole, step + 1)
+            for period in range(SUBSTEPS):
+                _fly_period(vehicle, pilot, navigation, clock + period * PERIOD)
+                log.add_period(vehicle, pilot.late)
+                traffic.show(whole, period + 1)
         except FlightError as problem:
-            failure = str(problem)
+            return log.flight(goal, str(problem))
+        log.add_second(whole, traffic.mask)
+        place = log.states[-1]
+        there = math.hypot(goal[0] - place.x, goal[1] - place.y) <= rules.goal_radius
+        lost = log.separations[-1] < rules.separation
+        if ("violation" in ends and lost) or ("goal" in ends and there):
             break
-        others.append(take(whole, slice(-1, None)))
-        separations.append(_apart(states[-SUBSTEPS - 1 :], whole, traffic.mask))
-        near = math.hypot(goal[0] - states[-1].x, goal[1] - states[-1].y) <= rules.goal_radius
-        if ("violation" in ends and separations[-1] < rules.separation) or (
-            "goal" in ends and near
-        ):
-            break
-    own = VehicleState(*(np.array(field, dtype=float) for field in zip(*states, strict=True)))
-    return Flight(
-        own,
-        np.array(altitudes, dtype=float),
-        np.array(lates, dtype=float),
-        VehicleState(*(np.concatenate(field) for field in zip(*others, strict=True))),
-        np.array(separations, dtype=float),
-        np.hypot(goal[0] - own.x, goal[1] - own.y),
-        failure,
-    )
+    return log.flight(goal, None)
+
+
+def _fly_period(vehicle: Airborne, pilot: Pilot, navigation: Navigation, time: float) -> None:
+    """Fly a period from a time, s, on; ``FlightError``: the aircraft is lost in it."""
+    vehicle.step(*pilot.commands(navigation.believe(vehicle.state, time), time), PERIOD)
+    if not math.isfinite(sum(vehicle.state) + vehicle.altitude):
+        raise FlightError(f"the state is not finite at {time + PERIOD:.2f} s")
 
 
 def straight_separation(
-    flight: Flight, intruders: VehicleState, mask: Any, seconds: int
+    flight: Flight, intruders: VehicleState, mask: np.ndarray, seconds: int
 ) -> np.ndarray:
     """Return how near the aircraft would have come to intruders that fly straight on, m, ``[S]``.
 
@@ -191,13 +213,17 @@ def straight_separation(
     return apart[: whole * SUBSTEPS].reshape(whole, SUBSTEPS).min(axis=1)
 
 
-def _apart(states: list[VehicleState], others: VehicleState, mask: Any) -> float:
+def _stack(states: list[VehicleState]) -> VehicleState:
+    """Return states of plain floats one after the other, ``[T]``."""
+    return VehicleState(*(np.array(field, dtype=float) for field in zip(*states, strict=True)))
+
+
+def _apart(states: list[VehicleState], others: VehicleState, mask: np.ndarray) -> float:
     """Return the smallest distance to any intruder over a second, m."""
-    own = VehicleState(*(np.array(field, dtype=float) for field in zip(*states, strict=True)))
-    return float(_apart_by_period(own, others, mask).min(initial=np.inf))
+    return float(_apart_by_period(_stack(states), others, mask).min(initial=np.inf))
 
 
-def _apart_by_period(own: VehicleState, others: VehicleState, mask: Any) -> np.ndarray:
+def _apart_by_period(own: VehicleState, others: VehicleState, mask: np.ndarray) -> np.ndarray:
     """Return the smallest distance of states ``[P + 1]`` to any of ``[P + 1, K]`` in each of the
     periods between them, m, ``[P]``.
     """

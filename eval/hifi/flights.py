@@ -30,13 +30,13 @@ from envs.wind import Wind, over_ground, through_air
 from eval.flights import sources
 from eval.flights.among_areas import areas_of
 from eval.flights.plan_flight import request_of
-from eval.flights.plan_mode import perceive_at_start
+from eval.flights.plan_mode import SOURCES, perceive_at_start
 from eval.flights.simulate import sensor_noise
 from eval.flights.sources import Source
 from eval.hifi.config import ConditionConfig, Drawn, draw_conditions
 from eval.hifi.errors import Errors, against, roll_out
 from eval.hifi.flight import Flight, Pilot, Traffic, fly
-from eval.hifi.pilots import Assured, Closed, Follower
+from eval.hifi.pilots import Assured, Closed, Follower, Reckoning
 from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
 from eval.hifi.wind import Made, Route, plan_for, unflyable
 
@@ -51,7 +51,7 @@ class Campaign(NamedTuple):
     mode: str  # plan, closed or assured
     options: Options
     vehicle: str  # that flies, a key of eval.hifi.vehicle.VARIANT_OF
-    family: ConditionConfig  # of the conditions
+    condition: ConditionConfig  # from which each flight's conditions are drawn
     viewer: FlightGear | None = None  # of vehicles in JSBSim
     areas: int = 0  # of an encounter at most
 
@@ -93,73 +93,87 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
     and the goal lies where the ownship would arrive if it flew straight on. So the same number is
     the same conflict in any wind.
     """
-    family, (one, _) = campaign.family, sources.draw(campaign.source, campaign.seed, number, 1)
-    met = draw_conditions(family, campaign.seed, number, takeoff_weight(campaign.vehicle))
+    condition = campaign.condition
+    one, _ = sources.draw(campaign.source, campaign.seed, number, 1)
+    met = draw_conditions(condition, campaign.seed, number, takeoff_weight(campaign.vehicle))
     wind = Wind(met.air.wind_east, met.air.wind_north)
-    if family.position_std > 0.0 or family.velocity_std > 0.0 or met.latency > 0.0:
-        each = (
-            np.full((1, 1), value)
-            for value in (family.position_std, family.velocity_std, met.latency)
-        )
-        one = one._replace(sensor=Sensor(*each))
+    if condition.position_std > 0.0 or condition.velocity_std > 0.0 or met.latency > 0.0:
+        flaws = (condition.position_std, condition.velocity_std, met.latency)
+        one = one._replace(sensor=Sensor(*(np.full((1, 1), flaw) for flaw in flaws)))
     flawed = any(np.any(field) for field in one.sensor)
     noise = sensor_noise(campaign.seed, number, *one.mask.shape) if flawed else None
     own = VehicleState(*(float(field[0]) for field in one.own))
     away = math.hypot(float(one.goal_x[0]) - own.x, float(one.goal_y[0]) - own.y) / own.speed
-    goal = float(one.goal_x[0]) + wind[0] * away, float(one.goal_y[0]) + wind[1] * away
-    over = one._replace(goal_x=np.array([goal[0]]), goal_y=np.array([goal[1]]))
+    over = one._replace(
+        goal_x=one.goal_x + wind.east * away,
+        goal_y=one.goal_y + wind.north * away,
+    )
     line = request_of(over, campaign.aircraft)
-    route = Route(line.route_x[0], line.route_y[0])
     amid = areas_of(campaign.areas, campaign.seed, over, np.array([number]), campaign.aircraft)
     return Beginning(
-        one,
-        met,
-        wind,
-        met.believed_wind,
-        over_ground(own, wind, 0.0),
-        route,
-        noise,
-        () if amid is None else amid[0],
+        encounter=one,
+        drawn=met,
+        wind=wind,
+        frame=met.believed_wind,
+        own=over_ground(own, wind, 0.0),
+        route=Route(line.route_x[0], line.route_y[0]),
+        noise=noise,
+        areas=() if amid is None else amid[0],
     )
 
 
 def fly_one(campaign: Campaign, policy: Policy, number: int) -> FlightRecord:
     """Fly one flight."""
     scene = scene_of(campaign, number)
-    aircraft, whole = campaign.aircraft, round(campaign.aircraft.t_max)
     if campaign.mode == "closed":
-        goal = float(scene.route.x[1]), float(scene.route.y[1])
-        pilot: Pilot = Closed(policy, aircraft.limits, goal, scene.encounter.mask, scene.frame)
-        flight, problem = _fly(campaign, scene, number, pilot, whole, ("violation", "goal"))
-        return FlightRecord(scene, flight=flight, problem=problem, pilot=pilot)
+        return _fly_closed(campaign, scene, number, policy)
     made, known = _initial_plan(campaign, scene, policy)
     curves, problem = None, made.problem
     if problem is None and int(made.plans.proposals.last[0]) >= 0:
         curves = legs(take(made.plans.proposals.plan_states, 0))
-        problem = unflyable(curves, reach_of(campaign.vehicle, aircraft.limits, scene.drawn))
+        reach = reach_of(campaign.vehicle, campaign.aircraft.limits, scene.drawn)
+        problem = unflyable(curves, reach)
     elif problem is None and campaign.mode == "plan":
         problem = "the planner knows no way back to the route"
+    record = FlightRecord(scene, made, curves, problem=problem)
     if problem is not None:
-        return FlightRecord(scene, made, curves, problem=problem)
+        return record
     if campaign.mode == "assured":
-        pilot = _fly_assured(campaign, scene, made.plans, known, policy)
-        flight, problem = _fly(campaign, scene, number, pilot, whole, ("violation",))
-        return FlightRecord(scene, made, curves, flight, problem=problem, pilot=pilot)
+        pilot = _assured_pilot(campaign, scene, made.plans, known, policy)
+        until = round(campaign.aircraft.t_max)
+        flight, problem = _fly(campaign, scene, number, pilot, until, ("violation",))
+        return record._replace(flight=flight, problem=problem, pilot=pilot)
     assert curves is not None
+    return _follow(campaign, record, curves, number, policy)
+
+
+def _fly_closed(campaign: Campaign, scene: Beginning, number: int, policy: Policy) -> FlightRecord:
+    """Fly by the policy's decisions, once a second."""
+    goal = float(scene.route.x[1]), float(scene.route.y[1])
+    mask = scene.encounter.mask
+    pilot = Closed(policy, campaign.aircraft.limits, goal, mask, scene.frame)
+    until = round(campaign.aircraft.t_max)
+    flight, problem = _fly(campaign, scene, number, pilot, until, ("violation", "goal"))
+    return FlightRecord(scene, flight=flight, problem=problem, pilot=pilot)
+
+
+def _follow(
+    campaign: Campaign, record: FlightRecord, curves: Legs, number: int, policy: Policy
+) -> FlightRecord:
+    """Return a record with the flight along its plan to the end, and the errors against it."""
+    scene, made = record.scene, record.made
+    assert made is not None
     pilot = Follower(Track(curves, scene.frame), lookahead_of(campaign.vehicle))
     until = math.ceil(float(curves.time[-1] + curves.duration[-1]))
     flight, problem = _fly(campaign, scene, number, pilot, until, ())
+    record = record._replace(flight=flight, problem=problem, pilot=pilot)
+    if flight is None or flight.failure is not None:
+        return record
     surrogate = None
-    if made.request is not None and made.plans.source[0] == 1:
-        surrogate = roll_out(
-            made.request, int(made.plans.proposals.goal[0]), policy, campaign.options
-        )
-    errors = (
-        None
-        if flight is None or flight.failure is not None
-        else against(flight, curves, scene.frame, surrogate)
-    )
-    return FlightRecord(scene, made, curves, flight, errors, problem, pilot)
+    if made.request is not None and made.plans.source[0] == SOURCES.index("policy"):
+        goal = int(made.plans.proposals.goal[0])
+        surrogate = roll_out(made.request, goal, policy, campaign.options)
+    return record._replace(errors=against(flight, curves, scene.frame, surrogate))
 
 
 def report_at_start(campaign: Campaign, scene: Beginning) -> VehicleState:
@@ -180,9 +194,10 @@ def _initial_plan(campaign: Campaign, scene: Beginning, policy: Policy) -> tuple
     return made, known
 
 
-def _fly_assured(
+def _assured_pilot(
     campaign: Campaign, scene: Beginning, plans: Plans, known: Known, policy: Policy
 ) -> Assured:
+    """Return what flies plans ``[1]`` under the monitor, made with the known intruders."""
     options = campaign.options
     usual = Thresholds.for_plans(options)
     margin = options.requirement.margin
@@ -190,11 +205,8 @@ def _fly_assured(
     track = {name: max(getattr(usual, name), margin) for name in ("cross_track", "along_track")}
     if int(plans.proposals.last[0]) < 0:
         plans = plans._replace(proposals=empty(1, options.waypoints))
-    flown_with = (
-        scene.frame,
-        lookahead_of(campaign.vehicle),
-        None if scene.noise is None else scene.encounter.sensor,
-    )
+    sensor = None if scene.noise is None else scene.encounter.sensor
+    reckoning = Reckoning(scene.frame, lookahead_of(campaign.vehicle), sensor)
     return Assured(
         plans,
         known,
@@ -202,7 +214,7 @@ def _fly_assured(
         policy,
         campaign.aircraft.rules(),
         replace(usual, **track),
-        flown_with,
+        reckoning,
         scene.areas,
     )
 
@@ -224,7 +236,7 @@ def _fly(
         return None, str(problem)
     except FlightError as problem:
         return None, f"the aircraft is lost before the start: {problem}"
-    navigation = Navigation(campaign.family.own_position_std, campaign.seed, number)
+    navigation = Navigation(campaign.condition.own_position_std, campaign.seed, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     watch = None if campaign.viewer is None else vehicle.show
     traffic = Traffic(scene.encounter, scene.wind, scene.noise, watch)

@@ -3,13 +3,15 @@ run-time monitor.
 """
 
 import math
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents import assurance
 from agents.assurance.areas import may_be_met
-from agents.assurance.asking import ALONG, Planner, renew
+from agents.assurance.asking import ALONG, renew
+from agents.assurance.inputs import Inputs
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow
 from agents.planner.areas import Counted
@@ -41,21 +43,23 @@ class Follower(Guide):
 class Closed:
     """The network, once a second, in the frame of a wind; what it commands is held in the
     air mass.
+
+    The goal is over the ground, m; the mask says which intruders exist, ``[1, K]``.
     """
 
     late = 0.0
 
     def __init__(
-        self, policy: Policy, limits: Limits, goal: tuple[float, float], mask: Any, frame: Wind
+        self,
+        policy: Policy,
+        limits: Limits,
+        goal: tuple[float, float],
+        mask: np.ndarray,
+        frame: Wind,
     ) -> None:
-        self._policy, self._limits, self._goal, self._mask, self._frame = (
-            policy,
-            limits,
-            goal,
-            mask,
-            frame,
-        )
-        self._held = 0.0, 0.0
+        self._policy, self._limits = policy, limits
+        self._goal, self._mask, self._frame = goal, mask, frame
+        self._held = 0.0, 0.0  # acceleration, m/s^2, and yaw rate, rad/s
 
     def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
         """Decide by the policy."""
@@ -77,13 +81,28 @@ class Closed:
         return ground_commands(through_air(state, self._frame, time), *self._held, self._frame)
 
 
+class Reckoning(NamedTuple):
+    """What the assured loop reckons with."""
+
+    wind: Wind
+    gains: Lookahead  # of the guidance
+    sensor: Sensor | None  # of the intruders' reports, which are tracked; None: they are the truth
+
+
+class _Flown(NamedTuple):
+    """What is flown of a monitor; equal where the guidance stays as it is."""
+
+    backup: bool
+    began: float  # s after the start
+    course: float  # of the backup, rad
+
+
 class Assured:
     """A plan ``[1]``, in the air mass, under the run-time monitor, which asks for new plans and
     falls back to a backup.
 
     It was made at the start with the known intruders ``[1, K]``; the route is over the ground.
-    ``flown``: wind that is reckoned with, gains of the guidance, quality of the intruders' reports
-    to be tracked (None: they are the truth). Areas are over the ground, as they are at the start.
+    Areas are over the ground, as they are at the start.
     """
 
     def __init__(
@@ -94,20 +113,21 @@ class Assured:
         policy: Policy,
         rules: Rules,
         thresholds: Thresholds,
-        flown: tuple[Wind, Lookahead, Sensor | None],
+        reckoning: Reckoning,
         areas: tuple[Area, ...] = (),
     ) -> None:
-        self._frame, self._gains, self._sensor = flown
+        self._frame, self._gains, self._sensor = reckoning
         self._tracks: Tracks | None = None
         self._route, self._policy, self._rules = route, policy, rules
-        self._areas = areas
-        self._thresholds = thresholds
+        self._areas, self._thresholds = areas, thresholds
         monitor = assurance.start(1, known.mask.shape[1], thresholds)
         made = plans.proposals
         self._monitor = assurance.activate(
             monitor, np.arange(1), made.plan_states, made.safe, 0.0, known, thresholds
         )
-        self._mask, self._guide, self._flies = known.mask, None, None
+        self._mask = known.mask
+        self._guide: Guide | None = None
+        self._flies: _Flown | None = None
         # The goal is the second point of the route.
         self._short, self._reached = made.goal > 1, np.zeros(1, dtype=bool)
         self.replans = 0  # new plans asked for
@@ -124,6 +144,30 @@ class Assured:
         flies.
         """
         here = through_air(own, self._frame, float(clock))
+        monitor, decision = assurance.step(
+            self._monitor, self._inputs(clock, here, intruders), self._thresholds
+        )
+        goal_x, goal_y = self._route.x[1], self._route.y[1]
+        self._reached |= math.hypot(goal_x - own.x, goal_y - own.y) <= self._rules.goal_radius
+        began, left = monitor.started, self._rules.t_max - clock
+        make = partial(self._plan, clock, own, decision)
+        self._monitor, self._short, asked = renew(
+            monitor, decision, self._short, self._reached, left, make, self._thresholds
+        )
+        self.replans += int(asked[0])
+        self.taken_up += int(self._monitor.started[0] != began[0])
+        self.backup_seconds += int(self._monitor.on_backup[0])
+        self._follow()
+
+    def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
+        """Return acceleration and turn rate of the track."""
+        assert self._guide is not None  # every second begins with a decision
+        return self._guide.commands(state, time)
+
+    def _inputs(self, clock: int, here: VehicleState, intruders: VehicleState) -> Inputs:
+        """Return what the monitor sees of a second: the ownship in the air mass, and the intruders
+        as reported, over the ground.
+        """
         one = VehicleState(*(np.array([float(field)]) for field in here))
         seen, known = intruders, dict[str, Any]()
         if self._sensor is not None:
@@ -133,26 +177,7 @@ class Assured:
         seen = through_air(seen, self._frame, float(clock))
         if self._areas:
             known = {**known, "areas": as_row(self._areas_met(float(clock), here))}
-        given = assurance.inputs(float(clock), one, seen, self._mask, **known)
-        monitor, decision = assurance.step(self._monitor, given, self._thresholds)
-        near = (
-            math.hypot(self._route.x[1] - own.x, self._route.y[1] - own.y)
-            <= self._rules.goal_radius
-        )
-        self._reached |= near
-        began, left, make = (
-            monitor.started,
-            self._rules.t_max - clock,
-            self._planner(clock, own, decision),
-        )
-        monitor, self._short, asked = renew(
-            monitor, decision, self._short, self._reached, left, make, self._thresholds
-        )
-        self.replans += int(asked[0])
-        self.taken_up += int(monitor.started[0] != began[0])
-        self._monitor = monitor
-        self.backup_seconds += int(monitor.on_backup[0])
-        self._follow()
+        return assurance.inputs(float(clock), one, seen, self._mask, **known)
 
     def _areas_met(self, time: float, own: VehicleState) -> tuple[Counted, ...]:
         """Return the areas that an ownship in the air mass may meet, s after the start."""
@@ -161,43 +186,44 @@ class Assured:
         here = VehicleState(*(float(field) for field in own))
         return may_be_met(amid, here, None, ends, self._thresholds)
 
-    def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
-        """Return acceleration and turn rate of the track."""
-        assert self._guide is not None  # every second begins with a decision
-        return self._guide.commands(state, time)
+    def _plan(
+        self,
+        clock: int,
+        own: VehicleState,
+        decision: Decision,
+        rows: np.ndarray,
+        options: Options,
+        kind: int,
+    ) -> Proposals:
+        """Plan from the middle of the flight, a :data:`agents.assurance.asking.Planner` but for its
+        first three arguments: to the goal from where the ownship is over the ground, or along the
+        route; ``rows`` are always the one.
+        """
+        here = VehicleState(*(float(field[0]) for field in decision.own))
+        route = self._route
+        if kind != ALONG:
+            place = VehicleState(*(np.array([float(field)]) for field in own))
+            x, y, _ = route_of(place, route.x[1:2], route.y[1:2], options.aircraft)
+            route = Route(x[0], y[0])
+        made = plan_for(
+            here,
+            decision.traffic,
+            route,
+            float(clock),
+            self._frame,
+            self._policy,
+            options,
+            self._areas,
+        )
+        return made.plans.proposals if made.problem is None else empty(1, options.waypoints)
 
     def _follow(self) -> None:
         """Build the guidance anew where something else is to be flown than before."""
         monitor = self._monitor
         backup = bool(monitor.on_backup[0])
         began = float((monitor.backup.started if backup else monitor.started)[0])
-        flies = (backup, began, float(monitor.backup.course[0]) if backup else 0.0)
+        flies = _Flown(backup, began, float(monitor.backup.course[0]) if backup else 0.0)
         if flies != self._flies:
             curves = take(monitor.backup.legs if backup else monitor.plan.legs, 0)
             self._guide = Guide(Path(curves, self._frame, began), self._gains)
             self._flies = flies
-
-    def _planner(self, clock: int, own: VehicleState, decision: Decision) -> Planner:
-        """Return what plans from the middle of the flight: to the goal from where it is, or along
-        the route.
-        """
-        place = VehicleState(*(np.array([float(field)]) for field in own))
-        here = VehicleState(*(float(field[0]) for field in decision.own))
-        goal_x, goal_y = self._route.x[1:2], self._route.y[1:2]
-
-        def plans(rows: Any, options: Options, kind: int) -> Proposals:
-            x, y, _ = route_of(place, goal_x, goal_y, options.aircraft)
-            route = self._route if kind == ALONG else Route(x[0], y[0])
-            made = plan_for(
-                here,
-                decision.traffic,
-                route,
-                float(clock),
-                self._frame,
-                self._policy,
-                options,
-                self._areas,
-            )
-            return made.plans.proposals if made.problem is None else empty(1, options.waypoints)
-
-        return plans

@@ -17,7 +17,7 @@ from eval.flights.conditions import conditions
 from eval.flights.plan_flight import SUBSTEPS
 from eval.flights.plan_mode import SOURCES, STATUSES
 from eval.hifi.config import HifiConfig
-from eval.hifi.flight import straight_separation
+from eval.hifi.flight import Flight, straight_separation
 from eval.hifi.flights import Campaign, FlightRecord, fly_one, report_at_start
 from eval.hifi.pilots import Assured
 from eval.runner.outputs import RunFolder
@@ -62,16 +62,11 @@ def columns(prepared: tuple[Campaign, Policy], first: int, count: int) -> dict[s
     """Return the table of the flights ``first .. first + count - 1`` of
     :func:`eval.hifi.flights.prepare`.
     """
-    rows = [
-        row_of(prepared[0], number, fly_one(*prepared, number))
-        for number in range(first, first + count)
-    ]
-    return {
-        name: np.array(
-            [row[name] for row in rows], dtype=object if isinstance(rows[0][name], str) else None
-        )
-        for name in rows[0]
-    }
+    campaign, policy = prepared
+    numbers = range(first, first + count)
+    rows = [row_of(campaign, number, fly_one(campaign, policy, number)) for number in numbers]
+    kinds = {name: object if isinstance(value, str) else None for name, value in rows[0].items()}
+    return {name: np.array([row[name] for row in rows], kind) for name, kind in kinds.items()}
 
 
 def row_of(campaign: Campaign, number: int, one: FlightRecord) -> dict[str, Any]:
@@ -93,6 +88,14 @@ def row_of(campaign: Campaign, number: int, one: FlightRecord) -> dict[str, Any]
     return row | _scene(campaign, one)
 
 
+class _End(NamedTuple):
+    """How a flight ended."""
+
+    outcome: str  # of HIFI_OUTCOMES
+    duration: float  # s
+    reason: str = ""
+
+
 def _verdict(one: FlightRecord, rules: Rules) -> dict[str, Any]:
     """Judge a flight as the surrogate's are: until the time limit, and a lost separation outweighs
     the goal.
@@ -105,41 +108,37 @@ def _verdict(one: FlightRecord, rules: Rules) -> dict[str, Any]:
         return {"outcome": "refused", "reason": one.problem or ""} | missing
     seconds = min(round(rules.t_max), flight.separation.size)
     apart, near = flight.separation[:seconds], flight.goal_distance[: seconds * SUBSTEPS + 1]
-    lost, there = (
-        np.flatnonzero(apart < rules.separation),
-        np.flatnonzero(near[1:] <= rules.goal_radius),
-    )
-    arrived = (there[0] + 1) * PERIOD if there.size else _NAN
-    ends = flight.failure is not None and flight.separation.size < rules.t_max
-    unsafe = one.made is not None and not one.made.plans.proposals.safe[0]
-    reason = ""
-    if lost.size:
-        outcome, duration, reason = (
-            "violation",
-            float(lost[0] + 1),
-            f"{apart[lost[0]]:.0f} m in second {lost[0] + 1}",
-        )
-    elif ends:
-        outcome, duration, reason = "failed", flight.separation.size, flight.failure or ""
-    elif there.size and unsafe and not isinstance(one.pilot, Assured):
-        # Refusing is no success, even where the advisory trajectory arrives.
-        outcome, duration, reason = "timeout", rules.t_max, "the plan is not safe"
-    elif there.size:
-        outcome, duration = "reached", arrived
-    else:
-        outcome, duration, reason = (
-            "timeout",
-            rules.t_max,
-            f"{near.min():.0f} m from the goal at best",
-        )
+    end = _end(one, flight, apart, near, rules)
     return {
-        "outcome": outcome,
-        "reason": reason,
-        "duration_s": float(duration),
+        "outcome": end.outcome,
+        "reason": end.reason,
+        "duration_s": float(end.duration),
         "min_separation_m": float(apart.min(initial=np.inf)) if apart.size else _NAN,
         "time_of_min_separation_s": float(np.argmin(apart) + 1) if apart.size else _NAN,
         "goal_distance_m": float(near.min()),
     }
+
+
+def _end(
+    one: FlightRecord, flight: Flight, apart: np.ndarray, near: np.ndarray, rules: Rules
+) -> _End:
+    """Return how a flight ended, by its separation in each second until the time limit, ``[S]``,
+    and its distance from the goal at the start and after every period, ``[P + 1]``, m.
+    """
+    lost = np.flatnonzero(apart < rules.separation)
+    if lost.size:
+        second = lost[0] + 1
+        return _End("violation", float(second), f"{apart[lost[0]]:.0f} m in second {second}")
+    if flight.failure is not None and flight.separation.size < rules.t_max:
+        return _End("failed", flight.separation.size, flight.failure)
+    there = np.flatnonzero(near[1:] <= rules.goal_radius)
+    if not there.size:
+        return _End("timeout", rules.t_max, f"{near.min():.0f} m from the goal at best")
+    unsafe = one.made is not None and not one.made.plans.proposals.safe[0]
+    if unsafe and not isinstance(one.pilot, Assured):
+        # Refusing is no success, even where the advisory trajectory arrives.
+        return _End("timeout", rules.t_max, "the plan is not safe")
+    return _End("reached", (there[0] + 1) * PERIOD)
 
 
 def _among_areas(one: FlightRecord, row: dict[str, Any], rules: Rules) -> dict[str, Any]:
@@ -171,11 +170,9 @@ def _plan(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
     """
     made = one.made if one.made is not None and one.made.request is not None else None
     planned = _NAN if one.made is None else float(one.made.plans.proposals.min_separation[0])
-    whole = (
-        _NAN
-        if one.flight is None or one.errors is None
-        else float(one.flight.separation.min(initial=np.inf))
-    )
+    whole = _NAN
+    if one.flight is not None and one.errors is not None:
+        whole = float(one.flight.separation.min(initial=np.inf))
     return {
         "plan_status": "none" if made is None else STATUSES[int(made.plans.proposals.safe[0])],
         "plan_source": "none" if made is None else SOURCES[int(made.plans.source[0])],
@@ -231,7 +228,8 @@ def _errors(one: FlightRecord) -> PlanErrors:
     end = one.legs.time[-1] + one.legs.duration[-1]
     planned = PERIOD * np.arange(errors.late.size) <= end + 1e-9
     position = errors.position[planned]
-    cross, along, late = (np.abs(field[planned]) for field in errors[:3])
+    cross, along = np.abs(errors.cross_track[planned]), np.abs(errors.along_track[planned])
+    late = np.abs(errors.late[planned])
     altitude = np.abs(flight.altitude - one.scene.drawn.altitude)
     assert one.made is not None
     rejoin = float(one.made.plans.proposals.rejoin_time[0])
@@ -259,16 +257,18 @@ def _scene(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
     scene = one.scene
     met, begun = scene.drawn, conditions(scene.encounter, campaign.aircraft)
     del begun["route_length_m"]
-    names = ("weight_lb", "centre_of_gravity", "inertia_factor", "drag_factor", "lift_slope_factor")
+    loading, wind, believed = met.air.loading, scene.wind, scene.frame
     return {
-        **dict(zip(names, met.air.loading[:5], strict=True)),
+        "weight_lb": loading.weight,
+        "centre_of_gravity": loading.centre_of_gravity,
+        "inertia_factor": loading.inertia_factor,
+        "drag_factor": loading.drag_factor,
+        "lift_slope_factor": loading.lift_slope_factor,
         "altitude_m": met.altitude,
-        "wind_east_m_s": scene.wind[0],
-        "wind_north_m_s": scene.wind[1],
-        "wind_m_s": math.hypot(*scene.wind),
-        "wind_error_m_s": math.hypot(
-            scene.frame[0] - scene.wind[0], scene.frame[1] - scene.wind[1]
-        ),
+        "wind_east_m_s": wind.east,
+        "wind_north_m_s": wind.north,
+        "wind_m_s": math.hypot(wind.east, wind.north),
+        "wind_error_m_s": math.hypot(believed.east - wind.east, believed.north - wind.north),
         "turbulence": met.air.turbulence,
         "latency_s": met.latency,
         **{name: column[0].item() for name, column in begun.items()},

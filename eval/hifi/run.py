@@ -78,14 +78,14 @@ def campaign_of(config: HifiConfig) -> tuple[Campaign, HifiConfig]:
     evaluation, _, resolved = named_evaluation(config)
     del resolved["backend"]  # nothing here is decided in batches
     campaign = Campaign(
-        config.policy,
-        evaluation.source,
-        config.seed,
-        evaluation.aircraft,
-        config.mode,
-        evaluation.options,
-        config.vehicle,
-        config.condition,
+        policy=config.policy,
+        source=evaluation.source,
+        seed=config.seed,
+        aircraft=evaluation.aircraft,
+        mode=config.mode,
+        options=evaluation.options,
+        vehicle=config.vehicle,
+        condition=config.condition,
         areas=config.areas,
     )
     return campaign, config.model_copy(update=resolved)
