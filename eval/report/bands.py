@@ -51,10 +51,9 @@ def flight_bands(
     """Return the bands of a flight: an ownship ``[T]`` and intruders ``[T, K]``, a time step
     apart; areas as they are at the start.
     """
-    aircraft, requirement = options.aircraft, options.requirement
+    aircraft, requirement, limits = options.aircraft, options.requirement, options.limits
     alerting = Alerting.for_aircraft(aircraft)
     traffic, ahead = Traffic.straight(intruders), alerting.look_ahead
-    limits = options.limits
     headings = wrap(0.5 * np.pi - np.radians(TRACKS), np)
     speeds = np.linspace(limits.speed_min, limits.speed_max, SPEEDS)
     amid = _areas_then(areas, len(own.x), aircraft.dt, ahead)
@@ -62,26 +61,33 @@ def flight_bands(
     of_speeds = speed_bands(own, traffic, requirement, limits, ahead, speeds, amid)
     loss = losses_on_course(own, traffic, requirement, ahead)
     out = recovery(of_tracks, aircraft.separation)
-    shown, level = no_alerts(1, loss.shape[1], alerting), np.zeros(loss.shape, np.int8)
-    for step in range(len(loss)):
-        now = np.array([step * aircraft.dt])
-        shown = update(shown, now, loss[step : step + 1], traffic.mask[step : step + 1], alerting)
-        level[step] = shown.level[0]
     return FlightBands(
-        speeds,
-        regions(of_tracks, alerting, aircraft.separation),
-        regions(of_speeds, alerting, aircraft.separation),
-        level,
-        loss,
-        out.index,
-        out.opens,
-        -out.clearance,
-        of_tracks.area,
-        of_speeds.area,
+        speed=speeds,
+        tracks=regions(of_tracks, alerting, aircraft.separation),
+        speeds=regions(of_speeds, alerting, aircraft.separation),
+        level=_levels(loss, traffic.mask, aircraft.dt, alerting),
+        loss=loss,
+        way_out=out.index,
+        opens=out.opens,
+        shortfall=-out.clearance,
+        track_areas=of_tracks.area,
+        speed_areas=of_speeds.area,
     )
 
 
-def _areas_then(areas: tuple[Area, ...], steps: int, dt: float, ahead: float) -> Any:
+def _levels(loss: np.ndarray, mask: np.ndarray, dt: float, alerting: Alerting) -> np.ndarray:
+    """Return the alert levels of a flight's intruders, codes of Level, int8, ``[T, K]``, from the
+    times to their losses, s, and which exist, both ``[T, K]``.
+    """
+    shown, level = no_alerts(1, loss.shape[1], alerting), np.zeros(loss.shape, np.int8)
+    for step in range(len(loss)):
+        now = np.array([step * dt])
+        shown = update(shown, now, loss[step : step + 1], mask[step : step + 1], alerting)
+        level[step] = shown.level[0]
+    return level
+
+
+def _areas_then(areas: tuple[Area, ...], steps: int, dt: float, ahead: float) -> np.ndarray:
     """Return the areas that count at each of so many times, as they are then, object ``[T]``."""
     found = no_areas(steps)
     for step in range(steps if areas else 0):

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from envs.areas import Area
 from envs.edge.command import visible
 from eval.flights.among_areas import outlines
 from eval.plots.style import BREACH, MARKERS, spread
@@ -85,12 +86,12 @@ def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
         ("near misses", nearest, NEAREST),
         ("other successes", np.flatnonzero(success & ~near), OTHERS),
     )
-    left, taken, chosen = most, np.array([], dtype=int), []
+    left, before, chosen = most, np.array([], dtype=int), []
     for name, found, bound in groups:
-        fresh = found[~np.isin(found, taken)]
+        fresh = found[~np.isin(found, before)]
         count = min(left, bound, len(fresh))
         numbers = fresh[:count] if name == "near misses" else spread(fresh, count)
-        taken, left = np.concatenate([taken, numbers]), left - count
+        before, left = np.concatenate([before, numbers]), left - count
         chosen.append(Choice(name, numbers, len(found)))
     return [choice for choice in chosen if choice.total]
 
@@ -103,9 +104,9 @@ def points(run: Run, replayed: np.ndarray) -> np.ndarray:
     if len(everything) <= POINTS:
         return everything
     failures = np.setdiff1d(np.flatnonzero(run.kinds != "success"), replayed)
-    kept = np.concatenate([replayed, spread(failures, POINTS // 2)])
-    rest = np.setdiff1d(everything, kept)
-    return np.sort(np.concatenate([kept, spread(rest, max(0, POINTS - len(kept)))]))
+    first = np.concatenate([replayed, spread(failures, POINTS // 2)])
+    rest = np.setdiff1d(everything, first)
+    return np.sort(np.concatenate([first, spread(rest, max(0, POINTS - len(first)))]))
 
 
 def page_data(
@@ -148,15 +149,9 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
     """Return one flight in JSON types; positions are relative to its origin and rounded to its
     scale, m.
     """
-    track, witness = flight.track, flight.witness
+    track = flight.track
     origin = np.round(0.5 * (track.own.min(axis=1) + track.own.max(axis=1)))
-    places = (track.own, track.intruders, np.zeros((2, 0)) if witness is None else witness.path)
-    own, traffic, also = ((place - origin[:, None]).ravel() for place in places)
-    metres = [own, traffic, track.separation, also]
-    largest = max(float(np.max(np.abs(part), initial=0.0)) for part in metres)
-    scale = max(_FINEST, math.ceil(largest / 32_767.0 / _FINEST) * _FINEST)
-    rates = [np.degrees(flight.yaw_rate) * 1e3, flight.acceleration * 1e3]
-    whole = np.concatenate([part / scale for part in metres] + rates)
+    scale, packed = _pack_flight(flight, origin)
     found: dict[str, Any] = {
         "steps": len(track.separation),
         "intruders": len(track.intruders),
@@ -164,7 +159,7 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
         "goal": [
             round(place - middle, 1) for place, middle in zip(track.goal, origin, strict=True)
         ],
-        "packed": _pack(np.clip(np.round(whole), -32_768, 32_767).astype("<i2")),
+        "packed": packed,
     }
     if not flight.same:
         found["differs"] = True
@@ -176,20 +171,37 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
     if flight.bands is not None:
         found["bands"] = bands_data(flight.bands)
     if track.areas:
-        found["areas"] = [
-            {
-                "rings": [np.round(ring - origin, 1).tolist() for ring in outlines(area, 0.0)],
-                "velocity": list(area.velocity),
-            }
-            for area in track.areas
-        ]
-    if witness is not None:
+        found["areas"] = [_area_data(area, origin) for area in track.areas]
+    if flight.witness is not None:
         found["witness"] = {
-            "points": witness.path.shape[1],
-            "arrival": round(witness.arrival, 1),
-            "separation": round(witness.separation, 1),
+            "points": flight.witness.path.shape[1],
+            "arrival": round(flight.witness.arrival, 1),
+            "separation": round(flight.witness.separation, 1),
         }
     return found
+
+
+def _pack_flight(flight: Replayed, origin: np.ndarray) -> tuple[float, str]:
+    """Return the scale of a flight, m, and its numbers, base64 of int16: own places from the
+    origin, m, intruders', separations and the witness's places by the scale, then yaw rates in
+    millidegrees per second and accelerations in mm/s^2.
+    """
+    track = flight.track
+    path = np.zeros((2, 0)) if flight.witness is None else flight.witness.path
+    own, traffic, also = (
+        (place - origin[:, None]).ravel() for place in (track.own, track.intruders, path)
+    )
+    metres = [own, traffic, track.separation, also]
+    largest = max(float(np.max(np.abs(part), initial=0.0)) for part in metres)
+    scale = max(_FINEST, math.ceil(largest / 32_767.0 / _FINEST) * _FINEST)
+    rates = [np.degrees(flight.yaw_rate) * 1e3, flight.acceleration * 1e3]
+    whole = np.concatenate([part / scale for part in metres] + rates)
+    return scale, _pack(np.clip(np.round(whole), -32_768, 32_767).astype("<i2"))
+
+
+def _area_data(area: Area, origin: np.ndarray) -> dict[str, Any]:
+    rings = [np.round(ring - origin, 1).tolist() for ring in outlines(area, 0.0)]
+    return {"rings": rings, "velocity": list(area.velocity)}
 
 
 def json_text(data: Any) -> str:

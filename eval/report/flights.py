@@ -3,7 +3,8 @@ how each ended.
 """
 
 from collections.abc import Collection, Iterator, Sequence
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,7 +20,7 @@ from envs.trees import take
 from eval.flights.chunks import Evaluation, Pilot
 from eval.flights.optimal import ROUNDS
 from eval.flights.plan_mode import STATUSES
-from eval.flights.recorded import Track, fly_recorded
+from eval.flights.recorded import Recorded, Track, fly_recorded
 from eval.flights.simulate import ENDS
 from eval.report.bands import FlightBands, flight_bands, states
 from eval.report.folder import Run
@@ -51,7 +52,7 @@ class Replayed(NamedTuple):
     bands: FlightBands | None = None  # at T + 1 times; None where none were asked for
 
 
-def evaluation_of(run: Run, policy_path: Any = None) -> Evaluation:
+def evaluation_of(run: Run, policy_path: Path | None = None) -> Evaluation:
     """Return what a run flew, its policy (perhaps moved since) and its file of encounters checked
     by their digests.
     """
@@ -86,45 +87,68 @@ def fly_again(
 def _batch(
     run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int], banded: Collection[int]
 ) -> Iterator[Replayed]:
-    aircraft, batch = pilot.evaluation.aircraft, fly_recorded(pilot, numbers)
-    starts, plans, flights, flown, _ = batch
+    evaluation, batch = pilot.evaluation, fly_recorded(pilot, numbers)
     # A witness is one of still air, and knows no areas.
-    still = pilot.evaluation.wind_mps == (0.0, 0.0) and not pilot.evaluation.areas
-    witnessed = [i for i, number in enumerate(numbers) if still and number in wanted]
-    found = _witnesses(aircraft, starts, witnessed)
-    for i, number in enumerate(numbers):
-        track = batch.track(i)
+    still = evaluation.wind_mps == (0.0, 0.0) and not evaluation.areas
+    witnessed = [row for row, number in enumerate(numbers) if still and number in wanted]
+    witnesses = _witnesses(evaluation.aircraft, batch.starts, witnessed)
+    for row, number in enumerate(numbers):
+        track = batch.track(row)
         if not track.separation.size:
             continue  # the planner had no trajectory
-        said, closest = run.table["outcome"][number], run.table["min_separation_m"][number]
-        same = (
-            ENDS[flights.outcome[i]] == said and abs(flights.min_separation[i] - closest) <= _SAME
-        )
-        plan, status = None, None
-        if plans is None:
-            acceleration, yaw_rate = commands(
-                flown.action[: track.separation.size, i].T, aircraft.limits, np
-            )
-        else:
-            dt, made = aircraft.dt, plans.proposals
-            own = take(flown.own, (slice(0, track.separation.size + 1), i))
-            acceleration, yaw_rate = np.diff(own.speed) / dt, wrap(np.diff(own.heading), np) / dt
-            status = STATUSES[int(made.safe[i])]
-            plan_states = np.stack(
-                [made.plan_states.x[i], made.plan_states.y[i], made.plan_states.time[i]]
-            )
-            plan = plan_states if np.isfinite(plan_states).all() else None
-        bands = None
-        if number in banded:
-            whole, count = batch.trajectories, track.separation.size + 1
-            members = starts.mask[i]
-            intruders = take(states(whole.intruders, count, i), (slice(None), members))
-            bands = flight_bands(
-                states(whole.own, count, i), intruders, pilot.evaluation.options, track.areas
-            )
+        acceleration, yaw_rate = _motion(batch, row, track, evaluation.aircraft)
+        plan, status = _first_plan(batch, row)
         yield Replayed(
-            number, track, acceleration, yaw_rate, bool(same), plan, status, found.get(i), bands
+            number=number,
+            track=track,
+            acceleration=acceleration,
+            yaw_rate=yaw_rate,
+            same=_is_same(run, number, batch, row),
+            plan=plan,
+            plan_status=status,
+            witness=witnesses.get(row),
+            bands=_bands(batch, row, track, evaluation) if number in banded else None,
         )
+
+
+def _is_same(run: Run, number: int, batch: Recorded, row: int) -> bool:
+    """Return whether a flight of a batch ended as the run's table says."""
+    outcome = ENDS[batch.flights.outcome[row]]
+    apart = batch.flights.min_separation[row] - run.table["min_separation_m"][number]
+    return outcome == run.table["outcome"][number] and bool(abs(apart) <= _SAME)
+
+
+def _motion(
+    batch: Recorded, row: int, track: Track, aircraft: Aircraft
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return accelerations, m/s^2, and yaw rates, rad/s, of a flight, ``[T]``: as commanded once a
+    step, or the mean of what was flown along a plan.
+    """
+    steps = track.separation.size
+    if batch.plans is None:
+        return commands(batch.trajectories.action[:steps, row].T, aircraft.limits, np)
+    own = states(batch.trajectories.own, steps + 1, row)
+    return np.diff(own.speed) / aircraft.dt, wrap(np.diff(own.heading), np) / aircraft.dt
+
+
+def _first_plan(batch: Recorded, row: int) -> tuple[np.ndarray | None, str | None]:
+    """Return the plan made at the start, east, north, m, and time, s, ``[3, W]``, and its status;
+    None: without a trajectory, or in mode policy.
+    """
+    if batch.plans is None:
+        return None, None
+    made = batch.plans.proposals
+    flown = made.plan_states
+    plan = np.stack([flown.x[row], flown.y[row], flown.time[row]])
+    return plan if np.isfinite(plan).all() else None, STATUSES[int(made.safe[row])]
+
+
+def _bands(batch: Recorded, row: int, track: Track, evaluation: Evaluation) -> FlightBands:
+    count, members = track.separation.size + 1, batch.starts.mask[row]
+    own = states(batch.trajectories.own, count, row)
+    intruders = states(batch.trajectories.intruders, count, row)
+    intruders = take(intruders, (slice(None), members))
+    return flight_bands(own, intruders, evaluation.options, track.areas)
 
 
 def _witnesses(aircraft: Aircraft, starts: Encounter, rows: list[int]) -> dict[int, Witness]:

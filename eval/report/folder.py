@@ -52,20 +52,7 @@ def read_run(folder: Path) -> Run:
     """Read what ``eval.monte_carlo`` wrote; what is incomplete or mixed from several runs raises
     ``ConfigError``.
     """
-    if not folder.is_dir():
-        what = "is a file" if folder.exists() else "does not exist"
-        raise ConfigError(f"{folder} {what}, expected a folder that eval.monte_carlo wrote")
-    for name in (_CONFIG, _TABLE, _SUMMARY):
-        if not (folder / name).is_file():
-            begun = (folder / "parts").is_dir()
-            hint = (
-                f"; finish the run with python -m eval.monte_carlo --resume --out {folder}"
-                if begun
-                else ""
-            )
-            raise ConfigError(
-                f"{folder} holds no {name}, expected a finished run of eval.monte_carlo{hint}"
-            )
+    _check_complete(folder)
     summary, config = _summary(folder / _SUMMARY), load(MonteCarloConfig, folder / _CONFIG)
     for key in ("seed", "mode", "policy_sha256"):
         if summary.get(key) != getattr(config, key):
@@ -80,20 +67,40 @@ def read_run(folder: Path) -> Run:
         raise ConfigError(
             f"{folder / _TABLE}: has {rows} rows, expected {config.default_count} as in {_CONFIG}"
         )
-    text = (folder / _CONFIG).read_text(encoding="utf-8")
+    return Run(
+        folder=folder,
+        summary=summary,
+        rules=aircraft_of(summary).rules(),
+        config=config,
+        config_text=(folder / _CONFIG).read_text(encoding="utf-8"),
+        table=table,
+        kinds=kinds_of(table),
+        figures=_figures(folder) if config.figures else {},
+    )
+
+
+def _check_complete(folder: Path) -> None:
+    """Refuse what is no folder of a finished run."""
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "does not exist"
+        raise ConfigError(f"{folder} {what}, expected a folder that eval.monte_carlo wrote")
+    for name in (_CONFIG, _TABLE, _SUMMARY):
+        if not (folder / name).is_file():
+            finish = f"; finish the run with python -m eval.monte_carlo --resume --out {folder}"
+            hint = finish if (folder / RunFolder.parts).is_dir() else ""
+            raise ConfigError(
+                f"{folder} holds no {name}, expected a finished run of eval.monte_carlo{hint}"
+            )
+
+
+def _figures(folder: Path) -> dict[str, bytes]:
+    """Return the pictures of a run, PNG, by name."""
     try:
-        figures = (
-            {name: (folder / f"{name}.png").read_bytes() for name in _FIGURES}
-            if config.figures
-            else {}
-        )
+        return {name: (folder / f"{name}.png").read_bytes() for name in _FIGURES}
     except OSError as problem:
         raise ConfigError(
             f"{problem.filename}: cannot be read ({problem.strerror}), expected a picture"
         ) from None
-    return Run(
-        folder, summary, aircraft_of(summary).rules(), config, text, table, kinds_of(table), figures
-    )
 
 
 def _summary(path: Path) -> dict[str, Any]:

@@ -46,38 +46,24 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
     summary = run.summary
     lines = headline(summary, _lost_causes(run))
     scenario = escape(visible(summary["scenario"]))
-    head, tail = (
-        f"{group_digits(run.config.default_count)} encounters, scenario ",
-        escape(f", {_decides(summary)}"),
-    )
+    head = f"{group_digits(run.config.default_count)} encounters, scenario "
+    tail = escape(f", {_decides(summary)}")
     return Filled(asset("report.html")).substitute(
         allowed=allowed,
         title=head + scenario + tail,
         heading=f"{head}<bdi>{scenario}</bdi>{tail}",
         about=_about(run),
         confidence=escape(f"{100.0 * summary['confidence']:g}"),
-        tiles="\n".join(
-            _tile(line, summary["confidence"])
-            for key in _TILES
-            for line in lines
-            if line.key == key
-        ),
+        tiles=_tiles(lines, summary["confidence"]),
         lines="\n".join(_row(line) for line in lines),
         lost=_lost_encounters(run),
-        kinds="\n".join(
-            _kind(run, place, kind)
-            for place, kind in reversed(list(enumerate(MARKERS)))
-            if kind != BREACH or "areas" in run.table
-        ),
+        kinds=_kinds(run),
         near=escape(f"{NEAR * run.rules.separation:.0f}"),
         points=_points(run, data["count"]),
         tracks=_tracks(chosen, data),
-        figures="\n".join(figure(_CAPTIONS[name], png) for name, png in run.figures.items())
-        or "<p>This run drew no figures (its key <code>figures</code> is false).</p>",
+        figures=_figures(run),
         config=escape(visible(run.config_text)),
-        versions=", ".join(
-            escape(f"{name} {version}") for name, version in summary["versions"].items()
-        ),
+        versions=", ".join(escape(" ".join(one)) for one in summary["versions"].items()),
         by=escape(by),
         style=style,
         data=json_text(data),
@@ -117,6 +103,11 @@ def _about(run: Run) -> str:
             "changed: " + ", ".join(f"{key} {value}" for key, value in summary["changes"].items())
         )
     return escape(visible(" · ".join(said)))
+
+
+def _tiles(lines: Sequence[Line], confidence: float) -> str:
+    by_key = {line.key: line for line in lines}
+    return "\n".join(_tile(by_key[key], confidence) for key in _TILES if key in by_key)
 
 
 def _tile(line: Line, confidence: float) -> str:
@@ -174,6 +165,19 @@ def _numbers(run: Run, kind: str, name: str) -> str:
     return f"{name} ({group_digits(len(numbers))}): {links}{more}."
 
 
+def _kinds(run: Run) -> str:
+    """Return the boxes that choose kinds of encounters, what matters most first."""
+    known = [kind for kind in MARKERS if kind != BREACH or "areas" in run.table]
+    places = {kind: place for place, kind in enumerate(MARKERS)}
+    return "\n".join(_kind(run, places[kind], kind) for kind in reversed(known))
+
+
+def _figures(run: Run) -> str:
+    if not run.figures:
+        return "<p>This run drew no figures (its key <code>figures</code> is false).</p>"
+    return "\n".join(figure(_CAPTIONS[name], png) for name, png in run.figures.items())
+
+
 def _kind(run: Run, place: int, kind: str) -> str:
     count = int((run.kinds == kind).sum())
     state = "checked" if count else "checked disabled"
@@ -198,16 +202,14 @@ def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
         return "<p>No encounter has tracks on this page.</p>"
     parts = []
     for group, numbers, total in chosen:
-        kept = sum(str(int(number)) in flights for number in numbers)
-        parts.append(f"{group_digits(kept)} of {group_digits(total)} {group}")
-    differing, witnesses = (
-        sum(key in flight for flight in flights.values()) for key in ("differs", "witness")
-    )
+        shown = sum(str(int(number)) in flights for number in numbers)
+        parts.append(f"{group_digits(shown)} of {group_digits(total)} {group}")
+    differing = sum("differs" in flight for flight in flights.values())
+    witnesses = sum("witness" in flight for flight in flights.values())
     text = (
         f"{group_digits(len(flights))} encounters have tracks: {', '.join(parts)}. Near misses are "
-        "successes nearer than "
-        f"{100.0 * (NEAR - 1.0):g} % beyond the required separation; at most the {NEAREST} "
-        "nearest have tracks. They were flown again when this page was made, "
+        f"successes nearer than {100.0 * (NEAR - 1.0):g} % beyond the required separation; at most "
+        f"the {NEAREST} nearest have tracks. They were flown again when this page was made, "
         f"{group_digits(witnesses)} failures beside a flight that resolves them."
     )
     warning = (
