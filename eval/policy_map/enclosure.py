@@ -7,7 +7,7 @@ chord and its greatest distance.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,11 +15,22 @@ from agents.policy import candidate_manoeuvres
 from agents.policy.scene import Scene
 from agents.policy.set_features import ALIKE, SEPARATION_UNIT, each_part, own_part
 from envs.aircraft import Ratios
+from envs.arrays import Array
 from envs.relative import distance
 
 _PARTS = 6  # of a chord: on each the direction to the intruder is held
 _SOFTENED = 5e-5  # D; by how much 1e-8 in the closest point of a chord can shift a separation
 _FINE = 1e-12
+
+
+class Curve(NamedTuple):
+    """A curve, and what encloses it along a line."""
+
+    value: Callable[[Array], Array]
+    # for a slope k, every x where value(x) - k x has an extreme or a corner
+    critical: Callable[[Array], list[Array]]
+    # of the line, by both ends; None: the chord's
+    slope: Callable[[Array, Array], Array] | None = None
 
 
 class Form:
@@ -29,7 +40,7 @@ class Form:
 
     __array_ufunc__ = None  # so that an array on the left asks the form
 
-    def __init__(self, middle: Any, slopes: Any, rest: Any) -> None:
+    def __init__(self, middle: Array, slopes: Array, rest: Array) -> None:
         self.middle, self.slopes, self.rest = middle, slopes, rest
 
     @classmethod
@@ -55,16 +66,16 @@ class Form:
         )
 
     @property
-    def width(self) -> Any:
+    def width(self) -> Array:
         """Half width of what the form can be."""
         return np.abs(self.slopes).sum(-1) + self.rest
 
     @property
-    def ends(self) -> tuple[Any, Any]:
+    def ends(self) -> tuple[Array, Array]:
         """Least and greatest of what the form can be."""
         return self.middle - self.width, self.middle + self.width
 
-    def line(self, slope: Any, offset: Any, rest: Any = 0.0) -> "Form":
+    def line(self, slope: Array, offset: Array, rest: Array = 0.0) -> "Form":
         """Return slope * form + offset +- rest."""
         slopes = np.asarray(slope)[..., None] * self.slopes
         return Form(slope * self.middle + offset, slopes, np.abs(slope) * self.rest + rest)
@@ -80,7 +91,7 @@ class Form:
         if not isinstance(other, Form):
             return self.line(other, 0.0)
         if other is self:
-            return bent(self, np.square, lambda low, high: low + high, lambda k: [0.5 * k])
+            return bent(self, _SQUARE)
         cross = self.line(other.middle, 0.0) + other.line(self.middle, -self.middle * other.middle)
         return Form(cross.middle, cross.slopes, cross.rest + self.width * other.width)
 
@@ -89,12 +100,7 @@ class Form:
             return self.line(1.0 / other, 0.0)
         low, _ = other.ends
         with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = bent(
-                other,
-                np.reciprocal,
-                lambda low, high: -1.0 / (low * high),
-                lambda k: [np.sqrt(-1.0 / k)],
-            )
+            inverse = bent(other, _INVERSE)
         inverse.rest = np.where(low > 0.0, inverse.rest, np.inf)
         return self * inverse
 
@@ -113,19 +119,18 @@ class Form:
     def sqrt(form: "Form") -> "Form":
         """Return the square root of what is not negative, whatever its bounds."""
         low, high = np.maximum(form.ends[0], 0.0), np.maximum(form.ends[1], _FINE)
-        return form.line(*line_along(low, high, np.sqrt, None, lambda k: [0.25 / (k + _FINE) ** 2]))
+        return form.line(*line_along(low, high, _ROOT))
 
     @staticmethod
     def abs(form: "Form") -> "Form":
         """Return the size."""
-        return bent(form, np.abs, None, lambda k: [0.0 * k])
+        return bent(form, _SIZE)
 
     @staticmethod
     def clip(form: "Form", low: float, high: float) -> "Form":
         """Return the form limited to a range."""
-        return bent(
-            form, lambda x: np.clip(x, low, high), None, lambda k: [low + 0.0 * k, high + 0.0 * k]
-        )
+        ends = Curve(lambda x: np.clip(x, low, high), lambda k: [low + 0.0 * k, high + 0.0 * k])
+        return bent(form, ends)
 
     @staticmethod
     def minimum(form: "Form", high: float) -> "Form":
@@ -133,35 +138,45 @@ class Form:
         return Form.clip(form, -1e9, high)
 
 
-def bent(
-    form: Form, curve: Callable[..., Any], slope: Any, critical: Callable[[Any], list[Any]]
-) -> Form:
-    """Return a curve of a form; arguments as of :func:`line_along`."""
-    return form.line(*line_along(*form.ends, curve, slope, critical))
+_SQUARE = Curve(np.square, lambda k: [0.5 * k], lambda low, high: low + high)
+_INVERSE = Curve(
+    np.reciprocal, lambda k: [np.sqrt(-1.0 / k)], lambda low, high: -1.0 / (low * high)
+)
+_ROOT = Curve(np.sqrt, lambda k: [0.25 / (k + _FINE) ** 2])
+_SIZE = Curve(np.abs, lambda k: [0.0 * k])
 
 
-def line_along(
-    low: Any, high: Any, curve: Callable[..., Any], slope: Any, critical: Any
-) -> tuple[Any, Any, Any]:
+def _where_steep(k: Array) -> list[Array]:
+    """Return where the clearance, x / (1 + |x|), has a slope."""
+    away = 1.0 / np.sqrt(np.clip(k, _FINE, 1.0)) - 1.0
+    return [away, -away]
+
+
+_CLEARANCE = Curve(lambda x: x / (1.0 + np.abs(x)), _where_steep)
+
+
+def bent(form: Form, curve: Curve) -> Form:
+    """Return a curve of a form."""
+    return form.line(*line_along(*form.ends, curve))
+
+
+def line_along(low: Array, high: Array, curve: Curve) -> tuple[Array, Array, Array]:
     """Return slope and offset of a line along a curve from ``low`` to ``high``, and how far the
     curve is from it.
-
-    The slope is a function of both ends, None: the chord's; ``critical`` gives, for a slope k,
-    every x where curve(x) - k x has an extreme or a corner.
     """
-    if slope is None:
+    if curve.slope is None:
         wide = high - low > 1e-9
-        k = np.where(wide, (curve(high) - curve(low)) / np.where(wide, high - low, 1.0), 0.0)
+        rise = curve.value(high) - curve.value(low)
+        k = np.where(wide, rise / np.where(wide, high - low, 1.0), 0.0)
     else:
-        k = slope(low, high)
-    off = np.stack(
-        [curve(x) - k * x for x in (low, high, *(np.clip(x, low, high) for x in critical(k)))]
-    )
+        k = curve.slope(low, high)
+    inside = (np.clip(x, low, high) for x in curve.critical(k))
+    off = np.stack([curve.value(x) - k * x for x in (low, high, *inside)])
     least, most = off.min(axis=0), off.max(axis=0)
     return k, 0.5 * (least + most), 0.5 * (most - least)
 
 
-def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios) -> Form:
+def derived_inputs(pace: Array, goal: Array, middle: Array, half: Array, ratios: Ratios) -> Form:
     """Return the 53 inputs of the network, ``[N, 53]``, of scenes that are seen as they are, not
     mirrored.
 
@@ -173,12 +188,8 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
     ]
     x, y, vx, vy = middle.T[..., None]
     seen = Scene(pace, goal[:, 0], goal[:, 1], x, y, vx, vy, np.ones((len(pace), 1)), ratios)
-    clearance = bent(
-        _min_separation(seen, middle, half).line(1.0 / SEPARATION_UNIT, -1.0 / SEPARATION_UNIT),
-        lambda x: x / (1.0 + np.abs(x)),
-        None,
-        lambda k: [side * (1.0 / np.sqrt(np.clip(k, _FINE, 1.0)) - 1.0) for side in (1.0, -1.0)],
-    )
+    separation = _min_separation(seen, middle, half)
+    clearance = bent(separation.line(1.0 / SEPARATION_UNIT, -1.0 / SEPARATION_UNIT), _CLEARANCE)
     to_goal = distance(goal[:, 0], goal[:, 1], np) + 1e-6
     own = np.stack(
         [np.broadcast_to(one, pace.shape) for one in own_part(seen, 0.0 * pace, np)], axis=-1
@@ -197,50 +208,74 @@ def derived_inputs(pace: Any, goal: Any, middle: Any, half: Any, ratios: Ratios)
     return Form.concatenate([Form.between(own, own), advice, clearance, about])
 
 
-def _min_separation(seen: Scene, middle: Any, half: Any) -> Form:
+class _Chords(NamedTuple):
+    """The intruder from the ownship that flies each manoeuvre, in the middle of the box: straight
+    chords between P + 1 times.
+    """
+
+    time: Array  # [N, 22, P + 1]
+    place: Array  # [N, 22, P + 1, 2]
+
+    @classmethod
+    def of(cls, seen: Scene, middle: Array) -> "_Chords":
+        """Return the chords of manoeuvres, each cut in parts; the middle is of the intruder's x, y,
+        vx, vy, ``[N, 4]``.
+        """
+        times, spans, step_x, step_y, own_x, own_y = (
+            np.moveaxis(field, -1, 0) for field in candidate_manoeuvres.paths(seen, np)
+        )
+        time = _cut(times, spans)
+        flown = np.stack([_cut(own_x, step_x), _cut(own_y, step_y)], axis=-1)
+        place, velocity = middle[:, None, None, :2], middle[:, None, None, 2:]
+        return cls(time, place + velocity * time[..., None] - flown)
+
+
+def _cut(end: Array, step: Array) -> Array:
+    """Return times or places at the ends of all parts of chords, from 0 on, ``[N, 22, P + 1]``, of
+    which the ends and the steps are given, ``[N, 22, chords]``.
+    """
+    share = (np.arange(_PARTS) + 1.0) / _PARTS - 1.0
+    count = -1 if len(end) else 0
+    parts = (end[..., None] + step[..., None] * share).reshape(*end.shape[:2], count)
+    return np.concatenate([0.0 * end[..., :1], parts], -1)
+
+
+class _Nearest(NamedTuple):
+    """The closest point of each part of chords, and what is there."""
+
+    away: Array  # distance, [N, 22, P]
+    toward: Array  # direction to the intruder, [N, 22, P, 2]
+    when: Array  # time, [N, 22, P]
+
+    @classmethod
+    def of(cls, chords: _Chords) -> "_Nearest":
+        """Return the closest points of chords."""
+        start, way = chords.place[:, :, :-1], np.diff(chords.place, axis=2)
+        back = np.clip(-(start * way).sum(-1) / ((way * way).sum(-1) + _FINE), 0.0, 1.0)
+        near = start + back[..., None] * way
+        away = np.sqrt((near * near).sum(-1))
+        when = chords.time[..., :-1] + back * np.diff(chords.time, axis=-1)
+        return cls(away, near / np.maximum(away, _FINE)[..., None], when)
+
+
+def _min_separation(seen: Scene, middle: Array, half: Array) -> Form:
     """Return the least separation of each manoeuvre, ``[N, 22]``.
 
     The separation of a time is convex in the box, so that the direction to the intruder at the
     closest point gives a lower bound for all of a part of a chord, and the squares of the
     displacements an upper one.
     """
-    times, spans, step_x, step_y, own_x, own_y = (
-        np.moveaxis(field, -1, 0) for field in candidate_manoeuvres.paths(seen, np)
-    )
-    share = (np.arange(_PARTS) + 1.0) / _PARTS - 1.0
-
-    def plan_states(end: Any, step: Any) -> Any:
-        """Return times or places at the ends of all parts of chords, from 0 on, ``[N, 22,
-        plan states]``.
-        """
-        parts = (end[..., None] + step[..., None] * share).reshape(
-            *end.shape[:2], -1 if len(end) else 0
-        )
-        return np.concatenate([0.0 * end[..., :1], parts], -1)
-
-    time = plan_states(times, spans)
-    flown = np.stack([plan_states(own_x, step_x), plan_states(own_y, step_y)], axis=-1)
-    place, velocity = middle[:, None, None, :2], middle[:, None, None, 2:]
-    spot = place + velocity * time[..., None] - flown  # of the intruder from the ownship
-    start, way = spot[:, :, :-1], np.diff(spot, axis=2)
-    back = np.clip(-(start * way).sum(-1) / ((way * way).sum(-1) + _FINE), 0.0, 1.0)
-    near = start + back[..., None] * way
-    away = np.sqrt((near * near).sum(-1))
-    toward = near / np.maximum(away, _FINE)[..., None]
-    when = time[..., :-1] + back * np.diff(time, axis=-1)
-
-    def slopes(direction: Any, moment: Any) -> Any:
-        whole = np.concatenate([direction, direction * moment[..., None]], axis=-1)
-        return whole * half.reshape(len(half), *(1,) * (whole.ndim - 2), 4)
-
-    best = away.argmin(axis=-1)[..., None]
-    least = np.take_along_axis(away, best, -1)
-    moment = np.take_along_axis(when, best, -1)
-    chosen = slopes(np.take_along_axis(toward, best[..., None], -2), moment)  # [N, 22, 1, 4]
+    chords = _Chords.of(seen, middle)
+    nearest = _Nearest.of(chords)
+    best = nearest.away.argmin(axis=-1)[..., None]
+    least = np.take_along_axis(nearest.away, best, -1)
+    moment = np.take_along_axis(nearest.when, best, -1)
+    toward = np.take_along_axis(nearest.toward, best[..., None], -2)
+    chosen = _slopes(toward, moment, half)  # [N, 22, 1, 4]
     below = [
         least
-        - (toward * spot[:, :, ends]).sum(-1)
-        + np.abs(chosen - slopes(toward, time[..., ends])).sum(-1)
+        - (nearest.toward * chords.place[:, :, ends]).sum(-1)
+        + np.abs(chosen - _slopes(nearest.toward, chords.time[..., ends], half)).sum(-1)
         for ends in (slice(None, -1), slice(1, None))
     ]
     under = np.maximum(np.maximum(*below).max(axis=-1), 0.0)
@@ -248,6 +283,14 @@ def _min_separation(seen: Scene, middle: Any, half: Any) -> Form:
     moved, least, chosen = (moved * moved).sum(-1), least[..., 0], chosen[:, :, 0]
     over = np.minimum(0.5 * moved / np.maximum(least, _FINE), 2.0 * np.sqrt(moved)) + _SOFTENED
     return Form(least + 0.5 * (over - under), chosen, 0.5 * (over + under))
+
+
+def _slopes(direction: Array, moment: Array, half: Array) -> Array:
+    """Return by how much the distance in a direction, ``[N, ..., 2]``, at a moment, ``[N, ...]``,
+    grows with each half width of the box, ``[N, 4]``: ``[N, ..., 4]``.
+    """
+    whole = np.concatenate([direction, direction * moment[..., None]], axis=-1)
+    return whole * half.reshape(len(half), *(1,) * (whole.ndim - 2), 4)
 
 
 def _advice(clearance: Form, seen: Scene) -> list[Form]:
@@ -281,15 +324,19 @@ def _advice(clearance: Form, seen: Scene) -> list[Form]:
     return [most, _mean(throttles, least, greatest), _mean(steering, least, greatest)]
 
 
-def _mean(values: Any, least: Any, greatest: Any) -> Form:
+def _mean(values: Array, least: Array, greatest: Array) -> Form:
     """Return the mean of values ``[N, M]`` with weights between bounds: it is greatest with a
     threshold of values.
     """
+    return Form.between(
+        -_greatest_mean(-values, least, greatest), _greatest_mean(values, least, greatest)
+    )
 
-    def highest(values: Any) -> Any:
-        weight = np.where(
-            values[:, None] >= values[:, :, None], greatest[:, None], least[:, None]
-        )  # of each threshold
-        return ((weight * values[:, None]).sum(-1) / weight.sum(-1)).max(axis=-1)
 
-    return Form.between(-highest(-values), highest(values))
+def _greatest_mean(values: Array, least: Array, greatest: Array) -> Array:
+    """Return the greatest mean, ``[N]``: values from a threshold on have their greatest weight, the
+    others their least.
+    """
+    beyond = values[:, None] >= values[:, :, None]  # of each threshold
+    weight = np.where(beyond, greatest[:, None], least[:, None])
+    return ((weight * values[:, None]).sum(-1) / weight.sum(-1)).max(axis=-1)

@@ -4,9 +4,10 @@ place.
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -46,16 +47,13 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
     figure = Figure(figsize=(8.2, 3.7 * rows + 2.2), layout="constrained")
     axes = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
     full = math.degrees(limits.yaw_rate_max)
-    turns: Any = (
-        "turn rate, deg/s",
-        _TURN,
-        TwoSlopeNorm(0.0, -full, full),
-        ("right", "left"),
+    span = limits.acceleration_min, limits.acceleration_max
+    commands = (
+        _Command("turn rate, deg/s", _TURN, (-full, full), ("right", "left")),
+        _Command("acceleration, m/s²", _SPEED, span, ("brake", "accelerate")),
     )
-    scale = TwoSlopeNorm(0.0, limits.acceleration_min, limits.acceleration_max)
-    speeds: Any = "acceleration, m/s²", _SPEED, scale, ("brake", "accelerate")
-    for column, command in zip(axes.T, (turns, speeds), strict=True):
-        _column(figure, column, advisories, aircraft, *command)
+    for column, command in zip(axes.T, commands, strict=True):
+        _draw_column(figure, column, advisories, aircraft, command)
     for (left, _), advisory in zip(axes, advisories, strict=True):
         heading = advisory.scene.relative_heading
         left.set_title(
@@ -77,37 +75,47 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
     return figure
 
 
-def _column(
+class _Command(NamedTuple):
+    """How one of the two commands is drawn."""
+
+    label: str
+    colours: LinearSegmentedColormap
+    span: tuple[float, float]  # its least and greatest value
+    ends: tuple[str, str]  # what these mean
+
+
+def _draw_column(
     figure: Figure,
-    panels: Sequence[Any],
+    panels: Sequence[Axes],
     advisories: Sequence[Advisory],
     aircraft: Aircraft,
-    label: str,
-    colours: LinearSegmentedColormap,
-    norm: Any,
-    ends: tuple[str, str],
+    command: _Command,
 ) -> None:
     """Draw one of the two commands, a panel for each map, under the scale of its colours."""
+    low, high = command.span
+    norm = TwoSlopeNorm(0.0, low, high)
     for panel, advisory in zip(panels, advisories, strict=True):
         edge = _KM * advisory.extent
-        values = np.degrees(advisory.yaw_rate) if colours is _TURN else advisory.acceleration
-        place: Any = {
-            "extent": (-edge, edge, -edge, edge),
-            "origin": "lower",
-            "interpolation": "nearest",
-        }
-        panel.imshow(values, cmap=colours, norm=norm, **place)
-        _geometry(panel, advisory, aircraft)
+        turns = command.colours is _TURN
+        panel.imshow(
+            np.degrees(advisory.yaw_rate) if turns else advisory.acceleration,
+            cmap=command.colours,
+            norm=norm,
+            extent=(-edge, edge, -edge, edge),
+            origin="lower",
+            interpolation="nearest",
+        )
+        _draw_geometry(panel, advisory, aircraft)
     bar = figure.colorbar(
         panels[0].images[0], ax=list(panels), location="top", aspect=26.0, pad=0.015
     )
-    low, high = norm.vmin, norm.vmax
     ticks = [low, 0.5 * low, 0.0, 0.5 * high, high]
     bar.set_ticks(ticks, labels=[f"{abs(tick):g}" for tick in ticks])
-    bar.set_label(f"{ends[0]} \N{LEFTWARDS ARROW} {label} \N{RIGHTWARDS ARROW} {ends[1]}")
+    least, greatest = command.ends
+    bar.set_label(f"{least} \N{LEFTWARDS ARROW} {command.label} \N{RIGHTWARDS ARROW} {greatest}")
 
 
-def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
+def _draw_geometry(axes: Axes, advisory: Advisory, aircraft: Aircraft) -> None:
     """Draw the aircraft, the required separation, the conflicts on straight courses and the
     goal.
     """
@@ -118,26 +126,17 @@ def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
     axes.add_patch(
         Circle((0.0, 0.0), radius, fill=False, edgecolor="black", path_effects=_HALO, **_RING)
     )
+    place = (-0.62 * edge, 0.62 * edge)
     east, north = relative_velocity(scene)
     speed = math.hypot(east, north)
-    place = (-0.62 * edge, 0.62 * edge)
     if speed > _SLOW * aircraft.limits.speed_max:
-        # From here straight courses lead into the circle.
         back = np.array([-east, -north]) / speed
-        for side in (-1.0, 1.0):
-            foot = side * radius * np.array([-back[1], back[0]])
-            ends = np.stack([foot, foot + 3.0 * edge * back])
-            axes.plot(*ends.T, color="black", path_effects=_HALO, **_EDGE)
-        place = tuple(0.66 * edge / max(abs(back)) * back)
-    own, intruder = (
-        (0.0, scene.own_speed, "own"),
-        (scene.relative_heading, scene.intruder_speed, "intruder"),
-    )
-    for start, (heading, speed, name) in (((0.0, 0.0), own), (place, intruder)):
-        way = _KM * _WAY * aircraft.time_unit * speed
-        arrow(
-            axes, start, heading + math.pi / 2.0, way, name, xytext=(6.0, -11.0), path_effects=_HALO
-        )
+        _draw_conflicts(axes, back, radius, 3.0 * edge)
+        x, y = 0.66 * edge / max(abs(back)) * back
+        place = (x, y)
+    _draw_aircraft(axes, (0.0, 0.0), 0.0, scene.own_speed, "own", aircraft)
+    heading = scene.relative_heading
+    _draw_aircraft(axes, place, heading, scene.intruder_speed, "intruder", aircraft)
     goal = np.array([-math.sin(scene.goal_bearing), math.cos(scene.goal_bearing)])
     tick = edge / max(abs(goal)) * np.stack([0.92 * goal, goal]).T
     axes.plot(
@@ -149,6 +148,30 @@ def _geometry(axes: Any, advisory: Advisory, aircraft: Aircraft) -> None:
         zorder=5.0,
     )
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
+
+
+def _draw_conflicts(axes: Axes, back: np.ndarray, radius: float, length: float) -> None:
+    """Draw the edges, of some length, km, from between which straight courses lead into the circle;
+    ``back`` is where the intruder comes from, a unit vector.
+    """
+    for side in (-1.0, 1.0):
+        foot = side * radius * np.array([-back[1], back[0]])
+        ends = np.stack([foot, foot + length * back])
+        axes.plot(*ends.T, color="black", path_effects=_HALO, **_EDGE)
+
+
+def _draw_aircraft(
+    axes: Axes,
+    place: tuple[float, float],
+    heading: float,
+    speed: float,
+    name: str,
+    aircraft: Aircraft,
+) -> None:
+    """Draw an aircraft at a place of the axes, km, by its heading, rad from up, and speed, m/s."""
+    way = _KM * _WAY * aircraft.time_unit * speed
+    direction = heading + math.pi / 2.0
+    arrow(axes, place, direction, way, name, xytext=(6.0, -11.0), path_effects=_HALO)
 
 
 def _handles(aircraft: Aircraft) -> list[Line2D]:

@@ -6,23 +6,23 @@ the derived inputs (:mod:`eval.policy_map.enclosure`) prove that there are none.
 either is cut in two, up to a depth.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.policy.inference import Policy
 from agents.policy.set_features import TABLE
 from envs.aircraft import ratios
+from envs.arrays import Array
 from envs.kinematics import VehicleState
-from eval.policy_map.enclosure import Form, derived_inputs, line_along
+from eval.policy_map.enclosure import Curve, Form, derived_inputs, line_along
 
 VERIFIED, COUNTEREXAMPLE, OPEN = 0, 1, 2
 
 _OWN = TABLE.own_size  # numbers that describe the ownship
 
-_ROUNDING = (
-    1e-3  # of an action: the policy flies in single precision, the bounds are of exact numbers
-)
+# of an action: the policy flies in single precision, the bounds are of exact numbers
+_ROUNDING = 1e-3
 _SAMPLES = 64  # exact scenes of a box, half of them corners
 _TIE = 1e-6  # more than what counts as on the line to the goal (agents.policy.scene)
 _TOGETHER = 16  # boxes whose matrices stay in cache
@@ -33,9 +33,9 @@ class Scenes(NamedTuple):
     greatest speeds V.
     """
 
-    pace: Any  # own speed, [N]
-    goal: Any  # x and y, [N, 2]
-    state: Any  # x, y, vx, vy of the intruder, velocity over the ground, [N, 4]
+    pace: Array  # own speed, [N]
+    goal: Array  # x and y, [N, 2]
+    state: Array  # x, y, vx, vy of the intruder, velocity over the ground, [N, 4]
 
 
 def answers(policy: Policy, scenes: Scenes) -> np.ndarray:
@@ -52,7 +52,14 @@ def answers(policy: Policy, scenes: Scenes) -> np.ndarray:
 
 
 def decide(
-    policy: Policy, scenes: Scenes, half: Any, side: Any, *, allowed: float, depth: int, seed: int
+    policy: Policy,
+    scenes: Scenes,
+    half: Array,
+    side: Array,
+    *,
+    allowed: float,
+    depth: int,
+    seed: int,
 ) -> np.ndarray:
     """Return of each scene whether the policy can turn to a side within an error of the intruder's
     state, ``[N]``.
@@ -61,49 +68,69 @@ def decide(
     up to ``allowed`` of the greatest yaw rate counts as none; a box is cut in two up to ``depth``
     times; the seed is of the sample.
     """
-    found = np.where(
-        _greatest_sampled_turn(policy, scenes, half, side, seed) > allowed, COUNTEREXAMPLE, VERIFIED
-    )
+    sampled = _greatest_sampled_turn(policy, scenes, half, side, seed)
+    found = np.where(sampled > allowed, COUNTEREXAMPLE, VERIFIED)
     network = layers(policy)
-    index = np.tile(np.flatnonzero(found == VERIFIED), 2)
-    sign = np.repeat([1.0, -1.0], len(index) // 2)
-    queue = _Boxes(index, scenes.state[index], np.tile(half, (len(index), 1)), sign, 0 * index)
+    queue = _Boxes.about(scenes, np.flatnonzero(found == VERIFIED), half)
     while len(queue.index):
         # The deepest first: a box that stays open ends the work on its scene.
         order = np.argsort(-queue.cuts, kind="stable")
         queue, now = queue.of(order[_TOGETHER:]), queue.of(order[:_TOGETHER])
-        goal = scenes.goal[now.index]
-        cross = now.sign * (goal[:, 0] * now.middle[:, 1] - goal[:, 1] * now.middle[:, 0])
-        spread = np.abs(goal[:, 0]) * now.size[:, 1] + np.abs(goal[:, 1]) * now.size[:, 0]
-        now = now.of(cross + spread >= -_TIE)  # else nothing of the box is mirrored so
+        now = now.of(now.mirrored_so(scenes.goal[now.index]))
         seen = Scenes(scenes.pace[now.index], scenes.goal[now.index], now.middle)
         turn, weight = turns_of(network, _inputs(policy, seen, now.size, now.sign))
         turn = turn.line(now.sign * side[now.index], 0.0)
         doubtful = ~(turn.ends[1] <= allowed - _ROUNDING)  # inverted for nan
         now, weight = now.of(doubtful), weight[doubtful]
         found[now.index[now.cuts >= depth]] = OPEN
-        shift = 0.5 * now.size * np.eye(4)[weight.argmax(axis=-1)]
-        now = now._replace(size=now.size - shift, cuts=now.cuts + 1)
-        halves = (now._replace(middle=now.middle + way * shift) for way in (-1, 1))
-        queue = _Boxes(*(np.concatenate(fields) for fields in zip(queue, *halves, strict=True)))
+        queue = queue.join(*now.halves(weight))
         queue = queue.of(found[queue.index] == VERIFIED)
     return found
 
 
 class _Boxes(NamedTuple):
-    """Parts of the boxes of scenes, of which nothing is proven yet."""
+    """Parts of the boxes of scenes, of which nothing is proven yet; fields ``[B]``."""
 
-    index: Any
-    middle: Any
-    size: Any
-    sign: Any  # how the scene is mirrored, 1 or -1: both are asked where the box holds both
-    cuts: Any
+    index: Array  # of the scene
+    middle: Array  # of the intruder's x, y, vx, vy, [B, 4]
+    size: Array  # half widths, [B, 4]
+    sign: Array  # how the scene is mirrored, 1 or -1: both are asked where the box holds both
+    cuts: Array  # how often it was cut in two
 
-    def of(self, chosen: Any) -> "_Boxes":
+    @classmethod
+    def about(cls, scenes: Scenes, index: Array, half: Array) -> "_Boxes":
+        """Return the whole boxes of some scenes, each mirrored either way."""
+        both = np.tile(index, 2)
+        size, sign = np.tile(half, (len(both), 1)), np.repeat([1.0, -1.0], len(index))
+        return cls(both, scenes.state[both], size, sign, 0 * both)
+
+    def of(self, chosen: Array) -> "_Boxes":
+        """Return some of the boxes."""
         return _Boxes(*(field[chosen] for field in self))
 
+    def mirrored_so(self, goal: Array) -> Array:
+        """Return which boxes hold scenes that are mirrored so, by their goals ``[B, 2]``, bool
+        ``[B]``.
+        """
+        cross = self.sign * (goal[:, 0] * self.middle[:, 1] - goal[:, 1] * self.middle[:, 0])
+        spread = np.abs(goal[:, 0]) * self.size[:, 1] + np.abs(goal[:, 1]) * self.size[:, 0]
+        return cross + spread >= -_TIE
 
-def box_of(policy: Policy, scenes: Scenes, half: Any) -> tuple[Form, np.ndarray]:
+    def halves(self, weight: Array) -> tuple["_Boxes", "_Boxes"]:
+        """Return the boxes cut in two across the number that weighs most, ``[B, 4]``."""
+        shift = 0.5 * self.size * np.eye(4)[weight.argmax(axis=-1)]
+        smaller = self._replace(size=self.size - shift, cuts=self.cuts + 1)
+        return (
+            smaller._replace(middle=smaller.middle - shift),
+            smaller._replace(middle=smaller.middle + shift),
+        )
+
+    def join(self, *others: "_Boxes") -> "_Boxes":
+        """Return these boxes and others."""
+        return _Boxes(*(np.concatenate(fields) for fields in zip(self, *others, strict=True)))
+
+
+def box_of(policy: Policy, scenes: Scenes, half: Array) -> tuple[Form, np.ndarray]:
     """Return the derived inputs of scenes with an error ``[4]``, and how each is mirrored, 1 or -1,
     at its middle.
     """
@@ -112,7 +139,7 @@ def box_of(policy: Policy, scenes: Scenes, half: Any) -> tuple[Form, np.ndarray]
     return _inputs(policy, scenes, np.tile(half, (len(x), 1)), sign), sign
 
 
-def _inputs(policy: Policy, scenes: Scenes, size: Any, sign: Any) -> Form:
+def _inputs(policy: Policy, scenes: Scenes, size: Array, sign: Array) -> Form:
     flip, limits = np.stack([np.ones_like(sign), sign], axis=-1), policy.limits
     middle = scenes.state * np.tile(flip, 2)
     return derived_inputs(
@@ -127,14 +154,12 @@ def turns_of(network: list[tuple[np.ndarray, np.ndarray]], inputs: Form) -> tupl
     Every layer is bounded by lines back to the inputs (CROWN with parallel lines: a chord of tanh
     and its distances).
     """
-    curves: list[tuple[Any, Any, Any]] = []
+    curves: list[tuple[Array, Array, Array]] = []
     form, size = inputs, np.zeros(0)
     for number, (kernel, bias) in enumerate(network):
-        weights, offset, rest = (
-            np.broadcast_to(kernel.T, (len(inputs.middle), *kernel.T.shape)),
-            bias,
-            0.0,
-        )
+        # From this layer back to the inputs: what it is of them, in the end.
+        weights = np.broadcast_to(kernel.T, (len(inputs.middle), *kernel.T.shape))
+        offset, rest = bias, 0.0
         for (slope, middle, far), (below, shift) in zip(
             curves[::-1], network[:number][::-1], strict=True
         ):
@@ -148,13 +173,12 @@ def turns_of(network: list[tuple[np.ndarray, np.ndarray]], inputs: Form) -> tupl
             _times(size, inputs.rest) + rest,
         )
         if number < len(network) - 1:
-            curves.append(line_along(*form.ends, np.tanh, None, _steepest))
+            curves.append(line_along(*form.ends, _TANH))
             if number == 0:  # what describes the ownship passes the first layer as it is
                 for field, value in zip(curves[0], (1.0, 0.0, 0.0), strict=True):
                     field[:, :_OWN] = value
-    return Form(form.middle[:, 0], form.slopes[:, 0], form.rest[:, 0]), (
-        size @ np.abs(inputs.slopes)
-    )[:, 0]
+    turn = Form(form.middle[:, 0], form.slopes[:, 0], form.rest[:, 0])
+    return turn, (size @ np.abs(inputs.slopes))[:, 0]
 
 
 def layers(policy: Policy) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -173,23 +197,27 @@ def layers(policy: Policy) -> list[tuple[np.ndarray, np.ndarray]]:
     return [(first, np.append(np.zeros(_OWN), bias)), *within, last]
 
 
-def _greatest_sampled_turn(policy: Policy, scenes: Scenes, half: Any, side: Any, seed: int) -> Any:
+def _greatest_sampled_turn(
+    policy: Policy, scenes: Scenes, half: Array, side: Array, seed: int
+) -> Array:
     """Return the greatest turn to the side of the samples, ``[N]``."""
     shifts = np.random.default_rng(seed).uniform(-1.0, 1.0, (len(side), _SAMPLES, 4))
     shifts[:, :16] = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 4), axis=-1).reshape(16, 4)
     shifts[:, 16] = 0.0
     pace, goal = (np.repeat(field, _SAMPLES, axis=0) for field in (scenes.pace, scenes.goal))
-    turns = answers(
-        policy, Scenes(pace, goal, (scenes.state[:, None] + shifts * half).reshape(-1, 4))
-    )
+    states = (scenes.state[:, None] + shifts * half).reshape(-1, 4)
+    turns = answers(policy, Scenes(pace, goal, states))
     return (turns.reshape(-1, _SAMPLES) * side[:, None]).max(axis=-1)
 
 
-def _steepest(slope: Any) -> list[Any]:
+def _steepest(slope: Array) -> list[Array]:
     """Return where tanh has a slope."""
     x = np.arctanh(np.sqrt(np.clip(1.0 - slope, 0.0, 1.0 - 1e-15)))
     return [x, -x]
 
 
-def _times(matrix: Any, vector: Any) -> Any:
+_TANH = Curve(np.tanh, _steepest)
+
+
+def _times(matrix: Array, vector: Array) -> Array:
     return (matrix @ vector[..., None])[..., 0]
