@@ -16,12 +16,13 @@ the grid, which ``eval.boundary`` measures by halving it.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import leg_separation
 
@@ -29,19 +30,17 @@ CAP = 1.4  # values above this many separations are cut off: they say nothing ab
 # Turns right, none, left; strongest deceleration and acceleration (their mixture stands for all
 # between).
 _CONTROLS = tuple((turn, thrust) for turn in (-1, 0, 1) for thrust in (0, 1))
-_TOLERANCE, _MOST_SWEEPS = (
-    2e-5,
-    100,
-)  # no value near the separation changes by more in the last sweep, separations
+_TOLERANCE = 2e-5  # separations; no value near the separation changes by more in the last sweep
+_MOST_SWEEPS = 100
 
 
 class Grid(NamedTuple):
     """Nodes of the state; the other half of the headings is the mirror image."""
 
-    x: Any  # ownship less intruder along the intruder's course, m, [X]
-    y: Any  # the same to the left of it, m, [Y]; symmetric about 0
-    heading: Any  # own heading less the intruder's, rad from 0 to pi, [P]
-    speed: Any  # own speed, m/s, [S]
+    x: Array  # ownship less intruder along the intruder's course, m, [X]
+    y: Array  # the same to the left of it, m, [Y]; symmetric about 0
+    heading: Array  # own heading less the intruder's, rad from 0 to pi, [P]
+    speed: Array  # own speed, m/s, [S]
     dt: float  # time step, s
 
 
@@ -49,7 +48,7 @@ class Solution(NamedTuple):
     """A value function and what it is the value of."""
 
     grid: Grid
-    value: Any  # largest separation that can be kept, m, [P, S, X, Y], float32
+    value: Array  # largest separation that can be kept, m, [P, S, X, Y], float32
     limits: Limits
     intruder_speed: float  # m/s
     separation: float  # m
@@ -71,16 +70,13 @@ def make_grid(
         raise ValueError(
             f"dt is {dt:g} s; expected a whole part of a half turn of {half_turn * dt:g} s"
         )
-    fast, slow = (
-        _time_aside(speed, limits.yaw_rate_max, separation)
-        for speed in (limits.speed_max, limits.speed_min)
-    )
+    fast = _time_aside(limits.speed_max, limits.yaw_rate_max, separation)
+    slow = _time_aside(limits.speed_min, limits.yaw_rate_max, separation)
     clear = 1.1 * separation + max(limits.speed_max * fast, limits.speed_min * slow)
     ahead = clear + intruder_speed * slow
-    x, y = (
-        cell * np.arange(-math.ceil(clear / cell), math.ceil(end / cell) + 1)
-        for end in (ahead, clear)
-    )
+    first = -math.ceil(clear / cell)
+    x = cell * np.arange(first, math.ceil(ahead / cell) + 1)
+    y = cell * np.arange(first, -first + 1)
     heading = np.linspace(0.0, math.pi, round(half_turn) + 1)
     span = limits.speed_max - limits.speed_min
     speeds = max(round(span / (limits.acceleration_max * dt)), 1) + 1 if span else 1
@@ -114,7 +110,7 @@ def solve(grid: Grid, limits: Limits, intruder_speed: float, separation: float) 
     )
 
 
-def value_at(solution: Solution, x: Any, y: Any, heading: float, speed: float) -> Any:
+def value_at(solution: Solution, x: Array, y: Array, heading: float, speed: float) -> Array:
     """Return the value at states between the nodes, m, ``[...]``, by one more time step from there.
 
     That keeps the ridge sharp on which two ways out are equally good; interpolating the value
@@ -149,14 +145,14 @@ class _Step(NamedTuple):
     """
 
     turn: int
-    shift: Any  # relative displacement, m, [P, S, 2]
+    shift: Array  # relative displacement, m, [P, S, 2]
     # node of speed at or below the new speed, [S], and the part of the way from there to the next,
     # [S]
-    low: Any
-    part: Any
+    low: Array
+    part: Array
     # closest approach during the step from the nodes of a box around the intruder, m, [P, S, B, C],
     # float32
-    near: Any
+    near: Array
     box: tuple[slice, slice]
 
 
@@ -184,14 +180,14 @@ def _step(
     return _Step(turn, shift, low, part, near, box)
 
 
-def _intruder(zero: Any, speed: float, dt: float) -> tuple[VehicleState, VehicleState]:
+def _intruder(zero: Array, speed: float, dt: float) -> tuple[VehicleState, VehicleState]:
     there = VehicleState(zero, zero, zero, zero + speed)
     return there, there._replace(x=zero + speed * dt)
 
 
 def _backup(
-    value: Any, index: tuple[int, ...], steps: list[_Step], cell: float, margin: int
-) -> Any:
+    value: Array, index: tuple[int, ...], steps: list[_Step], cell: float, margin: int
+) -> Array:
     """Return new values of one heading and speed, ``[X, Y]``, from values with a margin, ``[P, S,
     X', Y']``.
     """
@@ -213,7 +209,7 @@ def _backup(
     return best
 
 
-def _interpolate(solution: Solution, x: Any, y: Any, heading: float, speed: float) -> Any:
+def _interpolate(solution: Solution, x: Array, y: Array, heading: float, speed: float) -> Array:
     """Return the value interpolated in all of the state, m, ``[...]``; the cap beyond the grid."""
     grid, zero = solution.grid, 0.0 * x
     nodes = ((abs(heading), grid.heading), (speed, grid.speed))
@@ -223,7 +219,7 @@ def _interpolate(solution: Solution, x: Any, y: Any, heading: float, speed: floa
     return map_coordinates(solution.value, places, order=1, cval=CAP * solution.separation)
 
 
-def _place(where: float, nodes: Any) -> tuple[int, float]:
+def _place(where: float, nodes: Array) -> tuple[int, float]:
     """Return the node at or below a place and the part of the way from it to the next, 0 if it is
     on the node.
     """
@@ -232,7 +228,7 @@ def _place(where: float, nodes: Any) -> tuple[int, float]:
     return int(place), float(place - int(place))
 
 
-def _between(pair: Any, part: float) -> Any:
+def _between(pair: Array, part: float) -> Array:
     low, high = pair
     return low + np.float32(part) * (high - low)
 
@@ -243,7 +239,9 @@ def _fold(index: int, count: int) -> tuple[bool, int]:
 
 
 def _time_aside(speed: float, yaw_rate: float, separation: float) -> float:
-    """Return how long it takes to move aside by the separation in a turn at full rate and on, s."""
+    """Return how long it takes at a speed, m/s, to move aside by the separation, m, in a turn at
+    full rate, rad/s, and straight on, s.
+    """
     radius = speed / yaw_rate
     turning = math.acos(max(1.0 - separation / radius, 0.0)) / yaw_rate
     return turning + max(separation - radius, 0.0) / speed

@@ -5,6 +5,7 @@ The frame is the ownship's at the start, x ahead and y to the left.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from agents.resolvability.classify import Verdict, classify
 from envs.aircraft import Aircraft
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.encounters import Encounter
 from envs.intruder import Intent
 from envs.kinematics import Limits, VehicleState, advance
@@ -21,9 +23,8 @@ from eval.boundary.grid import Solution, value_at
 # Lengths in separations.
 # the goal straight ahead: far beyond the conflict, near enough to be reached after any escape
 _GOAL_AHEAD = 12.0
-_NEAR = (
-    0.1  # values within this of the separation are near the boundary: there the errors are measured
-)
+# values within this of the separation are near the boundary: there the errors are measured
+_NEAR = 0.1
 _CLOSE = 0.02  # values within this of it are asked for on the finer raster
 _MAP = 0.025  # distance of the points of the map
 _FINER = 5  # how many times finer that raster is
@@ -53,19 +54,19 @@ class Answers(NamedTuple):
     """Both answers on a slice; points ``[M]``, the map ``[A, B]``."""
 
     slice: Slice
-    x: Any  # where the intruder starts, m; first the raster, then the finer one near the boundary
-    y: Any
-    on_raster: Any  # whether a point is of the first raster, bool
-    value: Any  # separation that can be kept by the fine grid, m
-    rough: Any  # the same by the coarse grid, m
-    verdict: Any  # of agents.resolvability.classify
-    flown: Any  # separation of the best extremal flight, m; nan where none was flown
-    map_x: Any  # [A], m
-    map_y: Any  # [B], m
-    map_value: Any  # by the fine grid, m, [A, B]
+    x: Array  # where the intruder starts, m; first the raster, then the finer one near the boundary
+    y: Array
+    on_raster: Array  # whether a point is of the first raster, bool
+    value: Array  # separation that can be kept by the fine grid, m
+    rough: Array  # the same by the coarse grid, m
+    verdict: Array  # of agents.resolvability.classify
+    flown: Array  # separation of the best extremal flight, m; nan where none was flown
+    map_x: Array  # [A], m
+    map_y: Array  # [B], m
+    map_value: Array  # by the fine grid, m, [A, B]
 
 
-def values_at(solution: Solution, cut: Slice, x: Any, y: Any) -> Any:
+def values_at(solution: Solution, cut: Slice, x: Array, y: Array) -> Array:
     """Return the value where the intruder starts at (x, y), m, ``[...]``."""
     cosine, sine = math.cos(cut.heading), math.sin(cut.heading)
     relative = float(wrap(np.float64(-cut.heading), np))
@@ -74,7 +75,7 @@ def values_at(solution: Solution, cut: Slice, x: Any, y: Any) -> Any:
     )
 
 
-def encounters_at(cut: Slice, x: Any, y: Any, aircraft: Aircraft) -> Encounter:
+def encounters_at(cut: Slice, x: Array, y: Array, aircraft: Aircraft) -> Encounter:
     """Return encounters ``[M]`` with the ownship at the origin and one straight intruder at (x, y)
     each.
     """
@@ -103,24 +104,44 @@ def judge(
     """
     limits, separation = aircraft.limits, aircraft.separation
     map_x, map_y = _surroundings(cut, coarse, separation)
-    map_value = values_at(fine, cut, *np.meshgrid(map_x, map_y, indexing="ij"))
     wide = _raster(map_x, map_y, spacing)
     dense = _raster(map_x, map_y, spacing / _FINER)
     close = np.abs(values_at(fine, cut, *dense) - separation) < _CLOSE * separation
     x, y = (np.concatenate([a, b[close]]) for a, b in zip(wide, dense, strict=True))
-    value, rough = values_at(fine, cut, x, y), values_at(coarse, cut, x, y)
-    judged = classify(encounters_at(cut, x, y, aircraft), aircraft.rules(), limits)
+    value = values_at(fine, cut, x, y)
+    verdict = classify(encounters_at(cut, x, y, aircraft), aircraft.rules(), limits).verdict
+    return Answers(
+        slice=cut,
+        x=x,
+        y=y,
+        on_raster=np.arange(x.size) < wide[0].size,
+        value=value,
+        rough=values_at(coarse, cut, x, y),
+        verdict=verdict,
+        flown=_fly_some(cut, x, y, value, verdict, aircraft),
+        map_x=map_x,
+        map_y=map_y,
+        map_value=values_at(fine, cut, *np.meshgrid(map_x, map_y, indexing="ij")),
+    )
+
+
+def _fly_some(
+    cut: Slice, x: Array, y: Array, value: Array, verdict: Array, aircraft: Aircraft
+) -> Array:
+    """Return the separation of the best extremal flight, m, at some points near the boundary and at
+    all undecided ones there, nan elsewhere, ``[M]``.
+    """
+    limits, separation = aircraft.limits, aircraft.separation
     near = _near(x, y, value, separation)
-    few = np.flatnonzero(near)[:: max(math.ceil(np.sum(near) / _FLOWN), 1)]
-    few = np.union1d(few, np.flatnonzero(near & (judged.verdict == Verdict.UNDECIDED)))
+    some = np.flatnonzero(near)[:: max(math.ceil(np.sum(near) / _FLOWN), 1)]
+    some = np.union1d(some, np.flatnonzero(near & (verdict == Verdict.UNDECIDED)))
     # By then the closest approach of any escape is over.
     horizon = math.pi / limits.yaw_rate_max * 0.5 + separation / limits.speed_min
-    flown = np.full(x.size, np.nan)
-    flown[few] = best_separation(
-        cut.own_speed, cut.heading, cut.intruder_speed, x[few], y[few], limits, horizon
+    found = np.full(x.size, np.nan)
+    found[some] = best_separation(
+        cut.own_speed, cut.heading, cut.intruder_speed, x[some], y[some], limits, horizon
     )
-    raster = np.arange(x.size) < wide[0].size
-    return Answers(cut, x, y, raster, value, rough, judged.verdict, flown, map_x, map_y, map_value)
+    return found
 
 
 def compare(answers: Answers, separation: float, spacing: float) -> dict[str, Any]:
@@ -131,17 +152,12 @@ def compare(answers: Answers, separation: float, spacing: float) -> dict[str, An
     differs there from the best flight that was flown, if that is more: either alone can be small by
     chance.
     """
-    excess = answers.value - separation
-    near = _near(answers.x, answers.y, answers.value, separation)
-    halving = float(np.max(np.abs(answers.rough - answers.value), where=near, initial=0.0))
-    off = (answers.value - answers.flown)[np.isfinite(answers.flown)]
-    error = max(halving, float(np.max(np.abs(off), initial=0.0)))
-    verdicts = Verdict.RESOLVABLE, Verdict.UNRESOLVABLE, Verdict.UNDECIDED
-    won, lost, undecided = (answers.verdict == verdict for verdict in verdicts)
-    cell, map_cell = (
-        (spacing / 1_000.0) ** 2,
-        (float(answers.map_x[1] - answers.map_x[0]) / 1_000.0) ** 2,
-    )
+    excess, error = answers.value - separation, _grid_error(answers, separation)
+    won = answers.verdict == Verdict.RESOLVABLE
+    lost = answers.verdict == Verdict.UNRESOLVABLE
+    undecided = answers.verdict == Verdict.UNDECIDED
+    cell = (spacing / 1_000.0) ** 2
+    map_cell = (float(answers.map_x[1] - answers.map_x[0]) / 1_000.0) ** 2
     return {
         "name": answers.slice.name,
         "own_speed_mps": answers.slice.own_speed,
@@ -165,16 +181,25 @@ def compare(answers: Answers, separation: float, spacing: float) -> dict[str, An
     }
 
 
-def _end(end: Any, values: Any) -> float | None:
+def _grid_error(answers: Answers, separation: float) -> float:
+    """Return the grid's error near the boundary, m."""
+    near = _near(answers.x, answers.y, answers.value, separation)
+    halving = float(np.max(np.abs(answers.rough - answers.value), where=near, initial=0.0))
+    off = (answers.value - answers.flown)[np.isfinite(answers.flown)]
+    return max(halving, float(np.max(np.abs(off), initial=0.0)))
+
+
+def _end(end: Callable[[Array], Array], values: Array) -> float | None:
+    """Return the least or the greatest of some values, None where there are none."""
     return float(end(values)) if values.size else None
 
 
-def _near(x: Any, y: Any, value: Any, separation: float) -> Any:
+def _near(x: Array, y: Array, value: Array, separation: float) -> Array:
     """Return which points are near the boundary and do not start in violation, bool ``[M]``."""
     return (np.abs(value - separation) < _NEAR * separation) & (np.hypot(x, y) >= separation)
 
 
-def _surroundings(cut: Slice, solution: Solution, separation: float) -> tuple[Any, Any]:
+def _surroundings(cut: Slice, solution: Solution, separation: float) -> tuple[Array, Array]:
     """Return axes about all that is lost on a slice, with room around it, m."""
     reach, cell, room = float(np.max(np.abs(solution.grid.x))), _MAP * separation, 0.4 * separation
     axis = np.arange(-reach, reach, 2.0 * cell)
@@ -186,7 +211,7 @@ def _surroundings(cut: Slice, solution: Solution, separation: float) -> tuple[An
     )
 
 
-def _raster(map_x: Any, map_y: Any, spacing: float) -> tuple[Any, Any]:
+def _raster(map_x: Array, map_y: Array, spacing: float) -> tuple[Array, Array]:
     """Return the points of a raster through the origin within the map, m, ``[M]`` each."""
     axes = (
         spacing * np.arange(math.ceil(a[0] / spacing), math.floor(a[-1] / spacing) + 1)
@@ -200,11 +225,11 @@ def best_separation(
     own_speed: float,
     intruder_heading: float,
     intruder_speed: float,
-    x: Any,
-    y: Any,
+    x: Array,
+    y: Array,
     limits: Limits,
     horizon: float,
-) -> Any:
+) -> Array:
     """Return the largest smallest distance of any flight of a fan within a horizon (s), m, ``[M]``:
     a lower bound.
 
@@ -216,11 +241,9 @@ def best_separation(
     step = _TURN / limits.yaw_rate_max
     own_x, own_y = _fan(own_speed, limits, step, math.ceil(horizon / step))
     time = step * np.arange(own_x.shape[1])
-    vx, vy = (
-        intruder_speed * math.cos(intruder_heading),
-        intruder_speed * math.sin(intruder_heading),
-    )
-    left, over = ((own - v * time).astype(np.float32) for own, v in ((own_x, vx), (own_y, vy)))
+    vx = intruder_speed * math.cos(intruder_heading)
+    vy = intruder_speed * math.sin(intruder_heading)
+    left, over = (own_x - vx * time).astype(np.float32), (own_y - vy * time).astype(np.float32)
     chord_x, chord_y = np.diff(left), np.diff(over)
     length = np.maximum(chord_x * chord_x + chord_y * chord_y, np.float32(1e-6))
     best = np.empty(np.shape(x))
@@ -236,7 +259,7 @@ def best_separation(
     return best
 
 
-def _fan(speed: float, limits: Limits, step: float, count: int) -> tuple[Any, Any]:
+def _fan(speed: float, limits: Limits, step: float, count: int) -> tuple[Array, Array]:
     """Return the positions of all flights at times 0, step, 2 step, ..., m, ``[F, T + 1]``."""
     course, switch = (grid.ravel() for grid in np.meshgrid(_COURSES, _SWITCHES))
     zero = np.zeros(course.size)

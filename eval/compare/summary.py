@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eval.compare.resolvers import REFERENCE, WITNESS, Entry
@@ -133,18 +134,26 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
     witness = "path_excess_over_witness_mean" in summary["entries"][0]
     names = ["", "success", "resolvable *", "violation", "time-out", "risk ratio **", "path excess"]
     names += ["over witness", "difference", "p"] if witness else ["difference", "p"]
-    rows = [
-        (
-            row["name"],
-            *(percent(row[key]) for key in _RATES),
-            _format_rate(row["risk_ratio"], "{:.4f} [{:.4f}, {:.4f}]", 1.0),
-            _format_rate(row["path_excess_mean"], "{:.2f} %"),
-            *([_format_rate(row["path_excess_over_witness_mean"], "{:+.2f}")] if witness else []),
-            _format_rate(row["difference"], "{:+.2f} [{:+.2f}, {:+.2f}]"),
-            f"{row['difference']['mcnemar_exact_p']:.2g}" if row["difference"] else "-",
-        )
-        for row in summary["entries"]
-    ]
+    rows = [_cells(row, witness=witness) for row in summary["entries"]]
+    files = "compare.png, compare.svg, config.yaml, encounters.parquet, summary.json"
+    notes = [*_notes(summary, witness=witness), f"files: {folder}: {files}"]
+    print_table(title, names, rows, notes, 240)
+
+
+def _cells(row: Mapping[str, Any], *, witness: bool) -> list[str]:
+    """Return the cells of an entry; ``witness``: one takes part."""
+    cells = [row["name"], *(percent(row[key]) for key in _RATES)]
+    cells.append(_format_rate(row["risk_ratio"], "{:.4f} [{:.4f}, {:.4f}]", 1.0))
+    cells.append(_format_rate(row["path_excess_mean"], "{:.2f} %"))
+    if witness:
+        cells.append(_format_rate(row["path_excess_over_witness_mean"], "{:+.2f}"))
+    cells.append(_format_rate(row["difference"], "{:+.2f} [{:+.2f}, {:+.2f}]"))
+    p = row["difference"] and row["difference"]["mcnemar_exact_p"]
+    return [*cells, "-" if p is None else f"{p:.2g}"]
+
+
+def _notes(summary: Mapping[str, Any], *, witness: bool) -> list[str]:
+    """Return what stands below the table."""
     level = f"{100.0 * summary['confidence']:g} %"
     notes = [
         f"in brackets: {level} intervals (Clopper-Pearson, of differences Tango's, of ratios a "
@@ -156,8 +165,8 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
     if witness:
         notes += [
             "witness: the shortest flight known to resolve each encounter, found knowing the "
-            "intruders' future: no "
-            "resolver, but a mark; where none is known it flies on as none does",
+            "intruders' future: no resolver, but a mark; where none is known it flies on as none "
+            "does",
             "over witness: path excess less the witness's, in points, where both succeed",
         ]
     if summary["weighted"]:
@@ -166,10 +175,7 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         )
     notes += lines_about(summary)
     warnings = ((row["name"], row["risk_ratio"]["warnings"]) for row in summary["entries"])
-    notes += sorted(f"{name}: {warning}" for name, said in warnings for warning in said)
-    files = "compare.png, compare.svg, config.yaml, encounters.parquet, summary.json"
-    notes.append(f"files: {folder}: {files}")
-    print_table(title, names, rows, notes, 240)
+    return notes + sorted(f"{name}: {one}" for name, found in warnings for one in found)
 
 
 def _format_rate(found: Mapping[str, Any] | None, form: str, unit: float = 100.0) -> str:
@@ -183,41 +189,14 @@ def draw(summary: Mapping[str, Any]) -> Figure:
     on top.
     """
     rows = summary["entries"]
-    # A mark, not a resolver: the figure alone must say so.
-    names = [
-        f"{row['name']} (knows the future)" if row["kind"] == WITNESS else row["name"]
-        for row in rows
-    ]
-    colours = [GREY if row["kind"] == WITNESS else BLUE for row in rows]
-    places = list(range(len(rows)))
     figure = Figure(figsize=(11.0, 1.7 + 0.42 * len(rows)), layout="constrained")
     ends, apart, cost = figure.subplots(1, 3, sharey=True, width_ratios=(1.5, 1.0, 0.8))
-    left = np.zeros(len(rows))
-    for key, colour in (("success", SKY), ("timeout", ORANGE), ("violation", VERMILION)):
-        part = 100.0 * np.array([row[f"{key}_rate"]["value"] for row in rows])
-        ends.barh(
-            places,
-            part,
-            left=left,
-            color=colour,
-            label=key.replace("timeout", "time-out"),
-            height=0.7,
-        )
-        left += part
-    ends.set_yticks(places, names)
-    ends.invert_yaxis()
-    ends.set(xlim=(0.0, 100.0), xlabel="share of encounters, %")
-    ends.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-
-    zero = {"low": 0.0, "value": 0.0, "high": 0.0}
-    for place, row, colour in zip(places, rows, colours, strict=True):
-        for axes, found in ((apart, row["difference"] or zero), (cost, row["path_excess_mean"])):
-            if found["value"] is not None:
-                low, value, high = (100.0 * found[key] for key in ("low", "value", "high"))
-                axes.plot([low, high], [place, place], color=colour, linewidth=2.0)
-                axes.plot([value], [place], "o", color=colour)
+    _draw_outcomes(ends, rows)
+    first = {"low": 0.0, "value": 0.0, "high": 0.0}  # does not differ from itself
+    _draw_intervals(apart, rows, [row["difference"] or first for row in rows])
     apart.axvline(0.0, color="#999999", linewidth=0.8)
     apart.set(xlabel=f"success less that of {rows[0]['name']}, points")
+    _draw_intervals(cost, rows, [row["path_excess_mean"] for row in rows])
     cost.set(xlim=(0.0, None), xlabel="mean path excess, %")
     for axes in (ends, apart, cost):
         tidy(axes, "x")
@@ -227,3 +206,34 @@ def draw(summary: Mapping[str, Any]) -> Figure:
     )
     figure.suptitle(f"{title}; lines: {100.0 * summary['confidence']:g} % intervals", fontsize=11)
     return figure
+
+
+def _draw_outcomes(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Draw how the flights of each entry ended, a bar an entry, with their names."""
+    places, left = range(len(rows)), np.zeros(len(rows))
+    for key, colour in (("success", SKY), ("timeout", ORANGE), ("violation", VERMILION)):
+        part = 100.0 * np.array([row[f"{key}_rate"]["value"] for row in rows])
+        label = key.replace("timeout", "time-out")
+        axes.barh(places, part, left=left, color=colour, label=label, height=0.7)
+        left += part
+    # A mark, not a resolver: the figure alone must say so.
+    names = [
+        f"{row['name']} (knows the future)" if row["kind"] == WITNESS else row["name"]
+        for row in rows
+    ]
+    axes.set_yticks(places, names)
+    axes.invert_yaxis()
+    axes.set(xlim=(0.0, 100.0), xlabel="share of encounters, %")
+    axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+
+
+def _draw_intervals(
+    axes: Axes, rows: Sequence[Mapping[str, Any]], intervals: Sequence[Mapping[str, Any]]
+) -> None:
+    """Draw the interval of each entry that has one, in percent."""
+    for place, (row, found) in enumerate(zip(rows, intervals, strict=True)):
+        if found["value"] is not None:
+            colour = GREY if row["kind"] == WITNESS else BLUE
+            low, value, high = (100.0 * found[key] for key in ("low", "value", "high"))
+            axes.plot([low, high], [place, place], color=colour, linewidth=2.0)
+            axes.plot([value], [place], "o", color=colour)

@@ -2,72 +2,97 @@
 was explored.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eval.plots.style import BLUE, GREY, ORANGE, VERMILION, tidy
 
+_PLAIN: dict[str, Any] = {
+    "color": GREY,
+    "marker": "s",
+    "markersize": 7.0,
+    "markerfacecolor": "none",
+    "linestyle": "",
+}
+_SPLITTING: dict[str, Any] = {"color": BLUE, "marker": "o"}
+
 
 def levels_figure(found: Mapping[str, Any]) -> Figure:
     """Return the figure of ``rare.json``'s content."""
-    levels = found["levels"]
-    place = np.array([each["level_m"] for each in levels])
     figure = Figure(figsize=(8.8, 6.6), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
+    _draw_probabilities(above, found)
+    _draw_acceptance(below, found["levels"])
+    for axes in (above, below):
+        tidy(axes, "both")
+    figure.suptitle(_title(found), fontsize=11)
+    return figure
+
+
+def _draw_probabilities(axes: Axes, found: Mapping[str, Any]) -> None:
+    """Draw the probability of a smaller separation than each level, by splitting and by plain
+    sampling.
+    """
+    levels = found["levels"]
+    place = np.array([each["level_m"] for each in levels])
     every = np.array([each["rate"]["repetitions"] for each in levels])
-    lines = above.plot(place, np.where(every > 0.0, every, np.nan), color="#B9D4E8", linewidth=0.9)
+    lines = axes.plot(place, np.where(every > 0.0, every, np.nan), color="#B9D4E8", linewidth=0.9)
     lines[0].set_label("each repetition")
     total = levels[0]["plain"]["total"]
-    square = {
-        "color": GREY,
-        "marker": "s",
-        "markersize": 7.0,
-        "markerfacecolor": "none",
-        "linestyle": "",
-    }
-    plain, ours = (
-        f"plain sampling ({total} flights, the first of all repetitions)",
-        {"color": BLUE, "marker": "o"},
-    )
+    plain = f"plain sampling ({total} flights, the first of all repetitions)"
+    _draw_rates(axes, place, [each["plain"] for each in levels], plain, _PLAIN)
     splitting = f"splitting, {100.0 * found['confidence']:g} % interval"
-    for kind, label, style in (("plain", plain, square), ("rate", splitting, ours)):
-        rates = np.array([[each[kind][end] for end in ("value", "low", "high")] for each in levels])
-        value, low, high = rates[rates[:, 0] > 0.0].T
-        ends = [value - np.maximum(low, 1e-3 * value), high - value]
-        above.errorbar(place[rates[:, 0] > 0.0], value, ends, label=label, capsize=2.5, **style)
-    above.axvline(
+    _draw_rates(axes, place, [each["rate"] for each in levels], splitting, _SPLITTING)
+    axes.axvline(
         found["separation_m"],
         color=VERMILION,
         linewidth=1.4,
         linestyle="--",
         label="required separation",
     )
-    above.set(yscale="log", ylabel="probability of a smaller separation")
+    axes.set(yscale="log", ylabel="probability of a smaller separation")
     if np.any(every > 0.0):  # an interval that reaches 0 goes to the edge
-        above.set_ylim(0.3 * float(every[every > 0.0].min()), 1.5)
-    above.legend(frameon=False, loc="lower right")
+        axes.set_ylim(0.3 * float(every[every > 0.0].min()), 1.5)
+    axes.legend(frameon=False, loc="lower right")
 
-    share = [
-        (each["level_m"], each["acceptance"]) for each in levels if each["acceptance"] is not None
-    ]
-    if share:
-        where, taken = zip(*share, strict=True)
-        below.plot(where, 100.0 * np.array(taken), color=ORANGE, marker="o", markersize=4.0)
-    below.set(
-        ylim=(0.0, 100.0), ylabel="steps taken, %", xlabel="level of the smallest separation, m"
-    )
-    for axes in (above, below):
-        tidy(axes, "both")
+
+def _draw_rates(
+    axes: Axes,
+    place: np.ndarray,
+    rates: Sequence[Mapping[str, float]],
+    label: str,
+    style: Mapping[str, Any],
+) -> None:
+    """Draw those rates that are above 0 with their intervals, at levels ``[L]``, m."""
+    ends = np.array([[rate[end] for end in ("value", "low", "high")] for rate in rates])
+    known = ends[:, 0] > 0.0
+    value, low, high = ends[known].T
+    # A lower end of 0 would lie infinitely far below.
+    bars = [value - np.maximum(low, 1e-3 * value), high - value]
+    axes.errorbar(place[known], value, bars, label=label, capsize=2.5, **style)
+
+
+def _draw_acceptance(axes: Axes, levels: Sequence[Mapping[str, Any]]) -> None:
+    """Draw the share of the steps that are taken below each level."""
+    known = [each for each in levels if each["acceptance"] is not None]
+    if known:
+        place = [each["level_m"] for each in known]
+        percent = 100.0 * np.array([each["acceptance"] for each in known])
+        axes.plot(place, percent, color=ORANGE, marker="o", markersize=4.0)
+    below = "level of the smallest separation, m"
+    axes.set(ylim=(0.0, 100.0), ylabel="steps taken, %", xlabel=below)
+
+
+def _title(found: Mapping[str, Any]) -> str:
     what = ", proven unresolvable ones left out" if found["resolvable_only"] else ""
     rate = found["rate"]
-    figure.suptitle(
+    return (
         f"scenario {found['scenario']}, mode {found['mode']}{what}\n"
         f"below {found['separation_m']:g} m: {rate['value']:.3g} ({rate['low']:.2g} .. "
         f"{rate['high']:.2g}), "
-        f"{found['repetitions']} repetitions of {found['particles']} particles",
-        fontsize=11,
+        f"{found['repetitions']} repetitions of {found['particles']} particles"
     )
-    return figure
