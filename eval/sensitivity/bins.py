@@ -25,74 +25,91 @@ class Quantity(NamedTuple):
     label: str
     unit: str
     column: str
-    edges: tuple[
-        float, ...
-    ] = ()  # of the bins; further bins take what lies below the first and above the last
+    # of the bins; further bins take what lies below the first and above the last
+    edges: tuple[float, ...] = ()
     words: tuple[str, ...] = ()  # instead of edges where the column holds words: each is a bin
+
+
+_SEPARATIONS = (1, 1.5, 2, 3, 4, 6, 8, 10, 12, 15, 20)
+"""Edges of distances, in separations."""
+_MISSES = (0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 1, 2, 5)
+"""Edges of miss distances, in separations."""
 
 
 def quantities(aircraft: Aircraft) -> dict[str, Quantity]:
     """Return what is shown, by name and in this order; angles count counter-clockwise, as in the
     tables of runs.
     """
-    limits, unit, fastest = aircraft.limits, aircraft.separation, aircraft.traffic_speed_max
-    angles, speeds = (
-        _steps(-180, 180, 30),
-        tuple(np.linspace(limits.speed_min, limits.speed_max, 11).tolist()),
-    )
-    traffic = (0.0, 0.5 * limits.speed_min, *speeds, 0.5 * (limits.speed_max + fastest), fastest)
-    distances = [unit * part for part in (1, 1.5, 2, 3, 4, 6, 8, 10, 12, 15, 20)]
+    every = (*_geometry(aircraft), *_speeds(aircraft), *_CONDITIONS)
+    return {each.name: each for each in every}
+
+
+def _geometry(aircraft: Aircraft) -> tuple[Quantity, ...]:
+    angles, unit = _steps(-180, 180, 30), aircraft.separation
+    heading = "intruder's heading less own heading"
+    bearing = "bearing of the intruder from the own heading"
     times = tuple(2.0 * aircraft.time_unit * step for step in range(11))
-    misses = [unit * part for part in (0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 1, 2, 5)]
-    found = (
+    return (
+        Quantity("relative_heading", heading, "deg", "relative_heading_deg", angles),
+        Quantity("bearing", bearing, "deg", "bearing_deg", angles),
         Quantity(
-            "relative_heading",
-            "intruder's heading less own heading",
-            "deg",
-            "relative_heading_deg",
-            angles,
+            name="distance",
+            label="distance to the intruder at the start",
+            unit="m",
+            column="distance_m",
+            edges=tuple(unit * part for part in _SEPARATIONS),
         ),
         Quantity(
-            "bearing", "bearing of the intruder from the own heading", "deg", "bearing_deg", angles
+            name="time_to_conflict",
+            label="time to the closest point of approach",
+            unit="s",
+            column="t_cpa_s",
+            edges=times,
         ),
         Quantity(
-            "distance", "distance to the intruder at the start", "m", "distance_m", tuple(distances)
+            name="miss_distance",
+            label="distance at the closest point of approach",
+            unit="m",
+            column="d_cpa_m",
+            edges=tuple(unit * part for part in _MISSES),
         ),
-        Quantity(
-            "time_to_conflict", "time to the closest point of approach", "s", "t_cpa_s", times
-        ),
-        Quantity(
-            "miss_distance",
-            "distance at the closest point of approach",
-            "m",
-            "d_cpa_m",
-            tuple(misses),
-        ),
-        Quantity("own_speed", "own speed at the start", "m/s", "own_speed_m_s", speeds),
-        Quantity("intruder_speed", "speed of the intruder", "m/s", "intruder_speed_m_s", traffic),
-        Quantity("intruders", "number of intruders", "", "intruders", _steps(0.5, 8.5, 1)),
-        Quantity("wind", "speed of the wind", "m/s", "wind_m_s", _steps(0, 15, 2.5)),
-        Quantity(
-            "wind_error",
-            "error of the wind as the planner has it",
-            "m/s",
-            "wind_error_m_s",
-            _steps(0, 5, 0.5),
-        ),
-        Quantity(
-            "turbulence",
-            "turbulence of MIL-F-8785C",
-            "",
-            "turbulence",
-            words=("none", "light", "moderate"),
-        ),
-        Quantity("latency", "age of the reports", "s", "latency_s", _steps(0, 2, 0.25)),
     )
-    return {each.name: each for each in found}
+
+
+def _speeds(aircraft: Aircraft) -> tuple[Quantity, ...]:
+    slowest, fastest = aircraft.limits.speed_min, aircraft.limits.speed_max
+    most = aircraft.traffic_speed_max
+    own = tuple(np.linspace(slowest, fastest, 11).tolist())
+    traffic = (0.0, 0.5 * slowest, *own, 0.5 * (fastest + most), most)
+    return (
+        Quantity("own_speed", "own speed at the start", "m/s", "own_speed_m_s", own),
+        Quantity("intruder_speed", "speed of the intruder", "m/s", "intruder_speed_m_s", traffic),
+    )
 
 
 def _steps(first: float, last: float, width: float) -> tuple[float, ...]:
     return tuple(float(edge) for edge in np.arange(first, last + 0.5 * width, width))
+
+
+_CONDITIONS = (
+    Quantity("intruders", "number of intruders", "", "intruders", _steps(0.5, 8.5, 1)),
+    Quantity("wind", "speed of the wind", "m/s", "wind_m_s", _steps(0, 15, 2.5)),
+    Quantity(
+        name="wind_error",
+        label="error of the wind as the planner has it",
+        unit="m/s",
+        column="wind_error_m_s",
+        edges=_steps(0, 5, 0.5),
+    ),
+    Quantity(
+        name="turbulence",
+        label="turbulence of MIL-F-8785C",
+        unit="",
+        column="turbulence",
+        words=("none", "light", "moderate"),
+    ),
+    Quantity("latency", "age of the reports", "s", "latency_s", _steps(0, 2, 0.25)),
+)
 
 
 class Run(NamedTuple):
