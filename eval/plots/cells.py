@@ -1,9 +1,12 @@
 """Cells of the geometry of encounters: difference of the courses and ratio of the speeds."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COURSES = (0.0, 45.0, 90.0, 135.0, 180.0)
 """Edges of the cells: difference of the courses, degrees."""
@@ -12,14 +15,14 @@ RATIOS = (0.4, 0.7, 0.9, 1.1, 1.5, 2.6)
 
 
 def cells_figure(
-    panels: Sequence[tuple[str, np.ndarray, Any]],
+    panels: Sequence[tuple[str, np.ndarray, Sequence[Sequence[str]] | np.ndarray]],
     courses: Sequence[str],
     ratios: Sequence[str],
     least: float,
     of: str,
-) -> Any:
+) -> "Figure":
     """Return a figure of the cells, one panel below the other: of each a title, percentages in
-    colour from ``least`` on, and texts.
+    colour from ``least`` on, and texts, ``[courses, ratios]`` both; ``of`` names the colours.
     """
     from matplotlib.figure import Figure
 

@@ -5,10 +5,11 @@ above.
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from threadpoolctl import threadpool_limits
 
@@ -48,6 +49,7 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
     """
     figure = Figure(figsize=(11.0, 5.6), layout="constrained")
     polar = figure.add_subplot(1, 2, 1, projection="polar")
+    assert isinstance(polar, PolarAxes)
     plane = figure.add_subplot(1, 2, 2)
     kinds = kinds_of(table)
     km = np.maximum(table["distance_m"] / _ONE_KM, _NEAREST_KM)
@@ -57,9 +59,8 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
         if not mask.any():
             continue
         # Thousands of marks as vectors make a file that no viewer likes.
-        points = polar.scatter(
-            np.radians(table["bearing_deg"][mask]), km[mask], rasterized=True, **style
-        )
+        bearing = np.radians(table["bearing_deg"][mask])
+        points = polar.scatter(bearing, km[mask], rasterized=True, **style)
         plane.scatter(table["relative_heading_deg"][mask], km[mask], rasterized=True, **style)
         points.set_label(f"{name} ({group_digits(int(mask.sum()))})")
         handles.append(points)
@@ -67,20 +68,25 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
     ends = low, high = 0.8 * float(km.min()), 1.1 * float(km.max())
     marks = [digit * 10.0**power for power in range(-2, 4) for digit in (1, 2, 5)]
     rings = [mark for mark in marks if low <= mark <= high]
-    _polar_axes(polar, ends, rings)
-    plane.set_xlim(-180.0, 180.0)
-    plane.set_xticks(range(-180, 181, 60))
-    plane.set_yscale("log")
-    plane.set_ylim(*ends)
-    plane.set_yticks(rings, [f"{ring:g}" for ring in rings])
-    plane.minorticks_off()
-    plane.set_xlabel("heading of the intruder less own heading, degrees counter-clockwise")
-    plane.set_ylabel("distance to the intruder, km (logarithmic)")
-    plane.set_title("relative heading and distance at the start", fontsize=11)
-    plane.grid(color="#E5E5E5", linewidth=0.6)
-    plane.set_axisbelow(True)
+    _set_polar_axes(polar, ends, rings)
+    _set_plane_axes(plane, ends, rings)
     legend(figure, handles[::-1], len(handles), 10, markerscale=1.8)
     return figure
+
+
+def _set_plane_axes(axes: Axes, ends: tuple[float, float], rings: list[float]) -> None:
+    """Set relative heading against distance, km, with marks at some distances."""
+    axes.set_xlim(-180.0, 180.0)
+    axes.set_xticks(range(-180, 181, 60))
+    axes.set_yscale("log")
+    axes.set_ylim(*ends)
+    axes.set_yticks(rings, [f"{ring:g}" for ring in rings])
+    axes.minorticks_off()
+    axes.set_xlabel("heading of the intruder less own heading, degrees counter-clockwise")
+    axes.set_ylabel("distance to the intruder, km (logarithmic)")
+    axes.set_title("relative heading and distance at the start", fontsize=11)
+    axes.grid(color="#E5E5E5", linewidth=0.6)
+    axes.set_axisbelow(True)
 
 
 def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Figure:
@@ -124,7 +130,8 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     return figure
 
 
-def _polar_axes(axes: Any, ends: tuple[float, float], rings: list[float]) -> None:
+def _set_polar_axes(axes: PolarAxes, ends: tuple[float, float], rings: list[float]) -> None:
+    """Set bearing and distance, km, seen from above, with rings at some distances."""
     axes.set_theta_zero_location("N")
     axes.set_thetagrids(
         range(0, 360, 30), [_side(angle) for angle in range(0, 360, 30)], fontsize=8

@@ -123,7 +123,6 @@ def choose_encounters(table: Mapping[str, np.ndarray]) -> list[int]:
 def draw(axes: Axes, track: Track, rules: Rules, witness: np.ndarray | None = None) -> None:
     """Draw a flight in km: tracks, goal, and the closest approach with the required separation."""
     own, intruders = _KM * track.own, _KM * track.intruders
-    minute = slice(None, None, max(1, round(60.0 / rules.dt)))
     goal = _KM * track.goal[0], _KM * track.goal[1]
     for area in track.areas:
         _draw_area(axes, area, 0.0)
@@ -133,25 +132,12 @@ def draw(axes: Axes, track: Track, rules: Rules, witness: np.ndarray | None = No
     axes.add_patch(Circle(goal, _KM * rules.goal_radius, color=GREEN, alpha=0.35, linewidth=0))
     if witness is not None:
         axes.plot(*(_KM * witness), zorder=1.5, **_WITNESS)
-    for path, style in ((own, _OWN), *((each, _INTRUDER) for each in intruders)):
-        axes.plot(
-            *path, color=style["color"], linewidth=style["linewidth"], linestyle=style["linestyle"]
-        )
-        axes.plot(*path[:, minute], ".", color=style["color"], markersize=4)
-        axes.plot(
-            *path[:, 0], style["marker"], color=style["color"], markersize=style["markersize"]
-        )
+    minute = max(1, round(60.0 / rules.dt))
+    _draw_path(axes, own, _OWN, minute)
+    for path in intruders:
+        _draw_path(axes, path, _INTRUDER, minute)
     if track.separation.size:
-        closest = int(np.argmin(track.separation)) + 1
-        apart = np.hypot(*np.moveaxis(intruders[:, :, closest] - own[:, closest], -1, 0))
-        at = intruders[int(np.argmin(apart)), :, closest]
-        ring = Circle(
-            (at[0], at[1]), _KM * rules.separation, fill=False, edgecolor=VERMILION, linewidth=0.9
-        )
-        axes.add_patch(ring)
-        axes.plot(
-            *own[:, closest], "D", color="black", markersize=4, markerfacecolor="white", zorder=5
-        )
+        _draw_closest(axes, track, rules)
     # Room for the discs, and the same scale both ways: a turn must look like one.
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
@@ -160,6 +146,29 @@ def draw(axes: Axes, track: Track, rules: Rules, witness: np.ndarray | None = No
     axes.tick_params(labelsize=7)
     axes.grid(color="#EBEBEB", linewidth=0.5)
     axes.set_axisbelow(True)
+
+
+def _draw_path(axes: Axes, path: np.ndarray, style: Mapping[str, Any], minute: int) -> None:
+    """Draw a path, km, ``[2, T + 1]``, with a mark at its start and a dot every minute, which is so
+    many steps.
+    """
+    colour = style["color"]
+    axes.plot(*path, color=colour, linewidth=style["linewidth"], linestyle=style["linestyle"])
+    axes.plot(*path[:, ::minute], ".", color=colour, markersize=4)
+    axes.plot(*path[:, 0], style["marker"], color=colour, markersize=style["markersize"])
+
+
+def _draw_closest(axes: Axes, track: Track, rules: Rules) -> None:
+    """Draw where the ownship is at the closest approach, and the required separation around the
+    intruder.
+    """
+    closest = int(np.argmin(track.separation)) + 1
+    own, intruders = _KM * track.own[:, closest], _KM * track.intruders[:, :, closest]
+    apart = np.hypot(*np.moveaxis(intruders - own, -1, 0))
+    x, y = intruders[int(np.argmin(apart))]
+    radius = _KM * rules.separation
+    axes.add_patch(Circle((x, y), radius, fill=False, edgecolor=VERMILION, linewidth=0.9))
+    axes.plot(*own, "D", color="black", markersize=4, markerfacecolor="white", zorder=5)
 
 
 def area_sample() -> Line2D:

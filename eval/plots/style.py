@@ -8,19 +8,23 @@ own marker too.
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE, GREY = (
-    "#0072B2",
-    "#56B4E9",
-    "#009E73",
-    "#E69F00",
-    "#D55E00",
-    "#CC79A7",
-    "#8C8C8C",
-)
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+BLUE = "#0072B2"
+SKY = "#56B4E9"
+GREEN = "#009E73"
+ORANGE = "#E69F00"
+VERMILION = "#D55E00"
+PURPLE = "#CC79A7"
+GREY = "#8C8C8C"
 BREACH = "breach of an area"
 # In the order in which they are drawn: what matters comes last and lies on top.
 MARKERS: dict[str, dict[str, Any]] = {
@@ -63,14 +67,14 @@ def spread(found: np.ndarray, count: int) -> np.ndarray:
     return found[np.arange(count) * len(found) // max(count, 1)]
 
 
-def tidy(axes: Any, grid: Literal["x", "y", "both"] = "y") -> None:
+def tidy(axes: "Axes", grid: Literal["x", "y", "both"] = "y") -> None:
     """Draw a light grid behind the data, and no frame at the top and on the right."""
     axes.grid(axis=grid, color="#E5E5E5", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def sample(label: str, **style: Any) -> Any:
+def sample(label: str, **style: Any) -> "Line2D":
     """Return a line or a mark for a legend."""
     from matplotlib.lines import Line2D
 
@@ -78,7 +82,7 @@ def sample(label: str, **style: Any) -> Any:
 
 
 def legend(
-    figure: Any, handles: Sequence[Any], ncols: int, fontsize: float = 9, **more: Any
+    figure: "Figure", handles: Sequence["Artist"], ncols: int, fontsize: float = 9, **more: Any
 ) -> None:
     """Draw a legend below all panels."""
     figure.legend(
@@ -92,7 +96,7 @@ def legend(
 
 
 def arrow(
-    axes: Any, start: tuple[float, float], direction: float, way: float, name: str, **where: Any
+    axes: "Axes", start: tuple[float, float], direction: float, way: float, name: str, **where: Any
 ) -> None:
     """Draw an aircraft: a dot, an arrow along the way that it flies in some time, and its name.
 
