@@ -29,10 +29,31 @@ _RATES = (
     ("flights that used the backup", "backup_used_rate"),
 )
 _AREA = "min_area_clearance_m_quantiles"
+
+
+class _Form(NamedTuple):
+    """How a number is written."""
+
+    digits: str  # a format
+    factor: float = 1.0
+    unit: str = ""
+
+    def text(self, value: float | None) -> str:
+        """Return a number in words."""
+        return "-" if value is None else f"{format(self.factor * value, self.digits)}{self.unit}"
+
+    def interval(self, ends: Mapping[str, float | None]) -> str:
+        """Return an interval in words; nothing of none."""
+        if ends["low"] is None:
+            return ""
+        return f"{self.text(ends['low'])} to {self.text(ends['high'])}"
+
+
+_PERCENT = _Form(".2f", 100.0, " %")
 _MEANS = (
-    ("mean score (+100 goal, -100 violation, -10 time-out)", "score_mean", "+.2f", 1.0, ""),
-    ("risk ratio: violations with the resolver / without it", "risk_ratio", ".4f", 1.0, ""),
-    ("mean path excess of the successes", "path_excess_mean", ".2f", 100.0, " %"),
+    ("mean score (+100 goal, -100 violation, -10 time-out)", "score_mean", _Form("+.2f")),
+    ("risk ratio: violations with the resolver / without it", "risk_ratio", _Form(".4f")),
+    ("mean path excess of the successes", "path_excess_mean", _PERCENT),
 )
 _QUANTILES = (
     ("smallest separation of all flights", "min_separation_m_quantiles", "0", ".1f"),
@@ -151,50 +172,31 @@ def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> lis
     for label, key in _RATES:
         rate = summary.get(key)
         if rate is not None:
-            part = (
-                f", {group_digits(unresolvable[key])} of them proven unresolvable"
-                if unresolvable.get(key)
-                else ""
-            )
-            counted = f"{group_digits(rate['count'])} of {group_digits(rate['total'])}{part}"
-            lines.append(_line(key, label, rate["value"], rate, ".2f", 100.0, " %", counted))
+            counted = f"{group_digits(rate['count'])} of {group_digits(rate['total'])}"
+            if unresolvable.get(key):
+                counted += f", {group_digits(unresolvable[key])} of them proven unresolvable"
+            lines.append(_rate_line(key, label, rate, counted))
     weighted = summary["weighted"]
     for label, key in _RATES[:3] if weighted else ():
-        counted, rate = f"{weighted['effective_sample_size']:.0f} effective", weighted[key]
+        counted = f"{weighted['effective_sample_size']:.0f} effective"
         name = f"{label}, by weight"
-        lines.append(
-            _line(f"weighted.{key}", name, rate["value"], rate, ".2f", 100.0, " %", counted)
-        )
-    for label, key, form, factor, unit in _MEANS:
-        lines.append(
-            _line(key, label, summary[key], summary[f"{key}_interval"], form, factor, unit)
-        )
-    for label, key, at, form in _QUANTILES:
+        lines.append(_rate_line(f"weighted.{key}", name, weighted[key], counted))
+    for label, key, form in _MEANS:
+        interval = form.interval(summary[f"{key}_interval"])
+        lines.append(Line(key, label, form.text(summary[key]), interval, ""))
+    for label, key, at, digits in _QUANTILES:
         if key in summary:
-            lines.append(Line(key, label, _plain(summary[key].get(at), form, 1.0, " m"), "", ""))
+            value = _Form(digits, unit=" m").text(summary[key].get(at))
+            lines.append(Line(key, label, value, "", ""))
     for label, key in _SAFE_PLANS:
         if key in summary:
             lines.append(Line(key, label, group_digits(summary[key]), "", ""))
     return lines
 
 
-def _line(
-    key: str,
-    label: str,
-    value: Any,
-    ends: Mapping[str, Any],
-    form: str,
-    factor: float,
-    unit: str,
-    counted: str = "",
-) -> Line:
-    low, high = (_plain(ends[end], form, factor, unit) for end in ("low", "high"))
-    interval = "" if ends["low"] is None else f"{low} to {high}"
-    return Line(key, label, _plain(value, form, factor, unit), interval, counted)
-
-
-def _plain(value: float | None, form: str, factor: float, unit: str) -> str:
-    return "-" if value is None else f"{format(factor * value, form)}{unit}"
+def _rate_line(key: str, label: str, rate: Mapping[str, Any], counted: str) -> Line:
+    value, interval = _PERCENT.text(rate["value"]), _PERCENT.interval(rate)
+    return Line(key, label, value, interval, counted)
 
 
 def print_table(

@@ -63,7 +63,7 @@ def relative(flown: Trajectories) -> Relative:
     )
 
 
-def lost(volume: Volume, seen: Relative) -> np.ndarray:
+def is_lost(volume: Volume, seen: Relative) -> np.ndarray:
     """Return whether the volume is lost at this moment, bool ``[...]``.
 
     Modified tau is (r^2 - D^2) / (-r r'), so that it is at most T where r^2 - D^2 + T r r' <= 0.
@@ -102,7 +102,7 @@ def losses(volume: Volume, flown: Trajectories, mask: np.ndarray) -> np.ndarray:
         return np.fmin.reduce(flown.separation, axis=0) < volume.horizontal
     # After the end of a flight every comparison is with nan, and false.
     with np.errstate(invalid="ignore"):
-        return np.any(lost(volume, relative(flown)) & mask, axis=(0, 2))
+        return np.any(is_lost(volume, relative(flown)) & mask, axis=(0, 2))
 
 
 def costs(starts: Encounter, flights: Flights, flown: Trajectories) -> dict[str, np.ndarray]:

@@ -60,27 +60,46 @@ def ratio(
     all 0, else ``ValueError``; None: equal ones.
     """
     cells = pairs(event, event_without)
-    counts = cells.both + cells.first_only, cells.both + cells.second_only, sum(cells)
-    weight = _weights(weights, counts[2])
-    effective = _effective(weight)
+    weight = _weights(weights, sum(cells))
+    nothing = Ratio(
+        value=math.nan,
+        low=math.nan,
+        high=math.nan,
+        unresolved=math.nan,
+        induced=math.nan,
+        events=cells.both + cells.first_only,
+        events_without=cells.both + cells.second_only,
+        total=sum(cells),
+        effective=_effective(weight),
+        warnings=("there is no event without the resolver: the ratio is undefined",),
+    )
     without = float(weight @ event_without)
     if without == 0.0:
-        warning = ("there is no event without the resolver: the ratio is undefined",)
-        return Ratio(math.nan, math.nan, math.nan, math.nan, math.nan, *counts, effective, warning)
-    unresolved = float(weight @ (event & event_without)) / without
-    induced = float(weight @ (event & ~event_without)) / without
+        return nothing
     value = float(weight @ event) / without
-    if counts[0] == 0:
-        rate = clopper_pearson(0, max(math.floor(effective), 1), confidence)[1]
+    if nothing.events == 0:
+        rate = clopper_pearson(0, max(math.floor(nothing.effective), 1), confidence)[1]
         low, high = 0.0, rate * float(weight.sum()) / without
     else:
-        sums = resampled_sums(
-            np.stack([weight * event, weight * event_without], axis=-1), resamples, seed
-        )
-        known = sums[:, 1] > 0.0
-        low, high = percentiles(sums[known, 0] / sums[known, 1], confidence)
-    made = Ratio(value, low, high, unresolved, induced, *counts, effective, ())
+        parts = np.stack([weight * event, weight * event_without], axis=-1)
+        low, high = _percentiles_of_ratio(resampled_sums(parts, resamples, seed), confidence)
+    made = replace(
+        nothing,
+        value=value,
+        low=low,
+        high=high,
+        unresolved=float(weight @ (event & event_without)) / without,
+        induced=float(weight @ (event & ~event_without)) / without,
+    )
     return replace(made, warnings=_warnings(made, weight, event, event_without))
+
+
+def _percentiles_of_ratio(sums: np.ndarray, confidence: float) -> tuple[float, float]:
+    """Return the ends of the interval of the ratio of two resampled sums, ``[B, 2]``, where the
+    second is above 0.
+    """
+    known = sums[:, 1] > 0.0
+    return percentiles(sums[known, 0] / sums[known, 1], confidence)
 
 
 def _weights(weights: np.ndarray | None, count: int) -> np.ndarray:
@@ -130,11 +149,8 @@ def rates_of(table: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.
     rate's name.
     """
     outcome, verdict = table["outcome"], table["verdict"]
-    every, possible, reached = (
-        np.ones(len(outcome), bool),
-        verdict != "unresolvable",
-        outcome == "reached",
-    )
+    every, possible = np.ones(len(outcome), bool), verdict != "unresolvable"
+    reached = outcome == "reached"
     rates = {
         "success_rate": (reached, every),
         "violation_rate": (outcome == "violation", every),
@@ -202,9 +218,8 @@ def _rate(
     chosen = weight * of
     if not chosen.any():
         return {"value": None, "low": 0.0, "high": 1.0}
-    value = min(
-        float(weight @ counted / chosen.sum()), 1.0
-    )  # sums of another order may round beyond
+    # Sums of another order may round beyond 1.
+    value = min(float(weight @ counted / chosen.sum()), 1.0)
     effective = max(int(_effective(chosen[of])), 1)
     if not counted.any():
         return {"value": value, "low": 0.0, "high": clopper_pearson(0, effective, confidence)[1]}
@@ -214,8 +229,7 @@ def _rate(
             "low": clopper_pearson(effective, effective, confidence)[0],
             "high": 1.0,
         }
-    known = sums[:, 1] > 0.0
-    low, high = percentiles(sums[known, 0] / sums[known, 1], confidence)
+    low, high = _percentiles_of_ratio(sums, confidence)
     return {"value": value, "low": low, "high": high}
 
 

@@ -14,7 +14,16 @@ from envs.encounters import scenario
 from envs.starts import encounters_of_seed
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
 from eval.flights.simulate import Direct
-from eval.metrics.volumes import VOLUMES, Relative, Volume, costs, losses, lost, relative, severity
+from eval.metrics.volumes import (
+    VOLUMES,
+    Relative,
+    Volume,
+    costs,
+    is_lost,
+    losses,
+    relative,
+    severity,
+)
 from eval.metrics.weighted import ratio
 from eval.stats.intervals import clopper_pearson, mean_interval, percent, share
 from eval.stats.paired import Pairs, mcnemar_exact, pairs, tango
@@ -265,11 +274,11 @@ def test_modified_tau_by_hand() -> None:
     volume = Volume(1_000.0, 100.0, 35.0)
     # Head-on at 100 m/s: (r^2 - D^2) / (100 r) = 35 at r = 3765.6 m.
     reach = 1_750.0 + math.sqrt(1_750.0**2 + 1_000.0**2)
-    assert lost(volume, make_relative(reach - 1.0, 0, -100, 0))[0]
-    assert not lost(volume, make_relative(reach + 1.0, 0, -100, 0))[0]
+    assert is_lost(volume, make_relative(reach - 1.0, 0, -100, 0))[0]
+    assert not is_lost(volume, make_relative(reach + 1.0, 0, -100, 0))[0]
     # Near, but opening, or passing aside.
-    assert not lost(volume, make_relative(reach - 500.0, 0, 100, 0))[0]
-    assert not lost(volume, make_relative(reach - 500.0, 1_001, -100, 0))[0]
+    assert not is_lost(volume, make_relative(reach - 500.0, 0, 100, 0))[0]
+    assert not is_lost(volume, make_relative(reach - 500.0, 1_001, -100, 0))[0]
 
 
 lengths = st.floats(-6_000, 6_000)
@@ -290,7 +299,7 @@ def test_a_loss_is_what_the_standard_defines(x, y, vx, vy, name) -> None:
         )
     )
     expected = apart <= volume.horizontal or (tau <= volume.tau and miss <= volume.horizontal)
-    assert lost(volume, make_relative(x, y, vx, vy))[0] == expected
+    assert is_lost(volume, make_relative(x, y, vx, vy))[0] == expected
 
 
 def test_severity_by_hand() -> None:
@@ -308,7 +317,7 @@ def test_severity_is_positive_where_the_volume_is_lost_only(x, y, vx, vy, name) 
     value = severity(volume, scene)[0]
     assert 0.0 <= value <= 1.0
     if value > 1e-6:
-        assert lost(volume, scene)[0]
+        assert is_lost(volume, scene)[0]
 
 
 def test_published_risk_ratios() -> None:
