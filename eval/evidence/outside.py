@@ -22,6 +22,7 @@ from agents.planner.options import Options
 from agents.policy import novelty
 from agents.policy.domain import excess, traffic
 from agents.policy.inference import Policy
+from agents.policy.set_features import SetInputs
 from envs.aircraft import Aircraft, Ratios, new_aircraft
 from envs.angles import wrap
 from envs.draws import normals
@@ -29,7 +30,7 @@ from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
 from envs.encounters import Encounter, pad, scenario
 from envs.kinematics import Limits, VehicleState
-from envs.perception import carry_back, perceive
+from envs.perception import Sensor, carry_back, perceive
 from envs.starts import encounters_of_seed, join
 from envs.trees import map_leaves, take
 from eval.stats.intervals import share
@@ -41,10 +42,8 @@ _REASONS = {
 }
 _BEGIN = 10  # time steps of true reports before a shift begins
 _NOVEL_EVERY = 5  # time steps
-_STARTS, _FLOWN = (
-    200,
-    4,
-)  # encounters of each scenario and aircraft whose starts, and whose flights, make the box
+_STARTS = 200  # encounters of each scenario and aircraft whose starts make the box
+_FLOWN = 4  # of these, those whose flights do
 
 
 Random: TypeAlias = np.random.Generator
@@ -70,29 +69,33 @@ def fly_reported(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: in
     from eval.flights.trajectories import TrajectoryRecorder
 
     recorder = TrajectoryRecorder(starts)
-    fly(
-        starts,
-        ByPolicy(policy.for_aircraft(aircraft, outside="allow")),
-        aircraft,
-        recorder=recorder,
-    )
-    own, others = recorder.stack()[:2]
-    others = VehicleState(*(np.where(starts.mask, field, np.nan) for field in others))
-    sensor, count, most = starts.sensor, *starts.mask.shape
+    resolver = ByPolicy(policy.for_aircraft(aircraft, outside="allow"))
+    fly(starts, resolver, aircraft, recorder=recorder)
+    flown = recorder.stack()
+    others = VehicleState(*(np.where(starts.mask, field, np.nan) for field in flown.intruders))
+    sensor = starts.sensor
     std = float(np.max(sensor.position_std)), float(np.max(sensor.velocity_std))
-    seen, first = others, map_leaves(lambda field: field[0], others)
-    if max(std) > 0.0:
-        rows, before = (
-            [],
-            (carry_back(first, aircraft.dt, np), carry_back(first, 2.0 * aircraft.dt, np)),
-        )
-        for number in range(len(others.x)):
-            now = map_leaves(lambda field, number=number: field[number], others)
-            noise = np.moveaxis(normals(seed, 0, count, (4, most), stream=number + 1), 1, 0)
-            rows.append(perceive(now, *before, sensor, noise, aircraft.dt, np))
-            before = now, before[0]
-        seen = map_leaves(lambda *fields: np.stack(fields), *rows)
-    return Flights(own, seen, others, (starts.goal_x, starts.goal_y), std)
+    seen = _report(others, sensor, aircraft.dt, seed) if max(std) > 0.0 else others
+    return Flights(flown.own, seen, others, (starts.goal_x, starts.goal_y), std)
+
+
+def _report(others: VehicleState, sensor: Sensor, dt: float, seed: int) -> VehicleState:
+    """Return the reports of intruders ``[T, N, K]``, time steps of dt, s, apart."""
+    first = _at(others, 0)
+    before = carry_back(first, dt, np), carry_back(first, 2.0 * dt, np)
+    steps, count, most = others.x.shape
+    reports = []
+    for number in range(steps):
+        now = _at(others, number)
+        noise = np.moveaxis(normals(seed, 0, count, (4, most), stream=number + 1), 1, 0)
+        reports.append(perceive(now, *before, sensor, noise, dt, np))
+        before = now, before[0]
+    return map_leaves(lambda *fields: np.stack(fields), *reports)
+
+
+def _at(states: VehicleState, step: int) -> VehicleState:
+    """Return states ``[T, ...]`` at one of their times."""
+    return map_leaves(lambda field: field[step], states)
 
 
 def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.ndarray]:
@@ -116,24 +119,33 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
         causes |= np.where(mask.any(axis=-1), found, 0)
         if box is not None and number % _NOVEL_EVERY == 0:
             rows = np.flatnonzero(mask.any(axis=-1))
-            beyond = novelty.excess(box, _inputs(rows, (own, seen, mask, flights.goal), aircraft))
+            moment = _Moment(own, seen, mask, flights.goal)
+            beyond = novelty.excess(box, _inputs(rows, moment, aircraft))
             new[rows] |= (beyond[0] > 0.0).any(axis=-1) | (beyond[1] > 0.0).any(axis=(-1, -2))
     reasons = {name: (causes & int(cause)) != 0 for name, cause in _REASONS.items()}
     return reasons | {"novelty": new}
 
 
-def _inputs(rows: np.ndarray, states: Any, aircraft: Aircraft) -> Any:
-    """Return the network's inputs of some flights of all, by own state, intruders, their mask,
-    and goal.
-    """
-    own, seen, mask, goal = map_leaves(lambda field: field[rows], states)
+class _Moment(NamedTuple):
+    """What the network sees of flights ``[N]`` at a time."""
+
+    own: VehicleState
+    seen: VehicleState  # [N, K]
+    mask: np.ndarray  # which intruders exist, bool [N, K]
+    goal: tuple[np.ndarray, np.ndarray]  # m
+
+
+def _inputs(rows: np.ndarray, moment: _Moment, aircraft: Aircraft) -> SetInputs:
+    """Return the network's inputs of some flights of all."""
+    own, seen, mask, goal = take(moment, rows)
     there = VehicleState(*(np.where(mask, field, 0.0) for field in seen))
     return novelty.inputs_of(own, there, mask, goal, aircraft)
 
 
 def _steps(flights: Flights) -> Iterator[tuple[VehicleState, VehicleState]]:
+    """Yield the ownships and the reports of each time."""
     for number in range(len(flights.own.x)):
-        yield map_leaves(lambda field, number=number: field[number], (flights.own, flights.seen))
+        yield _at(flights.own, number), _at(flights.seen, number)
 
 
 def inside(flights: Flights, aircraft: Aircraft) -> np.ndarray:
@@ -243,43 +255,49 @@ SHIFTS: dict[str, Callable[[VehicleState, Random, Aircraft], VehicleState]] = {
 
 def measure_rates(count: int, seed: int, data: Path | None, policy: Policy) -> dict[str, Any]:
     """Return the rates: of alarms in nominal flights, and of detections by shift."""
-    from eval.config import TracksConfig, TrafficConfig
-    from eval.flights.sources import draw, read_model_traffic, read_tracks
-
     result: dict[str, Any] = {"nominal": {}, "shifts": {}}
     one = policy.aircraft
-    cases = {
-        "`circle`": encounters_of_seed(scenario("circle", one), seed, 0, count),
-        "`maneuvering`": encounters_of_seed(scenario("maneuvering", one), seed, 0, count),
-        "`noisy`": encounters_of_seed(
-            scenario("noisy", one, turn_rate=one.limits.yaw_rate_max), seed, 0, count
-        ),
-        "`multi`, 2 to 6": encounters_of_seed(
-            scenario("multi", one, intruders=(2, 6)), seed, 0, count
-        ),
-    }
-    if data is not None:
-        model = read_model_traffic(
-            data / "encounter_models/uncor_1200code_v2p1.txt", TrafficConfig(), one
-        )
-        cases["Lincoln's model"] = draw(model, seed, 0, count)[0]
-        cases["recorded, Lincoln Laboratory"] = read_tracks(
-            data / "lincoln_lab/encounters.json", one, TracksConfig()
-        ).starts
     bases = {}
-    for name, starts in cases.items():
+    for name, starts in _nominal_starts(count, seed, data, one).items():
         flights = bases[name] = fly_reported(starts, policy, one, seed)
-        kept = inside(flights, one)
-        result["nominal"][name] = _rates(
-            {k: v[kept] for k, v in flag(flights, policy, one).items()}, kept.sum()
-        )
-        result["nominal"][name]["outside"] = int(np.count_nonzero(~kept))
+        within = inside(flights, one)
+        flagged = {reason: each[within] for reason, each in flag(flights, policy, one).items()}
+        result["nominal"][name] = _rates(flagged, within.sum())
+        result["nominal"][name]["outside"] = int(np.count_nonzero(~within))
     random = np.random.default_rng(seed)
     for name, shift in SHIFTS.items():
         base = bases["`noisy`" if shift is _noisier else "`maneuvering`"]
         changed = base._replace(seen=shift(base.seen, random, one))
         result["shifts"][name] = _rates(flag(changed, policy, one), count)
     return result
+
+
+def _nominal_starts(
+    count: int, seed: int, data: Path | None, aircraft: Aircraft
+) -> dict[str, Encounter]:
+    """Return the encounters of nominal traffic by what they are called; those of public data where
+    its folder is known.
+    """
+    from eval.config import TracksConfig, TrafficConfig
+    from eval.flights.sources import draw, read_model_traffic, read_tracks
+
+    scenarios = {
+        "`circle`": scenario("circle", aircraft),
+        "`maneuvering`": scenario("maneuvering", aircraft),
+        "`noisy`": scenario("noisy", aircraft, turn_rate=aircraft.limits.yaw_rate_max),
+        "`multi`, 2 to 6": scenario("multi", aircraft, intruders=(2, 6)),
+    }
+    starts = {
+        name: encounters_of_seed(sampled, seed, 0, count) for name, sampled in scenarios.items()
+    }
+    if data is not None:
+        path = data / "encounter_models/uncor_1200code_v2p1.txt"
+        model = read_model_traffic(path, TrafficConfig(), aircraft)
+        starts["Lincoln's model"] = draw(model, seed, 0, count)[0]
+        path = data / "lincoln_lab/encounters.json"
+        recorded = read_tracks(path, aircraft, TracksConfig())
+        starts["recorded, Lincoln Laboratory"] = recorded.starts
+    return starts
 
 
 def _rates(found: dict[str, np.ndarray], count: int) -> dict[str, Any]:
@@ -292,51 +310,61 @@ def _rates(found: dict[str, np.ndarray], count: int) -> dict[str, Any]:
 
 def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
     """Return the box of the network's inputs in flights of the scenarios that it was trained with,
-    of many aircraft.
+    of so many aircraft.
 
     A scenario of the user's own must have been registered: nothing that the policy file names is
     imported (``ConfigError``).
     """
-    from agents.config.world import ScenarioConfig
-
-    trained = policy.metadata["training"]["config"]
-    wanted = [one for part in (trained, *trained["phases"]) for one in part.get("scenarios", ())]
     sizes = policy.inputs.own_size, policy.inputs.each_size
     low: list[np.ndarray] = [np.full(size, np.inf) for size in sizes]
     high = [-each for each in low]
     for number in range(count):
         aircraft = _of_family(policy, seed, number)
-        of_traffic = traffic(aircraft)["intruder_speed"]
-        begun = []
-        for one in wanted:
-            given = ScenarioConfig(**one).model_dump(exclude_none=True) | {
-                "units": "aircraft",
-                "attempts": 200,
-            }
-            if number:
-                given["intruder_speed"] = [
-                    speed / aircraft.limits.speed_max for speed in of_traffic
-                ]
-            starts = encounters_of_seed(
-                ScenarioConfig(**given).scenario(aircraft), seed, 0, _STARTS
-            )
-            begun.append(pad(starts, policy.most, np))
-        first = reduce(join, begun)
-        others = VehicleState(*(np.where(first.mask, field, np.nan) for field in first.intruders))
-        parts = reduce(join, (take(one, slice(0, _FLOWN)) for one in begun))
-        flights = fly_reported(parts, policy, aircraft, seed)
-        scenes = [(first.own, others, (first.goal_x, first.goal_y))]
-        scenes += [(*states, flights.goal) for states in list(_steps(flights))[::_NOVEL_EVERY]]
-        for own, seen, goal in scenes:
-            rows = np.flatnonzero(np.isfinite(own.x))
-            mask = np.isfinite(seen.x)
-            found = _inputs(rows, (own, seen, mask, goal), aircraft)
-            for place, values in enumerate((found.own, found.each[mask[rows]])):
+        starts = _training_starts(policy, aircraft, seed, own=number == 0)
+        for moment in _moments(starts, policy, aircraft, seed):
+            rows = np.flatnonzero(np.isfinite(moment.own.x))
+            found = _inputs(rows, moment, aircraft)
+            for place, values in enumerate((found.own, found.each[moment.mask[rows]])):
                 low[place] = np.minimum(low[place], values.min(axis=0, initial=np.inf))
                 high[place] = np.maximum(high[place], values.max(axis=0, initial=-np.inf))
         print(f"aircraft {number + 1} of {count}", flush=True)
     own, each = (np.stack(pair) for pair in zip(low, high, strict=True))
     return novelty.Box(own, each)
+
+
+def _training_starts(
+    policy: Policy, aircraft: Aircraft, seed: int, *, own: bool
+) -> list[Encounter]:
+    """Return encounters of each scenario of the policy's training for an aircraft, ``[N]`` each;
+    ``own``: it is the policy's, whose traffic is as the scenario has it.
+    """
+    from agents.config.world import ScenarioConfig
+
+    trained = policy.metadata["training"]["config"]
+    wanted = [one for part in (trained, *trained["phases"]) for one in part.get("scenarios", ())]
+    span = [speed / aircraft.limits.speed_max for speed in traffic(aircraft)["intruder_speed"]]
+    starts = []
+    for one in wanted:
+        given = ScenarioConfig(**one).model_dump(exclude_none=True)
+        given |= {"units": "aircraft", "attempts": 200}
+        if not own:
+            given["intruder_speed"] = span
+        sampled = ScenarioConfig(**given).scenario(aircraft)
+        starts.append(pad(encounters_of_seed(sampled, seed, 0, _STARTS), policy.most, np))
+    return starts
+
+
+def _moments(
+    starts: Sequence[Encounter], policy: Policy, aircraft: Aircraft, seed: int
+) -> Iterator[_Moment]:
+    """Yield what the network sees at all starts, and every few steps of some flights."""
+    first = reduce(join, starts)
+    others = VehicleState(*(np.where(first.mask, field, np.nan) for field in first.intruders))
+    yield _Moment(first.own, others, np.isfinite(others.x), (first.goal_x, first.goal_y))
+    some = reduce(join, (take(one, slice(0, _FLOWN)) for one in starts))
+    flights = fly_reported(some, policy, aircraft, seed)
+    for own, seen in list(_steps(flights))[::_NOVEL_EVERY]:
+        yield _Moment(own, seen, np.isfinite(seen.x), flights.goal)
 
 
 def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
@@ -349,14 +377,15 @@ def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
         from eval.family.aircraft import draw_aircraft
 
         return draw_aircraft(seed, number).aircraft()
-    of, fast, unit = (
-        policy.metadata["family"],
-        policy.aircraft.limits.speed_max,
-        policy.aircraft.time_unit,
-    )
-    slow, brake, gain, radius = (of[name][number - 1] for name in Ratios._fields)
+    family, fast = policy.metadata["family"], policy.aircraft.limits.speed_max
+    unit = policy.aircraft.time_unit
+    slow, brake, gain, radius = (family[name][number - 1] for name in Ratios._fields)
     limits = Limits(
-        slow * fast, fast, brake * fast / unit, gain * fast / unit, 1.0 / (radius * unit)
+        speed_min=slow * fast,
+        speed_max=fast,
+        acceleration_min=brake * fast / unit,
+        acceleration_max=gain * fast / unit,
+        yaw_rate_max=1.0 / (radius * unit),
     )
     return new_aircraft(limits, policy.aircraft.separation)
 
