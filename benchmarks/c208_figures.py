@@ -68,7 +68,7 @@ def _accelerations(axes: Any) -> None:
         high,
         color=VERMILION,
         alpha=0.35,
-        label="asked, not to be had (EX)",
+        label="not possible (EX)",
     )
     axes.set_xlabel("true airspeed, m/s")
     axes.set_ylabel("acceleration in level flight, m/s²")
@@ -89,14 +89,16 @@ def _publish(axes: Any) -> None:
         )
         axes.barh(number, 2.0 * allowed, left=-allowed, color="#E5E5E5")
         axes.plot(off, number, "o", color=BLUE if point.use == "check" else ORANGE)
-    axes.set_yticks(
-        range(len(rows)), [f"{point.quantity}: {point.name}" for point, _ in rows], fontsize=8
-    )
+    names = [
+        f"{point.quantity}: {point.name}" + (f", {point.altitude:.0f} ft" if point.altitude else "")
+        for point, _ in rows
+    ]
+    axes.set_yticks(range(len(rows)), names, fontsize=8)
     axes.invert_yaxis()
     widest = 1.1 * max(abs(end) for end in axes.get_xlim())
     axes.set_xlim(-widest, widest)
     axes.axvline(0.0, color="black", linewidth=0.6)
-    axes.set_xlabel("model less published, %; grey: tolerance")
+    axes.set_xlabel("model minus published, %; grey: tolerance")
     axes.set_title("checks (blue) and fits (orange)", fontsize=11)
 
 
@@ -171,13 +173,13 @@ def limits_figure() -> Figure:
         right.plot([one[3] for one in found], altitudes, color=color)
     left.axvspan(SURROGATE.speed_min, SURROGATE.speed_max, color="#E5E5E5", label="surrogate")
     left.set_xlabel("true airspeed, m/s")
-    left.set_title("1.08 of the stall (solid), VMO (dashed)", fontsize=9.5)
+    left.set_title("1.08 times the stall (solid), VMO (dashed)", fontsize=9.5)
     middle.axvline(SURROGATE.speed_max, color="black", linestyle="--", linewidth=1.0)
     middle.set_xlabel("fastest with 0.5 m/s² to spare, m/s")
     right.axvline(-SURROGATE.acceleration_min, color="black", linestyle="--", linewidth=1.0)
     right.set_xlabel("least deceleration at idle, m/s²")
     middle.set_title("dashed: the surrogate's maximum", fontsize=9.5)
-    right.set_title("50 to 100 m/s; dashed: the surrogate's", fontsize=9.5)
+    right.set_title("at 50 to 100 m/s; dashed: the surrogate's", fontsize=9.5)
     left.set_ylabel("altitude, m")
     for axes in (left, middle, right):
         axes.grid(color="#EBEBEB", linewidth=0.5)

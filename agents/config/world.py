@@ -243,7 +243,7 @@ class ScenarioConfig(Strict):
     intruder_speed: _Range | None = None
     """Range of the intruders' speed, m/s."""
     course_difference_deg: _Range | None = None
-    """Range of the intruder's course less the ownship's, degrees clockwise: +90 comes from the
+    """Range of the intruder's course minus the ownship's, degrees clockwise: +90 comes from the
     left.
     """
     displacement: float | None = Field(default=None, ge=0.0)

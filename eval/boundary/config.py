@@ -12,7 +12,7 @@ class BoundaryConfig(Strict):
     """A check; the defaults ask six slices of the paper's aircraft."""
 
     slices: tuple[tuple[float, float, float], ...] = ()
-    """Own speed and intruder's, m/s, and the intruder's course less the own, degrees clockwise, of
+    """Own speed and intruder's, m/s, and the intruder's course minus the own, degrees clockwise, of
     each slice; none: six that the aircraft's speeds give."""
     aircraft: AircraftConfig | None = Field(
         default=None,

@@ -173,7 +173,7 @@ def _parser() -> argparse.ArgumentParser:
     config_option(parser, "a check")
     add(
         "--slice",
-        help="speeds, m/s, and intruder's course less the own, deg clockwise; may be repeated",
+        help="speeds, m/s, and intruder's course minus the own, deg clockwise; may be repeated",
         **cut,
     )
     add(

@@ -82,7 +82,7 @@ def _set_plane_axes(axes: Axes, ends: tuple[float, float], rings: list[float]) -
     axes.set_ylim(*ends)
     axes.set_yticks(rings, [f"{ring:g}" for ring in rings])
     axes.minorticks_off()
-    axes.set_xlabel("heading of the intruder less own heading, degrees counter-clockwise")
+    axes.set_xlabel("intruder's heading minus own heading, degrees counter-clockwise")
     axes.set_ylabel("distance to the intruder, km (logarithmic)")
     axes.set_title("relative heading and distance at the start", fontsize=11)
     axes.grid(color="#E5E5E5", linewidth=0.6)

@@ -68,7 +68,7 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
         f"{scene.intruder_speed:g} m/s; "
         f"goal at {_KM * scene.goal_distance:g} km, bearing "
         f"{math.degrees(scene.goal_bearing):+.0f}°\n"
-        "in brackets: heading of the intruder less own heading; angles count counter-clockwise",
+        "in brackets: heading of the intruder minus own heading; angles count counter-clockwise",
         fontsize=11,
     )
     legend(figure, _handles(aircraft), 2, 10)

@@ -86,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     intruder = "of the intruder (default: half of the traffic's greatest)"
     add("--intruder-speed", type=float, metavar="M/S", help=intruder)
     heading = (
-        "intruder's less the own one; may be repeated, a row each (default: 180, -90, 90 and -30)"
+        "intruder's minus the own one; may be repeated, a row each (default: 180, -90, 90 and -30)"
     )
     add("--relative-heading", type=angle, metavar="DEG", help=heading, action="append")
     bearing = "of the goal from the own heading (default: 0)"

@@ -46,7 +46,7 @@ def quantities(aircraft: Aircraft) -> dict[str, Quantity]:
 
 def _geometry(aircraft: Aircraft) -> tuple[Quantity, ...]:
     angles, unit = _steps(-180, 180, 30), aircraft.separation
-    heading = "intruder's heading less own heading"
+    heading = "intruder's heading minus own heading"
     bearing = "bearing of the intruder from the own heading"
     times = tuple(2.0 * aircraft.time_unit * step for step in range(11))
     return (
