@@ -20,9 +20,9 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from envs.aircraft import Aircraft
 from envs.areas import Area
@@ -33,6 +33,7 @@ from ros_bridge.core.aircraft import aircraft_of, load_policy
 from ros_bridge.transport.children import free_domain, start_node, stop
 
 if TYPE_CHECKING:
+    from envs.encounters import Encounter
     from ros_bridge.nodes.simulator import Simulator
 
 FOUR = "crossing_left,crossing_right,head_on,same_course"
@@ -62,14 +63,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         aircraft = aircraft_of(options.aircraft, options.policy)
         load_policy(options.policy).for_aircraft(aircraft, outside=options.outside_domain)
-        encounters = list(_encounters(options, aircraft))
+        planned = list(_encounters(options, aircraft))
         with free_domain() as domain:
             # Before ROS is loaded: no other graph is disturbed.
             os.environ |= {
                 "ROS_DOMAIN_ID": str(domain),
                 "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             }
-            return _run(options, aircraft, encounters)
+            return _run(options, aircraft, planned)
     except (ValueError, RuntimeError) as error:
         raise InputError(str(error)) from error
 
@@ -125,19 +126,21 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tuple[str, Any, int]]:
+class _Planned(NamedTuple):
+    """An encounter that is to be flown."""
+
+    name: str
+    encounter: "Encounter"  # one
+    number: int  # of its scenario
+
+
+def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[_Planned]:
+    """Yield what is to be flown, or raise ValueError for options that cannot be."""
     from envs.encounters import scenario
     from envs.starts import encounters_of_seed
     from envs.trees import take
 
-    for name, least in (("each", 1), ("random", 0), ("areas", 0), ("seed", 0)):
-        if getattr(options, name) < least:
-            raise ValueError(f"--{name} is {getattr(options, name)}, expected {least} or more")
-    if options.areas > MOST:
-        raise ValueError(f"--areas is {options.areas}, expected {MOST} at most")
-    most = 5.0 * aircraft.separation
-    if options.margin is not None and not 0.0 <= options.margin <= most:
-        raise ValueError(f"--margin is {options.margin:g} m, expected 0 to {most:g} m")
+    _check_numbers(options, aircraft)
     named = [name for name in options.scenarios.split(",") if name not in ("", "none")]
     wanted = [(name, options.each) for name in named]
     if options.random:
@@ -147,61 +150,103 @@ def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[tup
     for name, count in wanted:
         every = encounters_of_seed(scenario(name, aircraft), options.seed, 0, count)
         for number in range(count):
-            yield f"{name} {number}", take(every, [number]), number
+            yield _Planned(f"{name} {number}", take(every, [number]), number)
 
 
-def _run(
-    options: argparse.Namespace, aircraft: Aircraft, encounters: Sequence[tuple[str, Any, int]]
-) -> int:
+def _check_numbers(options: argparse.Namespace, aircraft: Aircraft) -> None:
+    for name, least in (("each", 1), ("random", 0), ("areas", 0), ("seed", 0)):
+        if getattr(options, name) < least:
+            raise ValueError(f"--{name} is {getattr(options, name)}, expected {least} or more")
+    if options.areas > MOST:
+        raise ValueError(f"--areas is {options.areas}, expected {MOST} at most")
+    most = 5.0 * aircraft.separation
+    if options.margin is not None and not 0.0 <= options.margin <= most:
+        raise ValueError(f"--margin is {options.margin:g} m, expected 0 to {most:g} m")
+
+
+def _run(options: argparse.Namespace, aircraft: Aircraft, planned: Sequence[_Planned]) -> int:
+    """Fly, print the tables, and return the exit code."""
+    from ros_bridge.sim.flight_log import all_safe_kept
+
+    margin = options.margin
+    if margin is None:
+        margin = MARGINS[options.vehicle] * aircraft.separation
+    simulator = _simulator(options)
+    problem = _fly(simulator, planned, _nodes(options, margin), options)
+    if simulator.logs:
+        _print_tables(simulator, planned, options, margin)
+    if problem is not None:
+        raise problem
+    if not simulator.logs:
+        raise ValueError("nothing was flown to its end")
+    if options.record is not None:
+        print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
+    return 0 if all_safe_kept(simulator.logs) and len(simulator.logs) == len(planned) else 1
+
+
+def _shared(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameters of all nodes."""
+    return {"aircraft": options.aircraft, "policy_file": options.policy}
+
+
+def _nodes(options: argparse.Namespace, margin: float) -> dict[str, dict[str, Any]]:
+    """Return the parameters of the nodes that are processes of their own, by their kinds."""
+    both = _shared(options) | {"margin": float(margin), "use_sim_time": True}
+    return {"runner": both | {"outside_domain": options.outside_domain}, "monitor": both}
+
+
+def _simulator(options: argparse.Namespace) -> "Simulator":
+    """Return the simulator in a new context of ROS, or raise ValueError."""
     import rclpy
     from rclpy.exceptions import ParameterException
     from rclpy.parameter import Parameter
 
     from ros_bridge.nodes.simulator import Simulator
-    from ros_bridge.sim.flight_log import all_safe_kept, table
-    from ros_bridge.sim.plan_flight import plans_table
 
-    margin = (
-        MARGINS[options.vehicle] * aircraft.separation if options.margin is None else options.margin
-    )
-    shared = {"aircraft": options.aircraft, "policy_file": options.policy}
-    flown = {name: getattr(options, name) for name in ("vehicle", "rate", "deciding_rate")}
-    flown |= dict(zip(("wind_east", "wind_north"), options.wind, strict=True))
-    flown |= {
-        f"traffic_{name}": getattr(options, name) for name in ("position_std", "velocity_std")
+    values = _shared(options) | {
+        "vehicle": options.vehicle,
+        "rate": options.rate,
+        "deciding_rate": options.deciding_rate,
+        "wind_east": options.wind[0],
+        "wind_north": options.wind[1],
+        "traffic_position_std": options.position_std,
+        "traffic_velocity_std": options.velocity_std,
     }
     rclpy.init(args=["--ros-args", "--log-level", options.level])
     try:
-        given = [Parameter(name, value=value) for name, value in (shared | flown).items()]
-        simulator = Simulator(parameter_overrides=given)
+        given = [Parameter(name, value=value) for name, value in values.items()]
+        return Simulator(parameter_overrides=given)
     except (ValueError, ParameterException) as error:
         rclpy.try_shutdown()
         raise ValueError(str(error)) from error
-    planned = shared | {"margin": float(margin), "use_sim_time": True}
-    nodes = {"runner": planned | {"outside_domain": options.outside_domain}, "monitor": planned}
-    unwritten = _fly(simulator, encounters, nodes, options)
-    if simulator.logs:
-        if not options.areas:  # nothing is known of what areas leave
-            _evaluate(simulator, [one for _, one, _ in encounters], margin)
-        print(
-            f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, runner and "
-            "monitor as processes\n"
-        )
-        print(table(simulator.logs))
-        flights = [(log.name, log.flown) for log in simulator.logs]
-        print("\nplans that were flown\n")
-        print(plans_table(flights, simulator.logs[0].required, margin))
-    if unwritten is not None:
-        raise unwritten
-    if not simulator.logs:
-        raise ValueError("nothing was flown to its end")
-    if options.record is not None:
-        print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
-    return 0 if all_safe_kept(simulator.logs) and len(simulator.logs) == len(encounters) else 1
+
+
+def _print_tables(
+    simulator: "Simulator",
+    planned: Sequence[_Planned],
+    options: argparse.Namespace,
+    margin: float,
+) -> None:
+    from ros_bridge.sim.flight_log import table
+    from ros_bridge.sim.plan_flight import plans_table
+
+    if not options.areas:  # nothing is known of what areas leave
+        _evaluate(simulator, planned, margin)
+    print(
+        f"vehicle {options.vehicle}, margin {margin:g} m, seed {options.seed}, runner and "
+        "monitor as processes\n"
+    )
+    print(table(simulator.logs))
+    flights = [(log.name, log.flown) for log in simulator.logs]
+    print("\nplans that were flown\n")
+    print(plans_table(flights, simulator.logs[0].required, margin))
 
 
 def _fly(
-    simulator: "Simulator", encounters: Sequence[Any], nodes: dict[str, Any], options: Any
+    simulator: "Simulator",
+    planned: Sequence[_Planned],
+    nodes: Mapping[str, Mapping[str, Any]],
+    options: argparse.Namespace,
 ) -> OSError | None:
     """Fly encounters beside nodes of these parameters; return why a recording could not be
     written.
@@ -209,27 +254,18 @@ def _fly(
     import rclpy
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-    from ros_bridge.transport.recording import Recorder
-
     executor = SingleThreadedExecutor()
     executor.add_node(simulator)
     processes: list[subprocess.Popen[bytes]] = []
-    file = options.record
     try:
-        with (
-            nullcontext()
-            if file is None
-            else closing(Recorder(simulator, file, lambda: simulator.now))
-        ):
+        with _recording(simulator, options.record):
             for name, parameters in nodes.items():
                 processes.append(_start(name, parameters, options.level))
             if options.display:
-                clock = ("--ros-args", "-p", "use_sim_time:=true", "--log-level", options.level)
-                processes.append(start_node("ros_bridge.display", "--port", "0", *clock))
-            for name, encounter, number in encounters:
-                simulator.begin(
-                    encounter, name, number, _areas(options, encounter, number, simulator)
-                )
+                processes.append(_start_display(options.level))
+            for one in planned:
+                areas = _areas(options, one, simulator.aircraft)
+                simulator.begin(one.encounter, one.name, one.number, areas)
                 while simulator.flying:
                     executor.spin_once(timeout_sec=0.1)
                     _check_alive(processes)
@@ -250,15 +286,24 @@ def _fly(
     return None
 
 
+def _recording(simulator: "Simulator", file: Path | None) -> AbstractContextManager[object]:
+    """Return what records the graph into a file while it is entered."""
+    from ros_bridge.transport.recording import Recorder
+
+    if file is None:
+        return nullcontext()
+    return closing(Recorder(simulator, file, lambda: simulator.now))
+
+
 def _areas(
-    options: argparse.Namespace, encounter: Any, number: int, simulator: "Simulator"
+    options: argparse.Namespace, one: _Planned, aircraft: Aircraft
 ) -> tuple[Area, ...] | None:
     """Return random areas along the way of an encounter; None where none are asked for."""
     if not options.areas:
         return None
-    own = VehicleState(*(float(field[0]) for field in encounter.own))
-    goal = float(encounter.goal_x[0]), float(encounter.goal_y[0])
-    return random_areas(options.seed, number, options.areas, own, goal, simulator.aircraft)
+    own = VehicleState(*(float(field[0]) for field in one.encounter.own))
+    goal = float(one.encounter.goal_x[0]), float(one.encounter.goal_y[0])
+    return random_areas(options.seed, one.number, options.areas, own, goal, aircraft)
 
 
 def _start(name: str, parameters: Mapping[str, Any], level: str) -> "subprocess.Popen[bytes]":
@@ -272,6 +317,11 @@ def _start(name: str, parameters: Mapping[str, Any], level: str) -> "subprocess.
     return start_node(f"ros_bridge.{name}", "--ros-args", "--log-level", level, *given)
 
 
+def _start_display(level: str) -> "subprocess.Popen[bytes]":
+    clock = ("--ros-args", "-p", "use_sim_time:=true", "--log-level", level)
+    return start_node("ros_bridge.display", "--port", "0", *clock)
+
+
 def _check_alive(processes: "Sequence[subprocess.Popen[bytes]]") -> None:
     """Raise ValueError where one of the processes has ended."""
     ended = [process.returncode for process in processes if process.poll() is not None]
@@ -279,7 +329,7 @@ def _check_alive(processes: "Sequence[subprocess.Popen[bytes]]") -> None:
         raise ValueError(f"a node ended with exit code {ended[0]} (--verbose shows why)")
 
 
-def _evaluate(simulator: "Simulator", encounters: Sequence[Any], margin: float) -> None:
+def _evaluate(simulator: "Simulator", planned: Sequence[_Planned], margin: float) -> None:
     """Note which encounters can be resolved at the separation planned with: those not proven to be
     unresolvable.
     """
@@ -290,12 +340,12 @@ def _evaluate(simulator: "Simulator", encounters: Sequence[Any], margin: float) 
 
     aircraft = simulator.aircraft
     rules = aircraft.rules()._replace(separation=aircraft.separation + margin)
-    for log, encounter in zip(simulator.logs, encounters, strict=False):
+    for log, one in zip(simulator.logs, planned, strict=False):
         if log.first != NEVER_ASKED:
             # The first second is the time to receive all and to answer: what is lost by then
             # counts, too.
             solved = np.array([log.safe_at is not None])
-            verdict = classify(encounter, rules, aircraft.limits, solved=solved).verdict[0]
+            verdict = classify(one.encounter, rules, aircraft.limits, solved=solved).verdict[0]
             log.resolvable = bool(verdict != Verdict.UNRESOLVABLE)
 
 
