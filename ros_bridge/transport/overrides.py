@@ -14,6 +14,7 @@ from typing import Any
 
 import yaml
 
+from envs.edge.text_file import text_of
 from envs.edge.yaml import YamlError, check_distinct
 
 _OURS = "rlcas_"
@@ -37,26 +38,12 @@ def refuse_unknown_parameters(node: Any, known: Iterable[str]) -> None:
 
 def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None:
     """Raise ValueError for parameters, in files or arguments, for a node of ours of no
-    known name.
+    known name, and for a file of parameters that cannot be read.
     """
     for flag, value in itertools.pairwise(arguments):
         sections, where = [], value
         if flag == "--params-file":
-            if Path(value).exists() and not Path(value).is_file():
-                raise ValueError(f"{value} is not a regular file, expected a parameter file")
-            try:
-                text = Path(value).read_text(encoding="utf-8")
-                # ROS takes the last of two values and says nothing.
-                check_distinct(text)
-                full = list(_sections(yaml.safe_load(text)))
-            except YamlError as problem:
-                raise ValueError(f"{value}: {problem}") from None
-            except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
-                continue  # ROS refuses it itself
-            for name in full:
-                if full.count(name) > 1:
-                    raise ValueError(f"{value}: the section of {name} stands twice")
-            sections = [name.rpartition("/")[2] for name in full]
+            sections = _nodes_of_file(Path(value))
         elif flag in ("-p", "--param") and ":" in value.partition(":=")[0]:
             sections, where = [value.partition(":")[0].rpartition("/")[2]], f"{flag} {value}"
         for name in sections:
@@ -67,6 +54,31 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
                 raise ValueError(
                     f"{where} has parameters for {name}, which is no node{_near(name, known)}"
                 )
+
+
+def _nodes_of_file(file: Path) -> list[str]:
+    """Return the names of the nodes that a file of parameters has sections for, or raise ValueError
+    where it is none; what else is wrong in it ROS itself refuses.
+    """
+    text = text_of(str(file), ValueError)
+    try:
+        # ROS takes the last of two values and says nothing.
+        check_distinct(text)
+        # Values stay texts: what they mean is for ROS to say.
+        full = list(_sections(yaml.load(text, yaml.BaseLoader)))
+    except YamlError as problem:
+        raise ValueError(f"{file}: {problem}") from None
+    except yaml.YAMLError as problem:
+        mark = getattr(problem, "problem_mark", None)
+        line = "" if mark is None else f"line {mark.line + 1}: "
+        what = getattr(problem, "problem", None) or str(problem)
+        raise ValueError(f"{file}: {line}not valid YAML ({what})") from None
+    except RecursionError:
+        raise ValueError(f"{file}: not usable as YAML: it is nested too deeply") from None
+    for name in full:
+        if full.count(name) > 1:
+            raise ValueError(f"{file}: the section of {name} stands twice")
+    return [name.rpartition("/")[2] for name in full]
 
 
 def _sections(tree: Any, inside: str = "") -> Iterator[str]:

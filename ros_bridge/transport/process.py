@@ -5,13 +5,14 @@ input.
 
 import argparse
 import gc
+import re
 import signal
 import sys
 from collections.abc import Sequence
 from typing import Any
 
 import rclpy
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import InvalidParameterTypeException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.utilities import remove_ros_args
@@ -22,6 +23,7 @@ from ros_bridge.transport.children import FLAG, end_with_parent
 from ros_bridge.transport.discovery import configure_dds, reserved_ports
 from ros_bridge.transport.overrides import refuse_unknown_nodes
 
+_RCL_LINE = re.compile(r"\s*, at \S+:\d+")
 _LOOK = 1.0  # s between two looks at whether the node has finished
 
 
@@ -82,24 +84,29 @@ def _begin(make: Any, parser: Parser, given: list[str]) -> tuple[argparse.Namesp
     used.
     """
     try:
+        # Before ROS looks at the files, whose errors name its own lines.
+        refuse_unknown_nodes(given, [f"rlcas_{one}" for one in parameters.NODES])
         options = parser.parse_args(remove_ros_args(given)[1:])
         if options.end_with_parent:
             end_with_parent()
-        refuse_unknown_nodes(given, [f"rlcas_{one}" for one in parameters.NODES])
         configure_dds()
         rclpy.init(args=given)
         with reserved_ports():
             return options, make()
-    except ParameterException as error:
+    except InvalidParameterTypeException as error:
         rclpy.try_shutdown()
         raise InputError(f"{error} (a number needs its point, such as 3.0)") from error
+    except ParameterException as error:
+        rclpy.try_shutdown()
+        raise InputError(str(error)) from error
     except ValueError as error:
         rclpy.try_shutdown()
         raise InputError(str(error)) from error
     except RuntimeError as error:
         rclpy.try_shutdown()
-        # What rcl raises for arguments has no common class that is public.
-        raise InputError(f"ROS arguments cannot be used: {error}") from error
+        # What rcl raises for arguments has no common class that is public; it names its own lines.
+        sentence = _RCL_LINE.sub("", str(error))
+        raise InputError(f"ROS arguments cannot be used: {sentence}") from error
 
 
 def _activate(node: Any) -> bool:

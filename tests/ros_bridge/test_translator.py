@@ -350,7 +350,6 @@ def test_default_margin_is_an_aircrafts(node: Any):
             "*x}",
             "rlcas_runr",
         ),
-        ("{a: " * 3000 + "1" + "}" * 3000, ""),
         (
             "/n123/rlcas_runner:\n  ros__parameters: {margin: 50.0}\n/other:\n  ros__parameters: "
             "{a: 1}",
@@ -370,6 +369,25 @@ def test_parameter_file_for_an_unknown_node_is_refused(tmp_path: Path, text: str
         ValueError, match=f"parameters for {wrong}, which is no node; the nearest is rlcas_"
     ):
         refuse_unknown_nodes(arguments, names)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{a: " * 3000 + "1" + "}" * 3000, "nested too deeply"),
+        ("rlcas_runner:\n  ros__parameters: [1,\n", "line 3: not valid YAML"),
+        ("rlcas_runner:\n\tros__parameters:\n", "line 2: not valid YAML"),
+        ("a: 1\n---\na: 2\n", "line 2: not valid YAML"),
+        ("\x00", "not valid YAML"),
+    ],
+)
+def test_a_parameter_file_that_is_no_yaml_is_refused(tmp_path: Path, text: str, says: str):
+    file = tmp_path / "some.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=f"some.yaml: .*{re.escape(says)}"):
+        refuse_unknown_nodes(["--ros-args", "--params-file", str(file)], [])
+    with pytest.raises(ValueError, match="there is no such file"):
+        refuse_unknown_nodes(["--ros-args", "--params-file", str(tmp_path / "other.yaml")], [])
 
 
 def test_a_named_pipe_is_no_parameter_file(tmp_path: Path):
