@@ -9,7 +9,6 @@ thread, as the planner counts its deadline.
 """
 
 import math
-import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +19,8 @@ from threadpoolctl import threadpool_limits
 
 from agents.planner import Options, plan
 from agents.policy.inference import Policy
-from benchmarks.measure import report, request_options, show
+from benchmarks.measure import percentiles_ms, report, request_options, show
+from benchmarks.questions import Question, time_plan
 from benchmarks.sampling_planner import Task, is_right, require, solve
 from envs.aircraft import Aircraft
 from envs.areas import Area
@@ -38,16 +38,14 @@ _BEYOND = 5.0  # separations between points of the route beyond the goal
 _POINTS = 10
 
 
-class Question(NamedTuple):
-    """What ``plan`` is asked."""
+class AmongAreas(NamedTuple):
+    """What ``plan`` is asked, and the areas about it."""
 
-    own: VehicleState
-    intruders: list[VehicleState]
-    route: list[RoutePoint]
+    asked: Question
     areas: tuple[Area, ...]
 
 
-def questions(seed: int, count: int, aircraft: Aircraft) -> list[Question]:
+def questions(seed: int, count: int, aircraft: Aircraft) -> list[AmongAreas]:
     """Return requests with one to four intruders and one to three areas each."""
     found = []
     starts = encounters_of_seed(scenario("multi", aircraft), seed, 0, count)
@@ -59,12 +57,19 @@ def questions(seed: int, count: int, aircraft: Aircraft) -> list[Question]:
         ]
         goal = float(starts.goal_x[n]), float(starts.goal_y[n])
         areas = random_areas(seed, n, 1 + (n // _INTRUDERS) % _AREAS, own, goal, aircraft)
-        ahead = np.subtract(goal, (own.x, own.y))
-        ahead = ahead / max(float(np.hypot(*ahead)), 1e-9) * _BEYOND * aircraft.separation
-        places = [(goal[0] + i * ahead[0], goal[1] + i * ahead[1]) for i in range(_POINTS)]
-        route = [RoutePoint(i, float(x), float(y)) for i, (x, y) in enumerate(places)]
-        found.append(Question(own, others, route, areas))
+        asked = Question(own, others, _route(own, goal, _BEYOND * aircraft.separation))
+        found.append(AmongAreas(asked, areas))
     return found
+
+
+def _route(own: VehicleState, goal: tuple[float, float], spacing: float) -> list[RoutePoint]:
+    """Return the goal and points beyond it, straight ahead from the ownship, ``spacing`` m
+    apart.
+    """
+    ahead = np.subtract(goal, (own.x, own.y))
+    ahead = ahead / max(float(np.hypot(*ahead)), 1e-9) * spacing
+    places = [(goal[0] + i * ahead[0], goal[1] + i * ahead[1]) for i in range(_POINTS)]
+    return [RoutePoint(i, float(x), float(y)) for i, (x, y) in enumerate(places)]
 
 
 class Asked(NamedTuple):
@@ -94,12 +99,14 @@ def main() -> None:
     found, tried = list[Asked](), list[Sampled]()
     with threadpool_limits(1):
         for number, one in enumerate(questions(given.seed, given.requests, policy.aircraft)):
-            if not found:
-                _plan(one, policy, usual)  # warm
+            if not found:  # the first plan of a process makes tables
+                plan(*one.asked, policy, usual, areas=one.areas)
             found.append(_ask(one, policy, usual, deadlines))
             solved = math.isfinite(found[-1].solved_in)
             if given.ompl and (not solved or number % _EVERY == 0):
-                tried.append(_sample(Task(*one, usual), number, ours=solved))
+                asked = one.asked
+                task = Task(asked.own, asked.states, asked.route, one.areas, usual)
+                tried.append(_sample(task, number, ours=solved))
     measured = {"benchmark": "areas", "requests": given.requests, **figures(found, deadlines)}
     if given.ompl:
         measured |= compare(found, tried, deadlines)
@@ -122,14 +129,14 @@ def _parser() -> Parser:
     return parser
 
 
-def _ask(one: Question, policy: Policy, usual: Options, deadlines: Sequence[float]) -> Asked:
+def _ask(one: AmongAreas, policy: Policy, usual: Options, deadlines: Sequence[float]) -> Asked:
     """Return how a request is planned with longer and longer deadlines, ms, until one solves it."""
     busy, reasons = math.nan, frozenset[str]()
     for ms in deadlines:
-        began = time.thread_time()
-        answer = _plan(one, policy, replace(usual, deadline_s=1e-3 * ms))
+        options = replace(usual, deadline_s=1e-3 * ms)
+        answer, seconds = time_plan(one.asked, policy, options, areas=one.areas)
         if math.isnan(busy):
-            busy = time.thread_time() - began
+            busy = seconds
         if answer.safe:
             return Asked(ms, busy, frozenset())
         reasons = frozenset(reason.kind.value for reason in answer.reasons)
@@ -137,6 +144,7 @@ def _ask(one: Question, policy: Policy, usual: Options, deadlines: Sequence[floa
 
 
 def _sample(task: Task, number: int, *, ours: bool) -> Sampled:
+    """Let OMPL try a request; ``ours``: whether the planner has solved it."""
     steps = solve(task, _PATIENT, number)
     return Sampled(ours, steps is not None, steps is not None and is_right(task, steps))
 
@@ -144,13 +152,11 @@ def _sample(task: Task, number: int, *, ours: bool) -> Sampled:
 def figures(found: Sequence[Asked], deadlines: Sequence[float]) -> dict[str, Any]:
     """Return what the deadlines, ms, solve of that which ours solves."""
     solved = sum(math.isfinite(one.solved_in) for one in found)
-    busy = 1e3 * np.array([one.busy for one in found])
     return {
         "solved": solved,
         "unsolved_reasons": dict(Counter(reason for one in found for reason in one.reasons)),
         **_shares("safe_of_solved", found, deadlines, solved),
-        "cpu_median_ms": float(np.median(busy)),
-        "cpu_p99_ms": float(np.percentile(busy, 99.0)),
+        **percentiles_ms("cpu", [one.busy for one in found], ("median", "p99")),
     }
 
 
@@ -179,10 +185,6 @@ def _shares(
         f"{name}_{ms:g}_ms": sum(one.solved_in <= ms for one in found) / solved if solved else None
         for ms in deadlines
     }
-
-
-def _plan(one: Question, policy: Policy, options: Options) -> Any:
-    return plan(one.own, one.intruders, one.route, policy, options, areas=one.areas)
 
 
 if __name__ == "__main__":

@@ -7,25 +7,36 @@ polygon of twelve corners and one that moves, all within reach. ``_cpu_`` figure
 processor's time alone, which other work on the machine does not lengthen so much.
 """
 
-import os
+import itertools
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents.assurance.bands import heading_bands, speed_bands
+from agents.assurance.bands import Bands, heading_bands, speed_bands
 from agents.assurance.inputs import no_areas
 from agents.planner.areas import Counted
 from agents.planner.traffic import Requirement, Traffic
-from benchmarks.measure import report
+from benchmarks.measure import hold_to_one_core, report
 from envs.areas import Area, Circle, Polygon
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import C208_PUBLISHED, VehicleState
 
 INTRUDERS = 1, 10, 100
+KINDS = "exact", "uncertain", "areas"
+BANDS: dict[str, Callable[..., Bands]] = {"headings": heading_bands, "speeds": speed_bands}
 LOOK_AHEAD = 120.0
+"""Of the bands, s."""
 _NEAR = 8_000.0  # m
+
+
+class Latency(NamedTuple):
+    """What a call of the bands takes, median, ms."""
+
+    wall: float
+    processor: float
 
 
 def traffic(count: int, *, uncertain: bool) -> Traffic:
@@ -39,48 +50,51 @@ def traffic(count: int, *, uncertain: bool) -> Traffic:
     )
     turns = np.where(np.arange(count) % 2, 0.05, 0.0)[None]
     noise = np.full(shape, float(uncertain))
-    return Traffic(
-        state,
-        np.ones(shape, dtype=bool),
-        turns,
-        np.where(turns > 0.0, 15.0, 0.0),
-        30.0 * noise,
-        3.0 * noise,
-        noise,
+    return Traffic.straight(state)._replace(
+        turn_rate=turns,
+        turn_time=np.where(turns > 0.0, 15.0, 0.0),
+        position_std=30.0 * noise,
+        velocity_std=3.0 * noise,
+        age=noise,
     )
 
 
-def three_areas() -> Any:
-    """Return three areas within reach, object ``[1]``."""
+def three_areas() -> np.ndarray:
+    """Return three areas within reach, counted by the ownship, object ``[1]``."""
     angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
     away = 1_500.0 * (1.0 + 0.4 * np.sin(3.0 * angle))
     corners = np.stack([3_000.0 + away * np.cos(angle), -4_000.0 + away * np.sin(angle)], axis=1)
     ring = tuple(map(tuple, corners.tolist()))
     moving = tuple((x - 8_000.0, y + 2_000.0) for x, y in ring)
-    found = no_areas(1)
-    found[0] = tuple(
-        Counted(number, area, 0.0, 900.0)
-        for number, area in enumerate(
-            (
-                Area(Circle(4_000.0, 3_000.0, 1_500.0), clearance=100.0),
-                Area(Polygon(ring), clearance=100.0),
-                Area(Polygon(moving), velocity=(10.0, -5.0), clearance=100.0),
-            )
-        )
+    areas = (
+        Area(Circle(4_000.0, 3_000.0, 1_500.0), clearance=100.0),
+        Area(Polygon(ring), clearance=100.0),
+        Area(Polygon(moving), velocity=(10.0, -5.0), clearance=100.0),
     )
+    found = no_areas(1)
+    found[0] = tuple(Counted(number, area, 0.0, 900.0) for number, area in enumerate(areas))
     return found
 
 
-def _times(bands: Any, asked: Any, areas: Any, repeats: int) -> tuple[list[float], list[float]]:
-    """Return the wall and the processor's time of each call, s, after one that is not counted."""
-    bands(*asked, C208_PUBLISHED, LOOK_AHEAD, areas=areas)
+def measure(bands: Callable[..., Bands], count: int, kind: str, repeats: int) -> Latency:
+    """Time calls after one that is not counted.
+
+    Args:
+        bands: one of :data:`BANDS`.
+        count: of the intruders.
+        kind: one of :data:`KINDS`.
+        repeats: calls that are timed.
+    """
+    own = VehicleState(*(np.array([value]) for value in (0.0, 0.0, 0.3, 75.0)))
+    others, requirement = traffic(count, uncertain=kind == "uncertain"), Requirement(1_000.0)
+    areas = three_areas() if kind == "areas" else None
     wall, processor = [], []
-    for _ in range(repeats):
+    for _ in range(repeats + 1):
         began, began_cpu = time.perf_counter(), time.process_time()
-        bands(*asked, C208_PUBLISHED, LOOK_AHEAD, areas=areas)
+        bands(own, others, requirement, C208_PUBLISHED, LOOK_AHEAD, areas=areas)
         wall.append(time.perf_counter() - began)
         processor.append(time.process_time() - began_cpu)
-    return wall, processor
+    return Latency(*(1e3 * float(np.median(times[1:])) for times in (wall, processor)))
 
 
 def main() -> None:
@@ -90,21 +104,13 @@ def main() -> None:
     given = parser.parse_args()
     if given.repeats < 1:
         parser.error(f"--repeats {given.repeats}: expected 1 or more")
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    own = VehicleState(*(np.array([value]) for value in (0.0, 0.0, 0.3, 75.0)))
+    hold_to_one_core()
     found: dict[str, Any] = {"repeats": given.repeats}
     with threadpool_limits(1):
-        for count in INTRUDERS:
-            for kind in ("exact", "uncertain", "areas"):
-                asked = own, traffic(count, uncertain=kind == "uncertain"), Requirement(1_000.0)
-                areas = three_areas() if kind == "areas" else None
-                for name, bands in (("headings", heading_bands), ("speeds", speed_bands)):
-                    wall, processor = _times(bands, asked, areas, given.repeats)
-                    found[f"{name}_{count}_{kind}_median_ms"] = 1e3 * float(np.median(wall))
-                    found[f"{name}_{count}_{kind}_cpu_median_ms"] = 1e3 * float(
-                        np.median(processor)
-                    )
+        for count, kind, name in itertools.product(INTRUDERS, KINDS, BANDS):
+            latency = measure(BANDS[name], count, kind, given.repeats)
+            found[f"{name}_{count}_{kind}_median_ms"] = latency.wall
+            found[f"{name}_{count}_{kind}_cpu_median_ms"] = latency.processor
     report(found, ("numpy",))
 
 

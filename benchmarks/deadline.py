@@ -11,11 +11,10 @@ object.
 import gc
 import json
 import math
-import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -24,14 +23,18 @@ from agents.planner import Intruder, Options, plan
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from benchmarks.planner import question
+from benchmarks.questions import Question, time_plan
 from envs.aircraft import PAPER
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import InputError, Parser, run_cli
 from envs.edge.figures import save_figure
 from envs.edge.files import write_file
 from envs.edge.json_text import parse_json
 from envs.encounters import scenario
 from envs.starts import encounters_of_seed
 from eval.flights.plan_flight import request_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 DEADLINES_MS = (5.0, 10.0, 20.0, 50.0, 100.0, math.inf)
 KINDS: dict[str, dict[str, Any]] = {
@@ -48,53 +51,59 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 EACH = 20  # requests of a kind in a block
 LATE_MS = 5.0
+"""By how much an answer may be late, ms."""
 
 
-def requests(kind: str, first: int, count: int) -> Iterator[tuple[Any, list[Intruder], Any]]:
-    """Yield the requests of a kind from a number on: ownship, intruders and route."""
+class Answered(NamedTuple):
+    """One request with one deadline."""
+
+    safe: bool
+    ms: float
+    """Of the thread's processor."""
+
+
+def questions(kind: str, first: int, count: int) -> Iterator[Question]:
+    """Yield what ``plan`` is asked by the requests of a kind from a number on."""
     encounters = encounters_of_seed(scenario(aircraft=PAPER, **KINDS[kind]), 0, first, count)
     request, sensor = request_of(encounters, PAPER), encounters.sensor
-    place, pace, age = (
+    position_std, velocity_std, age = (
         float(np.max(f)) for f in (sensor.position_std, sensor.velocity_std, sensor.latency)
     )
     for number in range(count):
-        own, others, route = question(encounters, request, number)
-        yield (
-            own,
-            [Intruder(one, age=age, position_std=place, velocity_std=pace) for one in others],
-            route,
-        )
+        asked = question(encounters, request, number)
+        reports = [
+            Intruder(one, age=age, position_std=position_std, velocity_std=velocity_std)
+            for one in asked.states
+        ]
+        yield asked._replace(intruders=reports)
 
 
-def time_request(
-    request: tuple[Any, list[Intruder], Any], limit: float, policy: Policy
-) -> tuple[bool, float]:
-    """Return whether the answer to a request with a deadline, ms, is SAFE, and its time, ms."""
+def answer(asked: Question, limit: float, policy: Policy) -> Answered:
+    """Plan with a deadline, ms."""
     options = replace(Options.for_aircraft(policy.aircraft), deadline_s=limit * 1e-3)
-    began = time.thread_time()
-    answer = plan(*request, policy, options)
-    return answer.safe, 1e3 * (time.thread_time() - began)
+    timed = time_plan(asked, policy, options)
+    return Answered(timed.answer.safe, 1e3 * timed.seconds)
 
 
 def answers(block: int, policy: Policy) -> dict[str, Any]:
-    """Return of the requests of a block, by kind and deadline, whether they are SAFE and the time
-    of the answer, ms.
+    """Return of the requests of a block, by kind and deadline, whether they are SAFE (``safe``)
+    and the time of the answer (``ms``).
     """
     safe: dict[str, list[list[bool]]] = {}
     spent: dict[str, list[list[float]]] = {}
     for kind in KINDS:
         rows = [
-            [time_request(one, limit, policy) for limit in DEADLINES_MS]
-            for one in requests(kind, block * EACH, EACH)
+            [answer(asked, limit, policy) for limit in DEADLINES_MS]
+            for asked in questions(kind, block * EACH, EACH)
         ]
-        safe[kind] = [[good for good, _ in row] for row in rows]
-        spent[kind] = [[ms for _, ms in row] for row in rows]
+        safe[kind] = [[one.safe for one in row] for row in rows]
+        spent[kind] = [[one.ms for one in row] for row in rows]
     return {"safe": safe, "ms": spent}
 
 
-def late_again(blocks: list[dict[str, Any]], policy: Policy) -> dict[str, int]:
-    """Answer again what came late, and return how many did each time: a shared host may hold up a
-    thread once.
+def ask_late_again(blocks: Sequence[dict[str, Any]], policy: Policy) -> dict[str, int]:
+    """Ask again what was answered late, and return how many answers were late each time: a shared
+    host may hold up a thread once.
     """
     late = [
         (kind, block * EACH + number, limit)
@@ -105,7 +114,7 @@ def late_again(blocks: list[dict[str, Any]], policy: Policy) -> dict[str, int]:
         if ms - limit > LATE_MS
     ]
     again = [
-        time_request(next(requests(kind, number, 1)), limit, policy)[1] - limit
+        answer(next(questions(kind, number, 1)), limit, policy).ms - limit
         for kind, number, limit in late
     ]
     return {
@@ -114,7 +123,7 @@ def late_again(blocks: list[dict[str, Any]], policy: Policy) -> dict[str, int]:
     }
 
 
-def figures(blocks: list[dict[str, Any]]) -> dict[str, Any]:
+def figures(blocks: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return the shares and times of all blocks, lists by deadline."""
     found: dict[str, Any] = {"benchmark": "deadline", "deadlines_ms": [*DEADLINES_MS[:-1], None]}
     late = 0.0
@@ -136,7 +145,7 @@ def figures(blocks: list[dict[str, Any]]) -> dict[str, Any]:
     return found | {"answers_with_a_deadline": answered, "latest_after_its_deadline_ms": late}
 
 
-def draw(found: dict[str, Any]) -> Any:
+def draw(found: dict[str, Any]) -> "Figure":
     """Return the figure: SAFE of the resolvable, and the slowest answer, against the deadline."""
     from matplotlib.figure import Figure
 
@@ -165,41 +174,51 @@ def draw(found: dict[str, Any]) -> Any:
 
 def main() -> None:
     """Measure what is missing, and print."""
-    parser = Parser(description=__doc__)
-    parser.add_argument(
-        "--out", type=Path, required=True, help="folder of the blocks, the result and the figure"
-    )
-    parser.add_argument(
-        "--requests", type=int, default=300, help="in whole blocks of 100 (default 300)"
-    )
-    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
-    options = parser.parse_args()
+    options = _parser().parse_args()
     policy = Policy.load(options.policy)
     policy = policy.for_aircraft(policy.aircraft, outside="allow")  # up to eight intruders
     options.out.mkdir(parents=True, exist_ok=True)
     count = -(-options.requests // (EACH * len(KINDS)))
     paths = [options.out / f"block-{block:05d}.json" for block in range(count)]
     with threadpool_limits(1):
+        # The first plan of a process makes tables.
         first = encounters_of_seed(scenario("multi", PAPER), 1, 0, 1)
-        plan(
-            *question(first, request_of(first, PAPER), 0), policy
-        )  # the first plan of a process makes tables
-        # as the ROS nodes do: a search for garbage among all that was imported takes 10 ms and more
+        plan(*question(first, request_of(first, PAPER), 0), policy)
+        # As the ROS nodes do: a search for garbage in all that was imported takes 10 ms and more.
         gc.freeze()
         for block, path in enumerate(paths):
-            if not path.exists():
-                write_file(path, json.dumps({"policy": policy.sha256} | answers(block, policy)))
-            elif parse_json(path.read_text())["policy"] != policy.sha256:
-                parser.error(
-                    f"--out {options.out} holds answers of another policy; expected a new folder"
-                )
+            _answer_block(block, path, policy)
         # Held only now, for the same reason: a search through 200 blocks takes 5 ms.
         blocks = [parse_json(path.read_text()) for path in paths]
         gc.freeze()
-        found = figures(blocks) | late_again(blocks, policy)
+        found = figures(blocks) | ask_late_again(blocks, policy)
     write_file(options.out / "deadline.json", json.dumps(found, indent=2) + "\n")
     save_figure(draw(found), options.out / "deadline")
     report(found, ("numpy",))
+
+
+def _parser() -> Parser:
+    parser = Parser(description=__doc__)
+    add = parser.add_argument
+    what = "folder of the blocks, the result and the figure"
+    add("--out", type=Path, required=True, help=what)
+    add("--requests", type=int, default=300, help="in whole blocks of 100 (default 300)")
+    add("--policy", type=Path, help="policy file (default: the one that ships)")
+    return parser
+
+
+def _answer_block(block: int, path: Path, policy: Policy) -> None:
+    """Write the answers of a block, unless they are there.
+
+    Raises:
+        InputError: the file is of another policy.
+    """
+    if not path.exists():
+        write_file(path, json.dumps({"policy": policy.sha256} | answers(block, policy)))
+    elif parse_json(path.read_text())["policy"] != policy.sha256:
+        raise InputError(
+            f"--out {path.parent} holds answers of another policy; expected a new folder"
+        )
 
 
 if __name__ == "__main__":

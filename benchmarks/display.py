@@ -8,24 +8,30 @@ its number never reaches the page, and not drawn if another came before it was.
 Afterwards the page takes as many pictures as a night has in a row, and its memory is compared.
 """
 
+import argparse
 import math
 import os
-import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
 import numpy as np
 
-from benchmarks.measure import report
-from benchmarks.ros.graph import processor_time
+from benchmarks.measure import find_chromium, processor_time, report
+from benchmarks.ros.graph import own_domain
 from envs.edge.command import Parser, run_cli
-from ros_bridge.transport.children import FLAG, free_domain, stop
+from ros_bridge.transport.children import FLAG, stop
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+    from rlcas_msgs.msg import AircraftState
 
 _SETTLE = 10.0  # s before figures count
 _OWN, _OTHERS = 5.0, 2.0  # reports a second
+_DEGREE = 111_200.0  # of latitude, m
 _PICTURES = """() => {
   window.measured = { latency: [], numbers: [], drawn: [], seen: new Map() };
   const before = receive;
@@ -72,22 +78,56 @@ def main(argv: list[str] | None = None) -> None:
     add("--aircraft", type=int, default=100, help="that report (default 100)")
     add("--night", type=int, default=20_000, help="pictures of the night (default 20000)")
     options = parser.parse_args(argv)
-    browser = next(
-        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-    )
-    if browser is None:
-        parser.error("no Chromium is installed (Debian's package: chromium)")
-    with free_domain() as domain:
-        os.environ |= {
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }
-        report(_measure(options, browser), ("playwright", "websockets"))
+    browser = find_chromium()
+    with own_domain():
+        report(figures(options, _measure(options, browser)), ("playwright", "websockets"))
 
 
-def _measure(options: Any, browser: str) -> dict[str, Any]:
+class _Pictures(TypedDict):
+    """What the page has noted, as it sends it."""
+
+    latency: list[float]
+    """Of each report, s."""
+    numbers: list[int]
+    """Of the pictures that have come."""
+    drawn: list[int]
+    """Numbers of those that were drawn."""
+
+
+class _Measured(NamedTuple):
+    pictures: _Pictures
+    server_share: float
+    """Processor time of the server over the time that pictures were taken in."""
+    growth_mb: float | None
+    """Of the page over a night's pictures; None: there was no night."""
+    load_before: float
+
+
+def _measure(options: argparse.Namespace, browser: str) -> _Measured:
     from playwright.sync_api import sync_playwright
 
+    with _server() as (server, address), sync_playwright() as driver, _Sky(options.aircraft) as sky:
+        page = driver.chromium.launch(
+            executable_path=browser, args=["--no-sandbox", "--enable-precise-memory-info"]
+        ).new_page(viewport={"width": 1280, "height": 800})
+        page.goto(address)
+        sky.fly(_SETTLE, lambda: page.wait_for_timeout(1))
+        page.evaluate("(range) => { state.range = range; show(); }", 5)
+        page.evaluate(_PICTURES)
+        began, before, load = time.monotonic(), processor_time(server), os.getloadavg()[0]
+        sky.fly(options.seconds, lambda: page.wait_for_timeout(1))
+        share = (processor_time(server) - before) / (time.monotonic() - began)
+        pictures = page.evaluate(
+            "({ latency: measured.latency, numbers: measured.numbers, drawn: measured.drawn })"
+        )
+        text = page.evaluate("JSON.stringify(state.picture)")
+        growth = _growth_over_night(page, text, options.night) if options.night else None
+    return _Measured(pictures, share, growth, load)
+
+
+@contextmanager
+def _server() -> Generator[tuple[int, str]]:
+    """Give the process of a display's server and its page's address."""
     server = subprocess.Popen(
         [sys.executable, "-m", "ros_bridge.display", "--port", "0", FLAG],
         stdin=subprocess.PIPE,
@@ -96,27 +136,16 @@ def _measure(options: Any, browser: str) -> dict[str, Any]:
     )
     assert server.stdout is not None
     try:
-        with sync_playwright() as driver, _Sky(options.aircraft) as sky:
-            page = driver.chromium.launch(
-                executable_path=browser, args=["--no-sandbox", "--enable-precise-memory-info"]
-            ).new_page(viewport={"width": 1280, "height": 800})
-            page.goto(server.stdout.readline().strip())
-            sky.fly(_SETTLE, lambda: page.wait_for_timeout(1))
-            page.evaluate("(range) => { state.range = range; show(); }", 5)
-            page.evaluate(_PICTURES)
-            began, before, load = time.monotonic(), processor_time(server.pid), os.getloadavg()[0]
-            sky.fly(options.seconds, lambda: page.wait_for_timeout(1))
-            busy = (processor_time(server.pid) - before) / (time.monotonic() - began)
-            found = page.evaluate(
-                "({ latency: measured.latency, numbers: measured.numbers, drawn: measured.drawn })"
-            )
-            text = page.evaluate("JSON.stringify(state.picture)")
-            grown = _night(page, text, options.night) if options.night else None
+        yield server.pid, server.stdout.readline().strip()
     finally:
         stop([server])  # pyright: ignore[reportArgumentType]
         server.stdout.close()
-    latency = 1e3 * np.array(found["latency"])
-    numbers, drawn = found["numbers"], set(found["drawn"])
+
+
+def figures(options: argparse.Namespace, measured: _Measured) -> dict[str, Any]:
+    """Return what is printed."""
+    latency = 1e3 * np.array(measured.pictures["latency"])
+    numbers, drawn = measured.pictures["numbers"], set(measured.pictures["drawn"])
     return {
         "aircraft": options.aircraft,
         "reports_latency_ms": {
@@ -125,20 +154,20 @@ def _measure(options: Any, browser: str) -> dict[str, Any]:
             "p99": float(np.quantile(latency, 0.99)),
             "greatest": float(latency.max()),
         },
-        "server_core_percent": 100.0 * busy,
+        "server_core_percent": 100.0 * measured.server_share,
         "pictures": len(numbers),
         "pictures_missed": numbers[-1] - numbers[0] + 1 - len(numbers),
         "pictures_not_drawn": len(set(numbers) - drawn),
         "seconds": options.seconds,
-        "page_growth_mb": grown,
+        "page_growth_mb": measured.growth_mb,
         "night_pictures": options.night,
-        "load_average_before": load,
+        "load_average_before": measured.load_before,
         "cores": os.cpu_count(),
     }
 
 
-def _night(page: Any, text: str, count: int) -> float:
-    """Return by how much the page's memory grows over many pictures, MB."""
+def _growth_over_night(page: "Page", text: str, count: int) -> float:
+    """Return by how much the page's memory grows over many pictures like one, given as JSON, MB."""
     page.reload()  # without what was measured
     page.wait_for_selector("html[data-ready]")
     session = page.context.new_cdp_session(page)
@@ -169,10 +198,9 @@ class _Sky:
         self._node = Node("sky")
         self._own = self._node.create_publisher(*topics.OWNSHIP)
         self._others = self._node.create_publisher(*topics.TRAFFIC)
-        self._due = [(1.0 / _OWN, 0.0)] + [
-            (1.0 / _OTHERS, n / count / _OTHERS) for n in range(count)
-        ]
-        self._next = np.array([begin for _, begin in self._due])
+        # The ownship's, and those of the others, evenly spread; s.
+        self._periods = [1.0 / _OWN] + [1.0 / _OTHERS] * count
+        self._next = np.array([0.0] + [n / count / _OTHERS for n in range(count)])
         self._begin = time.time()
 
     def __enter__(self) -> "_Sky":
@@ -191,27 +219,30 @@ class _Sky:
             now = time.time() - self._begin
             for n in np.flatnonzero(self._next <= now):
                 (self._others if n else self._own).publish(self._message(int(n)))
-                self._next[n] = max(self._next[n] + self._due[n][0], now)
+                self._next[n] = max(self._next[n] + self._periods[n], now)
             idle()
 
-    def _message(self, number: int) -> Any:
+    def _message(self, number: int) -> "AircraftState":
+        """Return the report of an aircraft now; 0: the ownship, which flies north."""
         from ros_bridge.core.reports import Report
         from ros_bridge.transport.messages import aircraft_message
 
         now = time.time_ns()
         passed = now / 1e9 - self._begin
-        # On circles of their own, so that nobody leaves; the ownship flies north.
+        if number == 0:
+            return aircraft_message(
+                Report("own", now, 47.0 + passed * 80.0 / _DEGREE, 8.0, 0.0, 80.0)
+            )
+        # Each on a circle of its own, so that none leaves.
         angle = 2.0 * math.pi * number * 0.618 + passed / (60.0 + number)
-        radius = 0.02 + 0.003 * number
+        radius = 0.02 + 0.003 * number  # degrees
         speed = math.radians(radius) * 6.37e6 / (60.0 + number)
         latitude, longitude = (
             47.0 + radius * math.cos(angle),
             8.0 + 1.466 * radius * math.sin(angle),
         )
         east, north = speed * math.cos(angle), -speed * math.sin(angle)
-        if number == 0:
-            latitude, longitude, east, north = 47.0 + passed * 80.0 / 111_200.0, 8.0, 0.0, 80.0
-        name = "own" if number == 0 else f"{0x4B0000 + number:x}"
+        name = f"{0x4B0000 + number:x}"
         return aircraft_message(Report(name, now, latitude, longitude, east, north))
 
 

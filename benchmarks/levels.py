@@ -9,19 +9,26 @@ either the separation or the vertical separation away, by samples in three dimen
 """
 
 import math
-import time
-from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents.planner import Options, plan
-from agents.planner.answer import Apart
-from agents.planner.request import Altitude, Intruder
+from agents.planner import Intruder, Options, plan
+from agents.planner.answer import Apart, Plan
+from agents.planner.request import Altitude
 from agents.policy.inference import Policy
-from benchmarks.measure import deadline_option, report, request_options, show, usual_options
+from benchmarks.measure import (
+    deadline_option,
+    percentiles_ms,
+    report,
+    request_options,
+    show,
+    usual_options,
+)
+from benchmarks.questions import Question, Timed, time_plan
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
@@ -35,12 +42,39 @@ _STEP = 1.0  # s between samples
 OWN_ALTITUDE = Altitude(3_000.0, "msl", 0.0)
 
 
-class Question(NamedTuple):
-    """What ``plan`` is asked."""
+class Asked(NamedTuple):
+    """One request, planned."""
 
-    own: VehicleState
-    intruders: list[Intruder]
-    route: list[RoutePoint]
+    windows: Timed
+    """Each intruder counts while it may be level."""
+    all_horizon: Timed
+    """Each intruder that may be level at some time counts all the time."""
+    solved: bool
+    """Whether any of both is SAFE, or a plan with more time."""
+    straight_is_clear: bool
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = Parser(description=__doc__)
+    request_options(parser, 200)
+    deadline_option(parser)
+    given = parser.parse_args()
+    policy = Policy.load(given.policy)
+    usual = usual_options(policy, given.deadline)
+    with threadpool_limits(1):
+        every = [
+            ask(question(given.seed + number, policy.aircraft), policy, usual)
+            for number in range(given.requests)
+        ]
+    found: dict[str, Any] = {
+        "benchmark": "levels",
+        "requests": given.requests,
+        "deadline_ms": 1e3 * usual.deadline_s,
+        **figures(every, _STRAIGHT * policy.aircraft.separation),
+    }
+    show(found)
+    report(found, ("numpy",))
 
 
 def question(seed: int, aircraft: Aircraft) -> Question:
@@ -65,10 +99,38 @@ def question(seed: int, aircraft: Aircraft) -> Question:
     return Question(own, intruders, route)
 
 
+def ask(asked: Question, policy: Policy, usual: Options) -> Asked:
+    """Plan a request both ways, and with more time where neither solves it."""
+    # Makes the tables of the process too, and says who is out.
+    first = plan(*asked, policy, usual, own_altitude=OWN_ALTITUDE)
+    level = asked._replace(intruders=_level_or_out(asked.intruders, first))
+    windows = time_plan(asked, policy, usual, own_altitude=OWN_ALTITUDE)
+    all_horizon = time_plan(level, policy, usual, own_altitude=OWN_ALTITUDE)
+    solved = windows.answer.safe or all_horizon.answer.safe
+    if not solved:
+        patient = replace(usual, deadline_s=_PATIENT)
+        solved = plan(*asked, policy, patient, own_altitude=OWN_ALTITUDE).safe
+    return Asked(windows, all_horizon, solved, straight_is_clear(asked, usual, usual.last_free))
+
+
+def _level_or_out(intruders: Sequence[Any], answer: Plan) -> list[Intruder]:
+    """Return the intruders without altitudes, but for those that an answer leaves out as above or
+    below.
+    """
+    out = {one.number for one in answer.excluded if one.apart is Apart.VERTICALLY}
+    return [
+        one if number in out else replace(one, altitude=None)
+        for number, one in enumerate(intruders)
+    ]
+
+
 def straight_is_clear(asked: Question, options: Options, until: float) -> bool:
-    """Return whether the straight flight keeps every intruder away, horizontally or vertically."""
+    """Return whether the straight flight keeps every intruder away, horizontally or vertically,
+    until some time, s.
+    """
     times = np.arange(0.0, until, _STEP)
     for one in asked.intruders:
+        assert isinstance(one, Intruder)
         other, level = one.state, one.altitude
         assert level is not None and level.vertical_speed is not None
         x = other.x + other.speed * times * math.cos(other.heading) - asked.own.speed * times
@@ -80,62 +142,28 @@ def straight_is_clear(asked: Question, options: Options, until: float) -> bool:
     return True
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = Parser(description=__doc__)
-    request_options(parser, 200)
-    deadline_option(parser)
-    given = parser.parse_args()
-    policy = Policy.load(given.policy)
-    usual = usual_options(policy, given.deadline)
-    patient = replace(usual, deadline_s=_PATIENT)
-    needless: Counter[str] = Counter()
-    safe: Counter[str] = Counter()
-    busy: dict[str, list[float]] = {"windows": [], "all horizon": []}
-    solved = clear = 0
-    with threadpool_limits(1):
-        for number in range(given.requests):
-            asked = question(given.seed + number, policy.aircraft)
-            known = plan(*asked, policy, usual, own_altitude=OWN_ALTITUDE)  # warm, and who is out
-            out = {one.number for one in known.excluded if one.apart is Apart.VERTICALLY}
-            level = [
-                one if number in out else replace(one, altitude=None)
-                for number, one in enumerate(asked.intruders)
-            ]
-            straight = straight_is_clear(asked, usual, usual.last_free)
-            clear += straight
-            any_safe = False
-            for name, each in (
-                ("windows", asked),
-                ("all horizon", asked._replace(intruders=level)),
-            ):
-                began = time.thread_time()
-                answer = plan(*each, policy, usual, own_altitude=OWN_ALTITUDE)
-                busy[name].append(time.thread_time() - began)
-                safe[name] += answer.safe
-                turns = not answer.safe or answer.cost > _STRAIGHT * policy.aircraft.separation
-                needless[name] += straight and turns
-                any_safe |= answer.safe
-            if not any_safe:
-                any_safe = plan(*asked, policy, patient, own_altitude=OWN_ALTITUDE).safe
-            solved += any_safe
-    figures: dict[str, Any] = {
-        "benchmark": "levels",
-        "requests": given.requests,
-        "deadline_ms": 1e3 * usual.deadline_s,
-        "solved": solved,
-        "straight_flight_is_clear": clear,
-    }
-    for name, spent in busy.items():
-        figures[name] = {
-            "safe": safe[name],
-            "safe_of_solved": safe[name] / solved if solved else None,
-            "needless_turns": needless[name],
-            "cpu_median_ms": 1e3 * float(np.median(spent)),
-            "cpu_p99_ms": 1e3 * float(np.percentile(spent, 99.0)),
+def figures(every: Sequence[Asked], straight_cost: float) -> dict[str, Any]:
+    """Return the figures of the requests; a plan turns where it costs more than ``straight_cost``,
+    m.
+    """
+    solved = sum(one.solved for one in every)
+    clear = [one for one in every if one.straight_is_clear]
+    found: dict[str, Any] = {"solved": solved, "straight_flight_is_clear": len(clear)}
+    for name in ("windows", "all_horizon"):
+        timed: list[Timed] = [getattr(one, name) for one in every]
+        in_clear: list[Timed] = [getattr(one, name) for one in clear]
+        safe = sum(one.answer.safe for one in timed)
+        found[name.replace("_", " ")] = {
+            "safe": safe,
+            "safe_of_solved": safe / solved if solved else None,
+            "needless_turns": sum(_turns(one.answer, straight_cost) for one in in_clear),
+            **percentiles_ms("cpu", [one.seconds for one in timed], ("median", "p99")),
         }
-    show(figures)
-    report(figures, ("numpy",))
+    return found
+
+
+def _turns(answer: Plan, straight_cost: float) -> bool:
+    return not answer.safe or answer.cost > straight_cost
 
 
 if __name__ == "__main__":

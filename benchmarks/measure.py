@@ -1,13 +1,17 @@
 """What every benchmark prints beside its figures, and how a rate is taken on a noisy machine."""
 
 import json
+import os
 import platform
+import shutil
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from agents.planner import Options
 from agents.policy.inference import Policy
@@ -16,10 +20,15 @@ from envs.edge.json_text import parse_json
 
 __all__ = [
     "Kind",
+    "config_options",
     "deadline_option",
+    "find_chromium",
+    "hold_to_one_core",
     "layers",
     "machine",
     "parse_names",
+    "percentiles_ms",
+    "processor_time",
     "read_done",
     "report",
     "request_options",
@@ -50,6 +59,19 @@ def deadline_option(parser: Parser) -> None:
     parser.add_argument("--deadline", type=float, metavar="MS", help=what)
 
 
+def config_options(parser: Parser, default: str) -> None:
+    """Add the options for a training's configuration: its file and changes of single keys."""
+    add = parser.add_argument
+    add("--config", type=Path, default=Path(default), help=f"training (default {default})")
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change one key of it; may be given many times",
+    )
+
+
 def usual_options(policy: Policy, deadline: float | None) -> Options:
     """Return the planner's usual options for a policy, with another deadline, ms, or its own."""
     usual = Options.for_aircraft(policy.aircraft)
@@ -65,8 +87,6 @@ def layers(policy: Policy) -> list[tuple[int, ...]]:
 
 def machine() -> dict[str, Any]:
     """Return the processor's name and the number of cores that this process may use."""
-    import os
-
     name = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
@@ -78,6 +98,27 @@ def machine() -> dict[str, Any]:
         name = models[0] if models else name
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {"processor": name, "cores": cores, "system": platform.system()}
+
+
+def hold_to_one_core() -> None:
+    """Keep this process on one of its cores, where the system lets it."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
+def processor_time(process: int) -> float:
+    """Return the processor time that a process of Linux has had, s."""
+    fields = Path(f"/proc/{process}/stat").read_text("utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def find_chromium() -> str:
+    """Return the path of Chromium; raise an InputError where none is installed."""
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        path = shutil.which(name)
+        if path is not None:
+            return path
+    raise InputError("no Chromium is installed; expected Debian's package chromium, or Chrome")
 
 
 def seconds(work: Callable[[], Any], repeats: int = 5) -> list[float]:
@@ -122,6 +163,23 @@ def read_done(path: Path, asked: dict[str, Any], what: str = "run") -> list[Any]
         )
     path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")
     return [parse_json(line) for line in lines]
+
+
+_PERCENTILES = {"median": 50.0, "p90": 90.0, "p99": 99.0, "p99_9": 99.9, "max": 100.0}
+
+
+def percentiles_ms(name: str, seconds: Sequence[float], marks: Iterable[str]) -> dict[str, float]:
+    """Return percentiles of times, ms, as ``name_mark_ms``.
+
+    Args:
+        name: of what was timed.
+        seconds: one time at least, s.
+        marks: ``median``, ``p90``, ``p99``, ``p99_9`` or ``max``.
+    """
+    return {
+        f"{name}_{mark}_ms": 1e3 * float(np.percentile(seconds, _PERCENTILES[mark]))
+        for mark in marks
+    }
 
 
 def show(figures: dict[str, Any]) -> None:

@@ -8,18 +8,26 @@ products of the network in float32 and the tanh between them, preallocated, feat
 lengthen so much.
 """
 
-import os
 import time
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents.planner.answer import Source
+from agents.planner.answer import Plan, Source
 from agents.planner.planner import plan
 from agents.planner.request import Request
 from agents.policy.inference import Policy
-from benchmarks.measure import layers, report, request_options, show
+from benchmarks.measure import (
+    hold_to_one_core,
+    layers,
+    percentiles_ms,
+    report,
+    request_options,
+    show,
+)
+from benchmarks.questions import Question
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import Encounter, scenario
@@ -30,9 +38,72 @@ from envs.waypoints import RoutePoint
 from eval.flights.plan_flight import request_of
 
 FLOOR_STEPS = 380
+KINDS = "policy", "fallback", "unresolved"
+_MARKS = "median", "p99", "p99_9", "max"
+_WARM = 20  # requests at the beginning that are not counted
 
 
-def floor(policy: Policy) -> Any:
+class Latency(NamedTuple):
+    """What one request took, s."""
+
+    kind: str
+    """One of :data:`KINDS`: what made the plan."""
+    wall: float
+    processor: float
+    floor: float
+    """What the bare products took just before, by the clock."""
+
+
+def main() -> None:
+    """Measure and print."""
+    options = _parser().parse_args()
+    hold_to_one_core()
+    policy = Policy.load(options.policy)
+    encounters = encounters_of_seed(
+        scenario(options.scenario, PAPER), options.seed, 0, options.requests
+    )
+    found = figures(measure(encounters, policy), options.requests)
+    show(found)
+    report(found, ("numpy",))
+
+
+def _parser() -> Parser:
+    parser = Parser(description=__doc__)
+    request_options(parser, 2_000)
+    parser.add_argument("--scenario", default="circle", help="of the encounters (default circle)")
+    return parser
+
+
+def measure(encounters: Encounter, policy: Policy) -> list[Latency]:
+    """Ask for a plan at the start of each encounter ``[N]``, the floor in turns with it."""
+    request = request_of(encounters, PAPER)
+    products = floor_products(policy)
+    with threadpool_limits(1):
+        for _ in range(_WARM):
+            _measure_one(question(encounters, request, 0), policy, products)
+        return [
+            _measure_one(question(encounters, request, number), policy, products)
+            for number in range(len(encounters.mask))
+        ]
+
+
+def _measure_one(asked: Question, policy: Policy, products: Callable[[], None]) -> Latency:
+    began = time.perf_counter()
+    products()
+    middle, busy_before = time.perf_counter(), time.process_time()
+    answer = plan(*asked, policy)
+    after, busy_after = time.perf_counter(), time.process_time()
+    return Latency(_kind(answer), after - middle, busy_after - busy_before, middle - began)
+
+
+def _kind(answer: Plan) -> str:
+    """Return which of :data:`KINDS` an answer is."""
+    if not answer.safe:
+        return "unresolved"
+    return "policy" if answer.source is Source.POLICY else "fallback"
+
+
+def floor_products(policy: Policy) -> Callable[[], None]:
     """Return the bare work of 380 evaluations of a network of the policy's size, to be called."""
     rng = np.random.default_rng(0)
     factors = [rng.standard_normal(shape).astype(np.float32) for shape in layers(policy)]
@@ -51,73 +122,33 @@ def floor(policy: Policy) -> Any:
     return work
 
 
-def question(
-    encounters: Encounter, request: Request, number: int
-) -> tuple[VehicleState, list[VehicleState], list[RoutePoint]]:
-    """Return what ``plan`` is asked at the start of one of the encounters: ownship, intruders,
-    route.
-    """
+def question(encounters: Encounter, request: Request, number: int) -> Question:
+    """Return what ``plan`` is asked at the start of one of the encounters."""
     row = take(request, number)
     own = VehicleState(*(float(field) for field in row.own))
     members = np.flatnonzero(encounters.mask[number])
     others = [VehicleState(*(float(field[k]) for field in row.traffic.state)) for k in members]
     points = zip(row.route_x.tolist(), row.route_y.tolist(), strict=True)
-    return own, others, [RoutePoint(i, x, y) for i, (x, y) in enumerate(points)]
+    return Question(own, others, [RoutePoint(i, x, y) for i, (x, y) in enumerate(points)])
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = Parser(description=__doc__)
-    request_options(parser, 2_000)
-    parser.add_argument("--scenario", default="circle", help="of the encounters (default circle)")
-    options = parser.parse_args()
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    policy = Policy.load(options.policy)
-    encounters = encounters_of_seed(
-        scenario(options.scenario, PAPER), options.seed, 0, options.requests
-    )
-    request = request_of(encounters, PAPER)
-    bare = floor(policy)
-    times: dict[str, list[float]] = {"policy": [], "fallback": [], "unresolved": []}
-    busy: dict[str, list[float]] = {kind: [] for kind in times}
-    floors: list[float] = []
-    with threadpool_limits(1):
-        for number in range(-20, options.requests):
-            own, others, route = question(encounters, request, max(number, 0))
-            began = time.perf_counter()
-            bare()
-            middle, busy_before = time.perf_counter(), time.process_time()
-            answer = plan(own, others, route, policy)
-            after, busy_after = time.perf_counter(), time.process_time()
-            if number >= 0:
-                floors.append(middle - began)
-                kind = (
-                    "unresolved"
-                    if not answer.safe
-                    else "policy"
-                    if answer.source is Source.POLICY
-                    else "fallback"
-                )
-                times[kind].append(after - middle)
-                busy[kind].append(busy_after - busy_before)
-    base = float(np.median(floors))
-    figures: dict[str, Any] = {
+def figures(latencies: Sequence[Latency], requests: int) -> dict[str, Any]:
+    """Return the figures of the requests, by kind of answer."""
+    floor = float(np.median([one.floor for one in latencies]))
+    found: dict[str, Any] = {
         "benchmark": "planner",
-        "requests": options.requests,
-        "floor_median_ms": 1e3 * base,
+        "requests": requests,
+        "floor_median_ms": 1e3 * floor,
     }
-    for kind, values in times.items():
-        figures[f"{kind}_requests"] = len(values)
-        if values:
-            for name, share in (("median", 50.0), ("p99", 99.0), ("p99_9", 99.9), ("max", 100.0)):
-                figures[f"{kind}_{name}_ms"] = 1e3 * float(np.percentile(values, share))
-                figures[f"{kind}_cpu_{name}_ms"] = 1e3 * float(np.percentile(busy[kind], share))
-    figures["policy_median_over_floor"] = (
-        float(np.median(times["policy"])) / base if times["policy"] else None
-    )
-    show(figures)
-    report(figures, ("numpy",))
+    for kind in KINDS:
+        same = [one for one in latencies if one.kind == kind]
+        found[f"{kind}_requests"] = len(same)
+        if same:
+            found |= percentiles_ms(kind, [one.wall for one in same], _MARKS)
+            found |= percentiles_ms(f"{kind}_cpu", [one.processor for one in same], _MARKS)
+    by_policy = [one.wall for one in latencies if one.kind == "policy"]
+    found["policy_median_over_floor"] = float(np.median(by_policy)) / floor if by_policy else None
+    return found
 
 
 if __name__ == "__main__":

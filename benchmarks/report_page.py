@@ -7,12 +7,14 @@ measured beside it in an empty page.
 """
 
 import json
-import shutil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-from benchmarks.measure import report
+from benchmarks.measure import find_chromium, report
 from envs.edge.command import Parser, run_cli
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 _DESCRIPTION = (
     "Measure how soon a report's page is ready in Chromium, ms from the start of its loading."
@@ -34,11 +36,7 @@ def main(argv: list[str] | None = None) -> None:
     options = parser.parse_args(argv)
     if not options.page.is_file():
         parser.error(f"{options.page}: no such file; python -m eval.report DIR writes one")
-    browser = next(
-        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-    )
-    if browser is None:
-        parser.error("no Chromium is installed (Debian's package: chromium)")
+    browser = find_chromium()
 
     from playwright.sync_api import sync_playwright
 
@@ -56,14 +54,15 @@ def main(argv: list[str] | None = None) -> None:
     report(figures, ("playwright",))
 
 
-def _ready_ms(launched: Any, page: Path) -> int:
+def _ready_ms(browser: "Browser", path: Path) -> int:
     """Open the page anew and return what it says of itself, ms."""
-    opened = launched.new_page(viewport={"width": 1280, "height": 900})
-    opened.goto(page.resolve().as_uri())
-    opened.wait_for_selector("html[data-ready]", timeout=60_000)
-    ready = int(opened.get_attribute("html", "data-ready"))
-    opened.close()
-    return ready
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.goto(path.resolve().as_uri())
+    page.wait_for_selector("html[data-ready]", timeout=60_000)
+    ready = page.get_attribute("html", "data-ready")
+    assert ready is not None
+    page.close()
+    return int(ready)
 
 
 if __name__ == "__main__":

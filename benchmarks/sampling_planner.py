@@ -19,11 +19,12 @@ import numpy as np
 import shapely
 
 from agents.planner import Options
+from agents.planner.traffic import Requirement
 from benchmarks.safety import sky
 from benchmarks.safety.resimulation import CLOSE, Flown
 from envs.areas import Area, Circle
 from envs.edge.command import InputError
-from envs.kinematics import VehicleState
+from envs.kinematics import Limits, VehicleState
 from envs.waypoints import RoutePoint
 
 INSTALL = "pip install -c constraints/peers.txt ompl"
@@ -70,7 +71,7 @@ def solve(task: Task, seconds: float, seed: int) -> list[Step] | None:
     controls = control.RealVectorControlSpace(space, 2)
     controls.setBounds(_bounds(base, [(-1.0, 1.0), (-1.0, 1.0)]))
     information = control.SpaceInformation(space, controls)
-    information.setStatePropagator(_propagator(task))
+    information.setStatePropagator(_Propagator(task).propagate)
     information.setStateValidityChecker(_checker(task))
     information.setPropagationStepSize(task.options.aircraft.dt)
     information.setMinMaxControlDuration(*_LEGS)
@@ -103,11 +104,8 @@ def _states(base: Any, task: Task) -> Any:
     """Return the space of states: a place, and heading, speed and time, which are no distance."""
     wide, limits = _WIDE * task.options.aircraft.separation, task.options.limits
     ends = [[getattr(one, axis) for one in (task.own, *task.route)] for axis in ("x", "y")]
-    place, rest, space = (
-        base.RealVectorStateSpace(2),
-        base.RealVectorStateSpace(3),
-        base.CompoundStateSpace(),
-    )
+    place, rest = base.RealVectorStateSpace(2), base.RealVectorStateSpace(3)
+    space = base.CompoundStateSpace()
     place.setBounds(_bounds(base, [(min(each) - wide, max(each) + wide) for each in ends]))
     speeds, times = (limits.speed_min, limits.speed_max), (0.0, task.options.rejoin_by)
     rest.setBounds(_bounds(base, [(-math.pi, math.pi), speeds, times]))
@@ -142,29 +140,42 @@ def _goal(base: Any, information: Any, task: Task) -> Any:
     return goal
 
 
-def _propagator(task: Task) -> Callable[[Any, Any, float, Any], None]:
-    limits, goal = task.options.limits, task.route[0]
-    middle, half = (
-        0.5 * (limits.speed_max + limits.speed_min),
-        0.5 * (limits.speed_max - limits.speed_min),
-    )
+class _Propagator:
+    """Flies a time step by a control: a course relative to that to the goal, and a speed, both in
+    -1 to 1.
+    """
 
-    def propagate(state: Any, control: Any, duration: float, after: Any) -> None:
+    def __init__(self, task: Task) -> None:
+        self._limits, self._goal = task.options.limits, task.route[0]
+
+    def propagate(self, state: Any, control: Any, duration: float, after: Any) -> None:
+        """Write into a state of OMPL what follows from another after a duration, s."""
         x, y = state[0][0], state[0][1]
         heading, speed, now = (state[1][n] for n in range(3))
-        # The cube makes a way straight to the goal as likely as it is useful.
-        course = math.atan2(goal.y - y, goal.x - x) + math.pi * control[0] ** 3
-        rate = math.remainder(course - heading, math.tau) / duration
-        rate = max(-limits.yaw_rate_max, min(limits.yaw_rate_max, rate))
-        push = (middle + half * control[1] - speed) / duration
-        push = max(limits.acceleration_min, min(limits.acceleration_max, push))
-        along = (speed + 0.5 * push * duration) * duration
+        rate = self._turn_rate(x, y, heading, control[0], duration)
+        acceleration = self._acceleration(speed, control[1], duration)
+        along = (speed + 0.5 * acceleration * duration) * duration
         halfway = heading + 0.5 * rate * duration
         x, y = x + along * math.cos(halfway), y + along * math.sin(halfway)
         heading = math.remainder(heading + rate * duration, math.tau)
-        _write(after, x, y, heading, speed + push * duration, now + duration)
+        _write(after, x, y, heading, speed + acceleration * duration, now + duration)
 
-    return propagate
+    def _turn_rate(
+        self, x: float, y: float, heading: float, control: float, duration: float
+    ) -> float:
+        """Return the turn rate, rad/s, that comes nearest to a course by the end."""
+        # The cube makes flights straight to the goal as likely as they are useful.
+        course = math.atan2(self._goal.y - y, self._goal.x - x) + math.pi * control**3
+        rate = math.remainder(course - heading, math.tau) / duration
+        return max(-self._limits.yaw_rate_max, min(self._limits.yaw_rate_max, rate))
+
+    def _acceleration(self, speed: float, control: float, duration: float) -> float:
+        """Return the acceleration, m/s^2, that comes nearest to a speed by the end."""
+        limits = self._limits
+        middle = 0.5 * (limits.speed_max + limits.speed_min)
+        half = 0.5 * (limits.speed_max - limits.speed_min)
+        acceleration = (middle + half * control - speed) / duration
+        return max(limits.acceleration_min, min(limits.acceleration_max, acceleration))
 
 
 def _checker(task: Task) -> Callable[[Any], bool]:
@@ -192,7 +203,7 @@ def _checker(task: Task) -> Callable[[Any], bool]:
     return is_valid
 
 
-def _grown(area: Area, options: Options) -> Any:
+def _grown(area: Area, options: Options) -> shapely.Polygon:
     """Return an area to be kept out of with its clearance, as a polygon in its own frame."""
     step = (options.limits.speed_max + math.hypot(*area.velocity)) * options.aircraft.dt
     more = math.hypot(area.clearance + options.requirement.margin, 0.5 * step)
@@ -209,24 +220,37 @@ def is_right(task: Task, steps: Sequence[Step]) -> bool:
     """Return whether a flight keeps the limits and keeps away from everything, and ends in time in
     the disc of a point of the route; by the judge of the attack on SAFE where it has one.
     """
-    flown, options = fly(task.own, steps), task.options
-    limits, required = options.limits, options.requirement
-    kept = (
-        flown.speed.min() >= limits.speed_min - _EXACT,
-        flown.speed.max() <= limits.speed_max + _EXACT,
-        flown.acceleration.min() >= limits.acceleration_min - _EXACT,
-        flown.acceleration.max() <= limits.acceleration_max + _EXACT,
-        np.abs(flown.turn_rate).max() <= limits.yaw_rate_max + _EXACT,
+    flight, options = fly(task.own, steps), task.options
+    areas = sky.Sky(None, tuple(task.areas))
+    return (
+        _keeps_limits(flight, options.limits)
+        and all(_keeps_away(flight, one, options.requirement) for one in task.intruders)
+        and _arrives(flight, task)
+        and not sky.faults(areas, flight, options, None)
     )
-    for one in task.intruders:
-        velocity = one.speed * np.exp(1j * one.heading)
-        away = np.abs(flown.place - complex(one.x, one.y) - velocity * flown.time)
-        kept += (away.min() >= required.separation + required.margin - _TOLERANCE,)
-    end = flown.place[-1]
+
+
+def _keeps_limits(flight: Flown, limits: Limits) -> bool:
+    return bool(
+        flight.speed.min() >= limits.speed_min - _EXACT
+        and flight.speed.max() <= limits.speed_max + _EXACT
+        and flight.acceleration.min() >= limits.acceleration_min - _EXACT
+        and flight.acceleration.max() <= limits.acceleration_max + _EXACT
+        and np.abs(flight.turn_rate).max() <= limits.yaw_rate_max + _EXACT
+    )
+
+
+def _keeps_away(flight: Flown, intruder: VehicleState, required: Requirement) -> bool:
+    velocity = intruder.speed * np.exp(1j * intruder.heading)
+    away = np.abs(flight.place - complex(intruder.x, intruder.y) - velocity * flight.time)
+    return bool(away.min() >= required.separation + required.margin - _TOLERANCE)
+
+
+def _arrives(flight: Flown, task: Task) -> bool:
+    """Return whether a flight ends in time in the disc of a point of the route."""
+    end, options = flight.place[-1], task.options
     off = min(abs(end - complex(point.x, point.y)) for point in task.route)
-    arrived = off <= options.aircraft.goal_radius and flown.time[-1] <= options.rejoin_by
-    around = sky.Sky(None, tuple(task.areas))
-    return all(kept) and arrived and not sky.faults(around, flown, options, None)
+    return bool(off <= options.aircraft.goal_radius and flight.time[-1] <= options.rejoin_by)
 
 
 def fly(own: VehicleState, steps: Sequence[Step]) -> Flown:
@@ -234,15 +258,24 @@ def fly(own: VehicleState, steps: Sequence[Step]) -> Flown:
     to step, sampled every :data:`~benchmarks.safety.resimulation.CLOSE` s at most.
     """
     heading, speed, at = (np.array(field) for field in zip(*steps, strict=True))
-    turn, lasts = np.diff(np.unwrap(heading)), np.diff(at)
+    lasts = np.diff(at)
     count = np.ceil(lasts / CLOSE - 1e-9).astype(int)
-    part = np.repeat(lasts / count, count)
-    rate, push = (np.repeat(change / lasts, count) for change in (turn, np.diff(speed)))
-    course, pace = (
-        first + np.concatenate([[0.0], np.cumsum(change * part)])
-        for first, change in ((own.heading, rate), (own.speed, push))
+    part = np.repeat(lasts / count, count)  # s between two samples
+    rate = np.repeat(np.diff(np.unwrap(heading)) / lasts, count)
+    acceleration = np.repeat(np.diff(speed) / lasts, count)
+    course = own.heading + _running_sums(rate * part)
+    pace = own.speed + _running_sums(acceleration * part)
+    moves = 0.5 * (pace[1:] + pace[:-1]) * part * np.exp(0.5j * (course[1:] + course[:-1]))
+    return Flown(
+        time=_running_sums(part),
+        place=complex(own.x, own.y) + _running_sums(moves),
+        heading=course,
+        speed=pace,
+        acceleration=np.append(acceleration, acceleration[-1]),
+        turn_rate=np.append(rate, rate[-1]),
     )
-    ways = 0.5 * (pace[1:] + pace[:-1]) * part * np.exp(0.5j * (course[1:] + course[:-1]))
-    place = complex(own.x, own.y) + np.concatenate([[0.0], np.cumsum(ways)])
-    times = np.concatenate([[0.0], np.cumsum(part)])
-    return Flown(times, place, course, pace, np.append(push, push[-1]), np.append(rate, rate[-1]))
+
+
+def _running_sums(parts: np.ndarray) -> np.ndarray:
+    """Return the sums of none, one, two, ... of the parts, ``[n + 1]`` of ``[n]``."""
+    return np.concatenate([[0.0], np.cumsum(parts)])

@@ -7,16 +7,25 @@ the processor's for the thread, which other work on the machine does not lengthe
 """
 
 import math
-import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents.planner import plan
+from agents.planner import Options, plan
+from agents.planner.answer import Source
 from agents.policy.inference import Policy
-from benchmarks.measure import deadline_option, report, request_options, show, usual_options
+from benchmarks.measure import (
+    deadline_option,
+    percentiles_ms,
+    report,
+    request_options,
+    show,
+    usual_options,
+)
+from benchmarks.questions import Question, Timed, time_plan
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
@@ -28,12 +37,51 @@ _PATIENT = 5.0  # s of computation
 _POINTS = 9  # of a route
 
 
-class Question(NamedTuple):
-    """What ``plan`` is asked."""
+class Asked(NamedTuple):
+    """One request, planned."""
 
-    own: VehicleState
-    intruders: list[VehicleState]
-    route: list[RoutePoint]
+    usual: Timed
+    """With the usual deadline."""
+    solved: bool
+    """Whether that, or five seconds, gave a SAFE plan."""
+
+
+def main() -> None:
+    """Measure and print."""
+    given = _parser().parse_args()
+    policy = Policy.load(given.policy)
+    usual = usual_options(policy, given.deadline)
+    radius = 1e3 * given.radius
+    with threadpool_limits(1):
+        # The first plan of a process makes tables.
+        plan(*question(given.seed, 3, radius, policy.aircraft), policy)
+        every = [
+            _ask(
+                question(given.seed + number, given.intruders, radius, policy.aircraft),
+                policy,
+                usual,
+            )
+            for number in range(given.requests)
+        ]
+    found: dict[str, Any] = {
+        "benchmark": "traffic",
+        "intruders": given.intruders,
+        "radius_km": given.radius,
+        "requests": given.requests,
+        "deadline_ms": 1e3 * usual.deadline_s,
+        **figures(every),
+    }
+    show(found)
+    report(found, ("numpy",))
+
+
+def _parser() -> Parser:
+    parser = Parser(description=__doc__)
+    request_options(parser, 100)
+    parser.add_argument("--intruders", type=int, default=100, help="aircraft (default 100)")
+    parser.add_argument("--radius", type=float, default=30.0, help="of the disc, km (default 30)")
+    deadline_option(parser)
+    return parser
 
 
 def question(seed: int, count: int, radius: float, aircraft: Aircraft) -> Question:
@@ -50,54 +98,29 @@ def question(seed: int, count: int, radius: float, aircraft: Aircraft) -> Questi
     return Question(own, list(map(VehicleState, *(field.tolist() for field in fields))), route)
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = Parser(description=__doc__)
-    request_options(parser, 100)
-    parser.add_argument("--intruders", type=int, default=100, help="aircraft (default 100)")
-    parser.add_argument("--radius", type=float, default=30.0, help="of the disc, km (default 30)")
-    deadline_option(parser)
-    given = parser.parse_args()
-    policy = Policy.load(given.policy)
-    usual = usual_options(policy, given.deadline)
-    ways = {"usual": usual, "patient": replace(usual, deadline_s=_PATIENT)}
-    safe: dict[str, list[bool]] = {name: [] for name in ways}
-    busy: dict[str, list[float]] = {name: [] for name in ways}
-    sources: list[str] = []
-    with threadpool_limits(1):
-        plan(*question(given.seed, 3, 1e3 * given.radius, policy.aircraft), policy)  # warm
-        for number in range(given.requests):
-            asked = question(
-                given.seed + number, given.intruders, 1e3 * given.radius, policy.aircraft
-            )
-            for name, options in ways.items():
-                # What the usual deadline solved is solved.
-                if name == "patient" and safe["usual"][-1]:
-                    safe[name].append(True)
-                    continue
-                began = time.thread_time()
-                answer = plan(*asked, policy, options)
-                busy[name].append(time.thread_time() - began)
-                safe[name].append(answer.safe)
-                if name == "usual":
-                    sources.append(answer.source.value if answer.safe else "unresolved")
-    solved = sum(safe["patient"])
-    figures: dict[str, Any] = {
-        "benchmark": "traffic",
-        "intruders": given.intruders,
-        "radius_km": given.radius,
-        "requests": given.requests,
-        "deadline_ms": 1e3 * usual.deadline_s,
+def _ask(asked: Question, policy: Policy, usual: Options) -> Asked:
+    """Plan a request with the usual deadline, and with five seconds where that does not solve
+    it.
+    """
+    timed = time_plan(asked, policy, usual)
+    solved = timed.answer.safe
+    if not solved:
+        solved = plan(*asked, policy, replace(usual, deadline_s=_PATIENT)).safe
+    return Asked(timed, solved)
+
+
+def figures(every: Sequence[Asked]) -> dict[str, Any]:
+    """Return what the usual deadline solves of that which can be solved."""
+    solved = sum(one.solved for one in every)
+    safe = [one.usual.answer for one in every if one.usual.answer.safe]
+    return {
         "solved": solved,
-        "safe": sum(safe["usual"]),
-        "safe_of_solved": sum(safe["usual"]) / solved if solved else None,
-        "by_policy": sources.count("policy"),
-        "by_fallback": sources.count("fallback"),
-        "cpu_median_ms": 1e3 * float(np.median(busy["usual"])),
-        "cpu_p99_ms": 1e3 * float(np.percentile(busy["usual"], 99.0)),
+        "safe": len(safe),
+        "safe_of_solved": len(safe) / solved if solved else None,
+        "by_policy": sum(answer.source is Source.POLICY for answer in safe),
+        "by_fallback": sum(answer.source is Source.FALLBACK for answer in safe),
+        **percentiles_ms("cpu", [one.usual.seconds for one in every], ("median", "p99")),
     }
-    show(figures)
-    report(figures, ("numpy",))
 
 
 if __name__ == "__main__":

@@ -11,30 +11,34 @@ asked in. Needs ``make ros``.
 """
 
 import math
-import os
 import time
 from collections import Counter
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from agents.inference import Policy
-from benchmarks.measure import report
+from benchmarks.measure import percentiles_ms, processor_time, report, show
+from benchmarks.questions import Question
 from benchmarks.ros.graph import (
     FRAME,
     ORIGIN,
     PATIENCE,
-    ahead,
+    advance,
     geodetic,
-    processor_time,
+    own_domain,
+    route_message,
     start,
-    way,
 )
-from benchmarks.traffic import Question, question
+from benchmarks.traffic import question
 from envs.areas import Area
 from envs.edge.command import Parser, run_cli
 from envs.random_areas import random_areas
-from ros_bridge.transport.children import free_domain, stop
+from ros_bridge.transport.children import stop
+
+if TYPE_CHECKING:
+    from rlcas_msgs.srv import GenerateTrajectory
 
 _OWN_PERIOD, _NEAR_PERIOD, _FAR_PERIOD = 0.1, 0.5, 1.0  # s between reports
 _WIND = (8.0, 6.0)  # m/s east and north
@@ -43,6 +47,7 @@ _SETTLE = 3.0  # s until every aircraft is known
 _BETWEEN = 0.5  # s between requests
 _POSITION_STD, _VELOCITY_STD = 15.0, 1.0  # m, m/s: good reports of ADS-B
 _AREAS = 3
+_MARKS = "median", "p90", "p99", "max"
 
 
 class Sky(NamedTuple):
@@ -59,8 +64,31 @@ class Sky(NamedTuple):
         return cls(asked, random_areas(seed, 0, _AREAS, asked.own, goal, policy.aircraft))
 
 
+class Answered(NamedTuple):
+    """What one request for a plan gave."""
+
+    request_to_plan: float
+    """From the call to the answer, s."""
+    computation: float
+    """As the runner says, s."""
+    status: str
+
+
+class Measured(NamedTuple):
+    """What was measured in one sky."""
+
+    answers: list[Answered]
+    cores: dict[str, float]
+    """Shares of a core that runner and monitor had, by their names."""
+
+
 class Caller:
-    """Reports what a sky holds and asks the runner for plans."""
+    """Reports what a sky holds and asks the runner for plans.
+
+    Args:
+        sky: aircraft, route and areas.
+        radius: of the sky, m; aircraft in the inner half report more often.
+    """
 
     def __init__(self, sky: Sky, radius: float) -> None:
         import rclpy
@@ -89,7 +117,7 @@ class Caller:
         self._next = np.random.default_rng(0).uniform(0.0, self._periods)
         self._begin = time.time()
         points = sky.asked.route
-        route = way([point.x for point in points], [point.y for point in points])
+        route = route_message([point.x for point in points], [point.y for point in points])
         # As the monitor asks: within the deadline.
         self._request = GenerateTrajectory.Request(reason=2, route=route)
 
@@ -113,15 +141,17 @@ class Caller:
         while time.monotonic() < end:
             self._report()
 
-    def ask(self) -> tuple[float, Any]:
-        """Return the time from the call to the answer, s, and the answer; report meanwhile."""
+    def ask(self) -> Answered:
+        """Ask for a plan; report meanwhile."""
         began = time.perf_counter()
         future = self._plan.call_async(self._request)
         while not future.done():
             self._report()
             if time.perf_counter() - began > PATIENCE:
                 raise SystemExit(f"the runner did not answer within {PATIENCE:g} s")
-        return time.perf_counter() - began, future.result()
+        took, answer = time.perf_counter() - began, future.result()
+        assert answer is not None
+        return Answered(took, answer.computation_time, _status(answer))
 
     def _report(self) -> None:
         """Publish what is due, and take in an answer."""
@@ -130,15 +160,11 @@ class Caller:
 
         now = time.time()
         for n in np.flatnonzero(self._next <= now - self._begin).tolist():
-            (latitude, longitude), east, north = geodetic(ahead(self._states[n], now - self._begin))
             message = aircraft_message(
                 Report(
                     "own" if n == 0 else f"{0x4B0000 + n:x}",
                     round(now * 1e9),
-                    latitude,
-                    longitude,
-                    east,
-                    north,
+                    *geodetic(advance(self._states[n], now - self._begin)),
                     position_std=_POSITION_STD,
                     velocity_std=_VELOCITY_STD,
                     wind=_WIND if n == 0 else None,
@@ -149,35 +175,33 @@ class Caller:
         self._executor.spin_once(timeout_sec=0.002)
 
 
-def ask_in(sky: Sky, radius: float, requests: int) -> dict[str, list[Any]]:
-    """Return times, s, statuses and the processes' shares of a core, asked in one sky."""
+def measure(sky: Sky, radius: float, requests: int) -> Measured:
+    """Ask so many times for a plan in one sky of a radius, m."""
     wind = "--ros-args", "-p", f"wind_std:={_WIND_STD}"
     nodes = {
         "runner": start("ros_bridge.runner", *wind),
         "monitor": start("ros_bridge.monitor"),
     }
     caller = Caller(sky, radius)
-    found: dict[str, list[Any]] = {"request_to_plan": [], "computation": [], "status": []}
+    answers = []
     try:
         caller.wait()
         began = time.monotonic()
         before = {name: processor_time(node.pid) for name, node in nodes.items()}
         for _ in range(requests):
-            took, answer = caller.ask()
-            found["request_to_plan"].append(took)
-            found["computation"].append(answer.computation_time)
-            found["status"].append(_name(answer))
+            answers.append(caller.ask())
             caller.fly(_BETWEEN)
         lasted = time.monotonic() - began
-        for name, node in nodes.items():
-            found[name] = [(processor_time(node.pid) - before[name]) / lasted]
+        cores = {
+            name: (processor_time(node.pid) - before[name]) / lasted for name, node in nodes.items()
+        }
     finally:
         caller.close()
         stop(nodes.values())
-    return found
+    return Measured(answers, cores)
 
 
-def _name(answer: Any) -> str:
+def _status(answer: "GenerateTrajectory.Response") -> str:
     """Return what an answer is, in words; a refusal with its sentence."""
     if answer.status == answer.STATUS_SAFE:
         return "safe"
@@ -188,6 +212,20 @@ def _name(answer: Any) -> str:
 
 def main() -> None:
     """Measure and print."""
+    given = _parser().parse_args()
+    radius, policy = 1e3 * given.radius, Policy.load()
+    skies = list[Measured]()
+    with own_domain():
+        for number in range(given.skies):
+            sky = Sky.draw(given.seed + number, given.aircraft, radius, policy)
+            skies.append(measure(sky, radius, given.requests))
+            print(f"sky {number + 1} of {given.skies}", flush=True)
+    found = {"benchmark": "ros_airspace", **vars(given), **figures(skies)}
+    show(found)
+    report(found, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
+
+
+def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
     add("--skies", type=int, default=10, help="one after the other (default 10)")
@@ -195,26 +233,19 @@ def main() -> None:
     add("--aircraft", type=int, default=100, help="beside the ownship (default 100)")
     add("--radius", type=float, default=30.0, help="about the ownship, km (default 30)")
     add("--seed", type=int, default=0, help="of the first sky (default 0)")
-    given = parser.parse_args()
-    radius, policy = 1e3 * given.radius, Policy.load()
-    every: dict[str, list[Any]] = {}
-    with free_domain() as domain:
-        os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        for number in range(given.skies):
-            sky = Sky.draw(given.seed + number, given.aircraft, radius, policy)
-            for name, values in ask_in(sky, radius, given.requests).items():
-                every.setdefault(name, []).extend(values)
-            print(f"sky {number + 1} of {given.skies}", flush=True)
-    figures: dict[str, Any] = {"benchmark": "ros_airspace", **vars(given)}
-    for name in ("request_to_plan", "computation"):
-        for mark, share in (("median", 50.0), ("p90", 90.0), ("p99", 99.0), ("max", 100.0)):
-            figures[f"{name}_{mark}_ms"] = 1e3 * float(np.percentile(every[name], share))
+    return parser
+
+
+def figures(skies: Sequence[Measured]) -> dict[str, Any]:
+    """Return the figures of all skies together."""
+    answers = [one for sky in skies for one in sky.answers]
+    found: dict[str, Any] = {
+        **percentiles_ms("request_to_plan", [one.request_to_plan for one in answers], _MARKS),
+        **percentiles_ms("computation", [one.computation for one in answers], _MARKS),
+    }
     for name in ("runner", "monitor"):
-        figures[f"{name}_core_percent"] = 100.0 * float(np.mean(every[name]))
-    figures["answers"] = dict(Counter(every["status"]))
-    for name, value in figures.items():
-        print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
-    report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
+        found[f"{name}_core_percent"] = 100.0 * float(np.mean([sky.cores[name] for sky in skies]))
+    return found | {"answers": dict(Counter(one.status for one in answers))}
 
 
 if __name__ == "__main__":

@@ -1,31 +1,38 @@
 # pyright: reportMissingImports=false
-"""What benchmarks on a real ROS graph share: processes, their memory, places and routes as
-messages.
+"""What benchmarks on a real ROS graph share: a domain, processes and their memory, places and
+routes as messages.
 """
 
 import math
 import os
 import subprocess
 import sys
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
-from ros_bridge.transport.children import start_node
+from ros_bridge.transport.children import free_domain, start_node
+
+if TYPE_CHECKING:
+    from rlcas_msgs.msg import Waypoint
 
 __all__ = [
     "FRAME",
     "ORIGIN",
     "PATIENCE",
-    "ahead",
+    "Geodetic",
+    "Scheduling",
+    "advance",
     "cores_stolen",
     "geodetic",
-    "processor_time",
-    "resident",
+    "own_domain",
+    "resident_memory",
+    "route_message",
     "scheduling",
     "start",
-    "way",
 ]
 
 PATIENCE = 15.0
@@ -37,6 +44,14 @@ ORIGIN = (47.0, 8.0)
 FRAME = LocalFrame(*ORIGIN)
 
 
+@contextmanager
+def own_domain() -> Generator[None]:
+    """Keep this process, and those that it starts, on a graph of their own on this machine."""
+    with free_domain() as domain:
+        os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        yield
+
+
 def start(module: str, *arguments: str) -> "subprocess.Popen[bytes]":
     """Start a process of the graph; a node of ours ends with this process."""
     if module.startswith("ros_bridge."):
@@ -44,7 +59,7 @@ def start(module: str, *arguments: str) -> "subprocess.Popen[bytes]":
     return subprocess.Popen([sys.executable, "-m", module, *arguments])
 
 
-def ahead(state: VehicleState, time: float) -> VehicleState:
+def advance(state: VehicleState, time: float) -> VehicleState:
     """Return a state after flying straight on for a time, s."""
     far = state.speed * time
     return state._replace(
@@ -52,7 +67,7 @@ def ahead(state: VehicleState, time: float) -> VehicleState:
     )
 
 
-def resident(process: "subprocess.Popen[bytes]") -> float:
+def resident_memory(process: "subprocess.Popen[bytes]") -> float:
     """Return the memory that a process keeps, MiB; nan where the system does not tell."""
     status = Path(f"/proc/{process.pid}/status")
     lines = status.read_text().splitlines() if status.exists() else []
@@ -61,29 +76,33 @@ def resident(process: "subprocess.Popen[bytes]") -> float:
     )
 
 
-def processor_time(process: int) -> float:
-    """Return the processor time that a process has had, s."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def scheduling(process: "subprocess.Popen[Any]") -> tuple[float, float]:
-    """Return how long a process's threads have had a core, and how long they were ready and had
-    none, s; or nan.
+class Scheduling(NamedTuple):
+    """What a process's threads together have had of the cores, s; nan where the system does not
+    tell.
     """
+
+    worked: float
+    waited: float
+    """How long they were ready and had no core."""
+
+
+def scheduling(process: "subprocess.Popen[Any]") -> Scheduling:
+    """Return what a process has had of the cores so far."""
     # Nanoseconds; the third figure counts the turns.
     times = [
         thread.read_text().split()
         for thread in Path(f"/proc/{process.pid}/task").glob("*/schedstat")
     ]
     if not times:
-        return math.nan, math.nan
-    return sum(int(one[0]) for one in times) * 1e-9, sum(int(one[1]) for one in times) * 1e-9
+        return Scheduling(math.nan, math.nan)
+    return Scheduling(
+        sum(int(one[0]) for one in times) * 1e-9, sum(int(one[1]) for one in times) * 1e-9
+    )
 
 
 def cores_stolen() -> float:
     """Return what the machine's host has taken from all its cores since it started, s; nan where
-    nobody tells.
+    the system does not tell.
     """
     counts = Path("/proc/stat")
     if not counts.exists():
@@ -91,22 +110,32 @@ def cores_stolen() -> float:
     return int(counts.read_text().split()[8]) / os.sysconf("SC_CLK_TCK")
 
 
-def geodetic(state: VehicleState) -> tuple[tuple[float, float], float, float]:
-    """Return latitude and longitude, and the velocity's east and north parts."""
+class Geodetic(NamedTuple):
+    """Where an aircraft is, degrees, and its velocity towards true east and north, m/s."""
+
+    latitude: float
+    longitude: float
+    east: float
+    north: float
+
+
+def geodetic(state: VehicleState) -> Geodetic:
+    """Return a state of the local frame as reports have it."""
     at = FRAME.geodetic(state.x, state.y)
     true = state.heading - float(at.convergence)
-    return (
-        (float(at.latitude), float(at.longitude)),
+    return Geodetic(
+        float(at.latitude),
+        float(at.longitude),
         state.speed * math.cos(true),
         state.speed * math.sin(true),
     )
 
 
-def way(x: list[float], y: list[float]) -> list[Any]:
-    """Return a route as waypoints."""
+def route_message(x: Sequence[float], y: Sequence[float]) -> "list[Waypoint]":
+    """Return a route through places of the local frame, m, as waypoints."""
     from rlcas_msgs.msg import Waypoint
 
-    at = FRAME.geodetic(x, y)
+    at = FRAME.geodetic(list(x), list(y))
     places = zip(at.latitude.tolist(), at.longitude.tolist(), strict=True)
     return [
         Waypoint(index=n, latitude=latitude, longitude=longitude)

@@ -15,27 +15,28 @@ refusals missed; and its memory. Needs ``make ros``.
 
 import argparse
 import contextlib
-import os
 import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.measure import report, show
+from agents.planner.request import Request
+from benchmarks.measure import percentiles_ms, report, show
 from benchmarks.ros.graph import (
     ORIGIN,
     PATIENCE,
-    ahead,
+    advance,
     cores_stolen,
     geodetic,
-    resident,
+    own_domain,
+    resident_memory,
+    route_message,
     scheduling,
     start,
-    way,
 )
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
@@ -44,17 +45,57 @@ from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval.flights.plan_flight import request_of
-from ros_bridge.transport.children import free_domain
+
+if TYPE_CHECKING:
+    from builtin_interfaces.msg import Time
+    from rclpy.client import Client
 
 NODE, TRANSLATOR = "/rlcas_runner", "/rlcas_translator"
 OWN_RATE, TRAFFIC_RATE = 100.0, 20.0  # Hz
 SETTLE = 3.5 / TRAFFIC_RATE  # s until a scene is known
 RESTARTS = 30
 RUNNER = ("ros_bridge.runner", "--ros-args", "-p", "use_sim_time:=true", "-p", "margin:=0.02")
-BEGIN, BACK = (
-    1_000_000.0,
-    5.0,
-)  # s on the clock of the first scene, and by how much each scene begins earlier
+BEGIN = 1_000_000.0  # s on the clock of the first scene
+BACK = 5.0  # s by which each scene begins earlier than the one before
+_MARKS = "median", "p90", "p99", "max"
+
+
+class Scene(NamedTuple):
+    """Two aircraft at the beginning of an encounter, and the route."""
+
+    own: VehicleState
+    other: VehicleState
+    route: list[Any]
+    """Waypoints of ``rlcas_msgs``."""
+
+    @classmethod
+    def of_request(cls, request: Request) -> "Scene":
+        """Return the scene of a request ``[]`` with one intruder."""
+        return cls(
+            VehicleState(*(float(field) for field in request.own)),
+            VehicleState(*(float(field[0]) for field in request.traffic.state)),
+            route_message(request.route_x.tolist(), request.route_y.tolist()),
+        )
+
+
+class Call(NamedTuple):
+    """One request for a plan, and the call of the empty service before it; times in s."""
+
+    kind: str
+    """``policy``, ``fallback`` or ``unresolved``."""
+    end_to_end: float
+    computation: float
+    """As the runner says."""
+    empty: float
+
+
+class Restart(NamedTuple):
+    """One runner that was started after the one before it was killed; times in s from its start."""
+
+    answered: float
+    safe: float
+    missed: str
+    """What the last refusal missed; "nothing" without any."""
 
 
 def empty_service() -> None:
@@ -103,10 +144,10 @@ class Caller:
         self.empty = self.node.create_client(Trigger, "/empty/call")
 
         self.clock = self.node.create_publisher(Clock, "/clock", qos.CLOCK)
-        self.scene: tuple[VehicleState, VehicleState] | None = None
+        self.scene: Scene | None = None
         self.scenes, self.since = 0, 0.0
-        self.node.create_timer(1.0 / OWN_RATE, self._say_own)
-        self.node.create_timer(1.0 / TRAFFIC_RATE, self._say_traffic)
+        self.node.create_timer(1.0 / OWN_RATE, self._publish_own)
+        self.node.create_timer(1.0 / TRAFFIC_RATE, self._publish_traffic)
 
     def wait(self) -> None:
         """Wait until all are there."""
@@ -127,23 +168,23 @@ class Caller:
                 raise SystemExit(f"waited {PATIENCE:g} s for {what}")
             self.executor.spin_once(timeout_sec=0.02)
 
-    def show(self, own: VehicleState, other: VehicleState) -> None:
+    def show(self, scene: Scene) -> None:
         """Publish another scene from now on, and wait until it is believed."""
         from rlcas_msgs.msg import GeoReference
 
         self.origin.publish(GeoReference(latitude=ORIGIN[0], longitude=ORIGIN[1]))
-        self.scene, self.scenes, self.since = (own, other), self.scenes + 1, time.perf_counter()
+        self.scene, self.scenes, self.since = scene, self.scenes + 1, time.perf_counter()
         end = time.monotonic() + SETTLE
         self.spin(lambda: time.monotonic() > end, "the scene")
 
-    def _now(self) -> tuple[float, Any]:
+    def _now(self) -> "tuple[float, Time]":
         """Return the time since the scene began, s, and the simulated time."""
         from ros_bridge.transport.messages import time_message
 
         seconds = time.perf_counter() - self.since
         return seconds, time_message(round((BEGIN - BACK * self.scenes + seconds) * 1e9))
 
-    def _say_own(self) -> None:
+    def _publish_own(self) -> None:
         from geometry_msgs.msg import TwistStamped
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import NavSatFix, NavSatStatus
@@ -151,31 +192,36 @@ class Caller:
         if self.scene is None:
             return
         seconds, now = self._now()
-        at, east, north = geodetic(ahead(self.scene[0], seconds))
+        where = geodetic(advance(self.scene.own, seconds))
         self.clock.publish(Clock(clock=now))
         twist = TwistStamped()
         twist.header.stamp = now
-        twist.twist.linear.x, twist.twist.linear.y = east, north
+        twist.twist.linear.x, twist.twist.linear.y = where.east, where.north
         self.velocity.publish(twist)
         fix = NavSatFix(
-            status=NavSatStatus(status=0), latitude=at[0], longitude=at[1], altitude=2_500.0
+            status=NavSatStatus(status=0),
+            latitude=where.latitude,
+            longitude=where.longitude,
+            altitude=2_500.0,
         )
         fix.header.stamp = now
         self.fix.publish(fix)
 
-    def _say_traffic(self) -> None:
+    def _publish_traffic(self) -> None:
         from rlcas_msgs.msg import AircraftState
 
         if self.scene is None:
             return
         seconds, now = self._now()
-        at, east, north = geodetic(ahead(self.scene[1], seconds))
-        message = AircraftState(id="other", valid=5, latitude=at[0], longitude=at[1])
+        where = geodetic(advance(self.scene.other, seconds))
+        message = AircraftState(
+            id="other", valid=5, latitude=where.latitude, longitude=where.longitude
+        )
         message.header.stamp = now
-        message.velocity.x, message.velocity.y = east, north
+        message.velocity.x, message.velocity.y = where.east, where.north
         self.traffic.publish(message)
 
-    def call(self, client: Any, request: Any) -> tuple[float, Any]:
+    def call(self, client: "Client[Any, Any]", request: Any) -> tuple[float, Any]:
         """Return the time from call to answer, s, and the answer."""
         began = time.perf_counter()
         future = client.call_async(request)
@@ -187,9 +233,9 @@ class Caller:
         return time.perf_counter() - began, future.result()
 
 
-def measure(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
-    """Return end-to-end and computing times by kind of plan, and times of the empty service in
-    turns, s.
+def measure(caller: Caller, first: int, calls: int) -> list[Call]:
+    """Ask for the plans of so many encounters from a number on, each after a call of the empty
+    service.
     """
     from rlcas_msgs.msg import Trajectory
     from rlcas_msgs.srv import GenerateTrajectory
@@ -197,16 +243,12 @@ def measure(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
 
     request = request_of(encounters_of_seed(scenario("circle", PAPER), 0, first, calls), PAPER)
     kinds = {Trajectory.SOURCE_POLICY: "policy", Trajectory.SOURCE_FALLBACK: "fallback"}
-    times: dict[str, list[float]] = {"empty": []}
+    found = []
     for number in range(calls):
-        row = take(request, number)
-        own = VehicleState(*(float(field) for field in row.own))
-        other = VehicleState(*(float(field[0]) for field in row.traffic.state))
-        caller.show(own, other)
-        floor, _ = caller.call(caller.empty, Trigger.Request())
-        asked = GenerateTrajectory.Request(
-            reason=3, route=way(row.route_x.tolist(), row.route_y.tolist())
-        )
+        scene = Scene.of_request(take(request, number))
+        caller.show(scene)
+        empty, _ = caller.call(caller.empty, Trigger.Request())
+        asked = GenerateTrajectory.Request(reason=3, route=scene.route)
         took, answer = caller.call(caller.plan, asked)
         if answer.status not in (answer.STATUS_SAFE, answer.STATUS_UNRESOLVED):
             raise SystemExit(
@@ -214,52 +256,71 @@ def measure(caller: Caller, first: int, calls: int) -> dict[str, list[float]]:
             )
         safe = answer.status == answer.STATUS_SAFE
         kind = kinds[answer.trajectory.source] if safe else "unresolved"
-        times["empty"].append(floor)
-        for name, value in (("end_to_end", took), ("computation", answer.computation_time)):
-            times.setdefault(f"{kind}_{name}", []).append(value)
-        times.setdefault("overhead", []).append(took - answer.computation_time)
-    return times
+        found.append(Call(kind, took, answer.computation_time, empty))
+    return found
+
+
+def call_figures(calls: Sequence[Call]) -> dict[str, Any]:
+    """Return how long calls took, by kind of plan."""
+    times: dict[str, list[float]] = {
+        "empty": [one.empty for one in calls],
+        "overhead": [one.end_to_end - one.computation for one in calls],
+    }
+    for one in calls:
+        times.setdefault(f"{one.kind}_end_to_end", []).append(one.end_to_end)
+        times.setdefault(f"{one.kind}_computation", []).append(one.computation)
+    found: dict[str, Any] = {}
+    for name, values in sorted(times.items()):
+        found[f"{name}_count"] = len(values)
+        found |= percentiles_ms(name, values, _MARKS)
+    return found
 
 
 def restart(
-    caller: Caller, runner: "subprocess.Popen[bytes]", figures: dict[str, Any]
-) -> "subprocess.Popen[bytes]":
-    """Kill the runner and start it again, several times; return the last one."""
+    caller: Caller, runner: "subprocess.Popen[bytes]", scene: Scene
+) -> "tuple[subprocess.Popen[bytes], Restart]":
+    """Kill the runner and start another; return that, and when it first planned a scene."""
+    caller.show(scene)
+    runner.kill()
+    runner.wait()
+    began = time.perf_counter()
+    runner = start(*RUNNER)
+    return runner, _time_first_plan(caller, scene, began)
+
+
+def _time_first_plan(caller: Caller, scene: Scene, began: float) -> Restart:
+    """Ask every 20 ms until a plan is SAFE; ``began``: when the runner was started, s."""
     from rlcas_msgs.srv import GenerateTrajectory
 
-    answered, first, missed = [], [], Counter[str]()
-    request = take(request_of(encounters_of_seed(scenario("circle", PAPER), 0, 0, 1), PAPER), 0)
-    route = way(request.route_x.tolist(), request.route_y.tolist())
-    for _ in range(RESTARTS):
-        own = VehicleState(*(float(field) for field in request.own))
-        caller.show(own, VehicleState(*(float(field[0]) for field in request.traffic.state)))
-        runner.kill()
-        runner.wait()
-        began = time.perf_counter()
-        runner = start(*RUNNER)
-        asked, answers = [], []
-        while not any(answer.status == answer.STATUS_SAFE for answer in answers):
-            # Calls to the killed one are never answered; DDS holds it for present for a while.
-            asked.append(caller.plan.call_async(GenerateTrajectory.Request(reason=3, route=route)))
-            end = time.perf_counter() + 0.02
-            while time.perf_counter() < end:
-                caller.executor.spin_once(timeout_sec=0.005)
-            answers = [future.result() for future in asked if future.result() is not None]
-            if answers and len(answered) == len(first):
-                answered.append(time.perf_counter() - began)
-            if time.perf_counter() - began > PATIENCE:
-                raise SystemExit(f"the runner did not answer within {PATIENCE:g} s of its start")
-        first.append(time.perf_counter() - began)
-        missed[next((answer.field for answer in reversed(answers) if answer.field), "nothing")] += 1
-        for future in asked:
-            caller.plan.remove_pending_request(future)
-    for name, times in (("answer", answered), ("safe_plan", first)):
-        figures |= {
-            f"killed_to_{name}_median_s": float(np.median(times)),
-            f"killed_to_{name}_max_s": max(times),
-        }
-    figures["last_missed_before_the_plan"] = dict(missed)
-    return runner
+    asked, answers, answered = [], [], None
+    while not any(answer.status == answer.STATUS_SAFE for answer in answers):
+        # Calls to the killed one are never answered: DDS does not know at once that it has ended.
+        request = GenerateTrajectory.Request(reason=3, route=scene.route)
+        asked.append(caller.plan.call_async(request))
+        end = time.perf_counter() + 0.02
+        while time.perf_counter() < end:
+            caller.executor.spin_once(timeout_sec=0.005)
+        answers = [future.result() for future in asked if future.result() is not None]
+        if answers and answered is None:
+            answered = time.perf_counter() - began
+        if time.perf_counter() - began > PATIENCE:
+            raise SystemExit(f"the runner did not answer within {PATIENCE:g} s of its start")
+    safe = time.perf_counter() - began
+    for future in asked:
+        caller.plan.remove_pending_request(future)
+    missed = next((answer.field for answer in reversed(answers) if answer.field), "nothing")
+    return Restart(safe if answered is None else answered, safe, missed)
+
+
+def restart_figures(restarts: Sequence[Restart]) -> dict[str, Any]:
+    """Return how long it took from a kill to an answer and to a SAFE plan."""
+    found: dict[str, Any] = {}
+    answered, safe = [one.answered for one in restarts], [one.safe for one in restarts]
+    for name, times in (("answer", answered), ("safe_plan", safe)):
+        found[f"killed_to_{name}_median_s"] = float(np.median(times))
+        found[f"killed_to_{name}_max_s"] = max(times)
+    found["last_missed_before_the_plan"] = dict(Counter(one.missed for one in restarts))
+    return found
 
 
 class Start(NamedTuple):
@@ -301,8 +362,7 @@ def main() -> None:
     if options.serve_empty:
         empty_service()
         return
-    with free_domain() as domain:
-        os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    with own_domain():
         figures = measure_graph(options.calls)
     show(figures)
     report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
@@ -319,33 +379,47 @@ def measure_graph(calls: int) -> dict[str, Any]:
     try:
         caller = Caller()
         caller.wait()
-        measure(caller, calls, 20)
-        times = measure(caller, 0, calls)
+        measure(caller, calls, 20)  # warm
         figures: dict[str, Any] = {"benchmark": "ros_latency", "calls": calls}
-        for kind, values in sorted(times.items()):
-            figures[f"{kind}_count"] = len(values)
-            for mark, share in (("median", 50.0), ("p90", 90.0), ("p99", 99.0), ("max", 100.0)):
-                figures[f"{kind}_{mark}_ms"] = 1e3 * float(np.percentile(values, share))
-        figures["runner_resident_mib"] = resident(servers[0])
-        ready = [time_to_active() for _ in range(RESTARTS)]
-        wall = [one.wall for one in ready]
-        figures |= {
-            "start_to_active_median_s": float(np.median(wall)),
-            "start_to_active_max_s": max(wall),
-        }
-        figures["starts_to_active_s"] = [round(one, 3) for one in sorted(wall)]
-        figures["slowest_start_s"] = max(ready)._asdict()
-        servers[0] = restart(caller, servers[0], figures)
-        began = time.perf_counter()
-        servers[0].terminate()
-        figures["exit_code_of_sigterm"] = servers[0].wait(PATIENCE)
-        figures["sigterm_to_exit_s"] = time.perf_counter() - began
+        figures |= call_figures(measure(caller, 0, calls))
+        figures["runner_resident_mib"] = resident_memory(servers[0])
+        figures |= start_figures([time_to_active() for _ in range(RESTARTS)])
+        scene, restarts = first_scene(), []
+        for _ in range(RESTARTS):
+            servers[0], one = restart(caller, servers[0], scene)
+            restarts.append(one)
+        figures |= restart_figures(restarts) | end(servers[0])
     finally:
         for server in servers:
             server.terminate()
         for server in servers:
             server.wait(PATIENCE)
     return figures
+
+
+def first_scene() -> Scene:
+    """Return the scene of the first encounter."""
+    request = request_of(encounters_of_seed(scenario("circle", PAPER), 0, 0, 1), PAPER)
+    return Scene.of_request(take(request, 0))
+
+
+def start_figures(starts: Sequence[Start]) -> dict[str, Any]:
+    """Return how long runners took to be active."""
+    wall = sorted(one.wall for one in starts)
+    return {
+        "start_to_active_median_s": float(np.median(wall)),
+        "start_to_active_max_s": max(wall),
+        "starts_to_active_s": [round(one, 3) for one in wall],
+        "slowest_start_s": max(starts)._asdict(),
+    }
+
+
+def end(runner: "subprocess.Popen[bytes]") -> dict[str, Any]:
+    """Ask the runner to end, and return how it did."""
+    began = time.perf_counter()
+    runner.terminate()
+    code = runner.wait(PATIENCE)
+    return {"exit_code_of_sigterm": code, "sigterm_to_exit_s": time.perf_counter() - began}
 
 
 if __name__ == "__main__":

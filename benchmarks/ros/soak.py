@@ -13,22 +13,35 @@ up) to the last: by more than 5 MiB, or half. Needs ``make ros``.
 
 import argparse
 import math
-import os
 import subprocess
 import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from benchmarks.measure import report, show
-from benchmarks.ros.graph import ORIGIN, PATIENCE, ahead, geodetic, resident, start, way
+from benchmarks.ros.graph import (
+    ORIGIN,
+    PATIENCE,
+    advance,
+    geodetic,
+    own_domain,
+    resident_memory,
+    route_message,
+    start,
+)
 from envs.angles import wrap
 from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
-from ros_bridge.transport.children import free_domain
+
+if TYPE_CHECKING:
+    from builtin_interfaces.msg import Time
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.publisher import Publisher
+    from rlcas_msgs.msg import AircraftState, AssuranceStatus
 
 RUNNER, MONITOR = "/rlcas_runner", "/rlcas_monitor"
 TICK = 0.1  # s
@@ -48,12 +61,14 @@ class Sky:
         for _ in range(OTHERS):
             name, state = self._new()
             # They begin anywhere on their way.
-            self.others[name] = ahead(state, float(self._random.uniform(0.0, REACH / state.speed)))
+            self.others[name] = advance(
+                state, float(self._random.uniform(0.0, REACH / state.speed))
+            )
 
     def step(self) -> None:
         """Move the others by a tick; one that has left is replaced."""
         for name, state in list(self.others.items()):
-            after = ahead(state, TICK)
+            after = advance(state, TICK)
             if math.hypot(after.x, after.y) > 1.001 * REACH:
                 del self.others[name]
                 self.others.update([self._new()])
@@ -106,13 +121,15 @@ class World:
         )
         self.answered = 0
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, qos.EVENTS)
-        self.sky, self.time, self.ticks = Sky(seed), 1.0, 0
-        """Others; simulated time, s; how often it went on."""
+        self.sky = Sky(seed)
+        self.time = 1.0
+        """Simulated, s."""
+        self.ticks = 0
 
-    def _on_status(self, message: Any) -> None:
+    def _on_status(self, message: "AssuranceStatus") -> None:
         self.judgements[message.state] += 1
 
-    def _on_health(self, message: Any) -> None:
+    def _on_health(self, message: "DiagnosticArray") -> None:
         for status in message.status:
             counts = [
                 int(value.value) for value in status.values if value.key.startswith("answers ")
@@ -135,7 +152,7 @@ class World:
         self.origin.publish(GeoReference(latitude=ORIGIN[0], longitude=ORIGIN[1]))
 
     def tick(self) -> None:
-        """Move everything on by a tick and say it."""
+        """Move everything on by a tick and publish it."""
         from builtin_interfaces.msg import Time
         from rosgraph_msgs.msg import Clock
 
@@ -145,19 +162,23 @@ class World:
         nanoseconds = round(self.time * 1e9)
         now = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
         self.clock.publish(Clock(clock=now))
-        self._say(self.own, "own", own_at(self.time), now)
+        self._publish(self.own, "own", own_at(self.time), now)
         for number, (name, state) in enumerate(self.sky.others.items()):
             if (self.ticks + number) % 10 == 0:
-                self._say(self.traffic, name, state, now)
+                self._publish(self.traffic, name, state, now)
         self.executor.spin_once(timeout_sec=0.0)
 
-    def _say(self, publisher: Any, name: str, state: VehicleState, now: Any) -> None:
+    def _publish(
+        self, publisher: "Publisher[AircraftState]", name: str, state: VehicleState, now: "Time"
+    ) -> None:
         from rlcas_msgs.msg import AircraftState
 
-        at, east, north = geodetic(state)
-        message = AircraftState(id=name, valid=5, latitude=at[0], longitude=at[1])
+        where = geodetic(state)
+        message = AircraftState(
+            id=name, valid=5, latitude=where.latitude, longitude=where.longitude
+        )
         message.header.stamp = now
-        message.velocity.x, message.velocity.y = east, north
+        message.velocity.x, message.velocity.y = where.east, where.north
         publisher.publish(message)
 
     def ask(self) -> tuple[float, int]:
@@ -165,7 +186,7 @@ class World:
         from rlcas_msgs.srv import GenerateTrajectory
 
         angle = (self.time * SPEED + AHEAD * np.arange(1, 10)) / RADIUS
-        route = way((RADIUS * np.cos(angle)).tolist(), (RADIUS * np.sin(angle)).tolist())
+        route = route_message((RADIUS * np.cos(angle)).tolist(), (RADIUS * np.sin(angle)).tolist())
         # As the monitor asks: without the slow stages of the search.
         began = time.perf_counter()
         future = self.client.call_async(GenerateTrajectory.Request(reason=2, route=route))
@@ -192,27 +213,37 @@ def main() -> int:
     for name, least in (("requests", 100), ("hours", 0.02), ("rate", 0.1)):
         if not getattr(options, name) >= least:
             parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
-    with free_domain() as domain:
-        os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        figures, good = run_soak(options)
-    show(figures)
-    report(figures, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
-    return 0 if good else 1
+    with own_domain():
+        found = figures(measure(options))
+    show(found)
+    report(found, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
+    return 0 if found["good"] else 1
 
 
-class Soaked(NamedTuple):
-    """What the flight was like."""
+class Flight(NamedTuple):
+    """What the hours of flight gave."""
 
     took: list[float]  # of each request, s
     statuses: Counter[str]  # of the answers
-    memory: list[list[float]]  # of the nodes from time to time, MiB
+    memory: list[list[float]]  # of runner and monitor from time to time, MiB
     simulated_s: float
     wall_s: float
 
 
-def soak(
+class Soak(NamedTuple):
+    """All that is judged."""
+
+    flight: Flight
+    answered: int  # as the runner counts
+    judgements: int  # of the monitor
+    aircraft: int  # that were there at some time
+    alive: bool  # whether runner and monitor lived to the end
+    exit_codes: list[int]
+
+
+def fly(
     world: World, nodes: Sequence["subprocess.Popen[bytes]"], options: argparse.Namespace
-) -> Soaked:
+) -> Flight:
     """Fly for the hours that are asked for, and ask evenly meanwhile."""
     ticks = round(options.hours * 3600.0 / TICK)
     due = np.linspace(50, ticks, options.requests, endpoint=False).astype(int).tolist()
@@ -225,33 +256,26 @@ def soak(
             took.append(seconds)
             statuses[str(status)] += 1
         if tick % max(ticks // 200, 1) == 0:
-            memory.append([resident(node) for node in nodes])
+            memory.append([resident_memory(node) for node in nodes])
         if tick % max(ticks // 20, 1) == 0:
-            said = f"{100.0 * tick / ticks:.0f} %, {len(took)} requests"
-            print(said, file=sys.stderr, flush=True)
+            line = f"{100.0 * tick / ticks:.0f} %, {len(took)} requests"
+            print(line, file=sys.stderr, flush=True)
         rest = (tick + 1) * TICK / options.rate - (time.perf_counter() - began)
         if rest > 0.0:
             world.executor.spin_once(timeout_sec=rest)
-    return Soaked(took, statuses, memory, ticks * TICK, time.perf_counter() - began)
+    return Flight(took, statuses, memory, ticks * TICK, time.perf_counter() - began)
 
 
-def run_soak(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
-    """Fly and ask; return the figures, and whether nothing grew or was lost."""
+def measure(options: argparse.Namespace) -> Soak:
+    """Start runner and monitor, fly and ask, and end them."""
     # An aircraft that has left the area is stale, and requests are refused, until it is forgotten.
-    given = (
-        "--ros-args",
-        "--log-level",
-        "fatal",
-        "-p",
-        "use_sim_time:=true",
-        "-p",
-        "forget_after:=8.0",
-    )
+    given = ["--ros-args", "--log-level", "fatal"]
+    given += ["-p", "use_sim_time:=true", "-p", "forget_after:=8.0"]
     nodes = [start("ros_bridge.runner", *given), start("ros_bridge.monitor", *given)]
     try:
         world = World(options.seed)
         world.wait()
-        soaked = soak(world, nodes, options)
+        flight = fly(world, nodes, options)
         for _ in range(30):  # until the runner has published its counts once more
             world.tick()
             time.sleep(0.01)
@@ -261,20 +285,30 @@ def run_soak(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         for node in nodes:
             node.terminate()
         codes = [node.wait(PATIENCE) for node in nodes]
-    times = np.array_split(np.array(soaked.took), BLOCKS)
-    kept = np.array_split(np.array(soaked.memory), BLOCKS)
-    statuses = soaked.statuses
-    first, last = kept[1].mean(axis=0), kept[-1].mean(axis=0)
+    judgements = sum(world.judgements.values())
+    return Soak(flight, world.answered, judgements, world.sky.made, alive, codes)
+
+
+def figures(soak: Soak) -> dict[str, Any]:
+    """Return the figures; ``good``: whether nothing grew or was lost."""
+    flight = soak.flight
+    times = np.array_split(np.array(flight.took), BLOCKS)
+    memory = np.array_split(np.array(flight.memory), BLOCKS)
+    # The first tenth warms up.
+    first, last = memory[1].mean(axis=0), memory[-1].mean(axis=0)
     medians = [1e3 * float(np.median(block)) for block in times]
-    figures: dict[str, Any] = {
+    lost = flight.statuses["-1"] + flight.statuses["255"]
+    grown = float((last - first).max()) > GROWTH_MIB or medians[-1] > GROWTH * medians[0]
+    answered = lost == 0 and soak.answered >= len(flight.took)
+    return {
         "benchmark": "ros_soak",
-        "requests": len(soaked.took),
-        "statuses": dict(statuses),
-        "answers_of_the_runner": world.answered,
-        "judgements": sum(world.judgements.values()),
-        "simulated_s": soaked.simulated_s,
-        "wall_s": soaked.wall_s,
-        "aircraft": world.sky.made,
+        "requests": len(flight.took),
+        "statuses": dict(flight.statuses),
+        "answers_of_the_runner": soak.answered,
+        "judgements": soak.judgements,
+        "simulated_s": flight.simulated_s,
+        "wall_s": flight.wall_s,
+        "aircraft": soak.aircraft,
         "median_ms_first": medians[0],
         "median_ms_last": medians[-1],
         "p99_ms_first": 1e3 * float(np.quantile(times[0], 0.99)),
@@ -283,13 +317,9 @@ def run_soak(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         "runner_mib_last": float(last[0]),
         "monitor_mib_second": float(first[1]),
         "monitor_mib_last": float(last[1]),
-        "exit_codes": codes,
+        "exit_codes": soak.exit_codes,
+        "good": answered and not grown and soak.alive and soak.exit_codes == [0, 0],
     }
-    lost = statuses["-1"] + statuses["255"]
-    grown = float((last - first).max()) > GROWTH_MIB or medians[-1] > GROWTH * medians[0]
-    answered = lost == 0 and world.answered >= len(soaked.took)
-    good = answered and not grown and alive and codes == [0, 0]
-    return figures | {"good": good}, good
 
 
 if __name__ == "__main__":
