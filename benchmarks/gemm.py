@@ -4,12 +4,14 @@ arithmetic sets.
 
 import itertools
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import Array, Float
 
 __all__ = [
     "Product",
@@ -80,7 +82,9 @@ def flop_per_step(networks: list[list[int]], epochs: int) -> int:
 
 
 def used_flop_per_step(networks: list[list[int]], epochs: int) -> int:
-    """Return the same without the gradient of the first layer's inputs, which nobody computes."""
+    """Return the same count without the gradient of the first layer's inputs, which no learner
+    computes.
+    """
     return 2 * weights(networks) + epochs * sum(flop(products(widths, 1)) for widths in networks)
 
 
@@ -93,34 +97,44 @@ def runner(work: list[Product], rounds: int) -> Callable[[], None]:
     """Return a function that computes the products one after another, ``rounds`` times, each
     compiled on its own.
     """
-    prepared, results = [], []
     rng = np.random.default_rng(0)
-    for product in work:
-        left, right = (
-            jnp.asarray(rng.standard_normal(s), jnp.float32) for s in (product.left, product.right)
-        )
-        numbers = (((product.contract[0],), (product.contract[1],)), ((), ()))
-
-        def dot(
-            a: jax.Array, b: jax.Array, _: jax.Array, numbers: lax.DotDimensionNumbers = numbers
-        ) -> jax.Array:
-            return lax.dot_general(a, b, numbers, preferred_element_type=jnp.float32)
-
-        # The last result's memory is handed back for the next one: allocating it is no arithmetic.
-        result = jnp.zeros(
-            (product.left[1 - product.contract[0]], product.right[1 - product.contract[1]])
-        )
-        compiled = (
-            jax.jit(dot, donate_argnums=2, keep_unused=True).lower(left, right, result).compile()
-        )
-        prepared.append((compiled, left, right))
-        results.append(result)
+    compiled = [_CompiledProduct(product, rng) for product in work]
 
     def run() -> None:
         for _ in range(rounds):
-            for index, (compiled, left, right) in enumerate(prepared):
-                # Waiting for each keeps them from overlapping, as layers that depend on each other
-                # cannot.
-                results[index] = compiled(left, right, results[index]).block_until_ready()
+            for product in compiled:
+                product.compute()
 
     return run
+
+
+class _CompiledProduct:
+    """One product of random factors."""
+
+    def __init__(self, product: Product, rng: np.random.Generator) -> None:
+        self._left, self._right = (
+            jnp.asarray(rng.standard_normal(shape), jnp.float32)
+            for shape in (product.left, product.right)
+        )
+        rows, columns = (
+            product.left[1 - product.contract[0]],
+            product.right[1 - product.contract[1]],
+        )
+        self._result = jnp.zeros((rows, columns))
+        dot = partial(_dot, (((product.contract[0],), (product.contract[1],)), ((), ())))
+        jitted = jax.jit(dot, donate_argnums=2, keep_unused=True)
+        self._compiled = jitted.lower(self._left, self._right, self._result).compile()
+
+    def compute(self) -> None:
+        """Compute it, and wait: layers that depend on each other cannot overlap either."""
+        # The last result's memory is handed back for the next one: allocating it is no arithmetic.
+        self._result = self._compiled(self._left, self._right, self._result).block_until_ready()
+
+
+def _dot(
+    numbers: lax.DotDimensionNumbers,
+    left: Float[Array, "A B"],
+    right: Float[Array, "C D"],
+    _: Float[Array, "R S"],
+) -> Float[Array, "R S"]:
+    return lax.dot_general(left, right, numbers, preferred_element_type=jnp.float32)

@@ -15,6 +15,7 @@ from unittest import mock
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from benchmarks.measure import report, seconds
 from envs import encounters, intruder, kinematics, observation, perception, relative, surrogate
@@ -25,55 +26,72 @@ from envs.outcome import RULES
 WORLD = surrogate.World(RULES, PAPER)
 CIRCLE = encounters.scenario("circle", PAPER)
 
+Advance = Callable[[PRNGKeyArray, surrogate.State], tuple[surrogate.State, Any]]
+"""Advances encounters from a state with the draws of a key; also returns what was observed and the
+rewards.
+"""
 
-def ours(count: int, steps: int, rows: int) -> Callable[[jax.Array, surrogate.State], Any]:
-    """Return a compiled function that advances ``count`` encounters by ``steps`` from a key and a
-    state.
+
+def ours(count: int, steps: int, rows: int) -> Advance:
+    """Return a compiled function that advances ``count`` encounters by ``steps``, with fresh starts
+    from a pool of so many rows.
     """
-
-    def run(key: jax.Array, state: surrogate.State) -> Any:
-        pool_key, action_key = jax.random.split(key)
-        pool = jax.vmap(surrogate.reset)(
-            surrogate.redraw_pool(pool_key, [CIRCLE], [1.0], rows, count)
-        )
-        actions = jax.random.uniform(action_key, (steps, 2, count), minval=-1.0, maxval=1.0)
-
-        def step(
-            carry: surrogate.State, now: tuple[jax.Array, jax.Array]
-        ) -> tuple[surrogate.State, Any]:
-            action, index = now
-            fresh = jax.tree.map(lambda field: field[index % rows], pool)
-            carry = surrogate.restart(carry, fresh)
-            seen = surrogate.observe(carry, PAPER)
-            carry, result = surrogate.step(carry, (action[0], action[1]), WORLD)
-            return carry, (seen, result.reward)
-
-        return jax.lax.scan(step, state, (actions, jnp.arange(steps)))
-
-    return jax.jit(run)
+    return jax.jit(partial(_advance_ours, count, steps, rows))
 
 
-def naive(count: int, steps: int) -> Callable[[jax.Array, surrogate.State], Any]:
+def _advance_ours(
+    count: int, steps: int, rows: int, key: PRNGKeyArray, state: surrogate.State
+) -> tuple[surrogate.State, Any]:
+    pool_key, action_key = jax.random.split(key)
+    pool = jax.vmap(surrogate.reset)(surrogate.redraw_pool(pool_key, [CIRCLE], [1.0], rows, count))
+    actions = jax.random.uniform(action_key, (steps, 2, count), minval=-1.0, maxval=1.0)
+    return jax.lax.scan(partial(_step_ours, rows, pool), state, (actions, jnp.arange(steps)))
+
+
+def _step_ours(
+    rows: int,
+    pool: surrogate.State,
+    state: surrogate.State,
+    now: tuple[Float[Array, "2 N"], Int[Array, ""]],
+) -> tuple[surrogate.State, tuple[Any, Any]]:
+    """Begin anew what has ended, observe and step; ``now`` is the action and the step's index."""
+    action, index = now
+    fresh = jax.tree.map(lambda field: field[index % rows], pool)
+    state = surrogate.restart(state, fresh)
+    seen = surrogate.observe(state, PAPER)
+    state, result = surrogate.step(state, (action[0], action[1]), WORLD)
+    return state, (seen, result.reward)
+
+
+def naive(count: int, steps: int) -> Advance:
     """Return the same for the naive world; to be traced under :func:`library_trigonometry`."""
+    return jax.jit(partial(_advance_naive, count, steps))
 
-    def one(key: jax.Array, state: surrogate.State) -> tuple[surrogate.State, Any]:
-        action_key, start_key = jax.random.split(key)
-        action = jax.random.uniform(action_key, (2,), minval=-1.0, maxval=1.0)
-        draws = jax.random.uniform(start_key, (2, 1, CIRCLE.dimensions))
-        fresh = surrogate.reset(encounters.sample(CIRCLE, draws, jnp)[0])
-        batch_of_one = jax.tree.map(lambda field: field[None], state)
-        final, result = surrogate.step(batch_of_one, (action[:1], action[1:]), WORLD)
-        following = surrogate.restart(final, fresh)
-        seen = surrogate.observe(following, PAPER)
-        return jax.tree.map(lambda field: field[0], following), (seen[0], result.reward[0])
 
-    def run(key: jax.Array, state: surrogate.State) -> Any:
-        def step(carry: surrogate.State, step_key: jax.Array) -> tuple[surrogate.State, Any]:
-            return jax.vmap(one)(jax.random.split(step_key, count), carry)
+def _advance_naive(
+    count: int, steps: int, key: PRNGKeyArray, state: surrogate.State
+) -> tuple[surrogate.State, Any]:
+    def step(
+        carry: surrogate.State, step_key: PRNGKeyArray
+    ) -> tuple[surrogate.State, tuple[Any, Any]]:
+        return jax.vmap(_step_naive)(jax.random.split(step_key, count), carry)
 
-        return jax.lax.scan(step, state, jax.random.split(key, steps))
+    return jax.lax.scan(step, state, jax.random.split(key, steps))
 
-    return jax.jit(run)
+
+def _step_naive(
+    key: PRNGKeyArray, state: surrogate.State
+) -> tuple[surrogate.State, tuple[Any, Any]]:
+    """Advance one encounter, fields ``[]``, and draw the start that follows if it ends."""
+    action_key, start_key = jax.random.split(key)
+    action = jax.random.uniform(action_key, (2,), minval=-1.0, maxval=1.0)
+    draws = jax.random.uniform(start_key, (2, 1, CIRCLE.dimensions))
+    fresh = surrogate.reset(encounters.sample(CIRCLE, draws, jnp)[0])
+    batch_of_one = jax.tree.map(lambda field: field[None], state)
+    final, result = surrogate.step(batch_of_one, (action[:1], action[1:]), WORLD)
+    following = surrogate.restart(final, fresh)
+    seen = surrogate.observe(following, PAPER)
+    return jax.tree.map(lambda field: field[0], following), (seen[0], result.reward[0])
 
 
 def library_trigonometry() -> ExitStack:
@@ -93,36 +111,22 @@ def library_trigonometry() -> ExitStack:
     return stack
 
 
-def rate(
-    function: Callable[[jax.Array, Any], Any], state: surrogate.State, work: int, repeats: int
+def measure_rate(
+    advance: Advance, state: surrogate.State, amount: int, repeats: int
 ) -> list[float]:
-    """Return steps a second of each repeat."""
-    times = seconds(lambda: jax.block_until_ready(function(jax.random.key(1), state)), repeats)
-    return [work / time for time in times]
+    """Return the steps a second of each repeat; ``amount``: steps of a call, of all encounters."""
+    key = jax.random.key(1)
+    times = seconds(lambda: jax.block_until_ready(advance(key, state)), repeats)
+    return [amount / time for time in times]
 
 
 def main() -> None:
     """Measure and print."""
-    parser = Parser(description=__doc__)
-    parser.add_argument(
-        "--environments", type=int, default=2048, help="encounters in parallel (default 2048)"
-    )
-    parser.add_argument("--steps", type=int, default=256, help="steps a measurement (default 256)")
-    parser.add_argument(
-        "--rows", type=int, default=16, help="rows of the pool of starts (default 16)"
-    )
-    parser.add_argument(
-        "--repeats", type=int, default=7, help="measurements of each side (default 7)"
-    )
-    options = parser.parse_args()
+    options = _parser().parse_args()
     count, steps = options.environments, options.steps
-    state = jax.tree.map(
-        lambda field: field[0],
-        jax.vmap(surrogate.reset)(
-            surrogate.redraw_pool(jax.random.key(0), [CIRCLE], [1.0], 1, count)
-        ),
-    )
-    measure = partial(rate, state=state, work=count * steps, repeats=options.repeats)
+    pool = surrogate.redraw_pool(jax.random.key(0), [CIRCLE], [1.0], 1, count)
+    state = jax.tree.map(lambda rows: rows[0], jax.vmap(surrogate.reset)(pool))
+    measure = partial(measure_rate, state=state, amount=count * steps, repeats=options.repeats)
     our_rate = measure(ours(count, steps, options.rows))
     with library_trigonometry():
         naive_rate = measure(naive(count, steps))
@@ -139,6 +143,17 @@ def main() -> None:
         },
         ("jax", "jaxlib", "numpy"),
     )
+
+
+def _parser() -> Parser:
+    parser = Parser(description=__doc__)
+    add = parser.add_argument
+    what = "encounters in parallel (default 2048)"
+    add("--environments", type=int, default=2048, help=what)
+    add("--steps", type=int, default=256, help="steps a measurement (default 256)")
+    add("--rows", type=int, default=16, help="rows of the pool of starts (default 16)")
+    add("--repeats", type=int, default=7, help="measurements of each side (default 7)")
+    return parser
 
 
 if __name__ == "__main__":

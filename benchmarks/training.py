@@ -12,17 +12,19 @@ Measured in turns, so that a slow moment of the machine meets every side alike:
 Figures are medians; ratios are medians of the ratios within each turn.
 """
 
+import argparse
 import importlib
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import PRNGKeyArray
 
 from agents.config.load import ConfigError, Parser, load
 from agents.learning import ppo
@@ -31,14 +33,14 @@ from agents.policy import features
 from benchmarks import gemm
 from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning.sb3 import Cell
-from benchmarks.measure import machine, report
+from benchmarks.measure import config_options, machine, report
 from envs import observation
 from envs.edge.command import run_cli
 from rlcas_jax import task
 from rlcas_jax.algorithm import ppo_settings
 from rlcas_jax.config import TrainConfig
 
-__all__ = ["Extent", "main", "measure"]
+__all__ = ["Extent", "Training", "main", "measure"]
 
 Work = Callable[[], Any]
 
@@ -74,79 +76,126 @@ def networks(config: TrainConfig) -> list[list[int]]:
     return [[*trunk, 2], [*trunk, 1]]
 
 
-def whole_update(config: TrainConfig) -> Work:
-    """Return a function that trains by one update, rollout included."""
-    parts = task.build(config)
-    state = parts.initial()
+class Training:
+    """A training as it runs, an update at a time.
 
-    def work() -> None:
-        nonlocal state
-        state, figures = parts.update(state)
-        jax.block_until_ready((state, figures))
-
-    return work
-
-
-def learner_alone(config: TrainConfig) -> Work:
-    """Return a function that learns by one update from samples of the same shapes that are made
-    once.
+    Args:
+        config: of the training, or of its phase.
+        phase: its number.
     """
-    settings = ppo_settings(config)
-    hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
-    parts = ppo.learner(Actor(hidden, feature_set), Critic(hidden, feature_set), settings)
-    shape = (config.ppo.environments, config.ppo.rollout)
-    start_key, seen_key, noise_key, advantage_key, key = jax.random.split(
-        jax.random.key(config.seed), 5
-    )
 
-    @jax.jit
-    def start() -> tuple[ppo.LearnerState, ppo.Batch]:
-        fresh = ppo.initial_state(parts, start_key, jnp.zeros((1, observation.SIZE)))
-        seen = jax.random.uniform(seen_key, (*shape, observation.SIZE), minval=-1.0, maxval=1.0)
-        mean, log_std = parts.policy(fresh.actor, seen)
-        action = mean + jnp.exp(log_std) * jax.random.normal(noise_key, mean.shape)
-        estimate = jax.random.normal(advantage_key, shape)
-        log_prob = ppo.gaussian_log_prob(action, mean, log_std)
-        return fresh, ppo.Batch(seen, action, log_prob, estimate, estimate)
+    def __init__(self, config: TrainConfig, phase: int = 0) -> None:
+        self._task = task.build(config, phase=phase)
+        self.state = self._task.initial()
 
-    state, samples = start()
-    update = jax.jit(partial(ppo.update, parts=parts, settings=settings), donate_argnums=0)
-
-    def work() -> None:
-        nonlocal state
-        state, figures = update(state, samples, key, jnp.float32(config.ppo.learning_rate))
-        jax.block_until_ready((state, figures))
-
-    return work
+    def update(self) -> None:
+        """Fly a rollout, learn from it, and wait for the result."""
+        self.state, figures = self._task.update(self.state)
+        jax.block_until_ready((self.state, figures))
 
 
-def peer_work(model: Any, cell: Cell, threads: int) -> Work:
-    """Return a function by which the peer collects one rollout and learns from it."""
+class Learner:
+    """Learns again and again from samples of a training's shapes that are made once.
+
+    Args:
+        config: of the training.
+    """
+
+    def __init__(self, config: TrainConfig) -> None:
+        settings = ppo_settings(config)
+        hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
+        parts = ppo.learner(Actor(hidden, feature_set), Critic(hidden, feature_set), settings)
+        shape = config.ppo.environments, config.ppo.rollout
+        start_key, *keys, self._key = jax.random.split(jax.random.key(config.seed), 5)
+        blank = jnp.zeros((1, observation.SIZE))
+        start = jax.jit(lambda key: ppo.initial_state(parts, key, blank))
+        self._state = start(start_key)
+        draw = jax.jit(partial(_draw_samples, parts, shape))
+        self._samples = draw(self._state.actor, *keys)
+        self._rate = jnp.float32(config.ppo.learning_rate)
+        update = partial(ppo.update, parts=parts, settings=settings)
+        self._update = jax.jit(update, donate_argnums=0)
+
+    def update(self) -> None:
+        """Learn, and wait for the result."""
+        self._state, figures = self._update(self._state, self._samples, self._key, self._rate)
+        jax.block_until_ready((self._state, figures))
+
+
+def _draw_samples(
+    parts: ppo.Learner,
+    shape: tuple[int, int],
+    actor: Any,
+    seen_key: PRNGKeyArray,
+    noise_key: PRNGKeyArray,
+    advantage_key: PRNGKeyArray,
+) -> ppo.Batch:
+    """Return random samples ``[N, T]`` of an actor's policy, given by its variables."""
+    seen = jax.random.uniform(seen_key, (*shape, observation.SIZE), minval=-1.0, maxval=1.0)
+    mean, log_std = parts.policy(actor, seen)
+    action = mean + jnp.exp(log_std) * jax.random.normal(noise_key, mean.shape)
+    estimate = jax.random.normal(advantage_key, shape)
+    log_prob = ppo.gaussian_log_prob(action, mean, log_std)
+    return ppo.Batch(seen, action, log_prob, estimate, estimate)
+
+
+class Entry(NamedTuple):
+    """A side of the comparison."""
+
+    work: Work
+    amount: int
+    """Environment steps, or floating-point operations, of one call."""
+    cell: Cell | None = None
+    """Of a peer."""
+    threads: int = 0
+    """Of a peer."""
+
+    @classmethod
+    def peer(cls, model: Any, cell: Cell, threads: int) -> "Entry":
+        """Return a peer that collects one rollout and learns from it."""
+        return cls(partial(_run_peer, model, cell, threads), cell.samples, cell, threads)
+
+    def setting(self) -> dict[str, int]:
+        """Return the setting of a peer, for JSON."""
+        assert self.cell is not None
+        return {
+            "environments": self.cell.environments,
+            "rollout": self.cell.steps,
+            "batch": self.cell.batch,
+            "epochs": self.cell.epochs,
+            "threads": self.threads,
+        }
+
+
+class GridPoint(NamedTuple):
+    """A peer as measured on the grid."""
+
+    rate: float
+    """Steps a second."""
+    entry: Entry
+
+
+def _run_peer(model: Any, cell: Cell, threads: int) -> None:
     torch: Any = importlib.import_module("torch")
-
-    def work() -> None:
-        torch.set_num_threads(threads)
-        model.learn(cell.samples, log_interval=None, reset_num_timesteps=False)
-
-    return work
+    torch.set_num_threads(threads)
+    model.learn(cell.samples, log_interval=None, reset_num_timesteps=False)
 
 
-def scan(
-    config: TrainConfig, extent: Extent, threads: Sequence[int]
-) -> list[tuple[float, Cell, int, Work]]:
-    """Measure the peer on the grid; return (steps/s, cell, threads, work), the fastest first."""
+def scan(config: TrainConfig, extent: Extent, threads: Sequence[int]) -> list[GridPoint]:
+    """Measure the peer on the grid, each cell with some numbers of threads; the fastest comes
+    first.
+    """
     found = []
-    for count in extent.environments:
-        for batch in extent.batches:
-            samples = max(extent.samples if batch >= 2_048 else extent.samples // 4, batch)
-            cell = Cell(count, samples // count, batch, config.ppo.epochs)
-            model = sb3_task.algorithm(config, cell)
-            for number in threads:
-                work = peer_work(model, cell, number)
-                rate = cell.samples / min(_for_a_while(work, extent.cell_s))
-                print(f"sb3 {cell}, {number} threads: {rate:,.0f} steps/s", flush=True)
-                found.append((rate, cell, number, work))
-    return sorted(found, key=lambda entry: -entry[0])
+    for count, batch in itertools.product(extent.environments, extent.batches):
+        samples = max(extent.samples if batch >= 2_048 else extent.samples // 4, batch)
+        cell = Cell(count, samples // count, batch, config.ppo.epochs)
+        model = sb3_task.algorithm(config, cell)
+        for number in threads:
+            entry = Entry.peer(model, cell, number)
+            rate = cell.samples / min(_time_for_a_while(entry.work, extent.cell_s))
+            print(f"sb3 {cell}, {number} threads: {rate:,.0f} steps/s", flush=True)
+            found.append(GridPoint(rate, entry))
+    return sorted(found, key=lambda point: -point.rate)
 
 
 def in_turns(works: dict[str, Work], repeats: int) -> dict[str, list[float]]:
@@ -163,58 +212,76 @@ def in_turns(works: dict[str, Work], repeats: int) -> dict[str, list[float]]:
 
 def measure(config: TrainConfig, extent: Extent) -> dict[str, Any]:
     """Measure everything and return the figures."""
-    widths = networks(config)
-    minibatch = [
-        product for network in widths for product in gemm.products(network, config.ppo.minibatch)
-    ]
-    plain = gemm.plain(config.ppo.minibatch, max(config.network.hidden))
-    # About half a second each at 100 GFLOP/s; small networks, which come nowhere near that, get a
-    # hundred rounds.
-    shapes_rounds, plain_rounds = (
-        min(max(1, round(5e10 / gemm.flop(work))), 100) for work in (minibatch, plain)
-    )
-    works = {
-        "ours": whole_update(config),
-        "learner": learner_alone(config),
-        "gemm": gemm.runner(minibatch, shapes_rounds),
-        "plain": gemm.runner(plain, plain_rounds),
-    }
-    amounts = {
-        "ours": config.ppo.samples,
-        "learner": config.ppo.samples,
-        "gemm": shapes_rounds * gemm.flop(minibatch),
-        "plain": plain_rounds * gemm.flop(plain),
-    }
-    cells: dict[str, tuple[Cell, int]] = {}
-    grid = []
+    entries, grid = our_entries(config), []
+    peers: dict[str, Entry] = {}
     if extent.batches and extent.environments:
         cores = machine()["cores"]
         grid = scan(config, extent, sorted({1, cores}))
-        # A busy moment hits several threads harder than one, so a cell comes with both.
-        finalists = list(dict.fromkeys(cell for _, cell, _, _ in grid))[: extent.finalists]
-        for place, (_, cell, threads, work) in enumerate(
-            entry for entry in grid if entry[1] in finalists
-        ):
-            works[f"finalist {place}"], cells[f"finalist {place}"] = work, (cell, threads)
-        default = sb3_task.algorithm(config, sb3_task.DEFAULTS)
-        same = replace(sb3_task.DEFAULTS, epochs=config.ppo.epochs)
-        for name, cell, threads, model in (
-            ("default", sb3_task.DEFAULTS, cores, default),
-            ("default one thread", sb3_task.DEFAULTS, 1, default),
-            ("default same epochs", same, cores, sb3_task.algorithm(config, same)),
-        ):
-            works[name], cells[name] = peer_work(model, cell, threads), (cell, threads)
-        amounts |= {name: cell.samples for name, (cell, _) in cells.items()}
-    times = in_turns(works, extent.repeats)
-    rates = {name: [amounts[name] / t for t in seconds] for name, seconds in times.items()}
-    for name, values in rates.items():
-        what = "GFLOP/s" if name in ("gemm", "plain") else "steps/s"
-        shown = median(values) / (1e9 if what == "GFLOP/s" else 1.0)
-        label = f"sb3 {name}: {cells[name][0]}, {cells[name][1]} threads" if name in cells else name
-        print(f"{label:70} {shown:12,.1f} {what} (spread {spread(values):.0%})")
+        peers = finalists(grid, extent.finalists) | default_entries(config, cores)
+        entries |= peers
+    times = in_turns({name: entry.work for name, entry in entries.items()}, extent.repeats)
+    rates = {name: [entries[name].amount / t for t in seconds] for name, seconds in times.items()}
+    _print_rates(entries, rates)
     return _our_figures(config, rates) | (
-        _peer_figures(rates, grid, cells) if cells else {"sb3": None}
+        _peer_figures(rates, grid, peers) if peers else {"sb3": None}
     )
+
+
+_PRODUCTS = "gemm", "plain"
+"""Entries whose amount is counted in floating-point operations."""
+
+
+def our_entries(config: TrainConfig) -> dict[str, Entry]:
+    """Return our update, our learner alone, and the matrix products."""
+    minibatch = [
+        product
+        for widths in networks(config)
+        for product in gemm.products(widths, config.ppo.minibatch)
+    ]
+    plain = gemm.plain(config.ppo.minibatch, max(config.network.hidden))
+    return {
+        "ours": Entry(Training(config).update, config.ppo.samples),
+        "learner": Entry(Learner(config).update, config.ppo.samples),
+        "gemm": _product_entry(minibatch),
+        "plain": _product_entry(plain),
+    }
+
+
+def _product_entry(work: list[gemm.Product]) -> Entry:
+    """Return matrix products, repeated for about half a second at 100 GFLOP/s; small ones, which
+    come nowhere near that, a hundred times.
+    """
+    rounds = min(max(1, round(5e10 / gemm.flop(work))), 100)
+    return Entry(gemm.runner(work, rounds), rounds * gemm.flop(work))
+
+
+def finalists(grid: Sequence[GridPoint], count: int) -> dict[str, Entry]:
+    """Return the peer in the best cells of the grid, with every number of threads: a busy moment
+    slows several threads more than one.
+    """
+    cells = list(dict.fromkeys(point.entry.cell for point in grid))[:count]
+    entries = [point.entry for point in grid if point.entry.cell in cells]
+    return {f"finalist {place}": entry for place, entry in enumerate(entries)}
+
+
+def default_entries(config: TrainConfig, cores: int) -> dict[str, Entry]:
+    """Return the peer at its defaults, with one thread, and with as many epochs as ours."""
+    default = sb3_task.algorithm(config, sb3_task.DEFAULTS)
+    same = replace(sb3_task.DEFAULTS, epochs=config.ppo.epochs)
+    return {
+        "default": Entry.peer(default, sb3_task.DEFAULTS, cores),
+        "default one thread": Entry.peer(default, sb3_task.DEFAULTS, 1),
+        "default same epochs": Entry.peer(sb3_task.algorithm(config, same), same, cores),
+    }
+
+
+def _print_rates(entries: dict[str, Entry], rates: dict[str, list[float]]) -> None:
+    for name, values in rates.items():
+        entry = entries[name]
+        unit, size = ("GFLOP/s", 1e9) if name in _PRODUCTS else ("steps/s", 1.0)
+        label = name if entry.cell is None else f"sb3 {name}: {entry.cell}, {entry.threads} threads"
+        rate = median(values) / size
+        print(f"{label:70} {rate:12,.1f} {unit} (spread {spread(values):.0%})")
 
 
 def spread(values: list[float]) -> float:
@@ -251,24 +318,19 @@ def _our_figures(config: TrainConfig, rates: dict[str, list[float]]) -> dict[str
 
 
 def _peer_figures(
-    rates: dict[str, list[float]],
-    grid: list[tuple[float, Cell, int, Work]],
-    cells: dict[str, tuple[Cell, int]],
+    rates: dict[str, list[float]], grid: Sequence[GridPoint], peers: dict[str, Entry]
 ) -> dict[str, Any]:
-    finalists = [name for name in cells if name.startswith("finalist")]
-    best = max(finalists, key=lambda name: median(rates[name]))
+    names = [name for name in peers if name.startswith("finalist")]
+    best = max(names, key=lambda name: median(rates[name]))
     return {
         "sb3": {
-            "best": _setting(*cells[best]) | _rate_figures("steps_per_s", rates[best]),
+            "best": peers[best].setting() | _rate_figures("steps_per_s", rates[best]),
             **{
-                name.replace(" ", "_"): _setting(*cells[name])
-                | _rate_figures("steps_per_s", rates[name])
-                for name in cells
-                if name not in finalists
+                name.replace(" ", "_"): entry.setting() | _rate_figures("steps_per_s", rates[name])
+                for name, entry in peers.items()
+                if name not in names
             },
-            "grid": [
-                _setting(cell, threads) | {"steps_per_s": rate} for rate, cell, threads, _ in grid
-            ],
+            "grid": [point.entry.setting() | {"steps_per_s": point.rate} for point in grid],
         },
         "ratio_to_sb3_best": _ratio(rates["ours"], rates[best]),
         "ratio_to_sb3_default": _ratio(rates["ours"], rates["default"]),
@@ -285,21 +347,11 @@ def _rate_figures(name: str, values: list[float]) -> dict[str, float]:
     }
 
 
-def _setting(cell: Cell, threads: int) -> dict[str, int]:
-    return {
-        "environments": cell.environments,
-        "rollout": cell.steps,
-        "batch": cell.batch,
-        "epochs": cell.epochs,
-        "threads": threads,
-    }
-
-
 def _ratio(ours: list[float], theirs: list[float]) -> float:
     return median(a / b for a, b in zip(ours, theirs, strict=True))
 
 
-def _for_a_while(work: Work, least_s: float) -> list[float]:
+def _time_for_a_while(work: Work, least_s: float) -> list[float]:
     """Return the times of some runs, s, the first of which is counted only where it lasts long."""
     times = []
     while sum(times) < least_s or (len(times) < 2 and sum(times) < 20.0):
@@ -311,42 +363,8 @@ def _for_a_while(work: Work, least_s: float) -> list[float]:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    parser = Parser(prog="python -m benchmarks.training", description=__doc__)
-    add = parser.add_argument
-    add(
-        "--config",
-        type=Path,
-        default=Path("configs/sprint.yaml"),
-        help="training (default configs/sprint.yaml)",
-    )
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="change one key of it; may be given many times",
-    )
-    add("--repeats", type=int, help="measurements of each side (default 5; 3 with --quick)")
-    add(
-        "--quick",
-        action="store_true",
-        help="a quarter of the rollout, fewer repeats and a smaller grid",
-    )
-    add("--no-sb3", action="store_true", help="leave Stable-Baselines3 out")
-    options = parser.parse_args(argv)
-    extent = QUICK if options.quick else Extent()
-    if options.repeats is not None:
-        if options.repeats < 1:
-            raise ConfigError(f"--repeats is {options.repeats}; expected 1 or more")
-        extent = replace(extent, repeats=options.repeats)
-    config = load(TrainConfig, options.config, options.set)
-    if config.network.feature_set == "set":
-        raise ConfigError(
-            "network.feature_set is set; expected none, cpa or mirror, as the peer takes one vector"
-        )
-    if options.quick:
-        shorter = f"ppo.rollout={max(config.ppo.rollout // 4, config.ppo.segment)}"
-        config = load(TrainConfig, options.config, [*options.set, shorter])
+    options = _parser().parse_args(argv)
+    extent, config = _extent(options), _config(options)
     versions = ["jax", "jaxlib", "flax", "optax", "numpy"]
     if options.no_sb3 or not sb3_task.available():
         if not options.no_sb3:
@@ -358,6 +376,42 @@ def main(argv: Sequence[str] | None = None) -> None:
     else:
         versions += ["stable-baselines3", "torch", "gymnasium"]
     report(measure(config, extent), tuple(versions))
+
+
+def _parser() -> Parser:
+    parser = Parser(prog="python -m benchmarks.training", description=__doc__)
+    add = parser.add_argument
+    config_options(parser, "configs/sprint.yaml")
+    add("--repeats", type=int, help="measurements of each side (default 5; 3 with --quick)")
+    what = "a quarter of the rollout, fewer repeats and a smaller grid"
+    add("--quick", action="store_true", help=what)
+    add("--no-sb3", action="store_true", help="leave Stable-Baselines3 out")
+    return parser
+
+
+def _extent(options: argparse.Namespace) -> Extent:
+    """Return the extent that the options ask for; raise ConfigError where it is none."""
+    extent = QUICK if options.quick else Extent()
+    if options.repeats is None:
+        return extent
+    if options.repeats < 1:
+        raise ConfigError(f"--repeats is {options.repeats}; expected 1 or more")
+    return replace(extent, repeats=options.repeats)
+
+
+def _config(options: argparse.Namespace) -> TrainConfig:
+    """Return the training that the options ask for; raise ConfigError where the peer has none like
+    it.
+    """
+    config = load(TrainConfig, options.config, options.set)
+    if config.network.feature_set == "set":
+        raise ConfigError(
+            "network.feature_set is set; expected none, cpa or mirror, as the peer takes one vector"
+        )
+    if options.quick:
+        shorter = f"ppo.rollout={max(config.ppo.rollout // 4, config.ppo.segment)}"
+        config = load(TrainConfig, options.config, [*options.set, shorter])
+    return config
 
 
 if __name__ == "__main__":

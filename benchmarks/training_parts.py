@@ -13,25 +13,28 @@ medians. The last line is one JSON object.
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from agents.config.load import ConfigError, Parser, load
 from agents.learning import ppo
+from agents.learning.algorithm import Rollout
 from agents.policy import candidate_manoeuvres
 from benchmarks import gemm
-from benchmarks.measure import report
+from benchmarks.measure import config_options, report
+from benchmarks.training import Training
 from envs import surrogate
 from envs.edge.command import run_cli
+from envs.encounters import Scenario
 from rlcas_jax import starts, task
-from rlcas_jax.collect import collect
+from rlcas_jax.collect import Environment, collect
 from rlcas_jax.config import PPO, TrainConfig
 
-__all__ = ["Cost", "main", "parts"]
+__all__ = ["Cost", "Limits", "Part", "main", "parts"]
 
 _CHORDS = candidate_manoeuvres.COUNT * 10
 _OPERATIONS = 28  # additions, multiplications, comparisons and a quotient for a chord's separation
@@ -66,73 +69,129 @@ def measure_cost(work: Callable[[], Any], steps: float, least_s: float) -> Cost:
 
 
 def parts(config: TrainConfig, phase: int) -> Iterator[Part]:
-    """Yield the whole update of a phase, and then its parts."""
-    built = task.build(config, phase=phase)
-    state = built.initial()
-    samples, environments = config.ppo.samples, config.ppo.environments
+    """Yield the whole update of a phase, and then its parts, on what its updates have left."""
+    training = Training(config, phase)
+    yield Part("whole update", training.update, config.ppo.samples)
+    given = _prepare(config, phase, training.state)
+    yield from _rollout_parts(given)
+    yield from _learning_parts(given)
 
-    def whole() -> None:
-        nonlocal state
-        state, figures = built.update(state)
-        jax.block_until_ready((state, figures))
 
-    yield Part("whole update", whole, samples)
+class _Given(NamedTuple):
+    """What the parts of an update are computed on."""
 
+    config: TrainConfig
+    scenarios: list[Scenario]
+    algorithm: ppo.Ppo
+    environment: Environment
+    learner: ppo.LearnerState
+    flying: surrogate.State
+    noise: Float[Array, "T N 2"]  # of the actions
+    key: PRNGKeyArray
+
+
+def _prepare(config: TrainConfig, phase: int, state: task.TrainState) -> _Given:
+    """Draw what an update needs and make its environment."""
     inside = task.parts_of(config, phase=phase)
-    learner, flying = state.learner, state.environment
-    key = jax.random.key(0)
-
-    def part(name: str, function: Callable[..., Any], steps: float, *given: Any) -> Part:
-        compiled = jax.jit(function)
-        return Part(name, lambda: jax.block_until_ready(compiled(*given)), steps)
-
-    def draws(key: jax.Array) -> surrogate.State:
-        return starts.draw(key, config, inside.scenarios, config.pool_rows)
-
-    yield part("draw starts", draws, samples, key)
     drawn, _ = jax.jit(partial(task.draw_update, inside))(state.key)
-    environment = task.environment_of(inside, drawn)
-    algorithm: Any = inside.algorithm
-    yield part("inputs", environment.observe, environments, flying, key)
-    seen = jax.jit(environment.observe)(flying, key)
-    yield part("act", algorithm.act, environments, learner, seen, drawn.noise[0])
-    action, _ = algorithm.act(learner, seen, drawn.noise[0])
-    yield part("world", environment.step, environments, flying, action)
-    yield part("restart", environment.restart, environments, flying, jnp.zeros((), jnp.int32))
-    roll_out = jax.jit(
-        lambda learner, flying, noise, key: collect(
-            algorithm, learner, environment, flying, noise, key
-        )
+    assert isinstance(inside.algorithm, ppo.Ppo)
+    return _Given(
+        config,
+        inside.scenarios,
+        inside.algorithm,
+        task.environment_of(inside, drawn),
+        state.learner,
+        state.environment,
+        drawn.noise,
+        jax.random.key(0),
     )
-    yield part("rollout (the four above)", roll_out, samples, learner, flying, drawn.noise, key)
-    _, rollout, _ = roll_out(learner, flying, drawn.noise, key)
-    networks, settings = algorithm.parts, algorithm.settings
-    estimate = partial(ppo.samples, parts=networks, settings=settings)
-    yield part("values, advantages", estimate, samples, learner, rollout)
+
+
+def _compiled(name: str, function: Callable[..., Any], steps: float, *given: Any) -> Part:
+    """Return a part that is compiled on its own and computes on some arrays."""
+    compiled = jax.jit(function)
+    return Part(name, lambda: jax.block_until_ready(compiled(*given)), steps)
+
+
+def _rollout_parts(given: _Given) -> Iterator[Part]:
+    """Yield what is drawn and flown; a single step serves as many steps as there are
+    environments.
+    """
+    config, environment = given.config, given.environment
+    learner, flying = given.learner, given.flying
+    samples, environments = config.ppo.samples, config.ppo.environments
+    draw = partial(starts.draw, config=config, scenarios=given.scenarios, rows=config.pool_rows)
+    yield _compiled("draw starts", draw, samples, given.key)
+    observe, act = environment.observe, given.algorithm.act
+    yield _compiled("inputs", observe, environments, flying, given.key)
+    seen = jax.jit(observe)(flying, given.key)
+    yield _compiled("act", act, environments, learner, seen, given.noise[0])
+    action, _ = act(learner, seen, given.noise[0])
+    yield _compiled("world", environment.step, environments, flying, action)
+    first = jnp.zeros((), jnp.int32)
+    yield _compiled("restart", environment.restart, environments, flying, first)
+    roll_out = partial(_roll_out, given.algorithm, environment)
+    whole = learner, flying, given.noise, given.key
+    yield _compiled("rollout (the four above)", roll_out, samples, *whole)
+
+
+def _roll_out(
+    algorithm: ppo.Ppo,
+    environment: Environment,
+    learner: ppo.LearnerState,
+    flying: surrogate.State,
+    noise: Float[Array, "T N 2"],
+    key: PRNGKeyArray,
+) -> tuple[surrogate.State, Rollout, Any]:
+    """Fly a rollout; the arguments that are no arrays come first."""
+    return collect(algorithm, learner, environment, flying, noise, key)
+
+
+def _learning_parts(given: _Given) -> Iterator[Part]:
+    """Yield what is learned from a rollout."""
+    config, algorithm, learner = given.config, given.algorithm, given.learner
+    samples, rate = config.ppo.samples, jnp.float32(config.ppo.learning_rate)
+    roll_out = jax.jit(partial(_roll_out, algorithm, given.environment))
+    _, rollout, _ = roll_out(learner, given.flying, given.noise, given.key)
+    estimate = partial(ppo.samples, parts=algorithm.parts, settings=algorithm.settings)
+    yield _compiled("values, advantages", estimate, samples, learner, rollout)
     batch, _ = jax.jit(estimate)(learner, rollout)
-    rate = jnp.float32(config.ppo.learning_rate)
-    learn = partial(ppo.update, parts=networks, settings=settings)
-    yield part("all epochs", learn, samples, learner, batch, key, rate)
+    learn = partial(ppo.update, parts=algorithm.parts, settings=algorithm.settings)
+    yield _compiled("all epochs", learn, samples, learner, batch, given.key, rate)
+    yield from _gradient_step_parts(given, batch)
 
-    size, epochs, segment = config.ppo.minibatch, config.ppo.epochs, config.ppo.segment
+
+def _gradient_step_parts(given: _Given, batch: ppo.Batch) -> Iterator[Part]:
+    """Yield what a gradient step takes; every step of the environments is in one of each epoch."""
+    config, algorithm, learner = given.config.ppo, given.algorithm, given.learner
+    size, segment = config.minibatch, config.segment
+    steps = size / config.epochs
     rows = jax.tree.map(lambda a: a.reshape(-1, segment, *a.shape[2:]), batch)
-    order = jax.random.permutation(key, samples // segment)[: size // segment]
-
-    def gather(rows: ppo.Batch, order: jax.Array) -> ppo.Batch:
-        return jax.tree.map(lambda a: a[order].reshape(-1, *a.shape[2:]), rows)
-
-    yield part("shuffle", gather, size / epochs, rows, order)
-    minibatch = jax.jit(gather)(rows, order)
+    order = jax.random.permutation(given.key, config.samples // segment)[: size // segment]
+    yield _compiled("shuffle", _gather, steps, rows, order)
+    minibatch = jax.jit(_gather)(rows, order)
     both = learner.actor, learner.critic
-    gradient = partial(ppo.gradient_of, parts=networks, settings=settings)
-    yield part("gradients", gradient, size / epochs, both, minibatch)
+    gradient = partial(ppo.gradient_of, parts=algorithm.parts, settings=algorithm.settings)
+    yield _compiled("gradients", gradient, steps, both, minibatch)
     direction = jax.tree.map(jnp.ones_like, both)
-    optimizer = networks.optimizer.update
-    yield part("optimiser", optimizer, size / epochs, direction, learner.optimizer)
+    optimise = algorithm.parts.optimizer.update
+    yield _compiled("optimiser", optimise, steps, direction, learner.optimizer)
 
 
-def limit(config: TrainConfig, least_s: float) -> tuple[Cost, Cost]:
-    """Return what the networks' products and the separations of the manoeuvres take at least."""
+def _gather(rows: ppo.Batch, order: Int[Array, " R"]) -> ppo.Batch:
+    """Return some segments of time, in an order, as one batch of samples."""
+    return jax.tree.map(lambda a: a[order].reshape(-1, *a.shape[2:]), rows)
+
+
+class Limits(NamedTuple):
+    """What an update's arithmetic takes at least, for each environment step."""
+
+    products: Cost  # of the networks
+    manoeuvres: Cost  # the separations of the candidates
+
+
+def limits(config: TrainConfig, least_s: float) -> Limits:
+    """Return what the arithmetic takes; each rate is measured for so many seconds."""
     network, epochs = config.network, config.ppo.epochs
     most = max(scenario.intruders[1] for scenario in config.training_scenarios())
     table = network.input_table()
@@ -142,45 +201,51 @@ def limit(config: TrainConfig, least_s: float) -> tuple[Cost, Cost]:
     flop = gemm.used_flop_per_step([*trunks, *encoders], epochs)
     product = gemm.plain(ppo.TILE, max(network.hidden))
     of_flop = measure_cost(gemm.runner(product, 20), 20 * gemm.flop(product), least_s)
+    of_operation = _operation_cost(least_s)
+    separations = _CHORDS * _OPERATIONS * most
+    return Limits(
+        Cost(*(flop * each for each in of_flop)),
+        Cost(*(separations * each for each in of_operation)),
+    )
+
+
+def _operation_cost(least_s: float) -> Cost:
+    """Return what an addition or multiplication of a polynomial takes."""
 
     @jax.jit
-    def polynomial(x: jax.Array) -> jax.Array:
+    def polynomial(x: Float[Array, " N"]) -> Float[Array, " N"]:
         total = x
         for _ in range(_DEGREE):
             total = total * x + 0.5
         return total
 
     values = jnp.full((1 << 16,), 0.3)
-    operation = measure_cost(
+    return measure_cost(
         lambda: polynomial(values).block_until_ready(), values.size * 2 * _DEGREE, least_s
     )
-    separations = _CHORDS * _OPERATIONS * most
-    return Cost(*(flop * each for each in of_flop)), Cost(*(separations * one for one in operation))
 
 
 def measure(config: TrainConfig, least_s: float) -> dict[str, Any]:
-    """Measure every phase, print its table, and return the figures."""
+    """Measure every phase, print its table, and return the figures; each part is repeated for so
+    many seconds at least.
+    """
     phases, total = [], Cost(0.0, 0.0)
     for number, phase in enumerate(config.phase_configs()):
-        costs = {
-            part.name: measure_cost(part.work, part.steps, least_s) for part in parts(phase, number)
-        }
-        products, separations = limit(phase, least_s)
-        costs |= {"limit: products": products, "limit: manoeuvres": separations}
-        least, whole = products.processor + separations.processor, costs["whole update"]
-        print(f"phase {number + 1}: µs for each step{'processor':>21}{'wall':>10}")
-        for name, cost in costs.items():
-            print(f"  {name:35}{cost.processor:10.2f}{cost.wall:10.2f}", flush=True)
-        print(f"  {'whole update, in limits':35}{whole.processor / least:10.2f}", flush=True)
+        costs, bounds = _measure_phase(phase, number, least_s)
+        whole = costs["whole update"]
+        in_limits = whole.processor / (bounds.products.processor + bounds.manoeuvres.processor)
+        _print_table(number, costs, in_limits)
+        # Millions of steps times microseconds for each are seconds.
+        millions = phase.steps * 1e-6
         total = Cost(
-            *(so_far + phase.steps * 1e-6 * one for so_far, one in zip(total, whole, strict=True))
+            total.processor + millions * whole.processor, total.wall + millions * whole.wall
         )
         phases.append(
             {
                 "steps": phase.steps,
                 "steps_per_s": 1e6 / whole.wall,
                 "us_per_step": {name: cost._asdict() for name, cost in costs.items()},
-                "processor_time_in_limits": whole.processor / least,
+                "processor_time_in_limits": in_limits,
             }
         )
     return {
@@ -191,25 +256,31 @@ def measure(config: TrainConfig, least_s: float) -> dict[str, Any]:
     }
 
 
+def _measure_phase(
+    config: TrainConfig, phase: int, least_s: float
+) -> tuple[dict[str, Cost], Limits]:
+    """Return what the parts of a phase's update take, the limits among them, and the limits."""
+    costs = {
+        part.name: measure_cost(part.work, part.steps, least_s) for part in parts(config, phase)
+    }
+    bounds = limits(config, least_s)
+    costs |= {"limit: products": bounds.products, "limit: manoeuvres": bounds.manoeuvres}
+    return costs, bounds
+
+
+def _print_table(phase: int, costs: dict[str, Cost], in_limits: float) -> None:
+    print(f"phase {phase + 1}: µs for each step{'processor':>21}{'wall':>10}")
+    for name, cost in costs.items():
+        print(f"  {name:35}{cost.processor:10.2f}{cost.wall:10.2f}")
+    print(f"  {'whole update, in limits':35}{in_limits:10.2f}", flush=True)
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Measure and print."""
     parser = Parser(prog="python -m benchmarks.training_parts", description=__doc__)
-    parser.add_argument(
-        "--config",
-        type=Path,
-        default=Path("configs/best.yaml"),
-        help="training (default configs/best.yaml)",
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="change one key of it; may be given many times",
-    )
-    parser.add_argument(
-        "--seconds", type=float, default=2.0, help="time for each part, s (default 2)"
-    )
+    config_options(parser, "configs/best.yaml")
+    what = "time for each part, s (default 2)"
+    parser.add_argument("--seconds", type=float, default=2.0, help=what)
     options = parser.parse_args(argv)
     if not options.seconds > 0.0:
         raise ConfigError(f"--seconds is {options.seconds:g}; expected a number above 0")
