@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from agents.check import accept
 from agents.planner.answer import WAYPOINTS, Plan, RequestError
 from agents.planner.planner import plan_many
-from agents.planner.request import Options, Request
+from agents.planner.request import Options
 from agents.policy.inference import Policy
 from benchmarks.safety import published, sky
 from benchmarks.safety.adversary import (
@@ -33,6 +33,7 @@ from benchmarks.safety.reflight import refly
 from benchmarks.safety.resimulation import CHECKS, Flown, Route, fly, resimulate
 from envs import draws
 from envs.aircraft import PAPER, Aircraft
+from envs.arrays import Array
 from envs.edge.json_text import parse_json
 from envs.kinematics import Limits
 from envs.trees import map_leaves, take
@@ -58,9 +59,9 @@ class Batch(NamedTuple):
     hundreds: tuple[int, ...]
     """First numbers of the hundreds."""
     first: int
-    """Those from this number on ..."""
+    """Those from this number on count."""
     end: int
-    """... and before this one count."""
+    """Those from this number on do not."""
     single: bool
     """Whether they go through ``plan`` one by one."""
     family: str = ""
@@ -73,11 +74,9 @@ class Batch(NamedTuple):
     @property
     def aircraft(self) -> Aircraft:
         """Whose requests they are."""
-        return (
-            random_aircraft(np.random.default_rng([self.seed, self.hundreds[0]]))
-            if self.any_aircraft
-            else PAPER
-        )
+        if not self.any_aircraft:
+            return PAPER
+        return random_aircraft(np.random.default_rng([self.seed, self.hundreds[0]]))
 
 
 @dataclass
@@ -90,14 +89,14 @@ class Tally:
     single: Counter[str] = field(default_factory=Counter)
     """Answers of ``plan``: safe, unresolved, refused."""
     counts: Counter[str] = field(default_factory=Counter)
-    """SAFE plans re-flown, and those of them that came closer than 1000 m because they began or
-    were asked to be closer than the follower's error beyond it; requests of ``plan`` that have a
-    wind, areas and so on, and how many of them are SAFE."""
+    """SAFE plans re-flown, and those of them that came closer than 1000 m because they began so
+    close, or were asked for less than the follower's error beyond it. Requests of ``plan`` that
+    have a wind, areas and so on, and how many of them are SAFE."""
     violations: list[dict[str, Any]] = field(default_factory=list)
     clearance: float = np.inf
-    """Smallest separation of a SAFE plan less the required one, m."""
+    """Smallest distance of a SAFE plan from an intruder less the separation, m."""
     flown: float = np.inf
-    """Smallest as flown by the follower, m."""
+    """Smallest distance from an intruder as flown by the follower, m."""
     error: float = 0.0
     """Largest distance of the follower from its plan, m."""
     use: dict[str, float] = field(default_factory=dict)
@@ -110,9 +109,8 @@ class Tally:
         self.violations += other.violations
         self.clearance = min(self.clearance, other.clearance)
         self.flown, self.error = min(self.flown, other.flown), max(self.error, other.error)
-        self.use = {
-            name: max(self.use.get(name, 0.0), value) for name, value in other.use.items()
-        } or self.use
+        for name, value in other.use.items():
+            self.use[name] = max(self.use.get(name, 0.0), value)
 
     @classmethod
     def of(cls, written: dict[str, Any]) -> "Tally":
@@ -171,149 +169,175 @@ def tasks(
     """Return the batches of requests ``first .. first + count - 1``, the first ``single`` of them
     one by one too.
     """
+    side_by_side = Batch(seed, (), first, first + count, False, family, any_aircraft)
+    one_by_one = side_by_side._replace(end=first + single, single=True)
     for hundred in range(first // HUNDRED * HUNDRED, first + single if single else 0, HUNDRED):
-        yield Batch(seed, (hundred,), first, first + single, True, family, any_aircraft)
+        yield one_by_one._replace(hundreds=(hundred,))
     for begin in range(first // block * block, first + count, block):
         alike: dict[int, list[int]] = {}
         for hundred in range(begin, begin + block, HUNDRED):
             alike.setdefault(_variant(hundred), []).append(hundred)
         for hundreds in alike.values():
             if any(first < hundred + HUNDRED and hundred < first + count for hundred in hundreds):
-                yield Batch(
-                    seed, tuple(hundreds), first, first + count, False, family, any_aircraft
-                )
+                yield side_by_side._replace(hundreds=tuple(hundreds))
 
 
 def attack(batch: Batch, policy: Policy) -> Tally:
     """Plan a batch and judge what is called SAFE."""
+    tally = Tally()
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        parts = [draw_requests(batch.seed, hundred, HUNDRED) for hundred in batch.hundreds]
-        requests = map_leaves(lambda *fields: np.concatenate(fields), *parts)
-        tally = Tally()
-        if batch.family:
-            requests = take(
-                requests,
-                np.array([FAMILIES[family].name == batch.family for family in requests.family]),
-            )
-            if requests.number.size == 0:
-                return tally
-        wanted = (requests.number >= batch.first) & (requests.number < batch.end)
+        requests = _draw_batch(batch)
+        if requests.number.size == 0:
+            return tally
         aircraft = batch.aircraft
         policy = policy.for_aircraft(aircraft, outside="allow")
         options = list(variants(aircraft).values())[requests.variant[0]]
-        if batch.any_aircraft:
-            requests = requests._replace(request=scale(requests.request, aircraft))
+        counts = (requests.number >= batch.first) & (requests.number < batch.end)
         if batch.single:
-            _one_by_one(tally, batch.seed, take(requests, wanted), policy, options)
-            return tally
-        for name, count in _families(requests, wanted).items():
-            tally.requests[name] += count
-        try:
-            best = plan_many(requests.request, policy, options).proposals
-        except Exception as problem:
-            tally.blame("exception", requests.number[wanted][0], what=repr(problem))
-            return tally
-        safe = wanted & best.safe
-        tally.safe.update(_families(requests, safe))
-        found, plans = take(requests, safe), take(best, safe)
-        judge(tally, batch.seed, found, plans.plan_states, plans.last, options)
-        return tally
+            _one_by_one(tally, batch.seed, take(requests, counts), policy, options)
+        else:
+            _side_by_side(tally, batch.seed, requests, counts, policy, options)
+    return tally
+
+
+def _draw_batch(batch: Batch) -> Drawn:
+    """Return the requests of a batch, those of its family alone, for its aircraft."""
+    parts = [draw_requests(batch.seed, hundred, HUNDRED) for hundred in batch.hundreds]
+    requests: Drawn = map_leaves(lambda *fields: np.concatenate(fields), *parts)
+    if batch.family:
+        same = [FAMILIES[family].name == batch.family for family in requests.family]
+        requests = take(requests, np.array(same))
+    if batch.any_aircraft:
+        requests = requests._replace(request=scale(requests.request, batch.aircraft))
+    return requests
+
+
+def _side_by_side(
+    tally: Tally, seed: int, requests: Drawn, counts: Array, policy: Policy, options: Options
+) -> None:
+    """Plan requests ``[N]`` together, and judge the SAFE plans of those that count, bool ``[N]``:
+    the others are there for the company that rounding depends on.
+    """
+    tally.requests.update(_families(requests, counts))
+    try:
+        best = plan_many(requests.request, policy, options).proposals
+    except Exception as problem:
+        tally.blame("exception", requests.number[counts][0], what=repr(problem))
+        return
+    safe = counts & best.safe
+    tally.safe.update(_families(requests, safe))
+    plans = take(best, safe)
+    judge(tally, seed, take(requests, safe), plans.plan_states, plans.last, options)
 
 
 def judge(
-    tally: Tally, seed: int, requests: Drawn, plan_states: PlanStates, last: Any, options: Options
+    tally: Tally, seed: int, requests: Drawn, plan_states: PlanStates, last: Array, options: Options
 ) -> None:
     """Judge SAFE plans ``[N]``: re-simulate all, re-fly some."""
     if len(last) == 0:
         return
-    request, limits = requests.request, options.limits
     # A flight that begins beyond a speed limit may stay there.
-    ceilings = np.maximum(limits.speed_max, request.own.speed)
+    ceilings = np.maximum(options.limits.speed_max, requests.request.own.speed)
     for ceiling in np.unique(ceilings):
         rows = np.flatnonzero(ceilings == ceiling)
-        part, plans, own_limits = (
-            take(request, rows),
-            take(plan_states, rows),
-            limits._replace(speed_max=float(ceiling)),
+        limits = options.limits._replace(speed_max=float(ceiling))
+        _judge_within(
+            tally, take(requests, rows), take(plan_states, rows), last[rows], options, limits
         )
-        route = Route(part.route_x, part.route_y, part.points, last[rows])
-        verdict = resimulate(plans, part.own, part.traffic, route, options, own_limits)
-        for check, row in np.argwhere(verdict.wrong).tolist():
-            _blame(
-                tally,
-                CHECKS[check],
-                requests,
-                rows[row],
-                separation=float(verdict.min_separation[row]),
-            )
-        tally.clearance = min(tally.clearance, float(verdict.clearance.min()))
-        for name, value in _use(plans, own_limits).items():
-            tally.use[name] = max(tally.use.get(name, 0.0), value)
-        # ... but no vehicle of ours gets back to a speed beyond it that it has left
-        # (envs.kinematics.advance).
-        for row in np.flatnonzero(_exceeds_speed(plans, limits)):
-            _blame(tally, "speed beyond the limit regained", requests, rows[row])
-    chosen = (
-        np.array(
-            [draws.uniforms(seed, int(number), 1, (1,), 1)[0, 0] for number in requests.number]
-        )
-        < REFLOWN
-    )
-    rows = np.flatnonzero(chosen & np.isfinite(np.stack(plan_states)).all(axis=(0, 2)))
-    if rows.size == 0 or options.aircraft != PAPER:
-        return  # the follower of this attack is tuned to time steps of 1 s
-    flight = refly(take(plan_states, rows), take(request, rows), options.requirement, limits)
-    tally.counts.update(
-        {"reflown": rows.size, "below 1000 m": int(np.sum(flight.separation < 1000.0))}
-    )
+    if options.aircraft == PAPER:  # the follower of this attack is tuned to time steps of 1 s
+        drawn = [draws.uniforms(seed, int(number), 1, (1,), 1)[0, 0] for number in requests.number]
+        finite = np.isfinite(np.stack(plan_states)).all(axis=(0, 2))
+        rows = np.flatnonzero((np.array(drawn) < REFLOWN) & finite)
+        if rows.size:
+            _refly(tally, take(requests, rows), take(plan_states, rows), options)
+
+
+def _judge_within(
+    tally: Tally,
+    requests: Drawn,
+    plan_states: PlanStates,
+    last: Array,
+    options: Options,
+    limits: Limits,
+) -> None:
+    """Re-simulate SAFE plans ``[N]`` within limits, which may leave the ownship faster than those
+    of the options.
+    """
+    request = requests.request
+    route = Route(request.route_x, request.route_y, request.points, last)
+    verdict = resimulate(plan_states, request.own, request.traffic, route, options, limits)
+    for check, row in np.argwhere(verdict.wrong).tolist():
+        separation = float(verdict.min_separation[row])
+        _blame(tally, CHECKS[check], requests, row, separation=separation)
+    tally.clearance = min(tally.clearance, float(verdict.clearance.min()))
+    for name, value in _use(plan_states, limits).items():
+        tally.use[name] = max(tally.use.get(name, 0.0), value)
+    # No vehicle of ours gets back to a speed beyond the limit that it has left
+    # (envs.kinematics.advance).
+    for row in np.flatnonzero(_exceeds_speed(plan_states, options.limits)).tolist():
+        _blame(tally, "speed beyond the limit regained", requests, row)
+
+
+def _refly(tally: Tally, requests: Drawn, plan_states: PlanStates, options: Options) -> None:
+    """Fly SAFE plans ``[N]`` by the follower, one at least."""
+    flight = refly(plan_states, requests.request, options.requirement, options.limits)
+    near = int(np.sum(flight.separation < 1000.0))
+    tally.counts.update({"reflown": len(flight.separation), "below 1000 m": near})
     tally.flown = min(tally.flown, float(flight.separation.min()))
     tally.error = max(tally.error, float(flight.error.max()))
     for name, wrong in (("flown separation", flight.too_close), ("flown error", flight.astray)):
-        for row in np.flatnonzero(wrong):
-            value = {"separation": float(flight.separation[row]), "error": float(flight.error[row])}
-            _blame(tally, name, requests, rows[row], **value)
+        for row in np.flatnonzero(wrong).tolist():
+            separation, error = float(flight.separation[row]), float(flight.error[row])
+            _blame(tally, name, requests, row, separation=separation, error=error)
 
 
 def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, options: Options) -> None:
     """Ask ``plan`` for each of some requests ``[N]`` and judge its SAFE answers."""
-    judged: list[tuple[PlanStates, int, Request]] = []
-    places, unit = [], options.aircraft.separation
-    for row, number in enumerate(requests.number):
-        question = published.question(seed, int(number), take(requests.request, row), unit)
-        try:
-            answer = question.ask(policy, options)
-        except RequestError:
-            tally.single["refused"] += 1
-            continue
-        except Exception as problem:
-            _blame(tally, "exception", requests, row, what=repr(problem))
-            continue
-        tally.single[answer.status.value] += 1
-        for fault in published.faults(question, answer, options):
-            _blame(tally, fault, requests, row)
-        names = _what_stands_around(question)
-        tally.counts.update(names)
-        if answer.safe and len(answer.waypoints) == WAYPOINTS:
-            tally.counts.update(f"{name}, safe" for name in names)
-            judged.append(published.as_arrays(question, answer, options))
+    judged: list[published.AsArrays] = []
+    places = []
+    for row in range(len(requests.number)):
+        one = _ask(tally, seed, requests, row, policy, options)
+        if one is not None:
+            judged.append(one)
             places.append(row)
-            flown = fly(judged[-1][0])
-            for fault in sky.faults(question.sky, flown, options, question.altitude):
-                _blame(tally, fault, requests, row)
-            moved = sky.move(question.sky, np.random.default_rng([seed, int(number), 55]))
-            for fault in _certificates(tally, question, answer, flown, moved, options):
-                _blame(tally, fault, requests, row)
     if judged:
-        plan_states, last, request = map_leaves(lambda *fields: np.stack(fields), *judged)
-        judge(
-            tally,
-            seed,
-            take(requests, np.array(places))._replace(request=request),
-            plan_states,
-            last,
-            options,
-        )
+        plans: published.AsArrays = map_leaves(lambda *fields: np.stack(fields), *judged)
+        answered = take(requests, np.array(places))._replace(request=plans.request)
+        judge(tally, seed, answered, plans.plan_states, plans.last, options)
+
+
+def _ask(
+    tally: Tally, seed: int, requests: Drawn, row: int, policy: Policy, options: Options
+) -> published.AsArrays | None:
+    """Ask ``plan`` for one of some requests, and judge what a SAFE answer promises beside limits
+    and separation; return such an answer, if it has its waypoints.
+    """
+    number, unit = int(requests.number[row]), options.aircraft.separation
+    question = published.question(seed, number, take(requests.request, row), unit)
+    try:
+        answer = question.ask(policy, options)
+    except RequestError:
+        tally.single["refused"] += 1
+        return None
+    except Exception as problem:
+        _blame(tally, "exception", requests, row, what=repr(problem))
+        return None
+    tally.single[answer.status.value] += 1
+    faults = published.faults(question, answer, options)
+    names = _what_stands_around(question)
+    tally.counts.update(names)
+    found = None
+    if answer.safe and len(answer.waypoints) == WAYPOINTS:
+        tally.counts.update(f"{name}, safe" for name in names)
+        found = published.as_arrays(question, answer, options)
+        flown = fly(found.plan_states)
+        faults += sky.faults(question.sky, flown, options, question.altitude)
+        moved = sky.move(question.sky, np.random.default_rng([seed, number, 55]))
+        faults += _certificates(tally, question, answer, flown, moved, options)
+    for fault in faults:
+        _blame(tally, fault, requests, row)
+    return found
 
 
 def _certificates(
@@ -357,23 +381,27 @@ def _is_accepted(data: dict[str, Any]) -> bool:
 def _what_stands_around(question: published.Question) -> list[str]:
     """Return which of :data:`_SKY` a request has."""
     wind, areas = question.sky
-    level = question.altitude
-    holds = (
-        wind is not None,
-        wind is not None and wind.std > 0.0,
-        bool(areas),
-        level is not None
-        and any(
-            one.altitude is not None and one.altitude.reference == level.reference
-            for one in question.intruders
-        ),
-        any(one.separation is not None for one in question.intruders),
+    holds = {
+        "wind": wind is not None,
+        "uncertain wind": wind is not None and wind.std > 0.0,
+        "areas": bool(areas),
+        "windows": _has_windows(question),
+        "own separations": any(one.separation is not None for one in question.intruders),
+    }
+    holds["all of these"] = all(holds.values())
+    return [name for name in _SKY if holds[name]]
+
+
+def _has_windows(question: published.Question) -> bool:
+    """Return whether an intruder's altitude can be held against the ownship's."""
+    own = question.altitude
+    others = [one.altitude for one in question.intruders]
+    return own is not None and any(
+        one is not None and one.reference == own.reference for one in others
     )
-    names = [name for name, one in zip(_SKY, holds, strict=False) if one]
-    return [*names, *(_SKY[-1:] if all(holds) else ())]
 
 
-def _families(requests: Drawn, rows: Any) -> Counter[str]:
+def _families(requests: Drawn, rows: Array) -> Counter[str]:
     return Counter(FAMILIES[family].name for family in requests.family[rows].tolist())
 
 
@@ -386,7 +414,7 @@ def _blame(tally: Tally, check: str, requests: Drawn, row: int, **more: Any) -> 
     tally.blame(check, requests.number[row], family=family, options=variant, **more)
 
 
-def _exceeds_speed(plan_states: PlanStates, limits: Limits) -> Any:
+def _exceeds_speed(plan_states: PlanStates, limits: Limits) -> Array:
     """Return where a plan accelerates to a speed beyond the limit, ``[N]``."""
     curves = legs(plan_states)
     after = curves.speed + curves.acceleration * (curves.duration[..., None] / ARCS)

@@ -10,6 +10,7 @@ last whole block. The last line is one JSON object; exit status 1 means that a c
 refused, or a wrong one accepted.
 """
 
+import argparse
 import json
 import multiprocessing
 import subprocess
@@ -17,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import count
 from pathlib import Path
@@ -29,6 +30,7 @@ from threadpoolctl import threadpool_limits
 from agents import check
 from agents.planner.answer import Excluded, RequestError
 from agents.planner.certificate import certificate
+from agents.planner.options import Options
 from agents.planner.options import check as check_options
 from agents.planner.planner import plan_many
 from agents.planner.request import Request, check_request
@@ -37,6 +39,8 @@ from benchmarks.measure import report
 from benchmarks.safety import adversary, published
 from benchmarks.safety.judgement import wrong
 from benchmarks.safety.mutation import mutate
+from envs.aircraft import Aircraft
+from envs.arrays import Array
 from envs.edge.command import InputError, Parser, run_cli
 from envs.edge.json_text import parse_json
 from envs.trees import map_leaves, take
@@ -47,8 +51,6 @@ __all__ = ["BLOCK", "certify", "main"]
 
 BLOCK = 400
 """Requests of a block, all for one aircraft."""
-
-_FIGURES = ("counts", "failures", "slowest_check_s", "largest_certificate_bytes")
 
 
 class _Asked(NamedTuple):
@@ -61,19 +63,45 @@ class _Asked(NamedTuple):
     excluded: tuple[Excluded, ...]
 
 
-def certify(seed: int, block: int) -> list[tuple[int, bytes]]:
-    """Return the numbers of those requests of a block that have a SAFE plan, and the plans'
-    certificates.
-    """
+class Certified(NamedTuple):
+    """A request with a SAFE plan."""
+
+    number: int
+    file: bytes
+    """The plan's certificate."""
+
+
+def certify(seed: int, block: int) -> list[Certified]:
+    """Plan the requests of a block and return those that have a SAFE plan."""
     rng = np.random.default_rng([seed, block, 0])
-    one = adversary.random_aircraft(rng)
-    options = adversary.random_options(one, rng)
-    policy = adversary.policy_for(one)
+    aircraft = adversary.random_aircraft(rng)
+    options = adversary.random_options(aircraft, rng)
+    policy = adversary.policy_for(aircraft)
+    asked = _ask(seed, block, aircraft, options)
+    plans = plan_many(_side_by_side([each.request for each in asked]), policy, options).proposals
+    found = []
+    for row in np.flatnonzero(plans.safe).tolist():
+        rows = np.stack([field[row] for field in plans.plan_states], axis=1)[1:].tolist()
+        points = [Waypoint(number, *plan_state) for number, plan_state in enumerate(rows)]
+        each = asked[row]
+        if any(points[-1].time > one.until for one in each.excluded):
+            continue  # ``plan`` does not publish it
+        question = each.question
+        file = certificate(
+            question.own, question.intruders, points, each.excluded, question.altitude, options
+        )
+        found.append(Certified(each.number, file))
+    return found
+
+
+def _ask(seed: int, block: int, aircraft: Aircraft, options: Options) -> list[_Asked]:
+    """Return the requests of a block that can be planned for."""
     first = block * BLOCK
-    requests = adversary.scale(adversary.draw_requests(seed, first, BLOCK).request, one)
+    requests = adversary.scale(adversary.draw_requests(seed, first, BLOCK).request, aircraft)
     asked = []
     for row in range(BLOCK):
-        question = published.question(seed, first + row, take(requests, row), one.separation)
+        drawn = take(requests, row)
+        question = published.question(seed, first + row, drawn, aircraft.separation)
         try:
             check_options(options)
             request, excluded, _ = check_request(
@@ -83,46 +111,32 @@ def certify(seed: int, block: int) -> list[tuple[int, bytes]]:
             continue
         request = request._replace(traffic=whole(request.traffic))
         asked.append(_Asked(first + row, question, request, excluded))
-    plans = plan_many(_side_by_side([each.request for each in asked]), policy, options).proposals
-    found = []
-    for row in np.flatnonzero(plans.safe).tolist():
-        plan_states = np.stack([field[row] for field in plans.plan_states], axis=1)
-        points = [
-            Waypoint(number, *plan_state)
-            for number, plan_state in enumerate(plan_states[1:].tolist())
-        ]
-        each = asked[row]
-        if any(points[-1].time > one.until for one in each.excluded):
-            continue  # ``plan`` does not publish it
-        given = (
-            each.question.own,
-            each.question.intruders,
-            points,
-            each.excluded,
-            each.question.altitude,
-        )
-        found.append((each.number, certificate(*given, options)))
-    return found
+    return asked
 
 
 def _side_by_side(requests: list[Request]) -> Request:
     """Return requests ``[1]`` as one, ``[N]``, with absent intruders and points to fill it up."""
-
-    def join(*fields: Any) -> Any:
-        most = max(field.shape[-1] for field in fields)
-        wide = [
-            np.pad(field, ((0, 0), (0, most - field.shape[1]))) if field.ndim == 2 else field
-            for field in fields
-        ]
-        return np.concatenate(wide)
-
-    every: Request = map_leaves(join, *requests)
+    every: Request = map_leaves(_join, *requests)
     traffic = every.traffic
+    assert traffic.separation is not None  # of whole traffic
     own = np.where(traffic.mask, traffic.separation, np.nan)
     return every._replace(traffic=traffic._replace(separation=own))
 
 
-def _refuse(data: dict[str, Any]) -> str:
+def _join(*fields: Array) -> Array:
+    """Return fields ``[1]`` or ``[1, K]`` below each other, those of the second kind filled up with
+    zeros.
+    """
+    most = max(field.shape[-1] for field in fields)
+    wide = [
+        np.pad(field, ((0, 0), (0, most - field.shape[1]))) if field.ndim == 2 else field
+        for field in fields
+    ]
+    return np.concatenate(wide)
+
+
+def _refusal(data: dict[str, Any]) -> str:
+    """Return why the checker refuses a certificate; empty: it accepts it."""
     try:
         check.accept(data)
     except (ValueError, ArithmeticError) as problem:
@@ -130,43 +144,70 @@ def _refuse(data: dict[str, Any]) -> str:
     return ""
 
 
+class _Case(NamedTuple):
+    """A SAFE plan's certificate, and the same with something moved."""
+
+    number: int
+    right: dict[str, Any]
+    refusal: str
+    """Of the right one; empty: it is accepted."""
+    moved: dict[str, Any]
+    kind: str
+    """What was moved."""
+    seconds: float
+    """Of the processor, to read and check the right one."""
+    size: int
+    """Bytes of the right one."""
+
+
 def attack(seed: int, block: int) -> dict[str, Any]:
     """Certify the SAFE plans of a block, and move something of each; return what is found
     as JSON.
     """
-    counts: Counter[str] = Counter()
-    failures: list[str] = []
-    begun, slowest, largest = time.process_time(), 0.0, 0
+    begun = time.process_time()
     with threadpool_limits(1):
-        files = certify(seed, block)
-        right, changed = [], []
-        for number, file in files:
-            started = time.process_time()
-            right.append(parse_json(file))
-            why = _refuse(right[-1])
-            slowest, largest = max(slowest, time.process_time() - started), max(largest, len(file))
-            if why:
-                failures.append(f"request {number}: refused: {why}")
-            changed.append(mutate(right[-1], np.random.default_rng([seed, number, 1])))
-        counts["certificates"] = len(files)
-        faults, judged = wrong([data for data, _ in changed]), wrong(right)
-        for (number, _), (data, kind), bad, before in zip(
-            files, changed, faults, judged, strict=True
-        ):
-            why = _refuse(data)
-            counts[
-                f"moved {kind}: {'wrong' if bad else 'right'}, {'refused' if why else 'accepted'}"
-            ] += 1
-            if before:
-                failures.append(f"request {number}: {before} is wrong though the plan is SAFE")
-            if bad and not why:
-                failures.append(f"request {number}: {kind} moved, {bad} is wrong and accepted")
-        for data in [*right[:1], *(data for data, _ in changed[:1])]:
+        cases = [_case(seed, one) for one in certify(seed, block)]
+        counts, failures = _judge(cases)
+    return {
+        "seed": seed,
+        "block": block,
+        "counts": dict(counts),
+        "failures": failures,
+        "slowest_check_s": max((case.seconds for case in cases), default=0.0),
+        "largest_certificate_bytes": max((case.size for case in cases), default=0),
+        "seconds": time.process_time() - begun,
+    }
+
+
+def _case(seed: int, one: Certified) -> _Case:
+    began = time.process_time()
+    right = parse_json(one.file)
+    refusal = _refusal(right)
+    seconds = time.process_time() - began
+    moved, kind = mutate(right, np.random.default_rng([seed, one.number, 1]))
+    return _Case(one.number, right, refusal, moved, kind, seconds, len(one.file))
+
+
+def _judge(cases: Sequence[_Case]) -> tuple[Counter[str], list[str]]:
+    """Return how many certificates were decided how, and what was decided wrongly."""
+    counts = Counter({"certificates": len(cases)})
+    failures = [f"request {case.number}: refused: {case.refusal}" for case in cases if case.refusal]
+    before, after = wrong([case.right for case in cases]), wrong([case.moved for case in cases])
+    for case, bad_before, bad in zip(cases, before, after, strict=True):
+        refused = bool(_refusal(case.moved))
+        what = f"{'wrong' if bad else 'right'}, {'refused' if refused else 'accepted'}"
+        counts[f"moved {case.kind}: {what}"] += 1
+        name = f"request {case.number}"
+        if bad_before:
+            failures.append(f"{name}: {bad_before} is wrong though the plan is SAFE")
+        if bad and not refused:
+            failures.append(f"{name}: {case.kind} moved, {bad} is wrong and accepted")
+    for case in cases[:1]:
+        for data in (case.right, case.moved):
             counts["through the command line"] += 1
-            if _status(data) != bool(_refuse(data)):
-                failures.append(f"request {files[0][0]}: the command line decides otherwise")
-    figures = dict(zip(_FIGURES, (dict(counts), failures, slowest, largest), strict=True))
-    return {"seed": seed, "block": block, **figures, "seconds": time.process_time() - begun}
+            if _status(data) != bool(_refusal(data)):
+                failures.append(f"request {case.number}: the command line decides otherwise")
+    return counts, failures
 
 
 def _status(data: dict[str, Any]) -> int:
@@ -206,29 +247,7 @@ def _before(path: Path, seed: int) -> list[dict[str, Any]]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
-    assert __doc__ is not None
-    parser = Parser(
-        prog="python -m benchmarks.safety.certificates", description=__doc__.split("\n\n")[0]
-    )
-    parser.add_argument(
-        "--plans", type=int, default=1_000, help="SAFE plans at least (default 1000)"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of the requests (default 0)")
-    parser.add_argument(
-        "--first", type=int, default=0, help="number of the first block (default 0)"
-    )
-    parser.add_argument(
-        "--workers", type=int, default=cores(), help="processes (default: one for every core)"
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        help="directory for the figures of each block; a stopped run goes on there",
-    )
-    options = parser.parse_args(arguments)
-    for name, least in (("plans", 1), ("seed", 0), ("first", 0), ("workers", 1)):
-        if getattr(options, name) < least:
-            parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
+    options = _parse(arguments)
     path = None if options.out is None else options.out / "blocks.jsonl"
     done: list[dict[str, Any]] = []
     if path is not None:
@@ -238,8 +257,8 @@ def main(arguments: list[str] | None = None) -> int:
         _check_blocks(options, path, done)
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was done", file=sys.stderr)
-    failures = [problem for one in done for problem in one["failures"]]
     counts = _counts(done)
+    failures = [problem for one in done for problem in one["failures"]]
     figures = {
         "benchmark": "certificates",
         "seed": options.seed,
@@ -249,13 +268,34 @@ def main(arguments: list[str] | None = None) -> int:
         "failures": failures,
         "counts": dict(sorted(counts.items())),
     }
-    for name in _FIGURES[2:]:
+    for name in ("slowest_check_s", "largest_certificate_bytes"):
         figures[name] = max((one[name] for one in done), default=0)
     report(figures | {"seconds": sum(one["seconds"] for one in done)}, ("numpy",))
     return 1 if failures else 0
 
 
-def _check_blocks(options: Any, path: Path | None, done: list[dict[str, Any]]) -> None:
+def _parse(arguments: list[str] | None) -> argparse.Namespace:
+    assert __doc__ is not None
+    parser = Parser(
+        prog="python -m benchmarks.safety.certificates", description=__doc__.split("\n\n")[0]
+    )
+    add = parser.add_argument
+    add("--plans", type=int, default=1_000, help="SAFE plans at least (default 1000)")
+    add("--seed", type=int, default=0, help="of the requests (default 0)")
+    add("--first", type=int, default=0, help="number of the first block (default 0)")
+    add("--workers", type=int, default=cores(), help="processes (default: one for every core)")
+    what = "directory for the figures of each block; a stopped run goes on there"
+    add("--out", type=Path, help=what)
+    options = parser.parse_args(arguments)
+    for name, least in (("plans", 1), ("seed", 0), ("first", 0), ("workers", 1)):
+        if getattr(options, name) < least:
+            parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
+    return options
+
+
+def _check_blocks(
+    options: argparse.Namespace, path: Path | None, done: list[dict[str, Any]]
+) -> None:
     """Check blocks that are not done until there are as many SAFE plans as wanted; each is appended
     to what is done, and to the file.
     """
@@ -271,8 +311,8 @@ def _check_blocks(options: Any, path: Path | None, done: list[dict[str, Any]]) -
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(one) + "\n")
         bad = sum(len(each["failures"]) for each in done)
-        said = f"{certificates} certificates, {bad} failures"
-        print(said, *one["failures"], sep="\n", file=sys.stderr)
+        line = f"{certificates} certificates, {bad} failures"
+        print(line, *one["failures"], sep="\n", file=sys.stderr)
         if certificates >= options.plans:
             return
 

@@ -14,7 +14,9 @@ import numpy as np
 
 from benchmarks.safety.resimulation import displacement
 from envs import waypoints
+from envs.arrays import Array
 from envs.kinematics import Limits
+from envs.trees import take
 from envs.waypoints import ARCS
 
 __all__ = ["Flight", "apart", "controls", "flights", "offset", "required_distances", "wrong"]
@@ -34,18 +36,18 @@ class Flight(NamedTuple):
     positions complex.
     """
 
-    begin: Any
+    begin: Array
     """s after the request."""
-    length: Any
+    length: Array
     """s."""
-    place: Any
+    place: Array
     """Where each arc begins, m."""
-    heading: Any
-    speed: Any
-    rate: Any
-    acceleration: Any
+    heading: Array
+    speed: Array
+    rate: Array
+    acceleration: Array
 
-    def at(self, row: Any, arc: Any, seconds: Any) -> Any:
+    def at(self, row: Array, arc: Array, seconds: Array) -> Array:
         """Return positions some seconds into arcs, ``[...]`` all, complex m."""
         place, heading, speed, rate, acceleration = (field[row, arc] for field in self[2:])
         return place + _displacement(heading, speed, rate, acceleration, seconds)
@@ -53,10 +55,8 @@ class Flight(NamedTuple):
 
 def flights(certificates: list[dict[str, Any]]) -> Flight:
     """Return the plans of certificates with the same number of waypoints, ``[N, A]``."""
-    points, given = (
-        _points(certificates),
-        np.array([data["controls"] for data in certificates], dtype=float),
-    )
+    points = _points(certificates)
+    given = np.array([data["controls"] for data in certificates], dtype=float)
     rate, gain = given[..., :ARCS], given[..., ARCS:]
     step = (np.diff(points[..., 4], axis=1) / ARCS)[..., None]
     heading = points[:, :-1, 2, None] + _running_sums(rate * step)[..., :-1]
@@ -64,11 +64,11 @@ def flights(certificates: list[dict[str, Any]]) -> Flight:
     moves = _displacement(heading, speed, rate, gain, step)
     place = (points[:, :-1, 0] + 1j * points[:, :-1, 1])[..., None] + _running_sums(moves)[..., :-1]
     begin = points[:, :-1, 4, None] + step * np.arange(ARCS)
-    fields = (begin, step + 0.0 * rate, place, heading, speed, rate, gain)
-    return Flight(*(field.reshape(len(points), -1) for field in fields))
+    by_leg = Flight(begin, step + 0.0 * rate, place, heading, speed, rate, gain)
+    return Flight(*(field.reshape(len(points), -1) for field in by_leg))
 
 
-def controls(certificates: list[dict[str, Any]]) -> Any:
+def controls(certificates: list[dict[str, Any]]) -> Array:
     """Return the controls of the legs between the waypoints, ``[N, L, 2 ARCS]``."""
     curves = waypoints.legs(waypoints.PlanStates(*np.moveaxis(_points(certificates), -1, 0)))
     return np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1)
@@ -78,48 +78,52 @@ def wrong(certificates: list[dict[str, Any]]) -> list[str]:
     """Return what is wrong with each certificate, or nothing; all have the same number of
     waypoints.
     """
-    found: list[list[str]] = [[] for _ in certificates]
-    times = _points(certificates)[..., 4]
-    for row, data in enumerate(certificates):
-        sizes = [value for one in data["intruders"] for value in (one[3], *one[6:])]
-        if min([*sizes, *data["requirement"].values()], default=0.0) < 0.0:
-            found[row].append("negative")
-        if not (np.diff(times[row]) > 0.0).all():
-            found[row].append("times")
-        if any(not _above_or_below(one, 0.0, times[row, -1]) for one in data["excluded"]):
-            found[row].append("excluded")
-        if any(not _above_or_below(one[3:], *one[1:3]) for one in data["apart"]):
-            found[row].append("apart")
+    found = [_list_faults(data) for data in certificates]
     rows = [row for row, names in enumerate(found) if not {"negative", "times"} & set(names)]
     sound = [certificates[row] for row in rows]
-    if not sound:
-        return [", ".join(names) for names in found]
-    flight = flights(sound)
-    checks = _legs(sound, flight) | {"distance": _too_close(sound, flight)}
-    for name, bad in checks.items():
-        for row in np.flatnonzero(bad):
-            found[rows[row]].append(name)
+    if sound:
+        flight = flights(sound)
+        checks = _legs(sound, flight) | {"distance": _too_close(sound, flight)}
+        for name, bad in checks.items():
+            for row in np.flatnonzero(bad):
+                found[rows[row]].append(name)
     return [", ".join(names) for names in found]
 
 
-def _points(certificates: list[dict[str, Any]]) -> Any:
+def _list_faults(data: dict[str, Any]) -> list[str]:
+    """Return what is wrong with a certificate by its numbers alone, before anything is flown."""
+    found: list[str] = []
+    times = np.array([0.0, *(point[4] for point in data["waypoints"])], dtype=float)
+    sizes = [value for one in data["intruders"] for value in (one[3], *one[6:])]
+    if min([*sizes, *data["requirement"].values()], default=0.0) < 0.0:
+        found.append("negative")
+    if not (np.diff(times) > 0.0).all():
+        found.append("times")
+    if any(not _above_or_below(one, 0.0, times[-1]) for one in data["excluded"]):
+        found.append("excluded")
+    if any(not _above_or_below(one[3:], *one[1:3]) for one in data["apart"]):
+        found.append("apart")
+    return found
+
+
+def _points(certificates: list[dict[str, Any]]) -> Array:
+    """Return x, y, heading, speed and time at the request and the waypoints, ``[N, W + 1, 5]``."""
     return np.array(
         [[[*data["own"], 0.0], *data["waypoints"]] for data in certificates], dtype=float
     )
 
 
-def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Any]:
+def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Array]:
     """Return where curve, joints or limits are wrong, ``[N]`` each."""
     count = len(certificates)
     points = _points(certificates)
     given = np.array([data["controls"] for data in certificates], dtype=float)
-    last = (slice(None), slice(ARCS - 1, None, ARCS))
+    last = np.s_[:, ARCS - 1 :: ARCS]  # arcs of legs
     seconds = flight.length[last]
-    row, arc = np.arange(count)[:, None], np.arange(flight.begin.shape[1])[last[1]]
+    row, arc = np.arange(count)[:, None], np.arange(flight.begin.shape[1])[ARCS - 1 :: ARCS]
     ends = flight.at(row, arc, seconds) - points[:, 1:, 0] - 1j * points[:, 1:, 1]
-    courses = np.exp(1j * (flight.heading[last] + flight.rate[last] * seconds)) - np.exp(
-        1j * points[:, 1:, 2]
-    )
+    course = flight.heading[last] + flight.rate[last] * seconds
+    courses = np.exp(1j * course) - np.exp(1j * points[:, 1:, 2])
     after = flight.speed + flight.acceleration * flight.length
     speeds = after[last] - points[:, 1:, 3]
     limits = Limits(
@@ -149,59 +153,107 @@ def _above_or_below(row: list[float], begin: float, end: float) -> bool:
     return now * then > 0.0 and min(abs(now), abs(then)) >= apart - _OUR_OWN
 
 
-def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Any:
+class _Pairs(NamedTuple):
+    """P pairs of a plan and an intruder."""
+
+    flight: Flight
+    owner: Array
+    """Row of each one's plan, ``[P]``."""
+    traffic: Array
+    """Rows of the certificates, ``[10, P]``."""
+    needs: "_Needs"
+    levels: Array
+    """Times in which each is above or below, s, ``[P, 2, 2]``."""
+
+    @classmethod
+    def of(cls, certificates: list[dict[str, Any]], flight: Flight) -> "_Pairs | None":
+        """Return the pairs of certificates; None where no plan has an intruder."""
+        owner = [row for row, data in enumerate(certificates) for _ in data["intruders"]]
+        if not owner:
+            return None
+        traffic = np.array([one for data in certificates for one in data["intruders"]]).T
+        claim = np.array([bound for data in certificates for bound in data["bounds"]])
+        levels = _apart_times(certificates)
+        needs = required_distances(certificates, flight, np.array(owner), traffic, claim, levels)
+        return cls(flight, np.array(owner), traffic, needs, levels)
+
+    def clearance(self, pair: Array, arc: Array, seconds: Array) -> Array:
+        """Return distances less what must be kept some seconds into arcs, m, ``[...]`` all; inf
+        where the intruder is above or below.
+        """
+        row = self.owner[pair]
+        time = self.flight.begin[row, arc] + seconds
+        away = apart(self.flight, self.traffic[:, pair], row, arc, seconds)
+        begin, end = np.moveaxis(self.levels[pair], -1, 0)
+        above_or_below = (begin <= time[..., None]) & (time[..., None] <= end)
+        return np.where(above_or_below.any(axis=-1), np.inf, away - self.needs.at(pair, time))
+
+
+class _Intervals(NamedTuple):
+    """Stretches of time in which pairs could come too near; fields ``[m]``."""
+
+    pair: Array
+    arc: Array
+    begin: Array
+    """s into the arc."""
+    width: Array
+    """s."""
+
+
+def _too_close(certificates: list[dict[str, Any]], flight: Flight) -> Array:
     """Return where an intruder is sampled closer than the statement or the certificate's bound
     allows, ``[N]``.
     """
     bad = np.zeros(len(certificates), dtype=bool)
-    owner = np.array(
-        [row for row, data in enumerate(certificates) for _ in data["intruders"]], dtype=int
-    )
-    if owner.size == 0:
-        return bad
-    traffic = np.array([one for data in certificates for one in data["intruders"]]).T
-    claim = np.array([bound for data in certificates for bound in data["bounds"]])
-    levels = _apart_times(certificates)
-    needs = required_distances(certificates, flight, owner, traffic, claim, levels)
-    quick = np.maximum(flight.speed, flight.speed + flight.acceleration * flight.length)
-
-    def clearance(pair: Any, arc: Any, seconds: Any) -> Any:
-        row = owner[pair]
-        time = flight.begin[row, arc] + seconds
-        away = apart(flight, traffic[:, pair], row, arc, seconds) - needs.at(pair, time)
-        begin, end = np.moveaxis(levels[pair], -1, 0)
-        above_or_below = (begin <= time[..., None]) & (time[..., None] <= end)
-        return np.where(above_or_below.any(axis=-1), np.inf, away)
-
-    # Legs apart, because the last can be far longer than the others.
-    for leg in range(flight.begin.shape[1] // ARCS):
-        arcs = np.arange(leg * ARCS, (leg + 1) * ARCS)[:, None]
-        pieces = max(1, math.ceil(float(flight.length[:, arcs].max()) / COARSE))
-        pair: Any = np.flatnonzero(~bad[owner])
-        row = owner[pair, None, None]
-        width: Any = flight.length[row, arcs] / pieces
-        found = clearance(pair[:, None, None], arcs, width * np.arange(pieces + 1))
-        bad[owner[pair][(found < -_OUR_OWN).any(axis=(1, 2))]] = True
-        closing = 0.5 * width * (quick[row, arcs] + traffic[3, pair, None, None])
-        which, place, piece = np.nonzero(np.minimum(found[..., 1:], found[..., :-1]) < closing)
-        pair, arc = pair[which], arcs[place, 0]
-        width = width[which, place, 0]
-        begin: Any = piece * width
-        for _ in range(ROUNDS):
-            on = ~bad[owner[pair]]
-            pair, arc, begin, width = pair[on], arc[on], begin[on], width[on]
-            if pair.size == 0:
-                break
-            seconds = begin[:, None] + width[:, None] * np.linspace(0.0, 1.0, _PIECES + 1)
-            seconds = np.minimum(seconds, flight.length[owner[pair], arc][:, None])
-            found = clearance(pair[:, None], arc[:, None], seconds)
-            bad[owner[pair][(found < -_OUR_OWN).any(axis=1)]] = True
-            least = np.take_along_axis(seconds, np.argmin(found, axis=1)[:, None], 1)[:, 0]
-            begin, width = np.maximum(begin, least - width / _PIECES), width * (2.0 / _PIECES)
+    pairs = _Pairs.of(certificates, flight)
+    if pairs is not None:
+        # Legs apart, because the last can be far longer than the others.
+        for leg in range(flight.begin.shape[1] // ARCS):
+            _search(pairs, _sample_leg(pairs, leg, bad), bad)
     return bad
 
 
-def _apart_times(certificates: list[dict[str, Any]]) -> Any:
+def _sample_leg(pairs: _Pairs, leg: int, bad: Array) -> _Intervals:
+    """Sample a leg :data:`COARSE` s apart at most; mark plans that are wrong there, and return
+    where two samples leave it open.
+    """
+    flight, owner = pairs.flight, pairs.owner
+    arcs = np.arange(leg * ARCS, (leg + 1) * ARCS)[:, None]
+    pieces = max(1, math.ceil(float(flight.length[:, arcs].max()) / COARSE))
+    pair = np.flatnonzero(~bad[owner])
+    row = owner[pair, None, None]
+    width = flight.length[row, arcs] / pieces
+    found = pairs.clearance(pair[:, None, None], arcs, width * np.arange(pieces + 1))
+    bad[owner[pair][(found < -_OUR_OWN).any(axis=(1, 2))]] = True
+    # Nothing comes nearer between two samples than both fly in that time.
+    after = flight.speed + flight.acceleration * flight.length
+    quick = np.maximum(flight.speed, after)[row, arcs] + pairs.traffic[3, pair, None, None]
+    closing = 0.5 * width * quick
+    which, place, piece = np.nonzero(np.minimum(found[..., 1:], found[..., :-1]) < closing)
+    width = width[which, place, 0]
+    return _Intervals(pair[which], arcs[place, 0], piece * width, width)
+
+
+def _search(pairs: _Pairs, places: _Intervals, bad: Array) -> None:
+    """Search intervals where they come nearest, :data:`ROUNDS` times finer, and mark plans that
+    are wrong.
+    """
+    owner = pairs.owner
+    for _ in range(ROUNDS):
+        places = take(places, ~bad[owner[places.pair]])
+        pair, arc, begin, width = places
+        if pair.size == 0:
+            return
+        seconds = begin[:, None] + width[:, None] * np.linspace(0.0, 1.0, _PIECES + 1)
+        seconds = np.minimum(seconds, pairs.flight.length[owner[pair], arc][:, None])
+        found = pairs.clearance(pair[:, None], arc[:, None], seconds)
+        bad[owner[pair][(found < -_OUR_OWN).any(axis=1)]] = True
+        least = np.take_along_axis(seconds, np.argmin(found, axis=1)[:, None], 1)[:, 0]
+        begin = np.maximum(begin, least - width / _PIECES)
+        places = places._replace(begin=begin, width=width * (2.0 / _PIECES))
+
+
+def _apart_times(certificates: list[dict[str, Any]]) -> Array:
     """Return in which times, two at most, each intruder is above or below, s, ``[P, 2, 2]``."""
     found = []
     for data in certificates:
@@ -214,37 +266,37 @@ def _apart_times(certificates: list[dict[str, Any]]) -> Any:
 class _Intruder(NamedTuple):
     """An intruder as a certificate lists it, or several of them; fields ``[...]``."""
 
-    x: Any
-    y: Any
-    heading: Any
-    speed: Any
-    age: Any
+    x: Array
+    y: Array
+    heading: Array
+    speed: Array
+    age: Array
     """Of the report at the request, s."""
-    rate: Any
+    rate: Array
     """Of its turn, rad/s."""
-    lasts: Any
+    lasts: Array
     """How long it turns from the report on, s."""
-    position_std: Any
-    velocity_std: Any
-    separation: Any
+    position_std: Array
+    velocity_std: Array
+    separation: Array
 
 
 class _Needs(NamedTuple):
     """What pairs of a plan and an intruder must keep; fields ``[P]``."""
 
-    base: Any
+    base: Array
     """At the request, m."""
-    sigmas: Any
-    std: Any
+    sigmas: Array
+    std: Array
     """One sigma of the position in the report, m."""
-    velocity_std: Any
-    age: Any
+    velocity_std: Array
+    age: Array
     """Of the report at the request, s."""
-    separation: Any
-    claim: Any
+    separation: Array
+    claim: Array
     """The certificate's own bound, m."""
 
-    def at(self, pair: Any, time: Any) -> Any:
+    def at(self, pair: Array, time: Array) -> Array:
         """Return the distance below which a plan is wrong, m, ``[...]``."""
         here = _Needs(*(field[pair] for field in self))
         now = np.hypot(here.std, here.velocity_std * here.age)
@@ -256,10 +308,10 @@ class _Needs(NamedTuple):
 def required_distances(
     certificates: list[dict[str, Any]],
     flight: Flight,
-    owner: Any,
-    traffic: Any,
-    claim: Any,
-    levels: Any,
+    owner: Array,
+    traffic: Array,
+    claim: Array,
+    levels: Array,
 ) -> _Needs:
     """Return what pairs must keep; ``owner``: row of each one's plan ``[P]``, ``traffic``: ``[10,
     P]``, ``levels``: times in which they are above or below, s, ``[P, 2, 2]``.
@@ -279,12 +331,12 @@ def required_distances(
     return _Needs(base, sigmas, one.position_std, one.velocity_std, age, separation, claim)
 
 
-def apart(flight: Flight, traffic: Any, row: Any, arc: Any, seconds: Any) -> Any:
+def apart(flight: Flight, traffic: Array, row: Array, arc: Array, seconds: Array) -> Array:
     """Return distances to intruders ``[10, ...]`` some seconds into arcs, m, ``[...]``."""
     return np.abs(offset(flight, traffic, row, arc, seconds))
 
 
-def offset(flight: Flight, traffic: Any, row: Any, arc: Any, seconds: Any) -> Any:
+def offset(flight: Flight, traffic: Array, row: Array, arc: Array, seconds: Array) -> Array:
     """Return where intruders ``[10, ...]`` are from a plan some seconds into arcs, complex m,
     ``[...]``.
     """
@@ -295,13 +347,15 @@ def offset(flight: Flight, traffic: Any, row: Any, arc: Any, seconds: Any) -> An
     return there - flight.at(row, arc, seconds)
 
 
-def _displacement(heading: Any, speed: Any, rate: Any, acceleration: Any, t: Any) -> Any:
-    """Return how far one gets in some seconds: power series of the integral of (v + a t) exp(i w
-    t), complex m.
+def _displacement(
+    heading: Array, speed: Array, rate: Array, acceleration: Array, t: Array
+) -> Array:
+    """Return how far an aircraft gets in a time, complex m: the power series of the integral of
+    (v + a t) exp(i w t).
     """
     turn = 1j * (rate * t)
     largest, term, n = float(np.max(np.abs(turn), initial=0.0)), 1.0, 0
-    power: Any = np.ones(np.shape(turn), dtype=complex)
+    power = np.ones(np.shape(turn), dtype=complex)
     steady, rising = np.zeros_like(power), np.zeros_like(power)
     while term > 1e-18:
         steady, rising = steady + power / (n + 1), rising + power / (n + 2)
@@ -310,6 +364,6 @@ def _displacement(heading: Any, speed: Any, rate: Any, acceleration: Any, t: Any
     return np.exp(1j * heading) * t * (speed * steady + acceleration * t * rising)
 
 
-def _running_sums(parts: Any) -> Any:
+def _running_sums(parts: Array) -> Array:
     """Return the sums of none, one, two, ... of the parts along the last axis."""
     return np.concatenate([np.zeros((*parts.shape[:-1], 1)), np.cumsum(parts, axis=-1)], axis=-1)

@@ -21,11 +21,12 @@ from agents.planner.traffic import Traffic, Window
 from agents.policy.inference import Policy
 from benchmarks.safety.resimulation import CLOSE, displacement
 from benchmarks.safety.sky import Sky, draw_sky
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint
 
-__all__ = ["STILL", "Question", "as_arrays", "faults", "question"]
+__all__ = ["STILL", "AsArrays", "Question", "as_arrays", "faults", "question"]
 
 STILL = Sky(None, ())
 """Still air without areas."""
@@ -57,68 +58,90 @@ class Question(NamedTuple):
         )
 
 
+class AsArrays(NamedTuple):
+    """A plan as it is judged, in the air mass."""
+
+    plan_states: PlanStates
+    """``[21]``."""
+    last: Array
+    """Number of its last point of the route, ``[]``."""
+    request: Request
+    """As it was planned for, without leading axis; intruders that were left out as above or below
+    are masked. The route is where it lies in the air mass when the plan ends."""
+
+
 def question(seed: int, number: int, request: Request, unit: float) -> Question:
     """Return a request ``[]`` of the attack, which is one in the air mass, as ``plan`` takes it;
     ``unit``: the separation, m.
     """
     rng = np.random.default_rng([seed, number])
     traffic = request.traffic
-    ages = np.array(traffic.age)
-    intruders: list[Intruder] = []
     members = np.flatnonzero(traffic.mask)
     order = np.concatenate([members, np.flatnonzero(~traffic.mask)])
-    for k in members:
-        one = take(traffic, int(k))
-        age = float(rng.uniform(-0.5, 5.0)) if rng.random() < 0.5 else 0.0
-        if one.turn_rate != 0.0 and one.turn_time > 0.0:
-            # A turn that ends before a report from the future would not be in it.
-            age = age if float(one.turn_time) + age > 0.0 else 0.0
-        ages[k] = abs(age)
-        state, rate, lasts = _report_before(rng, one, age)
-        height = None
-        if rng.random() < 0.3:
-            reference = "msl" if rng.random() < 0.8 else "wgs84"
-            height = Altitude(
-                float(rng.uniform(-1_000.0, 5_000.0)), reference, float(rng.normal(0.0, 3.0))
-            )
-        intruders.append(
-            Intruder(
-                state, age, rate, lasts, float(one.position_std), float(one.velocity_std), height
-            )
-        )
+    intruders = [_draw_report(rng, take(traffic, int(k))) for k in members]
+    ages = np.array(traffic.age)
+    ages[members] = [abs(one.age) for one in intruders]
     intruders, own_separations = _draw_separations(seed, number, intruders, len(order), unit)
-    traffic = traffic._replace(separation=own_separations[np.argsort(order)])
-    count = int(request.points)
-    indices = rng.permutation(2 * count)[:count].tolist()
-    points = zip(
-        indices, request.route_x[:count].tolist(), request.route_y[:count].tolist(), strict=True
-    )
+    traffic = traffic._replace(age=ages, separation=own_separations[np.argsort(order)])
+    route = _draw_route(rng, request)
     own = VehicleState(*(float(value) for value in request.own))
     altitude = Altitude(2_000.0, "msl", float(rng.normal(0.0, 3.0))) if rng.random() < 0.7 else None
-    truth = request._replace(traffic=take(traffic._replace(age=ages), order))
+    truth = request._replace(traffic=take(traffic, order))
     sky = draw_sky(seed, number, request, unit, altitude)
     intruders = [
-        replace(one, state=_over_ground(one.state, sky.blows, -one.age)) for one in intruders
+        replace(one, state=_over_ground(one.state, sky.air_velocity, -one.age)) for one in intruders
     ]
-    route = [RoutePoint(*point) for point in points]
-    own = _over_ground(own, sky.blows, 0.0)
+    own = _over_ground(own, sky.air_velocity, 0.0)
     return Question(own, intruders, route, altitude, _in_wind(truth, intruders, sky), sky)
 
 
-def _over_ground(state: VehicleState, blows: complex, time: float) -> VehicleState:
+def _draw_report(rng: np.random.Generator, one: Traffic) -> Intruder:
+    """Return a report of an intruder ``[]``, half of them some seconds old, a third with
+    altitude.
+    """
+    age = float(rng.uniform(-0.5, 5.0)) if rng.random() < 0.5 else 0.0
+    if one.turn_rate != 0.0 and one.turn_time > 0.0:
+        # A turn that ends before a report from the future would not be in it.
+        age = age if float(one.turn_time) + age > 0.0 else 0.0
+    state, turn_rate, turn_time = _report_before(rng, one, age)
+    altitude = None
+    if rng.random() < 0.3:
+        reference = "msl" if rng.random() < 0.8 else "wgs84"
+        height, climb = float(rng.uniform(-1_000.0, 5_000.0)), float(rng.normal(0.0, 3.0))
+        altitude = Altitude(height, reference, climb)
+    return Intruder(
+        state,
+        age=age,
+        turn_rate=turn_rate,
+        turn_time=turn_time,
+        position_std=float(one.position_std),
+        velocity_std=float(one.velocity_std),
+        altitude=altitude,
+    )
+
+
+def _draw_route(rng: np.random.Generator, request: Request) -> list[RoutePoint]:
+    """Return the route with indices at random, half of those there could be."""
+    count = int(request.points)
+    indices = rng.permutation(2 * count)[:count].tolist()
+    x, y = request.route_x[:count].tolist(), request.route_y[:count].tolist()
+    return [RoutePoint(*point) for point in zip(indices, x, y, strict=True)]
+
+
+def _over_ground(state: VehicleState, wind: complex, time: float) -> VehicleState:
     """Return a state in the air mass, some seconds after the request, as the ground sees it."""
-    if blows == 0.0:
+    if wind == 0.0:
         return state
-    velocity = state.speed * np.exp(1j * state.heading) + blows
-    place = state.x + 1j * state.y + blows * time
+    velocity = state.speed * np.exp(1j * state.heading) + wind
+    place = state.x + 1j * state.y + wind * time
     return VehicleState(
         float(place.real), float(place.imag), float(np.angle(velocity)), float(abs(velocity))
     )
 
 
 def _in_wind(truth: Request, intruders: list[Intruder], sky: Sky) -> Request:
-    """Return a request in a wind that is not known exactly: what turns through the air gets over
-    the ground where the wind takes it.
+    """Return a request in a wind that is not known exactly, in which turns through the air make
+    velocities over the ground less certain.
     """
     if sky.wind is None:
         return truth
@@ -130,11 +153,12 @@ def _in_wind(truth: Request, intruders: list[Intruder], sky: Sky) -> Request:
 
 def _draw_separations(
     seed: int, number: int, intruders: list[Intruder], places: int, unit: float
-) -> tuple[list[Intruder], Any]:
-    """Return the intruders, a third of them with separations of their own, and those of all places,
-    m, ``[K]``; nan: the requirement's.
+) -> tuple[list[Intruder], Array]:
+    """Return the intruders, a third of them with separations of their own, and those of so many
+    places, m, ``[K]``; nan: the requirement's.
     """
-    rng, found, own = np.random.default_rng([seed, number, 53]), [], np.full(places, np.nan)
+    rng = np.random.default_rng([seed, number, 53])
+    found, own = [], np.full(places, np.nan)
     for place, one in enumerate(intruders):
         share, vertical = rng.choice([0.3, 0.7, 1.5, 2.5]), float(rng.choice([150.0, 900.0]))
         changes: dict[str, Any] = {}
@@ -160,16 +184,13 @@ def _report_before(
     rate, lasts = float(one.turn_rate), float(one.turn_time) + age
     if rate == 0.0 or lasts <= max(age, 0.0):
         ended = age > 0.0 and rng.random() < 0.5
-        rate, lasts = (
-            (float(rng.uniform(-0.08, 0.08)), float(rng.uniform(0.0, age))) if ended else (0.0, 0.0)
-        )
+        rate, lasts = 0.0, 0.0
+        if ended:
+            rate, lasts = float(rng.uniform(-0.08, 0.08)), float(rng.uniform(0.0, age))
     before = heading - rate * min(age, lasts)
     place = x + 1j * y - complex(displacement(before, speed, rate, lasts, age))
-    return (
-        VehicleState(place.real, place.imag, math.remainder(before, 2.0 * math.pi), speed),
-        rate,
-        lasts,
-    )
+    course = math.remainder(before, 2.0 * math.pi)
+    return VehicleState(place.real, place.imag, course, speed), rate, lasts
 
 
 def faults(question: Question, answer: Plan, options: Options) -> list[str]:
@@ -181,22 +202,29 @@ def faults(question: Question, answer: Plan, options: Options) -> list[str]:
         return wrong
     if len(answer.waypoints) != WAYPOINTS:
         return [*wrong, "count"]
-    taken = {point.index for point in question.route}
-    indices = [point.index for point in answer.waypoints]
-    fresh = indices if options.extend_route and indices[-1] not in taken else indices[:-1]
-    if len(set(indices)) != WAYPOINTS or taken & set(fresh) or not taken & {answer.goal_index}:
-        wrong.append("indices")
-    if fresh is not indices and indices[-1] not in taken:
-        wrong.append("last index")
-    end = answer.waypoints[-1].time
-    times = np.arange(0.0, end, CLOSE)
+    wrong += _index_faults(question, answer, options)
+    times = np.arange(0.0, answer.waypoints[-1].time, CLOSE)
     above_or_below = [one.number for one in answer.excluded if one.apart is Apart.VERTICALLY]
-    if any(_level(question, number, times, options).any() for number in above_or_below):
+    if any(_may_be_level(question, number, times, options).any() for number in above_or_below):
         wrong.append("vertical")
     return wrong
 
 
-def _level(question: Question, number: int, times: Any, options: Options) -> Any:
+def _index_faults(question: Question, answer: Plan, options: Options) -> list[str]:
+    """Return what is wrong with the indices of a plan's waypoints."""
+    given = {point.index for point in question.route}
+    indices = [point.index for point in answer.waypoints]
+    ends_on_route = indices[-1] in given
+    fresh = indices[:-1] if ends_on_route or not options.extend_route else indices
+    wrong: list[str] = []
+    if len(set(indices)) != WAYPOINTS or given & set(fresh) or answer.goal_index not in given:
+        wrong.append("indices")
+    if not ends_on_route and not options.extend_route:
+        wrong.append("last index")
+    return wrong
+
+
+def _may_be_level(question: Question, number: int, times: Array, options: Options) -> Array:
     """Return at which times, s, an intruder may be nearer above or below than its vertical
     separation, bool.
     """
@@ -204,48 +232,51 @@ def _level(question: Question, number: int, times: Any, options: Options) -> Any
     other = report.altitude
     if own is None or other is None or own.reference != other.reference:
         return np.ones(len(times), dtype=bool)
-    heights = []
-    for one, since in ((own, times), (other, times + report.age)):
-        climb, off = one.vertical_speed, one.climb_error
-        if climb is None:
-            climb, off = 0.0, options.unknown_climb
-        middle, width = one.value + climb * since, one.error + off * np.abs(since)
-        heights.append((middle - width, middle + width))
-    (low, high), (low_other, high_other) = heights
+    low, high = _heights(own, times, options)
+    low_other, high_other = _heights(other, times + report.age, options)
     away = np.maximum(low_other - high, low - high_other)
     own_least = report.vertical_separation
     return away <= (options.vertical_filter if own_least is None else own_least)
 
 
-def as_arrays(
-    question: Question, answer: Plan, options: Options
-) -> tuple[PlanStates, Any, Request]:
-    """Return a plan's states ``[21]``, the number of its last point of the route, and the request
-    as it was planned for.
+def _heights(altitude: Altitude, since: Array, options: Options) -> tuple[Array, Array]:
+    """Return between which heights an aircraft is, m, so long after its report, s."""
+    climb, off = altitude.vertical_speed, altitude.climb_error
+    if climb is None:
+        climb, off = 0.0, options.unknown_climb
+    middle, width = altitude.value + climb * since, altitude.error + off * np.abs(since)
+    return middle - width, middle + width
 
-    Both are in the air mass, the route as it lies there when the plan ends. The request has no
-    leading axis; intruders that were left out as above or below are masked.
-    """
+
+def as_arrays(question: Question, answer: Plan, options: Options) -> AsArrays:
+    """Return a plan with its 20 waypoints as it is judged."""
     indices = [point.index for point in question.route]
     last = answer.waypoints[-1].index
     number = indices.index(last) if last in indices else len(indices)
+    moved = question.sky.air_velocity * answer.waypoints[-1].time
+    truth = question.truth._replace(
+        traffic=_counted(question, answer, options),
+        route_x=question.truth.route_x - moved.real,
+        route_y=question.truth.route_y - moved.imag,
+    )
+    return AsArrays(_plan_states(question, answer), np.array(number), truth)
+
+
+def _counted(question: Question, answer: Plan, options: Options) -> Traffic:
+    """Return the intruders ``[K]`` with when each counts, without those left out as above or
+    below.
+    """
     mask = np.zeros(np.shape(question.truth.traffic.mask), dtype=bool)
     mask[: len(question.intruders)] = True
     mask[[one.number for one in answer.excluded if one.apart is Apart.VERTICALLY]] = False
     times = np.arange(0.0, answer.waypoints[-1].time + CLOSE, CLOSE)
     begin, end = np.full((2, mask.size), np.inf)
     for k in np.flatnonzero(mask):
-        level = times[_level(question, int(k), times, options)]
+        level = times[_may_be_level(question, int(k), times, options)]
         begin[k], end[k] = (level[0], level[-1]) if level.size else (np.inf, -np.inf)
+        # What counts at the request has counted before.
         begin[k] = begin[k] if begin[k] > 0.0 else -np.inf
-    traffic = question.truth.traffic._replace(mask=mask, window=Window(begin, end))
-    moved = question.sky.blows * answer.waypoints[-1].time
-    truth = question.truth._replace(
-        traffic=traffic,
-        route_x=question.truth.route_x - moved.real,
-        route_y=question.truth.route_y - moved.imag,
-    )
-    return _plan_states(question, answer), np.array(number), truth
+    return question.truth.traffic._replace(mask=mask, window=Window(begin, end))
 
 
 def _plan_states(question: Question, answer: Plan) -> PlanStates:
@@ -253,9 +284,9 @@ def _plan_states(question: Question, answer: Plan) -> PlanStates:
     rows = [(*question.own, 0.0)]
     rows += [(one.x, one.y, one.heading, one.speed, one.time) for one in answer.waypoints]
     x, y, heading, speed, time = np.array(rows, dtype=float).T
-    blows = question.sky.blows
-    if blows == 0.0:
+    wind = question.sky.air_velocity
+    if wind == 0.0:
         return PlanStates(x, y, heading, speed, time)
-    place = x + 1j * y - blows * time
-    velocity = speed * np.exp(1j * heading) - blows
+    place = x + 1j * y - wind * time
+    velocity = speed * np.exp(1j * heading) - wind
     return PlanStates(place.real, place.imag, np.angle(velocity), np.abs(velocity), time)

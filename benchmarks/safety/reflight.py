@@ -5,19 +5,20 @@ What is shared with the planner: the contract of the legs (:mod:`envs.waypoints`
 itself.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.planner.options import default_margin
 from agents.planner.request import Request
-from agents.planner.traffic import Requirement, Traffic
-from benchmarks.safety.resimulation import VehicleColumns, least_of, required_distances
+from agents.planner.traffic import Requirement, Window
+from benchmarks.safety.resimulation import Intruders, required_distances, separations
 from envs.aircraft import PAPER
+from envs.arrays import Array
 from envs.follower import PERIOD, steer
 from envs.kinematics import Limits, VehicleState
 from envs.trees import take
-from envs.waypoints import PlanStates, at, legs
+from envs.waypoints import Legs, PlanStates, at, legs
 
 __all__ = ["Reflight", "refly"]
 
@@ -31,15 +32,49 @@ _COMPRESS = 100  # periods between two looks at which have arrived
 class Reflight(NamedTuple):
     """How plans were flown; fields ``[N]``."""
 
-    separation: Any
+    separation: Array
     """Smallest distance to any intruder, m; inf without any."""
-    error: Any
+    error: Array
     """Largest distance from where the plan was at the time, m."""
-    too_close: Any
+    too_close: Array
     """Closer to an intruder than its separation, bool. Where less than that and the follower's
     default margin was asked for, or was there at the request, the margin less than that."""
-    astray: Any
+    astray: Array
     """Farther from the plan than the follower's margin and 1 cm, bool."""
+
+
+class _Found(NamedTuple):
+    """What was found so far; fields ``[N]``."""
+
+    separation: Array
+    """Smallest distance to any intruder, m."""
+    clearance: Array
+    """Smallest distance less what must be kept, m."""
+    error: Array
+    """Largest distance from where the plan was at the time, m."""
+
+
+class _Flying(NamedTuple):
+    """Plans that have not arrived; fields ``[n]``, of intruders ``[n, K]``."""
+
+    row: Array
+    """Their places among all plans."""
+    end: Array
+    """When they arrive, s."""
+    curves: Legs
+    own: VehicleState
+    planned: VehicleState
+    """Where the plan is now."""
+    others: Intruders
+    """``[n, K, 1]``."""
+    mask: Array
+    """Which intruders there are."""
+    window: Window | None
+    """When each of them counts."""
+    floor: Array
+    """What must be kept from each, m."""
+    look: Array
+    """Below which the parts of a period are looked at, m."""
 
 
 def refly(
@@ -54,82 +89,65 @@ def refly(
         limits: of the vehicle; a speed beyond them at the request may stay.
     """
     count = len(plan_states.time)
-    separation, spare, error = np.full(count, np.inf), np.full(count, np.inf), np.zeros(count)
-    traffic = request.traffic
-    need = required_distances(request.own.x + 1j * request.own.y, traffic, requirement)
-    floor = np.minimum(least_of(traffic, requirement), need - _MARGIN)  # of each intruder
-    others = VehicleColumns(*(field[..., None] for field in (*traffic.state, *traffic[2:7])))
-    rows, curves, mask = np.arange(count), legs(plan_states), traffic.mask
-    ends = plan_states.time[:, -1]
-    own = VehicleState(*(np.array(field, dtype=float) for field in request.own))
-    now, period = at(curves, 0.0), 0
-    while rows.size:
+    found = _Found(np.full(count, np.inf), np.full(count, np.inf), np.zeros(count))
+    flying, period = _begin(plan_states, request, requirement), 0
+    while flying.row.size:
         time = period * PERIOD
-        after = at(curves, time + PERIOD)
-        acceleration, yaw_rate = steer(now, after, own)
-        gain, rate = _command(own, acceleration, yaw_rate, limits)
-        flight = _displacements(own, gain, rate, _PARTS)
-        apart = np.abs(
-            others.place(np.full((1, 1, 1), time)) - (own.x + 1j * own.y)[:, None, None]
-        )[..., 0]
+        after = at(flying.curves, time + PERIOD)
+        gain, rate = _controls(flying, after, limits)
+        moves = _displacements(flying.own, gain, rate, _PARTS)
         # Beyond its last waypoint a plan promises nothing.
-        flying = ends >= time + PERIOD
-        counts = in_window(traffic, rows, time)
-        apart = np.where(mask & flying[:, None] & counts, apart, np.inf)
-        separation[rows] = np.minimum(separation[rows], np.min(apart, axis=1, initial=np.inf))
-        least = np.min(apart - floor[rows], axis=1, initial=np.inf)
-        spare[rows] = np.minimum(spare[rows], least)
-        n, k = np.nonzero(apart < np.maximum(floor[rows], requirement.separation) + _LOOK)
-        if n.size:
-            place = flight[n] + (own.x + 1j * own.y)[n, None]
-            away = VehicleColumns(*(field[n, k] for field in others)).place(time + _PARTS) - place
-            closest = _closest(away)
-            np.minimum.at(separation, rows[n], closest)
-            np.minimum.at(spare, rows[n], closest - floor[rows[n], k])
-        end = flight[:, -1]
+        lasts = flying.end >= time + PERIOD
+        _note_distances(found, flying, moves, time, lasts)
         own = VehicleState(
-            own.x + end.real,
-            own.y + end.imag,
-            own.heading + rate * PERIOD,
-            own.speed + gain * PERIOD,
+            flying.own.x + moves[:, -1].real,
+            flying.own.y + moves[:, -1].imag,
+            flying.own.heading + rate * PERIOD,
+            flying.own.speed + gain * PERIOD,
         )
-        error[rows] = np.maximum(
-            error[rows], np.where(flying, np.hypot(own.x - after.x, own.y - after.y), 0.0)
-        )
-        now, period = after, period + 1
+        off = np.where(lasts, np.hypot(own.x - after.x, own.y - after.y), 0.0)
+        found.error[flying.row] = np.maximum(found.error[flying.row], off)
+        flying, period = flying._replace(own=own, planned=after), period + 1
         if period % _COMPRESS == 0:
-            on = ends > period * PERIOD
-            rows, curves, mask, ends, own, now, others = take(
-                (rows, curves, mask, ends, own, now, others), on
-            )
-    return Reflight(separation, error, spare < -1e-3, error > _ALLOWED)
+            flying = take(flying, flying.end > period * PERIOD)
+    return Reflight(found.separation, found.error, found.clearance < -1e-3, found.error > _ALLOWED)
 
 
-def in_window(traffic: Traffic, rows: Any, time: float) -> Any:
-    """Return which intruders of some plans count at a time, s, bool ``[n, K]``."""
-    if traffic.window is None:
-        return True
-    begin, end = (field[rows] for field in traffic.window)
-    return (begin <= time) & (time <= end)
-
-
-def _command(
-    own: VehicleState, acceleration: Any, yaw_rate: Any, limits: Limits
-) -> tuple[Any, Any]:
-    """Return what the vehicle does of its commands, m/s^2 and rad/s, ``[n]``; it never leaves its
-    speeds.
-    """
-    gain = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
-    slowest, fastest = (
-        np.minimum(limits.speed_min, own.speed),
-        np.maximum(limits.speed_max, own.speed),
+def _begin(plan_states: PlanStates, request: Request, requirement: Requirement) -> _Flying:
+    """Return plans ``[N]`` at the request."""
+    traffic, curves = request.traffic, legs(plan_states)
+    required = required_distances(request.own.x + 1j * request.own.y, traffic, requirement)
+    floor = np.minimum(separations(traffic, requirement), required - _MARGIN)
+    return _Flying(
+        row=np.arange(len(plan_states.time)),
+        end=plan_states.time[:, -1],
+        curves=curves,
+        own=VehicleState(*(np.array(field, dtype=float) for field in request.own)),
+        planned=at(curves, 0.0),
+        others=Intruders(*(field[..., None] for field in Intruders.of(traffic))),
+        mask=traffic.mask,
+        window=traffic.window,
+        floor=floor,
+        look=np.maximum(floor, requirement.separation) + _LOOK,
     )
-    gain = np.clip(gain, (slowest - own.speed) / PERIOD, (fastest - own.speed) / PERIOD)
+
+
+def _controls(flying: _Flying, after: VehicleState, limits: Limits) -> tuple[Array, Array]:
+    """Return what the vehicles do of the follower's commands, m/s^2 and rad/s, ``[n]``; they never
+    leave their speeds. ``after``: where the plans are at the end of the period.
+    """
+    speed = flying.own.speed
+    acceleration, yaw_rate = steer(flying.planned, after, flying.own)
+    gain = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
+    slowest, fastest = np.minimum(limits.speed_min, speed), np.maximum(limits.speed_max, speed)
+    gain = np.clip(gain, (slowest - speed) / PERIOD, (fastest - speed) / PERIOD)
     return gain, np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
 
 
-def _displacements(own: VehicleState, gain: Any, rate: Any, time: Any) -> Any:
-    """Return complex displacements, m, ``[n, T]``: Simpson's rule on the velocity."""
+def _displacements(own: VehicleState, gain: Array, rate: Array, time: Array) -> Array:
+    """Return complex displacements after times ``[T]``, m, ``[n, T]``: Simpson's rule on the
+    velocity.
+    """
     heading, speed, gain, rate = (field[:, None] for field in (own.heading, own.speed, gain, rate))
     first = speed * np.exp(1j * heading)
     middle = (speed + 0.5 * gain * time) * np.exp(1j * (heading + 0.5 * rate * time))
@@ -137,9 +155,44 @@ def _displacements(own: VehicleState, gain: Any, rate: Any, time: Any) -> Any:
     return time / 6.0 * (first + 4.0 * middle + last)
 
 
-def _closest(away: Any) -> Any:
+def _note_distances(
+    found: _Found, flying: _Flying, moves: Array, time: float, lasts: Array
+) -> None:
+    """Note how near the intruders come in a period.
+
+    Args:
+        found: what is known so far.
+        flying: plans at the beginning of the period.
+        moves: their displacements in its parts, complex m, ``[n, T]``.
+        time: of its beginning, s.
+        lasts: which plans last until its end, ``[n]``.
+    """
+    row, place = flying.row, flying.own.x + 1j * flying.own.y
+    others = flying.others.place(np.full((1, 1, 1), time))[..., 0]
+    counts = flying.mask & lasts[:, None] & _in_window(flying.window, time)
+    apart = np.where(counts, np.abs(others - place[:, None]), np.inf)
+    found.separation[row] = np.minimum(found.separation[row], np.min(apart, axis=1, initial=np.inf))
+    clearance = np.min(apart - flying.floor, axis=1, initial=np.inf)
+    found.clearance[row] = np.minimum(found.clearance[row], clearance)
+    n, k = np.nonzero(apart < flying.look)
+    if n.size == 0:
+        return
+    near = Intruders(*(field[n, k] for field in flying.others))
+    closest = _closest(near.place(time + _PARTS) - (moves[n] + place[n, None]))
+    np.minimum.at(found.separation, row[n], closest)
+    np.minimum.at(found.clearance, row[n], closest - flying.floor[n, k])
+
+
+def _in_window(window: Window | None, time: float) -> Array:
+    """Return which intruders count at a time, s, bool ``[n, K]``."""
+    if window is None:
+        return np.array(True)
+    return (window.begin <= time) & (time <= window.end)
+
+
+def _closest(away: Array) -> Array:
     """Return the smallest distance of the origin from chains of points ``[m, T]``, m."""
     chord = np.diff(away, axis=1)
-    length = np.maximum(np.abs(chord) ** 2, 1e-12)
-    share = np.clip(-(away[:, :-1] * np.conj(chord)).real / length, 0.0, 1.0)
+    square = np.maximum(np.abs(chord) ** 2, 1e-12)
+    share = np.clip(-(away[:, :-1] * np.conj(chord)).real / square, 0.0, 1.0)
     return np.abs(away[:, :-1] + share * chord).min(axis=1)

@@ -9,13 +9,14 @@ speeds of both alone, it is sampled every :data:`CLOSE` s at most.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.planner.options import Options
 from agents.planner.traffic import Requirement, Traffic
-from envs.kinematics import Limits
+from envs.arrays import Array
+from envs.kinematics import Limits, VehicleState
 from envs.trees import take
 from envs.waypoints import ARCS, Legs, PlanStates, legs
 
@@ -25,13 +26,14 @@ __all__ = [
     "COARSE",
     "TOLERANCE",
     "Flown",
+    "Intruders",
     "Route",
     "Verdict",
     "displacement",
     "fly",
-    "growth",
     "required_distances",
     "resimulate",
+    "separations",
 ]
 
 COARSE = 0.5
@@ -52,8 +54,11 @@ CHECKS = (
     "turn rate",
     "required",
     "separation",
+    "heading",
 )
-"""``required``: closer than asked for; ``separation``: closer than the required separation."""
+"""``required``: closer than asked for; ``separation``: closer than the required separation;
+``heading``: of a waypoint, outside -pi to pi.
+"""
 
 _EXACT = 1e-6  # tolerance of headings (rad), speeds (m/s) and controls
 _ROWS = 128  # plans at a time
@@ -62,39 +67,49 @@ _ROWS = 128  # plans at a time
 class Route(NamedTuple):
     """What the last waypoint is held against; fields ``[N]``, of points ``[N, R]``."""
 
-    x: Any
-    y: Any
-    points: Any
-    last: Any
+    x: Array
+    y: Array
+    points: Array
+    last: Array
     """Number of the point that ends the plan."""
 
 
 class Flown(NamedTuple):
     """A plan in the air mass at sampled times; fields ``[S]``."""
 
-    time: Any
+    time: Array
     """s after the request."""
-    place: Any
+    place: Array
     """Complex, m."""
-    heading: Any
+    heading: Array
     """rad."""
-    speed: Any
+    speed: Array
     """m/s."""
-    acceleration: Any
+    acceleration: Array
     """Along the path from then on, m/s^2."""
-    turn_rate: Any
+    turn_rate: Array
     """From then on, rad/s."""
 
 
 class Verdict(NamedTuple):
     """What was found."""
 
-    wrong: Any
+    wrong: Array
     """bool, ``[C, N]`` over :data:`CHECKS`."""
-    min_separation: Any
+    min_separation: Array
     """Smallest sampled distance to any intruder, m, ``[N]``; inf without any."""
-    clearance: Any
+    clearance: Array
     """Smallest sampled distance less the separation of the intruder, m, ``[N]``."""
+
+    @classmethod
+    def blank(cls, count: int) -> "Verdict":
+        """Return a verdict on so many plans before anything is found, to be written into."""
+        wrong = np.zeros((len(CHECKS), count), dtype=bool)
+        return cls(wrong, np.full(count, np.inf), np.full(count, np.inf))
+
+    def note(self, check: str, where: Array) -> None:
+        """Note that a check fails, bool ``[N, ...]``."""
+        self.wrong[CHECKS.index(check)] |= where.any(axis=tuple(range(1, where.ndim)))
 
 
 def fly(plan_states: PlanStates) -> Flown:
@@ -104,14 +119,21 @@ def fly(plan_states: PlanStates) -> Flown:
     for leg in range(curves.duration.shape[1]):
         one = Legs(*(field[:, leg : leg + 1] for field in curves))
         begin = PlanStates(*(field[None, leg : leg + 1] for field in plan_states))
-        step = math.ceil(float(one.duration.max()) / ARCS / CLOSE)
-        flight = (field[0, 0] for field in _integrate(begin, one, step))
-        controls = (np.repeat(field[0, 0], step) for field in (one.acceleration, one.yaw_rate))
-        parts.append((*flight, *(np.append(field, field[-1]) for field in controls)))
+        steps = math.ceil(float(one.duration.max()) / ARCS / CLOSE)
+        samples = _integrate(begin, one, steps)
+        # What is flown from a sample on; the last one has that before it.
+        controls = (
+            np.append(field[0, 0], field[0, 0, -1])
+            for field in (samples.acceleration, samples.turn_rate)
+        )
+        states = (
+            field[0, 0] for field in (samples.time, samples.place, samples.heading, samples.speed)
+        )
+        parts.append(Flown(*states, *controls))
     return Flown(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def displacement(heading: Any, speed: Any, rate: Any, lasts: Any, time: Any) -> Any:
+def displacement(heading: Array, speed: Array, rate: Array, lasts: Array, time: Array) -> Array:
     """Return how far an aircraft gets that turns for a while and then flies straight on, complex m,
     ``[...]``.
 
@@ -130,30 +152,19 @@ def displacement(heading: Any, speed: Any, rate: Any, lasts: Any, time: Any) -> 
     return speed * np.exp(1j * heading) * (mean * turning + np.exp(angle) * (time - turning))
 
 
-def growth(traffic: Traffic, time: Any, sigmas: float) -> Any:
-    """Return what a growing uncertainty adds to the distance to keep, m; ``time`` broadcasts
-    against ``[..., K]``.
-    """
-    first, later = (
-        np.sqrt(traffic.position_std**2 + (traffic.velocity_std * t) ** 2)
-        for t in (traffic.age, traffic.age + time)
-    )
-    return sigmas * (later - first)
-
-
-def required_distances(own: Any, traffic: Traffic, requirement: Requirement) -> Any:
+def required_distances(own: Array, traffic: Traffic, requirement: Requirement) -> Array:
     """Return the distance to keep at the request, m, ``[N, K]``; ``own``: complex positions
     ``[N]``.
     """
     away = np.abs(traffic.state.x + 1j * traffic.state.y - own[:, None])
     std = np.hypot(traffic.position_std, traffic.velocity_std * traffic.age)
-    least = least_of(traffic, requirement)
+    least = separations(traffic, requirement)
     wanted = least + requirement.margin + requirement.sigmas * std
-    now: Any = True if traffic.window is None else traffic.window.begin <= 0.0
+    now = np.array(True) if traffic.window is None else traffic.window.begin <= 0.0
     return np.where((away < wanted) & now, np.maximum(away, least), wanted)
 
 
-def least_of(traffic: Traffic, requirement: Requirement) -> Any:
+def separations(traffic: Traffic, requirement: Requirement) -> Array:
     """Return the separation from each intruder, m, ``[..., K]``."""
     least = np.full(np.shape(traffic.mask), float(requirement.separation))
     if traffic.separation is not None:
@@ -164,7 +175,7 @@ def least_of(traffic: Traffic, requirement: Requirement) -> Any:
 
 def resimulate(
     plan_states: PlanStates,
-    own: Any,
+    own: VehicleState,
     traffic: Traffic,
     route: Route,
     options: Options,
@@ -181,25 +192,31 @@ def resimulate(
         limits: of the vehicle.
     """
     count = len(plan_states.time)
-    far = np.full(count, np.inf)
-    verdict = Verdict(np.zeros((len(CHECKS), count), dtype=bool), far, far.copy())
+    verdict = Verdict.blank(count)
     for first in range(0, count, _ROWS):
         rows = np.arange(first, min(first + _ROWS, count))
-        part = take((plan_states, own, traffic, route), rows)
-        finite = np.isfinite(np.stack(part[0])).all(axis=(0, 2)) & (
-            np.diff(part[0].time, axis=1) > 0.0
-        ).all(axis=1)
+        finite = _is_finite(take(plan_states, rows))
         verdict.wrong[CHECKS.index("not finite"), rows[~finite]] = True
-        rows, (plan_states_, own_, traffic_, route_) = rows[finite], take(part, finite)
-        wrong, nearest, clearance = _judge(plan_states_, own_, traffic_, options, limits)
-        wrong[CHECKS.index("last")] = _off_route(plan_states_, route_, options.extend_route)
-        verdict.wrong[:, rows], verdict.min_separation[rows] = wrong, nearest
-        verdict.clearance[rows] = clearance
+        rows = rows[finite]
+        plans, own_, traffic_, route_ = take((plan_states, own, traffic, route), rows)
+        part = _judge(plans, own_, traffic_, options, limits)
+        part.note("last", _off_route(plans, route_, options.extend_route))
+        verdict.wrong[:, rows] |= part.wrong
+        verdict.min_separation[rows] = part.min_separation
+        verdict.clearance[rows] = part.clearance
     return verdict
 
 
-def _off_route(plan_states: PlanStates, route: Route, extend: bool) -> Any:
-    """Return where the last waypoint is none of the route's, ``[n]``."""
+def _is_finite(plan_states: PlanStates) -> Array:
+    """Return which plans ``[n, W + 1]`` have finite states and increasing times, ``[n]``."""
+    finite = np.isfinite(np.stack(plan_states)).all(axis=(0, 2))
+    return finite & (np.diff(plan_states.time, axis=1) > 0.0).all(axis=1)
+
+
+def _off_route(plan_states: PlanStates, route: Route, extend: bool) -> Array:
+    """Return where the last waypoint is none of the route's, ``[n]``; ``extend``: beyond its end
+    is right too.
+    """
     number = np.arange(len(route.last))
     inside = (route.last >= 0) & (route.last < route.points)
     place = route.x + 1j * route.y
@@ -217,183 +234,295 @@ def _off_route(plan_states: PlanStates, route: Route, extend: bool) -> Any:
 
 
 def _judge(
-    plan_states: PlanStates, own: Any, traffic: Traffic, options: Options, limits: Limits
-) -> tuple[Any, Any, Any]:
-    """Return what is wrong, ``[C, n]``, the smallest distances, and the smallest distances less the
-    separations, ``[n]``, of plans with increasing times.
-    """
-    count, requirement, fixed = len(plan_states.time), options.requirement, options.waypoints - 1
-    wrong, nearest = np.zeros((len(CHECKS), count), dtype=bool), np.full(count, np.inf)
-    clearance = nearest.copy()
-    if count == 0:
-        return wrong, nearest, clearance
-
-    def note_wrong(name: str, where: Any) -> None:
-        wrong[CHECKS.index(name)] |= where.reshape(count, -1).any(axis=1)
-
-    for mine, given in zip(plan_states[:2], own[:2], strict=True):
-        note_wrong("start", np.abs(mine[:, 0] - given) > TOLERANCE)
-    note_wrong(
-        "start", np.abs(np.exp(1j * plan_states.heading[:, 0]) - np.exp(1j * own[2])) > _EXACT
-    )
-    note_wrong("start", np.abs(plan_states.speed[:, 0] - own[3]) > _EXACT)
-    note_wrong(
-        "times", np.abs(plan_states.time[:, :-1] - options.interval * np.arange(fixed + 1)) > _EXACT
-    )
-    note_wrong("times", plan_states.time[:, -1:] <= options.interval * fixed)
-    note_wrong("last", np.abs(plan_states.heading) > math.pi + _EXACT)
+    plan_states: PlanStates, own: VehicleState, traffic: Traffic, options: Options, limits: Limits
+) -> Verdict:
+    """Judge finite plans with increasing times, but for the route."""
+    verdict = Verdict.blank(len(plan_states.time))
+    if len(plan_states.time) == 0:
+        return verdict
+    _judge_waypoints(verdict, plan_states, own, options)
     curves = legs(plan_states)
-    note_wrong("turn rate", np.abs(curves.yaw_rate) > limits.yaw_rate_max + _EXACT)
-    note_wrong("acceleration", curves.acceleration > limits.acceleration_max + _EXACT)
-    note_wrong("acceleration", curves.acceleration < limits.acceleration_min - _EXACT)
-    need = required_distances(plan_states.x[:, 0] + 1j * plan_states.y[:, 0], traffic, requirement)
+    _judge_controls(verdict, curves, limits)
+    begin, end = take(plan_states, np.s_[:, :-1]), take(plan_states, np.s_[:, 1:])
+    place = plan_states.x[:, 0] + 1j * plan_states.y[:, 0]
+    required = required_distances(place, traffic, options.requirement)
     # The last leg, which can take minutes, apart from the others.
-    for part in (slice(0, fixed), slice(fixed, None)):
-        one = Legs(*(field[:, part] for field in curves))
-        begin = PlanStates(*(field[:, :-1][:, part] for field in plan_states))
-        end = PlanStates(*(field[:, 1:][:, part] for field in plan_states))
-        parts = one.duration[..., None] * np.maximum(1.0 / COARSE, np.abs(one.yaw_rate) / _TURN)
-        step = math.ceil(np.max(parts) / ARCS)
-        flight = _integrate(begin, one, step)
-        final = tuple(field[:, :, -1] for field in flight)
-        note_wrong("leg", np.abs(final[1] - end.x - 1j * end.y) > TOLERANCE)
-        note_wrong("leg", np.abs(np.exp(1j * final[2]) - np.exp(1j * end.heading)) > _EXACT)
-        note_wrong("leg", np.abs(final[3] - end.speed) > _EXACT)
-        note_wrong("leg", np.abs(final[0] - end.time) > _EXACT)
-        note_wrong(
-            "speed",
-            (flight[3] < limits.speed_min - _EXACT) | (flight[3] > limits.speed_max + _EXACT),
-        )
-        closest, short, spare = _distances(flight, one, step, traffic, need, requirement)
-        nearest, clearance = np.minimum(nearest, closest), np.minimum(clearance, spare)
-        note_wrong("required", short < -TOLERANCE)
-        note_wrong("separation", spare < -TOLERANCE)
-    return wrong, nearest, clearance
+    last = options.waypoints - 1
+    for part in (slice(0, last), slice(last, None)):
+        begin_, end_, curves_ = take((begin, end, curves), np.s_[:, part])
+        samples = _integrate(begin_, curves_, _steps_of_arc(curves_))
+        _judge_flight(verdict, samples, end_, limits)
+        _judge_distances(verdict, samples, traffic, required, options.requirement)
+    return verdict
 
 
-def _integrate(begin: PlanStates, curves: Legs, step: int) -> tuple[Any, Any, Any, Any]:
-    """Return times, complex positions, headings and speeds along legs, ``[n, L, ARCS * step + 1]``
-    each.
+def _judge_waypoints(
+    verdict: Verdict, plan_states: PlanStates, own: VehicleState, options: Options
+) -> None:
+    """Judge where plans begin, the times of their waypoints, and the range of headings."""
+    begin, end = take(plan_states, np.s_[:, 0]), take(plan_states, np.s_[:, -1])
+    verdict.note("start", np.abs(begin.x - own.x) > TOLERANCE)
+    verdict.note("start", np.abs(begin.y - own.y) > TOLERANCE)
+    turn = np.abs(np.exp(1j * begin.heading) - np.exp(1j * own.heading))
+    verdict.note("start", turn > _EXACT)
+    verdict.note("start", np.abs(begin.speed - own.speed) > _EXACT)
+    last = options.waypoints - 1
+    late = plan_states.time[:, :-1] - options.interval * np.arange(last + 1)
+    verdict.note("times", np.abs(late) > _EXACT)
+    verdict.note("times", end.time <= options.interval * last)
+    verdict.note("heading", np.abs(plan_states.heading[:, 1:]) > math.pi + _EXACT)
+
+
+def _judge_controls(verdict: Verdict, curves: Legs, limits: Limits) -> None:
+    """Judge turn rates and accelerations of the legs."""
+    verdict.note("turn rate", np.abs(curves.yaw_rate) > limits.yaw_rate_max + _EXACT)
+    verdict.note("acceleration", curves.acceleration > limits.acceleration_max + _EXACT)
+    verdict.note("acceleration", curves.acceleration < limits.acceleration_min - _EXACT)
+
+
+class _Samples(NamedTuple):
+    """Legs as they are flown, sampled in time.
+
+    States ``[n, L, S + 1]``; of what is flown between two of them ``[n, L, S]``.
     """
-    h = (curves.duration / (ARCS * step))[..., None]
+
+    time: Array
+    """s after the request."""
+    place: Array
+    """Complex, m."""
+    heading: Array
+    speed: Array
+    turn_rate: Array
+    acceleration: Array
+    seconds: Array
+    """From one to the next."""
+
+
+def _steps_of_arc(curves: Legs) -> int:
+    """Return in how many steps an arc is integrated, so that none is too long or turns too far."""
+    steps = np.maximum(1.0 / COARSE, np.abs(curves.yaw_rate) / _TURN)  # a second
+    return math.ceil(np.max(curves.duration[..., None] * steps) / ARCS)
+
+
+def _integrate(begin: PlanStates, curves: Legs, steps: int) -> _Samples:
+    """Fly legs ``[n, L]`` from where they begin, each of their arcs in so many steps."""
+    seconds = (curves.duration / (ARCS * steps))[..., None]
     rate, gain = (
-        np.repeat(field, step, axis=-1) for field in (curves.yaw_rate, curves.acceleration)
+        np.repeat(field, steps, axis=-1) for field in (curves.yaw_rate, curves.acceleration)
     )
-    heading = begin.heading[..., None] + _running_sums(rate * h)
-    speed = begin.speed[..., None] + _running_sums(gain * h)
-    place = (begin.x + 1j * begin.y)[..., None] + _running_sums(
-        _displacement(heading[..., :-1], speed[..., :-1], rate, gain, h)
+    heading = begin.heading[..., None] + _running_sums(rate * seconds)
+    speed = begin.speed[..., None] + _running_sums(gain * seconds)
+    moves = _displacement(heading[..., :-1], speed[..., :-1], rate, gain, seconds)
+    return _Samples(
+        time=begin.time[..., None] + seconds * np.arange(ARCS * steps + 1),
+        place=(begin.x + 1j * begin.y)[..., None] + _running_sums(moves),
+        heading=heading,
+        speed=speed,
+        turn_rate=rate,
+        acceleration=gain,
+        seconds=np.broadcast_to(seconds, rate.shape),
     )
-    time = begin.time[..., None] + h * np.arange(ARCS * step + 1)
-    return time, place, heading, speed
 
 
-def _displacement(heading: Any, speed: Any, rate: Any, gain: Any, h: Any) -> Any:
+def _judge_flight(verdict: Verdict, samples: _Samples, end: PlanStates, limits: Limits) -> None:
+    """Judge whether legs end at their waypoints ``[n, L]``, and the speeds on them."""
+    final = _Samples(*(field[..., -1] for field in samples))
+    verdict.note("leg", np.abs(final.place - end.x - 1j * end.y) > TOLERANCE)
+    turn = np.abs(np.exp(1j * final.heading) - np.exp(1j * end.heading))
+    verdict.note("leg", turn > _EXACT)
+    verdict.note("leg", np.abs(final.speed - end.speed) > _EXACT)
+    verdict.note("leg", np.abs(final.time - end.time) > _EXACT)
+    verdict.note("speed", samples.speed < limits.speed_min - _EXACT)
+    verdict.note("speed", samples.speed > limits.speed_max + _EXACT)
+
+
+def _displacement(heading: Array, speed: Array, rate: Array, gain: Array, seconds: Array) -> Array:
     """Return the displacement over a short time: Simpson's rule on the velocity, complex m."""
     first = speed * np.exp(1j * heading)
-    middle = (speed + 0.5 * gain * h) * np.exp(1j * (heading + 0.5 * rate * h))
-    last = (speed + gain * h) * np.exp(1j * (heading + rate * h))
-    return h / 6.0 * (first + 4.0 * middle + last)
+    middle = (speed + 0.5 * gain * seconds) * np.exp(1j * (heading + 0.5 * rate * seconds))
+    last = (speed + gain * seconds) * np.exp(1j * (heading + rate * seconds))
+    return seconds / 6.0 * (first + 4.0 * middle + last)
 
 
-def _running_sums(parts: Any) -> Any:
+def _running_sums(parts: Array) -> Array:
     """Return the sums of none, one, two, ... of the parts along the last axis."""
     return np.concatenate([np.zeros((*parts.shape[:-1], 1)), np.cumsum(parts, axis=-1)], axis=-1)
 
 
-def _distances(
-    flight: Any, curves: Legs, step: int, traffic: Traffic, need: Any, requirement: Requirement
-) -> tuple[Any, Any, Any]:
-    """Return the smallest distance, m, the smallest of distance less the one to keep, and of
-    distance less the separation, ``[n]`` each.
-    """
-    (count, crowd), sigmas = need.shape, requirement.sigmas
-    nearest, short, spare = np.full((3, count), np.inf)
-    state, least = traffic.state, least_of(traffic, requirement)
-    time, place, heading, speed = flight
-    rate, gain = (
-        np.repeat(field, step, axis=-1) for field in (curves.yaw_rate, curves.acceleration)
-    )
-    h = np.broadcast_to((curves.duration / (ARCS * step))[..., None], rate.shape)
-    for k in range(crowd):
-        rows = np.flatnonzero(traffic.mask[:, k])
-        if rows.size == 0:
-            continue
-        other = VehicleColumns(
-            *(field[rows, k][:, None, None] for field in (*state, *traffic[2:7]))
+class Intruders(NamedTuple):
+    """Intruders whose fields broadcast against times."""
+
+    x: Array
+    y: Array
+    heading: Array
+    speed: Array
+    turn_rate: Array
+    turn_time: Array
+    """How long they turn, s."""
+    position_std: Array
+    velocity_std: Array
+    age: Array
+    """Of the reports at the request, s."""
+
+    @classmethod
+    def of(cls, traffic: Traffic) -> "Intruders":
+        """Return the intruders of some traffic, fields ``[..., K]``."""
+        return cls(
+            *traffic.state,
+            traffic.turn_rate,
+            traffic.turn_time,
+            traffic.position_std,
+            traffic.velocity_std,
+            traffic.age,
         )
-        first, last = ends_of(traffic, rows, k)
-        level = (time[rows] >= first) & (time[rows] <= last)
-        apart = np.where(level, np.abs(other.place(time[rows]) - place[rows]), np.inf)
-        fast = np.maximum(speed[rows, :, 1:], speed[rows, :, :-1]) + other.speed
-        # Nobody comes nearer between two samples than both fly in that time.
-        there = np.abs(other.place(time[rows]) - place[rows])
-        floor = 0.5 * (there[..., 1:] + there[..., :-1] - fast * h[rows])
-        required_range = need[rows, k][:, None, None]
-        later = required_range + other.uncertainty_at(time[rows], sigmas)
-        nearest[rows] = np.minimum(nearest[rows], apart.min(axis=(1, 2)))
-        short[rows] = np.minimum(short[rows], (apart - later).min(axis=(1, 2)))
-        closest = apart.min(axis=(1, 2), keepdims=True)
-        spare[rows] = np.minimum(spare[rows], closest[:, 0, 0] - least[rows, k])
-        n, leg, part = np.nonzero((floor < later[..., 1:]) | (floor < closest))
-        if n.size == 0:
-            continue
-        row = rows[n]
-        pieces = math.ceil(float(np.max(h)) / CLOSE)
-        seconds = h[row, leg, part][:, None] * np.linspace(0.0, 1.0, pieces + 1)
-        one = VehicleColumns(*(field[n, 0] for field in other))
-        here = row, leg, part
-        psi, v, omega, accel = (field[here][:, None] for field in (heading, speed, rate, gain))
-        between = place[here][:, None] + _displacement(psi, v, omega, accel, seconds)
-        when = time[here][:, None] + seconds
-        away = one.place(when) - between
-        # Straight from sample to sample: at 20 m/s^2 that leaves the curve by 1 mm.
-        chord = np.diff(away, axis=1)
-        length = np.maximum(np.abs(chord) ** 2, 1e-12)
-        share = np.clip(-(away[:, :-1] * np.conj(chord)).real / length, 0.0, 1.0)
-        close = np.abs(away[:, :-1] + share * chord)
-        first, last = (when_[n, 0] for when_ in ends_of(traffic, rows, k))
-        close = np.where((when[:, :-1] >= first) & (when[:, 1:] <= last), close, np.inf)
-        clearance = close - need[row, k][:, None] - one.uncertainty_at(when[:, :-1], sigmas)
-        np.minimum.at(nearest, row, close.min(axis=1))
-        np.minimum.at(short, row, clearance.min(axis=1))
-        np.minimum.at(spare, row, close.min(axis=1) - least[row, k])
-    return nearest, short, spare
 
-
-def ends_of(traffic: Traffic, rows: Any, k: int) -> tuple[Any, Any]:
-    """Return from when and until when one intruder of some plans counts, s, ``[n, 1, 1]`` each."""
-    zero = np.zeros((len(rows), 1, 1))
-    if traffic.window is None:
-        return zero - np.inf, zero + np.inf
-    begin, end = (field[rows, k][:, None, None] for field in traffic.window)
-    return begin, end
-
-
-class VehicleColumns(NamedTuple):
-    """One intruder of each of several plans, ready to broadcast against times."""
-
-    x: Any
-    y: Any
-    heading: Any
-    speed: Any
-    rate: Any
-    lasts: Any
-    position_std: Any
-    velocity_std: Any
-    age: Any
-
-    def place(self, time: Any) -> Any:
+    def place(self, time: Array) -> Array:
         """Return complex positions, m."""
         return (
             self.x
             + 1j * self.y
-            + displacement(self.heading, self.speed, self.rate, self.lasts, time)
+            + displacement(self.heading, self.speed, self.turn_rate, self.turn_time, time)
         )
 
-    def uncertainty_at(self, time: Any, sigmas: float) -> Any:
+    def uncertainty_at(self, time: Array, sigmas: float) -> Array:
         """Return what the uncertainty adds to the distance to keep, m."""
         now, later = (
             np.hypot(self.position_std, self.velocity_std * (self.age + t)) for t in (0.0, time)
         )
         return sigmas * (later - now)
+
+
+class _Pairs(NamedTuple):
+    """Some plans and one intruder of each; fields ``[n]``, of the intruder ``[n, 1, 1]``."""
+
+    samples: _Samples
+    other: Intruders
+    begin: Array
+    """From when the intruder counts, s, ``[n, 1, 1]``."""
+    end: Array
+    """Until when, s, ``[n, 1, 1]``."""
+    required: Array
+    """Distance to keep at the request, m."""
+    separation: Array
+    """Required all the time, m."""
+
+
+class _Nearest(NamedTuple):
+    """How near pairs come, m; fields ``[n]``."""
+
+    distance: Array
+    beyond_required: Array
+    """The smallest of distance less the one to keep."""
+    beyond_separation: Array
+    """The smallest of distance less the separation."""
+
+
+def _judge_distances(
+    verdict: Verdict,
+    samples: _Samples,
+    traffic: Traffic,
+    required: Array,
+    requirement: Requirement,
+) -> None:
+    """Judge the distances to the intruders, required at the request ``[n, K]``."""
+    least = separations(traffic, requirement)
+    others = Intruders.of(traffic)
+    longest = float(np.max(samples.seconds))
+    for k in range(required.shape[1]):
+        rows = np.flatnonzero(traffic.mask[:, k])
+        if rows.size == 0:
+            continue
+        begin, end = _window(traffic, rows, k)
+        pairs = _Pairs(
+            samples=take(samples, rows),
+            other=Intruders(*(field[rows, k][:, None, None] for field in others)),
+            begin=begin,
+            end=end,
+            required=required[rows, k],
+            separation=least[rows, k],
+        )
+        near = _nearest(pairs, requirement.sigmas, longest)
+        verdict.min_separation[rows] = np.minimum(verdict.min_separation[rows], near.distance)
+        verdict.clearance[rows] = np.minimum(verdict.clearance[rows], near.beyond_separation)
+        checks = CHECKS.index("required"), CHECKS.index("separation")
+        beyond = near.beyond_required, near.beyond_separation
+        for check, distance in zip(checks, beyond, strict=True):
+            verdict.wrong[check, rows] |= distance < -TOLERANCE
+
+
+def _window(traffic: Traffic, rows: Array, k: int) -> tuple[Array, Array]:
+    """Return from when and until when one intruder of some plans counts, s, ``[n, 1, 1]`` each."""
+    if traffic.window is None:
+        zero = np.zeros((len(rows), 1, 1))
+        return zero - np.inf, zero + np.inf
+    begin, end = (field[rows, k][:, None, None] for field in traffic.window)
+    return begin, end
+
+
+def _nearest(pairs: _Pairs, sigmas: float, longest: float) -> _Nearest:
+    """Return how near pairs come: at the samples, and in between wherever that could be nearer.
+
+    Args:
+        pairs: plans and intruders.
+        sigmas: of their positions that are kept.
+        longest: time between two samples, s, of any plan.
+    """
+    samples, other = pairs.samples, pairs.other
+    away = np.abs(other.place(samples.time) - samples.place)
+    counts = (samples.time >= pairs.begin) & (samples.time <= pairs.end)
+    apart = np.where(counts, away, np.inf)
+    later = pairs.required[:, None, None] + other.uncertainty_at(samples.time, sigmas)
+    closest = apart.min(axis=(1, 2), keepdims=True)
+    near = _Nearest(
+        closest[:, 0, 0],
+        (apart - later).min(axis=(1, 2)),
+        closest[:, 0, 0] - pairs.separation,
+    )
+    # Nothing comes nearer between two samples than both fly in that time.
+    fast = np.maximum(samples.speed[..., 1:], samples.speed[..., :-1]) + other.speed
+    floor = 0.5 * (away[..., 1:] + away[..., :-1] - fast * samples.seconds)
+    places = np.nonzero((floor < later[..., 1:]) | (floor < closest))
+    if places[0].size:
+        _look_between(near, pairs, places, sigmas, math.ceil(longest / CLOSE))
+    return near
+
+
+def _look_between(
+    near: _Nearest, pairs: _Pairs, places: tuple[Array, ...], sigmas: float, pieces: int
+) -> None:
+    """Sample what is flown between some samples, and lower how near the pairs come.
+
+    Args:
+        near: what is known of the pairs so far.
+        pairs: plans and intruders.
+        places: pair, leg and number of the sample before, ``[m]`` each.
+        sigmas: of the intruders' positions that are kept.
+        pieces: into which each is cut.
+    """
+    pair = places[0]
+    samples = _Samples(*(field[places][:, None] for field in pairs.samples))
+    other = Intruders(*(field[pair, 0] for field in pairs.other))
+    seconds = samples.seconds * np.linspace(0.0, 1.0, pieces + 1)
+    moves = _displacement(
+        samples.heading, samples.speed, samples.turn_rate, samples.acceleration, seconds
+    )
+    time = samples.time + seconds
+    # Straight from sample to sample: at 20 m/s^2 that leaves the curve by 1 mm.
+    close = _chord_distances(other.place(time) - (samples.place + moves))
+    begin, end = pairs.begin[pair, 0], pairs.end[pair, 0]
+    close = np.where((time[:, :-1] >= begin) & (time[:, 1:] <= end), close, np.inf)
+    uncertainty = other.uncertainty_at(time[:, :-1], sigmas)
+    beyond = close - pairs.required[pair, None] - uncertainty
+    np.minimum.at(near.distance, pair, close.min(axis=1))
+    np.minimum.at(near.beyond_required, pair, beyond.min(axis=1))
+    np.minimum.at(near.beyond_separation, pair, close.min(axis=1) - pairs.separation[pair])
+
+
+def _chord_distances(away: Array) -> Array:
+    """Return the distances of the origin from the chords of curves ``[m, T]``, complex m,
+    ``[m, T - 1]``.
+    """
+    chord = np.diff(away, axis=1)
+    square = np.maximum(np.abs(chord) ** 2, 1e-12)
+    share = np.clip(-(away[:, :-1] * np.conj(chord)).real / square, 0.0, 1.0)
+    return np.abs(away[:, :-1] + share * chord)

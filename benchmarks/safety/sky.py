@@ -7,7 +7,7 @@ acceleration there. Nothing of :mod:`envs.area_geometry` or :mod:`envs.wind` is 
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -16,6 +16,7 @@ from agents.planner.options import Options
 from agents.planner.request import Altitude, Request
 from benchmarks.safety.resimulation import Flown
 from envs.areas import Area, Circle, Keep, Level, Polygon
+from envs.arrays import Array
 from envs.kinematics import Limits
 from envs.wind import Wind
 
@@ -39,7 +40,7 @@ class Sky(NamedTuple):
     areas: tuple[Area, ...]
 
     @property
-    def blows(self) -> complex:
+    def air_velocity(self) -> complex:
         """Velocity of the air towards east + i north, m/s."""
         return complex(0.0) if self.wind is None else complex(self.wind.east, self.wind.north)
 
@@ -49,7 +50,7 @@ def draw_sky(
 ) -> Sky:
     """Return wind for two of three requests ``[]``, and one to three areas for as many.
 
-    Areas stand on the way to one of the next points of the route, or somewhat beside it.
+    Areas stand between the ownship and one of the next points of the route, or somewhat beside.
 
     Args:
         seed: of the attack.
@@ -62,9 +63,9 @@ def draw_sky(
     speed = float(request.own.speed)
     wind = None
     if rng.random() < 2.0 / 3.0:
-        to = speed * float(rng.uniform(0.0, 0.7)) * np.exp(2j * math.pi * rng.uniform())
+        velocity = speed * float(rng.uniform(0.0, 0.7)) * np.exp(2j * math.pi * rng.uniform())
         std = 0.02 * speed * float(rng.uniform()) if rng.random() < 0.5 else 0.0
-        wind = Wind(float(to.real), float(to.imag), std)
+        wind = Wind(float(velocity.real), float(velocity.imag), std)
     place = max(abs(float(request.own.x)), abs(float(request.own.y)))
     local = place + 12.0 * unit < _FARTHEST  # areas stand in the local frame
     count = int(rng.integers(1, 4)) if rng.random() < 2.0 / 3.0 and local else 0
@@ -78,14 +79,14 @@ def _area(
     own = complex(request.own.x, request.own.y)
     speed = float(request.own.speed)
     point = int(rng.integers(min(int(request.points), 4)))
-    way = complex(request.route_x[point], request.route_y[point]) - own
+    to_point = complex(request.route_x[point], request.route_y[point]) - own
     keep_in = rng.random() < 0.15
     size = unit * float(0.2 * 20.0 ** rng.uniform())
-    place = own + way * float(rng.uniform(0.0, 1.2))
+    place = own + to_point * float(rng.uniform(0.0, 1.2))
     place += float(rng.normal()) * size * np.exp(2j * math.pi * rng.uniform())
     if keep_in:
         size = min(unit * float(rng.uniform(10.0, 40.0)), _WIDEST)
-        place = own + 0.5 * size * float(rng.uniform()) * way / max(abs(way), 1.0)
+        place = own + 0.5 * size * float(rng.uniform()) * to_point / max(abs(to_point), 1.0)
     size = min(size, _WIDEST)
     pace, grows = 0.0, 0.0
     if rng.random() < 0.4:
@@ -100,21 +101,19 @@ def _area(
         middle = altitude.value + float(rng.normal(0.0, 500.0))
         floor = Level(middle - 200.0, "msl" if rng.random() < 0.9 else "wgs84")
         ceiling = Level(middle + 200.0, "msl")
+    round_one = rng.random() < 0.3
+    shape = Circle(place.real, place.imag, size) if round_one else _polygon(rng, place, size)
     return Area(
-        _circle(place, size) if rng.random() < 0.3 else _polygon(rng, place, size),
-        Keep.IN if keep_in else Keep.OUT,
-        (pace * math.cos(course), pace * math.sin(course)),
-        grows,
-        floor,
-        ceiling,
-        begin,
-        end,
-        float(rng.choice([0.0, 0.05, 0.3])) * unit,
+        shape,
+        keep=Keep.IN if keep_in else Keep.OUT,
+        velocity=(pace * math.cos(course), pace * math.sin(course)),
+        growth=grows,
+        floor=floor,
+        ceiling=ceiling,
+        valid_from=begin,
+        valid_until=end,
+        clearance=float(rng.choice([0.0, 0.05, 0.3])) * unit,
     )
-
-
-def _circle(place: complex, size: float) -> Circle:
-    return Circle(place.real, place.imag, size)
 
 
 def _polygon(rng: np.random.Generator, place: complex, size: float) -> Polygon:
@@ -126,7 +125,7 @@ def _polygon(rng: np.random.Generator, place: complex, size: float) -> Polygon:
     return Polygon(_ring(place + star), holes)
 
 
-def _ring(points: Any) -> tuple[tuple[float, float], ...]:
+def _ring(points: Array) -> tuple[tuple[float, float], ...]:
     return tuple((float(point.real), float(point.imag)) for point in points)
 
 
@@ -163,9 +162,9 @@ def faults(sky: Sky, flown: Flown, options: Options, altitude: Altitude | None) 
         options: how it was made, with the limits of the vehicle.
         altitude: of the ownship at the request.
     """
-    over_ground = flown.place + sky.blows * flown.time
-    kept = [_kept(one, flown.time, over_ground, options, altitude) for one in sky.areas]
-    wrong = [] if all(kept) else ["area"]
+    over_ground = flown.place + sky.air_velocity * flown.time
+    keeps = [_keeps(one, flown.time, over_ground, options, altitude) for one in sky.areas]
+    wrong = [] if all(keeps) else ["area"]
     if sky.wind is not None and sky.wind.std > 0.0:
         seldom = Flown(*(field[::_PIECE] for field in flown))
         wrong += _in_other_winds(seldom, options.requirement.sigmas * sky.wind.std, options.limits)
@@ -179,9 +178,10 @@ def _in_other_winds(flown: Flown, error: float, limits: Limits) -> list[str]:
     turns then.
     """
     unit = np.exp(1j * flown.heading)
-    change = (flown.acceleration + 1j * flown.speed * flown.turn_rate) * unit
     velocity = flown.speed * unit - error * _DIRECTIONS[:, None]
     speed = np.abs(velocity)
+    # Acceleration along the velocity, and across it as the imaginary part.
+    change = (flown.acceleration + 1j * flown.speed * flown.turn_rate) * unit
     change = change * np.conj(velocity) / speed
     lowest = min(limits.speed_min, float(flown.speed[0]) - error)
     highest = max(limits.speed_max, float(flown.speed[0]) + error)
@@ -195,41 +195,51 @@ def _in_other_winds(flown: Flown, error: float, limits: Limits) -> list[str]:
     return [f"{name} in another wind" for name, bad in checks.items() if bad.any()]
 
 
-def _kept(one: Area, time: Any, place: Any, options: Options, altitude: Altitude | None) -> bool:
+def _keeps(
+    one: Area, time: Array, place: Array, options: Options, altitude: Altitude | None
+) -> bool:
     """Return whether places over the ground keep what they must of an area while it counts."""
     counts = _counts(one, time, options, altitude)
     if not counts.any():
         return True
-    inner = place - complex(*one.velocity) * time
+    inner = place - complex(*one.velocity) * time  # in the area's frame
     gain = one.growth if one.keep is Keep.IN else -one.growth
     wanted = one.clearance + options.requirement.margin
     if counts[0]:
         begun = float(_distances(one, inner[:1])[0])
         wanted = min(wanted, max(begun - _NEARER, 0.0))
     least = max(wanted - _PART, -_EDGE) - _TOLERANCE
-    # Where the area may be near: nothing gets nearer than it flies from one look to the next.
-    pieces = range(0, len(time) - 1, _PIECE)
     fast = np.abs(np.diff(inner)) + abs(gain) * np.diff(time)
-    for first in pieces:
-        last = min(first + _PIECE, len(time) - 1)
-        if not counts[first : last + 1].any():
+    for first in range(0, len(time) - 1, _PIECE):
+        piece = slice(first, min(first + _PIECE, len(time) - 1) + 1)  # its ends included
+        if not counts[piece].any():
             continue
+        # Nothing gets nearer than it flies from one look to the next.
         here = float(_distances(one, inner[first : first + 1])[0]) + gain * time[first]
-        if here - float(fast[first:last].sum()) > least:
+        if here - float(fast[piece.start : piece.stop - 1].sum()) > least:
             continue
-        steps = slice(first, last)
-        both = counts[first:last] & counts[first + 1 : last + 1]
-        ends = np.stack([inner[first:last], inner[first + 1 : last + 1]], axis=-1)[both]
-        grown = gain * time[steps][both]
-        if ends.size and float((_chords(one, ends) + grown).min()) < least:
-            return False
-        at = _distances(one, inner[first : last + 1]) + gain * time[first : last + 1]
-        if (at < least)[counts[first : last + 1]].any():
+        if _nearest(one, inner[piece], gain * time[piece], counts[piece]) < least:
             return False
     return True
 
 
-def _counts(one: Area, time: Any, options: Options, altitude: Altitude | None) -> Any:
+def _nearest(one: Area, places: Array, grown: Array, counts: Array) -> float:
+    """Return the smallest signed distance of a flight from an area while it counts, m.
+
+    Args:
+        one: the area.
+        places: of the flight in the area's frame, complex m, ``[m]``.
+        grown: what growth adds to the distance there, m, ``[m]``.
+        counts: when the area counts, bool ``[m]``.
+    """
+    at = (_distances(one, places) + grown)[counts]
+    both = counts[:-1] & counts[1:]
+    ends = np.stack([places[:-1], places[1:]], axis=-1)[both]
+    between = _chords(one, ends) + grown[:-1][both] if both.any() else np.array([])
+    return min(float(at.min(initial=np.inf)), float(between.min(initial=np.inf)))
+
+
+def _counts(one: Area, time: Array, options: Options, altitude: Altitude | None) -> Array:
     """Return when an area is valid and the ownship may be level with it, bool."""
     counts = (time >= one.valid_from) & (time <= one.valid_until)
     if altitude is None or one.keep is Keep.IN:
@@ -245,7 +255,7 @@ def _counts(one: Area, time: Any, options: Options, altitude: Altitude | None) -
     return counts
 
 
-def _distances(one: Area, places: Any) -> Any:
+def _distances(one: Area, places: Array) -> Array:
     """Return the signed distances of places ``[m]`` in the area's frame, without growth, m."""
     sign = -1.0 if one.keep is Keep.IN else 1.0
     if isinstance(one.shape, Circle):
@@ -256,8 +266,10 @@ def _distances(one: Area, places: Any) -> Any:
     return sign * np.where(within, -away, away)
 
 
-def _chords(one: Area, ends: Any) -> Any:
-    """Return lower bounds of the signed distance on straight ways ``[m, 2]``, m: 0 on an edge."""
+def _chords(one: Area, ends: Array) -> Array:
+    """Return lower bounds of the signed distance between two places each, ``[m, 2]``, m: 0 on an
+    edge.
+    """
     at = np.minimum(_distances(one, ends[:, 0]), _distances(one, ends[:, 1]))
     if isinstance(one.shape, Circle):
         if one.keep is Keep.IN:
@@ -267,5 +279,5 @@ def _chords(one: Area, ends: Any) -> Any:
         share = np.clip(-(away * np.conj(chord)).real / length, 0.0, 1.0)
         return np.abs(away + share * chord) - one.shape.radius
     shape = shapely.Polygon(one.shape.outer, one.shape.holes)
-    ways = shapely.linestrings(np.stack([ends.real, ends.imag], axis=-1))
-    return np.where(at > 0.0, shapely.distance(shape.boundary, ways), at)
+    chords = shapely.linestrings(np.stack([ends.real, ends.imag], axis=-1))
+    return np.where(at > 0.0, shapely.distance(shape.boundary, chords), at)

@@ -146,6 +146,10 @@ MUTATIONS: dict[str, tuple[Callable[[Plans], Plans], set[str]]] = {
         lambda plans: change_waypoints(plans, "heading", 10, 3.0),
         {"turn rate"},
     ),
+    "a heading beyond pi": (
+        lambda plans: change_waypoints(plans, "heading", 10, 2.0 * math.pi),
+        {"heading"},
+    ),
     "not a number": (lambda plans: change_waypoints(plans, "y", 7, math.nan), {"not finite"}),
     "infinite": (lambda plans: change_waypoints(plans, "speed", 19, math.inf), {"not finite"}),
     "another start": (lambda plans: change_waypoints(plans, "x", 0, 0.01), {"start"}),
