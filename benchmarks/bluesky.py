@@ -7,19 +7,21 @@ without resolution. Every flight is a line of a file in ``--out``, and a flight 
 already is not flown again; it counts for one policy file.
 """
 
+import argparse
 import json
 import os
 import random
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +30,9 @@ from benchmarks.measure import report
 from envs.edge.command import Parser, run_cli
 from envs.edge.json_text import parse_json
 from eval.stats.intervals import clopper_pearson
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 PUBLISHED = {"SAC": 88.1, "DDPG": 80.3, "TD3": 70.6, "PPO": 42.3}
 """Episodes without intrusion, %, of the last 1000 in the logs of BlueSky-Gym's repository."""
@@ -43,6 +48,28 @@ RADIUS = 60.0 * NM  # m, of the circles
 LONGEST = 1600  # s; the straight flights take 1000
 REACHED = 3.0 * NM  # m from its goal, where a flight ends
 EARTH = 6_371_000.0  # m, as BlueSky
+_FAR = 5.0 * NM  # m, below which two aircraft have lost their separation
+_ALTITUDE = 30_000 * 0.3048  # m
+
+Row = dict[str, Any]
+"""A flight as its line in the file has it."""
+
+
+class Episode(NamedTuple):
+    """What is flown of BlueSky-Gym."""
+
+    pilot: str
+    """``RLCAS``, ``straight`` or the file of a SAC of Stable-Baselines3."""
+    seed: int
+
+
+class Circle(NamedTuple):
+    """What is flown of the circles."""
+
+    method: str
+    """One of :data:`METHODS`."""
+    aircraft: int
+    seed: int
 
 
 @cache
@@ -61,36 +88,39 @@ def _load_sac(path: str) -> Any:
     return sac.load(path, device="cpu")
 
 
-def episode(task: tuple[str, int]) -> dict[str, Any]:
-    """Fly one episode of the environment; it draws from the global generators, which the seed sets.
-
-    The pilot is ``RLCAS``, ``straight`` or the file of a SAC of Stable-Baselines3.
+def fly_episode(task: Episode) -> Row:
+    """Fly one episode of the environment; it draws from the global generators, which the seed
+    sets.
     """
-    pilot, seed = task
-    environment, policy = _environment()
-    np.random.seed(seed)  # noqa: NPY002
-    random.seed(seed)
-    seen, _ = environment.reset(seed=seed)
+    environment, _ = _environment()
+    np.random.seed(task.seed)  # noqa: NPY002
+    random.seed(task.seed)
+    seen, _ = environment.reset(seed=task.seed)
     reached, info = False, {}
     for _ in range(_MOST_ACTIONS):
-        drift = np.arctan2(seen["sin_drift"], seen["cos_drift"])
-        if pilot == "RLCAS":
-            action = policy(seen)
-        elif pilot == "straight":
-            action = np.clip(-drift / np.radians(45.0), -1.0, 1.0)
-        else:
-            action, _ = _load_sac(pilot).predict(seen, deterministic=True)
-        seen, _, reached, _, info = environment.step(action)
+        seen, _, reached, _, info = environment.step(_act(task.pilot, seen))
         if reached:
             break
     return {
-        "pilot": pilot,
-        "seed": seed,
+        "pilot": task.pilot,
+        "seed": task.seed,
         "reached": bool(reached),
         "intrusions": int(info["total_intrusions"]),
         "drift_rad": float(info["average_drift"]),
         "reward": float(np.ravel(info["total_reward"])[0]),
     }
+
+
+def _act(pilot: str, seen: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return what a pilot does."""
+    if pilot == "RLCAS":
+        _, policy = _environment()
+        return policy(seen)
+    if pilot == "straight":
+        drift = np.arctan2(seen["sin_drift"], seen["cos_drift"])
+        return np.clip(-drift / np.radians(45.0), -1.0, 1.0)
+    action, _ = _load_sac(pilot).predict(seen, deterministic=True)
+    return action
 
 
 @cache
@@ -101,56 +131,85 @@ def _simulator() -> Any:
     return bluesky
 
 
-def circle(task: tuple[str, int, int]) -> dict[str, Any]:
+class _Ring(NamedTuple):
+    """Where the aircraft of a circle start, fields ``[N]``; they fly to the points opposite."""
+
+    angle: np.ndarray  # clockwise from north, rad
+    radius: np.ndarray  # m
+    mach: np.ndarray
+
+    @classmethod
+    def draw(cls, task: Circle) -> "_Ring":
+        """Return the starts that follow from a seed."""
+        count = task.aircraft
+        draw = np.random.default_rng([task.seed, count])
+        angle = 2.0 * np.pi * (np.arange(count) + draw.uniform(-0.25, 0.25, count)) / count
+        radius = RADIUS * draw.uniform(0.95, 1.05, count)
+        return cls(angle, radius, draw.uniform(0.73, 0.79, count))
+
+    @property
+    def north(self) -> np.ndarray:
+        """Of the middle, m."""
+        return self.radius * np.cos(self.angle)
+
+    @property
+    def east(self) -> np.ndarray:
+        """Of the middle, m."""
+        return self.radius * np.sin(self.angle)
+
+
+def fly_circle(task: Circle) -> Row:
     """Fly one circle: A320s at flight level 300, of Mach 0.73 to 0.79, to the points opposite to
     where they start.
     """
-    method, count, seed = task
-    bluesky = _simulator()
-    draw = np.random.default_rng([seed, count])
-    angle = 2.0 * np.pi * (np.arange(count) + draw.uniform(-0.25, 0.25, count)) / count
-    radius = RADIUS * draw.uniform(0.95, 1.05, count)
-    north, east = radius * np.cos(angle), radius * np.sin(angle)
+    bluesky, ring = _simulator(), _Ring.draw(task)
     bluesky.sim.reset()
-    for command in ("DT 1", "ASAS ON", f"RESO {method}"):
+    for command in ("DT 1", "ASAS ON", f"RESO {task.method}"):
         bluesky.stack.stack(command)
-    for i in range(count):
-        name, heading, mach = (
-            f"A{i}",
-            float(np.degrees(angle[i]) + 180.0) % 360.0,
-            float(draw.uniform(0.73, 0.79)),
-        )
-        at, to = np.degrees([north[i], east[i]]) / EARTH, np.degrees([-north[i], -east[i]]) / EARTH
-        bluesky.traf.cre(name, "A320", float(at[0]), float(at[1]), heading, 30_000 * 0.3048, mach)
-        bluesky.stack.stack(f"{name} ADDWPT {to[0]} {to[1]}")
-        bluesky.stack.stack(f"{name} LNAV ON")
+    _create(bluesky, ring)
     bluesky.stack.stack("OP")
-    lost, intrusion, flown, nearest = set(), 0, np.zeros(count), np.inf
+    lost, intrusion, nearest = set(), 0, np.inf
+    path = np.zeros(task.aircraft)
     for _ in range(LONGEST):
         bluesky.sim.step()
         traffic = bluesky.traf
         number = np.array([int(name[1:]) for name in traffic.id])
-        y, x = (EARTH * np.radians(each) for each in (traffic.lat, traffic.lon))
-        flown[number] = traffic.distflown
-        apart = np.hypot(x[:, None] - x, y[:, None] - y)[np.triu_indices(len(number), 1)]
-        close = np.stack(np.triu_indices(len(number), 1))[:, apart < 5.0 * NM]
+        north, east = (EARTH * np.radians(each) for each in (traffic.lat, traffic.lon))
+        path[number] = traffic.distflown
+        pairs = np.triu_indices(len(number), 1)
+        apart = np.hypot(east[:, None] - east, north[:, None] - north)[pairs]
+        close = np.stack(pairs)[:, apart < _FAR]
         lost |= set(map(tuple, number[close].T.tolist()))
-        intrusion, nearest = intrusion + close.shape[1], min(nearest, apart.min(initial=np.inf))
-        arrived = np.flatnonzero(np.hypot(x + east[number], y + north[number]) < REACHED)
+        intrusion += close.shape[1]
+        nearest = min(nearest, apart.min(initial=np.inf))
+        to_goal = np.hypot(east + ring.east[number], north + ring.north[number])
+        arrived = np.flatnonzero(to_goal < REACHED)
         if arrived.size:
             traffic.delete(arrived.tolist())
         if traffic.ntraf == 0:
             break
     return {
-        "method": method,
-        "aircraft": count,
-        "seed": seed,
+        "method": task.method,
+        "aircraft": task.aircraft,
+        "seed": task.seed,
         "losses": len(lost),
         "intrusion_s": intrusion,
         "nearest_nm": float(nearest / NM),
-        "extra_path": float(np.mean(flown / (2.0 * radius - REACHED)) - 1.0),
-        "arrived": count - int(bluesky.traf.ntraf),
+        "extra_path": float(np.mean(path / (2.0 * ring.radius - REACHED)) - 1.0),
+        "arrived": task.aircraft - int(bluesky.traf.ntraf),
     }
+
+
+def _create(bluesky: Any, ring: _Ring) -> None:
+    """Put the aircraft into the simulator, each on its way to the point opposite."""
+    for i in range(len(ring.angle)):
+        name, heading = f"A{i}", float(np.degrees(ring.angle[i]) + 180.0) % 360.0
+        at = np.degrees([ring.north[i], ring.east[i]]) / EARTH
+        to = np.degrees([-ring.north[i], -ring.east[i]]) / EARTH
+        start = float(at[0]), float(at[1]), heading, _ALTITUDE, float(ring.mach[i])
+        bluesky.traf.cre(name, "A320", *start)
+        bluesky.stack.stack(f"{name} ADDWPT {to[0]} {to[1]}")
+        bluesky.stack.stack(f"{name} LNAV ON")
 
 
 def _silence() -> None:
@@ -159,27 +218,18 @@ def _silence() -> None:
 
 
 def _fly(
-    work: Callable[[Any], dict[str, Any]], tasks: list[Any], path: Path, workers: int
-) -> list[dict[str, Any]]:
-    """Return the flights of all tasks in their order, those not in the file flown now and added to
-    it.
+    work: Callable[[Any], Row], tasks: Sequence[Episode | Circle], path: Path, workers: int
+) -> list[Row]:
+    """Return the flights of all tasks in their order; those that the file does not hold are flown
+    now and added to it.
     """
     digest = Policy.load().sha256[:8]
-
-    def key(name: str, *numbers: int) -> str:
-        return " ".join(map(str, (name, *numbers, digest if name == "RLCAS" else "")))
-
-    rows: dict[str, dict[str, Any]] = {}
-    if path.exists():
-        rows = {
-            row["key"]: row
-            for row in map(parse_json, path.read_text(encoding="utf-8").splitlines())
-        }
-    missing = [task for task in tasks if key(*task) not in rows]
+    rows = _read_rows(path)
+    missing = [task for task in tasks if _key(task, digest) not in rows]
     if missing:
         path.parent.mkdir(parents=True, exist_ok=True)
         os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of the workers
-        unit = "episodes" if work is episode else "circles"
+        unit = "episodes" if work is fly_episode else "circles"
         shown = time.monotonic()
         with (
             ProcessPoolExecutor(workers, get_context("spawn"), _silence) as pool,
@@ -187,19 +237,34 @@ def _fly(
         ):
             results = zip(missing, pool.map(work, missing), strict=True)
             for done, (task, row) in enumerate(results, len(tasks) - len(missing) + 1):
-                rows[key(*task)] = row | {"key": key(*task)}
-                file.write(json.dumps(rows[key(*task)]) + "\n")
+                key = _key(task, digest)
+                rows[key] = row | {"key": key}
+                file.write(json.dumps(rows[key]) + "\n")
                 if time.monotonic() - shown >= 5.0 or done == len(tasks):
                     shown = time.monotonic()
                     print(f"{done} of {len(tasks)} {unit}", file=sys.stderr, flush=True)
-    return [rows[key(*task)] for task in tasks]
+    return [rows[_key(task, digest)] for task in tasks]
 
 
-def _mean(rows: Iterable[dict[str, Any]], name: str) -> float:
+def _key(task: Episode | Circle, digest: str) -> str:
+    """Return what the flight of a task is found by; ours counts for one policy file."""
+    name, *numbers = task
+    return " ".join(map(str, (name, *numbers, digest if name == "RLCAS" else "")))
+
+
+def _read_rows(path: Path) -> dict[str, Row]:
+    """Return the flights of a file by their keys; of none where it is not there."""
+    if not path.exists():
+        return {}
+    rows = map(parse_json, path.read_text(encoding="utf-8").splitlines())
+    return {row["key"]: row for row in rows}
+
+
+def _mean(rows: Iterable[Row], name: str) -> float:
     return float(np.mean([row[name] for row in rows]))
 
 
-def of_episodes(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def episode_figures(rows: Sequence[Row]) -> dict[str, Any]:
     """Return the figures of one pilot's episodes."""
     free = sum(row["intrusions"] == 0 for row in rows)
     low, high = clopper_pearson(free, len(rows))
@@ -213,9 +278,9 @@ def of_episodes(rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def of_circles(rows: list[dict[str, Any]], paired: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the figures of one method's circles; ``paired`` are RLCAS's of the same draws."""
-    fewer = [mine["losses"] - other["losses"] for mine, other in zip(paired, rows, strict=True)]
+def circle_figures(rows: Sequence[Row], ours: Sequence[Row]) -> dict[str, Any]:
+    """Return the figures of one method's circles, beside ours of the same draws."""
+    more = [mine["losses"] - other["losses"] for mine, other in zip(ours, rows, strict=True)]
     return {
         "draws": len(rows),
         "losses": sum(row["losses"] for row in rows),
@@ -223,8 +288,8 @@ def of_circles(rows: list[dict[str, Any]], paired: list[dict[str, Any]]) -> dict
         "intrusion_s": sum(row["intrusion_s"] for row in rows),
         "extra_path": _mean(rows, "extra_path"),
         "arrived": sum(row["arrived"] for row in rows) / sum(row["aircraft"] for row in rows),
-        "draws_rlcas_loses_fewer": sum(each < 0 for each in fewer),
-        "draws_rlcas_loses_more": sum(each > 0 for each in fewer),
+        "draws_rlcas_loses_fewer": sum(each < 0 for each in more),
+        "draws_rlcas_loses_more": sum(each > 0 for each in more),
     }
 
 
@@ -239,7 +304,7 @@ def draw(episodes: dict[str, Any], circles: dict[str, Any], path: Path) -> None:
     plt.close(figure)
 
 
-def _draw_episodes(axes: Any, episodes: dict[str, Any]) -> None:
+def _draw_episodes(axes: "Axes", episodes: dict[str, Any]) -> None:
     shares = PUBLISHED | {name: 100.0 * one["free_of_intrusion"] for name, one in episodes.items()}
     names = sorted(shares, key=shares.__getitem__)
     for place, name in enumerate(names):
@@ -255,7 +320,7 @@ def _draw_episodes(axes: Any, episodes: dict[str, Any]) -> None:
     axes.set_title("Without intrusion, %", fontsize=10)
 
 
-def _draw_circles(axes: Any, circles: dict[str, Any]) -> None:
+def _draw_circles(axes: "Axes", circles: dict[str, Any]) -> None:
     for place, method in enumerate(METHODS):
         for group, size in enumerate(SIZES):
             found = circles.get(f"{method} {size}")
@@ -276,31 +341,11 @@ def _draw_circles(axes: Any, circles: dict[str, Any]) -> None:
 
 def main() -> None:
     """Measure and print."""
-    parser = Parser(description=__doc__)
-    parser.add_argument("--episodes", type=int, default=1000, help="of BlueSky-Gym (default 1000)")
-    parser.add_argument("--draws", type=int, default=100, help="circles of each size (default 100)")
-    parser.add_argument(
-        "--seed", type=int, default=0, help="of the first episode and draw (default 0)"
-    )
-    parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
-    parser.add_argument(
-        "--out", type=Path, default=Path("runs/bluesky"), help="folder (default runs/bluesky)"
-    )
-    parser.add_argument(
-        "--sac", type=Path, help="file of a SAC of Stable-Baselines3, which flies the episodes, too"
-    )
-    options = parser.parse_args()
+    options = _parser().parse_args()
     for name in ("bluesky", "bluesky_gym"):
         if find_spec(name) is None:
             raise ModuleNotFoundError(name=name)
-    seeds = [
-        range(options.seed, options.seed + count) for count in (options.episodes, options.draws)
-    ]
-    names = ["RLCAS", "straight", *filter(None, [options.sac and str(options.sac)])]
-    tasks: list[Any] = [(pilot, seed) for pilot in names for seed in seeds[0]]
-    rows = _fly(episode, tasks, options.out / "episodes.jsonl", options.workers)
-    pilots = {Path(name).stem: [row for row in rows if row["pilot"] == name] for name in names}
-    episodes = {name: of_episodes(flown) for name, flown in pilots.items() if flown}
+    episodes = measure_episodes(options)
     for name, found in episodes.items():
         low, high = found["interval"]
         share = f"{100 * found['free_of_intrusion']:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
@@ -309,26 +354,54 @@ def main() -> None:
             f"{found['drift_rad']:.3f} rad"
         )
     print("published ", ", ".join(f"{name} {value} %" for name, value in PUBLISHED.items()))
-    tasks = [(method, size, seed) for seed in seeds[1] for size in SIZES for method in METHODS]
-    rows = _fly(circle, tasks, options.out / "circles.jsonl", options.workers)
-    circles = {}
-    for size in SIZES:
-        flown = {
-            m: [row for row in rows if (row["method"], row["aircraft"]) == (m, size)]
-            for m in METHODS
-        }
-        for method, each in flown.items():
-            if each:
-                found = circles[f"{method} {size}"] = of_circles(each, flown["RLCAS"])
-                text = (
-                    "{losses} losses in {draws} draws, {intrusion_s} s, path "
-                    "+{extra_path:.1%}, {arrived:.1%} arrive"
-                )
-                print(f"{size:2} aircraft, {method:6}", text.format(**found))
+    circles = measure_circles(options)
     draw(episodes, circles, options.out / "bluesky.png")
     figures = {"policy": Policy.load().sha256[:8], "published_percent": PUBLISHED}
     packages = ("bluesky-simulator", "bluesky-gym", "numpy")
     report(figures | {"horizontal_cr": episodes, "circles": circles}, packages)
+
+
+def measure_episodes(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Return the figures of BlueSky-Gym's episodes by pilot."""
+    pilots = ["RLCAS", "straight", *([str(options.sac)] if options.sac else [])]
+    seeds = range(options.seed, options.seed + options.episodes)
+    tasks = [Episode(pilot, seed) for pilot, seed in product(pilots, seeds)]
+    rows = _fly(fly_episode, tasks, options.out / "episodes.jsonl", options.workers)
+    flights = {pilot: [row for row in rows if row["pilot"] == pilot] for pilot in pilots}
+    return {Path(pilot).stem: episode_figures(own) for pilot, own in flights.items() if own}
+
+
+def measure_circles(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Return the figures of the circles by method and size, and print each."""
+    seeds = range(options.seed, options.seed + options.draws)
+    tasks = [Circle(method, size, seed) for seed, size, method in product(seeds, SIZES, METHODS)]
+    rows = _fly(fly_circle, tasks, options.out / "circles.jsonl", options.workers)
+    circles = {}
+    for size, method in product(SIZES, METHODS):
+        same_size = [row for row in rows if row["aircraft"] == size]
+        own, ours = ([row for row in same_size if row["method"] == m] for m in (method, "RLCAS"))
+        if own:
+            found = circles[f"{method} {size}"] = circle_figures(own, ours)
+            text = (
+                "{losses} losses in {draws} draws, {intrusion_s} s, path +{extra_path:.1%}, "
+                "{arrived:.1%} arrive"
+            )
+            print(f"{size:2} aircraft, {method:6}", text.format(**found))
+    return circles
+
+
+def _parser() -> Parser:
+    parser = Parser(description=__doc__)
+    add = parser.add_argument
+    add("--episodes", type=int, default=1000, help="of BlueSky-Gym (default 1000)")
+    add("--draws", type=int, default=100, help="circles of each size (default 100)")
+    add("--seed", type=int, default=0, help="of the first episode and draw (default 0)")
+    add("--workers", type=int, default=2, help="processes (default 2)")
+    out = Path("runs/bluesky")
+    add("--out", type=Path, default=out, help=f"folder (default {out})")
+    what = "file of a SAC of Stable-Baselines3, which flies the episodes, too"
+    add("--sac", type=Path, help=what)
+    return parser
 
 
 if __name__ == "__main__":

@@ -6,23 +6,23 @@ those of the flight against the legs between the published waypoints, times of a
 waypoints. One core.
 """
 
+import argparse
 import hashlib
 import math
 import multiprocessing
-import os
 import resource
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from agents.planner.planner import plan_many
 from agents.planner.request import Options
 from agents.policy.inference import Policy
-from benchmarks.measure import report, show
+from benchmarks.measure import hold_to_one_core, report, show
 from envs import follower
 from envs.aircraft import PAPER
 from envs.c208.conditions import CALM, NOMINAL, Conditions, Loading
@@ -31,8 +31,8 @@ from envs.c208.guidance import Path as Track
 from envs.c208.guidance import follow
 from envs.c208.gymnasium_env import C208Env
 from envs.c208.point_mass import PointMassVehicle
-from envs.c208.vehicle import C208Vehicle, FlightError, StartError
-from envs.edge.command import Parser, run_cli
+from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle, FlightError, StartError
+from envs.edge.command import InputError, Parser, run_cli
 from envs.encounters import scenario
 from envs.follower import PERIOD, deviation, offset
 from envs.gym.gymnasium_env import DeconflictionEnv
@@ -43,7 +43,11 @@ from envs.waypoints import at as along
 from eval.flights.plan_flight import request_of
 
 _WIND = 10.0  # m/s, from any direction
-_POWER_SPEED = 92.0  # a plan that is faster, or a flight of which the air is, may lack power, m/s
+_POWER_SPEEDS = 55.0, 92.0  # airspeeds between which there is power left for a plan, m/s
+_ALTITUDE = 2_500.0  # of all flights, m
+_BANKS = 60.0, 70.0, 95.0  # speeds at which a bank of 30 deg is demanded, m/s
+_RAMPS = (60.0, 80.0), (70.0, 90.0), (90.0, 55.0)  # of the speed, m/s
+_RAMP = 0.5  # m/s^2
 
 
 class Plan(NamedTuple):
@@ -100,7 +104,7 @@ def judge(
     return FlightErrors(
         np.abs(found.cross_track),
         np.abs(found.time + late)[at],
-        np.abs(altitudes - 2500.0),
+        np.abs(altitudes - _ALTITUDE),
         distance,
     )
 
@@ -117,10 +121,15 @@ def fly_plan(plan: Plan, conditions: Conditions = CALM, generic: bool = False) -
             late.append(0.0)
     else:
         states, late = follow(vehicle, Track(plan.legs), until)
-    return judge(plan, states, late, vehicle.log()[1:, 3])
+    return judge(plan, states, late, _column(vehicle.log(), "altitude")[1:])
 
 
-def summary(name: str, flights: list[FlightErrors]) -> dict[str, float]:
+def _column(log: np.ndarray, name: str) -> np.ndarray:
+    """Return a column of a vehicle's log ``[T, 11]``, by its name in :data:`LOG_COLUMNS`."""
+    return log[:, LOG_COLUMNS.index(name)]
+
+
+def summary(name: str, flights: Sequence[FlightErrors]) -> dict[str, float]:
     """Return the figures of some flights, pooled."""
     cross, late, altitude, position = (
         np.concatenate(field) for field in zip(*flights, strict=True)
@@ -140,7 +149,7 @@ def summary(name: str, flights: list[FlightErrors]) -> dict[str, float]:
     }
 
 
-def windy(number: int, turbulence: Any) -> Conditions:
+def wind_conditions(number: int, turbulence: Literal["none", "light", "moderate"]) -> Conditions:
     """Return 10 m/s of wind from a direction of its own."""
     angle = np.random.default_rng(number).uniform(0.0, 2.0 * math.pi)
     return Conditions(NOMINAL, _WIND * math.cos(angle), _WIND * math.sin(angle), turbulence, number)
@@ -156,59 +165,84 @@ def draw_conditions(number: int) -> Conditions:
         drag_factor=rng.uniform(0.92, 1.08),
         lift_slope_factor=rng.uniform(0.95, 1.05),
     )
-    return windy(number, "light")._replace(loading=loading)
+    return wind_conditions(number, "light")._replace(loading=loading)
 
 
 def within_power(plan: Plan, conditions: Conditions) -> bool:
-    """Return whether the air's speed on a plan stays where the aircraft has power to spare."""
+    """Return whether the airspeed on a plan stays where the aircraft has power left."""
     speed = plan.legs.speed
     east = speed * np.cos(plan.legs.heading) - conditions.wind_east
     north = speed * np.sin(plan.legs.heading) - conditions.wind_north
     air = np.hypot(east, north)
-    return bool(air.max() <= _POWER_SPEED and air.min() >= 55.0)
+    slowest, fastest = _POWER_SPEEDS
+    return bool(air.max() <= fastest and air.min() >= slowest)
 
 
 def steps() -> dict[str, float]:
     """Return how the autopilot answers steps and ramps, calm air, 2500 m."""
-    found = {}
-
-    def fly(speed: float, commands: list[tuple[float, float, float]]) -> np.ndarray:
-        vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, speed))
-        for acceleration, yaw_rate, seconds in commands:
-            for _ in range(round(seconds / PERIOD)):
-                vehicle.step(acceleration, yaw_rate, PERIOD)
-        return vehicle.log()
-
-    hold = fly(70.0, [(0.0, 0.0, 60.0)])
-    found["hold_60s_speed_change_mps"] = float(np.ptp(hold[:, 5]))
-    found["hold_60s_altitude_change_m"] = float(np.ptp(hold[:, 3]))
-    for speed in (60.0, 70.0, 95.0):
-        rate = GRAVITY * math.tan(math.radians(30.0)) / speed
-        log = fly(speed, [(0.0, rate, 30.0)])
-        bank = -np.degrees(log[:, 7])
-        found[f"bank_30_at_{speed:.0f}_time_s"] = float(log[np.argmax(bank >= 29.0), 0])
-        found[f"bank_30_at_{speed:.0f}_overshoot_deg"] = float(bank.max() - 30.0)
-        found[f"bank_30_at_{speed:.0f}_altitude_m"] = float(np.abs(log[:, 3] - 2500.0).max())
-    log = fly(70.0, [(0.0, GRAVITY * math.tan(math.radians(40.0)) / 70.0, 60.0)])
-    found["bank_40_at_70_altitude_m"] = float(np.abs(log[:, 3] - 2500.0).max())
-    for first, last in ((60.0, 80.0), (70.0, 90.0), (90.0, 55.0)):
-        rate = math.copysign(0.5, last - first)
-        log = fly(first, [(rate, 0.0, abs(last - first) / 0.5), (0.0, 0.0, 10.0)])
-        reference = first + rate * np.minimum(log[:, 0], abs(last - first) / 0.5)
-        off = log[:, 5] - reference
-        found[f"ramp_{first:.0f}_{last:.0f}_rms_mps"] = float(np.sqrt(np.mean(off**2)))
-        found[f"ramp_{first:.0f}_{last:.0f}_max_mps"] = float(np.abs(off).max())
+    hold = _fly_commands(70.0, [_Command(0.0, 0.0, 60.0)])
+    found = {
+        "hold_60s_speed_change_mps": float(np.ptp(_column(hold, "speed"))),
+        "hold_60s_altitude_change_m": float(np.ptp(_column(hold, "altitude"))),
+    }
+    for speed in _BANKS:
+        log = _fly_commands(speed, [_Command(0.0, _turn_rate(30.0, speed), 30.0)])
+        bank = -np.degrees(_column(log, "bank"))
+        reached = np.argmax(bank >= 29.0)
+        name = f"bank_30_at_{speed:.0f}"
+        found[f"{name}_time_s"] = float(_column(log, "time")[reached])
+        found[f"{name}_overshoot_deg"] = float(bank.max() - 30.0)
+        found[f"{name}_altitude_m"] = _largest_altitude_error(log)
+    log = _fly_commands(70.0, [_Command(0.0, _turn_rate(40.0, 70.0), 60.0)])
+    found["bank_40_at_70_altitude_m"] = _largest_altitude_error(log)
+    for first, last in _RAMPS:
+        off = _ramp_errors(first, last)
+        name = f"ramp_{first:.0f}_{last:.0f}"
+        found[f"{name}_rms_mps"] = float(np.sqrt(np.mean(off**2)))
+        found[f"{name}_max_mps"] = float(np.abs(off).max())
     return found
+
+
+class _Command(NamedTuple):
+    """What the autopilot is told for a while."""
+
+    acceleration: float  # m/s^2
+    yaw_rate: float  # rad/s, positive to the left
+    seconds: float
+
+
+def _fly_commands(speed: float, commands: Sequence[_Command]) -> np.ndarray:
+    """Return the log ``[T, 11]`` of commands that begin at a speed, m/s."""
+    vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, speed))
+    for one in commands:
+        for _ in range(round(one.seconds / PERIOD)):
+            vehicle.step(one.acceleration, one.yaw_rate, PERIOD)
+    return vehicle.log()
+
+
+def _turn_rate(bank: float, speed: float) -> float:
+    """Return the turn rate of a bank, degrees, at a speed, m/s; rad/s."""
+    return GRAVITY * math.tan(math.radians(bank)) / speed
+
+
+def _largest_altitude_error(log: np.ndarray) -> float:
+    return float(np.abs(_column(log, "altitude") - _ALTITUDE).max())
+
+
+def _ramp_errors(first: float, last: float) -> np.ndarray:
+    """Return how far the speed is from that of a ramp between two speeds, m/s, ``[T]``."""
+    rate, lasts = math.copysign(_RAMP, last - first), abs(last - first) / _RAMP
+    log = _fly_commands(first, [_Command(rate, 0.0, lasts), _Command(0.0, 0.0, 10.0)])
+    wanted = first + rate * np.minimum(_column(log, "time"), lasts)
+    return _column(log, "speed") - wanted
 
 
 def digest(vehicle: C208Vehicle | None = None) -> str:
     """Return a hash of every number of a flight in turbulence, of a vehicle that is reset or of a
     new one.
     """
-    start, conditions = (
-        VehicleState(0.0, 0.0, 0.3, 75.0),
-        Conditions(NOMINAL, 6.0, -8.0, "moderate", 7),
-    )
+    start = VehicleState(0.0, 0.0, 0.3, 75.0)
+    conditions = Conditions(NOMINAL, 6.0, -8.0, "moderate", 7)
     if vehicle is None:
         vehicle = C208Vehicle(start, "ex", conditions)
     else:
@@ -218,7 +252,7 @@ def digest(vehicle: C208Vehicle | None = None) -> str:
     return hashlib.sha256(vehicle.log().tobytes()).hexdigest()
 
 
-def repeatable() -> dict[str, bool]:
+def reproducibility() -> dict[str, bool]:
     """Return whether a flight is the same to the last bit after a reset, in a new instance and in a
     new process.
     """
@@ -235,7 +269,7 @@ def repeatable() -> dict[str, bool]:
     }
 
 
-def resident() -> float:
+def resident_memory() -> float:
     """Return the memory held now, MiB; where the system does not say, the largest so far."""
     status = Path("/proc/self/statm")
     if status.exists():
@@ -245,7 +279,7 @@ def resident() -> float:
     )
 
 
-def growth(resets: int) -> dict[str, float]:
+def memory_growth(resets: int) -> dict[str, float]:
     """Return how the memory grows over resets of one aircraft."""
     vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, 70.0))
 
@@ -254,9 +288,9 @@ def growth(resets: int) -> dict[str, float]:
             vehicle.reset(VehicleState(0.0, 0.0, 0.001 * number, 60.0 + number % 30), CALM)
 
     again(50)
-    before = resident()
+    before = resident_memory()
     again(resets)
-    return {"resets": resets, "growth_over_resets_mib": resident() - before}
+    return {"resets": resets, "growth_over_resets_mib": resident_memory() - before}
 
 
 def outcomes(count: int, seed: int) -> dict[str, float]:
@@ -301,14 +335,14 @@ def pace() -> dict[str, float]:
 def fly_point_mass(plan: Plan) -> FlightErrors:
     """Fly a plan with the point mass that plans are made for."""
     states, late = follow(PointMassVehicle(plan.own), Track(plan.legs), float(plan.times[-1]))
-    return judge(plan, states, late, np.full(len(states), 2500.0))
+    return judge(plan, states, late, np.full(len(states), _ALTITUDE))
 
 
-def in_conditions(
-    name: str, plans: list[Plan], conditions_of: Callable[[int], Conditions]
+def fly_in_conditions(
+    name: str, plans: Sequence[Plan], conditions_of: Callable[[int], Conditions]
 ) -> dict[str, Any]:
     """Return the figures of plans that are flown in conditions by their number."""
-    found, able, lost, too_slow = [], [], [], 0
+    found, powered, lost, too_slow = [], [], [], 0
     for number, plan in enumerate(plans):
         conditions = conditions_of(number)
         try:
@@ -322,7 +356,7 @@ def in_conditions(
             continue
         found.append(one)
         if within_power(plan, conditions):
-            able.append(one)
+            powered.append(one)
     figures: dict[str, Any] = {
         f"{name}_flights_lost": len(lost),
         f"{name}_flights_too_slow_to_begin": too_slow,
@@ -330,58 +364,63 @@ def in_conditions(
     figures |= summary(name, found)
     if lost:
         figures[f"{name}_reasons"] = lost
-    if able:
-        figures |= summary(f"{name}_within_power", able)
+    if powered:
+        figures |= summary(f"{name}_within_power", powered)
     return figures
+
+
+def following_figures(plans: Sequence[Plan]) -> dict[str, Any]:
+    """Return the figures of plans that are flown in calm air, in wind and turbulence, and with
+    random loadings.
+    """
+    began = time.perf_counter()
+    calm = [fly_plan(plan) for plan in plans]
+    seconds = time.perf_counter() - began
+    simulated = sum(float(plan.times[-1]) + 20.0 for plan in plans)
+    generic = [fly_plan(plan, generic=True) for plan in plans[:20]]
+    return {
+        "following_times_real_time": simulated / seconds,
+        **summary("calm", calm),
+        **summary("calm_generic_follower", generic),
+        **summary("point_mass", [fly_point_mass(plan) for plan in plans]),
+        **fly_in_conditions("wind", plans, lambda number: wind_conditions(number, "none")),
+        **fly_in_conditions("rough", plans, lambda number: wind_conditions(number, "moderate")),
+        **fly_in_conditions("loaded", plans, draw_conditions),
+    }
 
 
 def main() -> None:
     """Measure and print."""
+    options = _parse()
+    hold_to_one_core()
+    figures: dict[str, Any] = {"benchmark": "c208", "seed": options.seed}
+    figures |= steps() | pace() | reproducibility()
+    plans = plans_of(options.plans, options.scenario, options.seed)
+    if not plans:
+        raise InputError(
+            f"none of {options.plans} plans of {options.scenario} is SAFE; expected more --plans"
+        )
+    figures |= following_figures(plans)
+    if options.encounters:
+        figures |= outcomes(options.encounters, options.seed)
+    figures |= memory_growth(options.resets)
+    show(figures)
+    report(figures, ("jsbsim", "numpy"))
+
+
+def _parse() -> argparse.Namespace:
     parser = Parser(description=__doc__)
-    parser.add_argument(
-        "--plans", type=int, default=100, help="plans made; the SAFE ones are flown (default 100)"
-    )
-    parser.add_argument("--scenario", default="circle", help="of the encounters (default circle)")
-    parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
-    parser.add_argument(
-        "--resets", type=int, default=3_000, help="over which memory is watched (default 3000)"
-    )
-    parser.add_argument(
-        "--encounters",
-        type=int,
-        default=300,
-        help="flown by the policy in closed loop (default 300)",
-    )
+    add = parser.add_argument
+    add("--plans", type=int, default=100, help="plans made; SAFE ones are flown (default 100)")
+    add("--scenario", default="circle", help="of the encounters (default circle)")
+    add("--seed", type=int, default=0, help="of the encounters (default 0)")
+    add("--resets", type=int, default=3_000, help="over which memory is watched (default 3000)")
+    what = "flown by the policy in closed loop (default 300)"
+    add("--encounters", type=int, default=300, help=what)
     options = parser.parse_args()
     if options.plans < 1 or options.resets < 1 or options.encounters < 0:
         parser.error("--plans and --resets: expected at least 1; --encounters: at least 0")
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    figures: dict[str, Any] = (
-        {"benchmark": "c208", "seed": options.seed} | steps() | pace() | repeatable()
-    )
-    plans = plans_of(options.plans, options.scenario, options.seed)
-    if not plans:
-        parser.error(f"none of {options.plans} plans of {options.scenario} is SAFE; ask for more")
-    began = time.perf_counter()
-    calm = [fly_plan(plan) for plan in plans]
-    seconds = time.perf_counter() - began
-    figures["following_times_real_time"] = (
-        sum(float(plan.times[-1]) + 20.0 for plan in plans) / seconds
-    )
-    figures |= summary("calm", calm)
-    figures |= summary(
-        "calm_generic_follower", [fly_plan(plan, generic=True) for plan in plans[:20]]
-    )
-    figures |= summary("point_mass", [fly_point_mass(plan) for plan in plans])
-    figures |= in_conditions("wind", plans, lambda number: windy(number, "none"))
-    figures |= in_conditions("rough", plans, lambda number: windy(number, "moderate"))
-    figures |= in_conditions("loaded", plans, draw_conditions)
-    if options.encounters:
-        figures |= outcomes(options.encounters, options.seed)
-    figures |= growth(options.resets)
-    show(figures)
-    report(figures, ("jsbsim", "numpy"))
+    return options
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ acceleration after steps of the speed demanded, up and down, as in the paper's a
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -24,12 +24,16 @@ from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from eval.plots import save
 from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION
 
-__all__ = ["figure", "limits_figure", "main", "margins", "step", "steps_figure"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["Margins", "figure", "limits_figure", "main", "margins", "step", "steps_figure"]
 
 _UP = ((55.0, 65.0), (60.0, 75.0), (70.0, 85.0), (80.0, 95.0))
 _DOWN = ((95.0, 80.0), (85.0, 70.0), (75.0, 60.0), (65.0, 55.0))
 _SECONDS = 60.0
 _COLORS = (ORANGE, GREEN, BLUE, VERMILION)
+_KNOT = 0.514444  # m/s
 
 
 def figure() -> Figure:
@@ -38,29 +42,27 @@ def figure() -> Figure:
     places = picture.subplot_mosaic([["speeds", "step"], ["published", "published"]])
     _accelerations(places["speeds"])
     _step(places["step"])
-    _publish(places["published"])
+    _deviations(places["published"])
     return picture
 
 
-def _accelerations(axes: Any) -> None:
+def _accelerations(axes: "Axes") -> None:
     for name, color, label in (("ex", BLUE, "EX, 867 shp"), ("675", ORANGE, "675 shp")):
         speed, low, high = np.array(envelope(name)).T
         axes.plot(speed, high, color=color, label=label)
         axes.plot(speed, low, color=color, linestyle="--")
     limits = SURROGATE
-    box_x = [
-        limits.speed_min,
-        limits.speed_max,
-        limits.speed_max,
-        limits.speed_min,
-        limits.speed_min,
-    ]
+    slow, fast = limits.speed_min, limits.speed_max
     low, high = limits.acceleration_min, limits.acceleration_max
     axes.plot(
-        box_x, [low, low, high, high, low], color="black", linewidth=1.0, label="surrogate's limits"
+        [slow, fast, fast, slow, slow],
+        [low, low, high, high, low],
+        color="black",
+        linewidth=1.0,
+        label="surrogate's limits",
     )
     speed, _, most = np.array(envelope("ex")).T
-    inside = (speed >= limits.speed_min) & (speed <= limits.speed_max)
+    inside = (speed >= slow) & (speed <= fast)
     short = np.minimum(most, high)
     axes.fill_between(
         speed[inside],
@@ -77,7 +79,8 @@ def _accelerations(axes: Any) -> None:
     axes.legend(frameon=False, fontsize=8, loc="upper right", ncols=2)
 
 
-def _publish(axes: Any) -> None:
+def _deviations(axes: "Axes") -> None:
+    """Draw how far the model is from what is published, and how far it may be, %."""
     rows = [
         (point, 100.0 * (measure(point) / point.value - 1.0))
         for point in POINTS
@@ -102,7 +105,7 @@ def _publish(axes: Any) -> None:
     axes.set_title("checks (blue) and fits (orange)", fontsize=11)
 
 
-def _step(axes: Any) -> None:
+def _step(axes: "Axes") -> None:
     for speed, color in ((58.0, ORANGE), (75.0, BLUE), (95.0, VERMILION)):
         vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, speed))
         for _ in range(80):
@@ -167,10 +170,11 @@ def limits_figure() -> Figure:
     altitudes = np.array([500.0, 1500.0, 2500.0, 3500.0, 4500.0, 5500.0])
     for weight, color in ((6500.0, GREEN), (7700.0, BLUE), (8807.0, VERMILION)):
         found = [margins(weight, float(altitude)) for altitude in altitudes]
-        left.plot([one[0] for one in found], altitudes, color=color, label=f"{weight:.0f} lb")
-        left.plot([one[1] for one in found], altitudes, color=color, linestyle="--")
-        middle.plot([one[2] for one in found], altitudes, color=color)
-        right.plot([one[3] for one in found], altitudes, color=color)
+        slowest, fastest = [one.slowest for one in found], [one.fastest for one in found]
+        left.plot(slowest, altitudes, color=color, label=f"{weight:.0f} lb")
+        left.plot(fastest, altitudes, color=color, linestyle="--")
+        middle.plot([one.fastest_accelerating for one in found], altitudes, color=color)
+        right.plot([one.deceleration for one in found], altitudes, color=color)
     left.axvspan(SURROGATE.speed_min, SURROGATE.speed_max, color="#E5E5E5", label="surrogate")
     left.set_xlabel("true airspeed, m/s")
     left.set_title("1.08 times the stall (solid), VMO (dashed)", fontsize=9.5)
@@ -187,26 +191,30 @@ def limits_figure() -> Figure:
     return picture
 
 
-def margins(weight: float, altitude: float) -> tuple[float, float, float, float]:
-    """Return what bounds the surrogate's limits at a weight (lb) and altitude (m) of the EX.
+class Margins(NamedTuple):
+    """What bounds the surrogate's limits; true airspeeds in m/s."""
 
-    Returns:
-        Slowest and fastest true airspeed, m/s; the fastest at which 0.5 m/s^2 of acceleration are
-        left (nan: none); the least deceleration at idle between 50 and 100 m/s, m/s^2.
-    """
+    slowest: float
+    fastest: float
+    fastest_accelerating: float
+    """At which 0.5 m/s^2 of acceleration are left; nan: at none."""
+    deceleration: float
+    """The least at idle between 50 and 100 m/s, m/s^2."""
+
+
+def margins(weight: float, altitude: float) -> Margins:
+    """Return what bounds the surrogate's limits at a weight (lb) and altitude (m) of the EX."""
     start = VehicleState(0.0, 0.0, 0.0, 75.0)
     vehicle = C208Vehicle(start, "ex", Conditions(Loading(weight=weight)), altitude)
     slow = 1.08 * vehicle.autopilot.stall_speed(vehicle.measured)
-    fast = value("speed_max_operating") * 0.514444 * math.sqrt(1.225 / vehicle.measured.density)
+    fast = value("speed_max_operating") * _KNOT * math.sqrt(1.225 / vehicle.measured.density)
     speeds, low, high = np.array(envelope("ex", Loading(weight=weight), altitude)).T
-    # It falls with the speed: read the other way round, from its largest speed down.
-    spare = float(
-        np.interp(
-            SURROGATE.acceleration_max, high[::-1], speeds[::-1], left=math.nan, right=math.nan
-        )
+    # The acceleration falls with the speed: from the largest speed down it rises, as interp wants.
+    accelerating = np.interp(
+        SURROGATE.acceleration_max, high[::-1], speeds[::-1], left=math.nan, right=math.nan
     )
     within = (speeds >= SURROGATE.speed_min) & (speeds <= SURROGATE.speed_max)
-    return slow, fast, spare, float(-low[within].max())
+    return Margins(slow, fast, float(accelerating), float(-low[within].max()))
 
 
 def main() -> int:

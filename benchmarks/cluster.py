@@ -6,7 +6,7 @@ processes of ``--workers``, and their ratio. Needs the extra ``cluster``.
 """
 
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -23,6 +23,82 @@ from eval.runner.cluster import Cluster, connect_scheduler
 from eval.runner.payload import DECISIVE, Chunk, Work
 from eval.runner.workers import fly_chunks
 
+_EMPTY_CHUNK = 1_250  # rows of a table that is not flown
+_FLIGHTS = Work(Pilot, columns)
+
+
+def main() -> None:
+    """Measure and print."""
+    options = _parser().parse_args()
+    policy = Policy.load()
+    evaluation = Evaluation(None, scenario("circle", PAPER), None, 0, policy.aircraft)
+    firsts = range(0, options.encounters, options.chunk)
+    chunks = [Chunk(first, min(options.chunk, options.encounters - first)) for first in firsts]
+    found: dict[str, Any] = {"encounters": options.encounters, "chunk": options.chunk}
+    for workers in (1, 2):
+        found[f"cluster_of_{workers}"] = measure_cluster(
+            workers, evaluation, policy, chunks, options.chunks
+        )
+        flights = fly_chunks(_FLIGHTS, evaluation, workers, chunks, lambda: False)
+        found[f"processes_{workers}"] = {"wall_s_after_first": _time_rest(flights).wall}
+    for kind in ("cluster_of", "processes"):
+        one, two = (found[f"{kind}_{n}"]["wall_s_after_first"] for n in (1, 2))
+        found[f"{kind}_speed_up"] = one / two
+    report(found, ("numpy", "distributed"))
+
+
+def _parser() -> Parser:
+    parser = Parser(description=__doc__)
+    add = parser.add_argument
+    what = "encounters of a measurement (default 10000)"
+    add("--encounters", type=int, default=10_000, help=what)
+    add("--chunk", type=int, default=1_250, help="encounters of a chunk (default 1250)")
+    add("--chunks", type=int, default=200, help="chunks that are not flown (default 200)")
+    return parser
+
+
+def measure_cluster(
+    workers: int, evaluation: Evaluation, policy: Policy, chunks: Sequence[Chunk], empty: int
+) -> dict[str, float]:
+    """Return what a cluster of so many workers takes.
+
+    Args:
+        workers: processes of the cluster.
+        evaluation: that is flown.
+        policy: that flies it.
+        chunks: of the encounters.
+        empty: chunks that are not flown.
+    """
+    blank = [Chunk(first, _EMPTY_CHUNK) for first in range(empty)]
+    with start_local(workers) as (cluster, start_s):
+        flights = cluster.fly(_FLIGHTS, evaluation, policy.sha256, chunks, lambda: False)
+        flying = _time_rest(flights)
+        tables = cluster.fly(_NO_FLIGHTS, Nothing(None), policy.sha256, blank, lambda: False)
+        passing = _time_rest(tables)
+    # The scheduler of a local cluster lives in this process.
+    return {
+        "start_s": start_s,
+        "wall_s_after_first": flying.wall,
+        "overhead_ms_per_chunk": 1e3 * passing.wall / (empty - 1),
+        "driver_and_scheduler_cpu_ms_per_chunk": 1e3 * passing.processor / (empty - 1),
+    }
+
+
+class _Times(NamedTuple):
+    wall: float  # s
+    processor: float  # of this process, s
+
+
+def _time_rest(results: Iterator[Any]) -> _Times:
+    """Return how long all results take after the first, for which the workers import the
+    toolkit.
+    """
+    next(results)
+    began, busy = time.perf_counter(), time.process_time()
+    for _ in results:
+        pass
+    return _Times(time.perf_counter() - began, time.process_time() - busy)
+
 
 class Nothing(NamedTuple):
     """Work that is done already."""
@@ -30,7 +106,7 @@ class Nothing(NamedTuple):
     policy: None
 
 
-def idle(work: Nothing, policy: Policy) -> np.random.Generator:
+def idle_crew(work: Nothing, policy: Policy) -> np.random.Generator:
     """Return a crew that does not fly."""
     return np.random.default_rng(0)
 
@@ -43,76 +119,20 @@ def make_table(crew: np.random.Generator, first: int, count: int) -> dict[str, n
     }
 
 
+_NO_FLIGHTS = Work(idle_crew, make_table)
+
+
 @contextmanager
-def local(workers: int) -> Generator[tuple[Cluster, float], None, None]:
+def start_local(workers: int) -> Generator[tuple[Cluster, float], None, None]:
     """Give a cluster of processes of this machine and the time that it took to start, s."""
-    begun = time.perf_counter()
+    began = time.perf_counter()
     # Its types know only the dashboard's address, and only the asynchronous cluster.
     settings: Any = {"dashboard_address": None, "host": "127.0.0.1"}
     made: Any = LocalCluster(n_workers=workers, threads_per_worker=1, **settings)
     with made, connect_scheduler(made.scheduler_address, DECISIVE) as cluster:
         while cluster.size() < workers:
             time.sleep(0.05)
-        yield cluster, time.perf_counter() - begun
-
-
-def main() -> None:
-    """Measure and print."""
-    parser = Parser(description=__doc__)
-    parser.add_argument(
-        "--encounters", type=int, default=10_000, help="encounters of a measurement (default 10000)"
-    )
-    parser.add_argument(
-        "--chunk", type=int, default=1_250, help="encounters of a chunk (default 1250)"
-    )
-    parser.add_argument(
-        "--chunks", type=int, default=200, help="chunks that are not flown (default 200)"
-    )
-    options = parser.parse_args()
-
-    policy = Policy.load()
-    evaluation = Evaluation(None, scenario("circle", PAPER), None, 0, policy.aircraft)
-    firsts = range(0, options.encounters, options.chunk)
-    chunks = [Chunk(first, min(options.chunk, options.encounters - first)) for first in firsts]
-    empty = [Chunk(first, 1_250) for first in range(options.chunks)]
-    found: dict[str, Any] = {"encounters": options.encounters, "chunk": options.chunk}
-    for workers in (1, 2):
-        with local(workers) as (cluster, start_s):
-            flown = cluster.fly(
-                Work(Pilot, columns), evaluation, policy.sha256, chunks, lambda: False
-            )
-            next(flown)  # the first imports the toolkit
-            begun = time.perf_counter()
-            list(flown)
-            found[f"cluster_of_{workers}"] = {
-                "start_s": start_s,
-                "wall_s_after_first": time.perf_counter() - begun,
-            }
-            nothing = cluster.fly(
-                Work(idle, make_table), Nothing(None), policy.sha256, empty, lambda: False
-            )
-            next(nothing)
-            begun, busy = time.perf_counter(), time.process_time()
-            list(nothing)
-            each, here = (
-                now / (len(empty) - 1)
-                for now in (time.perf_counter() - begun, time.process_time() - busy)
-            )
-            # The scheduler of a local cluster lives in this process.
-            more = {
-                "overhead_ms_per_chunk": 1e3 * each,
-                "driver_and_scheduler_cpu_ms_per_chunk": 1e3 * here,
-            }
-            found[f"cluster_of_{workers}"] |= more
-        flown = fly_chunks(Work(Pilot, columns), evaluation, workers, chunks, lambda: False)
-        next(flown)
-        begun = time.perf_counter()
-        list(flown)
-        found[f"processes_{workers}"] = {"wall_s_after_first": time.perf_counter() - begun}
-    for kind in ("cluster_of", "processes"):
-        one, two = (found[f"{kind}_{n}"]["wall_s_after_first"] for n in (1, 2))
-        found[f"{kind}_speed_up"] = one / two
-    report(found, ("numpy", "distributed"))
+        yield cluster, time.perf_counter() - began
 
 
 if __name__ == "__main__":

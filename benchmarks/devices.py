@@ -7,6 +7,7 @@ configuration, same global batch. A rate is the median over a run's updates with
 the ratio is the median of the turns' ratios. The last line is one JSON object.
 """
 
+import argparse
 import os
 import socket
 import statistics
@@ -17,7 +18,7 @@ from pathlib import Path
 
 from agents.config.load import load
 from benchmarks.measure import report
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import InputError, Parser, run_cli
 from rlcas_jax import metrics
 from rlcas_jax.config import TrainConfig
 
@@ -28,29 +29,11 @@ _IGNORED = 2  # updates at the beginning: compilation, first touch
 
 def main() -> None:
     """Measure and print."""
-    parser = Parser(description=__doc__)
-    parser.add_argument(
-        "--config",
-        default="configs/sprint.yaml",
-        help="what is trained, from nothing (default configs/sprint.yaml)",
-    )
-    parser.add_argument("--updates", type=int, default=10, help="updates of each run (default 10)")
-    parser.add_argument("--turns", type=int, default=2, help="runs of each kind (default 2)")
-    options = parser.parse_args()
-    if options.updates <= _IGNORED or options.turns < 1:
-        parser.error(f"expected --updates of more than {_IGNORED} and --turns of 1 or more")
+    options = _parse()
     cores = sorted(os.sched_getaffinity(0))
     if len(cores) < 2:
-        parser.error("two cores or more are needed, this process may use one")
-    steps = options.updates * load(TrainConfig, Path(options.config), []).ppo.samples
-    common = ["--config", options.config, "--quiet"]
-    for change in (
-        f"steps={steps}",
-        "warm_start=null",
-        "evaluation.final_encounters=10",
-        "evaluation.every_steps=1000000000",
-    ):
-        common += ["--set", change]
+        raise InputError("two cores or more are needed, this process may use one")
+    common = _training_arguments(options.config, options.updates)
     one, many = [], []
     with tempfile.TemporaryDirectory() as folder:
         for turn in range(options.turns):
@@ -69,6 +52,31 @@ def main() -> None:
         "ratio": statistics.median(b / a for a, b in zip(one, many, strict=True)),
     }
     report(figures, ("jax", "jaxlib", "numpy"))
+
+
+def _parse() -> argparse.Namespace:
+    parser = Parser(description=__doc__)
+    add = parser.add_argument
+    default = "configs/sprint.yaml"
+    add("--config", default=default, help=f"what is trained, from nothing (default {default})")
+    add("--updates", type=int, default=10, help="updates of each run (default 10)")
+    add("--turns", type=int, default=2, help="runs of each kind (default 2)")
+    options = parser.parse_args()
+    if options.updates <= _IGNORED or options.turns < 1:
+        parser.error(f"expected --updates of more than {_IGNORED} and --turns of 1 or more")
+    return options
+
+
+def _training_arguments(config: str, updates: int) -> list[str]:
+    """Return the arguments of a training of so many updates without evaluations."""
+    steps = updates * load(TrainConfig, Path(config), []).ppo.samples
+    changes = [
+        f"steps={steps}",
+        "warm_start=null",
+        "evaluation.final_encounters=10",
+        "evaluation.every_steps=1000000000",
+    ]
+    return ["--config", config, "--quiet", *(part for one in changes for part in ("--set", one))]
 
 
 def _train_in_one(common: list[str], out: Path, cores: list[int]) -> float:

@@ -9,8 +9,9 @@ rate measured in the same run by as many processes.
 import math
 import multiprocessing
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -56,94 +57,113 @@ def flops(shapes: list[tuple[int, ...]]) -> int:
 def stages(pilot: Pilot, count: int) -> dict[str, float]:
     """Return the time of each stage of a chunk in one process, s."""
     aircraft = pilot.evaluation.aircraft
-    times = {}
-    begun = time.perf_counter()
-
-    def lap(name: str) -> None:
-        nonlocal begun
-        now = time.perf_counter()
-        times[name], begun = now - begun, now
-
+    laps = [time.perf_counter()]
     starts = encounters_of_seed(scenario("circle", PAPER), 0, 0, count)
-    lap("draw_s")
-    flown = fly(starts, pilot.resolver, aircraft)
-    lap("policy_flights_s")
-    bare = fly(starts, Direct(aircraft), aircraft)
-    lap("baseline_flights_s")
-    classify(
-        starts, aircraft.rules(), aircraft.limits, solved=(flown.outcome == 1) | (bare.outcome == 1)
-    )
-    lap("resolvability_s")
-    return times
+    laps.append(time.perf_counter())
+    by_policy = fly(starts, pilot.resolver, aircraft)
+    laps.append(time.perf_counter())
+    direct = fly(starts, Direct(aircraft), aircraft)
+    laps.append(time.perf_counter())
+    solved = (by_policy.outcome == 1) | (direct.outcome == 1)
+    classify(starts, aircraft.rules(), aircraft.limits, solved=solved)
+    laps.append(time.perf_counter())
+    names = "draw_s", "policy_flights_s", "baseline_flights_s", "resolvability_s"
+    return dict(zip(names, np.diff(laps).tolist(), strict=True))
 
 
-class _Measured(NamedTuple):
+class _Run(NamedTuple):
+    """One whole evaluation."""
+
     wall_s: float
-    flown_s: float  # simulated, all encounters together
+    flown_s: float
+    """Simulated, all encounters together."""
 
 
-def _fly_all(evaluation: Evaluation, workers: int, chunks: list[Chunk]) -> _Measured:
-    begun = time.perf_counter()
+def _evaluate(evaluation: Evaluation, workers: int, chunks: list[Chunk]) -> _Run:
+    began = time.perf_counter()
     work = Work(Pilot, columns)
     tables = [table for _, table in fly_chunks(work, evaluation, workers, chunks, lambda: False)]
-    wall = time.perf_counter() - begun
-    return _Measured(wall, sum(math.fsum(table["duration_s"]) for table in tables))
+    wall = time.perf_counter() - began
+    return _Run(wall, sum(math.fsum(table["duration_s"]) for table in tables))
+
+
+def _gemm_rate(shapes: list[tuple[int, ...]], workers: int) -> float:
+    """Return the float32 rate of the matrix products by so many processes together, FLOP/s."""
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        return sum(pool.map(gemm_flops_per_s, [shapes] * workers, chunksize=1))
 
 
 def main() -> None:
     """Measure and print."""
-    parser = Parser(description=__doc__)
-    parser.add_argument("--policy", type=Path, help="policy file (default: the one that ships)")
-    parser.add_argument(
-        "--encounters", type=int, default=10_000, help="encounters of a measurement (default 10000)"
-    )
-    parser.add_argument("--repeats", type=int, default=3, help="measurements (default 3)")
-    parser.add_argument(
-        "--workers", type=int, default=cores(), help="processes (default: one for every core)"
-    )
-    text = "what computes the decisions (default auto, as in eval.monte_carlo)"
-    parser.add_argument("--backend", choices=("auto", "numpy", "jax"), default="auto", help=text)
-    options = parser.parse_args()
-
+    options = _parser().parse_args()
     policy = Policy.load(options.policy)
     backend = MonteCarloConfig(backend=options.backend).backend_for(policy, options.encounters)
     evaluation = Evaluation(
         options.policy, scenario("circle", PAPER), None, 0, policy.aircraft, backend=backend
     )
     size = MonteCarloConfig(backend=backend).chunk_for(options.encounters, options.workers)
-    chunks = [
-        Chunk(first, min(size, options.encounters - first))
-        for first in range(0, options.encounters, size)
-    ]
-    flights = [_fly_all(evaluation, options.workers, chunks) for _ in range(options.repeats)]
-    walls = [one.wall_s for one in flights]
-    # The policy acts once a time step.
-    evaluations = flights[-1].flown_s / evaluation.aircraft.dt
-
-    shapes = layers(policy)
-    with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
-        rates = pool.map(gemm_flops_per_s, [shapes] * options.workers, chunksize=1)
-    limit_s = evaluations * flops(shapes) / sum(rates)
+    firsts = range(0, options.encounters, size)
+    chunks = [Chunk(first, min(size, options.encounters - first)) for first in firsts]
+    runs = [_evaluate(evaluation, options.workers, chunks) for _ in range(options.repeats)]
+    gemm_rate = _gemm_rate(layers(policy), options.workers)
     with threadpool_limits(1):
-        split = stages(Pilot.load(evaluation), min(size, options.encounters))
+        split = stages(Pilot.load(evaluation), chunks[0].size)
     report(
         {
             "encounters": options.encounters,
             "workers": options.workers,
             "backend": backend,
-            "wall_s": min(walls),
-            "wall_s_all": walls,
-            "encounters_per_s": options.encounters / min(walls),
-            "policy_evaluations": evaluations,
-            "policy_evaluations_per_s": evaluations / min(walls),
-            "flop_per_evaluation": flops(shapes),
-            "gemm_gflop_per_s": sum(rates) / 1e9,
-            "gemm_limit_s": limit_s,
-            "share_of_gemm_limit": limit_s / min(walls),
-            "one_chunk_in_one_process": {"encounters": min(size, options.encounters)} | split,
+            **figures(runs, options.encounters, evaluation.aircraft.dt, layers(policy), gemm_rate),
+            "one_chunk_in_one_process": {"encounters": chunks[0].size} | split,
         },
         ("numpy",),
     )
+
+
+def _parser() -> Parser:
+    parser = Parser(description=__doc__)
+    add = parser.add_argument
+    add("--policy", type=Path, help="policy file (default: the one that ships)")
+    what = "encounters of a measurement (default 10000)"
+    add("--encounters", type=int, default=10_000, help=what)
+    add("--repeats", type=int, default=3, help="measurements (default 3)")
+    what = "processes (default: one for every core)"
+    add("--workers", type=int, default=cores(), help=what)
+    what = "what computes the decisions (default auto, as in eval.monte_carlo)"
+    add("--backend", choices=("auto", "numpy", "jax"), default="auto", help=what)
+    return parser
+
+
+def figures(
+    runs: Sequence[_Run],
+    encounters: int,
+    dt: float,
+    shapes: list[tuple[int, ...]],
+    gemm_rate: float,
+) -> dict[str, Any]:
+    """Return how fast evaluations were, and how far from the limit of the matrix products.
+
+    Args:
+        runs: the same evaluation, repeated.
+        encounters: of each.
+        dt: time step, in which the policy acts once, s.
+        shapes: of the network's layers.
+        gemm_rate: of their products, FLOP/s.
+    """
+    walls = [run.wall_s for run in runs]
+    evaluations = runs[-1].flown_s / dt
+    limit_s = evaluations * flops(shapes) / gemm_rate
+    return {
+        "wall_s": min(walls),
+        "wall_s_all": walls,
+        "encounters_per_s": encounters / min(walls),
+        "policy_evaluations": evaluations,
+        "policy_evaluations_per_s": evaluations / min(walls),
+        "flop_per_evaluation": flops(shapes),
+        "gemm_gflop_per_s": gemm_rate / 1e9,
+        "gemm_limit_s": limit_s,
+        "share_of_gemm_limit": limit_s / min(walls),
+    }
 
 
 if __name__ == "__main__":

@@ -8,11 +8,12 @@ rules at every second. The straight line is a true lower bound.
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 from scipy.optimize import minimize
 
 from agents.manoeuvres.escape_manoeuvre import steps, tracks
@@ -40,67 +41,86 @@ GUARD = 0.01
 """By which the optimiser keeps the rules more strictly, m, because it keeps them only nearly."""
 
 
+_GUESSES = (0.0, 55.0), (0.0, 95.0), (0.35, 75.0), (-0.35, 75.0)  # rad aside of the goal, m/s
+
+
 class Problem(NamedTuple):
     """One encounter and a duration for the optimiser."""
 
     own: VehicleState
-    goal: Any
-    """``[2]``, m."""
+    goal: Float[Array, "2"]  # m
     traffic: VehicleState
     """Intruders at the beginning and after every step, ``[T + 1, K]``."""
-    mask: Any
-    """``[K]``."""
-    count: Any
-    """Steps of the flight."""
+    mask: Bool[Array, " K"]
+    steps: Int[Array, ""]
+    """Of the flight."""
 
 
-def fly(controls: Any, problem: Problem) -> tuple[Any, Any, Any]:
-    """Fly controls ``[PIECES, 2]``; return the length, the last distance to the goal and the
-    separations ``[T]``.
-    """
+class Flight(NamedTuple):
+    """What is asked of a flight, m."""
+
+    length: Float[Array, ""]
+    to_goal: Float[Array, ""]  # at the end
+    separation: Float[Array, " T"]  # smallest in each step; 1e6 after the flight
+
+
+class _Now(NamedTuple):
+    """A step of a flight."""
+
+    flying: Bool[Array, ""]
+    control: Float[Array, "2"]
+    traffic: VehicleState  # at its beginning, [K]
+    traffic_next: VehicleState  # at its end, [K]
+
+
+def fly(controls: Float[Array, "P 2"], problem: Problem) -> Flight:
+    """Fly controls, one for each of :data:`PIECES` of the flight."""
     index = jnp.arange(problem.traffic.x.shape[0] - 1)
-    each = controls[jnp.minimum(index * PIECES // problem.count, PIECES - 1)]
-    before = jax.tree.map(lambda field: field[:-1], problem.traffic)
-    after = jax.tree.map(lambda field: field[1:], problem.traffic)
-
-    def step(own: VehicleState, now: Any) -> tuple[VehicleState, tuple[Any, Any]]:
-        flying, control, traffic, traffic_next = now
-        acceleration, yaw_rate = commands((control[0], control[1]), SURROGATE, jnp)
-        moved = advance(own, acceleration, yaw_rate, RULES.dt, SURROGATE, jnp)
-        apart = jnp.where(
-            problem.mask, leg_separation(own, moved, traffic, traffic_next, RULES.dt, jnp), 1e6
-        )
-        length = jnp.where(flying, 0.5 * RULES.dt * (own.speed + moved.speed), 0.0)
-        kept = jax.tree.map(lambda new, old: jnp.where(flying, new, old), moved, own)
-        return kept, (length, jnp.where(flying, jnp.min(apart), 1e6))
-
-    last, (lengths, apart) = jax.lax.scan(
-        step, problem.own, (index < problem.count, each, before, after)
+    now = _Now(
+        index < problem.steps,
+        controls[jnp.minimum(index * PIECES // problem.steps, PIECES - 1)],
+        jax.tree.map(lambda field: field[:-1], problem.traffic),
+        jax.tree.map(lambda field: field[1:], problem.traffic),
     )
+    last, (lengths, apart) = jax.lax.scan(partial(_step, problem), problem.own, now)
     to_goal = distance(problem.goal[0] - last.x, problem.goal[1] - last.y, jnp)
-    return jnp.sum(lengths), to_goal, apart
+    return Flight(jnp.sum(lengths), to_goal, apart)
 
 
-def _numbers(flat: Any, problem: Problem) -> Any:
-    """Return the length and what the constraints keep positive, in km, ``[1 + C]``."""
-    length, to_goal, apart = fly(flat.reshape(-1, 2), problem)
-    nearest = jnp.minimum(jnp.min(apart.reshape(-1, BLOCK), axis=-1), 3.0 * RULES.separation)
-    slack = jnp.append(nearest - RULES.separation, RULES.goal_radius - to_goal) - GUARD
-    return jnp.concatenate([length[None], slack]) * 1e-3
+def _step(
+    problem: Problem, own: VehicleState, now: _Now
+) -> tuple[VehicleState, tuple[Float[Array, ""], Float[Array, ""]]]:
+    """Return the state after a step, its length and the smallest separation in it."""
+    acceleration, yaw_rate = commands((now.control[0], now.control[1]), SURROGATE, jnp)
+    moved = advance(own, acceleration, yaw_rate, RULES.dt, SURROGATE, jnp)
+    apart = leg_separation(own, moved, now.traffic, now.traffic_next, RULES.dt, jnp)
+    nearest = jnp.min(jnp.where(problem.mask, apart, 1e6))
+    length = jnp.where(now.flying, 0.5 * RULES.dt * (own.speed + moved.speed), 0.0)
+    after = jax.tree.map(lambda new, old: jnp.where(now.flying, new, old), moved, own)
+    return after, (length, jnp.where(now.flying, nearest, 1e6))
 
 
-_VALUES = jax.jit(_numbers)
-_SLOPES = jax.jit(jax.jacfwd(_numbers))
-_FLOWN = jax.jit(fly)
+def _objective_and_constraints(flat: Float[Array, " C"], problem: Problem) -> Float[Array, " D"]:
+    """Return the length and what the constraints keep positive, in km."""
+    flight = fly(flat.reshape(-1, 2), problem)
+    blocks = jnp.min(flight.separation.reshape(-1, BLOCK), axis=-1)
+    nearest = jnp.minimum(blocks, 3.0 * RULES.separation)
+    slack = jnp.append(nearest - RULES.separation, RULES.goal_radius - flight.to_goal) - GUARD
+    return jnp.concatenate([flight.length[None], slack]) * 1e-3
 
 
-def optimise(guess: Any, problem: Problem, iterations: int) -> float:
+_VALUES = jax.jit(_objective_and_constraints)
+_SLOPES = jax.jit(jax.jacfwd(_objective_and_constraints))
+_FLY = jax.jit(fly)
+
+
+def optimise(guess: np.ndarray, problem: Problem, iterations: int) -> float:
     """Return the length, m, of the best flight from a guess ``[PIECES, 2]``; inf if it breaks a
     rule.
     """
-    cache: dict[bytes, tuple[Any, Any]] = {}
+    cache: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
-    def at(flat: Any) -> tuple[Any, Any]:
+    def at(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         key = flat.tobytes()
         if key not in cache:
             cache.clear()
@@ -120,19 +140,16 @@ def optimise(guess: Any, problem: Problem, iterations: int) -> float:
         method="SLSQP",
         options={"maxiter": iterations, "ftol": 1e-6},
     )
-    length, to_goal, apart = (
-        np.asarray(value) for value in _FLOWN(np.clip(done.x, -1, 1).reshape(-1, 2), problem)
+    flight = _FLY(np.clip(done.x, -1, 1).reshape(-1, 2), problem)
+    keeps_rules = (
+        flight.separation.min() >= RULES.separation and flight.to_goal <= RULES.goal_radius
     )
-    return (
-        float(length)
-        if apart.min() >= RULES.separation and to_goal <= RULES.goal_radius
-        else np.inf
-    )
+    return float(flight.length) if keeps_rules else np.inf
 
 
-def crude(encounter: Encounter, aside: float, speed: float) -> tuple[Any, int]:
+def crude_controls(encounter: Encounter, aside: float, speed: float) -> np.ndarray:
     """Return controls ``[T, 2]`` of a flight that aims ``aside`` rad beside the goal until the
-    closest approach.
+    closest approach, and goes to a speed, m/s.
     """
     own, controls = encounter.own, []
     seen = VehicleState(*(field[None] for field in own))
@@ -142,20 +159,18 @@ def crude(encounter: Encounter, aside: float, speed: float) -> tuple[Any, int]:
     for index in range(steps(RULES)):
         if distance(encounter.goal_x - own.x, encounter.goal_y - own.y, np) <= RULES.goal_radius:
             break
-        course = bearing(own, encounter.goal_x, encounter.goal_y, np) + (
-            aside if index < until else 0.0
-        )
-        action = np.clip(
-            [2.0 * (speed - own.speed), wrap(course, np) / SURROGATE.yaw_rate_max], -1.0, 1.0
-        )
-        own = advance(
-            own, *commands((action[0], action[1]), SURROGATE, np), RULES.dt, SURROGATE, np
-        )
+        turn = bearing(own, encounter.goal_x, encounter.goal_y, np)
+        if index < until:
+            turn += aside
+        wanted = [2.0 * (speed - own.speed), wrap(turn, np) / SURROGATE.yaw_rate_max]
+        action = np.clip(wanted, -1.0, 1.0)
+        acceleration, yaw_rate = commands((action[0], action[1]), SURROGATE, np)
+        own = advance(own, acceleration, yaw_rate, RULES.dt, SURROGATE, np)
         controls.append(action)
-    return np.array(controls), len(controls)
+    return np.array(controls)
 
 
-def pieces(controls: Any) -> Any:
+def pieces(controls: np.ndarray) -> np.ndarray:
     """Return the means of controls ``[T, 2]`` over the pieces, ``[PIECES, 2]``."""
     number = np.minimum(np.arange(len(controls)) * PIECES // len(controls), PIECES - 1)
     return np.stack(
@@ -166,14 +181,14 @@ def pieces(controls: Any) -> Any:
     )
 
 
-def record(encounter: Encounter, witnesses: Found, number: int) -> Any:
+def witness_controls(encounter: Encounter, witnesses: Found, number: int) -> np.ndarray:
     """Return the controls ``[T, 2]`` of a witness."""
     own = replay(encounter, take(witnesses.manoeuvre, number), RULES, SURROGATE).own
     turn = wrap(np.diff(own.heading), np) / (SURROGATE.yaw_rate_max * RULES.dt)
     return np.stack([np.diff(own.speed) / (SURROGATE.acceleration_max * RULES.dt), turn], axis=-1)
 
 
-def in_conflict(count: int, seed: int) -> Encounter:
+def conflicts(count: int, seed: int) -> Encounter:
     """Return circle encounters whose straight courses pass within the separation, ``[count]``."""
     return encounters_of_seed(
         scenario("circle", PAPER, conflicts_closer_than=RULES.separation), seed, 0, count
@@ -184,41 +199,34 @@ def compare(encounter: Encounter, witnesses: Found, number: int, iterations: int
     """Return the shortest length that the optimiser finds for one encounter, m."""
     traffic = tracks(encounter, steps(RULES), RULES)
     goal = np.array([encounter.goal_x, encounter.goal_y])
-    solve = partial(Problem, encounter.own, goal, traffic, encounter.mask)
-    controls = record(encounter, witnesses, number)
-    guesses = [(controls, len(controls))]
-    guesses += [
-        crude(encounter, aside, speed)
-        for aside, speed in ((0.0, 55.0), (0.0, 95.0), (0.35, 75.0), (-0.35, 75.0))
-    ]
+    problem = partial(Problem, encounter.own, goal, traffic, encounter.mask)
+    guesses = [witness_controls(encounter, witnesses, number)]
+    guesses += [crude_controls(encounter, aside, speed) for aside, speed in _GUESSES]
     return min(
-        optimise(pieces(flight), solve(np.asarray(count)), iterations) for flight, count in guesses
+        optimise(pieces(controls), problem(np.asarray(len(controls))), iterations)
+        for controls in guesses
     )
 
 
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument(
-        "--encounters", type=int, default=60, help="circle encounters in conflict (default 60)"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of the encounters (default 0)")
-    parser.add_argument(
-        "--iterations", type=int, default=40, help="of each optimisation (default 40)"
-    )
+    add = parser.add_argument
+    what = "circle encounters in conflict (default 60)"
+    add("--encounters", type=int, default=60, help=what)
+    add("--seed", type=int, default=0, help="of the encounters (default 0)")
+    add("--iterations", type=int, default=40, help="of each optimisation (default 40)")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    encounters = in_conflict(options.encounters, options.seed)
+    encounters = conflicts(options.encounters, options.seed)
     witnesses = least_cost(encounters, RULES, SURROGATE)
     known = np.flatnonzero(~np.isnan(witnesses.path))
     free = np.array(
         [compare(take(encounters, i), witnesses, int(i), options.iterations) for i in known]
     )
     own = encounters.own
-    straight = (
-        distance(encounters.goal_x - own.x, encounters.goal_y - own.y, np)[known]
-        - RULES.goal_radius
-    )
+    to_goal = distance(encounters.goal_x - own.x, encounters.goal_y - own.y, np)
+    straight = to_goal[known] - RULES.goal_radius
     path = witnesses.path[known]
     best = np.minimum(free, path)
     figures = {
