@@ -79,36 +79,12 @@ def _panel(
     scores: Sequence[float],
     along: Axis,
 ) -> None:
-    scale = 1e-6 if along == "steps" else 1.0
     end = 0.0
     for learner, runs in curves.items():
-        look = _LOOKS[learner]
-        drawn = [_arrays(run, along) for run in runs]
-        drawn = [(scale * where, score) for where, score in drawn if len(where)]
-        if not drawn:
-            continue
-        end = max(end, *(where[-1] for where, _ in drawn))
-        if len(drawn) > 1:
-            for where, score in drawn:
-                axes.plot(where, score, color=look.color, linewidth=0.6, alpha=0.45)
-        # The mean goes as far as every seed.
-        first, last = max(where[0] for where, _ in drawn), min(where[-1] for where, _ in drawn)
-        places = np.linspace(first, last, _PLACES) if last > first else np.array([first])
-        along_places = np.array([np.interp(places, where, score) for where, score in drawn])
-        means = [t_mean(list(column)) for column in along_places.T]
-        marker = "o" if len(places) == 1 else None
-        axes.plot(
-            places,
-            [m.value for m in means],
-            look.line,
-            color=look.color,
-            linewidth=1.8,
-            marker=marker,
-            label=look.label,
-        )
-        if len(drawn) > 1:
-            low, high = [m.low for m in means], [m.high for m in means]
-            axes.fill_between(places, low, high, color=look.color, alpha=0.15, linewidth=0.0)
+        seeds = [seed for seed in (_arrays(run, along) for run in runs) if len(seed.place)]
+        if seeds:
+            end = max(end, *(seed.place[-1] for seed in seeds))
+            _draw_learner(axes, _LOOKS[learner], seeds)
     for score in scores:
         axes.axhline(score, color=_GREY, linewidth=1.0, linestyle=(0, (4, 3)))
         axes.annotate(
@@ -125,8 +101,39 @@ def _panel(
     axes.set(xlim=(0.0, 1.02 * end or 1.0), ylim=(-105.0, 105.0))
 
 
-def _arrays(run: Sequence[Point], along: Axis) -> tuple[np.ndarray, np.ndarray]:
-    known = [point for point in run if np.isfinite(point.score)]
-    return np.array([getattr(point, along) for point in known], float), np.array(
-        [point.score for point in known]
+class _Seed(NamedTuple):
+    """The curve of one seed, points with a score alone."""
+
+    place: np.ndarray
+    """Steps, in millions, or wall time, s."""
+    score: np.ndarray
+
+
+def _draw_learner(axes: "Axes", look: _Look, seeds: Sequence[_Seed]) -> None:
+    """Draw the seeds, their mean as far as every seed goes, and its interval."""
+    if len(seeds) > 1:
+        for seed in seeds:
+            axes.plot(*seed, color=look.color, linewidth=0.6, alpha=0.45)
+    first, last = max(seed.place[0] for seed in seeds), min(seed.place[-1] for seed in seeds)
+    places = np.linspace(first, last, _PLACES) if last > first else np.array([first])
+    scores = np.array([np.interp(places, *seed) for seed in seeds])
+    means = [t_mean(list(column)) for column in scores.T]
+    axes.plot(
+        places,
+        [mean.value for mean in means],
+        look.line,
+        color=look.color,
+        linewidth=1.8,
+        marker="o" if len(places) == 1 else None,
+        label=look.label,
     )
+    if len(seeds) > 1:
+        low, high = [mean.low for mean in means], [mean.high for mean in means]
+        axes.fill_between(places, low, high, color=look.color, alpha=0.15, linewidth=0.0)
+
+
+def _arrays(run: Sequence[Point], along: Axis) -> _Seed:
+    known = [point for point in run if np.isfinite(point.score)]
+    places = np.array([getattr(point, along) for point in known], float)
+    scale = 1e-6 if along == "steps" else 1.0
+    return _Seed(scale * places, np.array([point.score for point in known]))

@@ -28,7 +28,7 @@ from benchmarks.learning.curves import Axis, Point, Times, ratio, score_at, t_me
 from benchmarks.learning.sides import LEARNERS, PACKAGES, available, check
 from benchmarks.learning.training import Log
 from benchmarks.learning.trials import Trial, best, describe, settings, with_setting
-from benchmarks.measure import machine, report
+from benchmarks.measure import config_options, machine, report
 from envs.edge.files import write_file
 from eval.stats.intervals import Interval
 from rlcas_jax.config import SEED_END, TrainConfig
@@ -79,14 +79,16 @@ class _Runs:
 
     trials: dict[str, list[Trial]]
     """Of each learner."""
-    chosen: dict[str, dict[str, float]]
+    settings: dict[str, dict[str, float]]
+    """With which each learner trains the seeds."""
     seeds: dict[str, list[Log]]
+    """Of each learner."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, draw and print; return 0, or 1 where a training failed."""
     options, extent, config = _parse(argv)
-    learners = _present(options.learner)
+    learners = _find_learners(options.learner)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
@@ -104,7 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         **{
             name: value for name, value in asdict(extent).items() if name not in ("seeds", "trials")
         },
-        "settings": runs.chosen,
+        "settings": runs.settings,
         "trials": {
             name: [describe(trial, extent.trial_target) for trial in tried]
             for name, tried in runs.trials.items()
@@ -133,41 +135,18 @@ def summary(seeds: Mapping[str, Sequence[Log]]) -> dict[str, Any]:
     Args:
         seeds: runs of each learner.
     """
-    # A seed that diverged has no score at the end; that it is missing there is said beside it.
-    lasting = {
-        name: [log.curve for log in logs if log.ended != "diverged"] for name, logs in seeds.items()
-    }
-    curves = {name: [log.curve for log in logs] for name, logs in seeds.items()}
-    ends: dict[Axis, float] = {
-        axis: min(
-            (getattr(curve[-1], axis) for runs in lasting.values() for curve in runs if curve),
-            default=0.0,
-        )
-        for axis in ("steps", "wall_s")
-    }
+    ends: dict[Axis, float] = {axis: _common_end(seeds, axis) for axis in ("steps", "wall_s")}
     times = {
-        name: {score: _times(runs, score) for score in SCORES} for name, runs in curves.items()
+        name: {score: _times([log.curve for log in logs], score) for score in SCORES}
+        for name, logs in seeds.items()
     }
     found: dict[str, Any] = {
         "equal_steps": ends["steps"],
         "equal_wall_s": ends["wall_s"],
-        "learners": {},
+        "learners": {
+            name: _learner_figures(logs, times[name], ends) for name, logs in seeds.items()
+        },
     }
-    for name, runs in curves.items():
-        whole = [curve for curve in runs if curve]
-        figures: dict[str, Any] = {
-            "seeds": len(runs),
-            "ended": [log.ended for log in seeds[name]],
-            "startup_s": _plain(t_mean([log.startup_s for log in seeds[name]])),
-            "steps_per_s": _plain(t_mean([curve[-1].steps / curve[-1].wall_s for curve in whole])),
-        }
-        for axis, place in ends.items():
-            scores = [score_at(curve, place, axis) for curve in lasting[name]]
-            known = [score for score in scores if math.isfinite(score)]
-            figures[f"score_after_equal_{axis}"] = _plain(t_mean(known)) | {"seeds": len(known)}
-        for score in SCORES:
-            figures[f"time_to_{score:.0f}_s"] = _time_figures(times[name][score])
-        found["learners"][name] = figures
     found["ratios"] = {
         name: {
             f"time_to_{score:.0f}": _ratio(of[score], times["ours"][score], TARGETS[name])
@@ -177,6 +156,47 @@ def summary(seeds: Mapping[str, Sequence[Log]]) -> dict[str, Any]:
         if name != "ours" and "ours" in times
     }
     return found
+
+
+def _lasting(logs: Sequence[Log]) -> list[tuple[Point, ...]]:
+    """Return the curves of the seeds that did not diverge: one that did has no score at the end,
+    and how many did is said beside the scores.
+    """
+    return [log.curve for log in logs if log.ended != "diverged"]
+
+
+def _common_end(seeds: Mapping[str, Sequence[Log]], axis: Axis) -> float:
+    """Return how far every curve goes along an axis."""
+    return min(
+        (getattr(curve[-1], axis) for logs in seeds.values() for curve in _lasting(logs) if curve),
+        default=0.0,
+    )
+
+
+def _learner_figures(
+    logs: Sequence[Log], times: Mapping[float, Times], ends: Mapping[Axis, float]
+) -> dict[str, Any]:
+    """Return the figures of one learner.
+
+    Args:
+        logs: of its seeds.
+        times: when they came to each score.
+        ends: places at which scores are compared.
+    """
+    whole = [log.curve for log in logs if log.curve]
+    figures: dict[str, Any] = {
+        "seeds": len(logs),
+        "ended": [log.ended for log in logs],
+        "startup_s": _plain(t_mean([log.startup_s for log in logs])),
+        "steps_per_s": _plain(t_mean([curve[-1].steps / curve[-1].wall_s for curve in whole])),
+    }
+    for axis, place in ends.items():
+        scores = [score_at(curve, place, axis) for curve in _lasting(logs)]
+        known = [score for score in scores if math.isfinite(score)]
+        figures[f"score_after_equal_{axis}"] = _plain(t_mean(known)) | {"seeds": len(known)}
+    for score in SCORES:
+        figures[f"time_to_{score:.0f}_s"] = _time_figures(times[score])
+    return figures
 
 
 def _times(runs: Sequence[Sequence[Point]], score: float) -> Times:
@@ -216,19 +236,7 @@ def _plain(interval: Interval) -> dict[str, float | None]:
 def _parser() -> Parser:
     parser = Parser(prog="python -m benchmarks.learning", description=__doc__)
     add = parser.add_argument
-    add(
-        "--config",
-        type=Path,
-        default=Path("configs/sprint.yaml"),
-        help="training (default configs/sprint.yaml)",
-    )
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="change one key of it; may be given many times",
-    )
+    config_options(parser, "configs/sprint.yaml")
     add(
         "--learner",
         action="append",
@@ -310,9 +318,11 @@ def _parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, Extent, Trai
     return options, extent, config
 
 
-def _present(wanted: Sequence[str] | None) -> list[str]:
-    """Return the learners; name those that are not installed, and refuse that where one was asked
-    for.
+def _find_learners(wanted: Sequence[str] | None) -> list[str]:
+    """Return the learners that are installed, and print what is not.
+
+    Raises:
+        ConfigError: one that was asked for is not installed.
     """
     learners = []
     for name in dict.fromkeys(wanted or LEARNERS):
@@ -332,39 +342,40 @@ def _present(wanted: Sequence[str] | None) -> list[str]:
 
 def _train(config: TrainConfig, extent: Extent, learners: Sequence[str], out: Path) -> _Runs:
     """Make the trials and trainings that are missing."""
-    tried = settings(config, extent.trials)
-    trials: dict[str, list[Trial]] = {name: [] for name in learners}
-    trial_seeds = [
-        (config.seed + _TRIAL_SEED + number) % SEED_END for number in range(extent.trial_seeds)
-    ]
-    # In turns, so that a slow moment of the machine meets every learner alike.
-    for number, setting in enumerate(tried):
-        for name in learners:
-            first = f"{name}-{number}"
-            names = [first, *(f"{first}-seed{more}" for more in range(1, extent.trial_seeds))]
-            logs = tuple(
-                _run(
-                    name,
-                    with_setting(config, setting, seed),
-                    extent.trial_s,
-                    out / "trials" / run,
-                    extent.trial_target,
-                )
-                for run, seed in zip(names, trial_seeds, strict=True)
-            )
-            trials[name].append(Trial(setting, logs))
+    trials = _make_trials(config, extent, learners, out / "trials")
     own = settings(config, 1)[0]
-    chosen = {name: best(trials[name], extent.trial_target) if tried else own for name in learners}
-    for name, setting in chosen.items():
+    best_settings = {
+        name: best(tried, extent.trial_target) if tried else own for name, tried in trials.items()
+    }
+    for name, setting in best_settings.items():
         print(f"{name} learns with {_words(setting)}", flush=True)
     seeds: dict[str, list[Log]] = {name: [] for name in learners}
     for number in range(extent.seeds):
         for name in learners:
-            seeded = with_setting(config, chosen[name], (config.seed + number) % SEED_END)
-            seeds[name].append(
-                _run(name, seeded, extent.budget_s, out / "runs" / f"{name}-seed{number}")
-            )
-    return _Runs(trials, chosen, seeds)
+            seed = (config.seed + number) % SEED_END
+            seeded = with_setting(config, best_settings[name], seed)
+            path = out / "runs" / f"{name}-seed{number}"
+            seeds[name].append(_run(name, seeded, extent.budget_s, path))
+    return _Runs(trials, best_settings, seeds)
+
+
+def _make_trials(
+    config: TrainConfig, extent: Extent, learners: Sequence[str], out: Path
+) -> dict[str, list[Trial]]:
+    """Make the trials of each learner that are missing, in turns, so that a slow moment of the
+    machine meets every learner alike.
+    """
+    trials: dict[str, list[Trial]] = {name: [] for name in learners}
+    for number, setting in enumerate(settings(config, extent.trials)):
+        for name in learners:
+            logs = []
+            for more in range(extent.trial_seeds):
+                seed = (config.seed + _TRIAL_SEED + more) % SEED_END
+                run = f"{name}-{number}-seed{more}" if more else f"{name}-{number}"
+                seeded = with_setting(config, setting, seed)
+                logs.append(_run(name, seeded, extent.trial_s, out / run, extent.trial_target))
+            trials[name].append(Trial(setting, tuple(logs)))
+    return trials
 
 
 def _run(

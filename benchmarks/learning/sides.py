@@ -15,11 +15,14 @@ import copy
 import importlib
 import importlib.util
 import math
-from typing import Any, Protocol
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from agents.config.load import ConfigError
 from agents.learning.networks import derive
@@ -294,10 +297,10 @@ class TrainingFlight:
         check(config)
         self._config = config
         self.returns = 0.0
-        """Sum of the sparse, unscaled rewards since the last :meth:`flown`."""
+        """Sum of the sparse, unscaled rewards since the last :meth:`take_episodes`."""
         self.episodes = 0
         """Episodes that have ended since then."""
-        self._draw, self._begin, self._step = _compile(config)
+        self._world = _compile(config)
 
     def reset(self) -> np.ndarray:
         """Begin anew from the configuration's seed and return the inputs of the first layer, ``[N,
@@ -306,8 +309,8 @@ class TrainingFlight:
         self._key, self._row = jax.random.key(self._config.seed), 0
         self.returns, self.episodes = 0.0, 0
         self._redraw()
-        self._state, self._hand, seen = self._begin(self._pool)
-        return np.array(seen)
+        self._state, self._mirror_sign, inputs = self._world.begin(self._pool)
+        return np.array(inputs)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Fly on by actions ``[N, 2]``; return inputs, rewards for learning (scaled, shaped) and
@@ -323,14 +326,13 @@ class TrainingFlight:
             self._redraw()
             self._row = 0
         row = self._row % self._config.pool_rows
-        self._state, self._hand, seen, packed = self._step(
-            self._state, self._hand, actions, self._pool, row
-        )
-        reward, sparse, ended = np.asarray(packed).T
+        seen, results = self._world.step(self._state, self._mirror_sign, actions, self._pool, row)
+        self._state, self._mirror_sign, inputs = seen
+        reward, sparse, ended = np.asarray(results).T
         done = ended > 0.0
         self.returns += float(sparse.sum(dtype=np.float64))
         self.episodes += int(np.count_nonzero(done))
-        return np.array(seen), reward.copy(), done
+        return np.array(inputs), reward.copy(), done
 
     def take_episodes(self) -> tuple[float, int]:
         """Return the sum of the sparse rewards and the number of episodes ended since the last
@@ -342,42 +344,62 @@ class TrainingFlight:
 
     def _redraw(self) -> None:
         self._key, now = jax.random.split(self._key)
-        self._pool = self._draw(now)
+        self._pool = self._world.draw(now)
 
 
-def _compile(config: TrainConfig) -> tuple[Any, Any, Any]:
-    """Return the functions that draw a pool, begin from its first row, and fly a step."""
+class _World(NamedTuple):
+    """The compiled functions of the training's world."""
+
+    draw: Callable[[PRNGKeyArray], surrogate.State]
+    """Draws a pool of starts, ``[rows, N]``."""
+    begin: Callable[[surrogate.State], "_Seen"]
+    """Begins with the first row of a pool."""
+    step: Callable[..., tuple["_Seen", Float[Array, "N 3"]]]
+    """(state, mirror signs, actions, pool, row) -> what follows; rewards for learning, sparse
+    rewards, and which encounters ended.
+    """
+
+
+class _Seen(NamedTuple):
+    """Encounters, and what is seen of them."""
+
+    state: surrogate.State
+    mirror_sign: Float[Array, " N"]
+    """Sign of the turn rates by which each is flown: -1 where the network sees it mirrored."""
+    inputs: Float[Array, "N F"]
+    """Of the first layer."""
+
+
+def _compile(config: TrainConfig) -> _World:
+    """Compile the world of a configuration."""
     feature_set = config.network.feature_set
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
     scenarios, rewards = config.training_scenarios(), config.rewards.table()
 
-    def network_inputs(state: surrogate.State) -> tuple[jax.Array, jax.Array]:
+    def see(state: surrogate.State) -> _Seen:
         inputs = derive(surrogate.observe(state, world.aircraft), feature_set)
-        return inputs.mirror_sign, inputs.own
+        return _Seen(state, inputs.mirror_sign, inputs.own)
 
-    def draw_state(key: jax.Array) -> surrogate.State:
-        return draw(key, config, scenarios, config.pool_rows)
-
-    def begin(pool: surrogate.State) -> tuple[surrogate.State, jax.Array, jax.Array]:
-        state = jax.tree.map(lambda rows: rows[0], pool)
-        return state, *network_inputs(state)
+    def begin(pool: surrogate.State) -> _Seen:
+        return see(jax.tree.map(lambda rows: rows[0], pool))
 
     def step(
-        state: surrogate.State, hand: jax.Array, action: jax.Array, pool: surrogate.State, row: int
-    ) -> tuple[surrogate.State, jax.Array, jax.Array, jax.Array]:
-        command = action[:, 0], action[:, 1] * hand
+        state: surrogate.State,
+        mirror_sign: Float[Array, " N"],
+        action: Float[Array, "N 2"],
+        pool: surrogate.State,
+        row: int,
+    ) -> tuple[_Seen, Float[Array, "N 3"]]:
+        command = action[:, 0], action[:, 1] * mirror_sign
         moved, result = surrogate.step(state, command, world)
-        seen_as = Transition(state, moved, command, result, world.aircraft)
+        transition = Transition(state, moved, command, result, world.aircraft)
         scale = config.ppo.reward_scale
-        reward, _ = learning_reward(rewards, seen_as, config.ppo.discount, jnp, scale)
+        reward, _ = learning_reward(rewards, transition, config.ppo.discount, jnp, scale)
         # The barrier keeps the compiler from flying the step again for every field that the restart
         # chooses.
         moved, reward = jax.lax.optimization_barrier((moved, reward))
         following = surrogate.restart(moved, jax.tree.map(lambda rows: rows[row], pool))
-        return (
-            following,
-            *network_inputs(following),
-            jnp.stack([reward, result.reward, moved.ended], axis=-1),
-        )
+        return see(following), jnp.stack([reward, result.reward, moved.ended], axis=-1)
 
-    return jax.jit(draw_state), jax.jit(begin), jax.jit(step, donate_argnums=0)
+    draw_pool = partial(draw, config=config, scenarios=scenarios, rows=config.pool_rows)
+    return _World(jax.jit(draw_pool), jax.jit(begin), jax.jit(step, donate_argnums=0))

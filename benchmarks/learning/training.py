@@ -12,11 +12,19 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from agents.config.load import ConfigError, Parser, load
 from benchmarks.learning.curves import WINDOW, Point, Windows
-from benchmarks.learning.sides import LEARNERS, PACKAGES, DivergedError, available, side, updates
+from benchmarks.learning.sides import (
+    LEARNERS,
+    PACKAGES,
+    DivergedError,
+    Side,
+    available,
+    side,
+    updates,
+)
 from envs.edge.command import run_cli
 from envs.edge.installation import versions
 from envs.edge.json_text import parse_json
@@ -24,7 +32,7 @@ from rlcas_jax.config import TrainConfig
 
 __all__ = ["Log", "main", "read", "train"]
 
-_SAID_EVERY_S = 20.0
+_PRINTED_EVERY_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -85,55 +93,82 @@ def train(
         name: what lines on the terminal begin with.
         until: score of a window that ends the training; None: none does.
     """
-    parent = os.getppid()
     with path.open("w", encoding="utf-8") as file:
-
-        def say(row: dict[str, Any]) -> None:
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-
+        log = _Writer(file, name)
         header = {"learner": learner, "seconds": seconds, "until": until, "window": WINDOW}
-        say(header | {"versions": versions(*PACKAGES[learner])})
+        log.write(header | {"versions": versions(*PACKAGES[learner])})
         began = time.perf_counter()
         training = side(learner, config)
         training.start()
-        say({"startup_s": time.perf_counter() - began})
-        windows, spent, shown, ended, points = Windows(), 0.0, 0.0, "steps", 0
-        total = updates(config)
-        for done in range(1, total + 1):
-            began = time.perf_counter()
-            try:
-                flown = training.update()
-            except DivergedError:
-                ended = "diverged"
-                break
-            took = time.perf_counter() - began
-            spent += took
-            point = windows.add(flown, took)
-            there = until is not None and point is not None and point.score >= until
-            last = done == total or spent >= seconds or there
-            if point is None and last and not points:
-                point = windows.rest()  # a curve has one point at least
-            if point is not None:
-                points += 1
-                say(point._asdict() | {"score": None if math.isnan(point.score) else point.score})
-                if spent - shown >= _SAID_EVERY_S or last:
-                    score = (
-                        "no episode ended"
-                        if math.isnan(point.score)
-                        else f"score {point.score:+.1f}"
-                    )
-                    print(
-                        f"  {name}: {point.steps / 1e6:.2f} M steps, {spent:.0f} s, {score}",
-                        flush=True,
-                    )
-                    shown = spent
-            if os.getppid() != parent:
-                return  # nobody is left to read it
-            if last:
-                ended = "score" if there else "steps" if done == total else "time"
-                break
-        say({"ended": ended})
+        log.write({"startup_s": time.perf_counter() - began})
+        ended = _go_on(training, log, updates(config), seconds, until)
+        if ended is not None:
+            log.write({"ended": ended})
+
+
+def _go_on(
+    training: Side, log: "_Writer", total: int, seconds: float, until: float | None
+) -> str | None:
+    """Make updates, so many at most, and return why they ended; None: the process that reads the
+    file is gone.
+    """
+    parent = os.getppid()
+    windows, spent = Windows(), 0.0
+    for done in range(1, total + 1):
+        began = time.perf_counter()
+        try:
+            episodes = training.update()
+        except DivergedError:
+            return "diverged"
+        took = time.perf_counter() - began
+        spent += took
+        point = windows.add(episodes, took)
+        ended = _end(done == total, spent >= seconds, point, until)
+        if point is None and ended is not None and not log.points:
+            point = windows.rest()  # a curve has one point at least
+        if point is not None:
+            log.add(point, spent, last=ended is not None)
+        if os.getppid() != parent:
+            return None
+        if ended is not None:
+            return ended
+    return "steps"
+
+
+def _end(steps_done: bool, time_up: bool, point: Point | None, until: float | None) -> str | None:
+    """Return why a training ends after an update; None: it does not."""
+    if until is not None and point is not None and point.score >= until:
+        return "score"
+    if steps_done:
+        return "steps"
+    return "time" if time_up else None
+
+
+class _Writer:
+    """Writes the file of a run, and now and then a line on the terminal."""
+
+    def __init__(self, file: TextIO, name: str) -> None:
+        self._file, self._name = file, name
+        self._shown = 0.0
+        """Time of the training when a line was last printed, s."""
+        self.points = 0
+        """That were written."""
+
+    def write(self, row: dict[str, Any]) -> None:
+        """Append a line."""
+        self._file.write(json.dumps(row) + "\n")
+        self._file.flush()
+
+    def add(self, point: Point, spent: float, *, last: bool) -> None:
+        """Append a point of the curve after so much time of the training, s."""
+        known = not math.isnan(point.score)
+        self.points += 1
+        self.write(point._asdict() | {"score": point.score if known else None})
+        if last or spent - self._shown >= _PRINTED_EVERY_S:
+            score = f"score {point.score:+.1f}" if known else "no episode ended"
+            steps = f"{point.steps / 1e6:.2f} M steps"
+            print(f"  {self._name}: {steps}, {spent:.0f} s, {score}", flush=True)
+            self._shown = spent
 
 
 def main(argv: Sequence[str] | None = None) -> None:

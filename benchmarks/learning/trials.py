@@ -79,11 +79,11 @@ def _propose(own: Setting) -> Iterator[Setting]:
     steps = base ** -np.arange(1.0, dimensions + 1.0)
     for number in count():
         share, *places = np.modf(0.5 + number * steps)[0]
-        chosen = {
+        sizes = {
             key: values[int(place * len(values))]
             for (key, values), place in zip(SPACE.items(), places, strict=True)
         }
-        yield {"learning_rate": float(f"{np.exp(low + share * (high - low)):.2g}")} | chosen
+        yield {"learning_rate": float(f"{np.exp(low + share * (high - low)):.2g}")} | sizes
 
 
 def _root(dimensions: int) -> float:
@@ -149,14 +149,14 @@ def best(tried: Sequence[Trial], target: float | None) -> dict[str, float]:
 def describe(trial: Trial, target: float | None) -> dict[str, Any]:
     """Return a trial for JSON."""
     logs = trial.logs
-    said: dict[str, Any] = {"steps": [log.curve[-1].steps if log.curve else 0 for log in logs]}
-    said["ended"] = [log.ended for log in logs]
+    figures: dict[str, Any] = {"steps": [log.curve[-1].steps if log.curve else 0 for log in logs]}
+    figures["ended"] = [log.ended for log in logs]
     if target is None:
         score = trial.score()
-        said["score"] = score if math.isfinite(score) else None
+        figures["score"] = score if math.isfinite(score) else None
     else:
-        said[f"time_to_{target:g}_s"] = list(trial.times(target).seeds)
-    return trial.setting | said
+        figures[f"time_to_{target:g}_s"] = list(trial.times(target).seeds)
+    return trial.setting | figures
 
 
 def _score(log: Log) -> float:
