@@ -57,66 +57,98 @@ def our_edges(bands: Bands, row: int, *, circle: bool) -> list[Edge]:
 
 
 def matches(
-    mine: list[Edge], others: list[Edge], bands: Bands, row: int, within: float, step: float
+    mine: Sequence[Edge],
+    others: Sequence[Edge],
+    bands: Bands,
+    row: int,
+    within: float,
+    step: float,
 ) -> list[Match]:
-    """Return for each edge of one side whether the other has it ``within`` so much.
+    """Return for each edge of one side whether the other has it; numbers in degrees or m/s.
 
     Args:
-        step: of the program, degrees or m/s; 0 < step.
+        mine: edges of the one side.
+        others: of the other.
+        bands: ours, of one of both sides.
+        row: of the bands.
+        within: so much apart, edges agree.
+        step: of the program; 0 < step.
     """
-    circle = bool(np.max(np.abs(bands.target[row])) <= np.pi + 1e-9)
+    ours = _Row.of(bands, row)
     found = []
     for edge in mine:
         same = [
-            _apart(edge.place, other.place, circle) for other in others if other.opens == edge.opens
+            _apart(edge.place, other.place, ours.circle)
+            for other in others
+            if other.opens == edge.opens
         ]
-        away = min(same, key=abs, default=np.inf)
-        agrees = abs(away) <= within
-        name = "" if agrees else _name(edge, away, mine, others, bands, row, circle, step)
-        found.append(Match(edge, abs(away), name))
+        away = abs(min(same, key=abs, default=np.inf))
+        name = ""
+        if away > within:
+            gap = _gap_to_next(edge, [*mine, *others], ours)
+            name = "narrow" if gap <= 2.0 * step else _name(edge, min(away, gap), ours)
+        found.append(Match(edge, away, name))
     return found
 
 
+class _Row(NamedTuple):
+    """One row of our bands, fields ``[B]``."""
+
+    circle: bool
+    """Whether these are headings."""
+    places: np.ndarray
+    """Degrees clockwise from north, or m/s."""
+    closed: np.ndarray
+    clearance: np.ndarray
+    loss: np.ndarray
+    reached: np.ndarray
+
+    @classmethod
+    def of(cls, bands: Bands, row: int) -> "_Row":
+        """Return a row of bands."""
+        target = bands.target[row]
+        circle = bool(np.max(np.abs(target)) <= np.pi + 1e-9)
+        return cls(
+            circle,
+            (90.0 - np.degrees(target)) % 360.0 if circle else target,
+            bands.closed[row],
+            bands.clearance[row],
+            bands.loss[row],
+            bands.reached[row],
+        )
+
+
 def _apart(place: float, other: float, circle: bool) -> float:
+    """Return how far another place is from one, degrees or m/s."""
     return (other - place + 180.0) % 360.0 - 180.0 if circle else other - place
 
 
-def _name(
-    edge: Edge,
-    away: float,
-    mine: list[Edge],
-    others: list[Edge],
-    bands: Bands,
-    row: int,
-    circle: bool,
-    step: float,
-) -> str:
-    """Return why an edge has no partner, by what lies between it and the next edge of any kind."""
-    next_ones = [
-        _apart(edge.place, other.place, circle) for other in (*mine, *others) if other is not edge
+def _gap_to_next(edge: Edge, edges: Sequence[Edge], ours: _Row) -> float:
+    """Return how far the next edge of any kind is, or the end of the range; inf: there is none."""
+    gaps = [
+        abs(_apart(edge.place, other.place, ours.circle)) for other in edges if other is not edge
     ]
-    if not circle:  # the range ends
-        next_ones += [float(end) - edge.place for end in bands.target[row, [0, -1]]]
-        next_ones = [gap if gap else 1e-9 for gap in next_ones]
-    wide = min((abs(gap) for gap in next_ones if gap), default=np.inf)
-    if wide <= 2.0 * step:
-        return "narrow"
-    target = bands.target[row]
-    places = (90.0 - np.degrees(target)) % 360.0 if circle else target
-    reach = min(abs(away), wide)
+    if not ours.circle:
+        gaps += [abs(float(end) - edge.place) for end in ours.places[[0, -1]]]
+        gaps = [gap or 1e-9 for gap in gaps]
+    return min((gap for gap in gaps if gap), default=np.inf)
+
+
+def _name(edge: Edge, reach: float, ours: _Row) -> str:
+    """Return why an edge has no partner, by what lies within a reach of it, degrees or m/s."""
     if not np.isfinite(reach):
         return "unexplained"
-    gaps = np.array([_apart(edge.place, float(place), circle) for place in places])
+    gaps = np.array([_apart(edge.place, float(place), ours.circle) for place in ours.places])
     near = np.abs(gaps) <= reach
     sides = [near & (gaps >= 0.0), near & (gaps <= 0.0)]
     for side in sides:
-        if side.any() and (np.abs(bands.clearance[row, side]) <= _GRAZING).all():
+        if side.any() and (np.abs(ours.clearance[side]) <= _GRAZING).all():
             return "grazing"
-    look_ahead = float(bands.reached[row].max())
+    look_ahead = float(ours.reached.max())
     for side in sides:
-        loss = bands.loss[row, side & bands.closed[row]]
+        loss = ours.loss[side & ours.closed]
         if loss.size and (loss >= max(look_ahead, 1.0) - _LATE).all():
             return "look-ahead"
-    if circle and float(np.max(bands.reached[row, near], initial=0.0)) >= 0.98 * look_ahead:
+    if ours.circle and float(np.max(ours.reached[near], initial=0.0)) >= 0.98 * look_ahead:
         return "opposite heading"
     return "unexplained"

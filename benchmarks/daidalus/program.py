@@ -34,7 +34,7 @@ class Setting(NamedTuple):
     turn_rate: float  # rad/s
     acceleration: float  # either way, m/s^2
     speed_min: float  # m/s
-    speed_max: float
+    speed_max: float  # m/s
     step_deg: float  # between headings
     step_speed: float  # m/s
 
@@ -84,7 +84,30 @@ def configuration(
     of the alerts, which in the program filters the bands too; ``changes``: other values of keys.
     """
     alerting = alerting if hysteresis else replace(alerting, m=0, n=0, hold=0.0, forget=0.0)
-    values: dict[str, str] = {
+    values = _manoeuvres(setting) | _alerts(alerting)
+    levels = zip(_REGIONS, alerting.reached, alerting.left, strict=True)
+    for number, (region, reached, left) in enumerate(levels, start=1):
+        values |= {
+            f"Plain_alert_{number}_region": region,
+            f"Plain_alert_{number}_alerting_time": f"{reached} [s]",
+            f"Plain_alert_{number}_early_alerting_time": f"{left} [s]",
+            # The program ends with a fault where levels share a detector.
+            f"Plain_alert_{number}_detector": f"det_{number}",
+            f"Plain_det_{number}_D": f"{setting.separation} [m]",
+            f"Plain_det_{number}_H": f"{_HIGH} [m]",
+            f"Plain_load_core_detection_det_{number}": "gov.nasa.larcfm.ACCoRD.CDCylinder",
+        }
+    values |= changes
+    return "".join(f"{key} = {value}\n" for key, value in values.items())
+
+
+_REGIONS = "FAR", "MID", "NEAR"
+"""Of the alert levels."""
+
+
+def _manoeuvres(setting: Setting) -> dict[str, str]:
+    """Return the keys of the bands: their ranges and steps, and how each is flown."""
+    return {
         "lookahead_time": f"{setting.look_ahead} [s]",
         "left_hdir": "180.0 [deg]",
         "right_hdir": "180.0 [deg]",
@@ -109,6 +132,12 @@ def configuration(
         "recovery_vs": "false",
         "recovery_alt": "false",
         "ca_bands": "false",
+    }
+
+
+def _alerts(alerting: Alerting) -> dict[str, str]:
+    """Return the keys of the alerts that are no level's."""
+    return {
         "hysteresis_time": f"{alerting.forget} [s]",
         "persistence_time": f"{alerting.hold} [s]",
         "bands_persistence": "false",
@@ -120,22 +149,6 @@ def configuration(
         "corrective_region": "FAR",
         "alerters": "Plain",
     }
-    regions = ("FAR", "MID", "NEAR")
-    for number, (region, reached, left) in enumerate(
-        zip(regions, alerting.reached, alerting.left, strict=True), start=1
-    ):
-        values |= {
-            f"Plain_alert_{number}_region": region,
-            f"Plain_alert_{number}_alerting_time": f"{reached} [s]",
-            f"Plain_alert_{number}_early_alerting_time": f"{left} [s]",
-            # The program ends with a fault where levels share a detector.
-            f"Plain_alert_{number}_detector": f"det_{number}",
-            f"Plain_det_{number}_D": f"{setting.separation} [m]",
-            f"Plain_det_{number}_H": f"{_HIGH} [m]",
-            f"Plain_load_core_detection_det_{number}": "gov.nasa.larcfm.ACCoRD.CDCylinder",
-        }
-    values |= changes
-    return "".join(f"{key} = {value}\n" for key, value in values.items())
 
 
 def scenario_text(ownship: Track, others: list[Track]) -> str:
@@ -152,14 +165,16 @@ def scenario_text(ownship: Track, others: list[Track]) -> str:
 def _row(name: str, track: Track, number: int) -> str:
     east, north = float(track.vx[number]), float(track.vy[number])
     course = np.degrees(np.arctan2(east, north)) % 360.0
-    numbers = (
-        *(float(field[number]) for field in (track.x, track.y, track.altitude)),
+    values = [
+        track.x[number],
+        track.y[number],
+        track.altitude[number],
         course,
         np.hypot(east, north),
-        float(track.vertical_rate[number]),
-        float(track.time[number]),
-    )
-    return ", ".join([name, *(f"{value:.9f}" for value in numbers)])
+        track.vertical_rate[number],
+        track.time[number],
+    ]
+    return ", ".join([name, *(f"{float(value):.9f}" for value in values)])
 
 
 def answers(

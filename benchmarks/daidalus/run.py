@@ -8,6 +8,7 @@ alert levels are compared. Both predict straight courses.
 
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from benchmarks.daidalus.edges import NAMES, Match, matches, our_edges, their_ed
 from benchmarks.daidalus.figure import drawing
 from benchmarks.daidalus.program import (
     VARIABLE,
+    Interval,
     Second,
     Setting,
     answers,
@@ -29,6 +31,7 @@ from benchmarks.daidalus.program import (
 from benchmarks.daidalus.sides import Flight, Ours, Sides
 from benchmarks.measure import report
 from envs.aircraft import PAPER
+from envs.arrays import Array
 from envs.edge.command import InputError, Parser
 from envs.formats.track_files import read_daidalus
 from envs.kinematics import Limits, VehicleState
@@ -84,8 +87,8 @@ class Scenario(NamedTuple):
     seconds: int
     headings: list[Match]  # edges of both sides
     speeds: list[Match]
-    loss_error: Any  # s, where one of both finds a loss
-    levels_same: Any  # bool, per second and intruder
+    loss_error: Array  # s, where one of both finds a loss
+    levels_same: Array  # bool, per second and intruder
     raised: list[float]  # s between the first time of a level on both sides
     program_s: float  # wall time of the program
     ours_s: float
@@ -93,41 +96,56 @@ class Scenario(NamedTuple):
 
 def main() -> None:
     """Run the command."""
-    parser = Parser(description=__doc__)
-    parser.add_argument("--program", help=f"DaidalusBatch, as built (default: ${VARIABLE})")
-    parser.add_argument("--scenarios", required=True, help="folder of .daa and .xyz files")
-    parser.add_argument("--only", help="name of one scenario, without its ending")
-    parser.add_argument(
-        "--variants", action="store_true", help="also with each of DAIDALUS's own models"
-    )
-    parser.add_argument("--out", help="folder for the picture; none: no picture")
-    parser.add_argument("--picture", help="scenario that is drawn (default: the first)")
-    given = parser.parse_args()
+    given = _parser().parse_args()
     program, paths = locate(given.program), _paths(given.scenarios, given.only)
-    chosen, folder = given.picture or paths[0].stem, Path(given.out) if given.out else None
+    picture, folder = given.picture or paths[0].stem, Path(given.out) if given.out else None
     names = [path.stem for path in paths]
-    if chosen not in names:
-        raise InputError(f"--picture {chosen}: no scenario, expected one of {', '.join(names)}")
+    if picture not in names:
+        raise InputError(f"--picture {picture}: no scenario, expected one of {', '.join(names)}")
     if folder is not None:
         create(folder)
     done, sides = [], {}
-    print(f"| {' | '.join(HEAD)} |\n{'|---' * len(HEAD)}|", flush=True)
+    _print_head(HEAD)
     for path in paths:
-        sides[path.stem] = both(path, program, {})
+        sides[path.stem] = fly_both(path, program, {})
         done.append(compare(path.name, sides[path.stem]))
         print(line(done[-1]), flush=True)
     found = figures(done)
     if given.variants:
-        print(f"\n| {' | '.join(VARIANT_HEAD)} |\n{'|---' * len(VARIANT_HEAD)}|", flush=True)
-        for name, changes in VARIANTS.items():
-            scenarios = [compare(path.name, both(path, program, changes)) for path in paths]
-            each = figures(scenarios)
-            shares = each["edges_headings_within_2_deg"], each["edges_speeds_within_1_m_s"]
-            found[f"variant: {name}"] = shares
-            print(f"| {name} | {100.0 * shares[0]:.1f} | {100.0 * shares[1]:.1f} |", flush=True)
+        found |= _compare_variants(paths, program)
     if folder is not None:
-        write(folder, "daidalus", found, drawing(sides[chosen], chosen), dpi=150)
+        write(folder, "daidalus", found, drawing(sides[picture], picture), dpi=150)
     report(found, ("numpy",))
+
+
+def _parser() -> Parser:
+    parser = Parser(description=__doc__)
+    add = parser.add_argument
+    add("--program", help=f"DaidalusBatch, as built (default: ${VARIABLE})")
+    add("--scenarios", required=True, help="folder of .daa and .xyz files")
+    add("--only", help="name of one scenario, without its ending")
+    add("--variants", action="store_true", help="also with each of DAIDALUS's own models")
+    add("--out", help="folder for the picture; none: no picture")
+    add("--picture", help="scenario that is drawn (default: the first)")
+    return parser
+
+
+def _print_head(head: Sequence[str]) -> None:
+    print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|", flush=True)
+
+
+def _compare_variants(paths: Sequence[Path], program: Path) -> dict[str, Any]:
+    """Compare with each of DAIDALUS's own models, and print the table."""
+    found = {}
+    print()
+    _print_head(VARIANT_HEAD)
+    for name, changes in VARIANTS.items():
+        scenarios = [compare(path.name, fly_both(path, program, changes)) for path in paths]
+        each = figures(scenarios)
+        shares = each["edges_headings_within_2_deg"], each["edges_speeds_within_1_m_s"]
+        found[f"variant: {name}"] = shares
+        print(f"| {name} | {100.0 * shares[0]:.1f} | {100.0 * shares[1]:.1f} |", flush=True)
+    return found
 
 
 def _paths(folder: str, only: str | None) -> list[Path]:
@@ -189,7 +207,7 @@ def ours(flight: Flight, setting: Setting, alerting: Alerting) -> Ours:
     )
 
 
-def both(path: Path, program: Path, changes: dict[str, str]) -> Sides:
+def fly_both(path: Path, program: Path, changes: dict[str, str]) -> Sides:
     """Run both sides on one scenario, the program with other values of some keys."""
     alerting = Alerting.for_aircraft(PAPER)
     ownship, *others = read_daidalus(path, repair=True).tracks
@@ -212,13 +230,23 @@ def compare(name: str, sides: Sides) -> Scenario:
     for row, second in enumerate(sides.seconds):
         if second is not None:
             known += 1
-            headings += _both(second.headings, sides.ours.headings, row, circle=True)
-            speeds += _both(second.speeds, sides.ours.speeds, row, circle=False)
-    alerts = _alerts(sides.flight, sides.ours, sides.seconds)
-    return Scenario(name, known, headings, speeds, *alerts, sides.program_s, sides.ours_s)
+            headings += _match_edges(second.headings, sides.ours.headings, row, circle=True)
+            speeds += _match_edges(second.speeds, sides.ours.speeds, row, circle=False)
+    errors, same, raised = _compare_alerts(sides.flight, sides.ours, sides.seconds)
+    return Scenario(
+        name=name,
+        seconds=known,
+        headings=headings,
+        speeds=speeds,
+        loss_error=errors,
+        levels_same=same,
+        raised=raised,
+        program_s=sides.program_s,
+        ours_s=sides.ours_s,
+    )
 
 
-def _both(said: Any, bands: Bands, row: int, *, circle: bool) -> list[Match]:
+def _match_edges(said: Sequence[Interval], bands: Bands, row: int, *, circle: bool) -> list[Match]:
     theirs, mine = their_edges(said, circle=circle), our_edges(bands, row, circle=circle)
     within = WITHIN[0] if circle else WITHIN[1]
     step = SETTING.step_deg if circle else SETTING.step_speed
@@ -226,9 +254,9 @@ def _both(said: Any, bands: Bands, row: int, *, circle: bool) -> list[Match]:
     return found + matches(theirs, mine, bands, row, within, step)
 
 
-def _alerts(
+def _compare_alerts(
     flight: Flight, mine: Ours, seconds: list[Second | None]
-) -> tuple[Any, Any, list[float]]:
+) -> tuple[Array, Array, list[float]]:
     """Return errors of the times to loss, whether levels are the same, and by how much their first
     times differ.
     """

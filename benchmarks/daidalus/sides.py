@@ -1,17 +1,18 @@
 """What both sides say of one scenario."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from agents.assurance.bands import Bands
 from agents.planner.traffic import Traffic
 from benchmarks.daidalus.program import Second
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 
 
 class Flight(NamedTuple):
     """One scenario as both sides see it: ownship ``[T]``, intruders ``[T, K]``."""
 
-    time: Any  # s
+    time: Array  # s, [T]
     own: VehicleState
     traffic: Traffic
     names: list[str]
@@ -22,8 +23,8 @@ class Ours(NamedTuple):
 
     headings: Bands  # [T, B]
     speeds: Bands
-    loss: Any  # s, [T, K]
-    level: Any  # shown, [T, K]
+    loss: Array  # s, [T, K]
+    level: Array  # shown, [T, K]
 
 
 class Sides(NamedTuple):

@@ -1,7 +1,7 @@
 """The picture: one mission as both sides flew it, and how near they came to the intruders."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,33 +11,22 @@ from envs.aircraft import Aircraft
 from envs.areas import Keep
 from eval.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION, tidy
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 _COLOURS = {"icarous": ORANGE, "ours": BLUE}
 _NAMES = {"icarous": "ICAROUS", "ours": "ours"}
 
 
-def drawing(mission: Mission, flights: Mapping[str, Track], aircraft: Aircraft) -> Any:
+def drawing(mission: Mission, flights: Mapping[str, Track], aircraft: Aircraft) -> "Figure":
     """Return the figure of one mission."""
     import matplotlib.pyplot as plt
 
     figure, (above, below) = plt.subplots(
         2, 1, figsize=(7.2, 8.6), height_ratios=(3, 1), layout="constrained"
     )
-    for fence in mission.fences:
-        x, y = np.array(outline(fence).exterior.coords).T / 1e3
-        kept_out = fence.keep is Keep.OUT
-        above.plot(x, y, color=VERMILION if kept_out else SKY, linewidth=1.5)
-        if kept_out:
-            above.fill(x, y, color=VERMILION, alpha=0.3, linewidth=0.0)
-    above.plot(*np.array(mission.waypoints).T / 1e3, "k:", marker="o", label="mission")
-    end = max(float(track.time[-1]) for track in flights.values())
-    for number, one in enumerate(mission.intruders):
-        to = (
-            one.x + one.speed * end * np.cos(one.heading),
-            one.y + one.speed * end * np.sin(one.heading),
-        )
-        ends = np.array([[one.x, one.y], to]).T / 1e3
-        above.plot(*ends, color=GREY, linewidth=1.0, label=None if number else "intruders")
-        above.plot(*ends[:, :1], "o", color=GREY, markersize=4.0)
+    _draw_mission(above, mission, max(float(track.time[-1]) for track in flights.values()))
     for side, track in flights.items():
         style: dict[str, Any] = {"color": _COLOURS[side], "label": _NAMES[side]}
         above.plot(track.x / 1e3, track.y / 1e3, linewidth=2.0, **style)
@@ -55,3 +44,20 @@ def drawing(mission: Mission, flights: Mapping[str, Track], aircraft: Aircraft) 
     tidy(above, "both")
     tidy(below)
     return figure
+
+
+def _draw_mission(axes: "Axes", mission: Mission, end: float) -> None:
+    """Draw fences, waypoints, and the intruders' flights until a time, s."""
+    for fence in mission.fences:
+        x, y = np.array(outline(fence).exterior.coords).T / 1e3
+        keep_out = fence.keep is Keep.OUT
+        axes.plot(x, y, color=VERMILION if keep_out else SKY, linewidth=1.5)
+        if keep_out:
+            axes.fill(x, y, color=VERMILION, alpha=0.3, linewidth=0.0)
+    axes.plot(*np.array(mission.waypoints).T / 1e3, "k:", marker="o", label="mission")
+    for number, one in enumerate(mission.intruders):
+        length = one.speed * end
+        x = np.array([one.x, one.x + length * np.cos(one.heading)]) / 1e3
+        y = np.array([one.y, one.y + length * np.sin(one.heading)]) / 1e3
+        axes.plot(x, y, color=GREY, linewidth=1.0, label=None if number else "intruders")
+        axes.plot(x[:1], y[:1], "o", color=GREY, markersize=4.0)

@@ -10,9 +10,10 @@ import math
 import resource
 import sys
 import time
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 EVERY = 5  # steps of the simulation, 0.05 s each, between two samples
 
@@ -49,12 +50,14 @@ def main(given: str, output: str) -> None:
     flown = _ownship(asked, helper, home)
     sim.AddIcarousInstance(flown, time_limit=asked["limit"])
     with Path(output).open("w", encoding="utf-8") as file:
-        _record(flown, sim, asked, file)
+        recorder = Recorder(flown, sim, asked, file)
+        flown.Run, flown.CheckMissionComplete = recorder.run, recorder.is_complete
         sim.RunSimulation()
         print(json.dumps({"slowest": flown.core.slowest}), file=file)
 
 
-def _ownship(asked: Any, helper: Any, home: Any) -> Any:
+def _ownship(asked: dict[str, Any], helper: Any, home: list[float]) -> Any:
+    """Return ICAROUS with the mission, its fences and the aircraft's limits."""
     flown = import_module("Icarous").Icarous(
         home,
         simtype="UAM_VTOL",
@@ -90,15 +93,19 @@ def _ownship(asked: Any, helper: Any, home: Any) -> Any:
     return flown
 
 
-def _autopilot(command: Any, asked: Any) -> Any:
-    """Return what takes ICAROUS's commands, which are over the ground, and gives the vehicle, which
-    takes them as through the air, those that fly them in the wind within its speeds.
+def _autopilot(
+    command: Callable[[float, float, float], Any], asked: dict[str, Any]
+) -> Callable[[float, float, float], None]:
+    """Return a function that takes ICAROUS's commands, which are over the ground.
+
+    The vehicle takes commands as through the air. It is given those that fly ICAROUS's in the wind,
+    within its speeds.
     """
-    towards, blows = math.radians(asked["wind_from"] + 180.0), asked["wind_speed"]
+    towards, wind = math.radians(asked["wind_from"] + 180.0), asked["wind_speed"]
 
     def fly(track: float, speed: float, climb: float) -> None:
         off = towards - math.radians(track)
-        along, across = blows * math.cos(off), blows * math.sin(off)
+        along, across = wind * math.cos(off), wind * math.sin(off)
         airspeed = math.hypot(speed - along, across)
         airspeed = min(max(airspeed, asked["speed_min"]), asked["speed_max"])
         heading = track - math.degrees(math.asin(across / airspeed))
@@ -107,25 +114,37 @@ def _autopilot(command: Any, asked: Any) -> Any:
     return fly
 
 
-def _record(flown: Any, sim: Any, asked: Any, file: Any) -> None:
-    """Write a sample every few steps, and end the flight where it arrives."""
-    run, complete = flown.Run, flown.CheckMissionComplete
-    goal, steps = asked["waypoints"][-1], [0]
+class Recorder:
+    """Writes a sample every few steps of the simulation, and ends the flight where it arrives.
 
-    def record() -> Any:
-        result = run()
-        if steps[0] % EVERY == 0:
-            places = [flown.ownship.pos, *(one.pos for one in sim.tfList)]
-            row = [flown.currTime, *(float(value) for at in places for value in at[:2])]
-            print(json.dumps(row), file=file, flush=True)
-        steps[0] += 1
+    Args:
+        flown: ICAROUS's ownship, whose two methods of these names are called.
+        sim: the simulation.
+        asked: the mission.
+        file: of the samples.
+    """
+
+    def __init__(self, flown: Any, sim: Any, asked: dict[str, Any], file: TextIO) -> None:
+        self._flown, self._sim, self._file = flown, sim, file
+        self._run, self._complete = flown.Run, flown.CheckMissionComplete
+        self._goal, self._end = asked["waypoints"][-1], asked["end"]
+        self._steps = 0
+
+    def run(self) -> Any:
+        """Run one step of the simulation."""
+        result = self._run()
+        if self._steps % EVERY == 0:
+            places = [self._flown.ownship.pos, *(one.pos for one in self._sim.tfList)]
+            row = [self._flown.currTime, *(float(value) for at in places for value in at[:2])]
+            print(json.dumps(row), file=self._file, flush=True)
+        self._steps += 1
         return result
 
-    def done() -> bool:
-        x, y = (float(value) for value in flown.ownship.pos[:2])
-        return math.hypot(x - goal[0], y - goal[1]) < asked["end"] or complete()
-
-    flown.Run, flown.CheckMissionComplete = record, done
+    def is_complete(self) -> bool:
+        """Return whether the flight has arrived or ICAROUS ends it."""
+        x, y = (float(value) for value in self._flown.ownship.pos[:2])
+        away = math.hypot(x - self._goal[0], y - self._goal[1])
+        return away < self._end or self._complete()
 
 
 if __name__ == "__main__":

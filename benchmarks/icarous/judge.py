@@ -1,13 +1,14 @@
 """The judge of both sides: it knows the mission and where all were, and nothing of who flew."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 
 from benchmarks.icarous.missions import Mission, outline
-from envs.areas import Keep
+from envs.areas import Area, Keep
+from envs.arrays import Array
 
 TOLERANCE = 0.01
 """Share of the separation by which an intruder may be nearer before it is lost: control is sampled
@@ -23,11 +24,11 @@ class Track(NamedTuple):
     K]``.
     """
 
-    time: Any  # s
-    x: Any  # of the ownship, m east and north
-    y: Any
-    other_x: Any
-    other_y: Any
+    time: Array  # s
+    x: Array  # of the ownship, m east
+    y: Array  # m north
+    other_x: Array  # of the intruders
+    other_y: Array
 
 
 class Verdict(NamedTuple):
@@ -57,22 +58,24 @@ def judge(mission: Mission, track: Track, separation: float, radius: float) -> V
         separation: required, m.
         radius: within which the last waypoint is reached, m.
     """
-    arrived, flown = _until(track, mission.waypoints[-1], radius)
-    away = distances(flown)
+    arrived, track = _cut_at_arrival(track, mission.waypoints[-1], radius)
+    away = distances(track)
     near = away < (1.0 - TOLERANCE) * separation
-    lost_at = flown.time[:-1][near.any(axis=1)]
-    breaches = [_breach(flown, fence) for fence in mission.fences]
+    lost_at = track.time[:-1][near.any(axis=1)]
+    breaches = [_breach(track, fence) for fence in mission.fences]
     found = [when for when in breaches if math.isfinite(when)]
-    path = float(np.hypot(np.diff(flown.x), np.diff(flown.y)).sum())
+    path = float(np.hypot(np.diff(track.x), np.diff(track.y)).sum())
+    # What is left within the radius counts as flown.
+    whole = path + radius if math.isfinite(arrived) else path
     return Verdict(
-        float(away.min(initial=math.inf)),
-        int(near.any(axis=0).sum()),
-        float(lost_at[0]) if lost_at.size else math.nan,
-        len(found),
-        min(found, default=math.nan),
-        arrived,
-        path,
-        (path + (radius if math.isfinite(arrived) else 0.0)) / mission.length - 1.0,
+        separation=float(away.min(initial=math.inf)),
+        lost=int(near.any(axis=0).sum()),
+        lost_at=float(lost_at[0]) if lost_at.size else math.nan,
+        breached=len(found),
+        breached_at=min(found, default=math.nan),
+        arrived=arrived,
+        path=path,
+        excess=whole / mission.length - 1.0,
     )
 
 
@@ -85,15 +88,10 @@ def distances(track: Track) -> np.ndarray:
     return np.hypot(x[:-1] + share * dx, y[:-1] + share * dy)
 
 
-def _until(track: Track, goal: tuple[float, float], radius: float) -> tuple[float, Track]:
+def _cut_at_arrival(track: Track, goal: tuple[float, float], radius: float) -> tuple[float, Track]:
     """Return when the goal's radius is entered, s (nan: never), and the flight until then."""
-    still = Track(
-        track.time,
-        track.x,
-        track.y,
-        np.full((track.time.size, 1), goal[0]),
-        np.full((track.time.size, 1), goal[1]),
-    )
+    x, y = (np.full((track.time.size, 1), place) for place in goal)
+    still = track._replace(other_x=x, other_y=y)
     within = distances(still)[:, 0] <= radius
     if not within.any():
         return math.nan, track
@@ -101,7 +99,7 @@ def _until(track: Track, goal: tuple[float, float], radius: float) -> tuple[floa
     return float(track.time[last - 1]), Track(*(field[:last] for field in track))
 
 
-def _breach(track: Track, fence: Any) -> float:
+def _breach(track: Track, fence: Area) -> float:
     """Return when a flight is first beyond a fence's edge, s; nan: never."""
     inner = outline(fence)
     kept_out = fence.keep is Keep.OUT

@@ -7,7 +7,7 @@ the separation) draws it again.
 
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -31,8 +31,8 @@ STRONGEST = 10.0
 _LEGS = 2, 3
 _LEG = 2_500.0, 4_000.0  # m
 _BEND = math.radians(60.0)  # between two legs at most
-_ROUND = 0.5  # share of missions with a fence whose fence is one to be kept in
-_KEPT_IN = 1_500.0, 2_500.0  # from the mission to the edge of a fence to be kept in, m
+_KEEP_IN_SHARE = 0.5  # of missions with a fence: the first fence is one to be kept in
+_KEEP_IN = 1_500.0, 2_500.0  # from the mission to the edge of a fence to be kept in, m
 _SIZE = 150.0, 600.0  # from the middle of a fence to its corners, m
 _CORNERS = 3, 8
 _ASIDE = 600.0  # of a fence's middle from the mission at most, m
@@ -56,7 +56,7 @@ class Mission(NamedTuple):
 
     @property
     def length(self) -> float:
-        """Of the way over the waypoints, m."""
+        """From waypoint to waypoint, m."""
         return float(np.hypot(*np.diff(np.array(self.waypoints), axis=0).T).sum())
 
     @property
@@ -94,7 +94,7 @@ def mission(seed: int, number: int, separation: float) -> Mission:
     return bare._replace(intruders=intruders)
 
 
-def outline(fence: Area) -> Any:
+def outline(fence: Area) -> shapely.Polygon:
     """Return the polygon of a fence as shapely has it."""
     assert isinstance(fence.shape, Polygon), "fences are polygons"
     return shapely.Polygon(fence.shape.outer)
@@ -112,22 +112,24 @@ def _waypoints(draw: np.random.Generator) -> tuple[Place, ...]:
 def _fences(
     draw: np.random.Generator, waypoints: tuple[Place, ...], count: int
 ) -> tuple[Area, ...]:
-    way, found = shapely.LineString(waypoints), list[Area]()
-    if count and draw.random() < _ROUND:
-        hull = way.buffer(draw.uniform(*_KEPT_IN), quad_segs=2).convex_hull
+    line, found = shapely.LineString(waypoints), list[Area]()
+    if count and draw.random() < _KEEP_IN_SHARE:
+        hull = line.buffer(draw.uniform(*_KEEP_IN), quad_segs=2).convex_hull
         found.append(_area(hull, Keep.IN, 0))
     for _ in range(_TRIES):
         if len(found) == count:
             break
-        shape = _convex(draw, way)
+        shape = _convex_shape(draw, line)
         if _stands(shape, waypoints, found):
             found.append(_area(shape, Keep.OUT, len(found)))
     return tuple(found)
 
 
-def _convex(draw: np.random.Generator, way: Any) -> Any:
-    """Return a convex polygon beside or across the way."""
-    middle = way.interpolate(draw.uniform(0.0, 1.0), normalized=True)
+def _convex_shape(
+    draw: np.random.Generator, line: shapely.LineString
+) -> shapely.geometry.base.BaseGeometry:
+    """Return a convex polygon beside or across the mission; what has no area is less than that."""
+    middle = line.interpolate(draw.uniform(0.0, 1.0), normalized=True)
     x, y = np.array([middle.x, middle.y]) + draw.uniform(-_ASIDE, _ASIDE, 2)
     corners = int(draw.integers(_CORNERS[0], _CORNERS[1] + 1))
     angle = np.sort(draw.uniform(0.0, 2.0 * math.pi, corners))
@@ -136,7 +138,9 @@ def _convex(draw: np.random.Generator, way: Any) -> Any:
     return shapely.MultiPoint(places).convex_hull
 
 
-def _stands(shape: Any, waypoints: tuple[Place, ...], others: list[Area]) -> bool:
+def _stands(
+    shape: shapely.geometry.base.BaseGeometry, waypoints: tuple[Place, ...], others: list[Area]
+) -> bool:
     """Return whether a fence leaves room for the waypoints and between it and the others."""
     if shape.area < 0.25 * _SIZE[0] ** 2:
         return False
@@ -147,7 +151,8 @@ def _stands(shape: Any, waypoints: tuple[Place, ...], others: list[Area]) -> boo
     return all(outline(one).boundary.distance(shape) >= _BETWEEN for one in others)
 
 
-def _area(shape: Any, keep: Keep, number: int) -> Area:
+def _area(shape: shapely.geometry.base.BaseGeometry, keep: Keep, number: int) -> Area:
+    assert isinstance(shape, shapely.Polygon)
     ring = tuple((float(x), float(y)) for x, y in shape.exterior.coords[:-1])
     return Area(Polygon(ring), keep=keep, clearance=CLEARANCE, name=f"fence {number}")
 

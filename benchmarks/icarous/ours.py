@@ -7,7 +7,7 @@ holding circle after the last waypoint, since a plan lasts longer than the missi
 
 import math
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -68,16 +68,16 @@ def rules(aircraft: Aircraft, policy: Policy) -> Rules:
 
 def fly(mission: Mission, given: Rules) -> Flight:
     """Fly a mission until it arrives or its time is over."""
-    pilot = _Pilot(mission, given)
+    resolver = _Resolver(mission, given)
     dt, own = given.aircraft.dt, mission.start
-    rows, slowest = [_row(0.0, own, flown=False)], 0.0
+    rows, slowest = [_row(0.0, own, promised=False)], 0.0
     goal = mission.waypoints[-1]
     for number in range(math.ceil(mission.limit / dt)):
         began = time.thread_time()
-        pilot.decide(number * dt, own)
+        resolver.decide(number * dt, own)
         slowest = max(slowest, time.thread_time() - began)
-        flown, own = pilot.follow(number * dt, own)
-        rows += flown
+        more, own = resolver.follow(number * dt, own)
+        rows += more
         if math.hypot(own.x - goal[0], own.y - goal[1]) < 0.5 * given.aircraft.goal_radius:
             break
     table = np.array(rows)
@@ -86,7 +86,16 @@ def fly(mission: Mission, given: Rules) -> Flight:
     return Flight(track, slowest, promised.astype(bool))
 
 
-class _Pilot:
+class _Row(NamedTuple):
+    """Where the ownship is at a time."""
+
+    time: float  # s
+    x: float  # m
+    y: float
+    promised: float  # 1: a plan called SAFE is flown; 0: none
+
+
+class _Resolver:
     """Decides once a time step and follows what the monitor says."""
 
     def __init__(self, mission: Mission, given: Rules) -> None:
@@ -118,7 +127,7 @@ class _Pilot:
         on_plan = int(monitor.state[0]) in _ON_PLAN and not bool(monitor.on_backup[0])
         self._promised = on_plan and now + self._given.aircraft.dt <= ends
 
-    def follow(self, now: float, own: VehicleState) -> tuple[list[Any], VehicleState]:
+    def follow(self, now: float, own: VehicleState) -> tuple[list[_Row], VehicleState]:
         """Return rows of one time step of flight after a moment, s, and the state at its end."""
         aircraft, frame = self._given.aircraft, self._watch.frame
         period = PERIOD * aircraft.dt
@@ -134,7 +143,7 @@ class _Pilot:
             vehicle.step(*command, period)
             at = now + (step + 1) * period
             own = frame.to_ground(VehicleState(*(float(f[0]) for f in vehicle.state)), at)
-            rows.append(_row(at, own, flown=self._promised))
+            rows.append(_row(at, own, promised=self._promised))
         return rows, own
 
     def _pass(self, own: VehicleState) -> None:
@@ -213,13 +222,12 @@ def _room(mission: Mission, place: Place) -> float:
     return room
 
 
-def _intruders(mission: Mission, time: Any) -> tuple[np.ndarray, np.ndarray]:
+def _intruders(mission: Mission, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return x and y of the intruders at some times, ``[T, K]``."""
-    each = np.array(mission.intruders, dtype=float).reshape(-1, 4).T
-    x, y, course, speed = each
-    time = np.asarray(time)[:, None]
-    return x + speed * np.cos(course) * time, y + speed * np.sin(course) * time
+    x, y, course, speed = np.array(mission.intruders, dtype=float).reshape(-1, 4).T
+    after = time[:, None]
+    return x + speed * np.cos(course) * after, y + speed * np.sin(course) * after
 
 
-def _row(time: float, own: VehicleState, *, flown: bool) -> tuple[float, float, float, float]:
-    return time, own.x, own.y, float(flown)
+def _row(time: float, own: VehicleState, *, promised: bool) -> _Row:
+    return _Row(time, own.x, own.y, float(promised))

@@ -7,6 +7,7 @@ line of ``flights.jsonl`` in --out; the same command goes on after the last one.
 the output is one JSON object.
 """
 
+import argparse
 import json
 import math
 import sys
@@ -83,6 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 Flyer = Callable[[Mission], Flight]
+"""Flies a mission by one of :data:`SIDES`."""
 
 
 def _flyers(home: Path | None, vehicle: Aircraft) -> dict[str, Flyer]:
@@ -94,8 +96,12 @@ def _flyers(home: Path | None, vehicle: Aircraft) -> dict[str, Flyer]:
 
 
 def _fly_missing(
-    missing: Sequence[tuple[int, str]], fly: dict[str, Flyer], options: Any, vehicle: Aircraft
+    missing: Sequence[tuple[int, str]],
+    fly: dict[str, Flyer],
+    options: argparse.Namespace,
+    vehicle: Aircraft,
 ) -> list[Row]:
+    """Fly missions, given by their numbers, by sides, write each line down and return the lines."""
     rows, progress = list[Row](), Progress("flights")
     with progress.start(len(missing)), (options.out / _FILE).open("a", encoding="utf-8") as file:
         for count, (number, side) in enumerate(missing, 1):
@@ -199,7 +205,9 @@ def table(found: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def _draw(options: Any, sides: Sequence[str], fly: dict[str, Flyer], vehicle: Aircraft) -> None:
+def _draw(
+    options: argparse.Namespace, sides: Sequence[str], fly: dict[str, Flyer], vehicle: Aircraft
+) -> None:
     """Fly one mission by the sides and draw it."""
     one = mission(options.seed, options.picture, vehicle.separation)
     flights = {side: fly[side](one).track for side in sides}

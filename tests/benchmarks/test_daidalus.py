@@ -20,7 +20,7 @@ from benchmarks.daidalus.program import (
     read_answers,
     scenario_text,
 )
-from benchmarks.daidalus.run import SETTING, VARIANTS, both, compare, flight_of
+from benchmarks.daidalus.run import SETTING, VARIANTS, compare, flight_of, fly_both
 from envs.aircraft import PAPER
 from envs.formats.track_files import read_daidalus
 from envs.kinematics import C208_PUBLISHED, VehicleState
@@ -143,6 +143,6 @@ def test_bands_of_a_crossing_agree(tmp_path: Path) -> None:
     other = Track("Other", own.time, 4_000.0 + 0.0 * own.x, 4_000.0 - 60.0 * own.time,
                   0.0 * own.x, 0.0 * own.x, -60.0 + 0.0 * own.x, 0.0 * own.x, {})  # fmt: skip
     (tmp_path / "crossing.xyz").write_text(scenario_text(own, [other]))
-    found = compare("crossing", both(tmp_path / "crossing.xyz", Path(os.environ[VARIABLE]), {}))
+    found = compare("crossing", fly_both(tmp_path / "crossing.xyz", Path(os.environ[VARIABLE]), {}))
     assert found.headings and all(not match.name for match in found.headings)
     assert found.loss_error.max() < 1e-3 and found.levels_same.all()
