@@ -20,7 +20,7 @@ from benchmarks.measure import parse_names, report
 from envs.edge.command import InputError, Parser
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, fly
 from ros_bridge.mavlink.messages import Mode
-from ros_bridge.mavlink.sitl import SitlError
+from ros_bridge.mavlink.sitl import Sitl, SitlError
 
 _UNTIL = 120.0  # s
 _SPELL = 30.0, 45.0  # s in which it fails, while the plan is flown
@@ -30,7 +30,10 @@ _BLIND = 8.0  # s without it
 _STALL, _SLUGGISH = 2_000, 900  # ms that the program sleeps each time
 _INSTANCE = 11
 
-Watch = Callable[[Any, float, Row], None]
+_SET_MODE = 176  # MAV_CMD_DO_SET_MODE
+
+Watch = Callable[[Sitl, float, Row], None]
+"""Called with the simulation, the time of the flight, s, and where the aircraft is."""
 
 
 class Fault(NamedTuple):
@@ -45,10 +48,10 @@ class Fault(NamedTuple):
 class _Times:
     """Does things once, each at its time."""
 
-    def __init__(self, *steps: tuple[float, Callable[[Any], object]]) -> None:
+    def __init__(self, *steps: tuple[float, Callable[[Sitl], object]]) -> None:
         self._left = list(steps)
 
-    def __call__(self, sitl: Any, seconds: float, row: Row) -> None:
+    def __call__(self, sitl: Sitl, seconds: float, row: Row) -> None:
         """Do what is due."""
         while self._left and seconds >= self._left[0][0]:
             self._left.pop(0)[1](sitl)
@@ -60,7 +63,7 @@ class _Blind:
     def __init__(self) -> None:
         self._lost = False
 
-    def watch(self, sitl: Any, seconds: float, row: Row) -> None:
+    def watch(self, sitl: Sitl, seconds: float, row: Row) -> None:
         """Lose them while it is time."""
         self._lost = _SPELL[0] <= seconds < _SPELL[0] + _BLIND
 
@@ -69,19 +72,19 @@ class _Blind:
         return not (self._lost and number == _POSITION)
 
 
-def _parameter(name: bytes, value: float) -> Callable[[Any], None]:
+def _parameter(name: bytes, value: float) -> Callable[[Sitl], None]:
     return lambda sitl: sitl.station.mav.param_set_send(1, 1, name, value, 9)
 
 
-def _mode(mode: int) -> Callable[[Any], None]:
-    return lambda sitl: sitl.command(176, 1.0, float(mode))
+def _mode(mode: int) -> Callable[[Sitl], None]:
+    return lambda sitl: sitl.command(_SET_MODE, 1.0, float(mode))
 
 
-def _step_the_date(sitl: Any) -> None:
+def _step_the_date(sitl: Sitl) -> None:
     sitl.station.mav.system_time_send(int((time.time() + 3_600.0) * 1e6), 0)
 
 
-def _beat_as_another(sitl: Any, seconds: float, row: Row) -> None:
+def _beat_as_another(sitl: Sitl, seconds: float, row: Row) -> None:
     """Speak as a second ground station, of another number, on the same link."""
     mav = sitl.station.mav
     mav.srcSystem = 254
@@ -89,7 +92,7 @@ def _beat_as_another(sitl: Any, seconds: float, row: Row) -> None:
     mav.srcSystem = 255
 
 
-def _twin(sitl: Any, seconds: float, row: Row) -> None:
+def _twin(sitl: Sitl, seconds: float, row: Row) -> None:
     """Report another aircraft under the first one's address, 3 km to the south of it."""
     if seconds % 1.0 < 0.15:
         east = 1_100.0 + 22.0 * _CROSSING.cpa
@@ -97,13 +100,13 @@ def _twin(sitl: Any, seconds: float, row: Row) -> None:
         sitl.traffic(0xA00001, east, north, 180.0, 25.0, 620.0)
 
 
-def _beat_in_version_1(sitl: Any, seconds: float, row: Row) -> None:
+def _beat_in_version_1(sitl: Sitl, seconds: float, row: Row) -> None:
     """Speak MAVLink 1 from the ground station too."""
     mav = sitl.station.mav
     mav.send(mav.heartbeat_encode(6, 8, 0, 0, 0), force_mavlink1=True)
 
 
-def _stall(sitl: Any, seconds: float, row: Row, sleep: int = _STALL) -> None:
+def _stall(sitl: Sitl, seconds: float, row: Row, sleep: int = _STALL) -> None:
     """Let the simulation go on without the program for so many ms."""
     if not _SPELL[0] <= seconds < _SPELL[1]:
         return
@@ -166,30 +169,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     rows: list[dict[str, Any]] = []
     for name in parse_names(options.only, known):
-        fault = known[name]
-        relay = None if fault.keep is None else Relay(5_762 + 10 * _INSTANCE, fault.keep)
-        more = () if relay is None else ("--connect", relay.address)
-        try:
-            flight = fly(
-                Encounter(0, (_CROSSING,), 0.0, 300.0),
-                "ours",
-                instance=_INSTANCE,
-                # What a relay does not pass on in time looks like a link that is lost.
-                speedup=40.0 if relay is None else 5.0,
-                until=_UNTIL,
-                more=more,
-                watch=fault.watch,
-                parameters=fault.parameters,
-            )
-            rows.append(row_of(name, flight))
-        except (InputError, SitlError, RuntimeError) as problem:
-            rows.append({"fault": name, "refused": str(problem)})
-        finally:
-            if relay is not None:
-                relay.cut()
+        rows.append(_try(name, known[name]))
         print(json.dumps(rows[-1]), flush=True)
     report({"benchmark": "ardupilot.faults", "rows": rows}, ("pymavlink",))
     return 0
+
+
+def _try(name: str, fault: Fault) -> dict[str, Any]:
+    """Fly the encounter with a fault, and return its line."""
+    relay = None if fault.keep is None else Relay(5_762 + 10 * _INSTANCE, fault.keep)
+    try:
+        flight = fly(
+            Encounter(0, (_CROSSING,), 0.0, 300.0),
+            "ours",
+            instance=_INSTANCE,
+            # What a relay does not pass on in time looks like a link that is lost.
+            speedup=40.0 if relay is None else 5.0,
+            until=_UNTIL,
+            more=() if relay is None else ("--connect", relay.address),
+            watch=fault.watch,
+            parameters=fault.parameters,
+        )
+        return row_of(name, flight)
+    except (InputError, SitlError, RuntimeError) as problem:
+        return {"fault": name, "refused": str(problem)}
+    finally:
+        if relay is not None:
+            relay.cut()
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ and hardly the second. The last line is one JSON object.
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ import numpy as np
 from benchmarks.ardupilot.chaser import Chaser
 from benchmarks.ardupilot.encounters import encounter
 from benchmarks.ardupilot.reach import Ground, flight, program_process, wait
-from benchmarks.measure import report
+from benchmarks.measure import processor_time, report
 from envs.edge.command import Parser
 from ros_bridge.mavlink.flight import fly
 from ros_bridge.mavlink.messages import Mode
@@ -42,10 +41,10 @@ def shares(aircraft: int, seconds: float, instance: int = 13) -> dict[str, float
     with flight(instance, 1.0) as sitl:
         ground, chaser = Ground(sitl), Chaser(0)
         with program_process(sitl.address) as program:
-            wait(ground, chaser, 1.0, lambda: False)
+            wait(ground, chaser, 1.0)
             for _ in range(aircraft):
                 chaser.pass_aside(ground.row, float(draw.uniform(_NEAR, _FAR)))
-            wait(ground, chaser, _SETTLED, lambda: False)
+            wait(ground, chaser, _SETTLED)
             free = _share(program.pid, ground, chaser, seconds)
             chaser.come(ground.row, ground.course, _CROSSES)
             if not wait(ground, chaser, _CROSSES, lambda: ground.mode == Mode.GUIDED):
@@ -55,30 +54,21 @@ def shares(aircraft: int, seconds: float, instance: int = 13) -> dict[str, float
 
 
 def _share(pid: int, ground: Ground, chaser: Chaser, seconds: float) -> float:
-    began, before = ground.row.time, _processor_time(pid)
-    wait(ground, chaser, seconds, lambda: False)
-    return (_processor_time(pid) - before) / (ground.row.time - began)
-
-
-def _processor_time(pid: int) -> float:
-    """Return the processor time of a process, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text("ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    """Return a process's share of a core over so many seconds of the autopilot's time."""
+    began, before = ground.row.time, processor_time(pid)
+    wait(ground, chaser, seconds)
+    return (processor_time(pid) - before) / (ground.row.time - began)
 
 
 def plans(encounters: int, instance: int = 13) -> dict[str, Any]:
     """Return what plans took from their requests, ms."""
-    took = np.array(
-        [
-            one
-            for number in range(encounters)
-            for one in fly(
-                encounter(0, number), "ours", instance=instance, speedup=40.0, until=_UNTIL
-            ).planned
-        ]
-    )
+    flights = [
+        fly(encounter(0, number), "ours", instance=instance, speedup=40.0, until=_UNTIL)
+        for number in range(encounters)
+    ]
+    took = 1e3 * np.array([plan for flight in flights for plan in flight.planned])
     found: dict[str, Any] = {"plans": len(took)}
-    for name, column in zip(("clock", "processor"), 1e3 * took.T, strict=True):
+    for name, column in zip(("clock", "processor"), took.T, strict=True):
         found |= {f"{name}_ms_median": round(float(np.median(column)), 1)}
         found |= {f"{name}_ms_p99": round(float(np.percentile(column, 99.0)), 1)}
     return found

@@ -20,7 +20,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,6 +38,7 @@ from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.program import Program
 from ros_bridge.mavlink.sitl import HOME, Leg, Sitl
 
+_SET_MODE = 176  # MAV_CMD_DO_SET_MODE
 FAILSAFE = {"FS_GCS_ENABL": 1, "MAV_GCS_SYSID": 245, "FS_LONG_ACTN": 4, "FS_LONG_TIMEOUT": 3}
 MODES = Mode.LOITER, Mode.RTL, 1, Mode.AUTO
 WAYS = "kill", "cut", "disk", "busy"
@@ -68,8 +69,12 @@ class Ground:
     """What a ground station knows: the aircraft, its mode and the texts."""
 
     def __init__(self, sitl: Sitl) -> None:
-        self.sitl, self.row = sitl, Row(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1)
-        self.course, self.mode, self.texts = 0.0, -1, []
+        self.sitl = sitl
+        self.row = Row(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1)
+        self.course = 0.0
+        """Over the ground, rad."""
+        self.mode = -1
+        self.texts: list[str] = []
         self._frame = LocalFrame(HOME[0], HOME[1])
 
     def hear(self, message: Any) -> None:
@@ -86,6 +91,10 @@ class Ground:
             x, y = float(at.x), float(at.y)
             seconds = 1e-3 * message.time_boot_ms
             self.row = Row(seconds, x, y, 1e-3 * message.alt, fast, fast, self.mode)
+
+    def set_mode(self, mode: int) -> None:
+        """Ask the autopilot for a mode."""
+        self.sitl.command(_SET_MODE, 1.0, float(mode))
 
     def listen(self, seconds: float = 0.05) -> None:
         """Take in what comes within so much real time."""
@@ -113,18 +122,17 @@ def modes(count: int, *, seed: int = 0, instance: int = 8) -> list[Try]:
                     if misses > _MISSES:
                         raise RuntimeError(f"the program does not take over: {ground.texts[-3:]}")
                     continue
-                _set_speed(sitl, _COUNTED)
+                _set_speedup(sitl, _COUNTED)
                 _pass(program, ground, chaser, float(draw.uniform(0.0, 6.0)))
-                mode = int(draw.choice(MODES))
-                found.append(_set_mode(program, ground, chaser, mode))
-                _set_speed(sitl, _SPEEDUP)
+                found.append(_take_over(program, ground, chaser, int(draw.choice(MODES))))
+                _set_speedup(sitl, _SPEEDUP)
                 print(f"{len(found)}/{count} {found[-1]}", flush=True)
         finally:
             program.close()
     return found
 
 
-def _set_speed(sitl: Sitl, speedup: float) -> None:
+def _set_speedup(sitl: Sitl, speedup: float) -> None:
     sitl.station.mav.param_set_send(1, 1, b"SIM_SPEEDUP", speedup, 9)
 
 
@@ -133,7 +141,7 @@ def _until_guided(program: Program, ground: Ground, chaser: Chaser) -> bool:
     chaser.leave()
     began = ground.row.time
     while _phase(program) is not Phase.WATCHING or ground.mode != Mode.AUTO:
-        ground.sitl.command(176, 1.0, float(Mode.AUTO))
+        ground.set_mode(Mode.AUTO)
         _pass(program, ground, chaser, 1.0)
         if ground.row.time - began > _PATIENCE:
             raise RuntimeError(f"the program does not watch again: {ground.texts[-3:]}")
@@ -152,19 +160,19 @@ def _phase(program: Program) -> Phase:
     return program.view.control.phase
 
 
-def _set_mode(program: Program, ground: Ground, chaser: Chaser, mode: int) -> Try:
+def _take_over(program: Program, ground: Ground, chaser: Chaser, mode: int) -> Try:
     """Set a mode as a ground station does, and return how long the program commanded on."""
     ground.texts.clear()
     began = ground.row.time
-    ground.sitl.command(176, 1.0, float(mode))
+    ground.set_mode(mode)
     took = math.inf
     while ground.row.time - began < _AFTER:
         _pass(program, ground, chaser, 0.0)
         if took == math.inf and not program.view.control.flies:
             took = ground.row.time - began
     commanded = program.steered[-1].time - began if program.steered else 0.0
-    said = any("commanding ends" in text for text in ground.texts)
-    good = took <= 1.0 and commanded <= took and said and ground.mode == mode
+    told = any("commanding ends" in text for text in ground.texts)
+    good = took <= 1.0 and commanded <= took and told and ground.mode == mode
     return Try(f"mode {mode}", round(took, 2), good)
 
 
@@ -199,30 +207,31 @@ def ends(ways: Sequence[str], *, seed: int = 0, instance: int = 9) -> list[Try]:
 
 
 def _end(way: str, ground: Ground, chaser: Chaser) -> Try | None:
+    """End the program in one of :data:`WAYS` while it flies; None: it did not take over."""
     relay = Relay(ground.sitl.port + 2)
     with program_process(relay.address, full=way == "disk") as process:
-        wait(ground, chaser, 12.0, lambda: False)
+        wait(ground, chaser, 12.0)
         chaser.come(ground.row, ground.course, _CROSSES)
         if not wait(ground, chaser, _CROSSES, lambda: ground.mode == Mode.GUIDED):
             return None
-        wait(ground, chaser, 1.0, lambda: False)
+        wait(ground, chaser, 1.0)
         began = ground.row.time
         if way == "busy":
             good = _keep_while_busy(ground, chaser) and process.poll() is None
-            process.kill()
-            wait(ground, chaser, _WITHIN, lambda: ground.mode == Mode.AUTO)
         elif way == "disk":
             left = wait(ground, chaser, _FLIES, lambda: ground.mode != Mode.GUIDED)
             good = not left and process.poll() is None
-            process.kill()
-            wait(ground, chaser, _WITHIN, lambda: ground.mode == Mode.AUTO)
         else:
-            if way == "kill":
-                process.kill()
-            else:
-                relay.cut()
-            good = wait(ground, chaser, _WITHIN, lambda: ground.mode == Mode.AUTO)
-            good = good and (way == "kill" or process.poll() is None)
+            good = True
+        if way == "cut":
+            relay.cut()
+        else:
+            process.kill()
+        handed_back = wait(ground, chaser, _WITHIN, lambda: ground.mode == Mode.AUTO)
+        if way in ("kill", "cut"):
+            good = handed_back
+        if way == "cut":
+            good = good and process.poll() is None
         took = ground.row.time - began
     relay.cut()
     chaser.leave()
@@ -239,19 +248,23 @@ def _keep_while_busy(ground: Ground, chaser: Chaser) -> bool:
     others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         while ground.row.time < until:
-            wait(ground, chaser, 0.2, lambda: False)
+            wait(ground, chaser, 0.2)
             least = min(least, chaser.distance(ground.row))
     finally:
         for one in others:
             one.kill()
             one.wait()
-    said = [text for text in ground.texts if text.startswith("RLCAS")]
-    print(f"nearest {least:.0f} m; {said}", flush=True)
-    return least >= SEPARATION or any("late by" in text for text in said)
+    told = [text for text in ground.texts if text.startswith("RLCAS")]
+    print(f"nearest {least:.0f} m; {told}", flush=True)
+    return least >= SEPARATION or any("late by" in text for text in told)
 
 
-def wait(ground: Ground, chaser: Chaser, seconds: float, reached: Any) -> bool:
-    """Wait for so many seconds of the autopilot's; return whether it was reached."""
+def wait(
+    ground: Ground, chaser: Chaser, seconds: float, reached: Callable[[], bool] = lambda: False
+) -> bool:
+    """Wait for so many seconds of the autopilot's time, or until something is reached; return
+    whether it was.
+    """
     until = ground.row.time + seconds
     while ground.row.time < until:
         ground.listen()
@@ -262,8 +275,8 @@ def wait(ground: Ground, chaser: Chaser, seconds: float, reached: Any) -> bool:
 
 
 @contextmanager
-def program_process(address: str, *, full: bool = False) -> Generator[Any]:
-    """Give a running program."""
+def program_process(address: str, *, full: bool = False) -> "Generator[subprocess.Popen[bytes]]":
+    """Give a running program; ``full``: whose log is on a full disk."""
     command = [sys.executable, "-m", "ros_bridge.mavlink", "--connect", address, "--simulated"]
     command += ["--separation", "200", "--fly", "--traffic-altitude", "msl"]
     command += ["--unknown-position-std", "5", "--unknown-velocity-std", "0.2"]

@@ -11,6 +11,7 @@ command goes on after the last one. Flights that ``flights.jsonl`` beside this m
 flown again. The last line is one JSON object.
 """
 
+import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = {"seed": options.seed, "separation_m": SEPARATION}
     rows = read_done(options.out / _FILE, asked)
     if not options.anew:
-        rows += kept_flights(asked, rows)
+        rows += stored_flights(asked, rows)
     flown = {(row["number"], row["method"]) for row in rows}
     wanted = [
         (number, method)
@@ -79,29 +80,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _flights(wanted: Sequence[tuple[int, str]], options: Any) -> Iterator[Row]:
+def _flights(wanted: Sequence[tuple[int, str]], options: argparse.Namespace) -> Iterator[Row]:
+    """Fly encounters, given by their numbers, by methods, and yield the line of each."""
     for number, method in wanted:
         one = encounter(options.seed, number)
         yield row_of(one, method, _fly(one, method, options))
 
 
-def _fly(one: Encounter, method: str, options: Any) -> Result:
+def _fly(one: Encounter, method: str, options: argparse.Namespace) -> Result:
+    """Fly an encounter by a method; on a busy machine a simulation may start too late, and is tried
+    again.
+    """
     until = (one.goal - BEGIN) / one.cruise + _LATE
-    for left in reversed(range(_TRIES)):
+    left = _TRIES
+    while True:
+        left -= 1
         try:
-            return fly(
-                one,
-                method,
-                instance=options.instance,
-                speedup=options.speedup,
-                until=until,
-            )
+            return fly(one, method, instance=options.instance, speedup=options.speedup, until=until)
         except (SitlError, RuntimeError) as problem:
-            # A machine that is busy with others lets a simulation start too late.
             if not left:
                 raise
             print(f"encounter {one.number} {method}: {problem}; again", file=sys.stderr)
-    raise AssertionError("the last try returns or raises")
 
 
 def row_of(one: Encounter, method: str, flight: Result) -> Row:
@@ -129,14 +128,16 @@ def row_of(one: Encounter, method: str, flight: Result) -> Row:
     }
 
 
-def kept_flights(asked: Row, rows: Sequence[Row]) -> list[Row]:
-    """Return the flights that are kept with the benchmark, without those that rows hold."""
+def stored_flights(asked: Row, rows: Sequence[Row]) -> list[Row]:
+    """Return the flights that are stored beside this module, without those that rows hold; none
+    where they were asked for something else.
+    """
     first, *lines = _FLOWN.read_text(encoding="utf-8").splitlines()
     if parse_json(first) != asked:
         return []
     flown = {(row["number"], row["method"]) for row in rows}
-    kept = [parse_json(line) for line in lines]
-    return [row for row in kept if (row["number"], row["method"]) not in flown]
+    stored = [parse_json(line) for line in lines]
+    return [row for row in stored if (row["number"], row["method"]) not in flown]
 
 
 def _complete(rows: Sequence[Row]) -> list[Row]:

@@ -13,15 +13,18 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from benchmarks.ardupilot.encounters import GOAL
 from benchmarks.measure import parse_names, report
 from envs.edge.command import Parser
 from eval.plots.style import legend, sample
 from ros_bridge.mavlink.demo import draw
-from ros_bridge.mavlink.flight import Encounter, Intruder, Result, fly, place_of
+from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, fly, place_of
 from ros_bridge.mavlink.messages import Mode
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _UNTIL = 170.0  # s
 _ACROSS = 4  # pictures beside each other
@@ -112,21 +115,12 @@ def overview(flights: Mapping[str, Result], file: Path) -> None:
     plt.close(figure)
 
 
-def _draw(axis: Any, one: Situation, flight: Result) -> None:
+def _draw(axis: "Axes", one: Situation, flight: Result) -> None:
     cruise = Encounter(0, (), 0.0, 0.0).cruise
     for mode, colour in ((Mode.AUTO, "0.5"), (Mode.GUIDED, "C0")):
         rows = [row for row in flight.rows if row.mode == mode]
         axis.plot([row.x for row in rows], [row.y for row in rows], ".", ms=1.5, color=colour)
-    nearest = min(
-        flight.rows,
-        key=lambda row: min(
-            (
-                math.dist((row.x, row.y), place_of(other, row.time, cruise)[:2])
-                for other in one.intruders
-            ),
-            default=math.inf,
-        ),
-    )
+    nearest = min(flight.rows, key=lambda row: _separation(row, one, cruise))
     axis.plot(nearest.x, nearest.y, "o", ms=3, color="C0")
     for other in one.intruders:
         places = [place_of(other, row.time, cruise) for row in flight.rows[::10]]
@@ -136,6 +130,12 @@ def _draw(axis: Any, one: Situation, flight: Result) -> None:
         axis.fill(*zip(*one.fence, strict=True), color="C1", alpha=0.3)
     axis.set(xlim=(600.0, 4_000.0), ylim=(-900.0, 900.0), aspect="equal")
     axis.tick_params(labelsize=6)
+
+
+def _separation(row: Row, one: Situation, cruise: float) -> float:
+    """Return the distance to the nearest intruder at a row of a flight, m; inf without any."""
+    places = [place_of(other, row.time, cruise)[:2] for other in one.intruders]
+    return min((math.dist((row.x, row.y), place) for place in places), default=math.inf)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -15,7 +15,7 @@ from envs.edge.json_text import parse_json
 from ros_bridge.mavlink.flight import Row
 
 
-def test_kept_flights_are_those_of_their_encounters_and_stand_once() -> None:
+def test_stored_flights_are_those_of_their_encounters_and_stand_once() -> None:
     first, *lines = Path(run.__file__).with_name("flights.jsonl").read_text("utf-8").splitlines()
     asked, rows = parse_json(first), [parse_json(line) for line in lines]
     assert len({(row["number"], row["method"]) for row in rows}) == len(rows)
@@ -27,10 +27,10 @@ def test_kept_flights_are_those_of_their_encounters_and_stand_once() -> None:
 
 def test_kept_flights_are_not_flown_again_and_new_ones_go_before() -> None:
     asked = {"seed": 0, "separation_m": 200.0}
-    every = run.kept_flights(asked, [])
-    left = run.kept_flights(asked, every[:3])
+    every = run.stored_flights(asked, [])
+    left = run.stored_flights(asked, every[:3])
     assert left == every[3:]
-    assert run.kept_flights(asked | {"seed": 1}, []) == []
+    assert run.stored_flights(asked | {"seed": 1}, []) == []
 
 
 def test_aircraft_that_leave_are_reported_for_good() -> None:
