@@ -6,7 +6,6 @@ runs."""
 
 import gc
 import os
-import shutil
 from collections.abc import Callable, Generator, Iterator
 from typing import Any
 
@@ -14,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from agents.planner import budget
+from envs.edge.command import InputError
 from envs.edge.compiled import keep_compiled
 
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
@@ -34,8 +34,8 @@ keep_compiled()  # pytest's workers and the programs that tests start inherit it
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Collect no garbage while every library is imported: that is a quarter of the time, and there
-    is none.
+    """Collect no garbage while every library is imported: it takes a quarter of the time and finds
+    none.
     """
     gc.disable()
     try:
@@ -45,8 +45,8 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mix files that compute with those that wait, and keep whole each file's order; the last files
-    are short.
+    """Mix files that compute with those that wait, so that the last files are short; the order
+    within a file stays.
     """
     items.sort(key=lambda item: item.path.name, reverse=True)
 
@@ -61,20 +61,22 @@ def freeze_what_stays() -> None:
 
 
 @pytest.fixture(scope="module")
-def trained_once() -> Iterator[None]:
+def share_programs() -> Iterator[None]:
     """Let the trainings of this process that differ in no compiled key share their programs."""
     from agents.config.load import dump
     from rlcas_jax import loop
-    from rlcas_jax.config import CheckpointConfig
+    from rlcas_jax.config import CheckpointConfig, TrainConfig
+    from rlcas_jax.devices import Devices
+    from rlcas_jax.task import CompiledTask
 
-    really, kept = loop.build, dict[Any, Any]()
+    compile_task, tasks = loop.build, dict[tuple[str, int], CompiledTask]()
+    outside = {"warm_start": None, "checkpoint": CheckpointConfig()}
 
-    def build(config: Any, devices: Any = None, phase: int = 0) -> Any:
-        outside = {"warm_start": None, "checkpoint": CheckpointConfig()}
+    def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -> CompiledTask:
         key = dump(config.model_copy(update=outside)), phase
-        if key not in kept:
-            kept[key] = really(config, devices, phase)
-        return kept[key]
+        if key not in tasks:
+            tasks[key] = compile_task(config, devices, phase)
+        return tasks[key]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, "build", build)
@@ -86,12 +88,13 @@ def new_page() -> Iterator[Callable[..., Any]]:
     """Return what opens a page in a real browser; the page waits longer than a busy machine
     needs.
     """
+    from benchmarks.measure import find_chromium
+
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    chromium = next(
-        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-    )
-    if chromium is None:
-        pytest.skip("no Chromium is installed (Debian's package: chromium)")
+    try:
+        chromium = find_chromium()
+    except InputError as problem:
+        pytest.skip(str(problem))
     with playwright.sync_playwright() as driver:
         # No sandbox: as root, which continuous integration is, Chromium starts no other way; the
         # page is our own.

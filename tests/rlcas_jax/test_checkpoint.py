@@ -250,7 +250,7 @@ def first_checkpoint(run: Run) -> Path:
 
 
 @pytest.fixture(scope="module")
-def earlier(tmp_path_factory: pytest.TempPathFactory, trained_once: None) -> Run:
+def earlier(tmp_path_factory: pytest.TempPathFactory, share_programs: None) -> Run:
     return train_in(tmp_path_factory.mktemp("runs") / "earlier")
 
 

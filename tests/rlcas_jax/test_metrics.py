@@ -285,7 +285,7 @@ def train_in(config: TrainConfig, directory: Path) -> Run:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, file: Path, trained_once: None) -> Run:
+def whole(tmp_path_factory: pytest.TempPathFactory, file: Path, share_programs: None) -> Run:
     return train_in(load(TrainConfig, file), tmp_path_factory.mktemp("runs") / "whole")
 
 
