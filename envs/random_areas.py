@@ -51,7 +51,7 @@ def random_areas(
         raise ValueError(f"count is {count}, expected 0 to {MOST}")
     table = draws.uniforms(seed, number, 1, (MOST, _DRAWS), stream=_STREAM)[0]
     drawn = (
-        _draw(n, _Draws(*row[:8], row[8:]), (own.x, own.y), goal, aircraft)
+        _draw(n, _Draws(*row[:8], far=row[8:]), (own.x, own.y), goal, aircraft)
         for n, row in enumerate(table[:count])
     )
     return tuple(area for area in drawn if area is not None)
