@@ -16,9 +16,8 @@ from envs.formats.track_rows import Reading, Rows, flights_of
 from envs.traffic.track_units import FOOT, KNOT, Range
 from envs.traffic.tracks import Repairs, TrackError
 
-_STANDING = (
-    10.0  # m; a position that stays the same while the aircraft flies further than this is stale
-)
+_STANDING = 10.0
+"""A position that stays the same while the aircraft flies further than this, m, is stale."""
 
 _FIELDS = {
     "time": ("timestamp", Range(0.0, 1e14, 1e-3)),
@@ -42,11 +41,11 @@ def is_adsb(path: str | os.PathLike[str]) -> bool:
     return '"icao24"' in text_of(os.fspath(path), TrackError)[:4096]
 
 
-def ordered_flights(
+def order_flights(
     path: str | os.PathLike[str], apart: float, *, repair: bool = False, max_gap: float = 5.0
 ) -> Iterator[tuple[str, list[Rows], Repairs]]:
-    """Yield for each aircraft its address, its flights as ordered reports, and what it took to
-    order them.
+    """Yield for each aircraft its address, its flights as ordered reports, and what was repaired
+    for it.
 
     Args:
         apart: reports of an aircraft with more time than this between them are of different
@@ -87,7 +86,7 @@ def _airborne(source: str) -> Iterator[tuple[int, str, dict[str, Any]]]:
             yield number, name.strip().lower(), report
 
 
-def _on_ground(value: Any, where: str) -> bool:
+def _on_ground(value: object, where: str) -> bool:
     word = value.strip().lower() if isinstance(value, str) else value
     if word is None or word == "false":
         return False

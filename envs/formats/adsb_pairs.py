@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.aircraft import Aircraft
-from envs.formats.adsb_file import ordered_flights
+from envs.formats.adsb_file import order_flights
 from envs.formats.local_frame import geocentric
 from envs.formats.track_rows import Rows, place_of, track_of
 from envs.traffic.replay import horizon
@@ -38,13 +38,23 @@ class Nearby(NamedTuple):
 
 
 class _Flight(NamedTuple):
+    """A flight of an aircraft, at each whole second too."""
+
     name: str
     rows: Rows
     time: np.ndarray  # whole seconds, [T]
-    # Cartesian about the Earth's centre, m, [T, 3]: these distances are the same for every
-    # reference
     place: np.ndarray
-    altitude: np.ndarray
+    """Cartesian about the Earth's centre, m, ``[T, 3]``: distances in it are the same for every
+    reference."""
+    altitude: np.ndarray  # m, [T]
+
+
+class _Meeting(NamedTuple):
+    """A closest approach of two flights."""
+
+    time: float  # s
+    one: _Flight
+    other: _Flight
 
 
 def adsb_pairs(
@@ -62,7 +72,7 @@ def adsb_pairs(
     smaller address.
 
     Args:
-        path, repair, max_gap: as of :func:`envs.formats.adsb_file.ordered_flights`.
+        path, repair, max_gap: as of :func:`envs.formats.adsb_file.order_flights`.
         nearby: what counts as an encounter.
         aircraft: what the ownship is taken for.
 
@@ -72,7 +82,7 @@ def adsb_pairs(
     """
     source = os.fspath(path)
     flights, repairs = [], []
-    for name, found, done in ordered_flights(source, APART, repair=repair, max_gap=max_gap):
+    for name, found, done in order_flights(source, APART, repair=repair, max_gap=max_gap):
         repairs.append(done)
         lasting = (
             rows for rows in found if rows and rows[-1][1]["time"] - rows[0][1]["time"] >= _SHORTEST
@@ -80,11 +90,15 @@ def adsb_pairs(
         flights += [_flight(name, rows) for rows in lasting]
     if not flights:
         raise TrackError(f"{source}: no flight of {_SHORTEST:g} s, expected at least two")
-    met = sorted(_meetings(flights, nearby), key=lambda one: (one[0], one[1].name, one[2].name))
-    return [_encounter(*one, nearby.lead, aircraft) for one in met], sum_of_repairs(repairs)
+    meetings = sorted(
+        _meetings(flights, nearby), key=lambda each: (each.time, each.one.name, each.other.name)
+    )
+    encounters = [_encounter(each, nearby.lead, aircraft) for each in meetings]
+    return encounters, sum_of_repairs(repairs)
 
 
 def _flight(name: str, rows: Rows) -> _Flight:
+    """Return the flight of ordered rows."""
     time, latitude, longitude, altitude = (
         np.array([values[key] for _, values in rows]) for key in ("time", "lat", "lon", "alt")
     )
@@ -95,10 +109,8 @@ def _flight(name: str, rows: Rows) -> _Flight:
     return _Flight(name, rows, whole, place, np.interp(whole, time, altitude))
 
 
-def _meetings(
-    flights: Sequence[_Flight], nearby: Nearby
-) -> Iterator[tuple[float, _Flight, _Flight]]:
-    """Yield the time of the closest approach at one level of every pair that came near."""
+def _meetings(flights: Sequence[_Flight], nearby: Nearby) -> Iterator[_Meeting]:
+    """Yield the closest approach at one level of every pair that came near."""
     for one, other in itertools.combinations(flights, 2):
         begin, end = max(one.time[0], other.time[0]), min(one.time[-1], other.time[-1])
         if one.name == other.name or end - begin < _SHORTEST:
@@ -107,13 +119,12 @@ def _meetings(
             slice(int(begin - each.time[0]), int(end - each.time[0]) + 1) for each in (one, other)
         )
         apart = np.linalg.norm(one.place[mine] - other.place[theirs], axis=-1)
-        near = (abs(one.altitude[mine] - other.altitude[theirs]) <= nearby.vertical) & (
-            apart <= nearby.within
-        )
+        level = abs(one.altitude[mine] - other.altitude[theirs]) <= nearby.vertical
+        near = level & (apart <= nearby.within)
         while near.any():
             closest = int(np.argmin(np.where(near, apart, np.inf)))
             if closest >= _SHORTEST:
-                yield begin + closest, one, other
+                yield _Meeting(begin + closest, one, other)
                 break
             # Too early: what is left of this approach is no other one.
             after = np.flatnonzero(~near[closest:])
@@ -121,9 +132,12 @@ def _meetings(
 
 
 def _encounter(
-    time: float, one: _Flight, other: _Flight, lead: float, aircraft: Aircraft
+    meeting: _Meeting, lead: float, aircraft: Aircraft
 ) -> tuple[str, Track, Sequence[Track]]:
-    """Return an encounter, local to where its ownship begins."""
+    """Return an encounter that begins so long before the closest approach, s, local to where its
+    ownship begins.
+    """
+    time, one, other = meeting
     limits, begin = aircraft.limits, max(time - lead, one.time[0], other.time[0])
     pair = sorted((one, other), key=lambda flight: flight.name)
     fits = [limits.speed_min <= _speed(flight, begin) <= limits.speed_max for flight in pair]
@@ -149,5 +163,6 @@ def _during(rows: Rows, begin: float, end: float) -> Rows:
 
 
 def _speed(flight: _Flight, time: float) -> float:
+    """Return the ground speed at a time, m/s."""
     times = [values["time"] for _, values in flight.rows]
     return float(np.interp(time, times, [values["gs"] for _, values in flight.rows]))

@@ -52,9 +52,8 @@ class LincolnEncounter(NamedTuple):
     speed: np.ndarray  # m/s, along the flight path
     track: np.ndarray  # rad
     duration: float  # s
-    events: tuple[
-        np.ndarray, np.ndarray
-    ]  # [E, 4] each: time s, vertical rate m/s, turn rate rad/s, acceleration m/s^2
+    events: tuple[np.ndarray, np.ndarray]
+    """``[E, 4]`` each: time, s, vertical rate, m/s, turn rate, rad/s, acceleration, m/s^2."""
     miss: float  # published horizontal miss distance, m; nan if there is none
     time: float  # published time of closest approach, s; nan if there is none
     weight: float  # importance weight; 1 if there is none
@@ -102,10 +101,11 @@ def tracks_of(encounter: LincolnEncounter) -> tuple[Track, Track]:
     vertical rate leaves of it, and the track turns at the turn rate; each event holds until the
     next one.
     """
-    return _flights(encounter, 0, "ownship"), _flights(encounter, 1, "intruder")
+    return _fly(encounter, 0, "ownship"), _fly(encounter, 1, "intruder")
 
 
-def _flights(encounter: LincolnEncounter, i: int, name: str) -> Track:
+def _fly(encounter: LincolnEncounter, i: int, name: str) -> Track:
+    """Return the track of one of the two aircraft."""
     time = _STEP * np.arange(round(encounter.duration / _STEP) + 1)
     events = encounter.events[i]
     rows = np.searchsorted(events[:, 0], time[:-1] + 1e-9, side="right") - 1
@@ -114,96 +114,125 @@ def _flights(encounter: LincolnEncounter, i: int, name: str) -> Track:
     speed = np.maximum(encounter.speed[i] + _running_sums(acceleration), 0.0)
     track = encounter.track[i] + _running_sums(turn)
     climb = np.concatenate([rate, rate[-1:]]) if len(rate) else np.zeros(1)
-    middle_speed, middle_track = 0.5 * (speed[1:] + speed[:-1]), track[:-1] + 0.5 * _STEP * turn
+    middle_speed = 0.5 * (speed[1:] + speed[:-1])
+    middle_track = track[:-1] + 0.5 * _STEP * turn
     level = np.sqrt(np.maximum(middle_speed**2 - rate**2, 0.0))
     east = encounter.east[i] + _running_sums(level * np.sin(middle_track))
     north = encounter.north[i] + _running_sums(level * np.cos(middle_track))
     altitude = encounter.altitude[i] + _running_sums(rate)
     ground = np.sqrt(np.maximum(speed**2 - climb**2, 0.0))
     return Track(
-        name, time, east, north, altitude, ground * np.sin(track), ground * np.cos(track), climb, {}
+        name=name,
+        time=time,
+        x=east,
+        y=north,
+        altitude=altitude,
+        vx=ground * np.sin(track),
+        vy=ground * np.cos(track),
+        vertical_rate=climb,
+        extra={},
     )
 
 
 def _running_sums(rates: np.ndarray) -> np.ndarray:
+    """Return what rates ``[T]``, each of a step, add up to from 0 on, ``[T + 1]``."""
     return _STEP * np.concatenate([[0.0], np.cumsum(rates)])
 
 
-def _encounter(each: Any, where: str, repair: bool) -> LincolnEncounter:
+def _encounter(each: object, where: str, repair: bool) -> LincolnEncounter:
     if not isinstance(each, dict):
         raise TrackError(f"{where}: expected an object")
-    state = [_pair(each, key, where) for key in _STATE]
+    state = {key: _pair(each, key, where) for key in _STATE}
     duration = _one(each, "runTime_s", where)
     if not 0.0 < duration <= _LONGEST:
         raise TrackError(
             f"{where}, field runTime_s: {duration:g}, expected more than 0 and at most "
             f"{_LONGEST:g} s"
         )
-    events = each.get(EVENTS)
-    if not isinstance(events, list) or len(events) != 2:
+    lists = each.get(EVENTS)
+    if not isinstance(lists, list) or len(lists) != 2:
         raise TrackError(
             f"{where}, field {EVENTS}: expected a list of events for each of two aircraft"
         )
-    meta = each.get("meta", {})
-    if not isinstance(meta, dict):
-        raise TrackError(f"{where}, field meta: expected an object")
-    miss, time, weight = (
-        _one(meta, key, where) if key in meta else missing
-        for key, missing in (("hmd", math.nan), ("tca", math.nan), ("w", 1.0))
-    )
+    found = _meta(each.get("meta", {}), where)
     number = _one(each, "id", where)
     if number != int(number):
         raise TrackError(f"{where}, field id: {number:g}, expected a whole number")
-    if not weight > 0.0:
-        raise TrackError(f"{where}, field w: {weight:g}, expected a positive weight")
-    read = []
+    if not found.weight > 0.0:
+        raise TrackError(f"{where}, field w: {found.weight:g}, expected a positive weight")
+    events, repairs = [], []
     for i, name in enumerate(("ownship", "intruder")):
         label = f"{where}, {name}'s events"
-        read.append(_events(events[i], label, repair))
-        _check_flight(read[i][0], duration, float(state[2][i]), float(state[3][i]), label)
-    (own, own_repairs), (other, other_repairs) = read
+        rows, repaired = _events(lists[i], label, repair)
+        altitude, speed = float(state["h_ft"][i]), float(state["v_ftps"][i])
+        _check_flight(rows, duration, altitude, speed, label)
+        events.append(rows)
+        repairs.append(repaired)
     return LincolnEncounter(
-        int(number),
-        *state,
+        number=int(number),
+        north=state["n_ft"],
+        east=state["e_ft"],
+        altitude=state["h_ft"],
+        speed=state["v_ftps"],
+        track=state["heading_rad"],
         duration=duration,
-        events=(own, other),
-        miss=miss * FOOT,
-        time=(time - 1.0) * _STEP,
-        weight=weight,
-        repairs=sum_of_repairs([own_repairs, other_repairs]),
+        events=(events[0], events[1]),
+        miss=found.miss * FOOT,
+        time=(found.time - 1.0) * _STEP,
+        weight=found.weight,
+        repairs=sum_of_repairs(repairs),
     )
 
 
-def _events(rows: Any, where: str, repair: bool) -> tuple[np.ndarray, Repairs]:
-    """Return events ``[E, 4]`` in SI units, their times increasing, and what it took."""
+class _Meta(NamedTuple):
+    """What the models' own simulation found, in the file's units."""
+
+    miss: float
+    time: float
+    weight: float
+
+
+def _meta(meta: object, where: str) -> _Meta:
+    if not isinstance(meta, dict):
+        raise TrackError(f"{where}, field meta: expected an object")
+    return _Meta(
+        miss=_one(meta, "hmd", where) if "hmd" in meta else math.nan,
+        time=_one(meta, "tca", where) if "tca" in meta else math.nan,
+        weight=_one(meta, "w", where) if "w" in meta else 1.0,
+    )
+
+
+def _events(rows: object, where: str, repair: bool) -> tuple[np.ndarray, Repairs]:
+    """Return events ``[E, 4]`` in SI units, their times increasing, and what was repaired."""
     if not isinstance(rows, list):
         raise TrackError(f"{where}: expected a list of rows")
     bad, late = 0, 0
-    kept: list[list[float]] = []
+    found: list[list[float]] = []
     for i, row in enumerate(rows):
         if repair and isinstance(row, list) and any(map(_is_none, row)):
             bad += 1
             continue
         values = _row(row, f"{where}, row {i + 1}")
-        if kept and values[0] <= kept[-1][0]:
+        if found and values[0] <= found[-1][0]:
             if not repair:
                 raise TrackError(
                     f"{where}, row {i + 1}, time: {values[0]:g} s, expected more than "
-                    f"{kept[-1][0]:g} s"
+                    f"{found[-1][0]:g} s"
                 )
             late += 1
             continue
-        kept.append(values)
+        found.append(values)
     # Without events nothing is ever commanded.
-    return np.array(kept or [[0.0] * len(_EVENT_FIELDS)]), Repairs(
-        not_finite=bad, out_of_order=late
-    )
+    events = np.array(found or [[0.0] * len(_EVENT_FIELDS)])
+    return events, Repairs(not_finite=bad, out_of_order=late)
 
 
 def _check_flight(
     events: np.ndarray, duration: float, altitude: float, speed: float, where: str
 ) -> None:
-    """Raise where events lead out of the altitudes and speeds that a file may begin with."""
+    """Raise a TrackError where events lead out of the altitudes and speeds that a file may begin
+    with.
+    """
     held = np.diff(np.clip(np.append(events[:, 0], duration), 0.0, duration))
     for name, key, begin, rates in (
         ("altitude", "h_ft", altitude, events[:, 1]),
@@ -220,11 +249,11 @@ def _check_flight(
             )
 
 
-def _is_none(value: Any) -> bool:
+def _is_none(value: object) -> bool:
     return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 
-def _row(row: Any, where: str) -> list[float]:
+def _row(row: object, where: str) -> list[float]:
     if not isinstance(row, list) or len(row) != len(_EVENT_FIELDS):
         raise TrackError(
             f"{where}: expected {len(_EVENT_FIELDS)} numbers: {', '.join(_EVENT_FIELDS)}"
@@ -248,11 +277,8 @@ def _one(each: dict[str, Any], key: str, where: str) -> float:
     return _number(each.get(key), f"{where}, field {key}", _ANY)
 
 
-def _number(value: Any, where: str, accepted: Range) -> float:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, (int, float))
-        or not abs(value) <= _ANY.high
-    ):
+def _number(value: object, where: str, accepted: Range) -> float:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not (number and abs(value) <= _ANY.high):
         raise TrackError(f"{where}: {repr(value)[:40]}, expected a finite number")
     return accepted.si(value, where)

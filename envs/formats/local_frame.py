@@ -12,11 +12,12 @@ degrees latitude, tens of degrees near a pole).
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from envs.angles import wrap
+from envs.arrays import Array
 
 if TYPE_CHECKING:
     from pyproj import Geod, Transformer
@@ -55,14 +56,14 @@ class Place(NamedTuple):
 class Geodetic(NamedTuple):
     """Points on the ellipsoid; fields ``[...]``."""
 
-    latitude: Any  # degrees
-    longitude: Any  # degrees, in [-180, 180)
-    convergence: Any  # as of Place
+    latitude: np.ndarray  # degrees
+    longitude: np.ndarray  # degrees, in [-180, 180)
+    convergence: np.ndarray  # as of Place
 
 
-def local(latitude: Any, longitude: Any, reference: tuple[float, float]) -> Place:
-    """Return where latitudes and longitudes ``[...]`` are on the map about those of a reference,
-    rad.
+def local(latitude: Array, longitude: Array, reference: tuple[float, float]) -> Place:
+    """Return where latitudes and longitudes, rad, ``[...]``, are on the map about those of a
+    reference, rad.
     """
     latitude, longitude = np.asarray(latitude, np.float64), np.asarray(longitude, np.float64)
     start = np.full(latitude.shape, reference[1]), np.full(latitude.shape, reference[0])
@@ -78,14 +79,14 @@ class LocalFrame:
     latitude: float
     longitude: float
 
-    def place(self, latitude: Any, longitude: Any) -> Place:
-        """Return where points ``[...]`` are, degrees; 360 degrees of longitude more or less make no
-        difference.
+    def place(self, latitude: Array, longitude: Array) -> Place:
+        """Return where points, degrees, ``[...]``, are on the map; 360 degrees of longitude more or
+        less make no difference.
         """
         here = math.radians(self.latitude), math.radians(self.longitude)
         return local(np.radians(latitude), np.radians(longitude), here)
 
-    def geodetic(self, x: Any, y: Any) -> Geodetic:
+    def geodetic(self, x: Array, y: Array) -> Geodetic:
         """Return the points of the ellipsoid at x and y, m, ``[...]``: the inverse of
         :meth:`place`.
         """
@@ -107,7 +108,9 @@ def distance(latitude_a: float, longitude_a: float, latitude_b: float, longitude
 def displacement(
     latitude_a: float, longitude_a: float, latitude_b: float, longitude_b: float
 ) -> tuple[float, float]:
-    """Return the way from one point to another, degrees, true east and north at the first, m."""
+    """Return the way from one point to another, both in degrees, as true east and north at the
+    first, m.
+    """
     out, _, length = wgs84().inv(longitude_a, latitude_a, longitude_b, latitude_b)
     return length * math.sin(math.radians(out)), length * math.cos(math.radians(out))
 

@@ -47,18 +47,13 @@ _COLUMNS = {
         ("heading", _Column("heading", "angle", -_TURN, _TURN)),
         ("airspeed", _Column("airspeed", "speed", 0.0, _FAST)),
         ("alerter", _Column("alerter", "none")),
-        *(
-            (f"s{axis}_std", _Column(f"s{axis}_std", "length"))
-            for axis in ("_ew", "_ns", "_en", "z")
-        ),
-        *(
-            (f"v{axis}_std", _Column(f"v{axis}_std", "speed"))
-            for axis in ("_ew", "_ns", "_en", "z")
-        ),
     )
     for name in names.split()
 }
 """By the names of the files, in lower case."""
+for _letter, _family in (("s", "length"), ("v", "speed")):
+    for _axis in ("_ew", "_ns", "_en", "z"):
+        _COLUMNS[f"{_letter}{_axis}_std"] = _Column(f"{_letter}{_axis}_std", _family)
 
 _NEEDED = ("name", "alt", "vs", "time")
 _CHOICES = ((("lat", "lon"), ("sx", "sy")), (("trk", "gs"), ("vx", "vy")))

@@ -5,15 +5,24 @@ A model is a dynamic Bayesian network. The initial network draws airspace class,
 airspeed, acceleration, vertical rate and turn rate; the transition network draws the last three
 anew each second. A file is a text of blocks, each with a line ``# name``:
 
-``labels_initial``, ``labels_transition``  names of the variables, in quotes, between commas
-``G_initial``, ``G_transition``            a row a variable: 1 under each variable that it is a
-parent of ``r_initial``, ``r_transition``            how many bins each variable has ``N_initial``,
-``N_transition``            counts, variable after variable, bin after bin, the first parent
-fastest;
-                                           of the transition network only the variables at t+1
-``boundaries``                             a line an initial variable: edges of its bins, or ``*``
-for a category ``resample_rates``                         chance a second that a value is drawn anew
-inside its bin
+``labels_initial``, ``labels_transition``
+    names of the variables, in quotes, between commas
+
+``G_initial``, ``G_transition``
+    a row a variable: 1 under each variable that it is a parent of
+
+``r_initial``, ``r_transition``
+    how many bins each variable has
+
+``N_initial``, ``N_transition``
+    counts, variable after variable, bin after bin, the first parent fastest; of the transition
+    network only the variables at t+1
+
+``boundaries``
+    a line an initial variable: edges of its bins, or ``*`` for a category
+
+``resample_rates``
+    chance a second that a value is drawn anew inside its bin
 
 The units stand nowhere in the file, they are those of the form: kt, kt/s, ft/min, deg/s clockwise,
 ft above ground. (Kochenderfer et al., Uncorrelated encounter model of the National Airspace System,
@@ -31,12 +40,8 @@ import numpy as np
 from envs.edge.text_file import lines_of, number_of
 from envs.encounters import EncounterError
 
-SPEED, ACCELERATION, CLIMB, TURN = (
-    "v",
-    r"\dot v",
-    r"\dot h",
-    r"\dot \psi",
-)  # names of the variables that make a track
+SPEED, ACCELERATION, CLIMB, TURN = "v", r"\dot v", r"\dot h", r"\dot \psi"
+"""Names of the variables that make a track."""
 
 _BLOCKS = (
     "labels_initial",
@@ -89,9 +94,8 @@ class EncounterModel(NamedTuple):
     """Edges of the bins of each initial variable, ``[bins + 1]``, in the form's units; None for a
     category.
     """
-    rates: (
-        np.ndarray
-    )  # chance a second that a value is drawn anew inside its bin, of each initial variable
+    rates: np.ndarray
+    """Chance a second that a value of each initial variable is drawn anew inside its bin."""
 
     def place(self, name: str) -> int:
         """Return the place of an initial variable; a ValueError where there is none of this
@@ -114,25 +118,15 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
         if name not in names:
             raise file.error("labels_initial", f": no variable {name!r}, expected one")
     moving = _moving(file, names, later)
-    bins, all_bins = (
-        file.numbers(block, len(labels), low=1, high=_MOST_BINS, whole=True).astype(int).tolist()
-        for block, labels in (("r_initial", names), ("r_transition", later))
-    )
-    for i, place in enumerate([*range(len(names)), *moving]):
-        if all_bins[i] != bins[place]:
-            expected = (
-                f"{all_bins[i]} bins, expected {bins[place]} as of {names[place]!r} in r_initial"
-            )
-            raise file.error("r_transition", f", variable {later[i]!r}: {expected}")
-    parents, all_parents = _parents(file, "G_initial", names), _parents(file, "G_transition", later)
-    for i in range(len(names)):
-        if all_parents[i]:
-            raise file.error(
-                "G_transition", f": {later[i]!r} at time t has a parent, expected none"
-            )
-    first = _variables(file, "N_initial", names, bins, parents)
+    bins, all_bins = _bins(file, names, later, moving)
+    parents = _parents(file, "G_initial", names)
+    all_parents = _parents(file, "G_transition", later)
+    for label, found in zip(later, all_parents[: len(names)], strict=False):
+        if found:
+            raise file.error("G_transition", f": {label!r} at time t has a parent, expected none")
+    initial = _variables(file, "N_initial", names, bins, parents)
     changing = [names[i] for i in moving]
-    second = _variables(
+    transition = _variables(
         file, "N_transition", changing, all_bins, all_parents[len(names) :], len(names)
     )
     edges = _boundaries(file, names, bins)
@@ -140,10 +134,12 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
         if edges[names.index(name)] is None:
             raise file.error("boundaries", f", variable {name!r}: '*', expected edges")
     rates = file.numbers("resample_rates", len(names), low=0.0, high=1.0)
-    return EncounterModel(first, second, moving, edges, rates)
+    return EncounterModel(initial, transition, moving, edges, rates)
 
 
 class _File:
+    """The blocks of a file; raises an EncounterError where one is missing, empty or twice there."""
+
     def __init__(self, source: str) -> None:
         self._source = source
         self.blocks: dict[str, list[tuple[int, str]]] = {}
@@ -224,6 +220,7 @@ class _File:
 
 
 def _bare(label: str) -> str:
+    """Return a variable's name without its time."""
     return re.sub(r"\(t(\+1)?\)$", "", label).strip()
 
 
@@ -243,6 +240,25 @@ def _moving(file: _File, names: list[str], later: list[str]) -> tuple[int, ...]:
         if names.index(name) not in places:
             raise file.error(block, f": no variable {name + '(t+1)'!r}, expected one")
     return tuple(places)
+
+
+def _bins(
+    file: _File, names: list[str], later: list[str], moving: tuple[int, ...]
+) -> tuple[list[int], list[int]]:
+    """Return how many bins the variables of the initial and of the transition network have; a
+    variable has as many in both.
+    """
+    bins, all_bins = (
+        file.numbers(block, len(labels), low=1, high=_MOST_BINS, whole=True).astype(int).tolist()
+        for block, labels in (("r_initial", names), ("r_transition", later))
+    )
+    for i, place in enumerate([*range(len(names)), *moving]):
+        if all_bins[i] != bins[place]:
+            expected = f"expected {bins[place]} as of {names[place]!r} in r_initial"
+            raise file.error(
+                "r_transition", f", variable {later[i]!r}: {all_bins[i]} bins, {expected}"
+            )
+    return bins, all_bins
 
 
 def _parents(file: _File, block: str, labels: list[str]) -> list[tuple[int, ...]]:
@@ -296,6 +312,7 @@ def _variables(
 
 
 def _boundaries(file: _File, names: list[str], bins: list[int]) -> tuple[np.ndarray | None, ...]:
+    """Return the edges of each variable's bins, None of a category."""
     block, edges = "boundaries", []
     for i, line in enumerate(file.rows(block, len(names))):
         if line == "*":

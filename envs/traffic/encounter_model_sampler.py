@@ -45,45 +45,75 @@ def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int) -> Samp
     """Return what unit-uniform draws ``[M, D]`` make of a model, D = :func:`dimensions`."""
     size = len(model.initial)
     bins = _initial(model, draws[:, :size])
-    values = np.zeros((len(draws), size))
-    for place, edges in enumerate(model.boundaries):
-        if edges is not None:
-            values[:, place] = _value(
-                edges, bins[:, place], draws[:, size + place], place in model.moving
-            )
+    values = _initial_values(model, bins, draws[:, size : 2 * size])
+    later = draws[:, 2 * size :].reshape(len(draws), seconds - 1, 3, len(model.moving))
     tables = [_table(variable) for variable in model.transition]
     order = _order(model.transition, size)
-    later = draws[:, 2 * size :].reshape(len(draws), seconds - 1, 3, len(model.moving))
-    rows, current = [values.copy()], bins.copy()
+    now, rows = _Second(bins, values), [values]
     for second in range(seconds - 1):
-        both = np.concatenate([current, np.zeros((len(draws), len(model.moving)), int)], axis=1)
-        for k in order:
-            variable, place = model.transition[k], model.moving[k]
-            chance, again, inside = later[:, second, :, k].T
-            configuration = _configuration(model, variable, both)
-            drawn = _draw(tables[k][configuration], chance)
-            seen = np.any(variable.counts[configuration], axis=1)
-            both[:, size + k] = drawn = np.where(seen, drawn, current[:, place])
-            anew = (drawn != current[:, place]) | (again < model.rates[place])
-            edges = model.boundaries[place]
-            assert edges is not None  # the reader refuses it
-            values[:, place] = np.where(anew, _value(edges, drawn, inside, True), values[:, place])
-        current[:, list(model.moving)] = both[:, size:]
-        rows.append(values.copy())
-    whole = np.stack(rows, axis=1)
-
-    def of(name: str) -> np.ndarray:
-        names = [variable.name for variable in model.initial]
-        return (
-            whole[:, :, names.index(name)] * _SI[name]
-            if name in names
-            else np.zeros(whole.shape[:2])
-        )
-
-    return Sampled(bins, of(SPEED)[:, 0], of(ACCELERATION), of(TURN), of(CLIMB))
+        now = _next(model, tables, order, now, later[:, second])
+        rows.append(now.values)
+    series = np.stack(rows, axis=1)
+    return Sampled(
+        bins,
+        speed=_column(model, series, SPEED)[:, 0],
+        acceleration=_column(model, series, ACCELERATION),
+        turn_rate=_column(model, series, TURN),
+        climb=_column(model, series, CLIMB),
+    )
 
 
-def fly_sampled(model: EncounterModel, sampled: Sampled, speed_max: float) -> VehicleState:
+class _Second(NamedTuple):
+    """The initial network's variables at a time, ``[M, V]``."""
+
+    bins: np.ndarray
+    values: np.ndarray  # in the model's units
+
+
+def _next(
+    model: EncounterModel,
+    tables: list[np.ndarray],
+    order: list[int],
+    now: _Second,
+    draws: np.ndarray,
+) -> _Second:
+    """Return the variables a second later.
+
+    Args:
+        tables: cumulative chances of each variable of the transition network.
+        order: those variables, parents first.
+        draws: ``[M, 3, moving]``: of the bin, of whether the value is drawn anew, and of the value.
+    """
+    size = len(model.initial)
+    bins, values = now.bins.copy(), now.values.copy()
+    # The variables at t, and after them those at t + 1.
+    both = np.concatenate([now.bins, np.zeros((len(bins), len(model.moving)), int)], axis=1)
+    for k in order:
+        variable, place = model.transition[k], model.moving[k]
+        chance, again, inside = draws[:, :, k].T
+        configuration = _configuration(model, variable, both)
+        drawn = _draw(tables[k][configuration], chance)
+        seen = np.any(variable.counts[configuration], axis=1)
+        both[:, size + k] = drawn = np.where(seen, drawn, now.bins[:, place])
+        anew = (drawn != now.bins[:, place]) | (again < model.rates[place])
+        edges = model.boundaries[place]
+        assert edges is not None  # the reader refuses it
+        values[:, place] = np.where(anew, _value(edges, drawn, inside, True), values[:, place])
+    bins[:, list(model.moving)] = both[:, size:]
+    return _Second(bins, values)
+
+
+def _column(model: EncounterModel, series: np.ndarray, name: str) -> np.ndarray:
+    """Return a variable's values in SI units, ``[M, T]``, from those of all, ``[M, T, V]``; 0 where
+    the model has none of that name.
+    """
+    names = [variable.name for variable in model.initial]
+    if name not in names:
+        return np.zeros(series.shape[:2])
+    return series[:, :, names.index(name)] * _SI[name]
+
+
+def fly_tracks(model: EncounterModel, sampled: Sampled, speed_max: float) -> VehicleState:
     """Fly what was drawn, from the origin and eastward; fields ``[M, T + 1]``.
 
     Each second's acceleration and turn rate are flown exactly. A first speed beyond the limits
@@ -109,6 +139,16 @@ def _initial(model: EncounterModel, draws: np.ndarray) -> np.ndarray:
             _table(variable)[_configuration(model, variable, bins)], draws[:, place]
         )
     return bins
+
+
+def _initial_values(model: EncounterModel, bins: np.ndarray, draws: np.ndarray) -> np.ndarray:
+    """Return values inside the bins of the initial variables, ``[M, V]``; 0 of a category."""
+    values = np.zeros(draws.shape)
+    for place, edges in enumerate(model.boundaries):
+        if edges is not None:
+            moving = place in model.moving
+            values[:, place] = _value(edges, bins[:, place], draws[:, place], moving)
+    return values
 
 
 def _order(variables: tuple[Variable, ...], before: int = 0) -> list[int]:
@@ -142,7 +182,7 @@ def _draw(chances: np.ndarray, draw: np.ndarray) -> np.ndarray:
 
 
 def _value(edges: np.ndarray, bins: np.ndarray, draw: np.ndarray, moving: bool) -> np.ndarray:
-    """Return values uniform inside the bins; of what moves the bin around 0 means 0."""
+    """Return values uniform inside bins ``[M]``; of what moves the bin around 0 means 0."""
     low, high = edges[bins], edges[bins + 1]
     value = low + (high - low) * draw
     return np.where((low < 0.0) & (high > 0.0), 0.0, value) if moving else value

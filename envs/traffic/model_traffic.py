@@ -21,7 +21,7 @@ both are drawn again, so that each encounter counts once.
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from envs.kinematics import FASTEST, VehicleState, advance
 from envs.relative import distance, leg_separation
 from envs.starts import check_number
 from envs.traffic.encounter_model import EncounterModel
-from envs.traffic.encounter_model_sampler import dimensions, fly_sampled, sample_model
+from envs.traffic.encounter_model_sampler import dimensions, fly_tracks, sample_model
 from envs.traffic.replay import encounters_of
 from envs.trees import scatter, take
 
@@ -46,7 +46,7 @@ _SAME = 0.5  # the closest approach counts as found again within this, m
 
 @dataclass(frozen=True)
 class ModelTraffic:
-    """A family of encounters with one intruder of a model; pairs (low, high) are ranges of a
+    """A scenario of encounters with one intruder of a model; pairs (low, high) are ranges of a
     uniform draw.
     """
 
@@ -66,10 +66,12 @@ class ModelTraffic:
 
 
 class _Drawn(NamedTuple):
+    """Encounters of one attempt; fields ``[M]``."""
+
     own: VehicleState
     recording: VehicleState  # [M, T + 1]
-    weight: np.ndarray
-    accepted: np.ndarray
+    weight: np.ndarray  # m/s
+    accepted: np.ndarray  # whether they meet the conditions, bool
 
 
 def encounters_with(
@@ -84,7 +86,7 @@ def encounters_with(
     """
     check_number(seed, first)
     wanted = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
-    whole: Any = None
+    whole: _Drawn | None = None
     left = np.arange(count)
     for attempt in range(traffic.attempts):
         uniform = [
@@ -103,20 +105,22 @@ def encounters_with(
             "other conditions"
         )
         raise EncounterError(f"encounter {first + int(left[0])} of seed {seed} {unmet}")
+    assert whole is not None  # there is an attempt at least
     recording = Recording(
         *(field[:, None] for field in _at_steps(whole.recording, traffic.aircraft.dt))
     )
-    return encounters_of(
-        whole.own, recording, np.ones((count, 1), bool), traffic.ahead
-    ), whole.weight
+    encounters = encounters_of(whole.own, recording, np.ones((count, 1), bool), traffic.ahead)
+    return encounters, whole.weight
 
 
 def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
-    """Return one attempt at the encounters of draws ``[M, D]``."""
+    """Return one attempt at the encounters of draws ``[M, D]``: own speed, both courses, time and
+    miss distance of the closest approach, then the model's.
+    """
     rows = np.arange(len(uniform))
     most = traffic.aircraft.traffic_speed_max
     sampled = sample_model(traffic.model, uniform[:, _OWN_DRAWS:], traffic.duration)
-    track = fly_sampled(traffic.model, sampled, most)
+    track = fly_tracks(traffic.model, sampled, most)
     speed = between(traffic.own_speed, uniform[:, 0])
     course, turned = (wrap(2.0 * np.pi * uniform[:, i], np) for i in (1, 2))
     time = between(traffic.cpa_time, uniform[:, 3])
@@ -129,10 +133,8 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     there = advance(take(track, (rows, second)), acceleration, turn_rate, time - second, _FREE, np)
     heading = there.heading + turned
     ahead_x, ahead_y = np.cos(heading), np.sin(heading)
-    vx, vy = (
-        there.speed * ahead_x - speed * np.cos(course),
-        there.speed * ahead_y - speed * np.sin(course),
-    )
+    vx = there.speed * ahead_x - speed * np.cos(course)
+    vy = there.speed * ahead_y - speed * np.sin(course)
     fast = np.maximum(distance(vx, vy, np), 1e-6)
     ax = acceleration * ahead_x - there.speed * turn_rate * ahead_y
     ay = acceleration * ahead_y + there.speed * turn_rate * ahead_x
@@ -185,4 +187,5 @@ def _at_steps(recording: VehicleState, dt: float) -> VehicleState:
 
 
 def _rotate(x: np.ndarray, y: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return vectors turned by an angle, rad, to the left."""
     return x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)

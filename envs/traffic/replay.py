@@ -51,39 +51,43 @@ def replay(
     Raises:
         TrackError: none of the encounters can be flown.
     """
-    kept, left_out = [], []
+    fit, left_out = [], []
     for name, own, others in encounters:
         reason = _unfit(own, others, aircraft)
         if reason:
             left_out.append(f"{name}: {reason}")
         else:
-            kept.append((name, own, others))
-    if not kept:
+            fit.append((name, own, others))
+    if not fit:
         raise TrackError(
             f"no encounter can be flown; the first: {left_out[0] if left_out else 'there is none'}"
         )
-    most = max(len(others) for _, _, others in kept)
-    count, steps = len(kept), round(horizon(aircraft) / aircraft.dt)
+    starts = _starts([(own, others) for _, own, others in fit], aircraft, ahead)
+    names = tuple(name for name, _, _ in fit)
+    importance = np.ones(len(fit))
+    if weights is not None:
+        importance = np.array([weights[name] for name in names])
+    return Replay(starts, names, importance, tuple(left_out), repairs)
+
+
+def _starts(
+    pairs: Sequence[tuple[Track, Sequence[Track]]], aircraft: Aircraft, ahead: float
+) -> Encounter:
+    """Return the encounters of ownships and their intruders, ``[N]``."""
+    most = max(len(others) for _, others in pairs)
+    count, steps = len(pairs), round(horizon(aircraft) / aircraft.dt)
+    own = np.zeros((4, count))
     states = np.zeros((4, count, most, steps + 1))
     mask = np.zeros((count, most), bool)
-    own = np.zeros((4, count))
-    for i, (_, mine, others) in enumerate(kept):
-        own[:, i] = [
-            mine.x[0],
-            mine.y[0],
-            np.arctan2(mine.vy[0], mine.vx[0]),
-            np.hypot(mine.vx[0], mine.vy[0]),
-        ]
+    for i, (mine, others) in enumerate(pairs):
+        vx, vy = mine.vx[0], mine.vy[0]
+        own[:, i] = mine.x[0], mine.y[0], np.arctan2(vy, vx), np.hypot(vx, vy)
         for k in range(most):
             # An absent intruder repeats the first one, so that it is finite everywhere.
-            states[:, i, k] = _states(
-                others[k if k < len(others) else 0], mine.time[0], steps, aircraft.dt
-            )
+            other = others[k if k < len(others) else 0]
+            states[:, i, k] = _states(other, mine.time[0], steps, aircraft.dt)
         mask[i, : len(others)] = True
-    names = tuple(name for name, _, _ in kept)
-    importance = np.ones(count) if weights is None else np.array([weights[name] for name in names])
-    starts = encounters_of(VehicleState(*own), Recording(*states), mask, ahead)
-    return Replay(starts, names, importance, tuple(left_out), repairs)
+    return encounters_of(VehicleState(*own), Recording(*states), mask, ahead)
 
 
 def encounters_of(
@@ -96,14 +100,14 @@ def encounters_of(
     """
     reach = ahead * own.speed
     column = np.zeros((len(own.x), 1))
-    flown: Any = recording
+    intent: Any = recording  # in the place of an intent
     return Encounter(
         own,
         own.x + reach * np.cos(own.heading),
         own.y + reach * np.sin(own.heading),
         VehicleState(*(field[..., 0] for field in recording)),
         mask,
-        flown,
+        intent,
         Sensor(column, column, column),
     )
 
@@ -124,7 +128,7 @@ def off_arcs(recording: Recording, mask: np.ndarray, dt: float) -> np.ndarray:
 
 
 def _unfit(own: Track, others: Sequence[Track], aircraft: Aircraft) -> str:
-    """Return why an encounter cannot be flown, nothing if it can."""
+    """Return why an encounter cannot be flown, or ""."""
     limits, most = aircraft.limits, aircraft.traffic_speed_max
     speed = float(np.hypot(own.vx[0], own.vy[0]))
     if not limits.speed_min <= speed <= limits.speed_max:
@@ -142,7 +146,9 @@ def _unfit(own: Track, others: Sequence[Track], aircraft: Aircraft) -> str:
 
 
 def _states(track: Track, start: float, steps: int, dt: float) -> np.ndarray:
-    """Return x, y, heading and speed at each step, ``[4, T + 1]``."""
+    """Return x, y, heading and speed at each time step of ``dt`` s from a start on,
+    ``[4, steps + 1]``.
+    """
     times = start + dt * np.arange(steps + 1)
     known = at_times(track, np.minimum(times, track.time[-1]))
     beyond = np.maximum(times - track.time[-1], 0.0)

@@ -9,9 +9,8 @@ import numpy as np
 
 from envs.encounters import EncounterError
 
-DISTANT = (
-    1_000_000.0  # m; further from its reference a flat map holds neither distances nor directions
-)
+DISTANT = 1_000_000.0
+"""Further from its reference than this, m, a flat map holds neither distances nor directions."""
 
 
 class TrackError(EncounterError):
@@ -44,12 +43,10 @@ class Repairs(NamedTuple):
     out_of_order: int = 0  # dropped because their time was not after the one before
     filled: int = 0  # added on the straight line across gaps
     stale: int = 0  # dropped because they repeat the position before although the aircraft moves
-    impossible: int = (
-        0  # dropped because the aircraft could not have flown there from the other rows
-    )
-    split: int = (
-        0  # flights divided because one address was used by two aircraft or with two clocks
-    )
+    impossible: int = 0
+    """Dropped because the aircraft could not have flown there from the other rows."""
+    split: int = 0
+    """Flights divided because one address was used by two aircraft or with two clocks."""
 
 
 class TrackFile(NamedTuple):
@@ -65,8 +62,10 @@ def sum_of_repairs(repairs: Sequence[Repairs]) -> Repairs:
 
 
 def at_times(track: Track, times: np.ndarray) -> Track:
-    """Return a track at other times ``[T']`` by straight lines between its rows; a TrackError for
-    times outside.
+    """Return a track at other times (s, ``[T']``) by straight lines between its rows.
+
+    Raises:
+        TrackError: a time is before its first row or after its last.
     """
     times = np.asarray(times, np.float64)
     if not (

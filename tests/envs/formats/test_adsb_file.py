@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from envs.aircraft import PAPER
-from envs.formats.adsb_file import ordered_flights
+from envs.formats.adsb_file import order_flights
 from envs.formats.adsb_pairs import Nearby, adsb_pairs
 from envs.formats.track_rows import place_of, track_of
 from envs.traffic.replay import replay
@@ -56,7 +56,7 @@ def write_reports(tmp_path: Path, content, packed: bool = False) -> Path:
 
 def tracks(path: Path, **options) -> tuple[list[Track], Repairs]:
     """Read the longest flight of each aircraft, local to where the first one's begins."""
-    read = list(ordered_flights(path, math.inf, **options))
+    read = list(order_flights(path, math.inf, **options))
     rows = {name: max(flights, key=len) for name, flights, _ in read}
     reference = place_of(next(iter(rows.values()))[0])
     return [track_of(name, each, reference) for name, each in rows.items()], sum_of_repairs(
@@ -321,7 +321,7 @@ def test_flights_in_any_order_of_a_file_are_no_fault(tmp_path: Path) -> None:
         flight("aaa001", 47.0, 8.0, 90.0),
         flight("aaa001", 48.0, 9.0, 0.0, begin=1_600_010_000.0),
     )
-    ((_, flights, repairs),) = ordered_flights(reports_file(tmp_path, late, early), 60.0)
+    ((_, flights, repairs),) = order_flights(reports_file(tmp_path, late, early), 60.0)
     assert [len(rows) for rows in flights] == [241, 241]
     assert repairs == Repairs()
 

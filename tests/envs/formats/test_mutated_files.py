@@ -21,7 +21,7 @@ from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
 from envs.formats.track_rows import ACCELERATION, CLIMB, HEIGHT, POSITION, VELOCITY, WINDOW
 from envs.traffic.encounter_model import read_model
-from envs.traffic.encounter_model_sampler import dimensions, fly_sampled, sample_model
+from envs.traffic.encounter_model_sampler import dimensions, fly_tracks, sample_model
 from envs.traffic.track_units import FOOT, KNOT
 from envs.traffic.tracks import DISTANT, Track, TrackError
 from tests.envs.formats.test_adsb_file import pairs_of
@@ -318,7 +318,7 @@ class Model:
         model = read_model(path)
         if dimensions(model, 20) > 2_000:
             return []
-        state = fly_sampled(
+        state = fly_tracks(
             model, sample_model(model, draws.uniforms(1, 0, 3, (dimensions(model, 20),)), 20), 150.0
         )
         times, zero = np.arange(21.0), np.zeros(21)

@@ -16,7 +16,7 @@ from envs.aircraft import PAPER
 from envs.encounters import EncounterError
 from envs.kinematics import VehicleState
 from envs.traffic.encounter_model import EncounterModel, Variable, read_model
-from envs.traffic.encounter_model_sampler import dimensions, fly_sampled, sample_model
+from envs.traffic.encounter_model_sampler import dimensions, fly_tracks, sample_model
 from envs.traffic.model_traffic import ModelTraffic, encounters_with
 from envs.traffic.replay import off_arcs
 from envs.traffic.track_units import KNOT
@@ -249,7 +249,7 @@ def test_values_change_as_the_rates_say_and_stay_in_their_bins(tmp_path: Path) -
 def test_a_track_is_what_was_drawn(tmp_path: Path) -> None:
     model = read_model(write_file(tmp_path))
     sampled = sample_model(model, draws.uniforms(1, 0, 50, (dimensions(model, 60),)), 60)
-    track = fly_sampled(model, sampled, 150.0)
+    track = fly_tracks(model, sampled, 150.0)
     assert track.x.shape == (50, 61)
     assert (track.speed >= 100 * KNOT - 1e-9).all()
     assert (track.speed <= 150.0).all()
