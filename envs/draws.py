@@ -13,7 +13,9 @@ def uniforms(
     """Return draws in [0, 1) for the encounters ``first .. first + count - 1`` of a seed >= 0,
     ``[count, *shape]``.
 
-    One encounter takes draws of a shape; each stream is an independent set of them.
+    Args:
+        shape: of the draws that one encounter takes.
+        stream: number of an independent set of draws.
     """
     wanted = int(np.prod(shape))
     counts = -(-wanted // _WORDS_PER_COUNT)

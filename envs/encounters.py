@@ -129,11 +129,11 @@ def scenario(name: str, aircraft: Aircraft, **changes: Any) -> Scenario:
         name,
         sampler,
         aircraft,
-        (3.0 * separation, 10.0 * separation),
-        speeds,
-        speeds,
-        0.5 * separation,
-        separation,
+        radius=(3.0 * separation, 10.0 * separation),
+        own_speed=speeds,
+        intruder_speed=speeds,
+        displacement=0.5 * separation,
+        min_initial_separation=separation,
     )
     chosen = replace(circle, **{**sampler.numbers(aircraft), **changes})
     _check(chosen)
@@ -171,6 +171,7 @@ def sampler_of(name: str) -> Sampler:
 
 
 def _check(chosen: Scenario) -> None:
+    """Refuse a scenario with a field that contradicts its aircraft."""
     aircraft, limits = chosen.aircraft, chosen.aircraft.limits
     whole = 2.0 * math.pi
     speeds = "the speeds of the aircraft"
@@ -208,10 +209,10 @@ def _check(chosen: Scenario) -> None:
 
 
 def sample(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
-    """Turn draws ``[A, N, D]`` in [0, 1), D = ``scenario.dimensions``, into encounters ``[N]``.
+    """Return encounters ``[N]`` from draws ``[A, N, D]`` in [0, 1), D = ``scenario.dimensions``,
+    and which of them meet the scenario's conditions, ``[N]``.
 
-    Each takes the first of A attempts that meets the scenario's conditions, else its last. Also
-    returned is whether it meets them.
+    Each takes the first of A attempts that meets them, else its last.
     """
     encounter, accepted = attempt(scenario, draws[0], xp)
     for number in range(1, draws.shape[0]):
@@ -224,9 +225,7 @@ def sample(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter
 
 
 def pad(encounter: Encounter, count: int, xp: ArrayModule) -> Encounter:
-    """Return the encounters ``[N]`` with absent intruders added until there are ``count``
-    of them.
-    """
+    """Return encounters ``[N]`` with intruders that do not exist added up to ``count`` of them."""
     places = encounter.mask.shape[-1]
     if count <= places:
         return encounter
@@ -278,20 +277,58 @@ def _check_shapes(scenario: Scenario, made: object, count: int) -> None:
             "its rows are accepted"
         )
     encounter, accepted = made
-    wide, narrow = (count, scenario.intruders[1]), (count, 1)
-    found = {"own": (encounter.own, (count,)), "goal_x": (encounter.goal_x, (count,))}
-    found |= {"goal_y": (encounter.goal_y, (count,)), "accepted": (accepted, (count,))}
-    found |= {"intruders": (encounter.intruders, wide), "mask": (encounter.mask, wide)}
-    found |= {"intent": (encounter.intent, wide), "sensor": (encounter.sensor, narrow)}
-    optional = {name: getattr(encounter, name) for name in ("coverage", "separation", "reaction")}
-    found |= {name: (tree, wide) for name, tree in optional.items() if tree is not None}
-    for name, (tree, expected) in found.items():
-        fields = tree._asdict().items() if hasattr(tree, "_fields") else [("", tree)]
-        for key, value in fields:
-            if getattr(value, "shape", None) != expected:
-                full = f"{name}.{key}" if key else name
-                shape = getattr(value, "shape", type(value).__name__)
-                raise EncounterError(f"{where} {full} of shape {shape}; expected {expected}")
+    wide = (count, scenario.intruders[1])
+    for name in ("own", "goal_x", "goal_y"):
+        _check_shape(f"{where} {name}", getattr(encounter, name), (count,))
+    _check_shape(f"{where} accepted", accepted, (count,))
+    for name in ("intruders", "mask", "intent"):
+        _check_shape(f"{where} {name}", getattr(encounter, name), wide)
+    _check_shape(f"{where} sensor", encounter.sensor, (count, 1))
+    for name in ("coverage", "separation", "reaction"):
+        if getattr(encounter, name) is not None:
+            _check_shape(f"{where} {name}", getattr(encounter, name), wide)
+
+
+def _check_shape(where: str, tree: Any, expected: tuple[int, ...]) -> None:
+    """Refuse an array, or a named tuple of arrays, of another shape."""
+    if hasattr(tree, "_fields"):
+        for name, field in tree._asdict().items():
+            _check_shape(f"{where}.{name}", field, expected)
+        return
+    shape = getattr(tree, "shape", type(tree).__name__)
+    if shape != expected:
+        raise EncounterError(f"{where} of shape {shape}; expected {expected}")
+
+
+class _Draws(NamedTuple):
+    """Draws of :func:`conflict_point` for encounters ``[N]``."""
+
+    radius: Array
+    course: Array
+    speed: Array
+    shift_x: Array
+    shift_y: Array
+    count: Array  # of the intruders
+    age: Array  # of the reports
+
+
+class _DrawsOfEach(NamedTuple):
+    """Draws of :func:`conflict_point` for their intruders ``[N, K]``."""
+
+    course: Array
+    speed: Array
+    shift_x: Array
+    shift_y: Array
+    turn_rate: Array
+    onset: Array
+    heading_change: Array
+
+
+def columns(draws: Array, first: int, most: int, count: int) -> list[Array]:
+    """Return so many draws of each intruder, ``[N, K]`` each for K = ``most``, from draws
+    ``[N, D]``, in which they stand from the column ``first`` on.
+    """
+    return [draws[:, first + i * most : first + (i + 1) * most] for i in range(count)]
 
 
 def conflict_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
@@ -301,36 +338,39 @@ def conflict_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[E
     Ownship and intruders start so far from the centre that they would meet there at the same time;
     then every start is displaced.
     """
-    most = scenario.intruders[1]
-    shared = [draws[:, i] for i in range(7)]
-    each = [draws[:, 7 + i * most : 7 + (i + 1) * most] for i in range(7)]
+    fewest, most = scenario.intruders
+    shared = _Draws(*(draws[:, i] for i in range(7)))
+    each = _DrawsOfEach(*columns(draws, 7, most, 7))
 
-    radius = between(scenario.radius, shared[0])
-    course = between((-math.pi, math.pi), shared[1])
-    speed = between(scenario.own_speed, shared[2])
+    radius = between(scenario.radius, shared.radius)
+    course = between((-math.pi, math.pi), shared.course)
+    speed = between(scenario.own_speed, shared.speed)
     sine, cosine = sincos(course, xp)
     goal_x, goal_y = radius * cosine, radius * sine
     shift = (-scenario.displacement, scenario.displacement)
     own = VehicleState(
-        between(shift, shared[3]) - goal_x, between(shift, shared[4]) - goal_y, course, speed
+        between(shift, shared.shift_x) - goal_x,
+        between(shift, shared.shift_y) - goal_y,
+        course,
+        speed,
     )
 
-    intruder_course = wrap(course[:, None] - between(scenario.course_difference, each[0]), xp)
-    intruder_speed = between(scenario.intruder_speed, each[1])
+    intruder_course = wrap(course[:, None] - between(scenario.course_difference, each.course), xp)
+    intruder_speed = between(scenario.intruder_speed, each.speed)
     sine, cosine = sincos(intruder_course, xp)
     back = (radius / speed)[:, None] * intruder_speed
     intruders = VehicleState(
-        between(shift, each[2]) - back * cosine,
-        between(shift, each[3]) - back * sine,
+        between(shift, each.shift_x) - back * cosine,
+        between(shift, each.shift_y) - back * sine,
         intruder_course,
         intruder_speed,
     )
-    fewest = scenario.intruders[0]
-    count = fewest + xp.floor(shared[5] * (most - fewest + 1))
+    count = fewest + xp.floor(shared.count * (most - fewest + 1))
     mask = xp.arange(most)[None, :] < count[:, None]
 
-    intent = one_turn(scenario, own, intruders, each[4:], xp)
-    sensor = sensor_of(scenario, shared[6], xp)
+    to_turn = each.turn_rate, each.onset, each.heading_change
+    intent = one_turn(scenario, own, intruders, to_turn, xp)
+    sensor = sensor_of(scenario, shared.age, xp)
     accepted = meets_conditions(scenario, own, intruders, mask, xp)
     return Encounter(own, goal_x, goal_y, intruders, mask, intent, sensor), accepted
 
@@ -342,23 +382,24 @@ def one_turn(
     draws: Sequence[Array],
     xp: ArrayModule,
 ) -> Intent:
-    """Return the one turn of each intruder ``[N, K]``, which begins until a little after its
-    closest approach to the ownship ``[N]``.
+    """Return the one turn of each intruder ``[N, K]``, which begins at the latest a little after
+    its closest approach to the ownship ``[N]``.
 
-    Of the scenario's rate and change of heading; without a rate they fly straight. The draws are
-    three ``[N, K]``.
+    Rate and change of heading are at most the scenario's; where its rate is 0 they fly straight.
+    The draws, ``[N, K]`` each, are of the rate, the onset and the change.
     """
     to_rate, to_onset, to_change = draws
     cpa = straight_cpa(VehicleState(*(field[:, None] for field in own)), intruders, xp)
-    turn_rate = between((-scenario.turn_rate, scenario.turn_rate), to_rate)
+    signed_rate = between((-scenario.turn_rate, scenario.turn_rate), to_rate)
+    turn_rate = xp.abs(signed_rate)
+    greatest_change = scenario.heading_change
+    if not scenario.turn_rate:
+        turn_rate = xp.full_like(signed_rate, scenario.aircraft.limits.yaw_rate_max)
+        greatest_change = 0.0
     return Intent(
         onset=1.2 * cpa.time * to_onset,
-        heading_change=xp.copysign(
-            (scenario.heading_change if scenario.turn_rate else 0.0) * to_change, turn_rate
-        ),
-        turn_rate=xp.abs(turn_rate)
-        if scenario.turn_rate
-        else xp.full_like(turn_rate, scenario.aircraft.limits.yaw_rate_max),
+        heading_change=xp.copysign(greatest_change * to_change, signed_rate),
+        turn_rate=turn_rate,
     )
 
 
@@ -394,13 +435,15 @@ def meets_conditions(
 
 
 def between(bounds: tuple[float, float], draw: Array) -> Array:
-    """Return what unit-uniform draws are in a range."""
+    """Return what unit-uniform draws ``[...]`` are in a range."""
     low, high = bounds
     return low + (high - low) * draw
 
 
 class _Conflicts(NamedTuple):
-    """Conflicts alone, with courses that differ by about an angle."""
+    """Starts whose straight courses lose the separation, with courses that differ by about an
+    angle.
+    """
 
     middle_deg: float
     half_width_deg: float

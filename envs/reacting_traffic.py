@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
 from envs.arrays import Array, ArrayModule
-from envs.encounters import Encounter, Sampler, Scenario, between, conflict_point, no_turn
+from envs.encounters import Encounter, Sampler, Scenario, between, columns, conflict_point, no_turn
 from envs.reaction import GIVES_WAY, TAKES_NO_NOTICE, TURNS_INTO, Reaction
 
 AHEAD = (3.0, 9.0)
@@ -46,9 +46,7 @@ def around_a_point(
     most, aircraft = scenario.intruders[1], scenario.aircraft
     first = 7 + 7 * most
     encounter, accepted = conflict_point(scenario, draws[:, :first], xp)
-    kind, ahead, within, change, rate = (
-        draws[:, first + i * most : first + (i + 1) * most] for i in range(5)
-    )
+    kind, ahead, within, change, rate = columns(draws, first, most, 5)
     gives_way = kind < shares.gives_way
     turns_into = (kind >= shares.gives_way) & (kind < shares.gives_way + shares.turns_into)
     unit = aircraft.separation / aircraft.limits.speed_max

@@ -22,8 +22,8 @@ from envs.world import State, StepResult, World, begin
 from envs.world import step as advance_step
 
 DETOUR = 4.0
-"""Way round per metre by which the goal lies inside the turning circle; from its centre 4.5 radii
-are the shortest.
+"""Metres of way round for each metre that the goal lies inside the turning circle; from its centre,
+a radius inside, the shortest way is 4.5 radii.
 """
 
 
@@ -75,8 +75,8 @@ class Rewards(NamedTuple):
 def goal_distance(state: State, aircraft: Aircraft, xp: ArrayModule) -> Array:
     """Return the potential of the way to the goal, ``[...]``, in ten separations.
 
-    It counts the distance, and the way round where the goal lies inside the turning circle: without
-    that, circling the goal for ever is no worse than leaving it to come back.
+    It counts the distance, and the way round where the goal lies inside the turning circle. Without
+    the way round, circling the goal for ever would be no worse than leaving it to come back.
     """
     own, x, y = state.own, state.goal_x - state.own.x, state.goal_y - state.own.y
     radius = own.speed / aircraft.limits.yaw_rate_max

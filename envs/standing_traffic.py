@@ -16,6 +16,7 @@ from envs.encounters import (
     Sampler,
     Scenario,
     between,
+    columns,
     conflict_point,
     meets_conditions,
 )
@@ -44,9 +45,7 @@ def around_the_way(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[E
     most, aircraft = scenario.intruders[1], scenario.aircraft
     first = draws.shape[1] - 5 * most
     encounter, _ = conflict_point(scenario, draws[:, :first], xp)
-    kind, along, aside, course, pace = (
-        draws[:, first + i * most : first + (i + 1) * most] for i in range(5)
-    )
+    kind, along, aside, course, pace = columns(draws, first, most, 5)
     own, flying = encounter.own, encounter.intruders
     goal_x, goal_y = encounter.goal_x[:, None], encounter.goal_y[:, None]
     way_x, way_y = goal_x - own.x[:, None], goal_y - own.y[:, None]

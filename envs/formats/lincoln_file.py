@@ -278,7 +278,8 @@ def _one(each: dict[str, Any], key: str, where: str) -> float:
 
 
 def _number(value: object, where: str, accepted: Range) -> float:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not (number and abs(value) <= _ANY.high):
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TrackError(f"{where}: {repr(value)[:40]}, expected a finite number")
+    if not abs(value) <= _ANY.high:
         raise TrackError(f"{where}: {repr(value)[:40]}, expected a finite number")
     return accepted.si(value, where)
