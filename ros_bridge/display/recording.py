@@ -5,6 +5,8 @@ wrote.
 import bisect
 import math
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -136,6 +138,7 @@ def _stamp_of(message: Any) -> int:
 
 
 def _messages(path: Path) -> Iterator[_Message]:
+    """Yield the messages of a file, or raise ``InputError`` where it is damaged."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
@@ -149,14 +152,16 @@ def _messages(path: Path) -> Iterator[_Message]:
                 kind = "a message without a type" if schema is None else schema.name
                 name = name if name and INPUTS[name].kind == kind else ""
                 if name and channel.id not in decoders:
-                    decoders[channel.id] = factory.decoder_for(channel.message_encoding, schema)
+                    with redirect_stderr(StringIO()):  # the library prints what it also raises
+                        decode = factory.decoder_for(channel.message_encoding, schema)
+                    decoders[channel.id] = decode
                 decode = decoders.get(channel.id)
                 time = (message.log_time - begin) / SECOND
                 yield _Message(time, name, channel.topic, kind, decode, message.data)
-        except (McapError, ValueError, EOFError) as problem:
-            raise InputError(
-                f"{path} is no whole MCAP file: {problem or type(problem).__name__}"
-            ) from problem
+        except Exception as problem:  # whatever the libraries make of bytes that are no file
+            says = isinstance(problem, McapError | ValueError) and str(problem)
+            what = f"{says or repr(problem):.200}"
+            raise InputError(f"{path} is no whole MCAP file: {what}") from problem
 
 
 def _is(topic: str, name: str) -> bool:

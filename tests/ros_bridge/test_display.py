@@ -420,9 +420,8 @@ def test_a_file_that_is_no_recording_is_refused_in_a_sentence(tmp_path: Path):
             read(path)
 
 
-def test_unknown_topics_and_bytes_of_a_recording_are_named(tmp_path: Path):
+def record_graph(path: Path) -> None:
     writer = pytest.importorskip("mcap_ros2.writer", reason="mcap-ros2-support is not installed")
-    path = tmp_path / "x.mcap"
     with path.open("wb") as stream:
         made = writer.Writer(stream)
         text = made.register_msgdef("std_msgs/msg/String", "string data")
@@ -438,6 +437,30 @@ def test_unknown_topics_and_bytes_of_a_recording_are_named(tmp_path: Path):
             for topic in ("/chatter", "/rlcas_runner/input/ownship"):
                 made.write_message(topic=topic, schema=text, message={"data": "<b>"}, **told)
         made.finish()
+
+
+def test_a_damaged_recording_is_refused_in_a_sentence_or_shown(tmp_path: Path):
+    path = tmp_path / "x.mcap"
+    record_graph(path)
+    whole = path.read_bytes()
+    for place in range(0, len(whole), 7):
+        for damaged in (
+            whole[:place],
+            whole[:place] + b"\xff" + whole[place + 1 :],
+            whole[:place] + b"\x00" + whole[place:],
+        ):
+            path.write_bytes(damaged)
+            try:
+                recording = read(path)
+            except InputError as error:
+                assert len(str(error).splitlines()) == 1
+            else:
+                recording.player()(recording.length)
+
+
+def test_unknown_topics_and_bytes_of_a_recording_are_named(tmp_path: Path):
+    path = tmp_path / "x.mcap"
+    record_graph(path)
     recording = read(path)
     told = {one["name"]: one["text"] for one in recording.player()(2.0)["health"]}
     assert told["/chatter"] == "std_msgs/msg/String is not shown"
