@@ -3,6 +3,7 @@ wrote.
 """
 
 import bisect
+import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr
@@ -185,8 +186,9 @@ class FlightRecording:
         if kind != ("rlcas-encounter", 1):
             raise InputError(f"{path} is no encounter, expected a file of eval.report --save")
         try:
-            self._load(document)
-        except (KeyError, TypeError, ValueError, IndexError) as problem:
+            with np.errstate(all="ignore"):  # what is too large is refused below
+                self._load(document)
+        except (KeyError, TypeError, ValueError, IndexError, OverflowError) as problem:
             raise InputError(f"{path} is no whole encounter: {problem!r}") from problem
 
     def _load(self, document: Document) -> None:
@@ -199,10 +201,11 @@ class FlightRecording:
         if steps < 2 or not (self._dt > 0.0 and np.isfinite(self._planes).all()):
             raise ValueError("places are not finite, or fewer than two")
         self.length = (steps - 1) * self._dt
-        self._separation, self._goal = float(document["separation"]), document["goal"]
+        self._separation = float(document["separation"])
+        self._goal = [float(one) for one in document["goal"]]
         self._bands = document["bands"]
-        for time in (0.0, self.length):
-            self._picture(time)
+        for step in range(steps):  # nothing that cannot be sent is met while it is shown
+            json.dumps(self._picture(step * self._dt), allow_nan=False)
         self.marks: list[tuple[float, int]] = []
         before = 0
         for step, levels in enumerate([] if self._bands is None else self._bands["level"]):
@@ -217,25 +220,10 @@ class FlightRecording:
 
     def _picture(self, time: float) -> Document:
         step = min(int(time / self._dt), self._planes.shape[2] - 2)
-        before, after = self._planes[:, :, step], self._planes[:, :, step + 1]
-        speed = (after - before) / self._dt
-        place = before + speed * (time - step * self._dt)
-        bands = None if self._bands is None else self._bands_at(min(step, self._last_band()))
-        planes = [
-            _plane("ownship" if k == 0 else f"intruder {k}", place[k], speed[k])
-            for k in range(len(place))
-        ]
-        own, *traffic = planes
+        own, *traffic = self._planes_at(step, time)
         own["air"] = {name: own[name] for name in ("track_deg", "speed")}
-        alerts = []
-        for k, one in enumerate(traffic):
-            one |= {"level": 0, "loss": None, "relative_altitude": None}
-            if self._bands is not None:
-                row = min(step, self._last_band())
-                level, loss = self._bands["level"][row][k], self._bands["loss"][row][k]
-                one |= {"level": level, "loss": loss}
-                if level > 0:
-                    alerts.append({"id": one["id"], "of": "intruder", "level": level, "loss": loss})
+        row = None if self._bands is None else min(step, self._last_band())
+        self._add_levels(traffic, row)
         document: Document = {
             "type": "picture",
             "version": VERSION,
@@ -251,12 +239,30 @@ class FlightRecording:
             "route": [],
             "goal": [*self._goal, float(self._document["goal_radius"])],
             "areas": [self._area_at(one, time) for one in self._document.get("areas", [])],
-            "bands": bands,
+            "bands": None if row is None else self._bands_at(row),
             "monitor": None,
-            "alerts": sorted(alerts, key=lambda one: -one["level"]),
+            "alerts": _alerts(traffic),
             "health": [],
         }
         return document | {"advice": advice(document)}
+
+    def _planes_at(self, step: int, time: float) -> list[Document]:
+        """Return the aircraft, the ownship first, on the leg of a time step at a time, s."""
+        before, after = self._planes[:, :, step], self._planes[:, :, step + 1]
+        speed = (after - before) / self._dt
+        place = before + speed * (time - step * self._dt)
+        return [
+            _plane("ownship" if k == 0 else f"intruder {k}", place[k], speed[k])
+            for k in range(len(place))
+        ]
+
+    def _add_levels(self, traffic: list[Document], row: int | None) -> None:
+        """Add what the bands of a row say of each intruder; None: there are no bands."""
+        for k, one in enumerate(traffic):
+            one |= {"level": 0, "loss": None, "relative_altitude": None}
+            if row is not None:
+                one["level"] = self._bands["level"][row][k]
+                one["loss"] = self._bands["loss"][row][k]
 
     def _last_band(self) -> int:
         return len(self._bands["track_region"]) - 1
@@ -310,6 +316,16 @@ class FlightRecording:
             for n, (x, y, at) in enumerate(every)
         ]
         return {"revision": 0, "began": 0.0, "line": [list(one) for one in every], "points": points}
+
+
+def _alerts(traffic: list[Document]) -> list[Document]:
+    """Return the alerts of intruders, the highest level first."""
+    alerts = [
+        {"id": one["id"], "of": "intruder", "level": one["level"], "loss": one["loss"]}
+        for one in traffic
+        if one["level"] > 0
+    ]
+    return sorted(alerts, key=lambda one: -one["level"])
 
 
 def _plane(name: str, place: np.ndarray, velocity: np.ndarray) -> Document:

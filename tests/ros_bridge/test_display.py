@@ -410,6 +410,21 @@ def test_a_file_that_is_no_encounter_is_refused_in_a_sentence(tmp_path: Path, co
         read(path)
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"separation": math.nan},
+        {"dt": 1e308},
+        {"goal": [0.0, 10**400]},
+        {"areas": [{"name": "a", "velocity": [1e308, 0.0], "rings": [], "clearance": math.inf}]},
+        {"bands": {"level": [[2]], "track_region": [[0], None]}},
+    ],
+)
+def test_an_encounter_that_no_page_can_draw_is_refused_when_it_is_read(tmp_path: Path, wrong: dict):
+    with pytest.raises(InputError, match="is no whole encounter"):
+        read(encounter(tmp_path, **wrong))
+
+
 def test_a_file_that_is_no_recording_is_refused_in_a_sentence(tmp_path: Path):
     pytest.importorskip("mcap.reader", reason="mcap is not installed; to have it: make ros")
     pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
