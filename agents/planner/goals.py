@@ -14,7 +14,7 @@ def next_goals(request: Request, options: Options) -> Array:
     Points that are passed are left out, and those that cannot be reached in time at the greatest
     speed. Of points round areas only the next one is rejoined at.
     """
-    number = np.arange(request.route_x.shape[1])
+    rows, number = np.arange(request.points.size)[:, None], np.arange(request.route_x.shape[1])
     exists = number < request.points[:, None]
     # From the points to the ownship, m, [N, R].
     off_x = request.own.x[:, None] - request.route_x
@@ -22,7 +22,7 @@ def next_goals(request: Request, options: Options) -> Array:
     away = np.hypot(off_x, off_y) - options.aircraft.goal_radius
     possible = _in_time(request, away, options) & exists
     if request.of_route is None:
-        passed = _passes(request, number, (off_x, off_y)) | (away <= 0.0)
+        passed = _passes(request, rows, number, (off_x, off_y)) | (away <= 0.0)
         goals = _first_ahead(passed & exists)[:, None] + np.arange(options.goals)
     else:  # of one request
         ahead = np.flatnonzero((request.of_route[0] >= 0) | (number == 0))
@@ -30,15 +30,15 @@ def next_goals(request: Request, options: Options) -> Array:
         goals = np.append(ahead, none)[None, : options.goals]
     inside = goals < request.points[:, None]
     goals = np.where(inside, goals, 0)
-    rows = np.arange(request.points.size)[:, None]
     return np.where(inside & possible[rows, goals], goals, -1)
 
 
-def _passes(request: Request, number: Array, off: tuple[Array, Array]) -> Array:
+def _passes(request: Request, rows: Array, number: Array, off: tuple[Array, Array]) -> Array:
     """Return whether the ownship, off the points by so much, m, is beyond them in the direction in
     which the route goes on there, bool ``[N, R]``.
+
+    ``rows`` are the numbers of the requests, ``[N, 1]``, ``number`` those of the points, ``[R]``.
     """
-    rows = np.arange(request.points.size)[:, None]
     leg = np.minimum(number, request.points[:, None] - 2)
     dx, dy = (
         field[rows, leg + 1] - field[rows, leg] for field in (request.route_x, request.route_y)

@@ -241,7 +241,7 @@ def _check_route(route: Any) -> tuple[Array, Array]:
         name = Field(Subject.ROUTE, number=number)
         if not isinstance(point, RoutePoint):
             raise RequestError(name, f"is {type(point).__name__}, expected a RoutePoint")
-        _check_index(name.part("index"), point.index, indices)
+        _check_index(name, point.index, indices)
         indices.add(point.index)
         x.append(part_value(name, "x", point.x, -FARTHEST, FARTHEST, "m"))
         y.append(part_value(name, "y", point.y, -FARTHEST, FARTHEST, "m"))
@@ -252,10 +252,11 @@ def _check_route(route: Any) -> tuple[Array, Array]:
     return np.array(x), np.array(y)
 
 
-def _check_index(name: Field, index: Any, taken: set[int]) -> None:
-    """Refuse what is no index, and one that is taken."""
+def _check_index(point: Field, index: Any, taken: set[int]) -> None:
+    """Refuse what is no index of a point, and one that is taken."""
     whole = isinstance(index, int) and not isinstance(index, bool)
     if not whole or not 0 <= index < 2**31:
-        raise RequestError(name, f"is {quote(index)}, expected an integer from 0 to 2147483647")
+        what = f"is {quote(index)}, expected an integer from 0 to 2147483647"
+        raise RequestError(point.part("index"), what)
     if index in taken:
-        raise RequestError(name, f"is {quote(index)} again, expected one of its own")
+        raise RequestError(point.part("index"), f"is {quote(index)} again, expected one of its own")

@@ -14,6 +14,7 @@ import numpy as np
 
 from agents.planner.separation import (
     FINE,
+    Arcs,
     along,
     arcs_of,
     chords,
@@ -315,7 +316,8 @@ def _judge_parts(
     pair, arc = pair[order], arc[order]
     fine = near.length[pair, arc] / FINE
     began = near.begin[pair, arc, None] + np.arange(FINE) * fine[:, None]
-    at_x, at_y = along(take(arcs_of(near.flown), (pair, arc, None)), fine[:, None])
+    arcs = Arcs(*(field[pair, arc, None] for field in arcs_of(near.flown)))
+    at_x, at_y = along(arcs, fine[:, None])
     one = take(near.other, pair)
     finer = np.broadcast_to(fine[:, None], began.shape)
     begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])
