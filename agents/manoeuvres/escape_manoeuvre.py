@@ -138,8 +138,8 @@ class Step(NamedTuple):
 
     flight: Flight  # after it
     separation: Array
-    """Smallest distance to any intruder during it, m; inf without intruders. That to one with a
-    separation of its own counts in shares of it, times the rules'."""
+    """Smallest distance to any intruder during it, m; inf without intruders. The distance to an
+    intruder with a separation of its own is scaled by the rules' separation over that."""
     to_goal: Array  # distance to the goal after it, m
 
 

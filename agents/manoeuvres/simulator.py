@@ -4,8 +4,8 @@ What the flights are tested against is an argument (:class:`Surroundings`): the 
 gives the predicted traffic and the areas. Backups are ranked on the same motion
 (:func:`integrate`).
 
-They fly several strides at once in a few calls on arrays: a call costs more than strides flown
-beyond an end.
+Several strides are flown at once: calls on arrays cost more than strides that are flown beyond an
+end.
 
 Two flights remain beside this one, because their commands follow from the state at every step. The
 clairvoyant search also flies the way home (:func:`agents.manoeuvres.escape_manoeuvre.fly_step`).

@@ -246,9 +246,9 @@ def _judge_area(
         return
     near_arcs, needed = take(arcs, (n, a)), need[n]
     bound, attained = _bounds(one.area, near_arcs, needed)
-    # What the ends do not keep is lost. To cut it would only tell the time better, which matters
-    # for the first of a plan. Where the area counts for a part of an arc only, the ends decide
-    # nothing.
+    # An arc with an end that is too near loses the clearance. To cut it would only tell the time
+    # better, which matters for the first of each plan alone. Where the area counts for a part of an
+    # arc only, its ends decide nothing.
     whole = (near_arcs.begin >= one.begin) & (near_arcs.end <= one.end)
     lost = np.flatnonzero(~(attained >= _required_less_tolerance(needed)) & whole)
     fine = ~(bound >= needed)

@@ -40,7 +40,7 @@ class Altitude:
 
 
 class Heights(NamedTuple):
-    """Two altitudes at their worst, until some time all that is possible is farther apart."""
+    """Two altitudes that are as near as they may be: the true ones are farther apart, or as far."""
 
     own: float  # m
     own_climb: float  # m/s

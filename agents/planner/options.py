@@ -116,7 +116,7 @@ class Options:
     """
     unknown_climb: float = 10.0
     """Rate at which aircraft climb or descend at most whose vertical speed is unknown, m/s: 2000
-    ft/min, of which airliners exceed little but after take-off."""
+    ft/min, which airliners hardly exceed but after take-off."""
     exhaustive: bool = True
     """Whether the last, slow stages of the fallback are tried before giving up."""
     deadline_s: float = 0.050

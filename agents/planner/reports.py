@@ -136,8 +136,8 @@ def report_in_air(report: Intruder, wind: Wind) -> Intruder:
     """Return a report over the ground as the air mass sees it, which lies there at the request.
 
     A turn is one through the air: its rate and its time stay. What the ground velocity becomes by
-    a turn depends on the wind, whose error e moves it by up to ``2 e sin(turn / 2)``; for that the
-    velocity's error of what turns grows.
+    a turn depends on the wind, whose error e moves it by up to ``2 e sin(turn / 2)``; the
+    velocity's error of an intruder that turns grows by that at least.
     """
     turn = min(abs(report.turn_rate) * report.turn_time, 2.0)
     return replace(

@@ -1,11 +1,11 @@
 """The policy flown ahead in the surrogate: from the request until the way back to the route is
 clear, or it is back.
 
-The same functions of the core twice: over plain floats for one request, where arrays of one element
-would cost ten times their arithmetic, and over arrays for many. The policy sees the intruders, as
-predicted, at every time step; where there are more than it was trained with, the most critical
-ones, chosen every few steps. Then also the direct route to the goal is looked at; once it is clear
-of all, the policy has done its work.
+The loop stands here twice: over arrays for many requests, and over plain floats for one, because
+arrays of one element cost ten times their arithmetic. The policy sees the intruders, as predicted,
+at every time step; where there are more than it was trained with, it sees the most critical ones,
+which are chosen every few steps. In those steps the direct route to the goal is looked at too; once
+it is clear of all, the policy has done its work.
 """
 
 from collections.abc import Callable

@@ -25,8 +25,8 @@ _STRAIGHT = 1e-30  # rad/s of a turn that is none
 
 
 def same_flight(reports: Traffic, age: Array, traffic: Traffic) -> Array:
-    """Return whether intruders as of the request fly on as their reports, of some age (s) then,
-    say, ``[N, K]``.
+    """Return whether intruders as of the request fly on as their reports say, which are of some
+    age then, s; bool ``[N, K]``.
 
     They are looked at where they stand, half-way through the turn, at its end and long after it:
     two arcs of one rate through the same points are the same, two straight lines too.

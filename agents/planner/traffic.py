@@ -95,8 +95,8 @@ def predict(traffic: Traffic, time: Array) -> VehicleState:
 
 
 def advance_reports(reports: Traffic, age: Array) -> Traffic:
-    """Return the intruders ``[..., K]`` at the request from reports of an age, s: turned on, below
-    0 moved back.
+    """Return the intruders ``[..., K]`` at the request from reports of an age, s: flown on along
+    their turns, or back where the age is below 0.
 
     The spreads stay those of the reports: one error of the velocity lasts from the report on, so
     that what it adds before the request and after it must not be added like independent errors

@@ -1,5 +1,5 @@
-"""The operating domain: which aircraft and traffic a policy was trained for and is claimed; others
-are refused or said.
+"""The operating domain: the aircraft and the traffic that a policy was trained for, and for which
+results are claimed; others are refused, or named.
 
 Evaluation, planner and bridge take the ranges from here. Lengths are in required separations,
 speeds in the ownship's greatest; traffic is that of the trainings (configs/best.yaml), noise and

@@ -53,8 +53,8 @@ class Resolvability(NamedTuple):
     witness: Manoeuvre
     arrival: Array  # time at which the witness reaches the goal, s; nan without one
     separation: Array
-    """Smallest distance of the witness to any intruder, m; nan without one. That to one with a
-    separation of its own counts in shares of it, times the rules'."""
+    """Smallest distance of the witness to any intruder, m; nan without one. The distance to an
+    intruder with a separation of its own is scaled by the rules' separation over that."""
     proof_time: Array  # time by which any control history has failed, s; nan without a proof
 
 
@@ -81,8 +81,8 @@ def classify(
     Args:
         solved: bool ``[N]``; those that any other method has solved are resolvable without a
             search.
-        reserve: by how much more a proof needs the separation to be missed, m, as where it is not
-            known to that how the intruders fly between the seconds.
+        reserve: by how much more a proof needs the separation to be missed, m, such as where it is
+            not known so exactly how the intruders fly between the seconds.
 
     Raises:
         ValueError: ``encounters`` has no leading axis, or ``solved`` is not one bool for each of
