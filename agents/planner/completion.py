@@ -94,7 +94,7 @@ def complete(request: Request, rollout: Rollout, goal: Array, options: Options) 
     """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``."""
     task, most = task_of(options), request.route_x.shape[1]
     wind = 0.0 if request.drift is None else np.max(np.hypot(*request.drift), initial=0.0)
-    latest = latest_end(request, options)
+    latest, extension = latest_end(request, options), options.extension
     whole, tails = _begin(rollout, goal, options)
     count = tails.row.size
     left, pieces = np.arange(count), list[Array]()
@@ -105,7 +105,7 @@ def complete(request: Request, rollout: Rollout, goal: Array, options: Options) 
             left = left[~ended]
         if left.size == 0:
             break
-        legs = _next_legs(request, tails, left, options.extension, task, first=step == 0)
+        legs = _next_legs(request, tails, left, extension, task, first=step == 0)
         if step == 0:
             legs = _to_goal(whole, rollout, tails.row, legs, task)
         tails.point[legs.tail] += 1

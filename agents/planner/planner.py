@@ -91,7 +91,7 @@ def plan(
     assumed = *assumed_climbs(own_altitude, intruders, options), *notes
     certify = partial(
         certificate,
-        start if wind is None else VehicleState(*map(float, own)),
+        start if wind is None else VehicleState(*map(float, own)),  # over the ground
         tuple(intruders),
         answer.waypoints,
         excluded,

@@ -29,7 +29,7 @@ from envs.angles import sincos, wrap
 from envs.arrays import Array
 from envs.encounters import Encounter
 from envs.intruder import start, step
-from envs.kinematics import Limits, advance
+from envs.kinematics import Limits, VehicleState, advance
 from envs.outcome import Rules
 from envs.relative import distance
 from envs.trees import map_leaves, take
@@ -98,36 +98,51 @@ def look_ahead(encounter: Encounter, rules: Rules, limits: Limits) -> Ahead:
     if encounter.separation is not None:
         mask = mask & (encounter.separation >= LEAST_SHARE * rules.separation)
         beyond = encounter.separation - rules.separation
-    sine, cosine = sincos(own.heading, np)
-
-    def in_frame(x: Array, y: Array) -> tuple[Array, Array]:
-        """Return positions ``[..., N, K]`` in the ownship's initial frame."""
-        east, north = x - own.x[:, None], y - own.y[:, None]
-        ahead, left = cosine[:, None], sine[:, None]
-        return ahead * east + left * north, ahead * north - left * east
-
     scale = float(np.max(reach_scale(encounter, rules), initial=1.0))
     times = _test_times(_tests_ahead(scale * rules.separation, rules, limits), rules)
-    flown = start(encounter.intruders, np)
-    began = distance(*in_frame(flown.vehicle.x, flown.vehicle.y), np)
-    places = []
-    index = 0
+    places = _in_frame(own, *_places(encounter, times, rules))
+    x, y = (np.where(mask, place, 1e9).transpose(1, 2, 0) for place in places)
+    began = distance(*_in_frame(own, encounter.intruders.x, encounter.intruders.y), np)
+    goal = _in_frame(own, encounter.goal_x[:, None], encounter.goal_y[:, None])
+    goal_x, goal_y = (place[:, 0] for place in goal)
+    return Ahead(
+        speed=own.speed,
+        beyond=beyond,
+        start_distance=np.min(np.where(mask, began - beyond, np.inf), axis=-1),
+        x=x,
+        y=y,
+        goal_x=goal_x,
+        goal_y=goal_y,
+        out_of_reach=_out_of_reach(own.speed, goal_x, goal_y, rules, limits),
+    )
+
+
+def _places(encounter: Encounter, times: Array, rules: Rules) -> tuple[Array, Array]:
+    """Return where the intruders of encounters are at times ``[T]``, s: x and y, m, ``[T, N, K]``
+    each.
+    """
+    flown, index, places = start(encounter.intruders, np), 0, list[VehicleState]()
     while len(times):
         after = step(flown, encounter.intent, index * rules.dt, rules.dt, np)
         within = times <= (index + 1) * rules.dt + 1e-9
         seconds = (times[within] - index * rules.dt)[:, None, None]
         # The controller holds its turn rate over a step.
         turn_rate = wrap(after.vehicle.heading - flown.vehicle.heading, np) / rules.dt
-        between = advance(flown.vehicle, 0.0 * turn_rate, turn_rate, seconds, _ANY, np)
-        places.append(np.stack(in_frame(between.x, between.y)))
+        places.append(advance(flown.vehicle, 0.0 * turn_rate, turn_rate, seconds, _ANY, np))
         times, flown, index = times[~within], after, index + 1
-    x, y = np.where(mask, np.concatenate(places, axis=1), 1e9).transpose(0, 2, 3, 1)
-    start_distance = np.min(np.where(mask, began - beyond, np.inf), axis=-1)
-    goal_x, goal_y = (
-        place[:, 0] for place in in_frame(encounter.goal_x[:, None], encounter.goal_y[:, None])
+    return (
+        np.concatenate([place.x for place in places]),
+        np.concatenate([place.y for place in places]),
     )
-    out_of_reach = _out_of_reach(own.speed, goal_x, goal_y, rules, limits)
-    return Ahead(own.speed, beyond, start_distance, x, y, goal_x, goal_y, out_of_reach)
+
+
+def _in_frame(own: VehicleState, x: Array, y: Array) -> tuple[Array, Array]:
+    """Return places ``[..., N, K]`` in the initial frame of the ownships ``[N]``, m: x ahead, y to
+    the left.
+    """
+    sine, cosine = (part[:, None] for part in sincos(own.heading, np))
+    east, north = x - own.x[:, None], y - own.y[:, None]
+    return cosine * east + sine * north, cosine * north - sine * east
 
 
 def containment_time(ahead: Ahead, rules: Rules, limits: Limits) -> Array:
