@@ -274,7 +274,7 @@ def test_bounds_of_parts_of_plans_are_the_proven_ones(circle: bool) -> None:
         at, begin = rng.uniform(-5e3, 5e3, (2, rows)), rng.uniform(0.0, 300.0, rows)
         length, bend, error = rng.uniform(0.1, 5.0, rows), rng.uniform(0.0, 9.0, rows), 1e-3
         step = rng.normal(0.0, 100.0, (2, rows))
-        arcs = areas._Arcs(begin, begin + length, *at, *(at + step), bend, np.full(rows, error))
+        arcs = areas._Chords(begin, begin + length, *at, *(at + step), bend, np.full(rows, error))
         bound, attained = areas._bounds(area, arcs, np.full(rows, np.inf))
         own = area_geometry.Parts(
             *(at - np.outer(area.velocity, begin)),
@@ -456,7 +456,7 @@ def test_positions_along_an_arc_are_the_proven_sum() -> None:
         ]
         assert waypoints._displacement(psi, v, w, a, h) == pytest.approx(proven, abs=1e-9)
         one = (np.array([[value]]) for value in (0.0, 0.0, psi, v, w, a))
-        x, y = separation.along(*one, np.array([[h / separation.FINE]]))
+        x, y = separation.along(separation.Arcs(*one), np.array([[h / separation.FINE]]))
         assert (x[0, -1], y[0, -1]) == pytest.approx(proven, abs=1e-9)
 
 
