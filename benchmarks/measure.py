@@ -49,7 +49,7 @@ def request_options(parser: Parser, requests: int) -> None:
     """Add the options of a benchmark that asks for plans: policy, number and seed of requests."""
     add = parser.add_argument
     add("--policy", type=Path, help="policy file (default: the one that ships)")
-    add("--requests", type=int, default=requests, help=f"for plans (default {requests})")
+    add("--requests", type=int, default=requests, help=f"requests to plan (default {requests})")
     add("--seed", type=int, default=0, help="of the requests (default 0)")
 
 

@@ -73,9 +73,9 @@ def _parser() -> argparse.ArgumentParser:
         "--altitude-ft",
         type=real(-2_000.0, 60_000.0, "ft"),
         metavar="FT",
-        help="of encounters that have no altitude",
+        help="altitude of encounters that have none",
     )
-    seconds = "of encounters of ours that become tracks (default: 300)"
+    seconds = "length of tracks that are made of our encounters (default: 300)"
     add("--seconds", type=whole(1, 3_600), default=300, metavar="S", help=seconds)
     ahead = "goal, where the form has none (default: 220 s ahead)"
     add("--ahead", type=real(10.0, 3_600.0, "s"), default=220.0, metavar="S", help=ahead)

@@ -245,7 +245,7 @@ def _parser() -> Parser:
     )
     text = (
         "devices of each process to split the encounters over (default: all that JAX sees); a "
-        "CPU becomes N"
+        "CPU is divided by N"
     )
     add("--devices", type=int, metavar="N", help=text)
     text = (

@@ -48,12 +48,12 @@ _OPTIONS = (
     ("scenarios", FOUR, "names with commas, or none"),
     ("each", 1, "encounters of each scenario"),
     ("random", 0, "further encounters, of the scenario circle"),
-    ("areas", 0, "areas to be kept out of along the way of each, drawn at random"),
+    ("areas", 0, "random areas along the way of each, which must not be entered"),
     ("seed", 0, "of the encounters"),
     ("rate", 40.0, "times real time, at most"),
     ("deciding-rate", 1.0, "the same while a plan is sought"),
-    ("position-std", 0.0, "noise of traffic, m one sigma"),
-    ("velocity-std", 0.0, "noise of traffic, m/s one sigma"),
+    ("position-std", 0.0, "noise of the traffic's positions, one sigma, m"),
+    ("velocity-std", 0.0, "noise of the traffic's velocities, one sigma, m/s"),
 )
 
 

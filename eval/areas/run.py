@@ -51,8 +51,18 @@ def _parser() -> argparse.ArgumentParser:
     formats = "GeoJSON, ED-269, ED-318, .plan or ICAROUS YAML"
     add("file", type=Path, nargs="?", metavar="FILE", help=formats)
     config_option(parser, "an earlier map")
-    add("--latitude", type=real(-90.0, 90.0), metavar="DEG", help="of the frame's origin, north")
-    add("--longitude", type=real(-180.0, 180.0), metavar="DEG", help="of the frame's origin, east")
+    add(
+        "--latitude",
+        type=real(-90.0, 90.0),
+        metavar="DEG",
+        help="latitude of the frame's origin",
+    )
+    add(
+        "--longitude",
+        type=real(-180.0, 180.0),
+        metavar="DEG",
+        help="longitude of the frame's origin",
+    )
     default = "folder, new or empty (default: runs/areas_DATE_TIME)"
     add("--out", type=Path, metavar="DIR", help=default)
     return parser

@@ -48,14 +48,15 @@ _SLICES = (
 )
 
 _DESCRIPTION = """\
-Ask twice from where one straight intruder can still be avoided, and draw both answers: by dynamic
-programming on a grid (Hamilton-Jacobi reachability), and by agents.resolvability, whose proofs
-and witnesses know of no grid.
+Find the places from which one intruder that flies straight can still be avoided, by two methods,
+and draw both results: dynamic programming on a grid (Hamilton-Jacobi reachability), and the proofs
+and witnesses of agents.resolvability, which use no grid.
 
-A slice fixes both speeds and the difference of the courses; without --slice six are asked.
-Written to --out: boundary.json, config.yaml, boundary.png and .svg. Disagreements are points that
-one side says can be avoided and the other cannot, by more than the grid's error: there must be
-none. Ctrl-C keeps the slices that are finished; --resume goes on."""
+A slice fixes both speeds and the difference of the courses; without --slice there are six.
+Written to --out: boundary.json, config.yaml, boundary.png and .svg. A disagreement is a point for
+which one method says that the intruder can be avoided and the other that it cannot, by more than
+the grid's error; there must be none. Ctrl-C keeps the slices that are finished; --resume goes
+on."""
 
 _EPILOG = """\
 examples:

@@ -60,8 +60,8 @@ voltage potential, speed held), mvp_speed (the same, changing speed too). A poli
 its plans, made once at the start, are flown too; with --mode assured its plans under the run-time
 monitor.
 
---baseline witness, flown only when asked for, is no resolver but a mark: the shortest flight
-known that resolves each encounter, searched for in knowledge of the intruders' whole future. It
+--baseline witness, flown only when asked for, is a reference, not a resolver: the shortest
+known flight that resolves each encounter, found with knowledge of how the intruders will fly. It
 takes two minutes for a thousand encounters.
 
 Scenarios are those of eval.monte_carlo: a name, file:PATH, tracks:PATH (recorded tracks,
@@ -169,7 +169,7 @@ def _parser() -> argparse.ArgumentParser:
         "--seed",
         type=whole(0),
         metavar="N",
-        help="of encounters, sensor noise and bootstrap (default: 0)",
+        help="seed of encounters, sensor noise and bootstrap (default: 0)",
     )
     resume_option(parser)
     add(

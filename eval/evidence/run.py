@@ -95,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
         "--scale",
         type=real(1e-4, 100.0),
         metavar="S",
-        help="times the listed encounters (default: 1)",
+        help="factor on the listed numbers of encounters (default: 1)",
     )
     add(
         "--tables",

@@ -141,20 +141,20 @@ def _parser() -> argparse.ArgumentParser:
         "--aircraft-seed",
         type=whole(0),
         metavar="N",
-        help="of the aircraft (default: 0)",
+        help="seed of the aircraft (default: 0)",
     )
-    add("--count", type=whole(1), metavar="N", help="of aircraft (default: 20)")
+    add("--count", type=whole(1), metavar="N", help="number of aircraft (default: 20)")
     add(
         "--encounters",
         type=whole(1),
         metavar="N",
-        help="of each aircraft (default: 500)",
+        help="encounters of each aircraft (default: 500)",
     )
     add(
         "--seed",
         type=whole(0),
         metavar="N",
-        help="of encounters and sensor noise (default: 0)",
+        help="seed of encounters and sensor noise (default: 0)",
     )
     add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
     kinds: Any = {"type": whole(1), "nargs": 2, "metavar": ("MIN", "MAX")}

@@ -55,14 +55,14 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--mode", metavar="MODE", help="what decides: plan, closed or assured (default: plan)")
     add("--vehicle", metavar="NAME", help="what flies (default: c208_ex)")
-    add("--condition", metavar="NAME", help="what it meets (default: calm)")
+    add("--condition", metavar="NAME", help="wind, turbulence, loading and sensors (default: calm)")
     add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
     add("--flights", type=whole(1), metavar="N", help="how many (default: 200, or all of a file's)")
     add(
         "--seed",
         type=whole(0),
         metavar="N",
-        help="of encounters, conditions and noise (default: 0)",
+        help="seed of encounters, conditions and noise (default: 0)",
     )
     add(
         "--flightgear",

@@ -118,7 +118,7 @@ def _parser() -> argparse.ArgumentParser:
         "--seed",
         type=whole(0),
         metavar="N",
-        help="of encounters, sensor noise and bootstrap (default: 0)",
+        help="seed of encounters, sensor noise and bootstrap (default: 0)",
     )
     add(
         "--baseline",

@@ -230,7 +230,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="DIR",
         help="folder, new or empty (default: runs/local_DATE_TIME)",
     )
-    add("--boxes", type=whole(1, 1_000_000), metavar="N", help="in all (default: 100)")
+    add("--boxes", type=whole(1, 1_000_000), metavar="N", help="number of boxes (default: 100)")
     course = {
         "type": real(0.0, 180.0, "degrees"),
         "nargs": 2,
@@ -253,9 +253,9 @@ def _parser() -> argparse.ArgumentParser:
         "--velocity",
         type=real(0.0, 50.0, "m/s"),
         metavar="M/S",
-        help="of vx and vy, m/s (default: 3)",
+        help="error of vx and vy, m/s (default: 3)",
     )
-    allowed = "turn that does not count, of the greatest yaw rate (default: 0.1)"
+    allowed = "turn that does not count, share of the greatest yaw rate (default: 0.1)"
     add("--allowed", type=real(0.01, 0.9), metavar="PART", help=allowed)
     add(
         "--depth",
@@ -267,7 +267,7 @@ def _parser() -> argparse.ArgumentParser:
         "--seed",
         type=whole(0, 2**63),
         metavar="N",
-        help="of scenes and samples (default: 0)",
+        help="seed of scenes and samples (default: 0)",
     )
     also = "also write network.onnx and N boxes (default: 0)"
     add("--vnnlib", type=whole(0, 10_000), metavar="N", help=also)

@@ -81,25 +81,25 @@ def _parser() -> argparse.ArgumentParser:
     policy_options(parser)
     folder = "folder, new or empty (default: runs/policy_map_DATE_TIME)"
     add("--out", type=Path, metavar="DIR", help=folder)
-    own = "of the ownship (default: 3/4 of its greatest)"
+    own = "speed of the ownship (default: 3/4 of its greatest)"
     add("--own-speed", type=float, metavar="M/S", help=own)
-    intruder = "of the intruder (default: half of the traffic's greatest)"
+    intruder = "speed of the intruder (default: half of the traffic's greatest)"
     add("--intruder-speed", type=float, metavar="M/S", help=intruder)
     heading = (
         "intruder's minus the own one; may be repeated, a row each (default: 180, -90, 90 and -30)"
     )
     add("--relative-heading", type=angle, metavar="DEG", help=heading, action="append")
-    bearing = "of the goal from the own heading (default: 0)"
+    bearing = "bearing of the goal from the own heading (default: 0)"
     add("--goal-bearing", type=angle, metavar="DEG", help=bearing)
-    distance = "of the goal (default: 8 required separations)"
+    distance = "distance of the goal (default: 8 required separations)"
     add("--goal-distance", type=float, metavar="M", help=distance)
     extent = "how far the map reaches to each side (default: 6 required separations)"
     add("--extent", type=float, metavar="M", help=extent)
-    cells = "along each side of the map (default: 181)"
+    cells = "cells along each side of the map (default: 181)"
     add("--cells", type=whole(11, 1_001), metavar="N", help=cells)
     circle = "circle flights for the chatter (default: 500)"
     add("--encounters", type=whole(1, 10_000), metavar="N", help=circle)
-    add("--seed", type=whole(0), metavar="N", help="of encounters (default: 0)")
+    add("--seed", type=whole(0), metavar="N", help="seed of the encounters (default: 0)")
     return parser
 
 

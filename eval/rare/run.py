@@ -61,8 +61,8 @@ _DESCRIPTION = """\
 Estimate how often the separation is lost where plain sampling would see it too rarely, by
 importance splitting: the draws of the encounters whose flights come closest are copied and moved,
 level by level of the smallest separation, until the required separation is lost. With
---resolvable-only proven unresolvable encounters never count, so that all particles search where a
-resolver can be blamed.
+--resolvable-only encounters that are proven unresolvable never count, so that the search stays
+among those that a resolver can save.
 
 Written to --out: rare.json, rare.png and .svg (the levels), tail.png and .svg (an extreme-value
 fit), config.yaml, and worst.csv: encounters that were lost, for eval.monte_carlo --scenario
@@ -189,7 +189,7 @@ def _parser() -> argparse.ArgumentParser:
     policy_options(parser)
     extension_option(parser)
     add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
-    add("--seed", type=whole(0), metavar="N", help="of all draws (default: 0)")
+    add("--seed", type=whole(0), metavar="N", help="seed of all draws (default: 0)")
     add(
         "--resolvable-only",
         action="store_const",
@@ -201,7 +201,7 @@ def _parser() -> argparse.ArgumentParser:
         "--closer-than",
         type=distance,
         metavar="M",
-        help="count these, and fly on (default: required separation)",
+        help="separations below this are losses, m (default: the required one)",
     )
     add(
         "--particles",
@@ -213,7 +213,7 @@ def _parser() -> argparse.ArgumentParser:
         "--moves",
         type=whole(1),
         metavar="N",
-        help="steps of each at each level (default: 5)",
+        help="changes of each at each level (default: 5)",
     )
     add(
         "--repetitions",
@@ -226,7 +226,7 @@ def _parser() -> argparse.ArgumentParser:
         "--encounters-per-hour",
         type=real(1e-6, 1e4),
         metavar="R",
-        help="of flight: says losses an hour, too",
+        help="encounters in an hour of flight: print losses an hour, too",
     )
     resume_option(parser)
     new_folder_option(parser)

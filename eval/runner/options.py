@@ -148,7 +148,7 @@ def confidence_option(parser: argparse.ArgumentParser) -> None:
         "--confidence",
         type=real(0.5, 0.999999),
         metavar="P",
-        help="of all intervals (default: 0.95)",
+        help="confidence of all intervals (default: 0.95)",
     )
 
 

@@ -63,15 +63,15 @@ class StudyFolder(ResumableFolder):
 
 
 _DESCRIPTION = """\
-Draw success as a function of what it depends on, under the bound of what can be resolved at all,
-with exact intervals.
+Draw how the success rate depends on geometry, speeds, noise and turns of the intruder, with exact
+intervals, and beside it the share that cannot be resolved at all.
 
---run DIR      cuts the table of a finished run of eval.monte_carlo or eval.hifi into bins of
-               what it varies.
---vary NAME    flies what a run holds fixed, a run for every value on the same encounters:
+--run DIR      divides the encounters of a finished run of eval.monte_carlo or eval.hifi into
+               bins of what differs between them.
+--vary NAME    varies what is the same in all encounters of a run, with a run for each value:
                position_std (m), velocity_std (m/s), latency (s) or the intruder's turn_rate
-               (deg/s). NAME=V1,V2,... names values of one's own, rising; the first is what the
-               others are compared with.
+               (deg/s). NAME=V1,V2,... gives the values, in rising order; the others are
+               compared with the first.
 
 Written to --out: sensitivity.json, config.yaml as resolved, a figure for each quantity (PNG and
 SVG), overview.png and .svg, and below sweeps/ the folder of every run flown (contents in
@@ -87,8 +87,8 @@ examples:
   python -m eval.sensitivity --resume --out runs/noise          go on with one that was interrupted
 
 Every key of --config: docs/reference/configuration-evaluation.md.
---policy, --extension and --workers are of sweeps, too.
-A run in mode assured flies plan and policy beside, so that its figures show all three."""
+--policy, --extension and --workers are for --vary, too.
+A run in mode assured also flies plan and policy, so that its figures show all three."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -163,27 +163,25 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="NAME[=V,...]",
-        help="what is swept; may be repeated",
+        help="what is varied; may be repeated",
     )
-    add("--mode", choices=modes, help="of sweeps: what decides (default: policy)")
-    add("--scenario", metavar="NAME", help="of sweeps: a sampled scenario (default: circle)")
+    add("--mode", choices=modes, help="for --vary: what decides (default: policy)")
+    add("--scenario", metavar="NAME", help="for --vary: a sampled scenario (default: circle)")
     policy_options(parser)
     extension_option(parser)
     add(
         "--encounters",
         type=whole(1),
         metavar="N",
-        help="of sweeps: how many for each value (default: 1000)",
+        help="for --vary: encounters for each value (default: 1000)",
     )
-    add(
-        "--seed", type=whole(0), metavar="N", help="of sweeps: of encounters and noise (default: 0)"
-    )
+    add("--seed", type=whole(0), metavar="N", help="for --vary: seed (default: 0)")
     add(
         "--set",
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="of sweeps: a key of eval.monte_carlo",
+        help="for --vary: a key of eval.monte_carlo",
     )
     workers_option(parser)
     confidence_option(parser)

@@ -73,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--adsb", type=_adsb, metavar="URL", help="live receiver, tcp://HOST:30003 or http://...")
     add("--own", default="", metavar="HEX", help="address of the ownship among the ADS-B aircraft")
-    add("--centre", type=_place, metavar="LAT,LON", help="of the map without an ownship, degrees")
+    add("--centre", type=_place, metavar="LAT,LON", help="centre of a map without ownship, deg")
     add(
         "--separation",
         type=_distance,

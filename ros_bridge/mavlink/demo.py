@@ -88,7 +88,9 @@ def draw(encounter: Encounter, flight: Result, file: Path) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m ros_bridge.mavlink.demo", description=__doc__)
-    parser.add_argument("--wind", type=float, default=0.0, help="m/s from 300 degrees (default 0)")
+    parser.add_argument(
+        "--wind", type=float, default=0.0, help="wind from 300 deg, m/s (default 0)"
+    )
     picture = Path("encounter.png")
     parser.add_argument("--out", type=Path, default=picture, help=f"picture (default {picture})")
     ports = "10 times this is added to the simulation's ports (default 0)"

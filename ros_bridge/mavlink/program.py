@@ -762,17 +762,17 @@ def _parser() -> argparse.ArgumentParser:
         metavar="ADDRESS",
         help="udp:HOST:PORT (listens), udpout:HOST:PORT, tcp:HOST:PORT or a serial port",
     )
-    add("--baud", type=int, default=57_600, help="of a serial port (default 57600)")
+    add("--baud", type=int, default=57_600, help="speed of a serial port, baud (default 57600)")
     add("--system", type=int, default=245, help="our number, 1 to 255 (default 245)")
     add("--fly", action="store_true", help="take over in GUIDED while a conflict lasts")
     numbers = (
-        ("separation", 610.0, "m to be kept from traffic"),
-        ("margin", MARGIN, "m added for what the autopilot leaves of a plan"),
-        ("vertical-filter", 600.0, "m above or below, beyond which traffic does not count"),
-        ("unknown-position-std", USUAL.position_std, "m one sigma of traffic that states none"),
-        ("unknown-velocity-std", USUAL.velocity_std, "m/s one sigma of traffic that states none"),
-        ("deadline", 0.2, "s of computation in which a plan must be found"),
-        ("wait", 30.0, "s for the first heartbeat"),
+        ("separation", 610.0, "kept from traffic, m"),
+        ("margin", MARGIN, "added for the distance of flights from their plans, m"),
+        ("vertical-filter", 600.0, "traffic farther above or below does not count, m"),
+        ("unknown-position-std", USUAL.position_std, "one sigma of positions without one, m"),
+        ("unknown-velocity-std", USUAL.velocity_std, "one sigma of velocities without one, m/s"),
+        ("deadline", 0.2, "computation in which a plan must be found, s"),
+        ("wait", 30.0, "time to wait for the first heartbeat, s"),
     )
     for name, default, what in numbers:
         add(f"--{name}", type=float, default=default, help=f"{what} (default {default:g})")
@@ -787,7 +787,7 @@ def _parser() -> argparse.ArgumentParser:
         ("unknown-wind-std", UNKNOWN_WIND_STD, "a wind that it does not send, about calm"),
     ):
         usual = f"default {share:g} of the highest speed"
-        add(f"--{name}", type=float, help=f"m/s one sigma of {what} ({usual})")
+        add(f"--{name}", type=float, help=f"one sigma of {what}, m/s ({usual})")
     add(
         "--traffic-altitude",
         choices=("unknown", "msl"),
@@ -813,7 +813,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE.mcap",
         help="record what the display shows (default: no recording)",
     )
-    add("--seconds", type=float, help="end after so many s (default: never)")
+    add("--seconds", type=float, help="end after this time, s (default: never)")
     add("--quiet", action="store_true", help="print nothing")
     simulated = "the autopilot is a simulation, whose time may run faster than real time"
     add("--simulated", action="store_true", help=simulated)
