@@ -910,7 +910,7 @@ class Ground(NamedTuple):
                 odd ^= (turn > 0) == (b.y > a.y)
         return odd == (self.area.keep == "in")
 
-    def signed(self, place: Ball) -> int:
+    def signed_distance(self, place: Ball) -> int:
         """Return a lower bound of the signed distance of a place, units: from the edges where
         flight is allowed, less than 0 elsewhere.
         """
@@ -937,7 +937,7 @@ class Ground(NamedTuple):
         nearest = min(edge_bound(first, last, a, b) for a, b in self.edges)
         if nearest > 0 and self.allows(first):
             return nearest - sagitta
-        ends = self.signed(first) + self.signed(last)
+        ends = self.signed_distance(first) + self.signed_distance(last)
         return (ends - (last - first).size().hi) // 2 - sagitta
 
 
@@ -997,7 +997,7 @@ def check_area(number: int, area: Area, arcs: list[Arc], certificate: Certificat
     ground = Ground(area, edges, velocity)
     growth = ball(area.growth) if area.keep == "out" else ball(-area.growth)
     wanted = (ball(area.clearance) + ball(certificate.requirement.margin)).hi
-    near = ground.signed(arcs[0].place)  # at the beginning of an arc it is this at least
+    near = ground.signed_distance(arcs[0].place)  # at the beginning of an arc it is this at least
     if counts(area, levels, ZERO, ZERO):
         # A plan that begins inside the clearance must not come nearer, but for some millimetres.
         wanted = min(wanted, max(near - ball(_NEARER).lo, 0))
@@ -1019,7 +1019,7 @@ def check_area(number: int, area: Area, arcs: list[Arc], certificate: Certificat
             first = ground.place_in_area(own_place(arc, i, n), begin)
             last = ground.place_in_area(own_place(arc, i + 1, n), later)
             if n == 1:
-                near = ground.signed(last)
+                near = ground.signed_distance(last)
             if ground.on_part(first, last, sagitta) < required:
                 sentence = f"area {number} may not be kept clear of before"
                 demand(n < certificate.parts, f"{sentence} {later.hi / (1 << BITS):.2f} s")

@@ -234,7 +234,7 @@ def _shares(separation: Array, usual: Array, xp: ArrayModule) -> Array:
     return _each(lambda own: usual / own, xp, separation)
 
 
-def known(state: State, aircraft: Aircraft, xp: ArrayModule) -> Array:
+def known_intruders(state: State, aircraft: Aircraft, xp: ArrayModule) -> Array:
     """Return of which intruders the ownship knows, bool ``[..., K]``: those that exist and are
     reported.
     """
@@ -265,7 +265,9 @@ def observe(
     The noise is that of :func:`perceive_intruders`.
     """
     seen = _in_own_separations(state, noise, aircraft, xp)
-    chosen = observation.most_critical(state.own, seen, known(state, aircraft, xp), aircraft, xp)
+    chosen = observation.most_critical(
+        state.own, seen, known_intruders(state, aircraft, xp), aircraft, xp
+    )
     return observation.observe(state.own, chosen, state.goal_x, state.goal_y, aircraft, xp)
 
 
@@ -283,7 +285,7 @@ def observe_set(
     come. The noise is that of :func:`perceive_intruders`.
     """
     seen = _in_own_separations(state, noise, aircraft, xp)
-    mask = known(state, aircraft, xp)
+    mask = known_intruders(state, aircraft, xp)
     if count is not None:
         seen, mask = observation.rank_urgent(state.own, seen, mask, count, aircraft, xp)
     return observation.observe_set(state.own, seen, mask, state.goal_x, state.goal_y, aircraft, xp)

@@ -22,7 +22,7 @@ from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.outcome import Outcome, Rules
 from envs.rewards import TERMS, Transition, learning_reward
-from envs.world import known, perceive_intruders, shares
+from envs.world import known_intruders, perceive_intruders, shares
 from rlcas_jax.algorithm import actor_of, algorithm_of
 from rlcas_jax.collect import Environment, Step, collect
 from rlcas_jax.config import NetworkConfig, TrainConfig
@@ -306,7 +306,7 @@ def network_input(
     intruders = perceive_intruders(state, noise, aircraft.dt, jnp)
     where = (state.goal_x, state.goal_y, aircraft.limits, aircraft.separation)
     inputs = network.input_table()
-    mask = known(state, aircraft, jnp)
+    mask = known_intruders(state, aircraft, jnp)
     seen = scene(state.own, intruders, mask, *where, jnp)
     return set_inputs(seen._replace(share=shares(state, aircraft, jnp)), jnp, inputs)
 

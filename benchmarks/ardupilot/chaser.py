@@ -43,7 +43,7 @@ class Chaser:
         self._others: list[_Other] = []
         self._time = -math.inf
 
-    def come(self, own: Row, course: float, seconds: float) -> None:
+    def add_crossing(self, own: Row, course: float, seconds: float) -> None:
         """Let one more cross our way in so many seconds; our course in rad."""
         across = course + float(self._draw.choice((-1.0, 1.0))) * 0.5 * math.pi
         way, back = own.speed * seconds, _SPEED * seconds

@@ -46,7 +46,7 @@ def shares(aircraft: int, seconds: float, instance: int = 13) -> dict[str, float
                 chaser.pass_aside(ground.row, float(draw.uniform(_NEAR, _FAR)))
             wait(ground, chaser, _SETTLED)
             free = _share(program.pid, ground, chaser, seconds)
-            chaser.come(ground.row, ground.course, _CROSSES)
+            chaser.add_crossing(ground.row, ground.course, _CROSSES)
             if not wait(ground, chaser, _CROSSES, lambda: ground.mode == Mode.GUIDED):
                 raise RuntimeError(f"the program does not take over: {ground.texts[-3:]}")
             flown = _share(program.pid, ground, chaser, 0.5 * seconds)

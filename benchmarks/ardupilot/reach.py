@@ -147,7 +147,7 @@ def _until_guided(program: Program, ground: Ground, chaser: Chaser) -> bool:
             raise RuntimeError(f"the program does not watch again: {ground.texts[-3:]}")
     while abs(ground.course) > _ALONG:
         _pass(program, ground, chaser, 1.0)
-    chaser.come(ground.row, ground.course, _CROSSES)
+    chaser.add_crossing(ground.row, ground.course, _CROSSES)
     began = ground.row.time
     while _phase(program) is not Phase.GUIDING:
         _pass(program, ground, chaser, 0.0)
@@ -211,7 +211,7 @@ def _end(way: str, ground: Ground, chaser: Chaser) -> Try | None:
     relay = Relay(ground.sitl.port + 2)
     with program_process(relay.address, full=way == "disk") as process:
         wait(ground, chaser, 12.0)
-        chaser.come(ground.row, ground.course, _CROSSES)
+        chaser.add_crossing(ground.row, ground.course, _CROSSES)
         if not wait(ground, chaser, _CROSSES, lambda: ground.mode == Mode.GUIDED):
             return None
         wait(ground, chaser, 1.0)

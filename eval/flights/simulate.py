@@ -26,7 +26,7 @@ from envs.world import (
     StepResult,
     World,
     begin,
-    known,
+    known_intruders,
     perceive_intruders,
     shares,
     smallest,
@@ -186,7 +186,7 @@ def _look(state: State, draws: np.ndarray | None, left: float, aircraft: Aircraf
     ``[4, M, K]``, with ``left`` seconds until the time limit.
     """
     seen = perceive_intruders(state, draws, aircraft.dt, np)
-    exists, share = known(state, aircraft, np), shares(state, aircraft, np)
+    exists, share = known_intruders(state, aircraft, np), shares(state, aircraft, np)
     return Sight(state.own, seen, exists, state.goal_x, state.goal_y, left, share)
 
 

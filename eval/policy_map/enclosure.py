@@ -91,7 +91,7 @@ class Form:
         if not isinstance(other, Form):
             return self.line(other, 0.0)
         if other is self:
-            return bent(self, _SQUARE)
+            return apply_curve(self, _SQUARE)
         cross = self.line(other.middle, 0.0) + other.line(self.middle, -self.middle * other.middle)
         return Form(cross.middle, cross.slopes, cross.rest + self.width * other.width)
 
@@ -100,7 +100,7 @@ class Form:
             return self.line(1.0 / other, 0.0)
         low, _ = other.ends
         with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = bent(other, _INVERSE)
+            inverse = apply_curve(other, _INVERSE)
         inverse.rest = np.where(low > 0.0, inverse.rest, np.inf)
         return self * inverse
 
@@ -124,13 +124,13 @@ class Form:
     @staticmethod
     def abs(form: "Form") -> "Form":
         """Return the size."""
-        return bent(form, _SIZE)
+        return apply_curve(form, _SIZE)
 
     @staticmethod
     def clip(form: "Form", low: float, high: float) -> "Form":
         """Return the form limited to a range."""
         ends = Curve(lambda x: np.clip(x, low, high), lambda k: [low + 0.0 * k, high + 0.0 * k])
-        return bent(form, ends)
+        return apply_curve(form, ends)
 
     @staticmethod
     def minimum(form: "Form", high: float) -> "Form":
@@ -155,7 +155,7 @@ def _where_steep(k: Array) -> list[Array]:
 _CLEARANCE = Curve(lambda x: x / (1.0 + np.abs(x)), _where_steep)
 
 
-def bent(form: Form, curve: Curve) -> Form:
+def apply_curve(form: Form, curve: Curve) -> Form:
     """Return a curve of a form."""
     return form.line(*line_along(*form.ends, curve))
 
@@ -189,7 +189,9 @@ def derived_inputs(pace: Array, goal: Array, middle: Array, half: Array, ratios:
     x, y, vx, vy = middle.T[..., None]
     seen = Scene(pace, goal[:, 0], goal[:, 1], x, y, vx, vy, np.ones((len(pace), 1)), ratios)
     separation = _min_separation(seen, middle, half)
-    clearance = bent(separation.line(1.0 / SEPARATION_UNIT, -1.0 / SEPARATION_UNIT), _CLEARANCE)
+    clearance = apply_curve(
+        separation.line(1.0 / SEPARATION_UNIT, -1.0 / SEPARATION_UNIT), _CLEARANCE
+    )
     to_goal = distance(goal[:, 0], goal[:, 1], np) + 1e-6
     own = np.stack(
         [np.broadcast_to(one, pace.shape) for one in own_part(seen, 0.0 * pace, np)], axis=-1

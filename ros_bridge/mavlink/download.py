@@ -29,7 +29,7 @@ def due(download: Download, now: float) -> bool:
     return not download.done and not 0.0 <= now - download.asked < AGAIN
 
 
-def asked(download: Download, now: float) -> Download:
+def note_question(download: Download, now: float) -> Download:
     """Return the download after a question."""
     return replace(download, asked=now)
 

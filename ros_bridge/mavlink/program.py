@@ -42,7 +42,7 @@ from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown
 from ros_bridge.core.situation import Situation, to_local
 from ros_bridge.mavlink import messages, mission
 from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
-from ros_bridge.mavlink.download import Download, accept, asked, due
+from ros_bridge.mavlink.download import Download, accept, due, note_question
 from ros_bridge.mavlink.intake import Reading, Received, forget, take, take_traffic
 from ros_bridge.mavlink.judging import (
     SPACING,
@@ -478,7 +478,7 @@ class Program:
             if due(download, now):
                 number = None if download.count is None else len(download.items)
                 self._link.ask_item(kind, number)
-                self._downloads[kind] = asked(download, now)
+                self._downloads[kind] = note_question(download, now)
 
     def _accept(self, message: Any, now: int) -> None:
         """Take in an item; what cannot be read leaves what is there."""

@@ -42,7 +42,7 @@ def test_aircraft_that_leave_are_reported_for_good() -> None:
             self.sent.append(values)
 
     chaser, station = Chaser(0), Station()
-    chaser.come(Row(0.0, 0.0, 0.0, 620.0, 22.0, 22.0, 10), 0.0, 36.0)
+    chaser.add_crossing(Row(0.0, 0.0, 0.0, 620.0, 22.0, 22.0, 10), 0.0, 36.0)
     chaser.leave()
     for second in range(600):
         own = Row(float(second), 22.0 * second, 0.0, 620.0, 22.0, 22.0, 10)

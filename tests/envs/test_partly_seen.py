@@ -56,7 +56,8 @@ def known_over_time(start: Encounter, xp: Any, steps: int = 25) -> np.ndarray:
     nothing = xp.zeros_like(start.goal_x)
 
     def advance(state: Any) -> Any:
-        return world.step(state, (nothing, nothing), WORLD, xp)[0], world.known(state, PAPER, xp)
+        after = world.step(state, (nothing, nothing), WORLD, xp)[0]
+        return after, world.known_intruders(state, PAPER, xp)
 
     step = jax.jit(advance) if xp is jnp else advance
     found = []
@@ -89,7 +90,7 @@ def test_coverage_changes_nothing_but_what_is_known(drawn: Encounter):
 def test_what_is_not_known_changes_no_decision(drawn: Encounter):
     """The shipped policy decides alike wherever an intruder of which it knows nothing is."""
     state, policy = world.begin(drawn, np), Policy.load()
-    mask = world.known(state, PAPER, np)
+    mask = world.known_intruders(state, PAPER, np)
     seen = world.perceive_intruders(state, None, PAPER.dt, np)
     moved = seen._replace(x=np.where(mask, seen.x, seen.x + 777.0))
     action, other = (
@@ -106,7 +107,7 @@ def test_a_pool_covers_the_others_wholly(chosen: Scenario):
     assert everything.mean() == pytest.approx(0.5, abs=0.1)
     state = jax.vmap(surrogate.reset)(pool)
     first = map_leaves(lambda field: field[0], state)
-    known = np.asarray(world.known(first, PAPER, jnp))
+    known = np.asarray(world.known_intruders(first, PAPER, jnp))
     np.testing.assert_array_equal(known[everything[0]], np.asarray(pool.mask)[0][everything[0]])
 
 

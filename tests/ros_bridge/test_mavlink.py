@@ -23,7 +23,7 @@ from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import USUAL, Report
 from ros_bridge.mavlink import messages, mission, vehicle
 from ros_bridge.mavlink.control import CLEAR, Control, Order, Phase, Seen, Step, step
-from ros_bridge.mavlink.download import AGAIN, Download, accept, asked, due
+from ros_bridge.mavlink.download import AGAIN, Download, accept, due, note_question
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.judging import Judgement, rules, watch
 from ros_bridge.mavlink.link import Clock, Link, check_address
@@ -505,6 +505,6 @@ def test_a_download_is_whole_whatever_is_lost_doubled_or_out_of_order(
         now += 2.0 * AGAIN
         assert due(download, now)
         wanted = None if download.count is None else len(download.items)
-        download = accept(asked(download, now), answer(wanted))
+        download = accept(note_question(download, now), answer(wanted))
     assert [one.number for one in download.items] == list(range(count))
     assert not due(download, now + 100.0)
