@@ -25,30 +25,35 @@ from envs.world import State, StepResult
 
 
 def begin(encounter: Encounter, dt: float) -> State:
-    """Return the start of one encounter, intruders ``[K]``, without the absent ones, for a time
-    step of ``dt`` s.
+    """Return the start of one encounter, intruders ``[K]``, for a time step of ``dt`` s; those that
+    do not exist are left out.
     """
-    members = np.flatnonzero(encounter.mask)
-
-    def each(tree: Any) -> Any:
-        return tuple(map_leaves(lambda field: float(field[k]), tree) for k in members)  # noqa: B023
-
-    own, goal_x, goal_y = map_leaves(float, (encounter.own, encounter.goal_x, encounter.goal_y))
-    sensor = map_leaves(lambda field: float(field[0]), encounter.sensor)
-    mask = (True,) * len(members)
     check_heeded(encounter, "the encounter")
+    members = np.flatnonzero(encounter.mask)
     plain = Encounter(
-        own, goal_x, goal_y, each(encounter.intruders), mask, each(encounter.intent), sensor
+        own=map_leaves(float, encounter.own),
+        goal_x=float(encounter.goal_x),
+        goal_y=float(encounter.goal_y),
+        intruders=_one_by_one(encounter.intruders, members),
+        mask=(True,) * len(members),
+        intent=_one_by_one(encounter.intent, members),
+        sensor=map_leaves(lambda field: float(field[0]), encounter.sensor),
     )
     return world.begin(plain, EXACT_FLOATS, history_dt=dt)
+
+
+def _one_by_one(tree: Any, members: np.ndarray) -> Any:
+    """Return some members of a structure of arrays ``[K]`` as a tuple of structures of floats."""
+    return tuple(map_leaves(lambda field, k=k: float(field[k]), tree) for k in members)
 
 
 step = partial(world.step, xp=EXACT_FLOATS)
 
 
 def observe(state: State, aircraft: Aircraft, noise: np.ndarray | None = None) -> np.ndarray:
-    """Return the observation of the most critical intruder, float32 ``[8]``, by the noise ``[4,
-    K]`` or None.
+    """Return the observation of the most critical intruder, float32 ``[8]``.
+
+    The noise of the reports is ``[4, K]``, or None.
     """
     return np.array(world.observe(state, aircraft, _list(noise), xp=EXACT_FLOATS), dtype=np.float32)
 
@@ -57,15 +62,17 @@ def observe_set(
     state: State, count: int, aircraft: Aircraft, noise: np.ndarray | None = None
 ) -> SetObservation:
     """Return the observation of the ``count`` most critical intruders, the most critical first,
-    numpy.
+    in numpy.
     """
     perceived = world.perceive_intruders(state, _list(noise), aircraft.dt, EXACT_FLOATS)
-    own, seen = VehicleState(*map(np.float64, state.own)), VehicleState(*np.array(perceived).T)
+    own = VehicleState(*map(np.float64, state.own))
+    seen = VehicleState(*np.array(perceived).T)
     seen, mask = observation.rank_urgent(own, seen, np.array(state.mask), count, aircraft, np)
     return observation.observe_set(own, seen, mask, state.goal_x, state.goal_y, aircraft, np)
 
 
-def _list(noise: np.ndarray | None) -> Any:
+def _list(noise: np.ndarray | None) -> list[list[float]] | None:
+    """Return noise ``[4, K]`` as K times four numbers."""
     return None if noise is None else noise.T.tolist()
 
 
@@ -81,15 +88,24 @@ def separations(state: State) -> tuple[float, ...]:
 def transition(
     before: State, after: State, action: tuple[float, float], result: StepResult, aircraft: Aircraft
 ) -> Transition:
-    """Return a step as terms of a reward see it, numpy: fields ``[]``, those of intruders
+    """Return a step as terms of a reward see it, in numpy: fields ``[]``, those of intruders
     ``[K]``.
     """
-    states = _arrays(before), _arrays(after)
-    return Transition(*states, action, map_leaves(np.asarray, _stack(result)), aircraft)
+    stacked = result._replace(separations=np.array(result.separations))
+    return Transition(
+        before=_arrays(before),
+        after=_arrays(after),
+        action=action,
+        result=map_leaves(np.asarray, stacked),
+        aircraft=aircraft,
+    )
 
 
 def _arrays(state: State) -> State:
-    previous = state.previous and tuple(_together(vehicles) for vehicles in state.previous)
+    """Return a state of plain numbers as one of arrays."""
+    previous = None
+    if state.previous is not None:
+        previous = _together(state.previous[0]), _together(state.previous[1])
     sensor = map_leaves(lambda field: np.array([field]), state.sensor)
     plain = state._replace(intruders=None, intent=None, sensor=None, previous=None, mask=None)
     return map_leaves(np.asarray, plain)._replace(
@@ -104,7 +120,3 @@ def _arrays(state: State) -> State:
 def _together(parts: Any) -> Any:
     """Return a tuple of K equal structures of plain numbers as one of arrays ``[K]``."""
     return map_leaves(lambda *fields: np.array(fields), *parts)
-
-
-def _stack(result: StepResult) -> StepResult:
-    return result._replace(separations=np.array(result.separations))

@@ -4,13 +4,14 @@ A drawing owns its figure and its artists, which move from frame to frame. Colou
 Ito, so that they differ for colour-blind eyes, and also differ in lightness and shape.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
 OWNSHIP = "#0072b2"
@@ -22,9 +23,8 @@ _INK, _FAINT, _GRID, _PAPER = "#22272e", "#6a737d", "#e4e8ec", "#ffffff"
 _INCHES = 6.0
 _AXES = (0.1, 0.072, 0.85, 0.85)  # left, bottom, width, height as parts of the figure
 _MARGIN, _MARGIN_PART = 1.1, 0.05  # km, and part of the extent, for the discs of 1 km and the texts
-_NEAR = (
-    5_000.0  # an intruder that has left the scene is kept in view while it is closer than this, m
-)
+_NEAR = 5_000.0
+"""An intruder that has left the scene is kept in view while it is closer than this, m."""
 _LEADER = 60.0  # s of flight that the line ahead of an aircraft stands for
 # Outline of an aircraft seen from above, nose along +x, of unit length.
 _NOSE_TO_TAIL = [
@@ -50,9 +50,8 @@ class Picture(NamedTuple):
 
     own: np.ndarray  # x, y (m), heading (rad), speed (m/s), [T + 1, 4]
     intruders: np.ndarray  # the same of each intruder, [T + 1, K, 4]
-    separations: (
-        np.ndarray
-    )  # smallest distance to each during the step that ends at that moment, m, [T + 1, K]
+    separations: np.ndarray
+    """Smallest distance to each during the step that ends at that moment, m, ``[T + 1, K]``."""
     goal: tuple[float, float]  # m
     goal_radius: float  # m
     required: float  # separation below which a trail turns red, m
@@ -96,7 +95,7 @@ class Drawing:
     def frame(self, scene: Picture) -> np.ndarray:
         """Return the picture, uint8 ``[size, size, 3]``."""
         self.update(scene)
-        canvas: Any = self.figure.canvas
+        canvas = cast(FigureCanvasAgg, self.figure.canvas)
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
     def update(self, scene: Picture) -> None:
@@ -160,10 +159,10 @@ class Drawing:
             self._planes,
         ):
             self._axes.add_collection(collection, autolim=False)
-        self._labels: list[Any] = []
+        self._labels: list[Text] = []
 
     def _build_header(self) -> None:
-        def header(x: float, y: float, align: str, **style: Any) -> Any:
+        def header(x: float, y: float, align: str, **style: Any) -> Text:
             return self.figure.text(x, y, "", ha=align, va="baseline", **style)
 
         left, right = _AXES[0], _AXES[0] + _AXES[2]
@@ -173,6 +172,7 @@ class Drawing:
         self._verdict = header(right, 0.935, "right", color=_FAINT, fontsize=9, fontweight="bold")
 
     def _place(self, scene: Picture) -> None:
+        """Move what belongs to the route, and the edges of the picture."""
         west, south, side = view(scene)
         self._axes.set_xlim(west, west + side)
         self._axes.set_ylim(south, south + side)
@@ -190,6 +190,7 @@ class Drawing:
         self._start_text.set_position(tuple(start - along * (aside + 14.0) * self._pixel))
 
     def _move(self, scene: Picture) -> None:
+        """Move what belongs to the aircraft."""
         count = scene.intruders.shape[1]
         # The ownship leads: [T + 1, 1 + K, 4], in km.
         aircraft = np.concatenate([scene.own[:, None], scene.intruders], axis=1)
@@ -229,6 +230,7 @@ class Drawing:
         self._write(scene, speed)
 
     def _name(self, now: np.ndarray, ahead: np.ndarray, nearest: int) -> None:
+        """Write the names of the aircraft beside them, on the side away from what is near."""
         while len(self._labels) < len(now):
             style = {
                 "fontsize": 8.5,
@@ -251,6 +253,7 @@ class Drawing:
                 label.set_text("own" if index == 0 else "intruder" if only else str(index))
 
     def _write(self, scene: Picture, speed: np.ndarray) -> None:
+        """Write the texts above the picture; speeds are m/s, the ownship's first."""
         smallest = float(scene.separations.min())
         self._title.set_text(scene.title)
         self._clock.set_text(f"{scene.time:.0f} s")
