@@ -210,6 +210,16 @@ class C208Vehicle:
         fdm.initialise(initial, surfaces(trim.elevator, trim.throttle))
         for shaft in ("n1", "n2"):
             fdm.set(f"propulsion/engine/{shaft}", 60.0 + 40.0 * trim.throttle)
+        self._stir_the_air()
+        density = fdm.get("atmosphere/rho-slugs_ft3") * SLUG_PER_FT3
+        self.autopilot = Autopilot(fdm.variant, fdm.loading, self._altitude, density, trim)
+        self._scale = (_EQUATOR + self._altitude, _MERIDIAN + self._altitude)
+        self._throttle = trim.throttle
+        self._see()
+
+    def _stir_the_air(self) -> None:
+        """Let the wind and the turbulence of the conditions blow."""
+        conditions, fdm = self.conditions, self.fdm
         # JSBSim overwrites the wind with that of the initial conditions: it is set afterwards.
         fdm.set("atmosphere/wind-east-fps", conditions.wind_east / FOOT)
         fdm.set("atmosphere/wind-north-fps", conditions.wind_north / FOOT)
@@ -218,11 +228,6 @@ class C208Vehicle:
         fdm.set("atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps", wind)
         fdm.set("atmosphere/turbulence/milspec/severity", float(severity))
         fdm.set("atmosphere/randomseed", float(conditions.seed))
-        density = fdm.get("atmosphere/rho-slugs_ft3") * SLUG_PER_FT3
-        self.autopilot = Autopilot(fdm.variant, fdm.loading, self._altitude, density, trim)
-        self._scale = (_EQUATOR + self._altitude, _MERIDIAN + self._altitude)
-        self._throttle = trim.throttle
-        self._see()
 
     def step(self, acceleration: Array, yaw_rate: Array, dt: float) -> None:
         """Fly on under an acceleration along the track (m/s^2) and its turn rate (rad/s, positive
@@ -281,7 +286,6 @@ class C208Vehicle:
         """Read the state, log it, and raise a FlightError where the flight has failed."""
         now = _Readings(*[read() for read in self._read])
         east, north = now.east * FOOT, now.north * FOOT
-        airspeed, altitude = now.airspeed * FOOT, now.altitude * FOOT
         share = TICK / _WIND_LAG
         wind_east, wind_north, _ = self._wind
         wind_east += share * (now.wind_east * FOOT - wind_east)
@@ -298,9 +302,9 @@ class C208Vehicle:
             yaw_rate=now.yaw_rate,
             alpha=now.alpha,
             beta=now.beta,
-            airspeed=airspeed,
+            airspeed=now.airspeed * FOOT,
             steady_airspeed=math.hypot(east - wind_east, north - wind_north),
-            altitude=altitude,
+            altitude=now.altitude * FOOT,
             climb=now.climb * FOOT,
             density=now.density * SLUG_PER_FT3,
             weight=now.weight * POUND,
@@ -309,21 +313,23 @@ class C208Vehicle:
         problem = _problem(self.state, self.measured)
         if problem:
             raise FlightError(f"{problem} at {self.time:.2f} s")
-        self._rows.append(
-            _Row(
-                time=self.time,
-                x=x,
-                y=y,
-                altitude=altitude,
-                heading=self.state.heading,
-                speed=self.state.speed,
-                airspeed=airspeed,
-                bank=now.bank,
-                alpha=now.alpha,
-                beta=now.beta,
-                throttle=self._throttle,
-            )
-        )
+        self._rows.append(_row(self.time, self.state, self.measured, self._throttle))
+
+
+def _row(time: float, state: VehicleState, m: Measured, throttle: float) -> _Row:
+    return _Row(
+        time=time,
+        x=state.x,
+        y=state.y,
+        altitude=m.altitude,
+        heading=state.heading,
+        speed=state.speed,
+        airspeed=m.airspeed,
+        bank=m.bank,
+        alpha=m.alpha,
+        beta=m.beta,
+        throttle=throttle,
+    )
 
 
 def _problem(state: VehicleState, m: Measured) -> str | None:
