@@ -12,6 +12,7 @@ import platform
 import shutil
 from importlib import metadata
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from envs.edge.command import ConfigError
@@ -40,7 +41,7 @@ def keep_compiled() -> None:
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 
 
-def local_devices(jax: Any) -> list[Any]:
+def local_devices(jax: ModuleType) -> list[Any]:
     """Return this process's devices of JAX, whose module is given.
 
     Raises:
@@ -64,16 +65,13 @@ def _folder() -> Path:
     """Return the folder of what is compiled with these versions on this processor."""
     made_with = [
         platform.python_version(),
-        *(metadata.version(name) for name in ("jax", "jaxlib")),
+        metadata.version("jax"),
+        metadata.version("jaxlib"),
         _processor(),
     ]
+    digest = hashlib.sha256("\n".join(made_with).encode()).hexdigest()[:16]
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return (
-        root
-        / "rlcas-toolkit"
-        / "compiled"
-        / hashlib.sha256("\n".join(made_with).encode()).hexdigest()[:16]
-    )
+    return root / "rlcas-toolkit" / "compiled" / digest
 
 
 def _processor() -> str:

@@ -3,12 +3,15 @@ same data.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from envs.edge.files import write_whole
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-def save_figure(figure: Any, path: Path, dpi: int = 150) -> list[Path]:
+
+def save_figure(figure: "Figure", path: Path, dpi: int = 150) -> list[Path]:
     """Write a figure of matplotlib as ``path.png`` and ``path.svg`` and return their paths; may
     raise an OSError.
 
@@ -21,9 +24,8 @@ def save_figure(figure: Any, path: Path, dpi: int = 150) -> list[Path]:
     with mpl.rc_context({"svg.hashsalt": "rlcas"}):
         with write_whole(files[0]) as png:
             figure.savefig(png, format="png", dpi=dpi)
-        figure.set_layout_engine(
-            "none"
-        )  # keep what has just been laid out: it takes half of the time
+        # What has just been laid out stays: laying it out takes half of the time.
+        figure.set_layout_engine("none")
         with write_whole(files[1]) as svg:
             figure.savefig(svg, format="svg", dpi=dpi, metadata={"Date": None})
     return files

@@ -4,7 +4,11 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from typing import Any, Self, TextIO
+from typing import TYPE_CHECKING, Self, TextIO
+
+if TYPE_CHECKING:
+    from rich.console import Group
+    from rich.live import Live
 
 
 class Progress:
@@ -31,8 +35,10 @@ class Progress:
         """
         self._unit, self._quiet, self._silence = unit, quiet, silence_s
         self._stream = sys.stderr if stream is None else stream
-        self._clock, self._shown, self._total = clock, clock(), 1
-        self._live: Any = None
+        self._clock = clock
+        self._shown = clock()  # when the last plain line was shown, s
+        self._total = 1
+        self._live: Live | None = None
         self._origin: tuple[float, float] | None = None
         self._unsaid = ""
 
@@ -52,15 +58,15 @@ class Progress:
         return self
 
     def begin_measuring(self, done: float, figures: str) -> None:
-        """Take how far it came while it got ready, such as by compiling, which says nothing of the
-        time left; the figures are shown only where no others follow.
+        """Begin to measure the speed here: the time before, such as that of a compilation, says
+        nothing of the time left. The figures are shown only where no others follow.
         """
         self._origin = done, self._clock()
         self._unsaid = f"{self._done(done)}, {figures}"
 
     def leave_out(self, seconds: float) -> None:
-        """Do not count time since the measuring began that says nothing of the time left, such as
-        that of another compilation, s.
+        """Do not count some seconds since the measuring began, such as those of another
+        compilation.
         """
         if self._origin is not None:
             self._origin = self._origin[0], self._origin[1] + seconds
@@ -108,7 +114,7 @@ class Progress:
     def _done(self, done: float) -> str:
         return f"{group_digits(int(done))} of {group_digits(self._total)} {self._unit}"
 
-    def _screen(self, done: float, left: str, figures: str) -> Any:
+    def _screen(self, done: float, left: str, figures: str) -> "Group":
         """Return what a terminal shows; it fits into 80 columns."""
         from rich.console import Group
         from rich.progress_bar import ProgressBar
@@ -127,13 +133,11 @@ def duration(seconds: float) -> str:
         return "? s"
     whole = max(0, round(seconds))
     hours, minutes, rest = whole // 3600, whole // 60 % 60, whole % 60
-    return (
-        f"{hours} h {minutes} min"
-        if hours
-        else f"{minutes} min {rest} s"
-        if minutes
-        else f"{rest} s"
-    )
+    if hours:
+        return f"{hours} h {minutes} min"
+    if minutes:
+        return f"{minutes} min {rest} s"
+    return f"{rest} s"
 
 
 def group_digits(value: int) -> str:
