@@ -23,6 +23,7 @@ import numpy as np
 
 from envs import intruder
 from envs.encounters import Encounter, EncounterError
+from envs.formats.encounter_file import Row
 from envs.formats.lincoln_file import EVENTS
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
@@ -35,7 +36,7 @@ EXACT = 1.0  # m
 
 
 class ExchangedEncounter(NamedTuple):
-    """One encounter as it travels."""
+    """One encounter on its way between files."""
 
     name: str
     tracks: tuple[Track, ...]  # the ownship's first; a row a second
@@ -44,9 +45,8 @@ class ExchangedEncounter(NamedTuple):
     sensor: Sensor = Sensor(0.0, 0.0, 0.0)
     altitudes: bool = True  # whether they are known; otherwise those of the tracks are 0
     weight: float = 1.0
-    left_out: Mapping[
-        str, int
-    ] = {}  # how many rows or values of the recorded tracks, by kind, are not in these
+    left_out: Mapping[str, int] = {}
+    """How many rows or values of the recorded tracks are not in these, by kind."""
 
     def straight(self, which: int) -> bool:
         """Return whether an aircraft flies straight on at its first speed, within :data:`EXACT`."""
@@ -130,7 +130,7 @@ def scenes_of_tracks(
     return scenes
 
 
-def rows_of_scenes(scenes: Sequence[ExchangedEncounter], ahead: float) -> list[list[list[float]]]:
+def rows_of_scenes(scenes: Sequence[ExchangedEncounter], ahead: float) -> list[list[Row]]:
     """Return scenes as rows of :func:`envs.formats.encounter_file.write_rows`.
 
     Where a form has no goal, it lies some seconds ahead. Intruders whose intent is not known fly
@@ -139,14 +139,17 @@ def rows_of_scenes(scenes: Sequence[ExchangedEncounter], ahead: float) -> list[l
     groups = []
     for scene in scenes:
         own, *others = map(_start, scene.tracks)
-        x, y, heading, speed = own
-        goal = scene.goal or (
-            x + ahead * speed * math.cos(heading),
-            y + ahead * speed * math.sin(heading),
-        )
+        goal = scene.goal
+        if goal is None:
+            reach = ahead * own.speed
+            goal = own.x + reach * math.cos(own.heading), own.y + reach * math.sin(own.heading)
         intents = scene.intents or [Intent(0.0, 0.0, math.radians(3.0))] * len(others)
-        pairs = zip(others, intents, strict=True)
-        groups.append([[*own, *goal, *other, *intent, *scene.sensor] for other, intent in pairs])
+        groups.append(
+            [
+                Row(own, goal[0], goal[1], other, intent, scene.sensor)
+                for other, intent in zip(others, intents, strict=True)
+            ]
+        )
     return groups
 
 
@@ -173,12 +176,9 @@ def check_same(
             apart = [getattr(one, field)[:rows] - getattr(two, field)[:rows] for field in fields]
             off = float(np.sqrt(np.sum(np.square(apart), axis=0)).max())
             if off > EXACT or rows < len(one.time):
-                far = (
-                    f"{off:.1f} m off its track for {rows} of {len(one.time)} s, expected at "
-                    f"most {EXACT:g} m"
-                )
                 raise EncounterError(
-                    f"encounter {scene.name!r}: this form does not hold {one.name!r}: {far}"
+                    f"encounter {scene.name!r}: this form does not hold {one.name!r}: {off:.1f} m "
+                    f"off its track for {rows} of {len(one.time)} s, expected at most {EXACT:g} m"
                 )
 
 
@@ -193,9 +193,9 @@ def lincoln_objects(
     """
     names = [scene.name for scene in scenes]
     # Names that are numbers are kept; where some are not, all come back as places in the file.
-    numbers = (
-        [int(name) for name in names] if all(map(is_number, names)) else range(1, len(names) + 1)
-    )
+    numbers = range(1, len(names) + 1)
+    if all(map(is_number, names)):
+        numbers = [int(name) for name in names]
     return [
         _lincoln(number, scene, altitude) for number, scene in zip(numbers, scenes, strict=True)
     ]
@@ -207,12 +207,12 @@ def is_number(name: str) -> bool:
 
 
 def _lincoln(number: int, scene: ExchangedEncounter, altitude: float | None) -> dict[str, Any]:
+    """Return a scene as an object of Lincoln Laboratory's files."""
     if len(scene.tracks) != 2:
-        has = (
-            f"has {len(scene.tracks) - 1} intruders, expected one, because a .json file holds "
-            "two aircraft"
+        raise EncounterError(
+            f"encounter {scene.name!r} has {len(scene.tracks) - 1} intruders, expected one, "
+            "because a .json file holds two aircraft"
         )
-        raise EncounterError(f"encounter {scene.name!r} {has}")
     tracks = _at_height(scene, altitude)
     states = [_lincoln_state(track) for track in tracks]
     return {
@@ -220,18 +220,24 @@ def _lincoln(number: int, scene: ExchangedEncounter, altitude: float | None) -> 
         "n_ft": [float(track.y[0]) / FOOT for track in tracks],
         "e_ft": [float(track.x[0]) / FOOT for track in tracks],
         "h_ft": [float(track.altitude[0]) / FOOT for track in tracks],
-        "v_ftps": [speed / FOOT for speed, _, _ in states],
-        "heading_rad": [track for _, track, _ in states],
+        "v_ftps": [state.speed / FOOT for state in states],
+        "heading_rad": [state.course for state in states],
         "runTime_s": float(tracks[0].time[-1]),
-        EVENTS: [events.tolist() for _, _, events in states],
+        EVENTS: [state.events.tolist() for state in states],
         "meta": {"w": scene.weight},
     }
 
 
-def _lincoln_state(track: Track) -> tuple[float, float, np.ndarray]:
-    """Return speed along the path, course (clockwise from north) and the events of a track with a
-    row a second.
-    """
+class _LincolnState(NamedTuple):
+    """How an aircraft begins, and what it is commanded."""
+
+    speed: float  # along the path, m/s
+    course: float  # rad, clockwise from north
+    events: np.ndarray  # [E, 4] in the file's units
+
+
+def _lincoln_state(track: Track) -> _LincolnState:
+    """Return the beginning and the events of a track with a row a second."""
     ground = np.hypot(track.vx, track.vy)
     course = np.unwrap(_course(track))
     rate = track.vertical_rate
@@ -241,7 +247,7 @@ def _lincoln_state(track: Track) -> tuple[float, float, np.ndarray]:
     )
     # An event holds until the next: rows that command the same again are left out.
     changes = np.concatenate([[True], np.any(np.abs(np.diff(rows[:, 1:], axis=0)) > 1e-12, axis=1)])
-    return float(along[0]), float(course[0]), rows[changes]
+    return _LincolnState(float(along[0]), float(course[0]), rows[changes])
 
 
 def _course(track: Track) -> np.ndarray:
@@ -264,9 +270,8 @@ def daidalus_text(scene: ExchangedEncounter, altitude: float | None) -> str:
     """
     tracks = _at_height(scene, altitude)
     labels = [track.name for track in tracks]
-    if len(set(labels)) < len(labels) or any(
-        not label or set(label) & set(" ,#\t") for label in labels
-    ):
+    usable = all(label and not set(label) & set(" ,#\t") for label in labels)
+    if not usable or len(set(labels)) < len(labels):
         raise EncounterError(
             f"encounter {scene.name!r}: names {labels}, expected different ones without blanks or "
             ", #"
@@ -275,18 +280,11 @@ def daidalus_text(scene: ExchangedEncounter, altitude: float | None) -> str:
         "NAME, sx, sy, sz, vx, vy, vz, time",
         "[none], [m], [m], [m], [m/s], [m/s], [m/s], [s]",
     ]
+    fields = ("x", "y", "altitude", "vx", "vy", "vertical_rate", "time")  # in this order
     for row in range(len(tracks[0].time)):
         for track in tracks:
-            fields = (
-                track.x,
-                track.y,
-                track.altitude,
-                track.vx,
-                track.vy,
-                track.vertical_rate,
-                track.time,
-            )
-            lines.append(", ".join([track.name, *(repr(float(field[row])) for field in fields)]))
+            cells = [repr(float(getattr(track, field)[row])) for field in fields]
+            lines.append(", ".join([track.name, *cells]))
     return "\n".join(lines) + "\n"
 
 
@@ -309,11 +307,9 @@ def _track(name: str, flown: VehicleState, times: np.ndarray) -> Track:
     return Track(name, times, flown.x, flown.y, zero, vx, vy, zero, {})
 
 
-def _start(track: Track) -> list[float]:
-    heading = math.atan2(track.vy[0], track.vx[0])
-    return [
-        float(track.x[0]),
-        float(track.y[0]),
-        heading,
-        float(math.hypot(track.vx[0], track.vy[0])),
-    ]
+def _start(track: Track) -> VehicleState:
+    """Return the state at the beginning of a track, plain numbers."""
+    vx, vy = float(track.vx[0]), float(track.vy[0])
+    return VehicleState(
+        float(track.x[0]), float(track.y[0]), math.atan2(vy, vx), math.hypot(vx, vy)
+    )

@@ -12,7 +12,7 @@ import os
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError
 from envs.intruder import Intent
 from envs.kinematics import FASTEST, VehicleState
 from envs.perception import Sensor
+from envs.trees import take
 
 _MOST_PLACES = 2_000_000  # encounters times the intruders of the fullest one
 _FAR = 1_000_000.0
@@ -37,8 +38,8 @@ class Column(NamedTuple):
     low: float
     high: float  # both ends belong to the range
     default: float | None  # value where the column or the cell is missing; None: it is required
-    # whether all rows of an encounter must agree, because it does not belong to one intruder
     shared: bool
+    """Whether all rows of an encounter must agree, because it does not belong to one intruder."""
     text: str
     scale: float = 1.0  # SI value of one unit
 
@@ -101,6 +102,25 @@ COLUMNS = (
 )
 """The columns beside ``encounter``, which holds any text that names an encounter."""
 
+
+class Row(NamedTuple):
+    """An intruder of an encounter, plain numbers; its numbers stand in the order of
+    :data:`COLUMNS`.
+    """
+
+    own: VehicleState
+    goal_x: float  # m
+    goal_y: float
+    intruder: VehicleState
+    intent: Intent
+    sensor: Sensor
+
+    def numbers(self) -> list[float]:
+        """Return the cells of the row, SI units."""
+        goal = self.goal_x, self.goal_y
+        return [*self.own, *goal, *self.intruder, *self.intent, *self.sensor]
+
+
 _KEY = "encounter"
 _ALL = (_KEY, *(column.name for column in COLUMNS))
 
@@ -151,13 +171,14 @@ def read(
         group.append((number, values))
     if not groups:
         raise EncounterError(f"{source}: no encounter, expected at least one line below the header")
-    places = len(groups) * max(map(len, groups.values()))
-    if places > _MOST_PLACES:
-        size = f"{len(groups)} encounters of up to {places // len(groups)} intruders"
+    most = max(map(len, groups.values()))
+    if len(groups) * most > _MOST_PLACES:
         raise EncounterError(
-            f"{source}: {size}, expected a product of at most {_MOST_PLACES}: divide the file"
+            f"{source}: {len(groups)} encounters of up to {most} intruders, expected a product of "
+            f"at most {_MOST_PLACES}: divide the file"
         )
-    return _encounters([[values for _, values in group] for group in groups.values()]), list(groups)
+    encounters = _encounters([[values for _, values in group] for group in groups.values()])
+    return encounters, list(groups)
 
 
 def write(
@@ -166,29 +187,35 @@ def write(
     """Write encounters ``[N]`` of any float type as :func:`write_rows` does; without names they are
     0, 1, 2, ...
     """
-    states = [*encounters.own, encounters.goal_x, encounters.goal_y]
-    many = [*encounters.intruders, *encounters.intent]
     groups = []
     for i, mask in enumerate(encounters.mask):
-        own, noise = [field[i] for field in states], [field[i, 0] for field in encounters.sensor]
+        one = take(encounters, i)
         groups.append(
             [
-                [*own, *(field[i, k] for field in many), *noise]
+                Row(
+                    one.own,
+                    one.goal_x,
+                    one.goal_y,
+                    intruder=take(one.intruders, k),
+                    intent=take(one.intent, k),
+                    sensor=take(one.sensor, 0),
+                )
                 for k in np.flatnonzero(mask).tolist()
             ]
         )
-    write_rows(path, groups, [str(i) for i in range(len(groups))] if names is None else names)
+    if names is None:
+        names = [str(i) for i in range(len(groups))]
+    write_rows(path, groups, names)
 
 
 def write_rows(
-    path: str | os.PathLike[str], groups: Sequence[Sequence[Sequence[Any]]], names: Sequence[str]
+    path: str | os.PathLike[str], groups: Sequence[Sequence[Row]], names: Sequence[str]
 ) -> None:
     """Write encounters atomically as a file that :func:`read` gives back (to rounding of the
     degrees).
 
     Args:
-        groups: of each encounter a row an intruder, in SI units and in the order of
-            :data:`COLUMNS`.
+        groups: of each encounter a row an intruder.
         names: of the encounters, distinct.
 
     Raises:
@@ -197,11 +224,8 @@ def write_rows(
     """
     target = Path(path)
     names = [str(name) for name in names]
-    if (
-        len(names) != len(groups)
-        or len(set(names)) != len(names)
-        or not all(n.strip() == n and n for n in names)
-    ):
+    usable = all(name and name.strip() == name for name in names)
+    if not usable or len(set(names)) != len(groups) or len(names) != len(groups):
         raise EncounterError(
             f"{target}: expected {len(groups)} distinct names without blanks around them"
         )
@@ -259,14 +283,16 @@ def _check_header(header: list[str], where: str) -> None:
 
 
 def _columns_of(aircraft: Aircraft) -> list[Column]:
-    speeds = {
-        "own_speed_m_s": {
-            "low": float(aircraft.limits.speed_min),
-            "high": float(aircraft.limits.speed_max),
-        },
-        "intruder_speed_m_s": {"high": float(aircraft.traffic_speed_max)},
-    }
-    return [column._replace(**speeds.get(column.name, {})) for column in COLUMNS]
+    """Return the columns with the speeds that an aircraft and its traffic can have."""
+    limits = aircraft.limits
+    columns = {column.name: column for column in COLUMNS}
+    columns["own_speed_m_s"] = columns["own_speed_m_s"]._replace(
+        low=float(limits.speed_min), high=float(limits.speed_max)
+    )
+    columns["intruder_speed_m_s"] = columns["intruder_speed_m_s"]._replace(
+        high=float(aircraft.traffic_speed_max)
+    )
+    return list(columns.values())
 
 
 def _number(cell: str, column: Column, where: str) -> float:
@@ -287,6 +313,7 @@ def _number(cell: str, column: Column, where: str) -> float:
 def _check_shared(
     values: list[float], first: tuple[int, list[float]], name: str, where: str
 ) -> None:
+    """Refuse a row that does not agree with the first one of its encounter."""
     for column, value, before in zip(COLUMNS, values, first[1], strict=True):
         if column.shared and value != before:
             same = f"expected {before!r} as in line {first[0]}, the first of encounter {name!r}"
@@ -294,6 +321,9 @@ def _check_shared(
 
 
 def _encounters(groups: list[list[list[float]]]) -> Encounter:
+    """Return encounters ``[N]`` of the rows of each, cells in the order and units of
+    :data:`COLUMNS`.
+    """
     most = max(len(group) for group in groups)
     # An absent intruder repeats the first one, so that it is finite everywhere; its mask is False.
     table = np.array([group + [group[0]] * (most - len(group)) for group in groups])
@@ -319,10 +349,11 @@ def _encounters(groups: list[list[list[float]]]) -> Encounter:
     )
 
 
-def _texts(values: Sequence[Any], where: str) -> list[str]:
+def _texts(row: Row, where: str) -> list[str]:
     """Return the cells of a row; the aircraft's speeds are the reader's to check."""
     texts = [
-        repr(float(value) / column.scale) for value, column in zip(values, COLUMNS, strict=True)
+        repr(float(value) / column.scale)
+        for value, column in zip(row.numbers(), COLUMNS, strict=True)
     ]
     for text, column in zip(texts, COLUMNS, strict=True):
         _number(text, column, where)
