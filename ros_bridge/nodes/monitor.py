@@ -2,25 +2,24 @@
 """The run-time monitor: checks the plan that is flown, requests new ones, and falls back to a
 backup.
 
-    python -m ros_bridge.monitor [--ros-args -r __ns:=/n123 --params-file FILE -p separation:=1200.0
-    ...]
+    python -m ros_bridge.monitor [--ros-args -r __ns:=/n123 --params-file FILE
+        -p separation:=1200.0 ...]
 
 A lifecycle node that configures and activates itself (``--manual`` leaves that to others). It
 subscribes to the runner's inputs under the runner's names, so that both need no remapping in one
 namespace:
 
-    in    rlcas_runner/input/ownship, rlcas_runner/input/traffic   rlcas_msgs/AircraftState   best
-          effort rlcas_runner/input/geo_reference                         rlcas_msgs/GeoReference
-          latched rlcas_runner/input/areas                                 rlcas_msgs/Areas
-          latched rlcas_runner/output/trajectory                           rlcas_msgs/Trajectory
-          latched /diagnostics                                             of the runner: its sign
-          of life
-    out   ~/output/status      rlcas_msgs/AssuranceStatus          latched, in every period
-          ~/output/backup      rlcas_msgs/Trajectory               latched, while the backup is
-          flown
-          ~/output/guidance    rlcas_msgs/GuidanceBands            latched, in every time step
-          /diagnostics         diagnostic_msgs/DiagnosticArray
-    calls rlcas_runner/generate_trajectory                         rlcas_msgs/GenerateTrajectory
+    in    rlcas_runner/input/ownship         rlcas_msgs/AircraftState       best effort
+          rlcas_runner/input/traffic         rlcas_msgs/AircraftState       best effort
+          rlcas_runner/input/geo_reference   rlcas_msgs/GeoReference        latched
+          rlcas_runner/input/areas           rlcas_msgs/Areas               latched
+          rlcas_runner/output/trajectory     rlcas_msgs/Trajectory          latched
+          /diagnostics                       of the runner: its sign of life
+    out   ~/output/status                    rlcas_msgs/AssuranceStatus     latched, every period
+          ~/output/backup                    rlcas_msgs/Trajectory          latched, while flown
+          ~/output/guidance                  rlcas_msgs/GuidanceBands       latched, every time step
+          /diagnostics                       diagnostic_msgs/DiagnosticArray
+    calls rlcas_runner/generate_trajectory   rlcas_msgs/GenerateTrajectory
 
 What is to be flown is AssuranceStatus.fly. Parameters:
 """

@@ -2,22 +2,24 @@
 """The simulator: an ownship and intruders, their reports as receivers have them, the clock, and the
 flight of plans.
 
-    python -m ros_bridge.simulator [--ros-args -p scenario:=head_on -p vehicle:=c208 -p rate:=50.0
-    ...]
+    python -m ros_bridge.simulator [--ros-args -p scenario:=head_on -p vehicle:=c208
+        -p rate:=50.0 ...]
 
 It stands for everything around runner and monitor, which must run with use_sim_time, in the same
 namespace:
 
-    out   /clock                               rosgraph_msgs/Clock       a period of 0.1 s a tick
-          rlcas_runner/input/ownship, traffic  rlcas_msgs/AircraftState  at the rates of the
-          receivers rlcas_runner/input/alerts            rlcas_msgs/TrafficAlert   every second
-          while there is one rlcas_runner/input/route, geo_reference                        latched
-          rlcas_runner/input/areas             rlcas_msgs/Areas          latched, where there are
+    out   /clock                               rosgraph_msgs/Clock         a tick is 0.1 s
+          rlcas_runner/input/ownship           rlcas_msgs/AircraftState    at its receiver's rate
+          rlcas_runner/input/traffic           rlcas_msgs/AircraftState    at its receiver's rate
+          rlcas_runner/input/alerts            rlcas_msgs/TrafficAlert     every second of an alert
+          rlcas_runner/input/route             rlcas_msgs/Trajectory       latched
+          rlcas_runner/input/geo_reference     rlcas_msgs/GeoReference     latched
+          rlcas_runner/input/areas             rlcas_msgs/Areas            latched, where there are
     in    rlcas_runner/output/trajectory       rlcas_msgs/Trajectory
-          rlcas_monitor/output/status, backup  rlcas_msgs/AssuranceStatus, Trajectory
+          rlcas_monitor/output/status          rlcas_msgs/AssuranceStatus
+          rlcas_monitor/output/backup          rlcas_msgs/Trajectory
           /diagnostics                         of the runner: that it has noticed a new clock
-    calls rlcas_runner/generate_trajectory     when the alert begins, and again while there is no
-    plan
+    calls rlcas_runner/generate_trajectory     when the alert begins, and again without a plan
 
 Each encounter begins with a clock that steps back, which makes both nodes forget the one before.
 The clock never runs ahead of the monitor's status by more than two ticks, and while a plan is asked

@@ -1,19 +1,19 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 r"""The translator: messages of other packages as the runner's inputs.
 
-    python -m ros_bridge.translator --ros-args -p own_source:=nav_sat_fix -p own_id:=4b1234 -p
-        traffic_source:=adsb \ -r '~/input/fix:=/mavros/global_position/global' -r
-        '~/input/velocity:=/mavros/local_position/velocity_local' \ -r
-        '~/input/adsb:=/mavros/adsb/vehicle'
+    python -m ros_bridge.translator --ros-args -p own_source:=nav_sat_fix -p own_id:=4b1234 \
+        -p traffic_source:=adsb \
+        -r '~/input/fix:=/mavros/global_position/global' \
+        -r '~/input/velocity:=/mavros/local_position/velocity_local' \
+        -r '~/input/adsb:=/mavros/adsb/vehicle'
 
     in    ~/input/fix        sensor_msgs/NavSatFix, with one of
           ~/input/velocity   geometry_msgs/TwistStamped: ENU, over the ground
           ~/input/odometry   nav_msgs/Odometry: its twist in the body's frame, its pose in ENU
           ~/input/inspva     novatel_oem7_msgs/INSPVA or INSPVAX
           ~/input/adsb       mavros_msgs/ADSBVehicle
-    in    adsb:=tcp://HOST:30003 or http://HOST/.../aircraft.json, a live receiver
-    (docs/howto/ros.md) out   rlcas_runner/input/ownship, rlcas_runner/input/traffic
-    rlcas_msgs/AircraftState
+          adsb (parameter)   a live receiver, tcp://HOST:30003 or http://HOST/.../aircraft.json
+    out   rlcas_runner/input/ownship, rlcas_runner/input/traffic    rlcas_msgs/AircraftState
           /diagnostics       what was passed on, what could not be translated, and why
 
 A fix is the ownship's or, in a second translator, an intruder's (traffic_source nav_sat_fix, and
