@@ -100,19 +100,20 @@ def areas_of_file(path: str) -> tuple[GeodeticArea, ...]:
 
 
 def _area(name: str, message: Any, time: int) -> GeodeticArea:
+    """Return an area of a message of a time, ns; its times are s after that."""
     valid = flags(f"{name}.valid", message.valid, FLOOR | CEILING | FROM | UNTIL)
     if not isinstance(message.id, str) or len(message.id.encode()) > _LONGEST_ID:
         raise FieldError(f"{name}.id", f"is {message.id!r:.60}, expected {_LONGEST_ID} bytes")
-    floor, ceiling = (
-        _level(f"{name}.{side}", getattr(message, side), getattr(message, f"{side}_reference"))
-        if valid & bit
-        else None
-        for side, bit in (("floor", FLOOR), ("ceiling", CEILING))
-    )
-    begin, end = (
-        (stamp(f"{name}.{side}", getattr(message, side)) - time) / SECOND if valid & bit else limit
-        for side, bit, limit in (("valid_from", FROM, -math.inf), ("valid_until", UNTIL, math.inf))
-    )
+    floor = ceiling = None
+    if valid & FLOOR:
+        floor = _level(f"{name}.floor", message.floor, message.floor_reference)
+    if valid & CEILING:
+        ceiling = _level(f"{name}.ceiling", message.ceiling, message.ceiling_reference)
+    begin, end = -math.inf, math.inf
+    if valid & FROM:
+        begin = (stamp(f"{name}.valid_from", message.valid_from) - time) / SECOND
+    if valid & UNTIL:
+        end = (stamp(f"{name}.valid_until", message.valid_until) - time) / SECOND
     one = GeodeticArea(
         name,
         keep=_SIDES[integer(f"{name}.keep", message.keep, 0, 1)],
@@ -120,9 +121,9 @@ def _area(name: str, message: Any, time: int) -> GeodeticArea:
         ceiling=ceiling,
         name=message.id,
         more={
-            "velocity": tuple(
-                number(f"{name}.velocity.{axis}", value, -100.0, 100.0, "m/s")
-                for axis, value in (("x", message.velocity.x), ("y", message.velocity.y))
+            "velocity": (
+                number(f"{name}.velocity.x", message.velocity.x, -100.0, 100.0, "m/s"),
+                number(f"{name}.velocity.y", message.velocity.y, -100.0, 100.0, "m/s"),
             ),
             "growth": number(f"{name}.growth", message.growth, -100.0, 100.0, "m/s"),
             "clearance": number(f"{name}.clearance", message.clearance, 0.0, 6e4, "m"),
@@ -134,12 +135,12 @@ def _area(name: str, message: Any, time: int) -> GeodeticArea:
         rings = (_ring(f"{name}.rings[{n}]", ring) for n, ring in enumerate(message.rings))
         return one._replace(rings=tuple(rings))
     centre = place(name, message.latitude, message.longitude)
-    return one._replace(
-        centre=centre, radius=number(f"{name}.radius", message.radius, 0.0, 3e4, "m")
-    )
+    radius = number(f"{name}.radius", message.radius, 0.0, 3e4, "m")
+    return one._replace(centre=centre, radius=radius)
 
 
 def _ring(name: str, message: Any) -> tuple[tuple[float, float], ...]:
+    """Return places of three corners or more, degrees."""
     latitudes, longitudes = message.latitude, message.longitude
     if len(latitudes) != len(longitudes):
         raise FieldError(

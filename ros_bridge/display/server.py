@@ -311,17 +311,26 @@ def _answer(screen: Screen, request: Request) -> Response | None:
         )
     path = request.path.partition("?")[0]
     if asks_socket:
-        if path != "/pictures":
-            return _refusal(HTTPStatus.NOT_FOUND, "there is no such WebSocket; expected /pictures")
-        if origin is not None and urlsplit(origin).netloc != asked:
-            return _refusal(HTTPStatus.FORBIDDEN, "another page may not open this WebSocket")
-        if screen.full():
-            return _refusal(
-                HTTPStatus.SERVICE_UNAVAILABLE, f"{_MOST_CLIENTS} clients are there already"
-            )
-        return None
+        return _socket_refusal(screen, path, asked, origin)
     if path not in _FILES:
         return _refusal(HTTPStatus.NOT_FOUND, "there is no such file")
+    return _file_response(path, asked)
+
+
+def _socket_refusal(screen: Screen, path: str, host: str, origin: str | None) -> Response | None:
+    """Return why a WebSocket may not be opened; None: it may."""
+    if path != "/pictures":
+        return _refusal(HTTPStatus.NOT_FOUND, "there is no such WebSocket; expected /pictures")
+    if origin is not None and urlsplit(origin).netloc != host:
+        return _refusal(HTTPStatus.FORBIDDEN, "another page may not open this WebSocket")
+    if screen.full():
+        there = f"{_MOST_CLIENTS} clients are there already"
+        return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, there)
+    return None
+
+
+def _file_response(path: str, host: str) -> Response:
+    """Return one of our files, for a page that may load nothing of others."""
     content, kind = _file(path)
     headers = Headers(
         {
@@ -329,7 +338,7 @@ def _answer(screen: Screen, request: Request) -> Response | None:
             "Content-Length": str(len(content)),
             "Content-Security-Policy": (
                 "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-                f"connect-src 'self' ws://{asked}; base-uri 'none'; form-action 'none'; "
+                f"connect-src 'self' ws://{host}; base-uri 'none'; form-action 'none'; "
                 "frame-ancestors 'none'"
             ),
             "X-Content-Type-Options": "nosniff",

@@ -1,7 +1,7 @@
 """The log of simulated encounters: a row each, and a table of all."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,9 +33,8 @@ class FlightLog:
     duration: float = 0.0  # flown, s
     wall: float = 0.0  # taken, s of real time
     failure: str = ""  # why the flight did not go on; empty: it did
-    resolvable: bool | None = (
-        None  # whether the separation planned with can be kept at all; None: not looked at
-    )
+    resolvable: bool | None = None
+    """Whether the separation planned with can be kept at all; None: not looked at."""
 
     @property
     def kept(self) -> bool:
@@ -58,41 +57,50 @@ def table(logs: Sequence[FlightLog]) -> str:
     rows = [tuple(cells[0]), *(tuple(row.values()) for row in cells)] if cells else []
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    lines.append("")
+    lines += ["", *_safe_lines(logs), *_resolvable_lines(logs), *_time_lines(logs)]
+    lines += [f"{log.name}: {log.failure}" for log in logs if log.failure]
+    return "\n".join(lines)
+
+
+def _safe_lines(logs: Sequence[FlightLog]) -> Iterator[str]:
+    """Yield what the plans called SAFE kept."""
     safe = [log for log in logs if log.safe_at is not None]
-    if safe:
-        least, below = (
-            min(safe, key=lambda log: log.separation),
-            [log.name for log in safe if log.failure or log.separation < log.required],
-        )
-        lines.append(
-            f"{len(safe)} of {len(logs)} encounters had a plan called SAFE; the closest of them: "
-            f"{least.separation:.1f} m ({least.name}); below {least.required:g} m: "
-            f"{', '.join(below) or 'none'}"
-        )
-        if math.isfinite(min(log.clear for log in safe)):
-            entered = [log.name for log in safe if log.clear < 0.0]
-            lines.append(f"SAFE plans in an area: {', '.join(entered) or 'none'}")
-    else:
-        lines.append(f"none of {len(logs)} encounters had a plan called SAFE")
-    possible = [log.safe_at is not None for log in logs if log.resolvable]
-    if possible:
-        lines.append(
+    if not safe:
+        yield f"none of {len(logs)} encounters had a plan called SAFE"
+        return
+    least = min(safe, key=lambda log: log.separation)
+    below = [log.name for log in safe if log.failure or log.separation < log.required]
+    yield (
+        f"{len(safe)} of {len(logs)} encounters had a plan called SAFE; the closest of them: "
+        f"{least.separation:.1f} m ({least.name}); below {least.required:g} m: "
+        f"{', '.join(below) or 'none'}"
+    )
+    if math.isfinite(min(log.clear for log in safe)):
+        entered = [log.name for log in safe if log.clear < 0.0]
+        yield f"SAFE plans in an area: {', '.join(entered) or 'none'}"
+
+
+def _resolvable_lines(logs: Sequence[FlightLog]) -> Iterator[str]:
+    """Yield how many of the encounters that can be resolved were."""
+    solved = [log.safe_at is not None for log in logs if log.resolvable]
+    if solved:
+        yield (
             "called SAFE of those that can be resolved at the separation planned with: "
-            f"{sum(possible)} of {len(possible)} ({100.0 * np.mean(possible):.1f} %)"
+            f"{sum(solved)} of {len(solved)} ({100.0 * np.mean(solved):.1f} %)"
         )
+
+
+def _time_lines(logs: Sequence[FlightLog]) -> Iterator[str]:
+    """Yield what answers took, and how fast was flown."""
     every = [value for log in logs for value in log.latency]
     if every:
         marks = np.percentile(every, (50.0, 90.0, 99.0, 100.0)) * 1e3
-        shown = ", ".join(
-            f"{name} {mark:.1f}"
-            for name, mark in zip(("median", "90 %", "99 %", "max"), marks, strict=True)
-        )
-        lines.append(f"answers, end to end, ms: {shown} ({len(every)} requests)")
+        names = ("median", "90 %", "99 %", "max")
+        shown = ", ".join(f"{name} {mark:.1f}" for name, mark in zip(names, marks, strict=True))
+        yield f"answers, end to end, ms: {shown} ({len(every)} requests)"
     flown, wall = sum(log.duration for log in logs), sum(log.wall for log in logs)
     if wall > 0.0:
-        lines.append(f"{flown:.0f} s flown in {wall:.0f} s: {flown / wall:.1f} times real time")
-    return "\n".join([*lines, *(f"{log.name}: {log.failure}" for log in logs if log.failure)])
+        yield f"{flown:.0f} s flown in {wall:.0f} s: {flown / wall:.1f} times real time"
 
 
 def _cells(log: FlightLog) -> dict[str, str]:

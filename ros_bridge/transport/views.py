@@ -9,7 +9,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3
 from nav_msgs.msg import Path
-from std_msgs.msg import ColorRGBA
+from rclpy.node import Node
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from agents.planner.answer import Plan
@@ -47,50 +48,58 @@ def markers(plan: Plan, task: PlanTask, frame: str) -> MarkerArray:
     """Return the line of flight, the waypoints with their indices, and the intruders with the
     distance to keep.
     """
-    stamp = header(task.time, frame)
-    result = [Marker(header=stamp, action=Marker.DELETEALL)]
-
-    def add(name: str, kind: int, colour: ColorRGBA, size: float, **more: Any) -> Marker:
-        number = sum(marker.ns == name for marker in result)
-        scale = Vector3(x=size, y=size, z=size)
-        result.append(
-            Marker(header=stamp, ns=name, id=number, type=kind, color=colour, scale=scale, **more)
-        )
-        return result[-1]
-
-    colour, unit = _colour(_SAFE if plan.safe else _UNSAFE), 0.25 * task.options.aircraft.separation
+    drawing = _Drawing(header(task.time, frame))
+    unit = 0.25 * task.options.aircraft.separation
     if plan.waypoints:
-        add(
-            "plan",
-            Marker.LINE_STRIP,
-            colour,
-            0.16 * unit,
-            points=[Point(x=x, y=y) for x, y in _line(plan, task)],
-        )
-        dots = [Point(x=float(point.x), y=float(point.y)) for point in plan.waypoints]
-        add("waypoints", Marker.SPHERE_LIST, colour, 0.6 * unit, points=dots)
-        for point in plan.waypoints:
-            add(
-                "indices",
-                _TEXT,
-                colour,
-                unit,
-                text=str(point.index),
-                pose=_pose(point.x, point.y, z=unit),
-            )
+        _draw_plan(drawing, plan, task, unit)
+    colour, faint = _colour(_TRAFFIC), _colour(_TRAFFIC, 0.35)
+    keep = 2.0 * task.options.requirement.separation
     for name, intruder in zip(task.identifiers, task.intruders, strict=True):
         now = advance_reports(*arrays_of_reports([intruder])).state
-        place = float(now.x[0, 0]), float(now.y[0, 0])
-        keep = 2.0 * task.options.requirement.separation
-        add(
-            "traffic", Marker.CYLINDER, _colour(_TRAFFIC, 0.35), keep, pose=_pose(*place)
-        ).scale.z = 1.0
-        add("names", _TEXT, _colour(_TRAFFIC), unit, text=name, pose=_pose(*place, z=unit))
-    return MarkerArray(markers=result)
+        x, y = float(now.x[0, 0]), float(now.y[0, 0])
+        disc = drawing.add("traffic", Marker.CYLINDER, faint, keep, pose=_pose(x, y))
+        disc.scale.z = 1.0
+        drawing.add("names", _TEXT, colour, unit, text=name, pose=_pose(x, y, z=unit))
+    return MarkerArray(markers=drawing.markers)
+
+
+class _Drawing:
+    """Markers that replace all before; they are numbered within their namespaces."""
+
+    def __init__(self, stamp: Header) -> None:
+        self._stamp = stamp
+        self.markers = [Marker(header=stamp, action=Marker.DELETEALL)]
+
+    def add(self, name: str, kind: int, colour: ColorRGBA, size: float, **more: Any) -> Marker:
+        """Add a marker to a namespace and return it; its size is m in all directions."""
+        number = sum(marker.ns == name for marker in self.markers)
+        marker = Marker(
+            header=self._stamp,
+            ns=name,
+            id=number,
+            type=kind,
+            color=colour,
+            scale=Vector3(x=size, y=size, z=size),
+            **more,
+        )
+        self.markers.append(marker)
+        return marker
+
+
+def _draw_plan(drawing: _Drawing, plan: Plan, task: PlanTask, unit: float) -> None:
+    """Draw a plan's line, its waypoints and their indices."""
+    colour = _colour(_SAFE if plan.safe else _UNSAFE)
+    line = [Point(x=x, y=y) for x, y in _line(plan, task)]
+    drawing.add("plan", Marker.LINE_STRIP, colour, 0.16 * unit, points=line)
+    dots = [Point(x=float(point.x), y=float(point.y)) for point in plan.waypoints]
+    drawing.add("waypoints", Marker.SPHERE_LIST, colour, 0.6 * unit, points=dots)
+    for point in plan.waypoints:
+        pose = _pose(point.x, point.y, z=unit)
+        drawing.add("indices", _TEXT, colour, unit, text=str(point.index), pose=pose)
 
 
 def diagnostics(
-    node: Any, level: bytes, message: str, values: Mapping[str, str]
+    node: Node, level: bytes, message: str, values: Mapping[str, str]
 ) -> DiagnosticArray:
     """Return a node's state of health."""
     status = DiagnosticStatus(
@@ -101,6 +110,7 @@ def diagnostics(
 
 
 def _line(plan: Plan, task: PlanTask) -> list[tuple[float, float]]:
+    """Return points of a plan's curve, x and y, m."""
     curve = legs(plan_states(task.own, plan.waypoints, wind=plan.wind))
     end = plan.waypoints[-1].time
     times = np.append(np.arange(0.0, end, _STEP), end)
