@@ -8,8 +8,9 @@ ownship. What is no traffic is left out and counted; of unusable messages name a
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
+from enum import IntEnum
 from typing import Any
 
 from agents.planner.request import Altitude
@@ -28,15 +29,16 @@ has jumped.
 """
 
 _APART = 3.0  # s, between a position and the velocity that goes with it
-_NEW = (
-    SECOND * 3 // 20
-)  # a position is a new one when it is this much later: times are rounded to 0.1 s
+_NEW = SECOND * 3 // 20
+"""A position is a new one when it is this much later, ns: times are rounded to 0.1 s."""
+
 _MOST = 4096  # aircraft that are remembered
-_COPY = (
-    600.0,
-    15.0,
-    500 * FOOT,
-)  # m, m/s, m: within these of the ownship, a track of TIS-B is a copy of it
+
+# Within these of the ownship, a track of TIS-B is a copy of it.
+_COPY_DISTANCE = 600.0  # m
+_COPY_VELOCITY = 15.0  # m/s
+_COPY_HEIGHT = 500 * FOOT  # m
+
 _ADDRESS = re.compile(r"~?[0-9a-f]{6}")
 _TO_SIGMA = 2.448  # radius of 95 % of a circular normal distribution, in standard deviations
 _OLDEST = 60.0  # s; receivers forget positions that are older
@@ -69,26 +71,12 @@ class Traffic:
             aged: whether the age of its position is known; if not it cannot be planned with, and
                 ``time`` is when it arrived.
         """
-        reasons = {
-            "on the ground": "ground" in (row.get("alt_baro"), row.get("altitude")),
-            "own echo": address in (self._own_id, "" if self.own is None else self.own.identifier),
-            "without a position": _first_known(row, "lat") is None
-            or _first_known(row, "lon") is None,
-            "repeated position": time < self._reported.get(address, 0) + _NEW,
-        }
-        if any(reasons.values()):
-            self.counts[next(reason for reason, holds in reasons.items() if holds)] += 1
+        reason = self._left_out(address, time, row)
+        if reason:
+            self.counts[reason] += 1
             return None
-        name = f"adsb {address}"
-
-        def when() -> int:
-            if not aged:
-                what = "is unknown, expected the age of the position"
-                raise FieldError(f"{name}.age", what)
-            return time
-
         try:
-            found = self._read(address, name, when, row)
+            found = self._read(address, time if aged else None, row)
         except FieldError as error:
             if not aged and error.sighting is not None:
                 oldest = time - int(_OLDEST * SECOND)
@@ -103,12 +91,24 @@ class Traffic:
         self._reported[address] = time
         return found
 
-    def _read(
-        self, address: str, name: str, when: Callable[[], int], row: Mapping[str, Any]
-    ) -> Report:
+    def _left_out(self, address: str, time: int, row: Mapping[str, Any]) -> str:
+        """Return why an aircraft is no traffic, as it is counted; "": it is."""
+        if "ground" in (row.get("alt_baro"), row.get("altitude")):
+            return "on the ground"
+        if address in (self._own_id, "" if self.own is None else self.own.identifier):
+            return "own echo"
+        if _first_known(row, "lat") is None or _first_known(row, "lon") is None:
+            return "without a position"
+        if time < self._reported.get(address, 0) + _NEW:
+            return "repeated position"
+        return ""
+
+    def _read(self, address: str, time: int | None, row: Mapping[str, Any]) -> Report:
+        """Return the report of a row; ``time`` is None where the age of its position is unknown."""
+        name = f"adsb {address}"
         return report(
             address,
-            when,
+            lambda: _known_time(name, time),
             lambda: place(name, row["lat"], row["lon"]),
             lambda: _velocity(name, row),
             lambda: self._altitude(f"{name}.altitude", row),
@@ -143,12 +143,11 @@ class Traffic:
         a, b = own.altitude, found.altitude
         if a is None or b is None or a.reference != b.reference:
             return False
-        apart = (
-            own.off(found.place, found.time),
-            math.hypot(found.east - own.east, found.north - own.north),
-            abs(a.value - b.value),
+        return (
+            own.off(found.place, found.time) <= _COPY_DISTANCE
+            and math.hypot(found.east - own.east, found.north - own.north) <= _COPY_VELOCITY
+            and abs(a.value - b.value) <= _COPY_HEIGHT
         )
-        return all(off <= most for off, most in zip(apart, _COPY, strict=True))
 
 
 class _Stream:
@@ -198,34 +197,73 @@ class BaseStation(_Stream):
         parts = [part.strip() for part in text.split(",")]
         if not text.strip() or parts[0] in ("STA", "AIR", "ID", "SEL", "CLK"):
             return
-        address = parts[4].lower() if len(parts) >= 22 else ""
+        address = parts[_Column.ADDRESS].lower() if len(parts) >= len(_Column) else ""
         if parts[0] != "MSG" or not _ADDRESS.fullmatch(address):
             yield FieldError(
                 "line", f"is {text!r:.60}, expected 22 fields such as MSG,3,... with an address"
             )
             return
-        aged = True
-        try:  # the zone is the receiver's and not known
-            sent = datetime.strptime(f"{parts[6]} {parts[7]}", "%Y/%m/%d %H:%M:%S.%f").replace(
-                tzinfo=UTC
-            )
-            now = self._time(sent.timestamp(), arrived)
-        except ValueError:
-            now, aged = arrived, False
+        now, aged = self._time_of(parts, arrived)
         if len(self._heard) > _MOST:
             self._heard.clear()
-        row = self._heard.setdefault(
-            address, {"type": "tisb" if address.startswith("~") else "adsb"}
-        )
-        if parts[21] or parts[1] in ("2", "3"):
-            row["altitude"] = "ground" if parts[1] == "2" or parts[21] in ("1", "-1") else None
-        row["alt_baro"] = parts[11] or row.get("alt_baro")
-        if parts[12] and parts[13]:
-            row |= {"gs": parts[12], "track": parts[13], "vert_rate": parts[16], "velocity": now}
-        if parts[14] and parts[15]:
-            age = (now - row.get("velocity", now)) / SECOND
-            row |= {"lat": parts[14], "lon": parts[15], "velocity_age": age}
+        kind = "tisb" if address.startswith("~") else "adsb"
+        row = self._heard.setdefault(address, {"type": kind})
+        _take_columns(row, parts, now)
+        if parts[_Column.LATITUDE] and parts[_Column.LONGITUDE]:
+            row["lat"], row["lon"] = parts[_Column.LATITUDE], parts[_Column.LONGITUDE]
+            row["velocity_age"] = (now - row.get("velocity", now)) / SECOND
             yield from self._reports(address, now, row, aged=aged)
+
+    def _time_of(self, parts: list[str], arrived: int) -> tuple[int, bool]:
+        """Return when a line held, ns, and whether that is known; if not, when it arrived."""
+        sent = f"{parts[_Column.DATE]} {parts[_Column.TIME]}"
+        try:
+            moment = datetime.strptime(sent, "%Y/%m/%d %H:%M:%S.%f")
+            # The zone is the receiver's and not known.
+            return self._time(moment.replace(tzinfo=UTC).timestamp(), arrived), True
+        except ValueError:
+            return arrived, False
+
+
+class _Column(IntEnum):
+    """Columns of a line of BaseStation's output."""
+
+    MESSAGE = 0
+    KIND = 1
+    SESSION = 2
+    AIRCRAFT = 3
+    ADDRESS = 4
+    FLIGHT = 5
+    DATE = 6
+    TIME = 7
+    LOGGED_DATE = 8
+    LOGGED_TIME = 9
+    CALLSIGN = 10
+    ALTITUDE = 11
+    SPEED = 12
+    TRACK = 13
+    LATITUDE = 14
+    LONGITUDE = 15
+    VERTICAL_RATE = 16
+    SQUAWK = 17
+    ALERT = 18
+    EMERGENCY = 19
+    IDENT = 20
+    ON_GROUND = 21
+
+
+_SURFACE, _AIRBORNE = "2", "3"  # kinds of messages with a position
+
+
+def _take_columns(row: dict[str, Any], parts: list[str], now: int) -> None:
+    """Take a line of a time, ns, into what is known of its aircraft, but for its position."""
+    kind, on_ground = parts[_Column.KIND], parts[_Column.ON_GROUND]
+    if on_ground or kind in (_SURFACE, _AIRBORNE):
+        row["altitude"] = "ground" if kind == _SURFACE or on_ground in ("1", "-1") else None
+    row["alt_baro"] = parts[_Column.ALTITUDE] or row.get("alt_baro")
+    if parts[_Column.SPEED] and parts[_Column.TRACK]:
+        row["gs"], row["track"] = parts[_Column.SPEED], parts[_Column.TRACK]
+        row["vert_rate"], row["velocity"] = parts[_Column.VERTICAL_RATE], now
 
 
 class AircraftJson(_Stream):
@@ -276,6 +314,12 @@ def _first_known(row: Mapping[str, Any], *names: str) -> Any:
     readsb for some.
     """
     return next((row[name] for name in names if row.get(name) not in (None, "")), None)
+
+
+def _known_time(name: str, time: int | None) -> int:
+    if time is None:
+        raise FieldError(f"{name}.age", "is unknown, expected the age of the position")
+    return time
 
 
 def _velocity(name: str, row: Mapping[str, Any]) -> tuple[float, float]:

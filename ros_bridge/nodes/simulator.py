@@ -32,7 +32,7 @@ import math
 import time
 from collections.abc import Sequence
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock as WallClock
@@ -58,6 +58,11 @@ from ros_bridge.transport import topics
 from ros_bridge.transport.area_messages import areas_message
 from ros_bridge.transport.messages import header, time_message
 from ros_bridge.transport.settings import declare, limits_of
+
+if TYPE_CHECKING:
+    from rclpy.task import Future
+
+    from envs.c208.flightgear import FlightGear
 
 _START = 1_000 * SECOND  # at which every clock begins
 _TICK = round(PERIOD * SECOND)
@@ -87,18 +92,7 @@ class Simulator(Node):
         self._frame = LocalFrame(self._value("origin_latitude"), self._value("origin_longitude"))
         self._monitored = bool(self._value("monitor"))
         check_installed(self._value("vehicle"))
-        self._viewer: Any = None
-        if self._value("flightgear"):
-            if self._value("vehicle") != "c208":
-                raise ValueError(
-                    f"flightgear: vehicle is {self._value('vehicle')}, expected c208, which "
-                    "JSBSim flies"
-                )
-            from envs.c208.flightgear import flightgear_at
-
-            self._viewer = flightgear_at(
-                self._value("flightgear"), paced=False
-            )  # the timer is the pace
+        self._viewer = self._make_viewer()
         self.logs: list[FlightLog] = []  # of the encounters flown so far
         self._phase = _Phase.IDLE
         self._flight: EncounterFlight | None = None
@@ -107,8 +101,11 @@ class Simulator(Node):
         self._forget()
 
         self._clocks = self.create_publisher(*topics.CLOCK)
-        inputs = (self.create_publisher(*topic) for topic in topics.INPUTS)
-        self._own, self._traffic, self._alerts, self._routes, self._origins = inputs
+        self._own = self.create_publisher(*topics.OWNSHIP)
+        self._traffic = self.create_publisher(*topics.TRAFFIC)
+        self._alerts = self.create_publisher(*topics.ALERTS)
+        self._routes = self.create_publisher(*topics.ROUTE)
+        self._origins = self.create_publisher(*topics.GEO_REFERENCE)
         self._area_lists = self.create_publisher(*topics.AREAS)
         self._client = self.create_client(GenerateTrajectory, topics.SERVICE)
         topics.PLAN.subscribe(self, self._on_trajectory)
@@ -125,11 +122,23 @@ class Simulator(Node):
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
 
+    def _make_viewer(self) -> "FlightGear | None":
+        """Return the FlightGear that shows the flight; None: none is asked for."""
+        address, kind = self._value("flightgear"), self._value("vehicle")
+        if not address:
+            return None
+        if kind != "c208":
+            raise ValueError(f"flightgear: vehicle is {kind}, expected c208, which JSBSim flies")
+        from envs.c208.flightgear import flightgear_at
+
+        return flightgear_at(address, paced=False)  # the timer is the pace
+
     def _forget(self) -> None:
+        """Forget what belongs to the encounter before."""
         self._guidance = Guidance(monitored=self._monitored)
         self._following = b""
         self._runner_heard = 0
-        self._asking: Any = None
+        self._asking: Future[GenerateTrajectory.Response] | None = None
         self._asked_at = -math.inf
         self._alert_at = -math.inf
 
@@ -180,18 +189,19 @@ class Simulator(Node):
         )
 
     def _qualities(self, encounter: Encounter) -> tuple[Quality, Quality]:
-        names = ("rate", "latency", "dropout", "position_std", "velocity_std")
+        """Return those of the ownship's reports and of the traffic's."""
         own, traffic = (
-            Quality(*(self._value(f"{kind}_{name}") for name in names))
+            Quality(*(self._value(f"{kind}_{name}") for name in Quality._fields))
             for kind in ("own", "traffic")
         )
         # A scenario with sensors of its own is not flown with better ones.
-        least = {
-            name: float(getattr(encounter.sensor, name)[0, 0]) for name in ("latency", *names[3:])
-        }
-        return own, traffic._replace(
-            **{name: max(getattr(traffic, name), one) for name, one in least.items()}
+        sensor = encounter.sensor
+        worse = traffic._replace(
+            latency=max(traffic.latency, float(sensor.latency[0, 0])),
+            position_std=max(traffic.position_std, float(sensor.position_std[0, 0])),
+            velocity_std=max(traffic.velocity_std, float(sensor.velocity_std[0, 0])),
         )
+        return own, worse
 
     def _on_timer(self) -> None:
         if self._phase is _Phase.IDLE:
@@ -279,9 +289,8 @@ class Simulator(Node):
         self._act(flight)
         try:
             flight.step()
-        except (
-            RuntimeError
-        ) as error:  # envs.c208.vehicle.FlightError, whose module is not always there
+        except RuntimeError as error:
+            # It is envs.c208.vehicle.FlightError, whose module is not always there.
             self._end(str(error))
             return
         status = self._guidance.status
@@ -327,11 +336,12 @@ class Simulator(Node):
         self._asking = asking = self._client.call_async(request)
         asking.add_done_callback(lambda future: self._on_answer(future, began))
 
-    def _on_answer(self, future: Any, began: float) -> None:
+    def _on_answer(self, future: "Future[GenerateTrajectory.Response]", began: float) -> None:
         if future is not self._asking:
             return
         self._asking = None
         response, log = future.result(), self._log
+        assert response is not None, "the future is done"
         log.latency.append(time.perf_counter() - began)
         name = Code(response.status).name
         if len(log.latency) == 1:
