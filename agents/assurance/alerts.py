@@ -8,12 +8,13 @@ loss alone (:class:`Alerting`); what is shown changes only where M of the last N
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.assurance.bands import Bands, recovery
 from envs.aircraft import Aircraft
+from envs.arrays import Array
 
 
 class Level(IntEnum):
@@ -81,10 +82,10 @@ class Alerting:
 class Alerts(NamedTuple):
     """What is shown about intruders ``[N, K]``, and why."""
 
-    time: Any  # of the last update, s, [N]; -inf before the first
-    level: Any  # shown, code of Level, int8, [N, K]
-    raised: Any  # when it was raised last, s, [N, K]; -inf: never
-    recent: Any  # levels of the last n updates, the latest last, int8, [N, K, n]; -1: none
+    time: Array  # of the last update, s, [N]; -inf before the first
+    level: Array  # shown, code of Level, int8, [N, K]
+    raised: Array  # when it was raised last, s, [N, K]; -inf: never
+    recent: Array  # levels of the last n updates, the latest last, int8, [N, K, n]; -1: none
 
 
 def no_alerts(count: int, intruders: int, alerting: Alerting) -> Alerts:
@@ -110,12 +111,12 @@ def rearrange(alerts: Alerts, places: Sequence[int], alerting: Alerting) -> Aler
     return fresh._replace(time=alerts.time)
 
 
-def levels(loss: Any, times: Times) -> Any:
+def levels(loss: Array, times: Times) -> Array:
     """Return the level of times to loss, s, of any shape; inf: none."""
     return sum((np.asarray(loss) <= limit).astype(np.int8) for limit in times)
 
 
-def update(alerts: Alerts, time: Any, loss: Any, mask: Any, alerting: Alerting) -> Alerts:
+def update(alerts: Alerts, time: Array, loss: Array, mask: Array, alerting: Alerting) -> Alerts:
     """Return the alerts after one more look.
 
     A new intruder, and all of them after a gap or a step back in time, show their level at once.
@@ -149,7 +150,7 @@ def update(alerts: Alerts, time: Any, loss: Any, mask: Any, alerting: Alerting) 
     )
 
 
-def regions(bands: Bands, alerting: Alerting, separation: float) -> Any:
+def regions(bands: Bands, alerting: Alerting, separation: float) -> Array:
     """Return the regions of bands, codes of :class:`Region`, int8, ``[N, B]``.
 
     Where no band of a row is free, the one that :func:`agents.assurance.bands.recovery` picks is

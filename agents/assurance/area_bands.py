@@ -5,13 +5,14 @@ manoeuvre must keep what is required of plans that begin there
 (:func:`agents.planner.areas.required_distances`).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.assurance.inputs import no_areas
 from agents.manoeuvres.direct_to_goal import arc_end
 from agents.planner.areas import Counted, in_reach, judge
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import column, take
 from envs.waypoints import ARCS, Legs, PlanStates
@@ -23,22 +24,23 @@ HOLDS = 3
 class Steering(NamedTuple):
     """Manoeuvres of constant controls until a target is reached; fields ``[N, B]``."""
 
-    yaw_rate: Any  # rad/s
-    acceleration: Any  # m/s^2
-    reached: Any  # when, s, within the look-ahead
+    yaw_rate: Array  # rad/s
+    acceleration: Array  # m/s^2
+    reached: Array  # when, s, within the look-ahead
 
 
 class FromAreas(NamedTuple):
     """What manoeuvres keep of the distances required from areas; fields ``[N, B]``."""
 
-    loss: Any  # when it is lost first, s from now; inf where it is kept
-    until: Any  # from when on it is kept again, s; -inf where it is never lost
-    area: Any  # number of the area of which it is lost first; -1 where it is kept
-    clearance: Any  # smallest distance less the required one, m; a lower bound; inf: no area is met
+    loss: Array  # when it is lost first, s from now; inf where it is kept
+    until: Array  # from when on it is kept again, s; -inf where it is never lost
+    area: Array  # number of the area of which it is lost first; -1 where it is kept
+    # smallest distance less the required one, m; a lower bound; inf: no area is met
+    clearance: Array
 
 
 def judge_manoeuvres(
-    own: VehicleState, steering: Steering, areas: Any, margin: float, look_ahead: float
+    own: VehicleState, steering: Steering, areas: Array, margin: float, look_ahead: float
 ) -> FromAreas:
     """Return what manoeuvres ``[N, B]`` of ownships ``[N]`` keep of areas.
 
@@ -119,7 +121,7 @@ def _curves(own: VehicleState, steering: Steering, look_ahead: float) -> tuple[P
     return PlanStates(*_states(own, steering, time), time), curves
 
 
-def _states(own: VehicleState, steering: Steering, time: Any) -> VehicleState:
+def _states(own: VehicleState, steering: Steering, time: Array) -> VehicleState:
     """Return one ownship on its manoeuvres at times ``[B, T]``, s, the heading not wrapped."""
     yaw_rate, acceleration, reached = column(steering)
     steered = np.minimum(time, reached)

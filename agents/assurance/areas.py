@@ -5,7 +5,7 @@ deep a backup would fly into them.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from agents.planner.areas import NEARER, Counted, judge, label, relevant
 from agents.planner.request import Altitude
 from envs.area_geometry import signed_distance
 from envs.areas import Area
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import ARCS, Legs, PlanStates, at
@@ -30,19 +31,19 @@ _GRAZING = 1e-3  # depth at least of a backup that is in an area between its pla
 class Rest(NamedTuple):
     """What the rest of plans keeps of the distances required from areas; fields ``[N]``."""
 
-    lost: Any  # whether less than required, bool
-    deficit: Any  # by how much at most, m; 0 where nothing is lost
-    loss: Any  # when it begins, s from now; inf where it does not
-    area: Any  # what messages call the area of which it is lost first; "" where none is, object
+    lost: Array  # whether less than required, bool
+    deficit: Array  # by how much at most, m; 0 where nothing is lost
+    loss: Array  # when it begins, s from now; inf where it does not
+    area: Array  # what messages call the area of which it is lost first; "" where none is, object
 
 
 class FromAreas(NamedTuple):
     """What backups keep of the distances required from areas; fields ``[M]``."""
 
-    clearance: Any  # smallest distance less the required one, m; inf where there are no areas
+    clearance: Array  # smallest distance less the required one, m; inf where there are no areas
     # how deep it is in areas on the average of its plan states, m; 0 where it stays out of all
-    depth: Any
-    area: Any  # what messages call the area that it enters first; "" where it enters none, object
+    depth: Array
+    area: Array  # what messages call the area that it enters first; "" where it enters none, object
 
 
 def may_be_met(
@@ -72,7 +73,7 @@ def may_be_met(
     )
 
 
-def rest(plan: Course, since: Any, areas: Any, off: Any, thresholds: Thresholds) -> Rest:
+def rest(plan: Course, since: Array, areas: Array, off: Array, thresholds: Thresholds) -> Rest:
     """Return what the rest of plans ``[N]`` keeps.
 
     Args:
@@ -105,7 +106,7 @@ def rest(plan: Course, since: Any, areas: Any, off: Any, thresholds: Thresholds)
 
 
 def judge_backups(
-    plan_states: PlanStates, curves: Legs, areas: Any, of: Any, thresholds: Thresholds
+    plan_states: PlanStates, curves: Legs, areas: Array, of: Array, thresholds: Thresholds
 ) -> FromAreas:
     """Return what backups ``[M]`` from the present on keep.
 
@@ -134,17 +135,17 @@ def judge_backups(
     return found
 
 
-def nameless(count: int) -> Any:
+def nameless(count: int) -> Array:
     """Return that no area is named, object ``[count]``."""
     return np.full(count, "", dtype=object)
 
 
-def _called(areas: tuple[Counted, ...], number: Any) -> str:
+def _called(areas: tuple[Counted, ...], number: Array) -> str:
     """Return what messages call the area of a number."""
     return next(label(one) for one in areas if one.number == number)
 
 
-def _required_of_rest(one: Counted, curves: Legs, since: Any, margin: Any) -> Any:
+def _required_of_rest(one: Counted, curves: Legs, since: Array, margin: Array) -> Array:
     """Return the distance that the rest of a plan must keep, m, ``[1]``; one that is inside the
     clearance must not come nearer than it is.
     """
@@ -161,7 +162,7 @@ def _required_of_rest(one: Counted, curves: Legs, since: Any, margin: Any) -> An
     return np.clip(np.minimum(*away) - NEARER, 0.0, required)
 
 
-def _mean_depth(plan_states: PlanStates, areas: tuple[Counted, ...]) -> Any:
+def _mean_depth(plan_states: PlanStates, areas: tuple[Counted, ...]) -> Array:
     """Return how deep plan states ``[M, B]`` are in areas on average, m, ``[M]``."""
     depth = np.zeros(plan_states.x.shape)
     for one in areas:

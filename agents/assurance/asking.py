@@ -7,13 +7,13 @@ too late. So the best is tried first, and again every few seconds while somethin
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from agents.assurance.monitor import Decision, Monitor, Thresholds, activate, answer
 from agents.planner.candidates import Proposals, empty
 from agents.planner.options import Options
+from envs.arrays import Array
 from envs.trees import scatter, take
 
 WIDE, IN_TIME, ALONG = range(3)
@@ -21,7 +21,7 @@ WIDE, IN_TIME, ALONG = range(3)
 route.
 """
 
-Planner = Callable[[Any, Options, int], Proposals]
+Planner = Callable[[Array, Options, int], Proposals]
 """Makes plans for some rows, numbers ``[m]``, with options, of a kind."""
 
 _SPARE = 0.5  # separations that a wide plan keeps beyond what is required
@@ -49,12 +49,12 @@ def tries(options: Options, left: float) -> tuple[Options, Options, Options]:
 def renew(
     monitor: Monitor,
     decision: Decision,
-    short: Any,
-    reached: Any,
+    short: Array,
+    reached: Array,
     left: float,
     make: Planner,
     thresholds: Thresholds,
-) -> tuple[Monitor, Any, Any]:
+) -> tuple[Monitor, Array, Array]:
     """Plan where the monitor asks for it, and where a better kind of plan may be had than the one
     that is flown.
 
@@ -93,8 +93,8 @@ def renew(
 
 
 def _plan(
-    make: Planner, options: tuple[Options, ...], rows: Any, first: Any, last: Any
-) -> tuple[Proposals, Any]:
+    make: Planner, options: tuple[Options, ...], rows: Array, first: Array, last: Array
+) -> tuple[Proposals, Array]:
     """Try one kind of plan after the other, of each row from its first to its last, until one is
     SAFE, ``[m]``.
     """

@@ -7,18 +7,19 @@ the sum of :data:`STEPS`. The one of the step before stays if it passes from the
 otherwise is the family searched.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from agents.assurance.areas import FromAreas, judge_backups, nameless
+from agents.assurance.areas import judge_backups, nameless
 from agents.assurance.inputs import no_areas
 from agents.assurance.lookahead import ANY, chord, growth
 from agents.assurance.thresholds import Thresholds
 from agents.manoeuvres.simulator import integrate
 from agents.planner.traffic import Traffic, predict, requirement_of, within_window
-from agents.planner.validator import Findings, validate
+from agents.planner.validator import validate
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState, advance
 from envs.trees import column, map_leaves, scatter, take
 from envs.waypoints import Legs, PlanStates, legs
@@ -57,27 +58,29 @@ _BLOCK = 256  # aircraft searched for at once
 class Backup(NamedTuple):
     """Backups; fields ``[N]``."""
 
-    course: Any  # to turn onto, rad in [-pi, pi)
-    speed: Any  # to reach, m/s
+    course: Array  # to turn onto, rad in [-pi, pi)
+    speed: Array  # to reach, m/s
     plan_states: PlanStates  # [N, B], their times from when the backup was refreshed
     legs: Legs  # between them
-    started: Any  # when that was, on the monitor's clock, s; nan where there has never been one
+    started: Array  # when that was, on the monitor's clock, s; nan where there has never been one
     # smallest distance less the required one over the horizon, to intruders and areas, m
-    clearance: Any
-    safe: Any  # whether nothing was found wrong but the validator's own resolution, bool
-    depth: Any  # how deep it is in areas on average, m; 0 where it stays out of all
-    area: Any  # what messages call the area that it enters first; "" where it enters none, object
-    avoids: Any  # whether it keeps the required separation, bool
+    clearance: Array
+    safe: Array  # whether nothing was found wrong but the validator's own resolution, bool
+    depth: Array  # how deep it is in areas on average, m; 0 where it stays out of all
+    area: Array  # what messages call the area that it enters first; "" where it enters none, object
+    avoids: Array  # whether it keeps the required separation, bool
 
 
-def grade(backup: Backup) -> Any:
+def grade(backup: Backup) -> Array:
     """Return how good backups are, ``[N]``, from 0: those that stay out of all areas come before
     all others, then those that keep more of what is required.
     """
     return 4 * (backup.depth > 0.0) + 2 * ~backup.safe + ~backup.avoids
 
 
-def backup_states(own: VehicleState, course: Any, speed: Any, thresholds: Thresholds) -> PlanStates:
+def backup_states(
+    own: VehicleState, course: Array, speed: Array, thresholds: Thresholds
+) -> PlanStates:
     """Return backups from the present states as plan states, ``[M, B]``; every leg has constant
     controls.
     """
@@ -98,33 +101,19 @@ def refresh(
     previous: Backup,
     own: VehicleState,
     traffic: Traffic,
-    time: Any,
+    time: Array,
     thresholds: Thresholds,
-    areas: Any = None,
+    areas: Array = None,
 ) -> Backup:
     """Return the backups for this step, ``[N]``, from those of the step before; time on the
     monitor's clock, s; areas as of now, object ``[N]``, None: none.
     """
     areas = no_areas(own.x.size) if areas is None else areas
     had = np.isfinite(previous.started)
-    course, speed = (
-        np.where(had, previous.course, own.heading),
-        np.where(had, previous.speed, own.speed),
-    )
-    plan_states = backup_states(own, course, speed, thresholds)
-    curves = legs(plan_states)
-    found = validate(plan_states, traffic, thresholds.requirement, thresholds.limits, curves)
-    from_areas = judge_backups(plan_states, curves, areas, np.arange(own.x.size), thresholds)
-    same = _judge(
-        previous.course,
-        previous.speed,
-        plan_states,
-        curves,
-        time,
-        found,
-        from_areas,
-        thresholds,
-    )
+    course = np.where(had, previous.course, own.heading)
+    speed = np.where(had, previous.speed, own.speed)
+    everyone = np.arange(own.x.size)
+    same = _judge(_Turns(everyone, course, speed), own, traffic, time, thresholds, areas)
     result = map_leaves(np.array, same._replace(safe=same.safe & had))
     rows = np.flatnonzero(~result.safe)
     for first in range(0, rows.size, _BLOCK):
@@ -138,8 +127,16 @@ def refresh(
     return result
 
 
+class _Turns(NamedTuple):
+    """Turns onto courses, with changes of speed, of some ownships; fields ``[M]``."""
+
+    of: Array  # numbers of the ownships
+    course: Array  # to turn onto, rad in [-pi, pi)
+    speed: Array  # to reach, m/s
+
+
 def search(
-    own: VehicleState, traffic: Traffic, time: Any, thresholds: Thresholds, areas: Any = None
+    own: VehicleState, traffic: Traffic, time: Array, thresholds: Thresholds, areas: Array = None
 ) -> Backup:
     """Return the best backup of the family at a time (s), ``[N]``: a safe one, or that of greatest
     clearance.
@@ -148,72 +145,74 @@ def search(
     those first that seem to keep the required separation.
     """
     areas = no_areas(own.x.size) if areas is None else areas
-    requirement, manoeuvre = thresholds.requirement, thresholds.manoeuvre
-    unit = thresholds.options.aircraft.separation
-    count, each = own.x.size, _FAMILY_TURN.size
-    which = np.repeat(np.arange(count), each)
-    turn = np.tile(_FAMILY_TURN, count)
-    course = wrap(own.heading[which] + turn, np)
-    extreme = np.where(
-        np.tile(_FAMILY_SPEED, count) > 0.0, manoeuvre.speed_max, manoeuvre.speed_min
-    )
-    held = np.clip(own.speed, manoeuvre.speed_min, manoeuvre.speed_max)[which]
-    speed = np.where(np.tile(_FAMILY_SPEED, count) == 0.0, held, extreme)
-    base = np.where(traffic.mask, requirement_of(traffic, own, requirement), -np.inf)
-    clearance = _estimate(take(own, which), course, speed, traffic, base, thresholds)
-    depth = np.zeros(which.size)
-    amid = np.flatnonzero(np.array([bool(some) for some in areas])[which])
-    if amid.size:
-        plan_states = backup_states(take(own, which[amid]), course[amid], speed[amid], thresholds)
-        found = judge_backups(plan_states, legs(plan_states), areas, which[amid], thresholds)
-        depth[amid] = found.depth
-        near = np.where(found.depth > 0.0, np.inf, found.clearance)
-        clearance[amid] = np.minimum(clearance[amid], near)
-    merit = np.minimum(clearance, _ENOUGH * unit) - _TURN_COST * unit * np.abs(turn)
-    enters = depth > 0.0
-    order = np.lexsort((-merit, depth, enters & (clearance < 0.0), enters, which))
-    pick = order.reshape(count, each)[:, :_TRIED].ravel()
-    owners = which[pick]
-    plan_states = backup_states(take(own, owners), course[pick], speed[pick], thresholds)
-    curves = legs(plan_states)
-    found = validate(plan_states, take(traffic, owners), requirement, thresholds.limits, curves)
-    from_areas = judge_backups(plan_states, curves, areas, owners, thresholds)
-    tried = _judge(
-        course[pick],
-        speed[pick],
-        plan_states,
-        curves,
-        np.asarray(time)[owners],
-        found._replace(clearance=np.where(np.isnan(found.clearance), -np.inf, found.clearance)),
-        from_areas,
-        thresholds,
-    )
+    family = _family(own, thresholds)
+    likely = _likely(family, own, traffic, thresholds, areas)
+    tried = _judge(take(family, likely), own, traffic, time, thresholds, areas)
     worse = np.where(tried.safe, 0.0, -_value(tried))
-    order = np.lexsort((np.arange(pick.size), worse, grade(tried), owners))
+    order = np.lexsort((np.arange(likely.size), worse, grade(tried), family.of[likely]))
     return take(tried, order[::_TRIED])
 
 
-def _judge(
-    course: Any,
-    speed: Any,
-    plan_states: PlanStates,
-    curves: Legs,
-    time: Any,
-    found: Findings,
-    from_areas: FromAreas,
-    thresholds: Thresholds,
-) -> Backup:
-    """Return backups with what was found of them; a start inside the margin must keep its present
-    distance from intruders to the last digit.
+def _family(own: VehicleState, thresholds: Thresholds) -> _Turns:
+    """Return all turns of the family, those of one ownship after those of another, ``[N * F]``."""
+    count, manoeuvre = own.x.size, thresholds.manoeuvre
+    of, change = np.repeat(np.arange(count), _FAMILY_TURN.size), np.tile(_FAMILY_SPEED, count)
+    held = np.clip(own.speed, manoeuvre.speed_min, manoeuvre.speed_max)[of]
+    extreme = np.where(change > 0.0, manoeuvre.speed_max, manoeuvre.speed_min)
+    course = wrap(own.heading[of] + np.tile(_FAMILY_TURN, count), np)
+    return _Turns(of, course, np.where(change == 0.0, held, extreme))
+
+
+def _likely(
+    family: _Turns, own: VehicleState, traffic: Traffic, thresholds: Thresholds, areas: Array
+) -> Array:
+    """Return the numbers of those of the family that are worth a validation, the same number of
+    each ownship, ``[N * _TRIED]``: by estimates, those first that enter no area.
     """
-    avoids = found.clearance >= -thresholds.resolution
+    count, unit = own.x.size, thresholds.options.aircraft.separation
+    required = requirement_of(traffic, own, thresholds.requirement)
+    base = np.where(traffic.mask, required, -np.inf)
+    clearance = _estimate(family, take(own, family.of), traffic, base, thresholds)
+    depth = np.zeros(family.of.size)
+    amid = np.flatnonzero(np.array([bool(some) for some in areas])[family.of])
+    if amid.size:
+        some = take(family, amid)
+        plan_states = backup_states(take(own, some.of), some.course, some.speed, thresholds)
+        found = judge_backups(plan_states, legs(plan_states), areas, some.of, thresholds)
+        depth[amid] = found.depth
+        near = np.where(found.depth > 0.0, np.inf, found.clearance)
+        clearance[amid] = np.minimum(clearance[amid], near)
+    effort = _TURN_COST * unit * np.abs(np.tile(_FAMILY_TURN, count))
+    merit = np.minimum(clearance, _ENOUGH * unit) - effort
+    enters = depth > 0.0
+    order = np.lexsort((-merit, depth, enters & (clearance < 0.0), enters, family.of))
+    return order.reshape(count, -1)[:, :_TRIED].ravel()
+
+
+def _judge(
+    turns: _Turns,
+    own: VehicleState,
+    traffic: Traffic,
+    time: Array,
+    thresholds: Thresholds,
+    areas: Array,
+) -> Backup:
+    """Return backups ``[M]`` of ownships ``[N]`` with what is found of them; a start inside the
+    margin must keep its present distance from intruders to the last digit.
+    """
+    plan_states = backup_states(take(own, turns.of), turns.course, turns.speed, thresholds)
+    curves, others = legs(plan_states), take(traffic, turns.of)
+    found = validate(plan_states, others, thresholds.requirement, thresholds.limits, curves)
+    from_areas = judge_backups(plan_states, curves, areas, turns.of, thresholds)
+    clearance = np.where(np.isnan(found.clearance), -np.inf, found.clearance)
+    avoids = clearance >= -thresholds.resolution
     return Backup(
-        course=course,
-        speed=speed,
+        course=turns.course,
+        speed=turns.speed,
         plan_states=plan_states,
         legs=curves,
-        started=np.array(time),
-        clearance=np.minimum(found.clearance, from_areas.clearance),
+        started=np.array(np.asarray(time)[turns.of]),
+        clearance=np.minimum(clearance, from_areas.clearance),
         safe=found.legal & avoids & (from_areas.clearance >= 0.0),
         depth=from_areas.depth,
         area=from_areas.area,
@@ -221,16 +220,16 @@ def _judge(
     )
 
 
-def _value(backup: Backup) -> Any:
+def _value(backup: Backup) -> Array:
     """Return what tells backups of one grade apart, m, ``[N]``; the more the better."""
     return np.where(backup.depth > 0.0, -backup.depth, backup.clearance)
 
 
 def _estimate(
-    own: VehicleState, course: Any, speed: Any, traffic: Traffic, base: Any, thresholds: Thresholds
-) -> Any:
-    """Return the smallest distance less the required one of backups of a family, m, ``[N * F]``; an
-    estimate.
+    family: _Turns, own: VehicleState, traffic: Traffic, base: Array, thresholds: Thresholds
+) -> Array:
+    """Return the smallest distance less the required one of backups of a family from ``own``, m,
+    ``[N * F]``; an estimate.
     """
     sigmas = thresholds.requirement.sigmas
     stride, steps = _STEP * thresholds.options.aircraft.dt, round(sum(STEPS) / _STEP)
@@ -239,10 +238,10 @@ def _estimate(
     required_range = np.broadcast_to(base[:, None] + growth(wide, times, sigmas), tracks.x.shape)
     counts = within_window(wide, times - stride, times)
     required_range = np.where(counts, required_range, -np.inf)
-    to_turn, least = wrap(course - own.heading, np), np.full(own.x.size, np.inf)
+    to_turn, least = wrap(family.course - own.heading, np), np.full(own.x.size, np.inf)
     step = 0
     for duration in _durations(thresholds):
-        turn, gain = _controls(to_turn, speed - own.speed, duration, thresholds.manoeuvre)
+        turn, gain = _controls(to_turn, family.speed - own.speed, duration, thresholds.manoeuvre)
         shape = (round(duration / stride), own.x.size)
         acceleration = np.broadcast_to(gain / duration, shape)
         yaw_rate = np.broadcast_to(turn / duration, shape)
@@ -260,7 +259,7 @@ def _estimate(
 
 def _relative(
     flown: VehicleState, tracks: VehicleState, first: int, sample: int
-) -> tuple[Any, Any]:
+) -> tuple[Array, Array]:
     """Return the intruders' place relative to backups at a sample of their flight, m, ``[N, F, K]``
     each.
 
@@ -291,7 +290,7 @@ def resting(count: int, thresholds: Thresholds) -> Backup:
     )
 
 
-def straight_east(count: int, times: Any, limits: Limits) -> PlanStates:
+def straight_east(count: int, times: Array, limits: Limits) -> PlanStates:
     """Return plan states of a straight flight at a middle speed, ``[count, W]``."""
     time = np.broadcast_to(times, (count, times.size)).copy()
     zero, speed = np.zeros_like(time), 0.5 * (limits.speed_min + limits.speed_max)
@@ -303,7 +302,9 @@ def _durations(thresholds: Thresholds) -> list[float]:
     return [steps * thresholds.options.aircraft.dt for steps in STEPS]
 
 
-def _controls(to_turn: Any, to_gain: Any, duration: float, limits: Limits) -> tuple[Any, Any]:
+def _controls(
+    to_turn: Array, to_gain: Array, duration: float, limits: Limits
+) -> tuple[Array, Array]:
     """Return the turn (rad) and the change of speed (m/s) of one leg."""
     most = limits.yaw_rate_max * duration
     gain = np.clip(to_gain, limits.acceleration_min * duration, limits.acceleration_max * duration)

@@ -16,7 +16,7 @@ that. All motion is relative to one mass of air: with wind, intruders' velocitie
 wind, and so are those of areas.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from agents.planner.traffic import (
 )
 from agents.planner.validator import CLOSE, ROUNDING
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState
 from envs.relative import RelativeMotion, step_separation
 from envs.trees import column, map_leaves, take
@@ -56,23 +57,23 @@ _BLOCK = 1_000_000  # distances at once
 class Bands(NamedTuple):
     """Manoeuvres of one kind and what becomes of each; fields ``[N, B]``."""
 
-    target: Any  # heading, rad in [-pi, pi), or speed, m/s, in ascending order
-    reached: Any  # when the target is, s from now; the look-ahead where it is not within that
+    target: Array  # heading, rad in [-pi, pi), or speed, m/s, in ascending order
+    reached: Array  # when the target is, s from now; the look-ahead where it is not within that
     # when less than the required distance is left first, s from now; inf where that is kept
-    loss: Any
+    loss: Array
     # number of the intruder with which it is lost first; -1 where it is kept, or an area is earlier
-    intruder: Any
+    intruder: Array
     # number of the area (agents.planner.areas.Counted) of which it is lost first; -1 likewise
-    area: Any
+    area: Array
     # Smallest distance less the required one, m; a lower bound where it is more than a fifth of the
     # separation, and of areas, too small by the way of 2 s at most; inf without any of them.
-    clearance: Any
+    clearance: Array
     # from when on the required distance is kept until the look-ahead's end, s; 0 where always, inf
     # where never
-    opens: Any
+    opens: Array
 
     @property
-    def closed(self) -> Any:
+    def closed(self) -> Array:
         """Whether the manoeuvre loses the required distance within the look-ahead, ``[N, B]``."""
         return np.isfinite(self.loss)
 
@@ -80,9 +81,9 @@ class Bands(NamedTuple):
 class Recovery(NamedTuple):
     """The way out where no band is free; fields ``[N]``."""
 
-    index: Any  # of the band; -1 where some band is free
-    opens: Any  # from when on it keeps the required distance, s; inf: not within the look-ahead
-    clearance: Any  # by how much it falls short of the required distance until then, m, negative
+    index: Array  # of the band; -1 where some band is free
+    opens: Array  # from when on it keeps the required distance, s; inf: not within the look-ahead
+    clearance: Array  # by how much it falls short of the required distance until then, m, negative
 
 
 class Stretch(NamedTuple):
@@ -96,27 +97,27 @@ class Stretch(NamedTuple):
 class _Ramp(NamedTuple):
     """The two motions that lead to all targets of a kind."""
 
-    yaw_rate: Any  # of each, rad/s, [2]
-    acceleration: Any  # m/s^2, [2]
-    side: Any  # which of the two leads to a target, [N, B]
-    reached: Any  # when, s, [N, B]; inf where never
-    target: Any
+    yaw_rate: Array  # of each, rad/s, [2]
+    acceleration: Array  # m/s^2, [2]
+    side: Array  # which of the two leads to a target, [N, B]
+    reached: Array  # when, s, [N, B]; inf where never
+    target: Array
     step: float  # between the nodes at which the motions are looked at, s
 
 
 class _Found(NamedTuple):
     """What a part of a manoeuvre holds; fields ``[N, B]`` or ``[N, B, K]``."""
 
-    loss: Any
-    until: Any  # when the required distance is missing last, s; -inf where never
-    clearance: Any
+    loss: Array
+    until: Array  # when the required distance is missing last, s; -inf where never
+    clearance: Array
 
 
 class _Against(NamedTuple):
     """What is kept clear of; intruders ``[N, 1, K]``, or one for each of some pairs, ``[m, 1]``."""
 
     traffic: Traffic
-    base: Any  # required before uncertainty grows, m
+    base: Array  # required before uncertainty grows, m
     requirement: Requirement
 
     @property
@@ -124,16 +125,16 @@ class _Against(NamedTuple):
         """Clearance beyond which a lower bound of it will do, m."""
         return _INTEREST * self.requirement.separation
 
-    def intruders_at(self, time: Any) -> VehicleState:
+    def intruders_at(self, time: Array) -> VehicleState:
         """Return the intruders at some times, s, that broadcast."""
         return predict(self.traffic, time)
 
-    def required_distance(self, time: Any) -> Any:
+    def required_distance(self, time: Array) -> Array:
         """Return the required distance at some times, m, less what the validator tolerates."""
         grown = self.base + growth(self.traffic, time, self.requirement.sigmas)
         return np.maximum(grown - CLOSE, separations(self.traffic, self.requirement) - ROUNDING)
 
-    def pick(self, which: Any) -> "_Against":
+    def pick(self, which: tuple[Array, ...]) -> "_Against":
         """Return the intruders of some pairs, numbers of rows and of intruders, ``[m, 1]``."""
         n, k = which
         return self._replace(
@@ -147,8 +148,8 @@ def heading_bands(
     requirement: Requirement,
     limits: Limits,
     look_ahead: float,
-    targets: Any = None,
-    areas: Any = None,
+    targets: Array = None,
+    areas: Array = None,
 ) -> Bands:
     """Return the bands of headings, ``[N, B]``, of ownships ``[N]`` among intruders ``[N, K]``.
 
@@ -187,8 +188,8 @@ def speed_bands(
     requirement: Requirement,
     limits: Limits,
     look_ahead: float,
-    targets: Any = None,
-    areas: Any = None,
+    targets: Array = None,
+    areas: Array = None,
 ) -> Bands:
     """Return the bands of speeds, ``[N, B]``; the arguments are those of :func:`heading_bands`.
 
@@ -221,7 +222,7 @@ def speed_bands(
 
 def losses_on_course(
     own: VehicleState, traffic: Traffic, requirement: Requirement, look_ahead: float
-) -> Any:
+) -> Array:
     """Return when each intruder comes closer than required if the ownship flies straight on, s from
     now, ``[N, K]``; inf: not within the look-ahead.
     """
@@ -279,7 +280,7 @@ def _against(own: VehicleState, traffic: Traffic, requirement: Requirement) -> _
 
 
 def _bands(
-    own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float, areas: Any
+    own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float, areas: Array
 ) -> Bands:
     """Return the bands of one kind, of so many rows at once as memory allows."""
     count, size = own.x.size, against.base.shape[-1] * ramp.target.shape[-1]
@@ -297,7 +298,7 @@ def _bands(
 
 
 def _block(
-    own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float, areas: Any
+    own: VehicleState, ramp: _Ramp, against: _Against, look_ahead: float, areas: Array
 ) -> Bands:
     reached = np.minimum(ramp.reached, look_ahead)
     found, intruder = _judge_traffic(own, ramp, reached, against, look_ahead)
@@ -318,8 +319,8 @@ def _block(
 
 
 def _judge_traffic(
-    own: VehicleState, ramp: _Ramp, reached: Any, against: _Against, look_ahead: float
-) -> tuple[_Found, Any]:
+    own: VehicleState, ramp: _Ramp, reached: Array, against: _Against, look_ahead: float
+) -> tuple[_Found, Array]:
     """Return what manoeuvres ``[N, B]`` hold against all intruders, and with which it is lost
     first, -1: with none.
     """
@@ -351,7 +352,7 @@ def _combine(*parts: _Found) -> _Found:
     return first
 
 
-def _state(own: VehicleState, yaw_rate: Any, acceleration: Any, time: Any) -> VehicleState:
+def _state(own: VehicleState, yaw_rate: Array, acceleration: Array, time: Array) -> VehicleState:
     """Return where a turn at constant speed, or a straight acceleration, leads; arguments
     broadcast.
     """
@@ -360,12 +361,12 @@ def _state(own: VehicleState, yaw_rate: Any, acceleration: Any, time: Any) -> Ve
     return VehicleState(x, y, own.heading + turn, speed)
 
 
-def _ramp_end(own: VehicleState, ramp: _Ramp, time: Any) -> VehicleState:
+def _ramp_end(own: VehicleState, ramp: _Ramp, time: Array) -> VehicleState:
     """Return the ownship on its way to each target at some times, ``[N, B]``."""
     return _state(column(own), ramp.yaw_rate[ramp.side], ramp.acceleration[ramp.side], time)
 
 
-def _straight_on(own: VehicleState, seconds: Any) -> VehicleState:
+def _straight_on(own: VehicleState, seconds: Array) -> VehicleState:
     """Return ownships ``[...]`` after some seconds of straight flight, ``[..., S]``."""
     x, y, heading, speed = (field[..., None] for field in own)
     far = speed * seconds
@@ -384,7 +385,12 @@ def _relative(own: VehicleState, other: VehicleState) -> RelativeMotion:
 
 
 def _judge_step(
-    first: RelativeMotion, last: RelativeMotion, begin: Any, end: Any, need: Any, need_after: Any
+    first: RelativeMotion,
+    last: RelativeMotion,
+    begin: Array,
+    end: Array,
+    need: Array,
+    need_after: Array,
 ) -> _Found:
     """Judge steps of motion from some times to others, s, at which some distances are required,
     m.
@@ -400,7 +406,7 @@ def _judge_step(
     return _Found(np.where(lost, begin, np.inf), np.where(lost, until, -np.inf), clearance)
 
 
-def _judge_steps(path: RelativeMotion, times: Any, need: Any, axis: int) -> _Found:
+def _judge_steps(path: RelativeMotion, times: Array, need: Array, axis: int) -> _Found:
     """Judge the steps from node to node of a path along an axis."""
     before = tuple([slice(None)] * axis + [slice(None, -1)])
     after = tuple([slice(None)] * axis + [slice(1, None)])
@@ -414,7 +420,7 @@ def _judge_steps(path: RelativeMotion, times: Any, need: Any, axis: int) -> _Fou
     )
 
 
-def _drop_uncounted(found: _Found, traffic: Traffic, begin: Any, end: Any) -> _Found:
+def _drop_uncounted(found: _Found, traffic: Traffic, begin: Array, end: Array) -> _Found:
     """Return what parts of manoeuvres from some times to others, s, hold, but for those in which an
     intruder is above or below.
     """
@@ -429,7 +435,7 @@ def _drop_uncounted(found: _Found, traffic: Traffic, begin: Any, end: Any) -> _F
 
 
 def _judge_ramp(
-    own: VehicleState, ramp: _Ramp, arrival: VehicleState, reached: Any, against: _Against
+    own: VehicleState, ramp: _Ramp, arrival: VehicleState, reached: Array, against: _Against
 ) -> _Found:
     """Judge the way from the present to each target, ``[N, B, K]``.
 
@@ -480,14 +486,14 @@ def _fastest_turn(against: _Against) -> float:
     return float(rate.max())
 
 
-def _accumulate(function: np.ufunc, values: Any, nothing: float) -> Any:
+def _accumulate(function: np.ufunc, values: Array, nothing: float) -> Array:
     """Return what all steps before a node hold, ``[N, 2, nodes, K]``."""
     none = np.full((*values.shape[:2], 1, values.shape[-1]), nothing)
     return np.concatenate([none, function.accumulate(values, axis=2)], axis=2)
 
 
 def _judge_hold(
-    own: VehicleState, reached: Any, against: _Against, look_ahead: float
+    own: VehicleState, reached: Array, against: _Against, look_ahead: float
 ) -> tuple[_Found, ...]:
     """Judge straight flight from targets on, ``[N, B]``, until the end of the look-ahead, ``[N, B,
     K]``.
@@ -502,7 +508,9 @@ def _judge_hold(
     return tuple(parts)
 
 
-def _judge_among_turning(own: VehicleState, reached: Any, until: Any, against: _Against) -> _Found:
+def _judge_among_turning(
+    own: VehicleState, reached: Array, until: Array, against: _Against
+) -> _Found:
     """Judge straight flight from targets on until an intruder's turn ends, ``[N, B, K]``."""
     lasts = until - reached[..., None]
     there = against.intruders_at(reached[..., None])
@@ -528,7 +536,7 @@ def _judge_among_turning(own: VehicleState, reached: Any, until: Any, against: _
 
 
 def _judge_straight(
-    own: VehicleState, reached: Any, begin: Any, against: _Against, look_ahead: float
+    own: VehicleState, reached: Array, begin: Array, against: _Against, look_ahead: float
 ) -> _Found:
     """Judge straight flight of both, from ``begin``, s, to the end of the look-ahead, in closed
     form, ``[N, B, K]``.
@@ -564,14 +572,16 @@ def _judge_straight(
     return found
 
 
-def _write(found: _Found, which: Any, parts: _Found) -> None:
+def _write(found: _Found, which: tuple[Array, ...], parts: _Found) -> None:
     """Write what the parts ``[m, P]`` of some pairs hold together, in place."""
     found.loss[which] = parts.loss.min(axis=1)
     found.until[which] = parts.until.max(axis=1)
     found.clearance[which] = parts.clearance.min(axis=1)
 
 
-def _judge_piece(far: RelativeMotion, begin: Any, lasts: Any, first: Any, last: Any) -> _Found:
+def _judge_piece(
+    far: RelativeMotion, begin: Array, lasts: Array, first: Array, last: Array
+) -> _Found:
     """Judge uniform relative motion that lasts some seconds, the required distance growing evenly
     from ``first`` to ``last``, m.
 

@@ -1,6 +1,6 @@
 """How a flight conforms to its plan, and its intruders to what the plan expected of them."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from agents.assurance.lookahead import Course, outlook
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic, predict, requirement_of, separations, uncertainty
+from envs.arrays import Array
 from envs.follower import Deviation, deviation
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
@@ -21,12 +22,12 @@ _REPORTS = (
 )  # causes that do not lie in the plan
 
 
-def has(causes: Any, any_of: Cause) -> Any:
+def has(causes: Array, any_of: Cause) -> Array:
     """Return where any of some causes holds, bool ``[N]``."""
     return (causes & int(any_of)) != 0
 
 
-def required_separations(plan: Course, traffic: Traffic, thresholds: Thresholds) -> Any:
+def required_separations(plan: Course, traffic: Traffic, thresholds: Thresholds) -> Array:
     """Return the separations that plans made against some intruders were required to keep, m, ``[N,
     K]``.
     """
@@ -37,7 +38,7 @@ def required_separations(plan: Course, traffic: Traffic, thresholds: Thresholds)
     )
 
 
-def floor(required_separation: Any, traffic: Traffic, thresholds: Thresholds) -> Any:
+def floor(required_separation: Array, traffic: Traffic, thresholds: Thresholds) -> Array:
     """Return the predicted separation from intruders below which a plan with this required
     separation is no longer good, m, ``[N, K]``.
     """
@@ -47,7 +48,7 @@ def floor(required_separation: Any, traffic: Traffic, thresholds: Thresholds) ->
     )
 
 
-def follows_plan(monitor: Monitor) -> Any:
+def follows_plan(monitor: Monitor) -> Array:
     """Return which rows fly a plan, bool ``[N]``."""
     return (monitor.state != State.IDLE) & ~monitor.on_backup
 
@@ -55,25 +56,25 @@ def follows_plan(monitor: Monitor) -> Any:
 class Measured(NamedTuple):
     """What a second measures against the plan; the fields of a decision of these names, ``[N]``."""
 
-    cross_track: Any
-    along_track: Any
-    time_error: Any
-    intruder_position: Any
-    intruder_velocity: Any
-    separation: Any
-    loss: Any
-    area_deficit: Any
-    area: Any
+    cross_track: Array
+    along_track: Array
+    time_error: Array
+    intruder_position: Array
+    intruder_velocity: Array
+    separation: Array
+    loss: Array
+    area_deficit: Array
+    area: Array
 
 
 class _Latch(NamedTuple):
     """Causes that begin beyond a limit and end below a share of it; fields ``[N]``."""
 
-    before: Any  # causes of the second before
-    on: Any  # which rows fly a plan, bool
+    before: Array  # causes of the second before
+    on: Array  # which rows fly a plan, bool
     leave: float  # the share
 
-    def bits(self, value: Any, limit: Any, cause: Cause) -> Any:
+    def bits(self, value: Array, limit: Array, cause: Cause) -> Array:
         """Return the bit of a cause where a value is beyond, else 0, ``[N]``."""
         beyond = value > np.where(has(self.before, cause), self.leave * limit, limit)
         return np.where(self.on & beyond, int(cause), 0)
@@ -84,9 +85,9 @@ def judge(
     memory: Memory,
     own: VehicleState,
     traffic: Traffic,
-    causes: Any,
+    causes: Array,
     thresholds: Thresholds,
-) -> tuple[Any, Any, Measured]:
+) -> tuple[Array, Array, Measured]:
     """Measure the present second against the plan; a cause begins beyond its threshold and ends
     below a share of it.
 
@@ -139,10 +140,10 @@ def _judge_errors(
     monitor: Monitor,
     memory: Memory,
     off: Deviation,
-    seen: Any,
+    seen: Array,
     latch: _Latch,
     thresholds: Thresholds,
-) -> tuple[Any, Any]:
+) -> tuple[Array, Array]:
     """Return the leaky sums of the errors against the plan ``[N, 3]``, and the causes that lie in
     errors and sums, ``[N]``; ``seen`` says where the ownship was, bool.
     """
@@ -158,7 +159,9 @@ def _judge_errors(
     return sums, causes
 
 
-def _leaky_sums(before: Any, errors: Any, elapsed: Any, seen: Any, thresholds: Thresholds) -> Any:
+def _leaky_sums(
+    before: Array, errors: Array, elapsed: Array, seen: Array, thresholds: Thresholds
+) -> Array:
     """Return the sums ``[N, 3]`` after some seconds ``[N]``, not finite at first; errors count
     where the ownship was seen.
     """
@@ -168,7 +171,7 @@ def _leaky_sums(before: Any, errors: Any, elapsed: Any, seen: Any, thresholds: T
     return before * np.exp(-seconds / thresholds.memory) + added
 
 
-def _of_concern(separation: Any, traffic: Traffic, thresholds: Thresholds) -> Any:
+def _of_concern(separation: Array, traffic: Traffic, thresholds: Thresholds) -> Array:
     """Return which intruders come so near that they must fly as expected, bool ``[N, K]``."""
     usual = thresholds.requirement.separation
     more = separations(traffic, thresholds.requirement) - usual
@@ -179,10 +182,10 @@ def _outlook(
     monitor: Monitor,
     own: VehicleState,
     traffic: Traffic,
-    since: Any,
-    offset: Any,
+    since: Array,
+    offset: Array,
     thresholds: Thresholds,
-) -> tuple[Any, Any, Any]:
+) -> tuple[Array, Array, Array]:
     """Return the rest's separations ``[N, K]``, when they are lost and whether they are too small,
     ``[N]``.
     """
@@ -210,19 +213,19 @@ def _outlook(
 class _Deviations(NamedTuple):
     """How far intruders are from what the plan expected, inf for new ones; fields ``[N, K]``."""
 
-    position: Any  # m
-    velocity: Any  # m/s
-    position_std: Any  # one sigma of what was expected and is believed now, m
-    velocity_std: Any  # m/s
+    position: Array  # m
+    velocity: Array  # m/s
+    position_std: Array  # one sigma of what was expected and is believed now, m
+    velocity_std: Array  # m/s
 
-    def share_of(self, thresholds: Thresholds) -> Any:
+    def share_of(self, thresholds: Thresholds) -> Array:
         """Return which share of what is allowed the greater of the two is."""
         place = thresholds.intruder_position + _NOISE * self.position_std
         motion = thresholds.intruder_velocity + _NOISE * self.velocity_std
         return np.maximum(self.position / place, self.velocity / motion)
 
 
-def _deviations(monitor: Monitor, traffic: Traffic, since: Any) -> _Deviations:
+def _deviations(monitor: Monitor, traffic: Traffic, since: Array) -> _Deviations:
     """Return how far intruders ``[N, K]`` are from what the plan expected, ``since`` seconds after
     it was requested, ``[N]``.
     """

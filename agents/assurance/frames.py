@@ -7,7 +7,7 @@ its legs are flown in, and with that the air mass.
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from agents.assurance.state import Monitor
 from agents.planner.request import Intruder
 from agents.planner.traffic import Traffic
 from envs.areas import Area, in_air
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves
 from envs.wind import NO_WIND, Wind, over_ground, through_air
@@ -32,7 +33,7 @@ class Frame(NamedTuple):
         """Whether it does not stand still over the ground."""
         return bool(self.wind.speed > 0.0)
 
-    def to_air(self, state: VehicleState, time: Any) -> VehicleState:
+    def to_air(self, state: VehicleState, time: Array) -> VehicleState:
         """Return a state over the ground at a time, s, as the air mass sees it; NaN, one that is
         missing, stays so.
         """
@@ -43,7 +44,7 @@ class Frame(NamedTuple):
             else state
         )
 
-    def to_ground(self, state: VehicleState, time: Any) -> VehicleState:
+    def to_ground(self, state: VehicleState, time: Array) -> VehicleState:
         """Return a state in the air mass at a time, s, as the ground sees it."""
         return over_ground(state, self.wind, time - self.since) if self.moves else state
 
@@ -74,13 +75,13 @@ def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
     if old == new:
         return monitor
 
-    def state(given: VehicleState, time: Any) -> VehicleState:
+    def state(given: VehicleState, time: Array) -> VehicleState:
         known = np.isfinite(time)
         time = np.where(known, time, 0.0)
         there = new.to_air(old.to_ground(given, time), time)
         return map_leaves(lambda a, b: np.where(known, a, b), there, given)
 
-    def traffic(given: Traffic, time: Any) -> Traffic:
+    def traffic(given: Traffic, time: Array) -> Traffic:
         return given._replace(state=state(given.state, time[:, None]))
 
     memory = monitor.memory
@@ -96,7 +97,7 @@ def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
     )
 
 
-def _areas(memory: Memory, old: Frame, new: Frame) -> Any:
+def _areas(memory: Memory, old: Frame, new: Frame) -> Array:
     """Return the areas of the last step in another air mass."""
     found = no_areas(memory.time.size)
     for n, (time, some) in enumerate(zip(memory.time.tolist(), memory.areas, strict=True)):
@@ -106,7 +107,7 @@ def _areas(memory: Memory, old: Frame, new: Frame) -> Any:
     return found
 
 
-def _drift(memory: Memory, old: Frame, new: Frame) -> Any:
+def _drift(memory: Memory, old: Frame, new: Frame) -> Array:
     """Return the comparison of the intruders' places with their velocities in another air mass."""
     drift = memory.drift
     known = np.isfinite(drift.began) & np.isfinite(memory.seen)

@@ -15,6 +15,7 @@ from agents.assurance.thresholds import Cause, Thresholds
 from agents.planner.traffic import Traffic, Window, advance_reports
 from agents.policy.domain import excess
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.kinematics import FASTEST, VehicleState, velocity
 from envs.trees import map_leaves
 
@@ -34,42 +35,42 @@ class Inputs(NamedTuple):
     the worst that is plausible.
     """
 
-    time: Any  # now, on the monitor's clock, s
+    time: Array  # now, on the monitor's clock, s
     own: VehicleState  # as last reported
-    own_age: Any  # of that report, s
+    own_age: Array  # of that report, s
     intruders: (
         VehicleState  # as last reported, each in a place of its own as long as it exists, [N, K]
     )
-    age: Any  # of those reports, s, [N, K]
-    mask: Any  # which intruders exist, bool, [N, K]; one that is updated away here is forgotten
-    position_std: Any  # one sigma per axis, m, [N, K]
-    velocity_std: Any  # one sigma per axis, m/s, [N, K]
-    separation: Any = None  # to be kept from each, m, [N, K]; nan, None: the requirement's
+    age: Array  # of those reports, s, [N, K]
+    mask: Array  # which intruders exist, bool, [N, K]; one that is updated away here is forgotten
+    position_std: Array  # one sigma per axis, m, [N, K]
+    velocity_std: Array  # one sigma per axis, m/s, [N, K]
+    separation: Array = None  # to be kept from each, m, [N, K]; nan, None: the requirement's
     window: Window | None = None  # when each counts, s from now, [N, K]; None: always
     # what areas each may meet, as they are now: tuples of planner.areas.Counted, object [N]; None:
     # none
-    areas: Any = None
+    areas: Array = None
 
 
 class Memory(NamedTuple):
     """The last good reports; fields ``[N]``, of intruders ``[N, K]``."""
 
-    time: Any  # of the last step, s; -inf before the first
+    time: Array  # of the last step, s; -inf before the first
     own: VehicleState
-    own_time: Any  # time of the own report, s; -inf before the first
+    own_time: Array  # time of the own report, s; -inf before the first
     intruders: VehicleState  # [N, K]
-    seen: Any  # times of the intruders' reports, s, [N, K]; -inf before the first
-    turn_rate: Any  # from the last two reports, rad/s, [N, K]
-    position_std: Any
-    velocity_std: Any
-    separation: Any  # to be kept from each, m, [N, K]; nan: the requirement's
+    seen: Array  # times of the intruders' reports, s, [N, K]; -inf before the first
+    turn_rate: Array  # from the last two reports, rad/s, [N, K]
+    position_std: Array
+    velocity_std: Array
+    separation: Array  # to be kept from each, m, [N, K]; nan: the requirement's
     window: Window  # when each counts, on the monitor's clock, s, [N, K]
     drift: Drift  # [N, K]
-    areas: Any  # as they are at the last step, object [N]
+    areas: Array  # as they are at the last step, object [N]
 
 
 def inputs(
-    time: Any, own: VehicleState, intruders: VehicleState, mask: Any = None, **more: Any
+    time: Array, own: VehicleState, intruders: VehicleState, mask: Array = None, **more: Any
 ) -> Inputs:
     """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, that is exact
     and fresh, and every intruder exists.
@@ -91,7 +92,7 @@ def inputs(
     )
 
 
-def blank(count: int, intruders: int, speed: Any) -> Memory:
+def blank(count: int, intruders: int, speed: Array) -> Memory:
     """Return the memory before the first step, ``[count]``, with an own speed, m/s."""
     never, pairs = np.full(count, -np.inf), (count, intruders)
     return Memory(
@@ -108,7 +109,7 @@ def blank(count: int, intruders: int, speed: Any) -> Memory:
     )
 
 
-def no_areas(count: int) -> Any:
+def no_areas(count: int) -> Array:
     """Return that there are no areas, object ``[count]``."""
     none = np.empty(count, dtype=object)
     none[:] = [()] * count
@@ -117,7 +118,7 @@ def no_areas(count: int) -> Any:
 
 def update(
     memory: Memory, given: Inputs, thresholds: Thresholds
-) -> tuple[Memory, VehicleState, Traffic, Any]:
+) -> tuple[Memory, VehicleState, Traffic, Array]:
     """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and
     the causes, int32 ``[N]``.
     """
@@ -132,8 +133,8 @@ def update(
 
 
 def _take_own(
-    memory: Memory, given: Inputs, now: Any, clock: Any, thresholds: Thresholds
-) -> tuple[VehicleState, Any, Any]:
+    memory: Memory, given: Inputs, now: Array, clock: Array, thresholds: Thresholds
+) -> tuple[VehicleState, Array, Array]:
     """Return the last good own states, their times, s, and the causes that lie in them, ``[N]``."""
     sane = _sane(given.own, given.own_age)
     reported = now - np.where(sane, given.own_age, 0.0)
@@ -147,8 +148,8 @@ def _take_own(
 
 
 def _take_intruders(
-    memory: Memory, given: Inputs, now: Any, clock: Any, thresholds: Thresholds
-) -> tuple[Memory, Any]:
+    memory: Memory, given: Inputs, now: Array, clock: Array, thresholds: Thresholds
+) -> tuple[Memory, Array]:
     """Return the memory with the last good reports of intruders, and the causes that lie in them,
     ``[N]``.
     """
@@ -192,8 +193,8 @@ def _take_intruders(
 
 
 def _lasting_causes(
-    memory: Memory, mask: Any, now: Any, outside: Any, thresholds: Thresholds
-) -> Any:
+    memory: Memory, mask: Array, now: Array, outside: Array, thresholds: Thresholds
+) -> Array:
     """Return the causes that lie in the last good reports of intruders at a time, s, ``[N, 1]``;
     ``outside`` says whose turn rates are out of range, ``[N, K]``.
     """
@@ -212,7 +213,7 @@ def _lasting_causes(
     return causes
 
 
-def advance(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleState, Traffic]:
+def advance(memory: Memory, mask: Array, thresholds: Thresholds) -> tuple[VehicleState, Traffic]:
     """Return ownship and intruders now, advanced from the last good reports; intruders along the
     turns they show.
     """
@@ -239,8 +240,8 @@ def advance(memory: Memory, mask: Any, thresholds: Thresholds) -> tuple[VehicleS
 
 
 def _turn_rate(
-    memory: Memory, given: Inputs, elapsed: Any, good: Any, thresholds: Thresholds
-) -> tuple[Any, Any]:
+    memory: Memory, given: Inputs, elapsed: Array, good: Array, thresholds: Thresholds
+) -> tuple[Array, Array]:
     """Return the turn rates (rad/s, 0 where they may be noise) of the last two reports, and which
     are outside.
     """
@@ -274,7 +275,7 @@ def _turn_rate(
     return np.where(given.mask, rate, 0.0), outside
 
 
-def _sane(state: VehicleState, age: Any) -> Any:
+def _sane(state: VehicleState, age: Array) -> Array:
     """Return whether states are finite and in range; nan fails every comparison."""
     place = (np.abs(state.x) <= _FARTHEST) & (np.abs(state.y) <= _FARTHEST)
     motion = (
@@ -285,11 +286,11 @@ def _sane(state: VehicleState, age: Any) -> Any:
     return place & motion & (np.abs(age) <= _LONGEST)
 
 
-def _spread(std: Any) -> Any:
+def _spread(std: Array) -> Array:
     """Return whether standard deviations are sizes in range; nan fails every comparison."""
     return (std >= 0.0) & (std <= 10_000.0)
 
 
-def _bit(where: Any, cause: Cause) -> Any:
+def _bit(where: Array, cause: Cause) -> Array:
     """Return the bit of a cause where it holds, else 0, int32."""
     return np.where(where, int(cause), 0).astype(np.int32)

@@ -5,12 +5,13 @@ the one before does not decide: whole legs against their chords, arcs against th
 :data:`FINE` of an arc. Of a whole leg the sagitta is measured once, when the plan arrives.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.planner.separation import FINE
 from agents.planner.traffic import Traffic, predict, uncertainty, within_window
+from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance
 from envs.trees import column, take
@@ -26,7 +27,7 @@ class Course(NamedTuple):
     plan_states: PlanStates  # [N, L + 1], their times on the plan's clock
     legs: Legs  # [N, L]
     # largest distance of each leg from uniform motion along its chord, m, [N, L]; an upper bound
-    sagitta: Any
+    sagitta: Array
 
 
 class Outlook(NamedTuple):
@@ -34,9 +35,9 @@ class Outlook(NamedTuple):
 
     # Smallest distance less what uncertainty grows to while an intruder counts, m: a lower bound,
     # exact to 5 mm below the level of interest; inf for absent intruders and after the plan's end.
-    separation: Any
+    separation: Array
     # when the separation first falls below the level of interest, s from now; inf where it does not
-    loss: Any
+    loss: Array
 
 
 def course(plan_states: PlanStates, legs: Legs) -> Course:
@@ -53,7 +54,7 @@ def course(plan_states: PlanStates, legs: Legs) -> Course:
     return Course(plan_states, legs, sagitta)
 
 
-def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: float) -> Outlook:
+def outlook(course: Course, since: Array, traffic: Traffic, level: Array, sigmas: float) -> Outlook:
     """Look ahead on the rest of plans ``[N]``, ``since`` seconds on their clocks, against intruders
     ``[N, K]`` now.
 
@@ -82,17 +83,30 @@ def outlook(course: Course, since: Any, traffic: Traffic, level: Any, sigmas: fl
     found.separation[...] = np.min(np.where(unclear, np.inf, near), axis=1)
     n, leg, k = np.nonzero(unclear)
     if n.size:
-        _arcs(found, course, since, (n, leg, k), traffic, level, sigmas)
+        _lower_by_arcs(found, course, since, (n, leg, k), traffic, level, sigmas)
     return found
 
 
-def _arcs(
+class _Arcs(NamedTuple):
+    """The arcs of M legs, each with one intruder; an arc begun already counts as a whole, since
+    what has been flown of it decides nothing but whether to look closer.
+    """
+
+    legs: Legs  # [M]
+    end_x: Array  # where the legs end, m, [M]
+    end_y: Array
+    times: Array  # of the arcs' ends, s from now, [M, ARCS + 1]
+    step: Array  # how long each lasts, s, [M, 1]
+    relative_acceleration: Array  # a bound of it, m/s^2, [M, ARCS]
+
+
+def _lower_by_arcs(
     found: Outlook,
     course: Course,
-    since: Any,
-    which: Any,
+    since: Array,
+    which: tuple[Array, Array, Array],
     traffic: Traffic,
-    level: Any,
+    level: Array,
     sigmas: float,
 ) -> None:
     """Lower what was found by the arcs of some legs, and by parts of those that are not clear.
@@ -102,27 +116,8 @@ def _arcs(
     """
     n, leg, k = which
     one = column(take(traffic, (n, k)))
-    arcs = take(course.legs, (n, leg))
-    step = (arcs.duration / ARCS)[:, None]
-    # Of an arc begun already, all of it: what has been flown decides nothing but whether to look
-    # closer.
-    times = (arcs.time - since[n])[:, None] + np.arange(ARCS + 1) * step
-    there = predict(one, times)
-    own_x = np.concatenate([arcs.x, course.plan_states.x[n, leg + 1, None]], axis=1)
-    own_y = np.concatenate([arcs.y, course.plan_states.y[n, leg + 1, None]], axis=1)
-    x, y = there.x - own_x, there.y - own_y
-    relative_acceleration = _own_acceleration(arcs.speed, arcs.acceleration, arcs.yaw_rate, step)
-    relative_acceleration = relative_acceleration + np.where(
-        times[:, :-1] < one.turn_time, one.state.speed * np.abs(one.turn_rate), 0.0
-    )
-    near = (
-        chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:])
-        - 0.125 * relative_acceleration * step * step
-        - arcs.miss[:, None]
-    )
-    near = near - growth(one, times[:, 1:], sigmas)
-    counts = within_window(one, times[:, :-1], times[:, 1:])
-    near = np.where((times[:, 1:] > 0.0) & counts, near, np.inf)
+    arcs = _arcs(course, since, n, leg, one)
+    near = _bound_arcs(arcs, one, sigmas)
     unclear = near < level[n, k, None]
     np.minimum.at(found.separation, (n, k), np.min(np.where(unclear, np.inf, near), axis=1))
     m, arc = np.nonzero(unclear)
@@ -130,11 +125,11 @@ def _arcs(
         return
     pair = n[m], k[m]
     unclear_arcs = _UnclearArcs(
-        arcs=take(arcs, m),
+        arcs=take(arcs.legs, m),
         arc=arc,
-        begin=times[m, arc][:, None],
-        step=step[m],
-        relative_acceleration=relative_acceleration[m, arc][:, None],
+        begin=arcs.times[m, arc][:, None],
+        step=arcs.step[m],
+        relative_acceleration=arcs.relative_acceleration[m, arc][:, None],
     )
     near, begins = _parts(unclear_arcs, take(one, m), sigmas)
     lost = np.min(np.where(near < level[pair][:, None], begins, np.inf), axis=1)
@@ -142,17 +137,50 @@ def _arcs(
     np.minimum.at(found.loss, pair, np.maximum(lost, 0.0))
 
 
+def _arcs(course: Course, since: Array, n: Array, leg: Array, traffic: Traffic) -> _Arcs:
+    """Return the arcs of legs, by numbers of courses and of their legs ``[M]``, with an intruder
+    each, ``[M, 1]``.
+    """
+    legs = take(course.legs, (n, leg))
+    step = (legs.duration / ARCS)[:, None]
+    times = (legs.time - since[n])[:, None] + np.arange(ARCS + 1) * step
+    own = _own_acceleration(legs.speed, legs.acceleration, legs.yaw_rate, step)
+    turns = times[:, :-1] < traffic.turn_time
+    other = np.where(turns, traffic.state.speed * np.abs(traffic.turn_rate), 0.0)
+    end_x, end_y = (field[n, leg + 1] for field in (course.plan_states.x, course.plan_states.y))
+    return _Arcs(legs, end_x, end_y, times, step, own + other)
+
+
+def _bound_arcs(arcs: _Arcs, traffic: Traffic, sigmas: float) -> Array:
+    """Return a lower bound of the separation in each arc from intruders ``[M, 1]``, m, ``[M,
+    ARCS]``; inf where an arc is past or its intruder above or below.
+    """
+    there = predict(traffic, arcs.times)
+    own_x = np.concatenate([arcs.legs.x, arcs.end_x[:, None]], axis=1)
+    own_y = np.concatenate([arcs.legs.y, arcs.end_y[:, None]], axis=1)
+    x, y = there.x - own_x, there.y - own_y
+    begin, end = arcs.times[:, :-1], arcs.times[:, 1:]
+    near = (
+        chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:])
+        - 0.125 * arcs.relative_acceleration * arcs.step * arcs.step
+        - arcs.legs.miss[:, None]
+    )
+    near = near - growth(traffic, end, sigmas)
+    counts = within_window(traffic, begin, end)
+    return np.where((end > 0.0) & counts, near, np.inf)
+
+
 class _UnclearArcs(NamedTuple):
     """Arcs whose chords do not decide; fields ``[M, 1]`` but for the first two."""
 
     arcs: Legs  # those of their legs, [M]
-    arc: Any  # which of them, [M]
-    begin: Any  # s from now
-    step: Any  # how long they last, s
-    relative_acceleration: Any  # a bound of it, m/s^2
+    arc: Array  # which of them, [M]
+    begin: Array  # s from now
+    step: Array  # how long they last, s
+    relative_acceleration: Array  # a bound of it, m/s^2
 
 
-def _parts(given: _UnclearArcs, traffic: Traffic, sigmas: float) -> tuple[Any, Any]:
+def _parts(given: _UnclearArcs, traffic: Traffic, sigmas: float) -> tuple[Array, Array]:
     """Return a lower bound of the separation in each part of arcs from intruders ``[M, 1]``, m, and
     when the parts begin, s from now, ``[M, FINE]``.
     """
@@ -174,20 +202,20 @@ def _parts(given: _UnclearArcs, traffic: Traffic, sigmas: float) -> tuple[Any, A
     return np.where(counts, near, np.inf), parts[:, :-1]
 
 
-def chord(x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
+def chord(x0: Array, y0: Array, x1: Array, y1: Array) -> Array:
     """Return the smallest distance from the origin to segments, m."""
     dx, dy = x1 - x0, y1 - y0
     s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
     return distance(x0 + s * dx, y0 + s * dy, np)
 
 
-def _own_acceleration(speed: Any, acceleration: Any, yaw_rate: Any, step: Any) -> Any:
+def _own_acceleration(speed: Array, acceleration: Array, yaw_rate: Array, step: Array) -> Array:
     """Return the greatest acceleration of arcs of ``step`` seconds, along and across, m/s^2."""
     fastest = np.maximum(speed, speed + acceleration * step)
     return distance(acceleration, fastest * yaw_rate, np)
 
 
-def growth(traffic: Traffic, time: Any, sigmas: float) -> Any:
+def growth(traffic: Traffic, time: Array, sigmas: float) -> Array:
     """Return what uncertainty adds to the required distance by some seconds from now, m.
 
     The intruders broadcast against the times.

@@ -20,6 +20,7 @@ from agents.assurance.state import Decision, FlyMode, Monitor, State
 from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, UNSAFE, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic, whole
 from agents.planner.validator import validate
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, scatter, take
 from envs.waypoints import PlanStates, at, legs
@@ -27,10 +28,10 @@ from envs.waypoints import PlanStates, at, legs
 
 def activate(
     monitor: Monitor,
-    rows: Any,
+    rows: Array,
     plan_states: PlanStates,
-    safe: Any,
-    time: Any,
+    safe: Array,
+    time: Array,
     traffic: Traffic,
     thresholds: Thresholds,
 ) -> Monitor:
@@ -108,14 +109,14 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
 class _Requests(NamedTuple):
     """How monitors stand with the planner; fields ``[N]``, bool."""
 
-    silent: Any  # the last request is not answered in time
-    refused: Any  # the last answer could not be flown, and a plan is wanted still
-    may_ask: Any  # a request may go out now
-    held_up: Any  # none may, or the last one is not answered in time
-    hopeless: Any  # it is of no use to wait for a plan
+    silent: Array  # the last request is not answered in time
+    refused: Array  # the last answer could not be flown, and a plan is wanted still
+    may_ask: Array  # a request may go out now
+    held_up: Array  # none may, or the last one is not answered in time
+    hopeless: Array  # it is of no use to wait for a plan
 
 
-def _requests(monitor: Monitor, causes: Any, now: Any, thresholds: Thresholds) -> _Requests:
+def _requests(monitor: Monitor, causes: Array, now: Array, thresholds: Thresholds) -> _Requests:
     """Return how monitors ``[N]`` stand with the planner, by the causes of this second."""
     idle, blind, lost = monitor.state == State.IDLE, has(causes, BLIND), has(causes, LOST)
     pending = monitor.requested > monitor.answered
@@ -130,7 +131,7 @@ def _requests(monitor: Monitor, causes: Any, now: Any, thresholds: Thresholds) -
 
 def _refresh_backups(
     backup: Backup,
-    rows: Any,
+    rows: Array,
     memory: Memory,
     own: VehicleState,
     traffic: Traffic,
@@ -146,7 +147,7 @@ def _refresh_backups(
     return result
 
 
-def _state(idle: Any, on_backup: Any, causes: Any, unanswered: Any) -> Any:
+def _state(idle: Array, on_backup: Array, causes: Array, unanswered: Array) -> Array:
     """Return the state that follows from the causes, int8 ``[N]``; ``unanswered`` says where a plan
     that is wanted was refused, or is not coming.
     """
@@ -161,12 +162,12 @@ def _state(idle: Any, on_backup: Any, causes: Any, unanswered: Any) -> Any:
 
 def answer(
     monitor: Monitor,
-    rows: Any,
-    number: Any,
+    rows: Array,
+    number: Array,
     plan_states: PlanStates,
-    safe: Any,
+    safe: Array,
     thresholds: Thresholds,
-) -> tuple[Monitor, Any]:
+) -> tuple[Monitor, Array]:
     """Hand in what the planner answered to requests, ``[M]``, to rows of monitors ``[N]``, each row
     once.
 
@@ -212,7 +213,7 @@ def answer(
     return _with(result, seeing, on_backup=on_backup, state=state), accepted
 
 
-def references(monitor: Monitor, time: Any, dt: float, count: int) -> VehicleState:
+def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleState:
     """Return the states to be flown through at a time, s, and every ``dt`` after it, ``[count + 1,
     N]``; IDLE: any.
     """
@@ -231,7 +232,7 @@ def references(monitor: Monitor, time: Any, dt: float, count: int) -> VehicleSta
     return result
 
 
-def _usable(plan_states: PlanStates, wanted: Any, thresholds: Thresholds) -> tuple[Any, Course]:
+def _usable(plan_states: PlanStates, wanted: Array, thresholds: Thresholds) -> tuple[Array, Course]:
     """Return the numbers of the plans ``[M]`` that are wanted and can be flown, and these as
     courses.
     """
@@ -244,13 +245,15 @@ def _usable(plan_states: PlanStates, wanted: Any, thresholds: Thresholds) -> tup
     return rows, course(plan, legs(plan))
 
 
-def _install(monitor: Monitor, rows: Any, plan: Course, started: Any, expected: Traffic) -> Monitor:
+def _install(
+    monitor: Monitor, rows: Array, plan: Course, started: Array, expected: Traffic
+) -> Monitor:
     what = {"plan": plan, "started": started, "expected": expected, "sums": 0.0}
     causes = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE | Cause.BACKUP_IN_AREA)
     return _with(monitor, rows, **what, state=int(State.MONITORING), on_backup=False, causes=causes)
 
 
-def _with(monitor: Monitor, rows: Any, **values: Any) -> Monitor:
+def _with(monitor: Monitor, rows: Array, **values: Any) -> Monitor:
     """Return monitors with some fields of some rows changed."""
     if rows.size == 0:
         return monitor

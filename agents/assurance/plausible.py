@@ -4,11 +4,12 @@ against velocities.
 Where they cannot one of them is wrong, and nothing that is predicted from them holds.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.assurance.thresholds import Thresholds
+from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState, velocity
 from envs.trees import map_leaves
 
@@ -30,7 +31,7 @@ _SPEED = 0.02  # change of velocity that is always allowed, in the ownship's gre
 class Tolerance(NamedTuple):
     """By how much places may differ from what velocities make of them."""
 
-    least: Any  # m
+    least: Array  # m
     share: float  # of the way flown
     sigmas: float  # of the declared noise
 
@@ -40,14 +41,14 @@ class Drift(NamedTuple):
     K]``.
     """
 
-    began: Any  # s; -inf before the first report
-    x: Any  # place then, m
-    y: Any
-    position_std: Any  # of that report, m
-    flown_x: Any  # integral of the reported velocities since, m
-    flown_y: Any
-    rate_until: Any  # s; -inf where its velocity has never changed faster than it can
-    place_until: Any  # the same for places that contradict velocities
+    began: Array  # s; -inf before the first report
+    x: Array  # place then, m
+    y: Array
+    position_std: Array  # of that report, m
+    flown_x: Array  # integral of the reported velocities since, m
+    flown_y: Array
+    rate_until: Array  # s; -inf where its velocity has never changed faster than it can
+    place_until: Array  # the same for places that contradict velocities
 
 
 def unknown(shape: tuple[int, ...]) -> Drift:
@@ -57,8 +58,8 @@ def unknown(shape: tuple[int, ...]) -> Drift:
 
 
 def difference(
-    moved: tuple[Any, Any], flown: tuple[Any, Any], noise: Any, allows: Tolerance
-) -> tuple[Any, Any]:
+    moved: tuple[Array, Array], flown: tuple[Array, Array], noise: Array, allows: Tolerance
+) -> tuple[Array, Array]:
     """Return how far displacements are from the integrals of the velocities, and what is allowed,
     m, ``[...]``.
 
@@ -70,8 +71,8 @@ def difference(
 
 
 def greatest_change(
-    speed: Any, seconds: Any, noise: Any, turn_rate_max: float, limits: Limits
-) -> Any:
+    speed: Array, seconds: Array, noise: Array, turn_rate_max: float, limits: Limits
+) -> Array:
     """Return by how much an aircraft's velocity may change, m/s; what changes more is impossible.
 
     Args:
@@ -87,10 +88,10 @@ def greatest_change(
 
 def follow(
     drift: Drift,
-    before: tuple[VehicleState, Any, Any],
-    report: tuple[VehicleState, Any, Any],
-    time: tuple[Any, Any],
-    good: Any,
+    before: tuple[VehicleState, Array, Array],
+    report: tuple[VehicleState, Array, Array],
+    time: tuple[Array, Array],
+    good: Array,
     thresholds: Thresholds,
 ) -> Drift:
     """Return the comparison with one more report of each intruder, ``[N, K]``.

@@ -17,7 +17,7 @@ from agents.assurance import monitor as monitors
 from agents.assurance.areas import may_be_met
 from agents.assurance.backup import resting
 from agents.assurance.frames import STILL, Frame, carry
-from agents.assurance.inputs import Inputs, no_areas
+from agents.assurance.inputs import Inputs, Memory, no_areas
 from agents.assurance.state import Decision, FlyMode, Monitor, State, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.planner.answer import Plan
@@ -265,34 +265,35 @@ def _ask(watch: Watch, monitor: Monitor, decision: Decision, own_altitude: Altit
     """Return the request of one second: the last good reports with their ages, as the planner takes
     them.
     """
-    memory, frame, thresholds = monitor.memory, watch.frame, watch.thresholds
-    own = frame.to_ground(
-        VehicleState(*(float(field[0]) for field in decision.own)), float(memory.time[0])
-    )
-    turns = memory.turn_rate, np.where(memory.turn_rate == 0.0, 0.0, thresholds.turn_time)
-    fields = (
-        *frame.to_ground(memory.intruders, np.where(np.isfinite(memory.seen), memory.seen, 0.0)),
-        memory.time - memory.seen,
-        *turns,
-        memory.position_std,
-        memory.velocity_std,
-        memory.separation,
-    )
-    rows = np.stack(fields, axis=-1)[0].tolist()
+    memory, frame = monitor.memory, watch.frame
+    own = VehicleState(*(float(field[0]) for field in decision.own))
+    when = np.where(np.isfinite(memory.seen), memory.seen, 0.0)
+    on_ground = memory._replace(intruders=frame.to_ground(memory.intruders, when))
     known = tuple(
         _at_its_level(
-            Intruder(
-                VehicleState(*row[:4]), *row[4:9], separation=None if math.isnan(row[9]) else row[9]
-            ),
-            float(seen),
+            _last_report(on_ground, place, watch.thresholds),
+            float(memory.seen[0, place]),
             watch.levels.get(name),
         )
-        for name, row, seen, there in zip(
-            watch.names, rows, memory.seen[0], decision.traffic.mask[0], strict=True
-        )
-        if there
+        for place, name in enumerate(watch.names)
+        if decision.traffic.mask[0, place]
     )
+    own = frame.to_ground(own, float(memory.time[0]))
     return Ask(int(decision.number[0]), own, known, own_altitude)
+
+
+def _last_report(memory: Memory, place: int, thresholds: Thresholds) -> Intruder:
+    """Return the last good report of the intruder at a place, with its age."""
+    turn_rate, separation = float(memory.turn_rate[0, place]), float(memory.separation[0, place])
+    return Intruder(
+        state=VehicleState(*(float(field[0, place]) for field in memory.intruders)),
+        age=float(memory.time[0] - memory.seen[0, place]),
+        turn_rate=turn_rate,
+        turn_time=0.0 if turn_rate == 0.0 else thresholds.turn_time,
+        position_std=float(memory.position_std[0, place]),
+        velocity_std=float(memory.velocity_std[0, place]),
+        separation=None if math.isnan(separation) else separation,
+    )
 
 
 def _at_its_level(one: Intruder, seen: float, said: tuple[float, Intruder] | None) -> Intruder:

@@ -1,7 +1,7 @@
 """What a run-time monitor remembers and decides; see ``agents.assurance``."""
 
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from agents.assurance.inputs import Memory, blank
 from agents.assurance.lookahead import Course, course
 from agents.assurance.thresholds import Thresholds
 from agents.planner.traffic import Traffic, whole
+from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.waypoints import legs
 
@@ -35,17 +36,17 @@ class FlyMode(IntEnum):
 class Monitor(NamedTuple):
     """The state of monitors; fields ``[N, ...]``, so that :func:`envs.trees.take` picks rows."""
 
-    state: Any  # code of State, int8
-    on_backup: Any  # whether the backup is flown, bool; kept while nothing can be seen
-    causes: Any  # bits of Cause, int32
+    state: Array  # code of State, int8
+    on_backup: Array  # whether the backup is flown, bool; kept while nothing can be seen
+    causes: Array  # bits of Cause, int32
     memory: Memory
     plan: Course  # the active plan; a placeholder where there is none
-    started: Any  # when the active plan was requested, s
+    started: Array  # when the active plan was requested, s
     expected: Traffic  # the intruders that the active plan was made with, [N, K]
-    sums: Any  # leaky sums of cross-track (m s), along-track (m s) and time error (s s), [N, 3]
-    requested: Any  # number of the last request
-    requested_at: Any  # when it went out, s; -inf before the first
-    answered: Any  # number of the last request that was answered
+    sums: Array  # leaky sums of cross-track (m s), along-track (m s) and time error (s s), [N, 3]
+    requested: Array  # number of the last request
+    requested_at: Array  # when it went out, s; -inf before the first
+    answered: Array  # number of the last request that was answered
     request_traffic: Traffic  # the intruders of the last request, [N, K]
     backup: Backup
 
@@ -53,31 +54,30 @@ class Monitor(NamedTuple):
 class Decision(NamedTuple):
     """What the monitor wants and why; fields ``[N]``."""
 
-    state: Any  # code of State, int8
-    fly: Any  # code of FlyMode, int8
+    state: Array  # code of State, int8
+    fly: Array  # code of FlyMode, int8
     # whether a plan is requested now, bool: from own, against traffic, with the number below
-    replan: Any
-    number: Any
-    causes: Any  # bits of Cause, int32
+    replan: Array
+    number: Array
+    causes: Array  # bits of Cause, int32
     own: VehicleState  # present states, dead-reckoned
-    traffic: (
-        Traffic  # the intruders now, dead-reckoned, with the turns that their reports show, [N, K]
-    )
-    cross_track: Any  # error against the plan, m, positive to its left
-    along_track: Any  # m, positive ahead
-    time_error: Any  # s, positive when late
-    intruder_position: Any  # largest deviation of an intruder from its prediction, m
-    intruder_velocity: Any  # m/s
+    # the intruders now, dead-reckoned, with the turns that their reports show, [N, K]
+    traffic: Traffic
+    cross_track: Array  # error against the plan, m, positive to its left
+    along_track: Array  # m, positive ahead
+    time_error: Array  # s, positive when late
+    intruder_position: Array  # largest deviation of an intruder from its prediction, m
+    intruder_velocity: Array  # m/s
     # predicted separation of the rest of the plan, less the own distance from it, m; a lower bound
-    separation: Any
+    separation: Array
     # when that rest falls below what is required, of areas too, s from now; inf where it does not
-    loss: Any
-    area_deficit: Any  # by how much the rest comes nearer to an area than it may, m; 0: it does not
-    area: Any  # what messages call that area; "" where there is none, object
-    backup_area: (
-        Any  # what messages call the area that the backup enters first; "" where it does not
-    )
-    areas: Any  # that each may meet, as they are now: tuples of planner.areas.Counted, object
+    loss: Array
+    # by how much the rest comes nearer to an area than it may, m; 0: it does not
+    area_deficit: Array
+    area: Array  # what messages call that area; "" where there is none, object
+    # what messages call the area that the backup enters first; "" where it does not
+    backup_area: Array
+    areas: Array  # that each may meet, as they are now: tuples of planner.areas.Counted, object
 
 
 def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:

@@ -9,11 +9,12 @@ line; once that shows beyond the noise, in one report or in the mean of several,
 anew with the report. Without noise every report does, so that nothing is lost.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from envs.angles import atan2
+from envs.arrays import Array
 from envs.kinematics import VehicleState, velocity
 from envs.trees import map_leaves
 
@@ -28,15 +29,15 @@ class Tracks(NamedTuple):
     """Estimates of intruders; fields ``[...]``."""
 
     state: VehicleState
-    count: Any  # reports since the track began
-    drift_x: Any  # running mean of the velocity's deviations, m/s
-    drift_y: Any
-    position_variance: Any  # of the estimates, per axis, m^2, for aircraft on straight courses
-    velocity_variance: Any  # m^2/s^2
-    covariance: Any  # of the two, m^2/s
+    count: Array  # reports since the track began
+    drift_x: Array  # running mean of the velocity's deviations, m/s
+    drift_y: Array
+    position_variance: Array  # of the estimates, per axis, m^2, for aircraft on straight courses
+    velocity_variance: Array  # m^2/s^2
+    covariance: Array  # of the two, m^2/s
 
     @property
-    def errors(self) -> dict[str, Any]:
+    def errors(self) -> dict[str, Array]:
         """Standard deviations of the estimates, per axis, as :func:`agents.assurance.inputs.inputs`
         takes them.
         """
@@ -46,7 +47,7 @@ class Tracks(NamedTuple):
         }
 
 
-def begin(report: VehicleState, position_std: Any, velocity_std: Any) -> Tracks:
+def begin(report: VehicleState, position_std: Array, velocity_std: Array) -> Tracks:
     """Return tracks that know one report, ``[...]``; arguments as :func:`follow` has them."""
     zero = np.zeros(np.shape(report.x))
     return Tracks(
@@ -55,7 +56,7 @@ def begin(report: VehicleState, position_std: Any, velocity_std: Any) -> Tracks:
 
 
 def follow(
-    tracks: Tracks | None, report: VehicleState, position_std: Any, velocity_std: Any, dt: float
+    tracks: Tracks | None, report: VehicleState, position_std: Array, velocity_std: Array, dt: float
 ) -> Tracks:
     """Return the tracks (None: there are none) with reports ``dt`` seconds later, ``[...]``.
 
