@@ -99,7 +99,7 @@ class TracksConfig(Strict):
     within: float = Field(default=5_000.0, gt=0.0, le=100_000.0)
     """Aircraft of ADS-B reports that come this near each other, m, are an encounter."""
     vertical: float = Field(default=300.0, gt=0.0, le=20_000.0)
-    """If their altitudes then differ by no more than this, m."""
+    """Largest difference of their altitudes at that time, m."""
     lead: float = Field(default=120.0, ge=30.0, le=600.0)
     """Seconds before their closest approach at which that encounter begins."""
 
@@ -171,9 +171,9 @@ class EncountersConfig(Strict):
     encounters: int | None = Field(default=None, ge=1, le=100_000_000)
     """How many encounters are flown; null: 10000, or all of a file's."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    """Of encounters, sensor noise and bootstrap."""
+    """Seed of encounters, sensor noise and bootstrap."""
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
-    """Of all intervals."""
+    """Confidence of all intervals."""
     resamples: int = Field(default=2_000, ge=100, le=100_000)
     """Bootstrap resamples behind the intervals of means."""
     tracks: TracksConfig = TracksConfig()

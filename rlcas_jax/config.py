@@ -48,7 +48,7 @@ class NetworkConfig(Strict):
     encoder: tuple[Annotated[int, Field(ge=1, le=1024)], ...] = Field(
         default=(64, 64), min_length=1, max_length=4
     )
-    """Widths of the layers that every intruder of a set passes, before the greatest of each number
+    """Widths of the layers that every intruder of a set passes, before the maximum of each number
     is taken.
     """
     inputs: tuple[str, ...] = Field(default=(), max_length=64)
@@ -256,11 +256,11 @@ class EvaluationConfig(Strict):
     every_steps: int = Field(default=2_000_000, ge=1, le=10**12)
     """Environment steps between evaluations during training."""
     encounters: int = Field(default=1_000, ge=1, le=1_000_000)
-    """Encounters of each of them."""
+    """Encounters of each of these evaluations."""
     final_encounters: int = Field(default=10_000, ge=1, le=1_000_000)
     """Encounters of the evaluation after training."""
     seed: int = Field(default=1_000_003, ge=0, lt=2**63)
-    """Of the encounters; independent of the training's seed, so that all runs are evaluated on the
+    """Seed of the encounters; independent of the training's, so that all runs are evaluated on the
     same encounters.
     """
 

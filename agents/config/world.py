@@ -232,7 +232,7 @@ class ScenarioConfig(Strict):
     weight: float = Field(default=1.0, gt=0.0)
     """Share of the encounters, relative to the other scenarios' weights."""
     units: Literal["si", "aircraft"] = "si"
-    """Of the lengths, speeds and latencies below: si, m, m/s and s as each key says; aircraft,
+    """Unit of the lengths, speeds and latencies below: si, m, m/s and s as each key says; aircraft,
     required separations, highest speeds of the ownship and time steps, so that the same file serves
     any aircraft."""
     radius: _Range | None = None

@@ -14,9 +14,9 @@ class AreasConfig(Strict):
     file: Path
     """File of areas, beside the configuration file or in the working directory."""
     latitude: float = Field(ge=-90.0, le=90.0)
-    """Of the frame's origin, degrees north."""
+    """Latitude of the frame's origin, degrees north."""
     longitude: float = Field(ge=-180.0, le=180.0)
-    """Of the frame's origin, degrees east."""
+    """Longitude of the frame's origin, degrees east."""
 
     @field_validator("file")
     @classmethod

@@ -22,6 +22,6 @@ class BoundaryConfig(Strict):
     )
     """The ownship, its task and the greatest speed of its traffic; null: the paper's."""
     spacing: float | None = Field(default=None, gt=0.0)
-    """Of the raster of starts, m; null: 0.15 separations."""
+    """Distance between the starts of the raster, m; null: 0.15 separations."""
     grid: Literal["coarse", "default", "fine"] = "default"
     """Resolution; fine takes 3 times as long."""

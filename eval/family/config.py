@@ -18,13 +18,13 @@ class FamilyConfig(PolicyConfig):
     """Whether aircraft, and more intruders, than the policy was trained for are flown all the same.
     """
     aircraft_seed: int = Field(default=0, ge=0)
-    """Of the aircraft."""
+    """Seed of the aircraft."""
     count: int = Field(default=20, ge=1)
     """How many aircraft are drawn."""
     encounters: int = Field(default=500, ge=1, le=100_000_000)
     """How many encounters each aircraft flies."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    """Of encounters and sensor noise."""
+    """Seed of encounters and sensor noise."""
     scenario: str = "circle"
     """A sampled scenario; module:name for one's own, which is imported."""
     intruders: tuple[int, int] = (1, 1)
@@ -36,7 +36,7 @@ class FamilyConfig(PolicyConfig):
     mode: Literal["policy", "plan", "assured"] = "policy"
     """What decides."""
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
-    """Of all intervals."""
+    """Confidence of all intervals."""
     workers: int = Field(default=0, ge=0, le=1024)
     """Processes that fly; 0: as many as there are cores. It changes no result."""
 

@@ -12,16 +12,16 @@ class PolicyMapConfig(PolicyConfig):
     """What a map holds fixed; angles count counter-clockwise as seen from above."""
 
     own_speed: float | None = None
-    """Of the ownship, m/s; null: 3/4 of its greatest."""
+    """Speed of the ownship, m/s; null: 3/4 of its greatest."""
     intruder_speed: float | None = None
-    """Of the intruder, m/s; null: half of the traffic's greatest."""
+    """Speed of the intruder, m/s; null: half of the traffic's greatest."""
     relative_headings: tuple[float, ...] = (180.0, -90.0, 90.0, -30.0)
     """Intruder's heading less the own one, degrees from -180 to 180, a row of maps each, at most 8.
     """
     goal_bearing: float = Field(default=0.0, ge=-180.0, le=180.0)
-    """Of the goal from the own heading, degrees."""
+    """Bearing of the goal from the own heading, degrees."""
     goal_distance: float | None = None
-    """Of the goal, m; null: 8 required separations."""
+    """Distance of the goal, m; null: 8 required separations."""
     extent: float | None = None
     """How far the map reaches to each side, m; null: 6 required separations."""
     cells: int = Field(default=181, ge=11, le=1_001)
@@ -29,7 +29,7 @@ class PolicyMapConfig(PolicyConfig):
     encounters: int = Field(default=500, ge=1, le=10_000)
     """How many circle encounters are flown for the chatter."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    """Of encounters."""
+    """Seed of the encounters."""
 
     @field_validator("relative_headings")
     @classmethod
@@ -59,7 +59,7 @@ class LocalConfig(PolicyConfig):
     depth: int = Field(default=12, ge=0, le=30)
     """How many times a box is cut in two."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    """Of scenes and samples."""
+    """Seed of scenes and samples."""
     vnnlib: int = Field(default=0, ge=0, le=10_000)
     """How many boxes are written for other verifiers, with the network."""
 

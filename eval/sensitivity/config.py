@@ -31,13 +31,13 @@ class SensitivityConfig(PolicyConfig):
     encounters: int = Field(default=1_000, ge=1, le=100_000_000)
     """How many encounters are flown for each value."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    """Of encounters and noise."""
+    """Seed of encounters and noise."""
     settings: tuple[str, ...] = ()
     """Further keys of eval.monte_carlo, `KEY=VALUE` each."""
     workers: int = Field(default=0, ge=0, le=1024)
     """Processes that fly; 0: as many as there are cores. It changes no result."""
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
-    """Of all intervals."""
+    """Confidence of all intervals."""
 
     @field_validator("run")
     @classmethod
