@@ -1,8 +1,9 @@
 """Certificates with one thing moved by less than would show in a picture."""
 
 import json
+from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,11 +13,29 @@ from envs.waypoints import ARCS
 
 __all__ = ["approach", "mutate"]
 
-_KINDS = ("own", "waypoint", "waypoint and legs", "waypoint and legs", "control", "limit")
-_TRAFFIC_KINDS = ("intruder", "approach", "approach", "approach", "bound", "requirement")
 _UNITS = (1.0, 1.0, 1e-3, 0.02, 0.01)  # of x, y, heading, speed, time for 1 m
 _INTRUDER_UNITS = (*_UNITS, 1e-4, 0.1, 1.0, 0.02, 1.0)
+_SIGNED = 6  # fields of an intruder that may be moved either way; the others grow
+_SPEEDS, _MAXIMA = (0, 1), (1, 3, 4)  # places among the limits
+_TIMES = (1, 2)  # places in a row of ``apart``
+_HEIGHTS = (3, 5, 8)  # likewise: the ownship's altitude, the other's, the vertical separation
 _STEPS = 40  # of an arc, where the closest approach is looked for
+
+
+class _Move(NamedTuple):
+    """What is drawn for a change."""
+
+    size: float
+    """m, or as much in other units; of either sign."""
+    leg: int
+    part: int
+    """0 to 4: which of the numbers of a kind is moved."""
+    rng: np.random.Generator
+    """For what else a kind draws."""
+
+    def row(self, rows: list[Any]) -> Any:
+        """Return any of some rows."""
+        return rows[int(self.rng.integers(len(rows)))]
 
 
 def mutate(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, Any], str]:
@@ -27,46 +46,92 @@ def mutate(data: dict[str, Any], rng: np.random.Generator) -> tuple[dict[str, An
     1 mm to 30 m.
     """
     data = parse_json(json.dumps(data))
-    size = float(10.0 ** rng.uniform(-3.0, 1.5) * rng.choice([-1.0, 1.0]))  # m
+    size = float(10.0 ** rng.uniform(-3.0, 1.5) * rng.choice([-1.0, 1.0]))
     leg, part = int(rng.integers(len(data["waypoints"]))), int(rng.integers(5))
-    kinds: list[str] = list(_KINDS)
+    kinds = [*_KINDS]
     if data["intruders"]:
         kinds += _TRAFFIC_KINDS
     kinds += [name for name in ("excluded", "apart") if data[name]]
     kind = kinds[int(rng.integers(len(kinds)))]
-    if kind == "own":
-        data["own"][part % 4] += size * _UNITS[part % 4]
-    elif kind.startswith("waypoint"):
-        data["waypoints"][leg][part] += size * _UNITS[part]
-        times = [0.0, *(row[4] for row in data["waypoints"])]
-        if kind != "waypoint" and all(one < two for one, two in pairwise(times)):
-            data["controls"] = controls([data])[0].tolist()
-    elif kind == "control":
-        data["controls"][leg][int(rng.integers(2 * ARCS))] += size * 1e-3
-    elif kind == "limit":
-        name = list(data["limits"])[part]
-        data["limits"][name] -= (
-            abs(size) * (0.02 if part < 2 else 1e-3) * (1.0 if part in (1, 3, 4) else -1.0)
-        )
-    elif kind == "intruder":
-        row = data["intruders"][int(rng.integers(len(data["intruders"])))]
-        field = int(rng.integers(10))
-        row[field] += (abs(size) if field > 5 else size) * _INTRUDER_UNITS[field]
-    elif kind == "approach":
-        number = int(rng.integers(len(data["intruders"])))
-        approach(data, number, data["intruders"][number][9] + size)
-    elif kind == "bound":
-        data["bounds"][int(rng.integers(len(data["bounds"])))] += abs(size)
-    elif kind == "excluded":
-        row = data["excluded"][int(rng.integers(len(data["excluded"])))]
-        _level(data, row, row[5] + size)
-    elif kind == "apart":
-        row = data["apart"][int(rng.integers(len(data["apart"])))]
-        # An end of the time, an altitude or the vertical separation.
-        row[(1, 2, 3, 5, 8)[part]] += size * (0.1 if part < 2 else 1.0)
-    else:
-        data["requirement"][("margin", "sigmas")[part % 2]] += abs(size) * (1.0, 0.01)[part % 2]
+    _CHANGES[kind](data, _Move(size, leg, part, rng))
     return parse_json(json.dumps(data)), kind  # as a file holds it, numbers of numpy are refused
+
+
+def _move_own(data: dict[str, Any], move: _Move) -> None:
+    field = move.part % 4
+    data["own"][field] += move.size * _UNITS[field]
+
+
+def _move_waypoint(data: dict[str, Any], move: _Move) -> None:
+    data["waypoints"][move.leg][move.part] += move.size * _UNITS[move.part]
+
+
+def _move_waypoint_and_legs(data: dict[str, Any], move: _Move) -> None:
+    """Move a waypoint, and fly legs to and from where it is then, if there are any."""
+    _move_waypoint(data, move)
+    times = [0.0, *(row[4] for row in data["waypoints"])]
+    if all(one < two for one, two in pairwise(times)):
+        data["controls"] = controls([data])[0].tolist()
+
+
+def _move_control(data: dict[str, Any], move: _Move) -> None:
+    data["controls"][move.leg][int(move.rng.integers(2 * ARCS))] += move.size * 1e-3
+
+
+def _tighten_limit(data: dict[str, Any], move: _Move) -> None:
+    name = list(data["limits"])[move.part]
+    unit = 0.02 if move.part in _SPEEDS else 1e-3
+    data["limits"][name] -= abs(move.size) * unit * (1.0 if move.part in _MAXIMA else -1.0)
+
+
+def _move_intruder(data: dict[str, Any], move: _Move) -> None:
+    row = move.row(data["intruders"])
+    field = int(move.rng.integers(len(_INTRUDER_UNITS)))
+    size = move.size if field < _SIGNED else abs(move.size)
+    row[field] += size * _INTRUDER_UNITS[field]
+
+
+def _bring_near(data: dict[str, Any], move: _Move) -> None:
+    number = int(move.rng.integers(len(data["intruders"])))
+    approach(data, number, data["intruders"][number][9] + move.size)
+
+
+def _raise_bound(data: dict[str, Any], move: _Move) -> None:
+    data["bounds"][int(move.rng.integers(len(data["bounds"])))] += abs(move.size)
+
+
+def _raise_requirement(data: dict[str, Any], move: _Move) -> None:
+    name, unit = (("margin", 1.0), ("sigmas", 0.01))[move.part % 2]
+    data["requirement"][name] += abs(move.size) * unit
+
+
+def _move_excluded(data: dict[str, Any], move: _Move) -> None:
+    row = move.row(data["excluded"])
+    _level(data, row, row[5] + move.size)
+
+
+def _move_apart(data: dict[str, Any], move: _Move) -> None:
+    """Move an end of the time, an altitude or the vertical separation."""
+    place = (*_TIMES, *_HEIGHTS)[move.part]
+    move.row(data["apart"])[place] += move.size * (0.1 if place in _TIMES else 1.0)
+
+
+_CHANGES: dict[str, Callable[[dict[str, Any], _Move], None]] = {
+    "own": _move_own,
+    "waypoint": _move_waypoint,
+    "waypoint and legs": _move_waypoint_and_legs,
+    "control": _move_control,
+    "limit": _tighten_limit,
+    "intruder": _move_intruder,
+    "approach": _bring_near,
+    "bound": _raise_bound,
+    "requirement": _raise_requirement,
+    "excluded": _move_excluded,
+    "apart": _move_apart,
+}
+# A kind that stands twice is drawn twice as often.
+_KINDS = ("own", "waypoint", "waypoint and legs", "waypoint and legs", "control", "limit")
+_TRAFFIC_KINDS = ("intruder", "approach", "approach", "approach", "bound", "requirement")
 
 
 def approach(data: dict[str, Any], number: int, distance: float) -> None:

@@ -46,7 +46,7 @@ def _prepare(path: Path | None) -> None:
     _POLICY[:] = [Policy.load(path)]
 
 
-def _done(path: Path, asked: dict[str, Any]) -> dict[Batch, Tally]:
+def _read_batches(path: Path, asked: dict[str, Any]) -> dict[Batch, Tally]:
     """Return the batches that a folder's file holds of the same attack."""
     pairs = read_done(path, asked, "attack")
     return {Batch(batch[0], tuple(batch[1]), *batch[2:]): Tally.of(tally) for batch, tally in pairs}
@@ -81,12 +81,12 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parse(arguments)
     tally = Tally()
     batches = tasks(
-        options.seed,
-        options.first,
-        options.requests,
-        options.single,
-        options.block,
-        options.family,
+        seed=options.seed,
+        first=options.first,
+        count=options.requests,
+        single=options.single,
+        block=options.block,
+        family=options.family,
         any_aircraft=options.any_aircraft,
     )
     with _open_record(options) as record:
@@ -169,7 +169,7 @@ def _open_record(options: argparse.Namespace) -> Generator[_Record]:
     options.out.mkdir(parents=True, exist_ok=True)
     path = options.out / _FILE
     same = {name: getattr(options, name) for name in _SAME}
-    done = _done(path, same | {"policy": Policy.load(options.policy).sha256})
+    done = _read_batches(path, same | {"policy": Policy.load(options.policy).sha256})
     with path.open("a", encoding="utf-8") as file:
         yield _Record(done, file)
 
@@ -178,7 +178,7 @@ def _attack(
     options: argparse.Namespace, batches: list[Batch], tally: Tally, record: _Record
 ) -> bool:
     """Attack by batches, add what is found to the tally, and return whether all were done."""
-    already = _planned(tally)
+    already = _count(tally)
     progress = Progress("requests").start(options.requests + options.single)
     begun = time.perf_counter()
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -186,8 +186,10 @@ def _attack(
         for batch, one in _results(batches, options.workers, options.policy):
             tally.add(one)
             record.add(batch, one)
-            count = _planned(tally)
-            progress.show(count, _figures(tally), (count - already) / (time.perf_counter() - begun))
+            count = _count(tally)
+            progress.show(
+                count, _describe(tally), (count - already) / (time.perf_counter() - begun)
+            )
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was done", file=sys.stderr)
         return False
@@ -197,11 +199,12 @@ def _attack(
     return True
 
 
-def _planned(tally: Tally) -> int:
+def _count(tally: Tally) -> int:
+    """Return how many requests were planned, those through ``plan`` once more."""
     return tally.requests.total() + tally.single.total()
 
 
-def _figures(tally: Tally) -> str:
+def _describe(tally: Tally) -> str:
     safe = tally.safe.total() + tally.single["safe"]
-    share = 100.0 * safe / max(_planned(tally), 1)
+    share = 100.0 * safe / max(_count(tally), 1)
     return f"SAFE {share:.1f} %, {len(tally.violations)} violations"

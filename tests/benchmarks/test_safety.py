@@ -600,12 +600,12 @@ def data() -> dict[str, Any]:
     intruders = [
         Intruder(
             VehicleState(9_000.0, 100.0, 3.14, 80.0),
-            0.4,
-            0.01,
-            20.0,
-            5.0,
-            0.5,
-            Altitude(2_500.0, "msl", 0.0),
+            age=0.4,
+            turn_rate=0.01,
+            turn_time=20.0,
+            position_std=5.0,
+            velocity_std=0.5,
+            altitude=Altitude(2_500.0, "msl", 0.0),
         ),
         Intruder(VehicleState(5_000.0, 600.0, -2.0, 70.0), altitude=Altitude(5_500.0, "msl", 0.0)),
     ]
