@@ -187,13 +187,13 @@ def _learner_figures(
     figures: dict[str, Any] = {
         "seeds": len(logs),
         "ended": [log.ended for log in logs],
-        "startup_s": _plain(t_mean([log.startup_s for log in logs])),
-        "steps_per_s": _plain(t_mean([curve[-1].steps / curve[-1].wall_s for curve in whole])),
+        "startup_s": _as_json(t_mean([log.startup_s for log in logs])),
+        "steps_per_s": _as_json(t_mean([curve[-1].steps / curve[-1].wall_s for curve in whole])),
     }
     for axis, place in ends.items():
         scores = [score_at(curve, place, axis) for curve in _lasting(logs)]
         known = [score for score in scores if math.isfinite(score)]
-        figures[f"score_after_equal_{axis}"] = _plain(t_mean(known)) | {"seeds": len(known)}
+        figures[f"score_after_equal_{axis}"] = _as_json(t_mean(known)) | {"seeds": len(known)}
     for score in SCORES:
         figures[f"time_to_{score:.0f}_s"] = _time_figures(times[score])
     return figures
@@ -210,12 +210,12 @@ def _times(runs: Sequence[Sequence[Point]], score: float) -> Times:
 def _time_figures(times: Times) -> dict[str, Any]:
     known = sum(time is not None for time in times.seeds)
     longer = {} if times.complete or not times.seeds else {"at_least": times.at_least()}
-    return _plain(times.mean()) | longer | {"reached": known, "seeds": list(times.seeds)}
+    return _as_json(times.mean()) | longer | {"reached": known, "seeds": list(times.seeds)}
 
 
 def _ratio(theirs: Times, ours: Times, target: float) -> dict[str, Any]:
     found = ratio(theirs, ours)
-    figures = _plain(found) | {"target": target}
+    figures = _as_json(found) | {"target": target}
     if math.isfinite(found.low):
         # As with every target here: what is sure of it, not what is likely.
         return figures | {"met": found.low >= target}
@@ -227,7 +227,8 @@ def _ratio(theirs: Times, ours: Times, target: float) -> dict[str, Any]:
     return figures | ({} if bound is None else {"at_least": bound}) | {"met": None}
 
 
-def _plain(interval: Interval) -> dict[str, float | None]:
+def _as_json(interval: Interval) -> dict[str, float | None]:
+    """Return an interval for JSON, null for what is not known."""
     return {
         key: value if math.isfinite(value) else None for key, value in interval._asdict().items()
     }

@@ -123,8 +123,8 @@ class _FirstScenario:
         return np.array(_inputs(self._seen, self._feature_set))
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        flown = _mirror_back(actions, self._seen, self._feature_set)
-        seen, reward, terminated, truncated, _ = self._world.step(flown)
+        commands = _mirror_back(actions, self._seen, self._feature_set)
+        seen, reward, terminated, truncated, _ = self._world.step(commands)
         self._seen = np.asarray(seen)
         scaled = self._config.ppo.reward_scale * reward
         return np.array(_inputs(self._seen, self._feature_set)), scaled, terminated | truncated
@@ -227,7 +227,10 @@ def numbers(config: TrainConfig, cell: Cell, activation: Any) -> dict[str, Any]:
 
 
 def algorithm(
-    config: TrainConfig, cell: Cell, flown: Any = None, rate: Callable[[float], float] | None = None
+    config: TrainConfig,
+    cell: Cell,
+    flying: Any = None,
+    rate: Callable[[float], float] | None = None,
 ) -> Any:
     """Return ``stable_baselines3.PPO`` with the configuration's networks and numbers, on the CPU.
 
@@ -237,7 +240,7 @@ def algorithm(
     Args:
         config: of the training.
         cell: sizes of rollout and batch, epochs.
-        flown: its environment; that of :func:`environment` by default.
+        flying: its environment; that of :func:`environment` by default.
         rate: its learning rate, a function of what is left of a call of ``learn``; the
             configuration's by default.
     """
@@ -245,7 +248,7 @@ def algorithm(
     peer: Any = importlib.import_module("stable_baselines3")
     return peer.PPO(
         "MlpPolicy",
-        environment(config, cell.environments) if flown is None else flown,
+        environment(config, cell.environments) if flying is None else flying,
         learning_rate=config.ppo.learning_rate if rate is None else rate,
         **numbers(config, cell, torch.nn.Tanh),
     )

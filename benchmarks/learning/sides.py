@@ -142,12 +142,12 @@ class _Peer:
         self._flight = TrainingFlight(config)
         environments, width = config.ppo.environments, features.size(config.network.feature_set)
         self._cell = Cell(environments, config.ppo.rollout, config.ppo.minibatch, config.ppo.epochs)
-        flown = sb3_task.in_peers_form(self._flight, environments, width)
+        flying = sb3_task.in_peers_form(self._flight, environments, width)
         if learner == "sb3":
-            self._model = sb3_task.algorithm(config, self._cell, flown, self._rate)
+            self._model = sb3_task.algorithm(config, self._cell, flying, self._rate)
             self._weights: _Weights = _TorchWeights(self._model)
         else:
-            self._model = _sbx(config, self._cell, flown, self._rate)
+            self._model = _sbx(config, self._cell, flying, self._rate)
             self._weights = _JaxWeights(self._model)
 
     def start(self) -> None:
@@ -192,7 +192,7 @@ class _Weights(Protocol):
 
     def get(self) -> Any: ...
 
-    def set(self, kept: Any) -> None: ...
+    def set(self, state: Any) -> None: ...
 
     def finite(self) -> bool: ...
 
@@ -204,8 +204,8 @@ class _TorchWeights:
     def get(self) -> Any:
         return copy.deepcopy((self._policy.state_dict(), self._policy.optimizer.state_dict()))
 
-    def set(self, kept: Any) -> None:
-        weights, optimizer = kept
+    def set(self, state: Any) -> None:
+        weights, optimizer = state
         self._policy.load_state_dict(weights)
         self._policy.optimizer.load_state_dict(optimizer)
 
@@ -220,20 +220,20 @@ class _JaxWeights:
     def get(self) -> Any:
         return self._policy.actor_state, self._policy.vf_state
 
-    def set(self, kept: Any) -> None:
-        self._policy.actor_state, self._policy.vf_state = kept
+    def set(self, state: Any) -> None:
+        self._policy.actor_state, self._policy.vf_state = state
 
     def finite(self) -> bool:
         weights = jax.device_get((self._policy.actor_state.params, self._policy.vf_state.params))
         return all(np.isfinite(weight).all() for weight in jax.tree.leaves(weights))
 
 
-def _sbx(config: TrainConfig, cell: Cell, flown: Any, rate: Any) -> Any:
+def _sbx(config: TrainConfig, cell: Cell, flying: Any, rate: Callable[[float], float]) -> Any:
     """Return ``sbx.PPO`` with the configuration's networks, their initialisation and numbers."""
     peer: Any = importlib.import_module("sbx")
     model = peer.PPO(
         "MlpPolicy",
-        flown,
+        flying,
         learning_rate=rate,
         **sb3_task.numbers(config, cell, jnp.tanh),
     )
@@ -285,7 +285,7 @@ class TrainingFlight:
     """The environments of a training configuration, :class:`benchmarks.learning.sb3.Flying`.
 
     Starts come from a pool that is drawn anew for every rollout, as in our training. Scores are
-    counted on the way.
+    counted meanwhile.
 
     Args:
         config: of the training; without noisy or late reports.
@@ -372,34 +372,44 @@ class _Seen(NamedTuple):
 
 def _compile(config: TrainConfig) -> _World:
     """Compile the world of a configuration."""
-    feature_set = config.network.feature_set
     world = surrogate.World(config.rules(), config.aircraft.aircraft())
-    scenarios, rewards = config.training_scenarios(), config.rewards.table()
+    draw_pool = partial(
+        draw, config=config, scenarios=config.training_scenarios(), rows=config.pool_rows
+    )
+    return _World(
+        jax.jit(draw_pool),
+        jax.jit(partial(_begin, config, world)),
+        jax.jit(partial(_step, config, world), donate_argnums=0),
+    )
 
-    def see(state: surrogate.State) -> _Seen:
-        inputs = derive(surrogate.observe(state, world.aircraft), feature_set)
-        return _Seen(state, inputs.mirror_sign, inputs.own)
 
-    def begin(pool: surrogate.State) -> _Seen:
-        return see(jax.tree.map(lambda rows: rows[0], pool))
+def _see(config: TrainConfig, world: surrogate.World, state: surrogate.State) -> _Seen:
+    inputs = derive(surrogate.observe(state, world.aircraft), config.network.feature_set)
+    return _Seen(state, inputs.mirror_sign, inputs.own)
 
-    def step(
-        state: surrogate.State,
-        mirror_sign: Float[Array, " N"],
-        action: Float[Array, "N 2"],
-        pool: surrogate.State,
-        row: int,
-    ) -> tuple[_Seen, Float[Array, "N 3"]]:
-        command = action[:, 0], action[:, 1] * mirror_sign
-        moved, result = surrogate.step(state, command, world)
-        transition = Transition(state, moved, command, result, world.aircraft)
-        scale = config.ppo.reward_scale
-        reward, _ = learning_reward(rewards, transition, config.ppo.discount, jnp, scale)
-        # The barrier keeps the compiler from flying the step again for every field that the restart
-        # chooses.
-        moved, reward = jax.lax.optimization_barrier((moved, reward))
-        following = surrogate.restart(moved, jax.tree.map(lambda rows: rows[row], pool))
-        return see(following), jnp.stack([reward, result.reward, moved.ended], axis=-1)
 
-    draw_pool = partial(draw, config=config, scenarios=scenarios, rows=config.pool_rows)
-    return _World(jax.jit(draw_pool), jax.jit(begin), jax.jit(step, donate_argnums=0))
+def _begin(config: TrainConfig, world: surrogate.World, pool: surrogate.State) -> _Seen:
+    return _see(config, world, jax.tree.map(lambda rows: rows[0], pool))
+
+
+def _step(
+    config: TrainConfig,
+    world: surrogate.World,
+    state: surrogate.State,
+    mirror_sign: Float[Array, " N"],
+    action: Float[Array, "N 2"],
+    pool: surrogate.State,
+    row: int,
+) -> tuple[_Seen, Float[Array, "N 3"]]:
+    command = action[:, 0], action[:, 1] * mirror_sign
+    moved, result = surrogate.step(state, command, world)
+    transition = Transition(state, moved, command, result, world.aircraft)
+    reward, _ = learning_reward(
+        config.rewards.table(), transition, config.ppo.discount, jnp, config.ppo.reward_scale
+    )
+    # The barrier keeps the compiler from flying the step again for every field that the restart
+    # chooses.
+    moved, reward = jax.lax.optimization_barrier((moved, reward))
+    following = surrogate.restart(moved, jax.tree.map(lambda rows: rows[row], pool))
+    results = jnp.stack([reward, result.reward, moved.ended], axis=-1)
+    return _see(config, world, following), results
