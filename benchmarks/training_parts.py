@@ -85,7 +85,7 @@ class _Given(NamedTuple):
     algorithm: ppo.Ppo
     environment: Environment
     learner: ppo.LearnerState
-    flying: surrogate.State
+    flying: surrogate.State  # of the encounters, [N]
     noise: Float[Array, "T N 2"]  # of the actions
     key: PRNGKeyArray
 
@@ -96,18 +96,18 @@ def _prepare(config: TrainConfig, phase: int, state: task.TrainState) -> _Given:
     drawn, _ = jax.jit(partial(task.draw_update, inside))(state.key)
     assert isinstance(inside.algorithm, ppo.Ppo)
     return _Given(
-        config,
-        inside.scenarios,
-        inside.algorithm,
-        task.environment_of(inside, drawn),
-        state.learner,
-        state.environment,
-        drawn.noise,
-        jax.random.key(0),
+        config=config,
+        scenarios=inside.scenarios,
+        algorithm=inside.algorithm,
+        environment=task.environment_of(inside, drawn),
+        learner=state.learner,
+        flying=state.environment,
+        noise=drawn.noise,
+        key=jax.random.key(0),
     )
 
 
-def _compiled(name: str, function: Callable[..., Any], steps: float, *given: Any) -> Part:
+def _compile_part(name: str, function: Callable[..., Any], steps: float, *given: Any) -> Part:
     """Return a part that is compiled on its own and computes on some arrays."""
     compiled = jax.jit(function)
     return Part(name, lambda: jax.block_until_ready(compiled(*given)), steps)
@@ -121,18 +121,18 @@ def _rollout_parts(given: _Given) -> Iterator[Part]:
     learner, flying = given.learner, given.flying
     samples, environments = config.ppo.samples, config.ppo.environments
     draw = partial(starts.draw, config=config, scenarios=given.scenarios, rows=config.pool_rows)
-    yield _compiled("draw starts", draw, samples, given.key)
+    yield _compile_part("draw starts", draw, samples, given.key)
     observe, act = environment.observe, given.algorithm.act
-    yield _compiled("inputs", observe, environments, flying, given.key)
+    yield _compile_part("inputs", observe, environments, flying, given.key)
     seen = jax.jit(observe)(flying, given.key)
-    yield _compiled("act", act, environments, learner, seen, given.noise[0])
+    yield _compile_part("act", act, environments, learner, seen, given.noise[0])
     action, _ = act(learner, seen, given.noise[0])
-    yield _compiled("world", environment.step, environments, flying, action)
+    yield _compile_part("world", environment.step, environments, flying, action)
     first = jnp.zeros((), jnp.int32)
-    yield _compiled("restart", environment.restart, environments, flying, first)
+    yield _compile_part("restart", environment.restart, environments, flying, first)
     roll_out = partial(_roll_out, given.algorithm, environment)
     whole = learner, flying, given.noise, given.key
-    yield _compiled("rollout (the four above)", roll_out, samples, *whole)
+    yield _compile_part("rollout (the four above)", roll_out, samples, *whole)
 
 
 def _roll_out(
@@ -154,10 +154,10 @@ def _learning_parts(given: _Given) -> Iterator[Part]:
     roll_out = jax.jit(partial(_roll_out, algorithm, given.environment))
     _, rollout, _ = roll_out(learner, given.flying, given.noise, given.key)
     estimate = partial(ppo.samples, parts=algorithm.parts, settings=algorithm.settings)
-    yield _compiled("values, advantages", estimate, samples, learner, rollout)
+    yield _compile_part("values, advantages", estimate, samples, learner, rollout)
     batch, _ = jax.jit(estimate)(learner, rollout)
     learn = partial(ppo.update, parts=algorithm.parts, settings=algorithm.settings)
-    yield _compiled("all epochs", learn, samples, learner, batch, given.key, rate)
+    yield _compile_part("all epochs", learn, samples, learner, batch, given.key, rate)
     yield from _gradient_step_parts(given, batch)
 
 
@@ -168,14 +168,14 @@ def _gradient_step_parts(given: _Given, batch: ppo.Batch) -> Iterator[Part]:
     steps = size / config.epochs
     rows = jax.tree.map(lambda a: a.reshape(-1, segment, *a.shape[2:]), batch)
     order = jax.random.permutation(given.key, config.samples // segment)[: size // segment]
-    yield _compiled("shuffle", _gather, steps, rows, order)
+    yield _compile_part("shuffle", _gather, steps, rows, order)
     minibatch = jax.jit(_gather)(rows, order)
     both = learner.actor, learner.critic
     gradient = partial(ppo.gradient_of, parts=algorithm.parts, settings=algorithm.settings)
-    yield _compiled("gradients", gradient, steps, both, minibatch)
+    yield _compile_part("gradients", gradient, steps, both, minibatch)
     direction = jax.tree.map(jnp.ones_like, both)
     optimise = algorithm.parts.optimizer.update
-    yield _compiled("optimiser", optimise, steps, direction, learner.optimizer)
+    yield _compile_part("optimiser", optimise, steps, direction, learner.optimizer)
 
 
 def _gather(rows: ppo.Batch, order: Int[Array, " R"]) -> ppo.Batch:

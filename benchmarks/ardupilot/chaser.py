@@ -33,8 +33,10 @@ class _Other:
 
 
 class Chaser:
-    """Sends them, each with an address of its own, and reports all of them once a second for good:
-    one that falls silent could be anywhere near and would stop all planning for a minute.
+    """Sends aircraft, each with an address of its own, and reports all of them once a second.
+
+    None is ever left out: one that is not reported could be anywhere near, and would stop all
+    planning for a minute.
     """
 
     def __init__(self, seed: int) -> None:
@@ -44,11 +46,11 @@ class Chaser:
         self._time = -math.inf
 
     def add_crossing(self, own: Row, course: float, seconds: float) -> None:
-        """Let one more cross our way in so many seconds; our course in rad."""
+        """Let one more cross our path in so many seconds; our course in rad."""
         across = course + float(self._draw.choice((-1.0, 1.0))) * 0.5 * math.pi
-        way, back = own.speed * seconds, _SPEED * seconds
-        x = own.x + way * math.cos(course) - back * math.cos(across)
-        y = own.y + way * math.sin(course) - back * math.sin(across)
+        ahead, back = own.speed * seconds, _SPEED * seconds
+        x = own.x + ahead * math.cos(course) - back * math.cos(across)
+        y = own.y + ahead * math.sin(course) - back * math.sin(across)
         self._others.append(_Other(self._next, x, y, across))
         self._next += 1
 

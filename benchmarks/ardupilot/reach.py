@@ -216,13 +216,7 @@ def _end(way: str, ground: Ground, chaser: Chaser) -> Try | None:
             return None
         wait(ground, chaser, 1.0)
         began = ground.row.time
-        if way == "busy":
-            good = _keep_while_busy(ground, chaser) and process.poll() is None
-        elif way == "disk":
-            left = wait(ground, chaser, _FLIES, lambda: ground.mode != Mode.GUIDED)
-            good = not left and process.poll() is None
-        else:
-            good = True
+        good = _flies_on(way, ground, chaser) and process.poll() is None
         if way == "cut":
             relay.cut()
         else:
@@ -236,6 +230,15 @@ def _end(way: str, ground: Ground, chaser: Chaser) -> Try | None:
     relay.cut()
     chaser.leave()
     return Try(way, round(took, 1), good)
+
+
+def _flies_on(way: str, ground: Ground, chaser: Chaser) -> bool:
+    """Return whether the program flies on as it must before it is ended."""
+    if way == "busy":
+        return _keep_while_busy(ground, chaser)
+    if way == "disk":
+        return not wait(ground, chaser, _FLIES, lambda: ground.mode != Mode.GUIDED)
+    return True
 
 
 def _keep_while_busy(ground: Ground, chaser: Chaser) -> bool:

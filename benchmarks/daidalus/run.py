@@ -215,11 +215,11 @@ def fly_both(path: Path, program: Path, changes: dict[str, str]) -> Sides:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "scenario.xyz").write_text(scenario_text(ownship, others))
         began = time.perf_counter()
-        said = answers(program, Path(folder), SETTING, alerting, changes)
+        theirs = answers(program, Path(folder), SETTING, alerting, changes)
         program_s = time.perf_counter() - began
     began = time.perf_counter()
     mine = ours(flight, SETTING, alerting)
-    by_time = {round(second.time, 3): second for second in said}
+    by_time = {round(second.time, 3): second for second in theirs}
     seconds = [by_time.get(round(float(now), 3)) for now in flight.time]
     return Sides(flight, mine, seconds, program_s, time.perf_counter() - began)
 
@@ -246,8 +246,10 @@ def compare(name: str, sides: Sides) -> Scenario:
     )
 
 
-def _match_edges(said: Sequence[Interval], bands: Bands, row: int, *, circle: bool) -> list[Match]:
-    theirs, mine = their_edges(said, circle=circle), our_edges(bands, row, circle=circle)
+def _match_edges(
+    intervals: Sequence[Interval], bands: Bands, row: int, *, circle: bool
+) -> list[Match]:
+    theirs, mine = their_edges(intervals, circle=circle), our_edges(bands, row, circle=circle)
     within = WITHIN[0] if circle else WITHIN[1]
     step = SETTING.step_deg if circle else SETTING.step_speed
     found = matches(mine, theirs, bands, row, within, step)

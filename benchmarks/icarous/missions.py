@@ -1,8 +1,8 @@
 """The missions: each follows from the seed and its number alone.
 
 A small unmanned aircraft flies two or three legs among fences, intruders that fly straight over the
-ground, and a steady wind. Whoever draws what cannot stand (a fence at the start, an intruder within
-the separation) draws it again.
+ground, and a steady wind. What cannot stand (a fence at the start, an intruder within the
+separation) is drawn again.
 """
 
 import math

@@ -25,6 +25,8 @@ from envs.aircraft import Aircraft
 from envs.areas import Keep, Polygon
 from envs.edge.command import InputError
 from envs.edge.json_text import parse_json
+from envs.kinematics import VehicleState
+from envs.wind import Wind
 
 VARIABLE = "ICAROUS_HOME"
 """Environment variable that names the folder."""
@@ -38,7 +40,7 @@ _NEEDED = (
 )
 _HOME = 0.1, 10.0  # degrees: near the equator, where its headings of flight plans are true
 _ALTITUDE = 100.0  # m, of all
-_HIGH = 1_000.0  # m, of the cylinder: nobody gets past another above or below
+_HIGH = 1_000.0  # m, of the cylinder: no aircraft gets past another above or below
 _PATIENCE = 120  # s of computation that a mission may take
 _OVER = tuple(f"default_det_1_WCV_{name}" for name in ("DTHR", "ZTHR", "TTHR", "TCOA"))
 
@@ -177,19 +179,7 @@ def task(mission: Mission, aircraft: Aircraft, parameters_file: str) -> dict[str
             }
             for fence in mission.fences
         ],
-        "intruders": [
-            # Through the air, which carries it in the simulation.
-            [
-                math.hypot(one.x, one.y),
-                _compass(one.x, one.y),
-                _ALTITUDE,
-                *_through_air(
-                    one.speed * math.cos(one.heading) - float(wind.east),
-                    one.speed * math.sin(one.heading) - float(wind.north),
-                ),
-            ]
-            for one in mission.intruders
-        ],
+        "intruders": [_intruder(one, wind) for one in mission.intruders],
         "wind_from": _compass(-float(wind.east), -float(wind.north)),
         "wind_speed": float(wind.speed),
         "limit": mission.limit,
@@ -201,6 +191,16 @@ def task(mission: Mission, aircraft: Aircraft, parameters_file: str) -> dict[str
         "speed_min": aircraft.limits.speed_min,
         "speed_max": aircraft.limits.speed_max,
     }
+
+
+def _intruder(one: VehicleState, wind: Wind) -> list[float]:
+    """Return distance and bearing of an intruder from the start, altitude, and its speed and
+    heading through the air, which carries it in the simulation; m, m/s, degrees.
+    """
+    east = one.speed * math.cos(one.heading) - float(wind.east)
+    north = one.speed * math.sin(one.heading) - float(wind.north)
+    place = math.hypot(one.x, one.y), _compass(one.x, one.y)
+    return [*place, _ALTITUDE, math.hypot(east, north), _compass(east, north)]
 
 
 def read_flight(path: Path, home: Path, ended: str) -> Flight:
@@ -219,9 +219,5 @@ def read_flight(path: Path, home: Path, ended: str) -> Flight:
 
 
 def _compass(east: float, north: float) -> float:
+    """Return a direction, degrees clockwise from north."""
     return math.degrees(math.atan2(east, north)) % 360.0
-
-
-def _through_air(east: float, north: float) -> tuple[float, float]:
-    """Return speed, m/s, and heading, degrees clockwise from north."""
-    return math.hypot(east, north), _compass(east, north)
