@@ -71,9 +71,9 @@ class _Once(argparse.Action):
 
     def __call__(
         self,
-        parser: Any,
+        parser: Any,  # a Parser: argparse has its own class here
         namespace: argparse.Namespace,
-        values: Any,
+        values: object,
         option_string: str | None = None,
     ) -> None:
         if option_string is not None and self.dest in parser.given:

@@ -35,6 +35,8 @@ _MOST = 1_000_000  # characters of a file
 
 
 class _Loader(yaml.SafeLoader):
+    """Loads the plain core of YAML 1.2; keys are texts, each once."""
+
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Compose a node; what stands for another node is refused, for a few letters may stand for
         a billion values.
@@ -48,7 +50,7 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[Any] = set()
+        seen: set[str] = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             line = key_node.start_mark.line + 1
@@ -61,7 +63,9 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    def ignore_aliases(self, data: Any) -> bool:
+    """Writes every value where it stands."""
+
+    def ignore_aliases(self, data: object) -> bool:
         return True
 
 
@@ -84,8 +88,10 @@ _Dumper.add_multi_representer(Path, lambda dumper, path: dumper.represent_str(st
 
 
 def read(source: Path | str) -> Any:
-    """Read a YAML file (a mapping; empty: without keys) or, from a text, one value; may raise a
-    YamlError.
+    """Return the mapping of a YAML file, ``{}`` of an empty one, or the value of a text.
+
+    Raises:
+        YamlError: it is not the YAML of a configuration.
     """
     if isinstance(source, str):
         return parse(source, repr(source))
@@ -115,7 +121,7 @@ def check_distinct(text: str) -> None:
         if isinstance(node, yaml.SequenceNode):
             todo += node.value
         if isinstance(node, yaml.MappingNode):
-            seen: set[Any] = set()
+            seen: set[object] = set()
             for key, value in node.value:
                 todo.append(value)
                 if not isinstance(key, yaml.ScalarNode):

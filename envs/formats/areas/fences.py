@@ -41,18 +41,19 @@ def areas_of_plan(content: dict[str, Any], source: str) -> list[GeodeticArea]:
 
 
 def _side(fence: dict[str, Any], where: str) -> Keep:
+    """Return on which side of a fence flight is allowed."""
     inclusion = fence.get("inclusion")
     if not isinstance(inclusion, bool):
         raise AreaError(f"{where}.inclusion: is {inclusion!r:.60}, expected true or false")
     return Keep.IN if inclusion else Keep.OUT
 
 
-def areas_of_icarous(content: Any, source: str, reference: str | None) -> list[GeodeticArea]:
+def areas_of_icarous(content: object, source: str, reference: str | None) -> list[GeodeticArea]:
     """Return the fences of ICAROUS; its heights are m above a reference that the file does not
     state.
     """
     found = []
-    seen: set[Any] = set()
+    seen: set[int | str] = set()
     for n, each in enumerate(rows(content, source)):
         where = f"{source}, fence {n}"
         fence = record(each, where)
@@ -80,6 +81,6 @@ def areas_of_icarous(content: Any, source: str, reference: str | None) -> list[G
     return found
 
 
-def _height(value: Any, where: str, reference: str | None) -> Level | None:
+def _height(value: object, where: str, reference: str | None) -> Level | None:
     found = level(value, reference or "unknown", 1.0, where)
     return None if reference is None else found

@@ -40,20 +40,20 @@ class GeodeticArea(NamedTuple):
     ceiling: Level | None = None
     period: Period = Period()
     name: str = ""
-    # fields of Area that only files of our own state
     more: dict[str, Any] = {}  # noqa: RUF012 - never changed
+    """Fields of :class:`envs.areas.Area` that only files of our own state."""
 
 
 def on_plane(
     one: GeodeticArea, frame: LocalFrame, time: datetime | None, within: float
 ) -> Area | None:
-    """Return an area in a local frame at the time of the request; None where it lies farther than
-    ``within`` (m) from the origin, and nobody can leave it.
+    """Return an area in a local frame at the time of the request; None where it is to be kept out
+    of and lies farther than ``within`` (m) from the origin.
     """
     with error_place(one.where):
-        rings = [np.array(_places(ring, frame)) for ring in one.rings]
-        if one.centre is not None:
-            rings = [np.array(_places((one.centre,), frame))]
+        places = one.rings if one.centre is None else ((one.centre,),)
+        rings = [np.array(_places(ring, frame)) for ring in places]
+        # From the origin to the rectangle around the outer ring.
         nearest = np.hypot(*np.maximum(np.maximum(rings[0].min(axis=0), -rings[0].max(axis=0)), 0))
         if one.keep is Keep.OUT and nearest - one.radius > within:
             return None
@@ -64,14 +64,12 @@ def on_plane(
         else:
             outer, *holes = (tuple(map(tuple, ring.tolist())) for ring in rings)
             shape = Polygon(outer, tuple(holes))
-        begin, end = (
-            None if limit is None or time is None else (limit - time).total_seconds()
-            for limit in one.period
-        )
-        valid = {"valid_from": begin, "valid_until": end}
-        times = {name: value for name, value in valid.items() if value is not None}
-        heights = {"floor": one.floor, "ceiling": one.ceiling}
-        return Area(shape, one.keep, name=one.name, **heights, **times, **one.more)
+        fields = dict(one.more)
+        if time is not None and one.period.begin is not None:
+            fields["valid_from"] = (one.period.begin - time).total_seconds()
+        if time is not None and one.period.end is not None:
+            fields["valid_until"] = (one.period.end - time).total_seconds()
+        return Area(shape, one.keep, floor=one.floor, ceiling=one.ceiling, name=one.name, **fields)
 
 
 @contextmanager
@@ -84,8 +82,9 @@ def error_place(where: str) -> Generator[None]:
 
 
 def _places(ring: Sequence[Place], frame: LocalFrame) -> list[Place]:
-    """Return a ring in a local frame, m: points are added where an edge, which is straight in
-    degrees, is not straight there.
+    """Return a ring in a local frame, m.
+
+    Its edges are straight in degrees; points are added where they are not straight in the frame.
     """
     latitude, longitude = np.array(ring, dtype=float).T
     longitude = np.unwrap(longitude, period=360.0)
@@ -111,14 +110,14 @@ def _places(ring: Sequence[Place], frame: LocalFrame) -> list[Place]:
     return list(zip(fine.x.tolist(), fine.y.tolist(), strict=True))
 
 
-def record(value: Any, where: str) -> dict[str, Any]:
+def record(value: object, where: str) -> dict[str, Any]:
     """Return an object of a file."""
     if not isinstance(value, dict):
         raise AreaError(f"{where}: is {value!r:.60}, expected an object")
     return value
 
 
-def rows(value: Any, where: str) -> list[Any]:
+def rows(value: object, where: str) -> list[Any]:
     """Return a list of a file."""
     if not isinstance(value, list):
         raise AreaError(f"{where}: is {value!r:.60}, expected a list")
@@ -127,22 +126,23 @@ def rows(value: Any, where: str) -> list[Any]:
     return value
 
 
-def number(value: Any, where: str, low: float = -1e9, high: float = 1e9, unit: str = "") -> float:
+def number(
+    value: object, where: str, low: float = -1e9, high: float = 1e9, unit: str = ""
+) -> float:
     """Return a number of a file in a range."""
-    good = isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high
-    if not good:
-        raise AreaError(f"{where}: is {value!r:.60}, expected {low:g} to {high:g} {unit}".rstrip())
-    return float(value)
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high:
+        return float(value)
+    raise AreaError(f"{where}: is {value!r:.60}, expected {low:g} to {high:g} {unit}".rstrip())
 
 
-def text(value: Any, where: str) -> str:
+def text(value: object, where: str) -> str:
     """Return a text of a file."""
     if not isinstance(value, str):
         raise AreaError(f"{where}: is {value!r:.60}, expected a text")
     return value
 
 
-def place(value: Any, where: str, *, longitude_first: bool) -> Place:
+def place(value: object, where: str, *, longitude_first: bool) -> Place:
     """Return latitude and longitude of a pair of a file, degrees; a third number, the height, is
     not read.
     """
@@ -156,8 +156,8 @@ def place(value: Any, where: str, *, longitude_first: bool) -> Place:
     )
 
 
-def ring(value: Any, where: str, *, longitude_first: bool) -> tuple[Place, ...]:
-    """Return a ring of places of a file, its last point being the first no more."""
+def ring(value: object, where: str, *, longitude_first: bool) -> tuple[Place, ...]:
+    """Return a ring of places of a file; a first point that is repeated at the end is left out."""
     points = tuple(
         place(each, f"{where}[{n}]", longitude_first=longitude_first)
         for n, each in enumerate(rows(value, where))
@@ -169,7 +169,7 @@ def ring(value: Any, where: str, *, longitude_first: bool) -> tuple[Place, ...]:
     return points
 
 
-def polygon(value: Any, where: str) -> tuple[tuple[Place, ...], ...]:
+def polygon(value: object, where: str) -> tuple[tuple[Place, ...], ...]:
     """Return the rings of a polygon of GeoJSON."""
     rings = rows(value, where)
     if not rings:
@@ -177,11 +177,11 @@ def polygon(value: Any, where: str) -> tuple[tuple[Place, ...], ...]:
     return tuple(ring(each, f"{where}[{n}]", longitude_first=True) for n, each in enumerate(rings))
 
 
-def period(begin: Any, end: Any, where: str, names: tuple[str, str]) -> Period:
-    """Return when an area is valid from the dates of a file, which are None or empty where there
-    are none; ``names`` are theirs.
+def period(begin: object, end: object, where: str, names: tuple[str, str]) -> Period:
+    """Return when an area is valid, from the dates of a file, None or empty where it states none.
 
-    A date without its zone may be of any on earth: it begins at the first, and ends at the last.
+    A date without a zone may be of any on earth: a beginning is taken in the first zone that
+    reaches it, an end in the last. ``names`` are those of the fields, for messages.
     """
     began, ended = (
         _date(value, f"{where}{name}", zone)
@@ -190,7 +190,7 @@ def period(begin: Any, end: Any, where: str, names: tuple[str, str]) -> Period:
     return Period(began, ended)
 
 
-def _date(value: Any, where: str, zone: timezone) -> datetime | None:
+def _date(value: object, where: str, zone: timezone) -> datetime | None:
     """Return a date of a file, in a zone where it names none."""
     if value is None or value == "":
         return None
@@ -204,7 +204,7 @@ def _date(value: Any, where: str, zone: timezone) -> datetime | None:
 
 
 def hull(periods: Sequence[Period]) -> Period:
-    """Return from the first beginning until the last end of periods; without any, always."""
+    """Return the time from the first beginning to the last end of periods; without any, always."""
     if not periods:
         return Period()
     begins, ends = zip(*periods, strict=True)
@@ -214,7 +214,7 @@ def hull(periods: Sequence[Period]) -> Period:
     )
 
 
-def level(value: Any, reference: str, factor: float, where: str) -> Level | None:
+def level(value: object, reference: str, factor: float, where: str) -> Level | None:
     """Return a height in m; None where the file has none."""
     if value is None:
         return None

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.areas import Area, AreaError, Circle, Keep, Ring
+from envs.areas import Area, AreaError, Circle, Keep, Level, Ring
 from envs.edge.files import write_file
 from envs.formats.areas.geodetic import (
     OFF,
@@ -57,6 +57,7 @@ def areas_of(content: dict[str, Any], source: str) -> list[GeodeticArea]:
 
 
 def _of_feature(feature: dict[str, Any], where: str) -> list[GeodeticArea]:
+    """Return the areas of a feature, one of each polygon."""
     shape = record(feature.get("geometry"), f"{where}, geometry")
     given = feature.get("properties")
     properties = record({} if given is None else given, f"{where}, properties")
@@ -103,23 +104,27 @@ def _common(properties: dict[str, Any], where: str) -> GeodeticArea:
     for date_of, field in zip(valid, ("valid_from", "valid_until"), strict=True):
         if date_of is not None and field in more:
             raise AreaError(f"{where}, {field}: is given twice, also as {_NUMBERS[field]}")
-    limits = []
-    for limit in ("floor", "ceiling"):
-        value = properties.get(f"{limit}_m")
-        reference = properties.get(f"{limit}_reference")
-        if value is not None and reference is None:
-            raise AreaError(f"{where}, {limit}_reference: is missing, expected what it is above")
-        name = text(reference, f"{where}, {limit}_reference") if value is not None else ""
-        limits.append(level(value, name, 1.0, f"{where}, {limit}_m"))
     return GeodeticArea(
         where,
         keep=Keep(keep),
-        floor=limits[0],
-        ceiling=limits[1],
+        floor=_limit(properties, "floor", where),
+        ceiling=_limit(properties, "ceiling", where),
         period=valid,
         name=text(properties.get("name") or "", f"{where}, name"),
         more=more,
     )
+
+
+def _limit(properties: dict[str, Any], limit: str, where: str) -> Level | None:
+    """Return a height that the properties of a feature state; None where they do not."""
+    value = properties.get(f"{limit}_m")
+    if value is None:
+        return None
+    reference = properties.get(f"{limit}_reference")
+    if reference is None:
+        raise AreaError(f"{where}, {limit}_reference: is missing, expected what it is above")
+    name = text(reference, f"{where}, {limit}_reference")
+    return level(value, name, 1.0, f"{where}, {limit}_m")
 
 
 def write_areas(path: str | os.PathLike[str], areas: Sequence[Area], frame: LocalFrame) -> None:

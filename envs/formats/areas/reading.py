@@ -60,7 +60,7 @@ def geodetic_areas(
         raise AreaError(f"{source}: is empty, expected areas")
     if text.lstrip()[:1] not in ("{", "["):
         return areas_of_icarous(_yaml_of(text, source), source, reference)
-    content: Any = json_of(source, AreaError)
+    content = json_of(source, AreaError)
     if is_ed269(content):
         return areas_of_ed269(content, source, permitted)
     if not isinstance(content, dict):

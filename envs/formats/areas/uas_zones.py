@@ -32,7 +32,7 @@ _REFERENCES = {"AGL": "ground", "AMSL": "msl", "WGS84": "wgs84"}
 _UNITS = {"M": 1.0, "FT": FOOT}
 
 
-def is_ed269(content: Any) -> bool:
+def is_ed269(content: object) -> bool:
     """Return whether a file is one of ED-269: volumes with a horizontal projection."""
     features = content.get("features") if isinstance(content, dict) else content
     if not isinstance(features, list) or not features or not isinstance(features[0], dict):
@@ -41,7 +41,7 @@ def is_ed269(content: Any) -> bool:
     return isinstance(volumes, list)
 
 
-def is_ed318(content: Any) -> bool:
+def is_ed318(content: object) -> bool:
     """Return whether a file is one of ED-318: features that say which variant of zone they are."""
     features = content.get("features") if isinstance(content, dict) else None
     if not isinstance(features, list) or not features or not isinstance(features[0], dict):
@@ -51,7 +51,7 @@ def is_ed318(content: Any) -> bool:
 
 
 def areas_of_ed269(
-    content: Any, source: str, permitted: Collection[str] = ()
+    content: object, source: str, permitted: Collection[str] = ()
 ) -> list[GeodeticArea]:
     """Return the areas of zones of ED-269."""
     features = content.get("features") if isinstance(content, dict) else content
@@ -72,7 +72,7 @@ def areas_of_ed269(
 
 
 def areas_of_ed318(
-    content: Any, source: str, permitted: Collection[str] = ()
+    content: dict[str, Any], source: str, permitted: Collection[str] = ()
 ) -> list[GeodeticArea]:
     """Return the areas of zones of ED-318."""
     found: list[GeodeticArea] = []
@@ -96,7 +96,7 @@ def areas_of_ed318(
     return found
 
 
-def _is_free(value: Any, where: str, permitted: Collection[str]) -> bool:
+def _is_free(value: object, where: str, permitted: Collection[str]) -> bool:
     """Return whether a restriction keeps nobody out."""
     restriction = text(value, where).upper().replace("AUTHORIZATION", "AUTHORISATION")
     for each in (restriction, *permitted):
@@ -105,7 +105,7 @@ def _is_free(value: Any, where: str, permitted: Collection[str]) -> bool:
     return restriction == FREE or restriction in permitted
 
 
-def _validity(value: Any, where: str) -> Period:
+def _validity(value: object, where: str) -> Period:
     """Return when a zone may apply."""
     periods = []
     for n, each in enumerate(rows([] if value is None else value, where)):
@@ -130,6 +130,7 @@ def _name(properties: dict[str, Any], where: str) -> str:
 
 
 def _of_volume(volume: dict[str, Any], where: str) -> GeodeticArea:
+    """Return the area of a volume of ED-269, without name and period."""
     unit = _unit(volume.get("uomDimensions"), f"{where}.uomDimensions")
     projection = record(volume.get("horizontalProjection"), f"{where}.horizontalProjection")
     floor, ceiling = (
@@ -153,6 +154,7 @@ def _of_volume(volume: dict[str, Any], where: str) -> GeodeticArea:
 
 
 def _of_layer(shape: dict[str, Any], where: str) -> list[GeodeticArea]:
+    """Return the areas of a geometry of ED-318, without name and period."""
     layer = record(shape.get("layer", {}), f"{where}.layer")
     stated = layer.get("lower") is not None or layer.get("upper") is not None
     unit = _unit(layer.get("uom"), f"{where}.layer.uom") if stated else 1.0
@@ -185,14 +187,14 @@ def _of_layer(shape: dict[str, Any], where: str) -> list[GeodeticArea]:
     )
 
 
-def _unit(value: Any, where: str) -> float:
+def _unit(value: object, where: str) -> float:
     unit = _UNITS.get(text(value, where).upper())
     if unit is None:
         raise AreaError(f"{where}: is {value!r:.60}, expected M or FT")
     return unit
 
 
-def _limit(value: Any, reference: Any, unit: float, where: str) -> Level | None:
+def _limit(value: object, reference: object, unit: float, where: str) -> Level | None:
     if value is None:
         return None
     above = _REFERENCES.get(text(reference, f"{where}, reference").upper())
@@ -204,7 +206,7 @@ def _limit(value: Any, reference: Any, unit: float, where: str) -> Level | None:
 
 
 def _above_ground(floor: Level | None) -> Level | None:
-    """Return a floor that is none where it is the ground."""
-    return (
-        None if floor is not None and floor.reference == "ground" and floor.value <= 0.0 else floor
-    )
+    """Return a floor; None where it is the ground or below."""
+    if floor is not None and floor.reference == "ground" and floor.value <= 0.0:
+        return None
+    return floor
