@@ -88,7 +88,7 @@ def _of_feature(feature: dict[str, Any], where: str) -> list[GeodeticArea]:
 def _common(properties: dict[str, Any], where: str) -> GeodeticArea:
     """Return what the properties of a feature say of its area."""
     keep = properties.get("keep", Keep.OUT.value)
-    if keep not in {side.value for side in Keep}:
+    if keep not in [side.value for side in Keep]:  # a list: what no set can hold is refused too
         raise AreaError(f'{where}, keep: is {keep!r:.60}, expected "out" or "in"')
     more: dict[str, Any] = {
         field: number(properties[key], f"{where}, {key}")

@@ -406,6 +406,7 @@ def change(content: Any, path: str, value: Any) -> Any:
             r"features\[0\]: outer is 76 km wide in x, expected 60 km at most",
         ),
         (change(GEOJSON, "features/0/properties/keep", "away"), r"keep: is 'away'"),
+        (change(GEOJSON, "features/0/properties/keep", []), r"keep: is \[\]"),
         (
             change(GEOJSON, "features/0/properties/floor_reference", None),
             r"floor_reference: is missing",
