@@ -303,7 +303,8 @@ def test_safe_is_decided_where_the_table_says() -> None:
             if isinstance(each, ast.Attribute) and id(each) not in asked
             if ast.unparse(each) == "Status.SAFE"
         }
-    assert deciding == {QUESTIONS["where SAFE is decided"][0]}
+    # A receiver of waypoints repeats the word: only SAFE plans have any.
+    assert deciding == {QUESTIONS["where SAFE is decided"][0], "agents/planner/recheck.py"}
 
 
 CALL = re.compile(
