@@ -1,8 +1,9 @@
+# pyright: reportMissingImports=false
 """Areas of ``rlcas_msgs`` as areas of the local frame, as they are at a request."""
 
 import math
 from datetime import UTC, datetime
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from envs.areas import Area, AreaError, Keep, Level, after
 from envs.formats.areas.geodetic import GeodeticArea, on_plane
@@ -10,6 +11,10 @@ from envs.formats.areas.reading import geodetic_areas
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.conversions import ALTITUDE_CODES
 from ros_bridge.core.fields import SECOND, FieldError, flags, integer, number, place, stamp
+
+if TYPE_CHECKING:
+    from rlcas_msgs.msg import Area as AreaMessage
+    from rlcas_msgs.msg import Areas, Ring
 
 FLOOR, CEILING, FROM, UNTIL = (1 << n for n in range(4))
 """Bits of Area.valid."""
@@ -40,7 +45,7 @@ class Placed(NamedTuple):
         return tuple(after(area, (now - self.time) / SECOND) for area in self.areas)
 
 
-def areas(message: Any, name: str = "areas") -> AreaReport:
+def areas(message: "Areas", name: str = "areas") -> AreaReport:
     """Return what an Areas message holds, or raise :class:`FieldError`."""
     time = stamp(f"{name}.header.stamp", message.header.stamp)
     if len(message.areas) > _MOST:
@@ -99,7 +104,7 @@ def areas_of_file(path: str) -> tuple[GeodeticArea, ...]:
     return tuple(found)
 
 
-def _area(name: str, message: Any, time: int) -> GeodeticArea:
+def _area(name: str, message: "AreaMessage", time: int) -> GeodeticArea:
     """Return an area of a message of a time, ns; its times are s after that."""
     valid = flags(f"{name}.valid", message.valid, FLOOR | CEILING | FROM | UNTIL)
     if not isinstance(message.id, str) or len(message.id.encode()) > _LONGEST_ID:
@@ -139,7 +144,7 @@ def _area(name: str, message: Any, time: int) -> GeodeticArea:
     return one._replace(centre=centre, radius=radius)
 
 
-def _ring(name: str, message: Any) -> tuple[tuple[float, float], ...]:
+def _ring(name: str, message: "Ring") -> tuple[tuple[float, float], ...]:
     """Return places of three corners or more, degrees."""
     latitudes, longitudes = message.latitude, message.longitude
     if len(latitudes) != len(longitudes):
@@ -155,7 +160,7 @@ def _ring(name: str, message: Any) -> tuple[tuple[float, float], ...]:
     )
 
 
-def _level(name: str, value: Any, reference: Any) -> Level:
+def _level(name: str, value: float, reference: int) -> Level:
     above = REFERENCES.get(integer(f"{name}_reference", reference, 0, 255))
     if above is None:
         raise FieldError(

@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """The run-time monitor between messages: which plan is monitored, in which frame, and which reports
 it gets.
 
@@ -10,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,9 @@ from ros_bridge.core.replies import geodetic_points, to_frame, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Held, Situation, to_local
 from ros_bridge.core.tracks import Track
+
+if TYPE_CHECKING:
+    from rlcas_msgs.msg import Trajectory
 
 _SPACING = 0.25
 """Between two reports that the monitor gets at least, time steps: it reads turns from 0.2 on."""
@@ -82,7 +86,7 @@ class FrameAreas(NamedTuple):
     placed: tuple[Placed, ...]
 
 
-def read_plan(message: Any, count: int, name: str = "trajectory") -> Published:
+def read_plan(message: "Trajectory", count: int, name: str = "trajectory") -> Published:
     """Return a plan called SAFE, of so many waypoints, or raise :class:`FieldError`."""
     if message.status != STATUS_SAFE:
         raise FieldError(f"{name}.status", f"is {message.status}, expected {STATUS_SAFE} (SAFE)")

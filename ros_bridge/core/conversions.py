@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """Messages of ``rlcas_msgs`` as domain values: every field checked, altitudes with their reference,
 times in ns.
 
@@ -6,9 +7,9 @@ Messages are read by their fields (:mod:`ros_bridge.core.fields`), so nothing he
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agents.planner.request import Altitude
 from envs.formats.local_frame import LocalFrame
@@ -24,6 +25,9 @@ from ros_bridge.core.fields import (
     stamp,
 )
 from ros_bridge.core.reports import FASTEST, Report, Sighting
+
+if TYPE_CHECKING:
+    from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory, Waypoint
 
 POSITION, ALTITUDE, VELOCITY, VERTICAL_SPEED = (1 << n for n in range(4))
 TRUE_AIRSPEED, WIND, POSITION_STD, VELOCITY_STD, TIME_STD = (1 << n for n in range(4, 9))
@@ -145,7 +149,9 @@ def altitude(name: str, value: Any, reference: str, climb: float | None) -> Alti
     return Altitude(number(name, value, -1_000.0, 30_000.0, "m"), reference, climb)
 
 
-def _altitude(name: str, message: Any, climb: float | None = None) -> Altitude:
+def _altitude(
+    name: str, message: "AircraftState | Waypoint", climb: float | None = None
+) -> Altitude:
     reference = ALTITUDE_CODES.get(
         integer(f"{name}.altitude_reference", message.altitude_reference, 0, 255)
     )
@@ -158,7 +164,7 @@ def _altitude(name: str, message: Any, climb: float | None = None) -> Altitude:
     return altitude(f"{name}.altitude", message.altitude, reference, climb)
 
 
-def aircraft(message: Any, name: str) -> Report:
+def aircraft(message: "AircraftState", name: str) -> Report:
     """Return the report that an AircraftState holds, or raise :class:`FieldError` with a
     sighting.
     """
@@ -181,7 +187,7 @@ def aircraft(message: Any, name: str) -> Report:
 class _AircraftParts(NamedTuple):
     """Reads the parts of an AircraftState; each raises :class:`FieldError` where it is wrong."""
 
-    message: Any
+    message: "AircraftState"
     name: str
 
     def has(self, bit: int) -> bool:
@@ -246,7 +252,7 @@ class _AircraftParts(NamedTuple):
         return number(f"{self.name}.{field}", getattr(self.message, field), 0.0, most, unit)
 
 
-def geo_reference(message: Any, name: str = "geo_reference") -> Origin:
+def geo_reference(message: "GeoReference", name: str = "geo_reference") -> Origin:
     """Return the origin that a GeoReference holds, or raise :class:`FieldError`."""
     frame = LocalFrame(*place(name, message.latitude, message.longitude))
     undulation = None
@@ -257,7 +263,7 @@ def geo_reference(message: Any, name: str = "geo_reference") -> Origin:
     return Origin(frame, undulation)
 
 
-def alert(message: Any, name: str = "alert") -> Alert:
+def alert(message: "TrafficAlert", name: str = "alert") -> Alert:
     """Return the alert that a TrafficAlert holds, or raise :class:`FieldError`."""
     time = stamp(f"{name}.header.stamp", message.header.stamp)
     level = integer(f"{name}.level", message.level, 0, 3)
@@ -273,7 +279,7 @@ def alert(message: Any, name: str = "alert") -> Alert:
     return Alert(time, level, ids)
 
 
-def route(waypoints: Any, name: str = "route") -> Route:
+def route(waypoints: Collection["Waypoint"], name: str = "route") -> Route:
     """Return the route that waypoints of origin ROUTE make, two or more, or raise
     :class:`FieldError`.
     """
@@ -292,14 +298,14 @@ def route(waypoints: Any, name: str = "route") -> Route:
     return tuple(points)
 
 
-def published_route(message: Any, name: str = "route") -> Route:
+def published_route(message: "Trajectory", name: str = "route") -> Route:
     """Return the route that a Trajectory of status ROUTE holds, or raise :class:`FieldError`."""
     if message.status != STATUS_ROUTE:
         raise FieldError(f"{name}.status", f"is {message.status}, expected {STATUS_ROUTE} (ROUTE)")
     return route(message.waypoints, name)
 
 
-def plan_point(message: Any, name: str) -> PlanPoint:
+def plan_point(message: "Waypoint", name: str) -> PlanPoint:
     """Return a waypoint of a plan, all of whose fields must be valid, or raise
     :class:`FieldError`.
     """
@@ -320,7 +326,7 @@ def plan_point(message: Any, name: str) -> PlanPoint:
     )
 
 
-def trajectory(message: Any, name: str = "trajectory") -> Published:
+def trajectory(message: "Trajectory", name: str = "trajectory") -> Published:
     """Return a plan or a backup, whose times increase and whose indices differ, or raise
     :class:`FieldError`.
     """
@@ -345,7 +351,7 @@ def trajectory(message: Any, name: str = "trajectory") -> Published:
     return Published(unique, message.revision, began, start, points, identifiers, (east, north))
 
 
-def _once(values: Sequence[Any], field: str) -> None:
+def _once(values: Sequence[object], field: str) -> None:
     """Refuse a value that stands twice; ``field`` has a place for its number."""
     seen = set()
     for number_, one in enumerate(values):
@@ -354,7 +360,7 @@ def _once(values: Sequence[Any], field: str) -> None:
         seen.add(one)
 
 
-def _height(name: str, point: Any) -> Altitude | None:
+def _height(name: str, point: "Waypoint") -> Altitude | None:
     return (
         _altitude(name, point)
         if flags(f"{name}.valid", point.valid, 0x0F) & POINT_ALTITUDE

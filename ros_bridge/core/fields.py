@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """Fields of messages, read one by one: every value is finite and in range, or refused by its name
 and with a status.
 
@@ -10,6 +11,8 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
+    from builtin_interfaces.msg import Time
+
     from ros_bridge.core.reports import Sighting
 
 SECOND = 1_000_000_000
@@ -59,7 +62,7 @@ def number(name: str, value: Any, low: float, high: float, unit: str) -> float:
     return result
 
 
-def integer(name: str, value: Any, low: int, high: int) -> int:
+def integer(name: str, value: object, low: int, high: int) -> int:
     """Return an integer in a range, or raise :class:`FieldError`."""
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         raise FieldError(name, f"is {value!r:.60}, expected an integer from {low} to {high}")
@@ -72,7 +75,7 @@ def place(name: str, latitude: Any, longitude: Any) -> tuple[float, float]:
     return latitude, number(f"{name}.longitude", longitude, -180.0, 180.0, "degrees")
 
 
-def stamp(name: str, value: Any) -> int:
+def stamp(name: str, value: "Time") -> int:
     """Return a time of ROS that was set (not 0) in nanoseconds, or raise :class:`FieldError`."""
     seconds = integer(f"{name}.sec", value.sec, -(2**31), 2**31 - 1)
     rest = integer(f"{name}.nanosec", value.nanosec, 0, SECOND - 1)
@@ -91,12 +94,12 @@ def not_ahead(name: str, time: int, now: int, most: float) -> None:
         raise FieldError(name, f"is {ahead:.3f} s ahead of the clock, expected {most:g} s at most")
 
 
-def nanoseconds(value: Any) -> int:
+def nanoseconds(value: "Time") -> int:
     """Return a time of ROS as it is, ns."""
     return value.sec * SECOND + value.nanosec
 
 
-def identifier(name: str, value: Any) -> str:
+def identifier(name: str, value: object) -> str:
     """Return an aircraft's name, stripped and in lower case as receivers vary, or raise
     :class:`FieldError`.
     """
@@ -109,7 +112,7 @@ def identifier(name: str, value: Any) -> str:
     return value.strip().lower()
 
 
-def flags(name: str, value: Any, known: int) -> int:
+def flags(name: str, value: object, known: int) -> int:
     """Return bits of which all are known, or raise :class:`FieldError`."""
     bits = integer(name, value, 0, 2**32 - 1)
     if bits & ~known:

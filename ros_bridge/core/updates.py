@@ -1,10 +1,11 @@
+# pyright: reportMissingImports=false
 """What a message does to the situation: one pure function an input; a fault stays until a good
 message follows.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from ros_bridge.core import conversions
 from ros_bridge.core.areas import areas as read_areas
@@ -22,10 +23,13 @@ from ros_bridge.core.tracks import (
     take_in,
 )
 
+if TYPE_CHECKING:
+    from rlcas_msgs.msg import AircraftState, Areas, GeoReference, TrafficAlert, Trajectory
+
 _T = TypeVar("_T")
 
 
-def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
+def ownship(situation: Situation, message: "AircraftState", now: int, rules: Rules) -> Situation:
     """Take in an AircraftState of the ownship; ``now`` in ns.
 
     With the first one of an id, its transmission, received as traffic before, goes.
@@ -45,7 +49,7 @@ def ownship(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
     return replace(situation, own=own, traffic=traffic)
 
 
-def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
+def traffic(situation: Situation, message: "AircraftState", now: int, rules: Rules) -> Situation:
     """Take in an AircraftState of an intruder; the own transmission, received again, is passed
     over.
 
@@ -61,7 +65,7 @@ def traffic(situation: Situation, message: Any, now: int, rules: Rules) -> Situa
     return replace(situation, traffic=follow(situation.traffic, name, found, now, rules))
 
 
-def alert(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
+def alert(situation: Situation, message: "TrafficAlert", now: int, rules: Rules) -> Situation:
     """Take in a TrafficAlert; one that is older than the last is passed over."""
 
     def read() -> conversions.Alert:
@@ -74,7 +78,7 @@ def alert(situation: Situation, message: Any, now: int, rules: Rules) -> Situati
     return situation if late else replace(situation, alert=held)
 
 
-def route(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
+def route(situation: Situation, message: "Trajectory", now: int, rules: Rules) -> Situation:
     """Take in a Trajectory of status ROUTE."""
     return replace(
         situation,
@@ -82,7 +86,9 @@ def route(situation: Situation, message: Any, now: int, rules: Rules) -> Situati
     )
 
 
-def geo_reference(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
+def geo_reference(
+    situation: Situation, message: "GeoReference", now: int, rules: Rules
+) -> Situation:
     """Take in a GeoReference."""
     return replace(
         situation,
@@ -90,7 +96,7 @@ def geo_reference(situation: Situation, message: Any, now: int, rules: Rules) ->
     )
 
 
-def areas(situation: Situation, message: Any, now: int, rules: Rules) -> Situation:
+def areas(situation: Situation, message: "Areas", now: int, rules: Rules) -> Situation:
     """Take in an Areas message, which holds all areas that there are."""
     return replace(situation, areas=_update_held(situation.areas, lambda: read_areas(message), now))
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.conversions import Origin
@@ -13,6 +13,9 @@ from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tracks import Rules, Track, follow, forget_silent, note_refused, take_in
 from ros_bridge.mavlink import messages
 from ros_bridge.mavlink.messages import Heartbeat
+
+if TYPE_CHECKING:
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 _FAR = 50_000.0  # m from the frame's origin, beyond which it moves
 _FORGET = 60.0  # s of silence, after which an aircraft is forgotten
@@ -51,7 +54,9 @@ class Reading:
     rules: Rules = _RULES
 
 
-def take(received: Received, message: Any, now: int, reading: Reading) -> Received:
+def take(
+    received: Received, message: "dialect.MAVLink_message", now: int, reading: Reading
+) -> Received:
     """Return what is known after a message of the autopilot or through it; ``now`` is its clock,
     ns. Kinds that play no part are passed over.
     """
@@ -75,11 +80,18 @@ def take_traffic(
     return replace(received, situation=replace(received.situation, traffic=traffic))
 
 
-def _heartbeat(received: Received, message: Any, now: int, _: Reading) -> Received:
+def _heartbeat(
+    received: Received, message: "dialect.MAVLink_heartbeat_message", now: int, _: Reading
+) -> Received:
     return replace(received, heartbeat=messages.heartbeat(message), heard=now)
 
 
-def _position(received: Received, message: Any, now: int, reading: Reading) -> Received:
+def _position(
+    received: Received,
+    message: "dialect.MAVLink_global_position_int_message",
+    now: int,
+    reading: Reading,
+) -> Received:
     wind = received.wind if now - received.wind_at <= _OLD * SECOND else None
     fast = received.airspeed if now - received.airspeed_at <= _OLD * SECOND else None
     before = received.situation
@@ -100,29 +112,42 @@ def _needs_origin(origin: Held[Origin], report: Report) -> bool:
     return max(abs(float(at.x)), abs(float(at.y))) > _FAR
 
 
-def _hud(received: Received, message: Any, now: int, _: Reading) -> Received:
+def _hud(
+    received: Received, message: "dialect.MAVLink_vfr_hud_message", now: int, _: Reading
+) -> Received:
     fast = attempt(lambda: messages.airspeed(message))
     if isinstance(fast, FieldError):
         return received
     return replace(received, airspeed=fast, airspeed_at=now)
 
 
-def _wind(received: Received, message: Any, now: int, _: Reading) -> Received:
+def _wind(
+    received: Received, message: "dialect.MAVLink_wind_message", now: int, _: Reading
+) -> Received:
     found = attempt(lambda: messages.wind(message))
     if isinstance(found, FieldError):
         return replace(received, wind=None)
     return replace(received, wind=found, wind_at=now)
 
 
-def _estimate(received: Received, message: Any, _: int, __: Reading) -> Received:
+def _estimate(
+    received: Received,
+    message: "dialect.MAVLink_ekf_status_report_message | dialect.MAVLink_estimator_status_message",
+    _: int,
+    __: Reading,
+) -> Received:
     return replace(received, estimate=messages.estimate_problem(message))
 
 
-def _fix(received: Received, message: Any, _: int, __: Reading) -> Received:
+def _fix(
+    received: Received, message: "dialect.MAVLink_gps_raw_int_message", _: int, __: Reading
+) -> Received:
     return replace(received, fix=messages.fix_problem(message))
 
 
-def _traffic(received: Received, message: Any, now: int, reading: Reading) -> Received:
+def _traffic(
+    received: Received, message: "dialect.MAVLink_adsb_vehicle_message", now: int, reading: Reading
+) -> Received:
     name = messages.traffic_name(message)
     found = attempt(lambda: messages.traffic(message, now, reading.references))
     if found is None:
@@ -130,16 +155,22 @@ def _traffic(received: Received, message: Any, now: int, reading: Reading) -> Re
     return take_traffic(received, name, found, now, reading)
 
 
-def _current(received: Received, message: Any, _: int, __: Reading) -> Received:
+def _current(
+    received: Received, message: "dialect.MAVLink_mission_current_message", _: int, __: Reading
+) -> Received:
     return replace(received, current=int(message.seq))
 
 
-def _clock(received: Received, message: Any, _: int, __: Reading) -> Received:
+def _clock(
+    received: Received, message: "dialect.MAVLink_system_time_message", _: int, __: Reading
+) -> Received:
     begun = int(message.time_unix_usec) // 1_000_000 - int(message.time_boot_ms) // 1_000
     return replace(received, unix=begun if message.time_unix_usec else None)
 
 
-def _parameter(received: Received, message: Any, _: int, __: Reading) -> Received:
+def _parameter(
+    received: Received, message: "dialect.MAVLink_param_value_message", _: int, __: Reading
+) -> Received:
     held = {**received.parameters, message.param_id: float(message.param_value)}
     return replace(received, parameters=MappingProxyType(held))
 

@@ -5,7 +5,7 @@ Pure: a :class:`Judgement` follows from the one before, the situation and the ti
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from agents.planner.traffic import Requirement, predict, separations, uncertaint
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.area_geometry import signed_distance
+from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
@@ -192,7 +193,7 @@ def supervise(
     number = verdict.ask.number
     try:
         wanted = task(situation, now, rules.settings, route)
-        wanted = _not_before(wanted, judgement.rejoin and judgement.rejoin.point)
+        wanted = _not_before(wanted, judgement.rejoin)
         answer = _answer(wanted, rules)
     except Refusal as refusal:
         after, _ = accept_answer(supervision, number, None)
@@ -220,9 +221,9 @@ def conflict(wanted: PlanTask, look_ahead: float) -> Conflict | None:
 class _Course(NamedTuple):
     """Where the ownship is to be on its route, over the ground; fields ``[T]``."""
 
-    time: Any  # s
-    x: Any  # m
-    y: Any
+    time: Array  # s
+    x: Array  # m
+    y: Array
 
 
 def _along_route(wanted: PlanTask, look_ahead: float) -> _Course:
@@ -239,12 +240,12 @@ def _first_intruder(wanted: PlanTask, course: _Course) -> Conflict | None:
     """Return the first loss of a separation; ownship and intruders are compared in the air mass."""
     try:
         in_air = in_wind(wanted.options, wanted.wind)
-        request, _, kept = check_request(
+        request, _, counted = check_request(
             wanted.own, wanted.intruders, wanted.points, in_air, wanted.own_altitude, wanted.wind
         )
     except RequestError as error:
         raise refusal_of(error, wanted) from error
-    if not kept:
+    if not counted:
         return None
     times, wind = course.time[:, None], wanted.wind
     others = predict(request.traffic, times)
@@ -260,7 +261,7 @@ def _first_intruder(wanted: PlanTask, course: _Course) -> Conflict | None:
         return None
     row = int(np.argmax(lost.any(axis=1)))
     column = int(np.argmax(lost[row]))
-    name = wanted.identifiers[kept[column]]
+    name = wanted.identifiers[counted[column]]
     return Conflict(name, float(course.time[row]), float(need[row, column]))
 
 
@@ -378,7 +379,8 @@ def _rejoin(answer: Plan, wanted: PlanTask) -> Rejoin:
     state = at(
         Legs(*(np.broadcast_to(one, (times.size, *one.shape)) for one in curve)), times, wind
     )
-    x, y = (np.array([getattr(point, axis) for point in wanted.points]) for axis in "xy")
+    x = np.array([point.x for point in wanted.points])
+    y = np.array([point.y for point in wanted.points])
     away = np.hypot(state.x[:, None] - x, state.y[:, None] - y)
     back = away.min(axis=1) <= wanted.options.aircraft.goal_radius + _ROUNDED
     first = int(np.argmax(back)) if back.any() else times.size - 1
@@ -386,15 +388,15 @@ def _rejoin(answer: Plan, wanted: PlanTask) -> Rejoin:
     return Rejoin(index, wanted.time + round(float(times[first]) * SECOND))
 
 
-def _not_before(wanted: PlanTask, rejoin: int | None) -> PlanTask:
+def _not_before(wanted: PlanTask, rejoin: Rejoin | None) -> PlanTask:
     """Return the task without the points of the first leg before the one that was to be rejoined;
     a waypoint of the mission always stays.
     """
     found = _ahead(wanted, _BEHIND * wanted.options.aircraft.separation)
-    if rejoin is None:
+    if rejoin is None or rejoin.point is None:
         return found
-    leg = rejoin // SUB
-    points = tuple(one for one in found.points if one.index // SUB != leg or one.index >= rejoin)
+    first, leg = rejoin.point, rejoin.point // SUB
+    points = tuple(one for one in found.points if one.index // SUB != leg or one.index >= first)
     return replace(found, points=points)
 
 
@@ -409,9 +411,9 @@ def _ahead(wanted: PlanTask, beyond: float) -> PlanTask:
     x, y = end.x - wanted.own.x, end.y - wanted.own.y
     length = max(math.hypot(x, y), 1e-6)
     own = wanted.own
-    kept = tuple(
+    ahead = tuple(
         one
         for n, one in enumerate(points)
         if n >= last or ((one.x - own.x) * x + (one.y - own.y) * y) / length > beyond
     )
-    return replace(wanted, points=kept)
+    return replace(wanted, points=ahead)

@@ -8,13 +8,16 @@ import math
 from collections.abc import Mapping
 from enum import IntEnum
 from types import MappingProxyType, SimpleNamespace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from agents.planner.request import Altitude
 from ros_bridge.core.adapters import adsb_vehicle
 from ros_bridge.core.conversions import altitude, report, velocity
 from ros_bridge.core.fields import SECOND, FieldError, number, place
 from ros_bridge.core.reports import Report
+
+if TYPE_CHECKING:
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 OWN = "ownship"
 """The name under which the ownship's reports go."""
@@ -55,13 +58,15 @@ def mode_name(mode: int) -> str:
     return Mode(mode).name if mode in set(Mode) else f"mode {mode}"
 
 
-def heartbeat(message: Any) -> Heartbeat:
+def heartbeat(message: "dialect.MAVLink_heartbeat_message") -> Heartbeat:
     """Return what a HEARTBEAT says."""
     return Heartbeat(int(message.custom_mode), bool(message.base_mode & _ARMED))
 
 
 def ownship(
-    message: Any, wind: tuple[float, float] | None = None, airspeed: float | None = None
+    message: "dialect.MAVLink_global_position_int_message",
+    wind: tuple[float, float] | None = None,
+    airspeed: float | None = None,
 ) -> Report:
     """Return the ownship's report from a GLOBAL_POSITION_INT, or raise :class:`FieldError` with a
     sighting.
@@ -87,12 +92,14 @@ def ownship(
     )
 
 
-def boot_time(message: Any) -> int:
+def boot_time(
+    message: "dialect.MAVLink_global_position_int_message | dialect.MAVLink_system_time_message",
+) -> int:
     """Return the time of a message with ``time_boot_ms``, ns."""
     return int(message.time_boot_ms) * (SECOND // 1000)
 
 
-def wind(message: Any) -> tuple[float, float]:
+def wind(message: "dialect.MAVLink_wind_message") -> tuple[float, float]:
     """Return the velocity of the air, true east and north, m/s, from a WIND, which has where it
     comes from.
     """
@@ -101,12 +108,14 @@ def wind(message: Any) -> tuple[float, float]:
     return -speed * math.sin(course), -speed * math.cos(course)
 
 
-def airspeed(message: Any) -> float:
+def airspeed(message: "dialect.MAVLink_vfr_hud_message") -> float:
     """Return the airspeed of a VFR_HUD, m/s."""
     return number("vfr_hud.airspeed", message.airspeed, 0.0, 400.0, "m/s")
 
 
-def estimate_problem(message: Any) -> str:
+def estimate_problem(
+    message: "dialect.MAVLink_ekf_status_report_message | dialect.MAVLink_estimator_status_message",
+) -> str:
     """Return why the autopilot's estimate of place and velocity is not to be planned with, from an
     EKF_STATUS_REPORT or ESTIMATOR_STATUS; "": it is.
     """
@@ -121,7 +130,7 @@ def estimate_problem(message: Any) -> str:
     return ""
 
 
-def fix_problem(message: Any) -> str:
+def fix_problem(message: "dialect.MAVLink_gps_raw_int_message") -> str:
     """Return why the satellite fix of a GPS_RAW_INT is not to be relied on; "": it is."""
     if message.fix_type < 3:
         return f"GPS_RAW_INT has fix {message.fix_type}, expected 3 (3D) or more"
@@ -129,7 +138,9 @@ def fix_problem(message: Any) -> str:
 
 
 def traffic(
-    message: Any, arrived: int, references: Mapping[int, str] = MappingProxyType({})
+    message: "dialect.MAVLink_adsb_vehicle_message",
+    arrived: int,
+    references: Mapping[int, str] = MappingProxyType({}),
 ) -> Report | None:
     """Return the report of an ADSB_VEHICLE; None: it is on the ground, and no traffic.
 
@@ -164,7 +175,7 @@ def traffic(
     )
 
 
-def traffic_name(message: Any) -> str:
+def traffic_name(message: "dialect.MAVLink_adsb_vehicle_message") -> str:
     """Return under which name the aircraft of an ADSB_VEHICLE goes."""
     return f"{int(message.ICAO_address):06x}"
 

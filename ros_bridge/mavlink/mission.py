@@ -1,13 +1,16 @@
 """Missions and fences as they are downloaded from an autopilot: routes and areas."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from envs.areas import Keep
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import distance
 from ros_bridge.core.conversions import Station
 from ros_bridge.core.fields import FieldError, place
+
+if TYPE_CHECKING:
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 WAYPOINT, LAND, TAKEOFF = 16, 21, 22
 _LAST_NAVIGATION = 95  # MAV_CMD_NAV_LAST: greater numbers are conditions and actions
@@ -47,7 +50,7 @@ class Item(NamedTuple):
         return self.latitude, self.longitude
 
 
-def item(message: Any) -> Item:
+def item(message: "dialect.MAVLink_mission_item_int_message") -> Item:
     """Return the item of a MISSION_ITEM_INT, or raise :class:`FieldError`."""
     name = f"item {message.seq}"
     latitude, longitude = place(name, 1e-7 * message.x, 1e-7 * message.y)
@@ -151,23 +154,24 @@ def fence(items: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...]:
                 raise FieldError(name, f"begins {count} corners, expected 3 or more of one kind")
             keep = Keep.IN if one.command == _INCLUSION else Keep.OUT
             rings = (tuple(corner.place for corner in corners),)
-            found.append(_area(name, keep, clearance, rings=rings))
+            found.append(_area(name, keep, clearance)._replace(rings=rings))
             number += count
             continue
         if one.command in (_CIRCLE_IN, _CIRCLE_OUT):
             keep = Keep.IN if one.command == _CIRCLE_IN else Keep.OUT
             if not one.parameter > 0.0:
                 raise FieldError(name, f"has the radius {one.parameter:g} m, expected more than 0")
-            circle = {"centre": one.place, "radius": one.parameter}
-            found.append(_area(name, keep, clearance, **circle))
+            circle = _area(name, keep, clearance)
+            found.append(circle._replace(centre=one.place, radius=one.parameter))
         elif one.command != _RETURN:
             raise FieldError(name, f"is the command {one.command}, expected 5000 to 5004")
         number += 1
     return tuple(found)
 
 
-def _area(name: str, keep: Keep, clearance: float, **shape: Any) -> GeodeticArea:
-    return GeodeticArea(name, keep=keep, name=name, more={"clearance": clearance}, **shape)
+def _area(name: str, keep: Keep, clearance: float) -> GeodeticArea:
+    """Return an area without a shape yet; the clearance is kept from its edges, m."""
+    return GeodeticArea(name, keep=keep, name=name, more={"clearance": clearance})
 
 
 def _between(a: tuple[float, float], b: tuple[float, float], share: float) -> tuple[float, float]:

@@ -1,10 +1,11 @@
+# pyright: reportMissingImports=false
 """Which trajectory is to be flown, as an autopilot reads it from the runner and the monitor.
 
 Nothing but a SAFE plan that the monitor names, or the monitor's backup; without a monitor the
 newest SAFE plan until it is withdrawn. Messages are read by their fields; nothing here needs ROS.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
 from envs.waypoints import Legs, legs, plan_states
@@ -12,6 +13,9 @@ from envs.wind import NO_WIND, Wind
 from ros_bridge.core.conversions import STATUS_SAFE, trajectory
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.replies import to_frame, wind_of
+
+if TYPE_CHECKING:
+    from rlcas_msgs.msg import AssuranceStatus, Trajectory
 
 STATUS_WITHDRAWN = 3
 FLY_PLAN, FLY_BACKUP = 1, 2
@@ -25,12 +29,12 @@ class Guidance:
 
     def __init__(self, *, monitored: bool = True) -> None:
         self._monitored = monitored
-        self._plans: dict[bytes, Any] = {}
-        self._newest: Any = None
-        self.backup: Any = None  # the monitor's last; None: there has been none
-        self.status: Any = None  # likewise
+        self._plans: dict[bytes, Trajectory] = {}
+        self._newest: Trajectory | None = None
+        self.backup: Trajectory | None = None  # the monitor's last; None: there has been none
+        self.status: AssuranceStatus | None = None  # likewise
 
-    def add_plan(self, message: Any) -> bool:
+    def add_plan(self, message: "Trajectory") -> bool:
         """Take in a trajectory of the runner's; return whether it is a SAFE plan."""
         if message.status == STATUS_WITHDRAWN:
             self._newest = None
@@ -41,7 +45,7 @@ class Guidance:
             del self._plans[next(iter(self._plans))]
         return True
 
-    def select(self) -> Any:
+    def select(self) -> "Trajectory | None":
         """Return the trajectory that is to be flown now; None: nothing, or what is named has not
         arrived yet.
         """
@@ -69,7 +73,7 @@ class Flying(NamedTuple):
         )
 
 
-def curve(frame: LocalFrame, message: Any) -> Flying:
+def curve(frame: LocalFrame, message: "Trajectory") -> Flying:
     """Return what a plan or a backup is in a local frame, or raise :class:`FieldError`."""
     plan = trajectory(message)
     if not plan.points:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
 
 from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import RequestError
@@ -37,7 +38,7 @@ _RENAMED = _OPTIONS | {"aircraft.goal_radius": "goal_radius"}
 """Parameters by the names that the planner's options have."""
 
 
-def declare(node: Any, kind: str) -> Aircraft | None:
+def declare(node: Node, kind: str) -> Aircraft | None:
     """Declare the parameters of a kind of nodes, and return the aircraft that they name; None where
     there is none.
 
@@ -71,9 +72,8 @@ def parameters_of(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
 
 
 def _descriptor(one: Parameter) -> ParameterDescriptor:
-    made = ParameterDescriptor(
-        description=f"{one.help}{', ' * bool(one.unit)}{one.unit}", read_only=one.fixed
-    )
+    text = f"{one.help}, {one.unit}" if one.unit else one.help
+    made = ParameterDescriptor(description=text, read_only=one.fixed)
     if one.low is not None and one.high is not None and isinstance(one.default, int):
         made.integer_range = [IntegerRange(from_value=int(one.low), to_value=int(one.high), step=1)]
     elif one.low is not None and one.high is not None:
