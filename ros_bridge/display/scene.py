@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false
 """What a display knows at one moment: values, and one pure function for each input that changes
 them.
 
@@ -8,7 +9,7 @@ ROS. What cannot be used leaves what was known, and its sentence goes to the sta
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agents.assurance.state import FlyMode, State
 from envs.formats.local_frame import LocalFrame
@@ -20,6 +21,11 @@ from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import Status
 from ros_bridge.core.tracks import Rules, follow, forget_silent, note_refused, take_in
+
+if TYPE_CHECKING:
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rlcas_msgs.msg import Areas, AssuranceStatus, GuidanceBands, Trajectory
+    from rosgraph_msgs.msg import Clock
 
 FORGET = 30.0
 """An aircraft without reports for so long, s, is forgotten."""
@@ -173,38 +179,38 @@ def _situation(update: Callable[..., Situation]) -> Callable[[Scene, Any, int], 
     return change
 
 
-def _plan(scene: Scene, message: Any, now: int) -> Scene:
+def _plan(scene: Scene, message: "Trajectory", now: int) -> Scene:
     if message.status == _WITHDRAWN:
         return replace(scene, plan=None)
     _expect("trajectory", message, _SAFE)
     return replace(scene, plan=_with_points(message, "trajectory"), unresolved=None)
 
 
-def _advisory(scene: Scene, message: Any, now: int) -> Scene:
+def _advisory(scene: Scene, message: "Trajectory", now: int) -> Scene:
     _expect("advisory", message, _UNRESOLVED)
     # The runner publishes the best known trajectory; without any there is nothing to draw.
     found = _with_points(message, "advisory") if len(message.waypoints) else None
     return replace(scene, unresolved=found)
 
 
-def _backup(scene: Scene, message: Any, now: int) -> Scene:
+def _backup(scene: Scene, message: "Trajectory", now: int) -> Scene:
     _expect("backup", message, _BACKUP)
     return replace(scene, backup=_with_points(message, "backup"))
 
 
-def _with_points(message: Any, name: str) -> Published:
+def _with_points(message: "Trajectory", name: str) -> Published:
     count = len(message.waypoints)
     if not 1 <= count <= _MOST:
         raise FieldError(f"{name}.waypoints", f"has {count} points, expected 1 to {_MOST}")
     return trajectory(message, name)
 
 
-def _expect(name: str, message: Any, status: int) -> None:
+def _expect(name: str, message: "Trajectory", status: int) -> None:
     if message.status != status:
         raise FieldError(f"{name}.status", f"is {message.status}, expected {status}")
 
 
-def _status(scene: Scene, message: Any, now: int) -> Scene:
+def _status(scene: Scene, message: "AssuranceStatus", now: int) -> Scene:
     def real(name: str) -> float:
         return number(f"status.{name}", getattr(message, name), -_LONGEST, _LONGEST, "")
 
@@ -212,7 +218,7 @@ def _status(scene: Scene, message: Any, now: int) -> Scene:
     found = Status(
         state=State(integer("status.state", message.state, 0, 4)),
         fly=FlyMode(integer("status.fly", message.fly, 0, 2)),
-        reasons=tuple(str(one) for one in message.reasons[:_MOST]),
+        reasons=tuple(str(one) for one in list(message.reasons)[:_MOST]),
         measured=bool(message.measured),
         cross_track=real("cross_track"),
         along_track=real("along_track"),
@@ -223,7 +229,7 @@ def _status(scene: Scene, message: Any, now: int) -> Scene:
     return replace(scene, monitor=Monitor(time, found))
 
 
-def _guidance(scene: Scene, message: Any, now: int) -> Scene:
+def _guidance(scene: Scene, message: "GuidanceBands", now: int) -> Scene:
     levels, areas = _levels(message, "intruder"), _levels(message, "area")
     tracks, speeds = (
         _bands(message, target, kind, len(areas))
@@ -245,7 +251,7 @@ def _guidance(scene: Scene, message: Any, now: int) -> Scene:
     return replace(scene, guidance=found)
 
 
-def _levels(message: Any, kind: str) -> dict[str, tuple[int, float]]:
+def _levels(message: "GuidanceBands", kind: str) -> dict[str, tuple[int, float]]:
     """Return alert levels and times to loss, s or -1, by what is lost: an intruder or an area."""
     ids = list(getattr(message, f"{kind}_ids"))
     columns = [list(getattr(message, f"{kind}_{name}")) for name in ("level", "loss")]
@@ -262,7 +268,7 @@ def _levels(message: Any, kind: str) -> dict[str, tuple[int, float]]:
     }
 
 
-def _bands(message: Any, target: str, kind: str, areas: int) -> Bands:
+def _bands(message: "GuidanceBands", target: str, kind: str, areas: int) -> Bands:
     rest = ("region", "loss", "area")
     columns = [getattr(message, name) for name in (target, *(f"{kind}_{one}" for one in rest))]
     lengths = {len(column) for column in columns}
@@ -278,7 +284,7 @@ def _bands(message: Any, target: str, kind: str, areas: int) -> Bands:
     )
 
 
-def _areas(scene: Scene, message: Any, now: int) -> Scene:
+def _areas(scene: Scene, message: "Areas", now: int) -> Scene:
     found = areas(message)
     for one in found.areas:  # what no map can hold is refused now
         centre = one.centre or one.rings[0][0]
@@ -286,9 +292,9 @@ def _areas(scene: Scene, message: Any, now: int) -> Scene:
     return replace(scene, areas=HeldAreas(found))
 
 
-def _diagnostics(scene: Scene, message: Any, now: int) -> Scene:
+def _diagnostics(scene: Scene, message: "DiagnosticArray", now: int) -> Scene:
     nodes, separation = dict(scene.nodes), scene.separation
-    for one in message.status[:_MOST]:
+    for one in list(message.status)[:_MOST]:
         level = one.level[0] if isinstance(one.level, bytes) else int(one.level)
         nodes[str(one.name)] = Health(now, min(level, 3), str(one.message))
         values = {pair.key: pair.value for pair in one.values}
@@ -299,7 +305,7 @@ def _diagnostics(scene: Scene, message: Any, now: int) -> Scene:
     return replace(scene, nodes=nodes, separation=separation)
 
 
-def _clock(scene: Scene, message: Any, now: int) -> Scene:
+def _clock(scene: Scene, message: "Clock", now: int) -> Scene:
     return scene
 
 
@@ -332,6 +338,6 @@ INPUTS: Mapping[str, Input] = {
 """What takes in a message, by the name of its topic (docs/reference/ros.md)."""
 
 
-def clock_of(message: Any) -> int:
+def clock_of(message: "Clock") -> int:
     """Return the time that a message of ``/clock`` tells, ns."""
     return nanoseconds(message.clock)

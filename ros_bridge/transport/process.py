@@ -15,6 +15,7 @@ import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from envs.edge.command import InputError, Parser
@@ -27,7 +28,9 @@ _RCL_LINE = re.compile(r"\s*, at \S+:\d+")
 _LOOK = 1.0  # s between two looks at whether the node has finished
 
 
-def main(make: Any, name: str, text: str | None, arguments: Sequence[str] | None = None) -> int:
+def main(
+    make: type[Node], name: str, text: str | None, arguments: Sequence[str] | None = None
+) -> int:
     """Run a node until it is stopped, and return the exit code; raise InputError where arguments
     cannot be used.
 
@@ -51,8 +54,7 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
     parser = Parser(prog=f"python -m ros_bridge.{name}", description=text)
     given = [parser.prog, *(sys.argv[1:] if arguments is None else arguments)]
     parser.add_argument(FLAG, action="store_true", help="end when standard input is closed")
-    alive = issubclass(make, LifecycleNode)
-    if alive:
+    if issubclass(make, LifecycleNode):
         parser.add_argument(
             "--manual", action="store_true", help="wait to be configured and activated by others"
         )
@@ -60,7 +62,7 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
-        if alive and not options.manual and not _activate(node):
+        if isinstance(node, LifecycleNode) and not options.manual and not _activate(node):
             return 2
         return _spin(executor, node)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -79,7 +81,7 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
         rclpy.try_shutdown()
 
 
-def _begin(make: Any, parser: Parser, given: list[str]) -> tuple[argparse.Namespace, Any]:
+def _begin(make: Any, parser: Parser, given: list[str]) -> tuple[argparse.Namespace, Node]:
     """Return our options, and the node in a context of the arguments; InputError: they cannot be
     used.
     """
@@ -109,13 +111,13 @@ def _begin(make: Any, parser: Parser, given: list[str]) -> tuple[argparse.Namesp
         raise InputError(f"ROS arguments cannot be used: {sentence}") from error
 
 
-def _activate(node: Any) -> bool:
+def _activate(node: LifecycleNode) -> bool:
     """Configure and activate a lifecycle node; it logs why not."""
     steps = (node.trigger_configure, node.trigger_activate)
     return all(step() is TransitionCallbackReturn.SUCCESS for step in steps)
 
 
-def _spin(executor: SingleThreadedExecutor, node: Any) -> int:
+def _spin(executor: SingleThreadedExecutor, node: Node) -> int:
     """Let a node work until it has finished or is stopped; return its exit code."""
     # What is there by now stays, and is not gone through again and again in the middle of an
     # answer.
