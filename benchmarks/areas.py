@@ -123,7 +123,7 @@ def _parser() -> Parser:
         nargs="+",
         metavar="MS",
         default=[50.0, 150.0, 500.0],
-        help="of computation (default: 50 150 500)",
+        help="deadlines of computation, ms (default: 50 150 500)",
     )
     parser.add_argument("--ompl", action="store_true", help="ask a sampling planner of OMPL too")
     return parser

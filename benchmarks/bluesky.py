@@ -393,13 +393,13 @@ def measure_circles(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    add("--episodes", type=int, default=1000, help="of BlueSky-Gym (default 1000)")
+    add("--episodes", type=int, default=1000, help="episodes of BlueSky-Gym (default 1000)")
     add("--draws", type=int, default=100, help="circles of each size (default 100)")
-    add("--seed", type=int, default=0, help="of the first episode and draw (default 0)")
+    add("--seed", type=int, default=0, help="seed of the first episode and circle (default 0)")
     add("--workers", type=int, default=2, help="processes (default 2)")
     out = Path("runs/bluesky")
-    add("--out", type=Path, default=out, help=f"folder (default {out})")
-    what = "file of a SAC of Stable-Baselines3, which flies the episodes, too"
+    add("--out", type=Path, default=out, help=f"folder of flights and picture (default {out})")
+    what = "file of a SAC of Stable-Baselines3 that flies the episodes too"
     add("--sac", type=Path, help=what)
     return parser
 

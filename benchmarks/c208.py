@@ -412,10 +412,15 @@ def _parse() -> argparse.Namespace:
     parser = Parser(description=__doc__)
     add = parser.add_argument
     add("--plans", type=int, default=100, help="plans made; SAFE ones are flown (default 100)")
-    add("--scenario", default="circle", help="of the encounters (default circle)")
-    add("--seed", type=int, default=0, help="of the encounters (default 0)")
-    add("--resets", type=int, default=3_000, help="over which memory is watched (default 3000)")
-    what = "flown by the policy in closed loop (default 300)"
+    add("--scenario", default="circle", help="scenario of the encounters (default circle)")
+    add("--seed", type=int, default=0, help="seed of the encounters (default 0)")
+    add(
+        "--resets",
+        type=int,
+        default=3_000,
+        help="resets over which memory is watched (default 3000)",
+    )
+    what = "encounters flown by the policy in closed loop (default 300)"
     add("--encounters", type=int, default=300, help=what)
     options = parser.parse_args()
     if options.plans < 1 or options.resets < 1 or options.encounters < 0:

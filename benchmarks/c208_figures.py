@@ -221,7 +221,10 @@ def main() -> int:
     """Draw; return the exit code."""
     parser = Parser(prog="python -m benchmarks.c208_figures", description=__doc__)
     parser.add_argument(
-        "--out", type=Path, default=Path("runs/c208"), help="folder (default runs/c208)"
+        "--out",
+        type=Path,
+        default=Path("runs/c208"),
+        help="folder of the pictures (default runs/c208)",
     )
     options = parser.parse_args()
     save.create(options.out)

@@ -202,7 +202,7 @@ def _parser() -> Parser:
     add = parser.add_argument
     what = "folder of the blocks, the result and the figure"
     add("--out", type=Path, required=True, help=what)
-    add("--requests", type=int, default=300, help="in whole blocks of 100 (default 300)")
+    add("--requests", type=int, default=300, help="requests, in whole blocks of 100 (default 300)")
     add("--policy", type=Path, help="policy file (default: the one that ships)")
     return parser
 

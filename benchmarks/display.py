@@ -74,8 +74,8 @@ def main(argv: list[str] | None = None) -> None:
         description="Measure latency and load of the traffic display, and the page's memory.",
     )
     add = parser.add_argument
-    add("--seconds", type=float, default=60.0, help="that figures are taken over (default 60)")
-    add("--aircraft", type=int, default=100, help="that report (default 100)")
+    add("--seconds", type=float, default=60.0, help="time that is measured, s (default 60)")
+    add("--aircraft", type=int, default=100, help="aircraft that report (default 100)")
     add("--night", type=int, default=20_000, help="pictures of the night (default 20000)")
     options = parser.parse_args(argv)
     browser = find_chromium()

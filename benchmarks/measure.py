@@ -50,19 +50,24 @@ def request_options(parser: Parser, requests: int) -> None:
     add = parser.add_argument
     add("--policy", type=Path, help="policy file (default: the one that ships)")
     add("--requests", type=int, default=requests, help=f"requests to plan (default {requests})")
-    add("--seed", type=int, default=0, help="of the requests (default 0)")
+    add("--seed", type=int, default=0, help="seed of the requests (default 0)")
 
 
 def deadline_option(parser: Parser) -> None:
     """Add the option for the deadline of a plan."""
-    what = "of computation (default: the planner's, 50)"
+    what = "deadline of computation, ms (default: the planner's, 50)"
     parser.add_argument("--deadline", type=float, metavar="MS", help=what)
 
 
 def config_options(parser: Parser, default: str) -> None:
     """Add the options for a training's configuration: its file and changes of single keys."""
     add = parser.add_argument
-    add("--config", type=Path, default=Path(default), help=f"training (default {default})")
+    add(
+        "--config",
+        type=Path,
+        default=Path(default),
+        help=f"file of the training (default {default})",
+    )
     add(
         "--set",
         action="append",

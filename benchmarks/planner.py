@@ -70,7 +70,8 @@ def main() -> None:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     request_options(parser, 2_000)
-    parser.add_argument("--scenario", default="circle", help="of the encounters (default circle)")
+    what = "scenario of the encounters (default circle)"
+    parser.add_argument("--scenario", default="circle", help=what)
     return parser
 
 

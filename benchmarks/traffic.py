@@ -78,8 +78,9 @@ def main() -> None:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     request_options(parser, 100)
-    parser.add_argument("--intruders", type=int, default=100, help="aircraft (default 100)")
-    parser.add_argument("--radius", type=float, default=30.0, help="of the disc, km (default 30)")
+    parser.add_argument("--intruders", type=int, default=100, help="other aircraft (default 100)")
+    what = "radius of the disc, km (default 30)"
+    parser.add_argument("--radius", type=float, default=30.0, help=what)
     deadline_option(parser)
     return parser
 

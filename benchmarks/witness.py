@@ -214,8 +214,8 @@ def main() -> None:
     add = parser.add_argument
     what = "circle encounters in conflict (default 60)"
     add("--encounters", type=int, default=60, help=what)
-    add("--seed", type=int, default=0, help="of the encounters (default 0)")
-    add("--iterations", type=int, default=40, help="of each optimisation (default 40)")
+    add("--seed", type=int, default=0, help="seed of the encounters (default 0)")
+    add("--iterations", type=int, default=40, help="iterations of each optimisation (default 40)")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     encounters = conflicts(options.encounters, options.seed)

@@ -78,9 +78,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, and print."""
     parser = Parser(prog="python -m benchmarks.ardupilot.load", description=__doc__)
     add = parser.add_argument
-    add("--aircraft", type=int, default=30, help="in sight (default 30)")
-    add("--seconds", type=float, default=60.0, help="of a share (default 60)")
-    add("--encounters", type=int, default=10, help="flown for the plans (default 10)")
+    add("--aircraft", type=int, default=30, help="aircraft in sight (default 30)")
+    add(
+        "--seconds",
+        type=float,
+        default=60.0,
+        help="time over which a share is taken, s (default 60)",
+    )
+    add("--encounters", type=int, default=10, help="encounters flown for the plans (default 10)")
     options = parser.parse_args(arguments)
     figures = {"benchmark": "ardupilot.load", "aircraft": options.aircraft}
     if options.aircraft:

@@ -312,7 +312,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m benchmarks.ardupilot.reach", description=__doc__)
     parser.add_argument("--modes", type=int, default=50, help="foreign modes (default 50)")
     parser.add_argument("--ends", type=int, default=20, help="ends of the program (default 20)")
-    parser.add_argument("--seed", type=int, default=0, help="of the moments (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the moments (default 0)")
     names = ",".join(WAYS)
     parser.add_argument("--only", default=names, help=f"names with commas (default {names})")
     options = parser.parse_args(arguments)

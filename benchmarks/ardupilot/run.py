@@ -195,11 +195,18 @@ def _mean(values: Sequence[float]) -> float | None:
 def _parser() -> Parser:
     parser = Parser(prog="python -m benchmarks.ardupilot", description=__doc__)
     add = parser.add_argument
-    add("--encounters", type=int, default=200, help="how many (default 200)")
-    add("--seed", type=int, default=0, help="of the encounters (default 0)")
+    add("--encounters", type=int, default=200, help="encounters to fly (default 200)")
+    add("--seed", type=int, default=0, help="seed of the encounters (default 0)")
     out = Path("runs/ardupilot")
     add("--out", type=Path, default=out, help=f"folder of the flights (default {out})")
     add("--anew", action="store_true", help="fly those again that have been flown")
-    add("--speedup", type=float, default=40.0, help="times real time at most (default 40)")
-    add("--instance", type=int, default=5, help="of the simulation's ports (default 5)")
+    add(
+        "--speedup", type=float, default=40.0, help="simulated over real time, at most (default 40)"
+    )
+    add(
+        "--instance",
+        type=int,
+        default=5,
+        help="number of the simulation, which sets its ports (default 5)",
+    )
     return parser

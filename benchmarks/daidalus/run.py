@@ -125,7 +125,7 @@ def _parser() -> Parser:
     add("--scenarios", required=True, help="folder of .daa and .xyz files")
     add("--only", help="name of one scenario, without its ending")
     add("--variants", action="store_true", help="also with each of DAIDALUS's own models")
-    add("--out", help="folder for the picture; none: no picture")
+    add("--out", help="folder for the picture and the figures (default: none is written)")
     add("--picture", help="scenario that is drawn (default: the first)")
     return parser
 

@@ -218,9 +218,9 @@ def _parser() -> Parser:
     parser = Parser(prog="python -m benchmarks.icarous", description=__doc__)
     add = parser.add_argument
     add("--icarous", metavar="DIR", help=f"ICAROUS, as built (default: ${peer.VARIABLE})")
-    add("--missions", type=int, default=200, help="how many (default 200)")
-    add("--seed", type=int, default=0, help="of the missions (default 0)")
-    add("--only", help=f"one side, of {', '.join(SIDES)}")
+    add("--missions", type=int, default=200, help="missions to fly (default 200)")
+    add("--seed", type=int, default=0, help="seed of the missions (default 0)")
+    add("--only", help=f"sides that fly, with commas (default {','.join(SIDES)})")
     out = Path("runs/icarous")
     add("--out", type=Path, default=out, help=f"folder of the flights (default {out})")
     add("--picture", type=int, metavar="N", help="number of a mission to fly and draw too")

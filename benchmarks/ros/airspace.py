@@ -228,11 +228,11 @@ def main() -> None:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    add("--skies", type=int, default=10, help="one after the other (default 10)")
-    add("--requests", type=int, default=20, help="in each sky (default 20)")
-    add("--aircraft", type=int, default=100, help="beside the ownship (default 100)")
-    add("--radius", type=float, default=30.0, help="about the ownship, km (default 30)")
-    add("--seed", type=int, default=0, help="of the first sky (default 0)")
+    add("--skies", type=int, default=10, help="skies, one after the other (default 10)")
+    add("--requests", type=int, default=20, help="requests in each sky (default 20)")
+    add("--aircraft", type=int, default=100, help="aircraft beside the ownship (default 100)")
+    add("--radius", type=float, default=30.0, help="radius of a sky, km (default 30)")
+    add("--seed", type=int, default=0, help="seed of the first sky (default 0)")
     return parser
 
 

@@ -203,12 +203,16 @@ class World:
 def main() -> int:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--requests", type=int, default=10_000, help="how many (default 10000)")
-    parser.add_argument("--hours", type=float, default=1.0, help="of simulated time (default 1)")
     parser.add_argument(
-        "--rate", type=float, default=10.0, help="times real time, at most (default 10)"
+        "--requests", type=int, default=10_000, help="requests to plan (default 10000)"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the traffic (default 0)")
+    parser.add_argument(
+        "--hours", type=float, default=1.0, help="hours of simulated time (default 1)"
+    )
+    parser.add_argument(
+        "--rate", type=float, default=10.0, help="simulated over real time, at most (default 10)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the traffic (default 0)")
     options = parser.parse_args()
     for name, least in (("requests", 100), ("hours", 0.02), ("rate", 0.1)):
         if not getattr(options, name) >= least:

@@ -281,7 +281,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     )
     add = parser.add_argument
     add("--plans", type=int, default=1_000, help="SAFE plans at least (default 1000)")
-    add("--seed", type=int, default=0, help="of the requests (default 0)")
+    add("--seed", type=int, default=0, help="seed of the requests (default 0)")
     add("--first", type=int, default=0, help="number of the first block (default 0)")
     add("--workers", type=int, default=cores(), help="processes (default: one for every core)")
     what = "directory for the figures of each block; a stopped run goes on there"

@@ -116,7 +116,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         "--single",
         type=int,
         default=10_000,
-        help="how many of them go through plan too (default 10000)",
+        help="requests that go through plan too (default 10000)",
     )
     add("--first", type=int, default=0, help="number of the first request (default 0)")
     add("--family", default="", help="plan only the requests of this family (default: of all)")
