@@ -113,7 +113,7 @@ def ask(asked: Question, policy: Policy, usual: Options) -> Asked:
     return Asked(windows, all_horizon, solved, straight_is_clear(asked, usual, usual.last_free))
 
 
-def _level_or_out(intruders: Sequence[Any], answer: Plan) -> list[Intruder]:
+def _level_or_out(intruders: Sequence[VehicleState | Intruder], answer: Plan) -> list[Intruder]:
     """Return the intruders without altitudes, but for those that an answer leaves out as above or
     below.
     """
@@ -121,6 +121,7 @@ def _level_or_out(intruders: Sequence[Any], answer: Plan) -> list[Intruder]:
     return [
         one if number in out else replace(one, altitude=None)
         for number, one in enumerate(intruders)
+        if isinstance(one, Intruder)
     ]
 
 

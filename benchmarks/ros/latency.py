@@ -49,6 +49,7 @@ from eval.flights.plan_flight import request_of
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
     from rclpy.client import Client
+    from rlcas_msgs.msg import Waypoint
 
 NODE, TRANSLATOR = "/rlcas_runner", "/rlcas_translator"
 OWN_RATE, TRAFFIC_RATE = 100.0, 20.0  # Hz
@@ -65,8 +66,7 @@ class Scene(NamedTuple):
 
     own: VehicleState
     other: VehicleState
-    route: list[Any]
-    """Waypoints of ``rlcas_msgs``."""
+    route: "list[Waypoint]"
 
     @classmethod
     def of_request(cls, request: Request) -> "Scene":
@@ -306,10 +306,11 @@ def _time_first_plan(caller: Caller, scene: Scene, began: float) -> Restart:
         if time.perf_counter() - began > PATIENCE:
             raise SystemExit(f"the runner did not answer within {PATIENCE:g} s of its start")
     safe = time.perf_counter() - began
+    assert answered is not None
     for future in asked:
         caller.plan.remove_pending_request(future)
     missed = next((answer.field for answer in reversed(answers) if answer.field), "nothing")
-    return Restart(safe if answered is None else answered, safe, missed)
+    return Restart(answered, safe, missed)
 
 
 def restart_figures(restarts: Sequence[Restart]) -> dict[str, Any]:
