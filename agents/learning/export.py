@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax.traverse_util import flatten_dict, unflatten_dict
 
-from agents.learning.networks import Actor
+from agents.learning.networks import Actor, Variables
 from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile, PolicyFileError
 from agents.policy.inference import Policy, input_table
@@ -25,7 +25,7 @@ _SEED = 20
 
 
 def to_policy_file(
-    actor_variables: Mapping[str, Any], metadata: Mapping[str, Any], inputs: Sequence[Input] = ()
+    actor_variables: Variables, metadata: Mapping[str, Any], inputs: Sequence[Input] = ()
 ) -> PolicyFile:
     """Return the policy file of an actor.
 
@@ -74,7 +74,7 @@ def parity_observations() -> np.ndarray:
     return np.concatenate([random, corners]).astype(np.float32)
 
 
-def variables(tensors: Mapping[str, Any]) -> dict[str, Any]:
+def variables(tensors: Mapping[str, Any]) -> Variables:
     """Return the variables of :class:`~agents.learning.networks.Actor`, of a policy file's, without
     ``actor/``.
     """
@@ -82,7 +82,7 @@ def variables(tensors: Mapping[str, Any]) -> dict[str, Any]:
     return {"params": {"trunk": unflatten_dict(layers, sep="/"), "log_std": tensors["log_std"]}}
 
 
-def _tensors(actor_variables: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def _tensors(actor_variables: Variables) -> dict[str, np.ndarray]:
     """Flatten the actor's parameters to float32 arrays named ``hidden_0/kernel``, ...,
     ``log_std``.
     """
@@ -104,7 +104,7 @@ def _flax_actions(content: PolicyFile, table: InputTable) -> np.ndarray:
     """
     actor = Actor(content.hidden, content.feature_set, encoder=content.encoder)
 
-    def mean(weights: Any, rows: jax.Array) -> Any:
+    def mean(weights: Variables, rows: jax.Array) -> Any:
         seen = set_inputs(unpack_rows(rows), jnp, table) if content.of_set else rows
         return actor.apply(weights, seen)[0]
 

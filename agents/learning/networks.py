@@ -3,7 +3,8 @@ from the observation of one intruder.
 """
 
 import math
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,9 @@ from jaxtyping import Array, Bool, Float
 
 from agents.policy.features import features, mirror_sign
 from agents.policy.set_features import SetInputs
+
+Variables: TypeAlias = Mapping[str, Any]
+"""Those of a network as flax holds them: ``{"params": ...}`` with nested names of arrays."""
 
 NetworkInput = jax.Array | SetInputs
 """What a network takes: the inputs derived from scenes (``own [..., F]``, ``each [..., K, E]``), or
@@ -42,7 +46,9 @@ def greatest_products(
     return _greatest(each, kernel, mask, jnp.max)
 
 
-def _greatest(each: jax.Array, kernel: jax.Array, mask: jax.Array, of: Any) -> jax.Array:
+def _greatest(
+    each: jax.Array, kernel: jax.Array, mask: jax.Array, of: Callable[..., jax.Array]
+) -> jax.Array:
     return of(jnp.where(mask[..., None], each @ kernel, -jnp.inf), axis=-2)
 
 

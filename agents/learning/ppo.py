@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 import optax
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from agents.learning.algorithm import Rollout, Setup
-from agents.learning.networks import Actor, Critic, NetworkInput
+from agents.learning.networks import Actor, Critic, NetworkInput, Variables
 
 _LOG_SQRT_TWO_PI = 0.9189385332046727
 
@@ -57,7 +57,7 @@ class Learner(NamedTuple):
     axis: str | None = None  # name of the devices' axis inside shard_map; None on one device
 
     def policy(
-        self, variables: Any, observation: NetworkInput
+        self, variables: Variables, observation: NetworkInput
     ) -> tuple[Float[Array, "... 2"], Float[Array, " 2"]]:
         """Return mean and log standard deviation of the action for network inputs with leading axes
         ``[...]``.
@@ -65,7 +65,7 @@ class Learner(NamedTuple):
         applied: Any = self.actor.apply(variables, observation)
         return applied
 
-    def value(self, variables: Any, observation: NetworkInput) -> Float[Array, "..."]:
+    def value(self, variables: Variables, observation: NetworkInput) -> Float[Array, "..."]:
         """Return the values of network inputs with leading axes ``[...]``."""
         applied: Any = self.critic.apply(variables, observation)
         return applied
@@ -74,9 +74,9 @@ class Learner(NamedTuple):
 class LearnerState(NamedTuple):
     """What learning changes."""
 
-    actor: Any
-    critic: Any
-    optimizer: Any
+    actor: Variables
+    critic: Variables
+    optimizer: optax.OptState
 
 
 class Batch(NamedTuple):
@@ -181,7 +181,7 @@ def samples(
     return batch, {"explained_variance": explained_variance(value_t, target, parts.axis)}
 
 
-def _values(critic: Any, observation: NetworkInput, parts: Learner) -> Float[Array, "T N"]:
+def _values(critic: Variables, observation: NetworkInput, parts: Learner) -> Float[Array, "T N"]:
     """Return the values of a rollout's observations ``[T, N]``: by wide products instead of
     a narrow one per step.
     """
@@ -248,7 +248,7 @@ def normalize(advantage: Float[Array, "B M"], axis: str | None = None) -> Float[
 
 
 def losses(
-    parameters: tuple[Any, Any],
+    parameters: tuple[Variables, Variables],
     batch: Batch,
     parts: Learner,
     settings: PpoSettings,
@@ -287,7 +287,7 @@ def losses(
 
 
 def gradient_of(
-    parameters: tuple[Any, Any], batch: Batch, parts: Learner, settings: PpoSettings
+    parameters: tuple[Variables, Variables], batch: Batch, parts: Learner, settings: PpoSettings
 ) -> tuple[Any, dict[str, Float[Array, ""]]]:
     """Return the gradient of :func:`losses` of a minibatch ``[M, ...]``, and the losses' parts: the
     means of those of its tiles (:func:`in_tiles`).
@@ -335,38 +335,58 @@ def update(
     """
     encounters, steps = rollout.log_prob.shape
     segments = encounters * steps // settings.segment
-    per_minibatch = segments // settings.minibatches
     rows = jax.tree.map(lambda a: a.reshape(segments, settings.segment, *a.shape[2:]), rollout)
-
-    def minibatch(
-        carry: LearnerState, now: tuple[jax.Array, jax.Array]
-    ) -> tuple[LearnerState, dict]:
-        chosen, advantage = now
-        batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), rows)._replace(
-            advantage=advantage
-        )
-        gradient, parts_of_loss = gradient_of((carry.actor, carry.critic), batch, parts, settings)
-        if parts.axis is not None:
-            gradient, parts_of_loss = mean_of_devices((gradient, parts_of_loss), parts.axis)
-        direction, optimizer = parts.optimizer.update(gradient, carry.optimizer)
-        networks = (carry.actor, carry.critic)
-        actor, critic = jax.tree.map(lambda p, d: p - learning_rate * d, networks, direction)
-        parts_of_loss["grad_norm"] = optax.tree.norm(gradient)
-        return LearnerState(actor, critic, optimizer), parts_of_loss
-
-    def epoch(carry: LearnerState, epoch_key: jax.Array) -> tuple[LearnerState, dict]:
-        order = jax.random.permutation(epoch_key, segments).reshape(
-            settings.minibatches, per_minibatch
-        )
-        advantage = rows.advantage[order].reshape(settings.minibatches, -1)
-        if settings.normalize_advantage:
-            advantage = normalize(advantage, parts.axis)
-        return jax.lax.scan(minibatch, carry, (order, advantage))
-
     if parts.axis is not None:
         key = jax.random.fold_in(key, jax.lax.axis_index(parts.axis))
-    state, logged = jax.lax.scan(epoch, state, jax.random.split(key, settings.epochs))
+    improve = partial(_epoch, _Lesson(rows, learning_rate, parts, settings))
+    state, logged = jax.lax.scan(improve, state, jax.random.split(key, settings.epochs))
     return state, {name: jnp.mean(values[-1]) for name, values in logged.items()}
+
+
+class _Lesson(NamedTuple):
+    """What the epochs of an update learn from, and how."""
+
+    rows: Batch  # segments of time, [S, segment, ...]
+    learning_rate: Float[Array, ""]
+    parts: Learner
+    settings: PpoSettings
+
+
+def _epoch(
+    lesson: _Lesson, state: LearnerState, key: PRNGKeyArray
+) -> tuple[LearnerState, dict[str, Float[Array, " minibatches"]]]:
+    """Improve the networks by every minibatch once, of segments in random order; return the new
+    state and the parts of the loss of each.
+    """
+    rows, settings = lesson.rows, lesson.settings
+    segments, minibatches = len(rows.log_prob), settings.minibatches
+    order = jax.random.permutation(key, segments).reshape(minibatches, segments // minibatches)
+    advantage = rows.advantage[order].reshape(minibatches, -1)
+    if settings.normalize_advantage:
+        advantage = normalize(advantage, lesson.parts.axis)
+    return jax.lax.scan(partial(_gradient_step, lesson), state, (order, advantage))
+
+
+def _gradient_step(
+    lesson: _Lesson,
+    state: LearnerState,
+    minibatch: tuple[Int[Array, " segments"], Float[Array, " samples"]],
+) -> tuple[LearnerState, dict[str, Float[Array, ""]]]:
+    """Improve the networks by a minibatch: numbers of segments, and the advantages of their
+    samples.
+    """
+    (chosen, advantage), parts = minibatch, lesson.parts
+    batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), lesson.rows)._replace(
+        advantage=advantage
+    )
+    networks = (state.actor, state.critic)
+    gradient, parts_of_loss = gradient_of(networks, batch, parts, lesson.settings)
+    if parts.axis is not None:
+        gradient, parts_of_loss = mean_of_devices((gradient, parts_of_loss), parts.axis)
+    direction, optimizer = parts.optimizer.update(gradient, state.optimizer)
+    actor, critic = jax.tree.map(lambda p, d: p - lesson.learning_rate * d, networks, direction)
+    parts_of_loss["grad_norm"] = optax.tree.norm(gradient)
+    return LearnerState(actor, critic, optimizer), parts_of_loss
 
 
 def explained_variance(
