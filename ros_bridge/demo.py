@@ -166,7 +166,7 @@ def _check_numbers(options: argparse.Namespace, aircraft: Aircraft) -> None:
 
 def _run(options: argparse.Namespace, aircraft: Aircraft, planned: Sequence[_Planned]) -> int:
     """Fly, print the tables, and return the exit code."""
-    from ros_bridge.sim.flight_log import all_safe_kept
+    from ros_bridge.sim.flight_log import keep_promises
 
     margin = options.margin
     if margin is None:
@@ -181,7 +181,7 @@ def _run(options: argparse.Namespace, aircraft: Aircraft, planned: Sequence[_Pla
         raise ValueError("nothing was flown to its end")
     if options.record is not None:
         print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
-    return 0 if all_safe_kept(simulator.logs) and len(simulator.logs) == len(planned) else 1
+    return 0 if keep_promises(simulator.logs) and len(simulator.logs) == len(planned) else 1
 
 
 def _shared(options: argparse.Namespace) -> dict[str, str]:

@@ -232,7 +232,7 @@ def _place_areas(
     if before is not None and before.source == source:
         return before
     try:
-        return FrameAreas(source, situation.placed_areas(frame, now))
+        return FrameAreas(source, situation.areas_in(frame, now))
     except FieldError:
         if before is None or before.source.frame != frame:
             return FrameAreas(source, ())

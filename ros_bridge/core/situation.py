@@ -152,7 +152,7 @@ class Situation:
     areas: Held[AreaReport] = NOTHING
     fixed_areas: tuple[GeodeticArea, ...] = ()  # of a file
 
-    def placed_areas(self, frame: LocalFrame, now: int) -> tuple[Placed, ...]:
+    def areas_in(self, frame: LocalFrame, now: int) -> tuple[Placed, ...]:
         """Return all areas that there are in a local frame, or raise :class:`FieldError`."""
         reports = [AreaReport(now, self.fixed_areas)] if self.fixed_areas else []
         if self.areas.value is not None:
@@ -281,7 +281,7 @@ def _areas(situation: Situation, frame: LocalFrame, now: int) -> tuple[Area, ...
     if fault is not None:
         raise Refusal(Code.INVALID_TASK, fault.field, fault.problem)
     try:
-        return tuple(area for some in situation.placed_areas(frame, now) for area in some.at(now))
+        return tuple(area for some in situation.areas_in(frame, now) for area in some.at(now))
     except FieldError as error:
         raise Refusal(Code.INVALID_TASK, error.field, error.problem) from error
 

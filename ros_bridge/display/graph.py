@@ -15,7 +15,7 @@ from envs.edge.command import InputError
 from ros_bridge.display.scene import INPUTS, take
 from ros_bridge.display.server import Board
 from ros_bridge.transport import topics
-from ros_bridge.transport.discovery import configure_dds, reserved_ports
+from ros_bridge.transport.discovery import configure_dds, reserve_ports
 
 __all__ = ["Listening"]
 
@@ -45,7 +45,7 @@ class Listening:
         try:
             # The server ends in order at a signal, and this with it.
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-            with reserved_ports():
+            with reserve_ports():
                 self._node = Node("rlcas_display")
         except (ValueError, RuntimeError) as error:
             rclpy.try_shutdown()

@@ -113,7 +113,7 @@ class Scene:
         return replace(self, latest=max(now, self.latest), situation=situation)
 
 
-def _heard(scene: Scene, name: str, now: int) -> Scene:
+def _note_arrival(scene: Scene, name: str, now: int) -> Scene:
     """Return the scene in which something of an input has just arrived."""
     if now < scene.latest - _BACKWARD:
         scene = scene.at(now)
@@ -124,7 +124,7 @@ def _heard(scene: Scene, name: str, now: int) -> Scene:
 def take(scene: Scene, name: str, message: Any, now: int) -> Scene:
     """Return the scene after a message of an input (:data:`INPUTS`) that arrives at ``now``, ns."""
     short = name.rpartition("/")[2]
-    scene = _heard(scene, short, now)
+    scene = _note_arrival(scene, short, now)
     try:
         found = attempt(lambda: INPUTS[name].change(scene, message, now))
     except AttributeError as error:  # another version of the message
@@ -147,7 +147,7 @@ def take_report(scene: Scene, found: Report | FieldError, now: int, *, own: bool
         own: whether it is about the ownship.
     """
     name = "ownship" if own else "traffic"
-    scene = _heard(scene, name, now)
+    scene = _note_arrival(scene, name, now)
     situation = scene.situation
     if isinstance(found, FieldError) and found.sighting is None:
         return note(scene, name, str(found), now)

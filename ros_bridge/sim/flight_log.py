@@ -37,7 +37,7 @@ class FlightLog:
     """Whether the separation planned with can be kept at all; None: not looked at."""
 
     @property
-    def kept(self) -> bool:
+    def keeps_promise(self) -> bool:
         """Whether a plan called SAFE kept the separation and out of areas; true where none was
         called so.
         """
@@ -46,9 +46,9 @@ class FlightLog:
         return self.safe_at is None or (self.separation >= self.required and self.clear >= 0.0)
 
 
-def all_safe_kept(logs: Iterable[FlightLog]) -> bool:
+def keep_promises(logs: Iterable[FlightLog]) -> bool:
     """Return whether all plans called SAFE kept the separation and out of areas."""
-    return all(log.kept for log in logs)
+    return all(log.keeps_promise for log in logs)
 
 
 def table(logs: Sequence[FlightLog]) -> str:
@@ -109,7 +109,7 @@ def _cells(log: FlightLog) -> dict[str, str]:
         "encounter": log.name,
         "first answer": log.first,
         "source": log.source or "-",
-        "closest, m": f"{log.separation:.1f}{'' if log.kept else ' !'}",
+        "closest, m": f"{log.separation:.1f}{'' if log.keeps_promise else ' !'}",
         "at, s": f"{log.when:.0f}",
         "error, m": f"{log.error:.2f}" if log.safe_at is not None else "-",
         "off areas, m": f"{log.clear:.0f}" if math.isfinite(log.clear) else "-",

@@ -90,7 +90,7 @@ def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) 
         raise SimulationError(f"vehicle {name!r}: {error}") from error
 
 
-def _carried_goal(encounter: Encounter, start: VehicleState, wind: Wind) -> tuple[float, float]:
+def _goal_over_ground(encounter: Encounter, start: VehicleState, wind: Wind) -> tuple[float, float]:
     """Return the goal of an encounter that a wind carries, over the ground, m."""
     x, y = float(encounter.goal_x[0]), float(encounter.goal_y[0])
     seconds = math.hypot(x - start.x, y - start.y) / max(start.speed, 1.0)
@@ -130,7 +130,7 @@ class EncounterFlight:
         self.time = 0.0  # s since the beginning
         self.plans: list[PlanFlight] = []  # that were flown
         self.wind, self.areas = wind, areas
-        self.goal = _carried_goal(encounter, start, wind)  # over the ground, m
+        self.goal = _goal_over_ground(encounter, start, wind)  # over the ground, m
         reach = start.speed * _LONGEST
         x = start.x + reach * math.cos(start.heading)
         y = start.y + reach * math.sin(start.heading)

@@ -64,7 +64,7 @@ def configure_dds(
 
 
 @contextmanager
-def reserved_ports(skipped: int | None = None) -> Generator[list[int]]:
+def reserve_ports(skipped: int | None = None) -> Generator[list[int]]:
     """Hold those of the domain's first ports (None: a number that is drawn) that are free, until
     the block ends.
     """

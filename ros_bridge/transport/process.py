@@ -21,7 +21,7 @@ from rclpy.utilities import remove_ros_args
 from envs.edge.command import InputError, Parser
 from ros_bridge.transport import parameters
 from ros_bridge.transport.children import FLAG, end_with_parent
-from ros_bridge.transport.discovery import configure_dds, reserved_ports
+from ros_bridge.transport.discovery import configure_dds, reserve_ports
 from ros_bridge.transport.overrides import refuse_unknown_nodes
 
 _RCL_LINE = re.compile(r"\s*, at \S+:\d+")
@@ -93,7 +93,7 @@ def _begin(make: Any, parser: Parser, given: list[str]) -> tuple[argparse.Namesp
             end_with_parent()
         configure_dds()
         rclpy.init(args=given)
-        with reserved_ports():
+        with reserve_ports():
             return options, make()
     except InvalidParameterTypeException as error:
         rclpy.try_shutdown()

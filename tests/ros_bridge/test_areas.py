@@ -171,7 +171,7 @@ def test_areas_of_a_file_count_between_their_dates(tmp_path: Path) -> None:
     begun = datetime(2023, 11, 14, 22, 13, tzinfo=UTC)
     for seconds in (0.0, 90.0):
         now = round((begun.timestamp() + seconds) * SECOND)
-        (placed,) = Situation(fixed_areas=held).placed_areas(FRAME, now)
+        (placed,) = Situation(fixed_areas=held).areas_in(FRAME, now)
         (one,) = placed.at(now + 10 * SECOND)
         assert one.name == "field"
         assert one.valid_until == pytest.approx(50.0 - seconds)

@@ -23,7 +23,7 @@ from ros_bridge.transport.discovery import (
     PROFILE,
     configure_dds,
     port,
-    reserved_ports,
+    reserve_ports,
 )
 from tests.ros_bridge.graph import MISSING, Process, domain
 
@@ -251,9 +251,9 @@ def test_the_world_is_valid_for_the_parser():
 
 PROGRAM = """
 import rclpy
-from ros_bridge.transport.discovery import reserved_ports
+from ros_bridge.transport.discovery import reserve_ports
 rclpy.init()
-with reserved_ports(3):
+with reserve_ports(3):
     node = rclpy.create_node("newcomer")
 print("here", flush=True)
 input()
@@ -272,22 +272,22 @@ def free(there: int) -> bool:
 def test_ports_are_held_and_freed(monkeypatch: pytest.MonkeyPatch):
     with domain() as number:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-        with reserved_ports(4) as first:
+        with reserve_ports(4) as first:
             assert len(first) == 4 and not any(map(free, first))
             # A process that starts at the same time is not driven further.
-            with reserved_ports(6) as second:
+            with reserve_ports(6) as second:
                 assert second == [port(number, 4), port(number, 5)]
         assert all(map(free, (*first, *second)))
-        with reserved_ports() as drawn:
+        with reserve_ports() as drawn:
             assert len(drawn) < PORTS
-        with reserved_ports(0) as nothing:
+        with reserve_ports(0) as nothing:
             assert nothing == []
 
 
 @pytest.mark.parametrize("name", ["many", "-3", "", "232", "100000"])
 def test_a_domain_that_ros_refuses_is_no_matter_here(name: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", name)
-    with reserved_ports(3):
+    with reserve_ports(3):
         pass
 
 

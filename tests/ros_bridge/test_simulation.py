@@ -23,7 +23,7 @@ from envs.relative import straight_cpa
 from envs.starts import encounters_of_seed
 from envs.waypoints import RoutePoint, Waypoint, at, legs, plan_states
 from envs.wind import Wind, over_ground
-from ros_bridge.sim.flight_log import FlightLog, all_safe_kept, table
+from ros_bridge.sim.flight_log import FlightLog, keep_promises, table
 from ros_bridge.sim.guidance import Flying
 from ros_bridge.sim.plan_flight import PlanFlight, Verdict, plans_table
 from ros_bridge.sim.receivers import Quality, Receiver
@@ -76,7 +76,7 @@ def test_what_flies_through_an_area_in_a_wind_is_seen_to():
         while not flight.over():
             flight.step()
         assert flight.truth.clear == pytest.approx(-300.0, abs=10.0)
-    assert not make_log(clear=-0.1).kept
+    assert not make_log(clear=-0.1).keeps_promise
     shown = table([make_log(clear=-0.1)])
     assert "SAFE plans in an area: x 0" in shown
     assert "below 1000 m: none" in shown
@@ -239,12 +239,12 @@ def make_log(**more) -> FlightLog:
 
 
 def test_safe_plans_must_keep_the_separation():
-    assert all_safe_kept([make_log(), make_log(separation=1_000.0)])
-    assert not all_safe_kept([make_log(), make_log(separation=999.9)])
-    assert not all_safe_kept([make_log(separation=math.nan)])
-    assert not all_safe_kept([make_log(failure="the attitude is lost")])
+    assert keep_promises([make_log(), make_log(separation=1_000.0)])
+    assert not keep_promises([make_log(), make_log(separation=999.9)])
+    assert not keep_promises([make_log(separation=math.nan)])
+    assert not keep_promises([make_log(failure="the attitude is lost")])
     # Nobody promised anything.
-    assert all_safe_kept([make_log(first="UNRESOLVED", safe_at=None, separation=300.0)])
+    assert keep_promises([make_log(first="UNRESOLVED", safe_at=None, separation=300.0)])
 
 
 def test_the_table_names_what_went_wrong():

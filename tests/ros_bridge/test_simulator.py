@@ -45,7 +45,7 @@ from ros_bridge.nodes.pilot import Pilot
 from ros_bridge.nodes.series import main
 from ros_bridge.nodes.simulator import Simulator
 from ros_bridge.nodes.simulator_messages import route_of
-from ros_bridge.sim.flight_log import all_safe_kept
+from ros_bridge.sim.flight_log import keep_promises
 from ros_bridge.sim.guidance import Guidance
 from ros_bridge.sim.world import EncounterFlight
 from ros_bridge.transport import qos
@@ -103,7 +103,7 @@ def test_encounter_that_cannot_be_flown_is_a_logged_failure():
         node.begin(fast, "too fast")
         assert not node.flying
         assert node.logs[0].failure.startswith("vehicle 'c208': the flight cannot begin")
-        assert not all_safe_kept(node.logs)
+        assert not keep_promises(node.logs)
 
 
 @pytest.mark.parametrize(
