@@ -9,7 +9,7 @@ kinematic vehicle is led along them by :mod:`envs.follower`, one with an aircraf
 import importlib.util
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,10 @@ from envs.trees import take
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind, over_ground
 from ros_bridge.sim.plan_flight import PlanFlight
+
+if TYPE_CHECKING:
+    from envs.c208.flightgear import FlightGear
+    from envs.c208.guidance import Guide
 
 ALTITUDE = 2_500.0
 """At which all fly, m."""
@@ -64,7 +68,9 @@ def check_installed(name: str) -> None:
         )
 
 
-def vehicle(name: str, state: VehicleState, limits: Limits, viewer: Any = None) -> Vehicle:
+def vehicle(
+    name: str, state: VehicleState, limits: Limits, viewer: "FlightGear | None" = None
+) -> Vehicle:
     """Return an ownship of these limits, or raise :class:`SimulationError`; JSBSim is loaded where
     it is needed.
 
@@ -119,7 +125,7 @@ class EncounterFlight:
         aircraft: Aircraft,
         limits: Limits,
         kind: str = "kinematic",
-        viewer: Any = None,
+        viewer: "FlightGear | None" = None,
         wind: Wind = NO_WIND,
         areas: Sequence[Area] = (),
     ) -> None:
@@ -144,9 +150,8 @@ class EncounterFlight:
         self.truth = Truth()  # since the beginning, or since a new one was put here
         self.reached: float | None = None  # when the goal was passed, s
         self._intent = take(take(encounter.intent, 0), there)
-        self.names = tuple(
-            f"4b{number + 1:04x}" for number in range(len(there))
-        )  # of the intruders
+        # of the intruders
+        self.names = tuple(f"4b{number + 1:04x}" for number in range(len(there)))
 
     @property
     def own(self) -> VehicleState:
@@ -176,11 +181,11 @@ class EncounterFlight:
                 )
             )
             self._courses = self.time, self._intruders.vehicle
-        self._guide: Any = None
+        self._guide: Guide | None = None
         if self._lags:
-            from envs.c208.guidance import Guide, Path
+            from envs.c208 import guidance as lagging
 
-            self._guide = Guide(Path(curves, began=began))
+            self._guide = lagging.Guide(lagging.Path(curves, began=began))
 
     def step(self) -> None:
         """Fly on by one period, or raise :class:`envs.c208.vehicle.FlightError`."""
@@ -204,7 +209,10 @@ class EncounterFlight:
             self.truth = self.truth._replace(separation=least, when=self.time)
         if self._on_plan:
             self._record(after, least)
-        there = over_ground(after, self.wind, self.time)
+        self._note_place(over_ground(after, self.wind, self.time))
+
+    def _note_place(self, there: VehicleState) -> None:
+        """Note how near a place over the ground is to areas, and whether it is at the goal."""
         for area in self.areas:
             clear = float(signed_distance(area, there.x, there.y, self.time))
             self.truth = self.truth._replace(clear=min(self.truth.clear, clear))
