@@ -71,7 +71,7 @@ def perceive(
 
     Args:
         now, before, before_that: true states at this step and one and two steps ago, ``[...]``;
-            where the flight has not lasted so long, the present state carried back along its course
+            where the flight has not lasted so long, the state now carried back along its course
             (:func:`carry_back`).
         sensor: its latency must not exceed ``2 dt``.
         noise: standard normal draws, four components ``[...]`` each (x, y, vx, vy).

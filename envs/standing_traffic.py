@@ -28,7 +28,7 @@ STANDING = 0.5
 """
 
 DRIFT = 0.1
-"""Fastest drift, in the ownship's highest speed."""
+"""Fastest drift, in shares of the ownship's highest speed."""
 
 ASIDE = 2.0
 """Farthest place from the line between the ownship's start and its goal, D."""

@@ -52,7 +52,8 @@ def redraw_pool(
     """Sample a pool of starts, ``[rows, count]``, from a mixture of scenarios by their
     probabilities.
 
-    Scenarios with fewer intruders than others get absent ones. A row is used per step.
+    Encounters of scenarios with fewer intruders than others are filled up with some that do not
+    exist. A row is used per step.
     """
     total = rows * count
     most = max(scenario.intruders[1] for scenario in scenarios)

@@ -120,10 +120,10 @@ def narrow(limits: Limits, error: float) -> Limits:
     - the turn rate is ``(v |r| + |a| e / v) / (v - e)`` at most.
 
     The turn rate is narrowed for the lowest airspeed that is left, at which that bound is greatest,
-    and as far as leaves half of the weaker acceleration. Speeds that cross, or a turn rate or
-    acceleration that is not positive, mean that nothing is left. What can fly very
-    slowly, as what hovers, is kept from that, where the turn rate has no bound: from less than
-    twice the error, and less than the strongest acceleration over the turn rate.
+    and so far that half of the weaker acceleration is left. Speeds that cross, or a turn rate or
+    acceleration that is not positive, mean that nothing is left. Near standing still the turn rate
+    has no bound; so what can fly very slowly, as what hovers, must not fly slower than twice the
+    error, nor slower than the strongest acceleration divided by the turn rate.
     """
     if error == 0.0:
         return limits

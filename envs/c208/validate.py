@@ -156,8 +156,8 @@ def modes(speed: float) -> dict[str, tuple[float, float]]:
     linear = jsbsim.FGLinearization(fdm.exec)
     names, matrix = list(linear.x_names), np.array(linear.system_matrix)
 
-    def roots(*kept: str) -> np.ndarray:
-        index = [names.index(name) for name in kept]
+    def roots(*states: str) -> np.ndarray:
+        index = [names.index(name) for name in states]
         return np.linalg.eigvals(matrix[np.ix_(index, index)])
 
     pitching = sorted(

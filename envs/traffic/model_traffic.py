@@ -100,11 +100,10 @@ def encounters_with(
         if not left.size:
             break
     else:
-        unmet = (
-            f"does not meet the conditions in {traffic.attempts} attempts; allow more, or "
-            "other conditions"
+        raise EncounterError(
+            f"encounter {first + int(left[0])} of seed {seed} does not meet the conditions in "
+            f"{traffic.attempts} attempts; allow more, or other conditions"
         )
-        raise EncounterError(f"encounter {first + int(left[0])} of seed {seed} {unmet}")
     assert whole is not None  # there is an attempt at least
     recording = Recording(
         *(field[:, None] for field in _at_steps(whole.recording, traffic.aircraft.dt))
@@ -131,30 +130,56 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     acceleration = track.speed[rows, second + 1] - track.speed[rows, second]
     turn_rate = sampled.turn_rate[rows, second]
     there = advance(take(track, (rows, second)), acceleration, turn_rate, time - second, _FREE, np)
-    heading = there.heading + turned
-    ahead_x, ahead_y = np.cos(heading), np.sin(heading)
-    vx = there.speed * ahead_x - speed * np.cos(course)
-    vy = there.speed * ahead_y - speed * np.sin(course)
-    fast = np.maximum(distance(vx, vy, np), 1e-6)
-    ax = acceleration * ahead_x - there.speed * turn_rate * ahead_y
-    ay = acceleration * ahead_y + there.speed * turn_rate * ahead_x
-    weight = fast + miss * (vx * ay - vy * ax) / fast**2
-
     own = VehicleState(np.zeros(len(rows)), np.zeros(len(rows)), course, speed)
+    turned_there = there._replace(heading=there.heading + turned)
+    passing = _pass(own, turned_there, acceleration, turn_rate, miss)
+
     # To the left of the relative velocity, at the miss distance from where the ownship is then.
     x, y = _rotate(there.x, there.y, turned)
-    shift_x = speed * time * np.cos(course) - miss * vy / fast - x
-    shift_y = speed * time * np.sin(course) + miss * vx / fast - y
+    shift_x = speed * time * np.cos(course) - miss * passing.vy / passing.speed - x
+    shift_y = speed * time * np.sin(course) + miss * passing.vx / passing.speed - y
     x, y = _rotate(track.x, track.y, turned[:, None])
     heading = wrap(track.heading + turned[:, None], np)
     recording = VehicleState(x + shift_x[:, None], y + shift_y[:, None], heading, track.speed)
     accepted = (
-        (weight > 0.0)
+        (passing.weight > 0.0)
         & (sampled.speed <= most)
         & (distance(recording.x[:, 0], recording.y[:, 0], np) >= traffic.min_initial_separation)
         & (np.abs(_closest(own, recording, traffic.ahead) - np.abs(miss)) <= _SAME)
     )
-    return _Drawn(own, recording, weight, accepted)
+    return _Drawn(own, recording, passing.weight, accepted)
+
+
+class _Passing(NamedTuple):
+    """The intruder's motion relative to the ownship at the closest approach; fields ``[M]``."""
+
+    vx: np.ndarray  # m/s
+    vy: np.ndarray
+    speed: np.ndarray  # m/s, above 0
+    weight: np.ndarray  # of the encounter, m/s
+
+
+def _pass(
+    own: VehicleState,
+    there: VehicleState,
+    acceleration: np.ndarray,
+    turn_rate: np.ndarray,
+    miss: np.ndarray,
+) -> _Passing:
+    """Return how an intruder passes the ownship, ``[M]``.
+
+    Args:
+        there: the intruder at the closest approach, accelerating along its path, m/s^2, and
+            turning, rad/s.
+        miss: its signed distance, m.
+    """
+    ahead_x, ahead_y = np.cos(there.heading), np.sin(there.heading)
+    vx = there.speed * ahead_x - own.speed * np.cos(own.heading)
+    vy = there.speed * ahead_y - own.speed * np.sin(own.heading)
+    speed = np.maximum(distance(vx, vy, np), 1e-6)
+    ax = acceleration * ahead_x - there.speed * turn_rate * ahead_y
+    ay = acceleration * ahead_y + there.speed * turn_rate * ahead_x
+    return _Passing(vx, vy, speed, weight=speed + miss * (vx * ay - vy * ax) / speed**2)
 
 
 def _closest(own: VehicleState, recording: VehicleState, until: float) -> np.ndarray:
