@@ -78,6 +78,29 @@ def model(content: PolicyFile, inputs: Sequence[Input] = ()) -> Any:
     return made
 
 
+class _Layers:
+    """The nodes of a network, and the values of its tensors by their names."""
+
+    def __init__(self, make_node: Callable[..., Any]) -> None:
+        self._make_node = make_node
+        self.nodes: list[Any] = []
+        self.values: dict[str, np.ndarray] = {}
+
+    def gemm(self, name: str, source: str, kernel: np.ndarray, bias: np.ndarray) -> str:
+        """Add a product with a kernel ``[in, out]`` and a bias; return the name of its output."""
+        self.values |= {f"{name}/kernel": kernel, f"{name}/bias": bias}
+        return self.node("Gemm", name, source, f"{name}/kernel", f"{name}/bias")
+
+    def tanh(self, source: str) -> str:
+        """Add a tanh; return the name of its output."""
+        return self.node("Tanh", f"{source}/tanh", source)
+
+    def node(self, kind: str, name: str, *sources: str) -> str:
+        """Add a node; return the name of its output."""
+        self.nodes.append(self._make_node(kind, [*sources], [name]))
+        return name
+
+
 def network_part(policy: Policy) -> Any:
     """Return the ``onnx.ModelProto`` of the network for one intruder behind its derived inputs, for
     verifiers.
@@ -89,40 +112,16 @@ def network_part(policy: Policy) -> Any:
     """
     check_one_layer(policy)
     onnx: Any = importlib.import_module("onnx")
-    node, tensors, nodes, values = onnx.helper.make_node, policy.tensors, [], {}
-
-    def gemm(name: str, source: str, kernel: np.ndarray, bias: np.ndarray) -> str:
-        values.update({f"{name}/kernel": kernel, f"{name}/bias": bias})
-        nodes.append(node("Gemm", [source, f"{name}/kernel", f"{name}/bias"], [name]))
-        return name
-
-    def tanh(name: str) -> str:
-        nodes.append(node("Tanh", [name], [f"{name}/tanh"]))
-        return f"{name}/tanh"
-
-    # Rows of zeros instead of slices: the encoder reads what describes the intruder, the trunk the
-    # rest.
-    encoder, trunk = tensors["each_0/kernel"], tensors["hidden_0/kernel"]
-    own_size = policy.inputs.own_size
-    each = np.pad(encoder, ((own_size, 0), (0, 0)))
-    seen = tanh(gemm("each_0", "inputs", each, tensors["each_0/bias"]))
-    of_own = np.pad(trunk[:own_size], ((0, len(encoder)), (0, 0)))
-    own = gemm("own", "inputs", of_own, tensors["hidden_0/bias"])
-    pooled = gemm("pooled", seen, trunk[own_size:], 0.0 * tensors["hidden_0/bias"])
-    nodes.append(node("Add", [own, pooled], ["hidden_0"]))
-    last = tanh("hidden_0")
-    for number in range(1, len(policy.metadata["architecture"]["hidden"])):
-        name = f"hidden_{number}"
-        last = tanh(gemm(name, last, tensors[f"{name}/kernel"], tensors[f"{name}/bias"]))
-    gemm("action", last, tensors["head/kernel"], tensors["head/bias"])
+    layers = _layers_of(policy, onnx.helper.make_node)
+    size = policy.inputs.own_size + policy.inputs.each_size
     graph = onnx.helper.make_graph(
-        nodes,
+        layers.nodes,
         "rlcas_policy_network",
-        [onnx.helper.make_tensor_value_info("inputs", onnx.TensorProto.FLOAT, ["N", len(each)])],
+        [onnx.helper.make_tensor_value_info("inputs", onnx.TensorProto.FLOAT, ["N", size])],
         [onnx.helper.make_tensor_value_info("action", onnx.TensorProto.FLOAT, ["N", 2])],
         [
             onnx.numpy_helper.from_array(np.asarray(value, np.float32), name)
-            for name, value in values.items()
+            for name, value in layers.values.items()
         ],
     )
     made = onnx.helper.make_model(
@@ -131,6 +130,29 @@ def network_part(policy: Policy) -> Any:
     onnx.helper.set_model_props(made, {"policy_sha256": policy.sha256})
     onnx.checker.check_model(made, full_check=True)
     return made
+
+
+def _layers_of(policy: Policy, make_node: Callable[..., Any]) -> _Layers:
+    """Return the layers of a policy for one intruder, from ``inputs`` to ``action``.
+
+    Rows of zeros take the place of slices: the encoder reads what describes the intruder, the trunk
+    the rest.
+    """
+    tensors, layers = policy.tensors, _Layers(make_node)
+    encoder, trunk = tensors["each_0/kernel"], tensors["hidden_0/kernel"]
+    own_size, bias = policy.inputs.own_size, tensors["hidden_0/bias"]
+    each = np.pad(encoder, ((own_size, 0), (0, 0)))
+    seen = layers.tanh(layers.gemm("each_0", "inputs", each, tensors["each_0/bias"]))
+    of_own = np.pad(trunk[:own_size], ((0, len(encoder)), (0, 0)))
+    own = layers.gemm("own", "inputs", of_own, bias)
+    pooled = layers.gemm("pooled", seen, trunk[own_size:], 0.0 * bias)
+    last = layers.tanh(layers.node("Add", "hidden_0", own, pooled))
+    for number in range(1, len(policy.metadata["architecture"]["hidden"])):
+        name = f"hidden_{number}"
+        last = layers.gemm(name, last, tensors[f"{name}/kernel"], tensors[f"{name}/bias"])
+        last = layers.tanh(last)
+    layers.gemm("action", last, tensors["head/kernel"], tensors["head/bias"])
+    return layers
 
 
 def inputs_of(content: PolicyFile) -> dict[str, np.ndarray]:
