@@ -2,6 +2,7 @@
 begins.
 """
 
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -74,33 +75,52 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
             if getattr(given, name):
                 hint = "leave it out, or start a new run without --resume"
                 raise ConfigError(f"--{name} cannot change a run that is resumed; {hint}")
-        return Options(
-            given.resume, resumed_jobs(given.resume), given.quiet, True, given.devices, processes
-        )
-    check_named(given)
-    overrides = overrides_of(given)
-    config = load(TrainConfig, given.config, overrides)
-    _check_effective(config, overrides)
-    seeds = 1 if given.seeds is None else given.seeds
+        directory, jobs = given.resume, resumed_jobs(given.resume)
+    else:
+        check_named(given)
+        overrides = overrides_of(given)
+        config = load(TrainConfig, given.config, overrides)
+        _check_effective(config, overrides)
+        seeds = _seeds(config, given.seeds)
+        directory = _new_directory(config, given.out, processes, now)
+        jobs = _new_jobs(config, directory, seeds)
+    resumed = given.resume is not None
+    return Options(directory, jobs, given.quiet, resumed, given.devices, processes)
+
+
+def _seeds(config: TrainConfig, given: int | None) -> int:
+    """Return how many seeds are trained."""
+    seeds = 1 if given is None else given
     if not 1 <= seeds <= SEED_END - config.seed:
         raise ConfigError(
             f"--seeds is {seeds}; expected 1 to {SEED_END - config.seed} (seeds are below "
             f"{SEED_END})"
         )
-    if processes is not None and given.out is None:
+    return seeds
+
+
+def _new_directory(
+    config: TrainConfig, given: Path | None, processes: Processes | None, now: datetime | None
+) -> Path:
+    """Return the directory of a new run."""
+    if processes is not None and given is None:
         raise ConfigError("--coordinator needs --out, the same directory for all processes")
     moment = datetime.now(UTC) if now is None else now
-    directory = given.out or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
+    directory = given or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
     # Another process may have begun to fill it.
     if (processes is None or processes.number == 0) and not is_unused(directory):
         raise ConfigError(
             f"--out {directory} exists and is not empty; name another, or go on with it by --resume"
         )
-    jobs = [Job(config, directory, resume=False)]
-    if seeds > 1:
-        configs = [config.model_copy(update={"seed": config.seed + i}) for i in range(seeds)]
-        jobs = [Job(each, directory / f"seed-{i}", resume=False) for i, each in enumerate(configs)]
-    return Options(directory, tuple(jobs), given.quiet, False, given.devices, processes)
+    return directory
+
+
+def _new_jobs(config: TrainConfig, directory: Path, seeds: int) -> tuple[Job, ...]:
+    """Return the jobs of a new run, one for each seed."""
+    if seeds == 1:
+        return (Job(config, directory, resume=False),)
+    configs = [config.model_copy(update={"seed": config.seed + i}) for i in range(seeds)]
+    return tuple(Job(each, directory / f"seed-{i}", resume=False) for i, each in enumerate(configs))
 
 
 def write_configurations(options: Options) -> None:
@@ -203,18 +223,18 @@ def add_configuration(parser: Parser) -> None:
     add("--quiet", action="store_true", help="show no progress")
 
 
-def is_named(given: Any) -> bool:
+def is_named(given: Namespace) -> bool:
     """Return whether a command line says what is trained."""
     return given.config is not None or bool(given.set) or given.steps is not None
 
 
-def check_named(given: Any) -> None:
+def check_named(given: Namespace) -> None:
     """Refuse a command line that does not say what is trained."""
     if not is_named(given):
         raise ConfigError(f"--config is missing; expected a YAML file, or one that ships: {NAMES}")
 
 
-def overrides_of(given: Any) -> list[str]:
+def overrides_of(given: Namespace) -> list[str]:
     """Return what ``--set`` and ``--steps`` change."""
     return given.set + ([f"steps={given.steps}"] if given.steps else [])
 

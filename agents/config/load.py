@@ -137,36 +137,36 @@ def _override(model: type[BaseModel], values: dict[str, Any], text: str) -> list
         example = f"{name}={field.get_default(call_default_factory=True)}"
         raise ConfigError(f"--set {text}: expected KEY=VALUE, such as --set {example}")
     node: Any = values
-    for depth, step in enumerate(path):
-        if isinstance(node, dict):
-            if depth < len(path) - 1 and node.get(step) is None:
-                node[step] = _start(field_at(model, path[: depth + 1]))
-            place: Any = step
-        elif isinstance(node, list):
-            if not step.isdecimal() or int(step) >= len(node):
-                raise ConfigError(
-                    f"--set {text}: {step!r} is no item of a list of {len(node)}; expected 0, 1, "
-                    "..."
-                )
-            place = int(step)
-        else:
-            raise ConfigError(
-                f"--set {text}: {'.'.join(path[:depth])} is {node!r} and has no key {step!r}"
-            )
-        if depth < len(path) - 1:
-            node = node[place]
-            continue
-        field = field_at(model, path)
-        try:
-            # A text is taken as it stands, though YAML might see a number in it.
-            node[place] = (
-                written
-                if isinstance(field, FieldInfo) and field.annotation is str
-                else read(written)
-            )
-        except YamlError as problem:
-            raise ConfigError(f"--set {dotted}: {problem}") from None
+    for depth, step in enumerate(path[:-1]):
+        if isinstance(node, dict) and node.get(step) is None:
+            node[step] = _start(field_at(model, path[: depth + 1]))
+        node = node[_place(node, path, depth, text)]
+    place, field = _place(node, path, len(path) - 1, text), field_at(model, path)
+    # A text is taken as it stands, though YAML might see a number in it.
+    is_text = isinstance(field, FieldInfo) and field.annotation is str
+    try:
+        node[place] = written if is_text else read(written)
+    except YamlError as problem:
+        raise ConfigError(f"--set {dotted}: {problem}") from None
     return path
+
+
+def _place(node: Any, path: Sequence[str], depth: int, text: str) -> str | int:
+    """Return by what a step of a path of keys is found in a group or a list; raise a ConfigError
+    where it cannot be. ``text`` is the override that says the path.
+    """
+    step = path[depth]
+    if isinstance(node, dict):
+        return step
+    if not isinstance(node, list):
+        raise ConfigError(
+            f"--set {text}: {'.'.join(path[:depth])} is {node!r} and has no key {step!r}"
+        )
+    if not step.isdecimal() or int(step) >= len(node):
+        raise ConfigError(
+            f"--set {text}: {step!r} is no item of a list of {len(node)}; expected 0, 1, ..."
+        )
+    return int(step)
 
 
 def _start(field: FieldInfo | type[BaseModel] | None) -> Any:

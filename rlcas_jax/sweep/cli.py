@@ -2,6 +2,7 @@
 trial.
 """
 
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,13 +82,7 @@ def parse(argv: Sequence[str] | None = None) -> Options:
                 f"--out {directory} exists and is not empty; name another, or add --resume to go on"
             )
         file, source, overrides = given.config, given.space, overrides_of(given)
-        try:
-            values = {"trials": given.trials, "space": read(file_of(given.space))}
-        except YamlError as problem:
-            raise ConfigError(str(problem)) from None
-        settings = validate(
-            SweepConfig, values | ({} if given.seeds is None else {"seeds": given.seeds})
-        )
+        settings = _new_settings(given)
     base = load(TrainConfig, file, overrides)
     if base.phases:
         raise ConfigError(
@@ -100,7 +95,17 @@ def parse(argv: Sequence[str] | None = None) -> Options:
     return Options(directory, base, settings, space, given.resume, given.quiet)
 
 
-def _check_complete(given: Any) -> None:
+def _new_settings(given: Namespace) -> SweepConfig:
+    """Return the settings of a search that begins."""
+    try:
+        values = {"trials": given.trials, "space": read(file_of(given.space))}
+    except YamlError as problem:
+        raise ConfigError(str(problem)) from None
+    seeds = {} if given.seeds is None else {"seeds": given.seeds}
+    return validate(SweepConfig, values | seeds)
+
+
+def _check_complete(given: Namespace) -> None:
     """Refuse a command line without what a search needs; all that is missing in one sentence."""
     needed = {"--out DIR": given.out is not None}
     if not given.resume:
