@@ -37,68 +37,80 @@ class Column(NamedTuple):
     name: str
     low: float
     high: float  # both ends belong to the range
-    default: float | None  # value where the column or the cell is missing; None: it is required
+    text: str  # what it holds
     shared: bool
     """Whether all rows of an encounter must agree, because it does not belong to one intruder."""
-    text: str
+    default: float | None = None
+    """Value where the column or the cell is missing; None: it is required."""
     scale: float = 1.0  # SI value of one unit
 
 
+_TURN = 360.0  # degrees
+_FASTEST = FASTEST.speed_max
+
 COLUMNS = (
-    Column("own_x_m", -_FAR, _FAR, None, True, "start of the ownship, east"),
-    Column("own_y_m", -_FAR, _FAR, None, True, "start of the ownship, north"),
+    Column("own_x_m", -_FAR, _FAR, "start of the ownship, east", shared=True),
+    Column("own_y_m", -_FAR, _FAR, "start of the ownship, north", shared=True),
     Column(
         "own_heading_deg",
-        -360.0,
-        360.0,
-        None,
-        True,
+        -_TURN,
+        _TURN,
         "its heading, counter-clockwise from east",
-        _DEGREES,
+        shared=True,
+        scale=_DEGREES,
     ),
-    Column("own_speed_m_s", 0.0, FASTEST.speed_max, None, True, "its speed"),
-    Column("goal_x_m", -_FAR, _FAR, None, True, "goal, east"),
-    Column("goal_y_m", -_FAR, _FAR, None, True, "goal, north"),
-    Column("intruder_x_m", -_FAR, _FAR, None, False, "start of the intruder, east"),
-    Column("intruder_y_m", -_FAR, _FAR, None, False, "start of the intruder, north"),
+    Column("own_speed_m_s", 0.0, _FASTEST, "its speed", shared=True),
+    Column("goal_x_m", -_FAR, _FAR, "goal, east", shared=True),
+    Column("goal_y_m", -_FAR, _FAR, "goal, north", shared=True),
+    Column("intruder_x_m", -_FAR, _FAR, "start of the intruder, east", shared=False),
+    Column("intruder_y_m", -_FAR, _FAR, "start of the intruder, north", shared=False),
     Column(
         "intruder_heading_deg",
-        -360.0,
-        360.0,
-        None,
-        False,
+        -_TURN,
+        _TURN,
         "its heading, as the ownship's",
-        _DEGREES,
+        shared=False,
+        scale=_DEGREES,
     ),
-    Column("intruder_speed_m_s", 0.0, FASTEST.speed_max, None, False, "its speed"),
-    Column("turn_onset_s", 0.0, 1e6, 0.0, False, "when the intruder changes its course"),
+    Column("intruder_speed_m_s", 0.0, _FASTEST, "its speed", shared=False),
+    Column(
+        "turn_onset_s", 0.0, 1e6, "when the intruder changes its course", shared=False, default=0.0
+    ),
     Column(
         "turn_change_deg",
         -180.0,
         180.0,
-        0.0,
-        False,
         "by how much, positive to the left; 0: not at all",
-        _DEGREES,
+        shared=False,
+        default=0.0,
+        scale=_DEGREES,
     ),
-    Column("turn_rate_deg_s", 0.0, 30.0, 3.0, False, "its largest turn rate", _DEGREES),
+    Column(
+        "turn_rate_deg_s",
+        0.0,
+        30.0,
+        "its largest turn rate",
+        shared=False,
+        default=3.0,
+        scale=_DEGREES,
+    ),
     Column(
         "position_std_m",
         0.0,
         10_000.0,
-        0.0,
-        True,
         "noise of reported positions, one sigma per axis",
+        shared=True,
+        default=0.0,
     ),
     Column(
         "velocity_std_m_s",
         0.0,
         100.0,
-        0.0,
-        True,
         "noise of reported velocities, one sigma per axis",
+        shared=True,
+        default=0.0,
     ),
-    Column("latency_s", 0.0, 2.0, 0.0, True, "age of the reports"),
+    Column("latency_s", 0.0, 2.0, "age of the reports", shared=True, default=0.0),
 )
 """The columns beside ``encounter``, which holds any text that names an encounter."""
 
@@ -169,16 +181,23 @@ def read(
                 f"{where}: encounter {name!r} has more than {MOST_INTRUDERS} intruders"
             )
         group.append((number, values))
-    if not groups:
-        raise EncounterError(f"{source}: no encounter, expected at least one line below the header")
-    most = max(map(len, groups.values()))
-    if len(groups) * most > _MOST_PLACES:
-        raise EncounterError(
-            f"{source}: {len(groups)} encounters of up to {most} intruders, expected a product of "
-            f"at most {_MOST_PLACES}: divide the file"
-        )
+    _check_size([len(group) for group in groups.values()], source)
     encounters = _encounters([[values for _, values in group] for group in groups.values()])
     return encounters, list(groups)
+
+
+def _check_size(intruders: list[int], source: str) -> None:
+    """Refuse a file without encounters, or with more than fit together; given are the numbers of
+    their intruders.
+    """
+    if not intruders:
+        raise EncounterError(f"{source}: no encounter, expected at least one line below the header")
+    most = max(intruders)
+    if len(intruders) * most > _MOST_PLACES:
+        raise EncounterError(
+            f"{source}: {len(intruders)} encounters of up to {most} intruders, expected a product "
+            f"of at most {_MOST_PLACES}: divide the file"
+        )
 
 
 def write(
