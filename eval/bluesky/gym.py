@@ -95,43 +95,90 @@ class Pilot:
 
         ``[2 N]`` each: of those that go on straight, then of those that the policy flies on.
         """
-        limits = _limits(speed)
+        limits, period = _limits(speed), _units().period
         separation = MARGIN * _units().separation
         policy = self._policy.for_aircraft(new_aircraft(limits, separation))
         by_policy = np.repeat([False, True], len(heading))
-        zeros, shape = np.zeros(len(by_policy)), (len(by_policy), len(traffic))
-        own = VehicleState(zeros, zeros, np.tile(heading, 2), zeros + speed)
-        others = VehicleState(*(np.broadcast_to(field, shape) for field in np.transpose(traffic)))
-        goal_x, goal_y = zeros + goal[0], zeros + goal[1]
-        nearest, drift, flies = zeros + np.inf, zeros, zeros == 0.0
+        flights = _FlightsAhead.begin(np.tile(heading, 2), speed, traffic, goal)
         for step in range(_STEPS):
             time = step * _STEP
-            off = bearing(own, goal_x, goal_y, np)
-            to_goal = np.hypot(goal_x - own.x, goal_y - own.y)
-            clear = _is_clear(own, others, off, to_goal / speed, limits)
+            off, to_goal = flights.to_waypoint()
+            clear = _is_clear(flights.own, flights.others, off, to_goal / speed, limits)
             # The environment ends between two actions only.
-            ends = time % _units().period == 0.0
-            arrived = (to_goal < _units().reached) & ends
-            flies = flies & ~arrived & ~(clear & (np.abs(off) < 0.1))
-            # What drifts more than a flight that has ended well is beaten.
-            flies &= drift < drift.min(initial=np.inf, where=~flies & (nearest >= separation))
-            if not flies.any():
+            arrived = (to_goal < _units().reached) & (time % period == 0.0)
+            ends = arrived | (clear & (np.abs(off) < 0.1))
+            flights = flights.end(ends, separation)
+            if not flights.flies.any():
                 break
-            turn = zeros
-            if time >= _units().period:
+            turn = np.zeros(len(by_policy))
+            if time >= period:
                 most = limits.yaw_rate_max
                 turn = np.where(clear, np.clip(off / _STEP, -most, most), 0.0)
-                asked = flies & by_policy & ~clear
+                asked = flights.flies & by_policy & ~clear
                 if asked.any():
-                    turn[asked] = _turn_rates(
-                        policy, *take((own, others, goal_x, goal_y), asked), limits
-                    )
-            own = advance(own, zeros, turn, _STEP, limits, np)
-            others = advance(others, np.zeros(shape), 0.0, _STEP, limits, np)
-            apart = np.hypot(others.x - own.x[:, None], others.y - own.y[:, None]).min(axis=1)
-            nearest = np.where(flies, np.minimum(nearest, apart), nearest)
-            drift = drift + np.where(flies, np.abs(bearing(own, goal_x, goal_y, np)) * _STEP, 0.0)
-        return nearest, drift
+                    turn[asked] = _turn_rates(policy, take(flights, asked), limits)
+            flights = flights.advance(turn, limits)
+        return flights.nearest, flights.drift
+
+
+class _FlightsAhead(NamedTuple):
+    """Flights ``[M]`` on from an observation, and what they came to so far."""
+
+    own: VehicleState
+    others: VehicleState  # the traffic of each, [M, K]
+    goal_x: np.ndarray  # the waypoint, m
+    goal_y: np.ndarray
+    nearest: np.ndarray  # least distance from the traffic, m
+    drift: np.ndarray  # rad s
+    flies: np.ndarray  # which go on, bool
+
+    @classmethod
+    def begin(
+        cls,
+        heading: np.ndarray,
+        speed: float,
+        traffic: list[VehicleState],
+        goal: tuple[float, float],
+    ) -> "_FlightsAhead":
+        """Return flights with first headings, rad, at a speed, m/s, to a waypoint, m."""
+        zeros, shape = np.zeros(len(heading)), (len(heading), len(traffic))
+        others = VehicleState(*(np.broadcast_to(field, shape) for field in np.transpose(traffic)))
+        return cls(
+            own=VehicleState(zeros, zeros, heading, zeros + speed),
+            others=others,
+            goal_x=zeros + goal[0],
+            goal_y=zeros + goal[1],
+            nearest=zeros + np.inf,
+            drift=zeros,
+            flies=zeros == 0.0,
+        )
+
+    def to_waypoint(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bearing of the waypoint from the heading, rad, and its distance, m."""
+        away = np.hypot(self.goal_x - self.own.x, self.goal_y - self.own.y)
+        return bearing(self.own, self.goal_x, self.goal_y, np), away
+
+    def end(self, ends: np.ndarray, separation: float) -> "_FlightsAhead":
+        """Return the flights without those that end, and without those that are beaten: that drift
+        more than one that has ended with the separation, m.
+        """
+        flies = self.flies & ~ends
+        well = ~flies & (self.nearest >= separation)
+        least = self.drift.min(initial=np.inf, where=well)
+        return self._replace(flies=flies & (self.drift < least))
+
+    def advance(self, turn: np.ndarray, limits: Limits) -> "_FlightsAhead":
+        """Return the flights a step later, with yaw rates, rad/s."""
+        own = advance(self.own, np.zeros(len(turn)), turn, _STEP, limits, np)
+        others = advance(self.others, np.zeros(self.others.x.shape), 0.0, _STEP, limits, np)
+        apart = np.hypot(others.x - own.x[:, None], others.y - own.y[:, None]).min(axis=1)
+        off = np.abs(bearing(own, self.goal_x, self.goal_y, np))
+        return self._replace(
+            own=own,
+            others=others,
+            nearest=np.where(self.flies, np.minimum(apart, self.nearest), self.nearest),
+            drift=self.drift + np.where(self.flies, off * _STEP, 0.0),
+        )
 
 
 def _limits(speed: float) -> Limits:
@@ -156,16 +203,10 @@ def _is_clear(
     return (apart >= MARGIN * _units().separation).all(axis=1)
 
 
-def _turn_rates(
-    policy: Policy,
-    own: VehicleState,
-    others: VehicleState,
-    goal_x: np.ndarray,
-    goal_y: np.ndarray,
-    limits: Limits,
-) -> np.ndarray:
+def _turn_rates(policy: Policy, flights: _FlightsAhead, limits: Limits) -> np.ndarray:
     """Return the yaw rates that the policy commands, rad/s, ``[M]``."""
-    action = policy.command(own, others, np.ones_like(others.x, bool), goal_x, goal_y)
+    exists = np.ones_like(flights.others.x, bool)
+    action = policy.command(flights.own, flights.others, exists, flights.goal_x, flights.goal_y)
     return commands(action.T, limits, np)[1]
 
 
@@ -189,11 +230,6 @@ def observe(
     at = away * observation["cos_difference_pos"], away * observation["sin_difference_pos"], course
     traffic = [VehicleState(x, y, heading, speed) for x, y, heading in np.transpose(at).tolist()]
     to_goal = _units().length * float(observation["waypoint_distance"][0])
-    return (
-        speed,
-        traffic,
-        (
-            to_goal * float(observation["cos_drift"][0]),
-            to_goal * float(observation["sin_drift"][0]),
-        ),
-    )
+    ahead = to_goal * float(observation["cos_drift"][0])
+    left = to_goal * float(observation["sin_drift"][0])
+    return speed, traffic, (ahead, left)
