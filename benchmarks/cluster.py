@@ -18,13 +18,13 @@ from benchmarks.measure import report
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
-from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.runner.cluster import Cluster, connect_scheduler
 from eval.runner.payload import DECISIVE, Chunk, Work
 from eval.runner.workers import fly_chunks
 
 _EMPTY_CHUNK = 1_250  # rows of a table that is not flown
-_FLIGHTS = Work(Pilot, columns)
+_FLIGHTS = Work(ReadyEvaluation, columns)
 
 
 def main() -> None:

@@ -24,7 +24,7 @@ from envs.edge.command import Parser, run_cli
 from envs.encounters import scenario
 from envs.starts import encounters_of_seed
 from eval.config import MonteCarloConfig
-from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.flights.simulate import Direct, fly
 from eval.runner.payload import Chunk, Work
 from eval.runner.workers import cores, fly_chunks
@@ -54,7 +54,7 @@ def flops(shapes: list[tuple[int, ...]]) -> int:
     return sum(2 * math.prod(shape) for shape in shapes)
 
 
-def stages(pilot: Pilot, count: int) -> dict[str, float]:
+def stages(pilot: ReadyEvaluation, count: int) -> dict[str, float]:
     """Return the time of each stage of a chunk in one process, s."""
     aircraft = pilot.evaluation.aircraft
     laps = [time.perf_counter()]
@@ -81,7 +81,7 @@ class _Run(NamedTuple):
 
 def _evaluate(evaluation: Evaluation, workers: int, chunks: list[Chunk]) -> _Run:
     began = time.perf_counter()
-    work = Work(Pilot, columns)
+    work = Work(ReadyEvaluation, columns)
     tables = [table for _, table in fly_chunks(work, evaluation, workers, chunks, lambda: False)]
     wall = time.perf_counter() - began
     return _Run(wall, sum(math.fsum(table["duration_s"]) for table in tables))
@@ -107,7 +107,7 @@ def main() -> None:
     runs = [_evaluate(evaluation, options.workers, chunks) for _ in range(options.repeats)]
     gemm_rate = _gemm_rate(layers(policy), options.workers)
     with threadpool_limits(1):
-        split = stages(Pilot.load(evaluation), chunks[0].size)
+        split = stages(ReadyEvaluation.load(evaluation), chunks[0].size)
     report(
         {
             "encounters": options.encounters,

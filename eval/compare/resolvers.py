@@ -16,7 +16,7 @@ from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter
-from eval.flights.chunks import Evaluation, Pilot, noise_of
+from eval.flights.chunks import Evaluation, ReadyEvaluation, noise_of
 from eval.flights.conditions import verdicts
 from eval.flights.optimal import WitnessSearch, fly_witnesses
 from eval.flights.recorded import fly_in_mode
@@ -187,8 +187,8 @@ def _fly_on(
             starts, resolver, evaluation.aircraft, noise=noise, recorder=recorder, endless=True
         )
         return flights, recorder.stack()
-    pilot = Pilot(evaluation._replace(mode=resolver.mode), resolver.policy)
-    _, flights = fly_in_mode(pilot, starts, noise, recorder, endless=True)
+    ready = ReadyEvaluation(evaluation._replace(mode=resolver.mode), resolver.policy)
+    _, flights = fly_in_mode(ready, starts, noise, recorder, endless=True)
     return flights, until(recorder.stack(), flights.duration, evaluation.aircraft.dt)
 
 

@@ -1,6 +1,6 @@
 """Encounters flown: by a policy, by plans, under the monitor."""
 
-from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.flights.recorded import fly_recorded
 from eval.flights.simulate import Direct, Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
@@ -9,7 +9,7 @@ __all__ = [
     "Direct",
     "Evaluation",
     "Flights",
-    "Pilot",
+    "ReadyEvaluation",
     "Trajectories",
     "TrajectoryRecorder",
     "columns",

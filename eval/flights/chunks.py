@@ -71,7 +71,7 @@ class Evaluation(NamedTuple):
         return Options.for_aircraft(self.aircraft) if self.given is None else self.given
 
 
-class Pilot:
+class ReadyEvaluation:
     """An evaluation with its policy, for the evaluation's aircraft."""
 
     def __init__(self, evaluation: Evaluation, policy: Policy) -> None:
@@ -79,7 +79,7 @@ class Pilot:
         self.policy = policy.for_aircraft(evaluation.aircraft, outside="allow")
 
     @classmethod
-    def load(cls, evaluation: Evaluation) -> "Pilot":
+    def load(cls, evaluation: Evaluation) -> "ReadyEvaluation":
         """Return the evaluation with its policy; ``PolicyFileError``: the policy file cannot be
         used.
         """
@@ -103,21 +103,21 @@ def pick(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
     return reduce(join, (draw(source, seed, int(n), 1, heeds=heeds)[0] for n in numbers))
 
 
-def columns(pilot: Pilot, first: int, count: int) -> dict[str, np.ndarray]:
+def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndarray]:
     """Return the table of a chunk: a row an encounter; columns:
     docs/reference/evaluation-files.md.
     """
-    evaluation = pilot.evaluation
+    evaluation = ready.evaluation
     aircraft, plans = evaluation.aircraft, evaluation.mode != "policy"
     number = np.arange(first, first + count)
     starts, weights = draw(evaluation.source, evaluation.seed, first, count, heeds=evaluation.heeds)
     noise = noise_of(evaluation, starts, first)
-    alone = fly(starts, pilot.resolver, aircraft, noise=noise)
+    alone = fly(starts, ready.resolver, aircraft, noise=noise)
     flights, more = alone, {}
     beside = {"baseline": fly(starts, Direct(aircraft), aircraft)}
     if plans:
         beside["policy"] = alone
-        flights, more = _plan(pilot, _for_plans(evaluation, starts, number, noise))
+        flights, more = _plan(ready, _for_plans(evaluation, starts, number, noise))
     solved = reduce(np.logical_or, (_reached(one) for one in (flights, *beside.values())))
     judged = verdicts(starts, aircraft, solved=solved)
     begun = conditions(starts, aircraft)
@@ -184,12 +184,12 @@ def _for_plans(
     return _PlanEncounters(carried, noise, wind, evaluation.areas_of(carried, numbers))
 
 
-def _plan(pilot: Pilot, given: _PlanEncounters) -> tuple[Flights, dict[str, np.ndarray]]:
+def _plan(ready: ReadyEvaluation, given: _PlanEncounters) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return the flights of a mode that plans, and the columns that only it has."""
-    evaluation, (starts, noise, wind, areas) = pilot.evaluation, given
+    evaluation, (starts, noise, wind, areas) = ready.evaluation, given
     options, aircraft = evaluation.options, evaluation.aircraft
     first = None if noise is None else noise(0)
-    plans = plan_at_start(starts, pilot.policy, aircraft, options, first, wind=wind, areas=areas)
+    plans = plan_at_start(starts, ready.policy, aircraft, options, first, wind=wind, areas=areas)
     recorder = given.recorder()
     flown = fly_once(starts, plans, aircraft, options, recorder, wind=wind)
     flights, among = _judge_areas(flown.flights, recorder, given, aircraft)
@@ -209,7 +209,7 @@ def _plan(pilot: Pilot, given: _PlanEncounters) -> tuple[Flights, dict[str, np.n
     assured = fly_assured(
         starts,
         plans,
-        pilot.policy,
+        ready.policy,
         aircraft,
         options,
         noise=noise,

@@ -13,7 +13,7 @@ from envs.waypoints import on_ground
 from envs.wind import Wind
 from eval.flights.among_areas import judge, with_breaches
 from eval.flights.assured_mode import fly_assured
-from eval.flights.chunks import Evaluation, Pilot, noise_of, pick
+from eval.flights.chunks import Evaluation, ReadyEvaluation, noise_of, pick
 from eval.flights.in_wind import carry, to_ground
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import Flights, fly
@@ -54,9 +54,9 @@ class Recorded(NamedTuple):
         )
 
 
-def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
+def fly_recorded(ready: ReadyEvaluation, numbers: Sequence[int]) -> Recorded:
     """Fly the encounters of some numbers, at least one, in the evaluation's mode."""
-    evaluation, aircraft = pilot.evaluation, pilot.evaluation.aircraft
+    evaluation, aircraft = ready.evaluation, ready.evaluation.aircraft
     starts = pick(evaluation, numbers)
     noise = _noise(evaluation, starts, numbers)
     recorder = TrajectoryRecorder(starts)
@@ -65,7 +65,7 @@ def fly_recorded(pilot: Pilot, numbers: Sequence[int]) -> Recorded:
     areas = None
     if evaluation.mode != "policy":
         areas = evaluation.areas_of(starts, np.asarray(numbers))
-    plans, flights = fly_in_mode(pilot, starts, noise, recorder, wind=wind, areas=areas)
+    plans, flights = fly_in_mode(ready, starts, noise, recorder, wind=wind, areas=areas)
     seen = to_ground(recorder.stack(), wind, aircraft.dt)
     if areas is not None:
         flights = with_breaches(flights, judge(seen, areas, aircraft.dt), aircraft.rules())
@@ -90,7 +90,7 @@ def _noise(
 
 
 def fly_in_mode(
-    pilot: Pilot,
+    ready: ReadyEvaluation,
     starts: Encounter,
     noise: Callable[[int], np.ndarray] | None,
     recorder: TrajectoryRecorder | None,
@@ -106,11 +106,11 @@ def fly_in_mode(
     lose nothing. Where the mode plans, a wind carries all of it, and areas over the ground are kept
     out of; flights are not judged against these.
     """
-    evaluation, policy = pilot.evaluation, pilot.policy
+    evaluation, policy = ready.evaluation, ready.policy
     aircraft, options = evaluation.aircraft, evaluation.options
     if evaluation.mode == "policy":
         return None, fly(
-            starts, pilot.resolver, aircraft, noise=noise, recorder=recorder, endless=endless
+            starts, ready.resolver, aircraft, noise=noise, recorder=recorder, endless=endless
         )
     first = None if noise is None else noise(0)
     plans = plan_at_start(starts, policy, aircraft, options, first, wind=wind, areas=areas)

@@ -11,7 +11,7 @@ from agents.config.load import Parser, load
 from agents.policy.domain import excess
 from envs.edge.progress import group_digits
 from eval.config import MonteCarloConfig
-from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.flights.sources import describe_tracks, say
 from eval.metrics.summary import headline, print_table, summarise
 from eval.runner.command import Command, Finished, Resolved, fly, run
@@ -196,7 +196,7 @@ _COMMAND = Command(
     keys=_KEYS,
     prefix="--",
     resolve=_resolve,
-    prepare=Pilot,
+    prepare=ReadyEvaluation,
     columns=columns,
     summarise=_summary,
     figures="eval.plots.encounters",

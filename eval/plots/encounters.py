@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from envs.edge.figures import save_figure
 from envs.edge.progress import group_digits
-from eval.flights.chunks import Evaluation, Pilot
+from eval.flights.chunks import Evaluation, ReadyEvaluation
 from eval.flights.recorded import fly_recorded
 from eval.plots.flight_sheet import choose_encounters, trajectory_sheet
 from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of, legend, tidy
@@ -29,8 +29,8 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], evaluation: Evaluati
     numbers = choose_encounters(table)
     # One thread, as when they were flown for the table, so that they fly the same again.
     with threadpool_limits(1):
-        pilot = Pilot.load(evaluation)
-        flown = fly_recorded(pilot, numbers)
+        ready = ReadyEvaluation.load(evaluation)
+        flown = fly_recorded(ready, numbers)
     figures = {
         "initial_conditions": initial_conditions(table),
         "min_separation": separation_histogram(table, evaluation.aircraft.separation),

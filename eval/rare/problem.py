@@ -9,7 +9,7 @@ import numpy as np
 from agents.resolvability.classify import Verdict
 from envs.encounters import Encounter, Scenario, sample
 from envs.trees import take
-from eval.flights.chunks import Pilot
+from eval.flights.chunks import ReadyEvaluation
 from eval.flights.conditions import verdicts
 from eval.flights.recorded import fly_in_mode
 from eval.flights.simulate import Direct, Flights, fly
@@ -28,7 +28,7 @@ class FlightProblem:
 
     def __init__(
         self,
-        pilot: Pilot,
+        ready: ReadyEvaluation,
         mode: str,
         *,
         resolvable_only: bool = False,
@@ -40,11 +40,11 @@ class FlightProblem:
         Flights closer than ``closer_than``, m, count, and go on after a loss; None: below the
         required separation.
         """
-        scenario = pilot.evaluation.source
+        scenario = ready.evaluation.source
         if not isinstance(scenario, Scenario):
             raise ValueError("expected a sampled scenario")
-        self._pilot = Pilot(pilot.evaluation._replace(mode=mode), pilot.policy)
-        self._scenario, self._aircraft = scenario, pilot.evaluation.aircraft
+        self._ready = ReadyEvaluation(ready.evaluation._replace(mode=mode), ready.policy)
+        self._scenario, self._aircraft = scenario, ready.evaluation.aircraft
         self._resolvable_only, self._endless = resolvable_only, closer_than is not None
         self.level = self._aircraft.separation if closer_than is None else closer_than
         flawed = mode != "none" and (
@@ -93,7 +93,7 @@ class FlightProblem:
         return verdicts(starts, self._aircraft, solved=solved).verdict == Verdict.UNRESOLVABLE
 
     def _fly(self, starts: Encounter, noise: np.ndarray) -> Flights:
-        if self._pilot.evaluation.mode == "none":
+        if self._ready.evaluation.mode == "none":
             return fly(starts, Direct(self._aircraft), self._aircraft, endless=self._endless)
         by_step = (lambda step: np.moveaxis(noise[:, step], 0, 1)) if noise.size else None
-        return fly_in_mode(self._pilot, starts, by_step, None, endless=self._endless)[1]
+        return fly_in_mode(self._ready, starts, by_step, None, endless=self._endless)[1]

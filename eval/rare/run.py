@@ -17,7 +17,7 @@ from envs.edge.figures import save_figure
 from envs.edge.installation import versions
 from envs.formats import encounter_file
 from eval.flights.aircraft import describe, lines_about
-from eval.flights.chunks import Pilot
+from eval.flights.chunks import ReadyEvaluation
 from eval.plots import save as picture_folder
 from eval.rare.config import RareConfig
 from eval.rare.figure import levels_figure
@@ -91,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     del resolved["encounters"]  # as many as the particles ask for
     config = config.model_copy(update=resolved)
     problem = FlightProblem(
-        Pilot(evaluation, policy),
+        ReadyEvaluation(evaluation, policy),
         config.mode,
         resolvable_only=config.resolvable_only,
         closer_than=config.closer_than,

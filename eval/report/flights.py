@@ -17,7 +17,7 @@ from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.kinematics import commands
 from envs.trees import take
-from eval.flights.chunks import Evaluation, Pilot
+from eval.flights.chunks import Evaluation, ReadyEvaluation
 from eval.flights.optimal import ROUNDS
 from eval.flights.plan_mode import STATUSES
 from eval.flights.recorded import Recorded, Track, fly_recorded
@@ -79,15 +79,19 @@ def fly_again(
     """
     # One thread, as when they were flown for the table: BLAS rounds differently with several.
     with threadpool_limits(1):
-        pilot = Pilot.load(evaluation)
+        ready = ReadyEvaluation.load(evaluation)
         for begin in range(0, len(numbers), _BATCH):
-            yield from _batch(run, pilot, numbers[begin : begin + _BATCH], witnesses, banded)
+            yield from _batch(run, ready, numbers[begin : begin + _BATCH], witnesses, banded)
 
 
 def _batch(
-    run: Run, pilot: Pilot, numbers: Sequence[int], wanted: set[int], banded: Collection[int]
+    run: Run,
+    ready: ReadyEvaluation,
+    numbers: Sequence[int],
+    wanted: set[int],
+    banded: Collection[int],
 ) -> Iterator[Replayed]:
-    evaluation, batch = pilot.evaluation, fly_recorded(pilot, numbers)
+    evaluation, batch = ready.evaluation, fly_recorded(ready, numbers)
     # A witness is one of still air, and knows no areas.
     still = evaluation.wind_mps == (0.0, 0.0) and not evaluation.areas
     witnessed = [row for row, number in enumerate(numbers) if still and number in wanted]

@@ -43,7 +43,7 @@ from eval.compare.resolvers import (
 )
 from eval.flights import chunks, simulate
 from eval.flights import recorded as recorded_flights
-from eval.flights.chunks import Evaluation, Pilot
+from eval.flights.chunks import Evaluation, ReadyEvaluation
 from eval.flights.optimal import Witness, WitnessSearch, fly_witnesses
 from eval.flights.simulate import OUTCOMES
 from eval.runner import outputs
@@ -63,7 +63,7 @@ def make(
 def test_a_policy_flies_here_as_in_the_evaluation(policy_path: Path, name: str) -> None:
     made = make(policy_path, name, ("none",))
     ours = comparison.columns(made, 10, 60)
-    theirs = chunks.columns(Pilot.load(made.evaluation), 10, 60)
+    theirs = chunks.columns(ReadyEvaluation.load(made.evaluation), 10, 60)
     np.testing.assert_array_equal(ours["ours.outcome"], theirs["outcome"])
     reached = theirs["outcome"] == "reached"
     assert 0 < reached.sum() < 60
@@ -232,7 +232,7 @@ def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
     ours = comparison.columns(
         Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 20, 25
     )
-    theirs = chunks.columns(Pilot.load(evaluation), 20, 25)
+    theirs = chunks.columns(ReadyEvaluation.load(evaluation), 20, 25)
     for mode, columns in (("assured", ""), ("plan", "plan_")):
         np.testing.assert_array_equal(ours[f"ours, {mode}.outcome"], theirs[f"{columns}outcome"])
     reached = theirs["outcome"] == "reached"
@@ -243,7 +243,7 @@ def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
     np.testing.assert_array_equal(
         ours["ours, assured.min_separation_m"][reached], theirs["min_separation_m"][reached]
     )
-    as_validated = chunks.columns(Pilot.load(evaluation._replace(mode="plan")), 20, 25)[
+    as_validated = chunks.columns(ReadyEvaluation.load(evaluation._replace(mode="plan")), 20, 25)[
         "plan_min_separation_m"
     ]
     np.testing.assert_array_equal(theirs["plan_min_separation_m"], as_validated)

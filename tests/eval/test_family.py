@@ -18,7 +18,7 @@ from envs.encounters import scenario
 from envs.kinematics import Limits
 from eval.family import run as family
 from eval.family.aircraft import FAMILY, draw_aircraft
-from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.monte_carlo import run as monte_carlo
 from eval.runner.command import UnfinishedError
 
@@ -75,7 +75,9 @@ def test_aircraft_of_the_same_ratios_fly_the_same_flights(
             if name == "multi"
             else scenario(name, aircraft)
         )
-        tables.append(columns(Pilot(Evaluation(None, source, None, 3, aircraft), policy), 0, 16))
+        tables.append(
+            columns(ReadyEvaluation(Evaluation(None, source, None, 3, aircraft), policy), 0, 16)
+        )
     ours, theirs = tables
     for column in ("outcome", "baseline_outcome", "verdict", "heading_reversals", "intruders"):
         np.testing.assert_array_equal(ours[column], theirs[column], err_msg=column)

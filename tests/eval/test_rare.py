@@ -21,7 +21,7 @@ from envs.formats import encounter_file
 from envs.outcome import RULES
 from envs.relative import straight_cpa
 from envs.trees import column
-from eval.flights.chunks import Evaluation, Pilot
+from eval.flights.chunks import Evaluation, ReadyEvaluation
 from eval.flights.plan_mode import fly_once, plan_at_start
 from eval.flights.simulate import ByPolicy, Direct, fly
 from eval.rare import run as rare
@@ -152,7 +152,7 @@ def test_a_plateau_is_said_and_not_climbed_for_ever() -> None:
 
 def problem_of(policy, mode: str, name: str = "circle", **settings) -> FlightProblem:
     evaluation = Evaluation(None, scenario(name, PAPER), None, 0, PAPER)
-    return FlightProblem(Pilot(evaluation, policy), mode, **settings)
+    return FlightProblem(ReadyEvaluation(evaluation, policy), mode, **settings)
 
 
 @pytest.mark.parametrize("mode", ["policy", pytest.param("plan", marks=pytest.mark.slow), "none"])

@@ -14,7 +14,7 @@ from envs.kinematics import VehicleState
 from envs.trees import take
 from eval.config import MonteCarloConfig
 from eval.flights.among_areas import judge, nearest, outlines, with_breaches
-from eval.flights.chunks import Evaluation, Pilot, columns, pick
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns, pick
 from eval.flights.recorded import Recorded, fly_recorded
 from eval.flights.simulate import ENDS, OUTCOMES
 from eval.flights.trajectories import Trajectories
@@ -25,9 +25,11 @@ COUNT = 6
 SOURCE = scenario("circle", PAPER)
 
 
-def pilot(mode: str = "plan", areas: int = 3, wind: tuple[float, float] = (0.0, 0.0)) -> Pilot:
+def pilot(
+    mode: str = "plan", areas: int = 3, wind: tuple[float, float] = (0.0, 0.0)
+) -> ReadyEvaluation:
     evaluation = Evaluation(None, SOURCE, None, 3, PAPER, mode, wind_mps=wind, areas=areas)
-    return Pilot(evaluation, Policy.load())
+    return ReadyEvaluation(evaluation, Policy.load())
 
 
 def dense_distance(flown: Recorded, row: int) -> float:

@@ -10,7 +10,7 @@ from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.relative import distance
 from eval.config import MonteCarloConfig
-from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.flights.recorded import fly_recorded
 from eval.flights.simulate import OUTCOMES
 
@@ -18,9 +18,9 @@ COUNT = 12
 SOURCE = scenario("circle", PAPER)
 
 
-def pilot(mode: str, wind: tuple[float, float]) -> Pilot:
+def pilot(mode: str, wind: tuple[float, float]) -> ReadyEvaluation:
     evaluation = Evaluation(None, SOURCE, None, 3, PAPER, mode, wind_mps=wind)
-    return Pilot(evaluation, Policy.load())
+    return ReadyEvaluation(evaluation, Policy.load())
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from envs.aircraft import PAPER
 from envs.edge.figures import save_figure
 from envs.encounters import scenario
 from envs.outcome import RULES
-from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.flights.recorded import fly_recorded
 from eval.flights.simulate import OUTCOMES
 from eval.plots.encounters import draw_all, initial_conditions, separation_histogram
@@ -86,7 +86,7 @@ def test_histogram_counts_every_flight_and_splits_at_the_requirement() -> None:
 @pytest.mark.parametrize("name", [pytest.param("multi", marks=pytest.mark.slow), "noisy"])
 def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_path: Path) -> None:
     evaluation = Evaluation(policy_path, scenario(name, PAPER), None, 3, PAPER)
-    pilot = Pilot(evaluation, policy)
+    pilot = ReadyEvaluation(evaluation, policy)
     table = columns(pilot, 0, 40)
     numbers = [39, 4, 17]
     starts, _, _, paths, _ = fly_recorded(pilot, numbers)
@@ -101,7 +101,7 @@ def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_p
 
 def test_figures_repeat_byte_for_byte(tmp_path: Path, policy: Policy, policy_path: Path) -> None:
     evaluation = Evaluation(policy_path, scenario("circle", PAPER), None, 3, PAPER)
-    table = columns(Pilot(evaluation, policy), 0, 4)
+    table = columns(ReadyEvaluation(evaluation, policy), 0, 4)
     paths = draw_all(tmp_path, table, evaluation)
     assert len(paths) == 6
     again = save_figure(separation_histogram(table, RULES.separation), tmp_path / "again")

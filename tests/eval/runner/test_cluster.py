@@ -303,12 +303,12 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(
 ) -> None:
     """What it is sent is checked there before it flies: versions and the policy's digest."""
     from agents.policy.inference import Policy
-    from eval.flights.chunks import Evaluation, Pilot, columns
+    from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
     from eval.runner.payload import Work, WorkerError, fly, pack, unpack
 
     policy = Policy.load(policy_path)
     evaluation = Evaluation(policy_path, scenario("circle", PAPER), None, 0, policy.aircraft)
-    payload = unpack(pack("run", Work(Pilot, columns), evaluation, policy.sha256))
+    payload = unpack(pack("run", Work(ReadyEvaluation, columns), evaluation, policy.sha256))
     assert payload.work.policy is None
     assert payload.versions == {name: versions(name)[name] for name in ("rlcas-toolkit", "numpy")}
     other = replace(payload, name="other", versions={"numpy": "1.0"})
@@ -322,16 +322,18 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(
     with pytest.raises(
         PolicyFileError, match=f"has changed since it was loaded: its SHA-256 is {policy.sha256}"
     ):
-        pack("run", Work(Pilot, columns), evaluation, "0" * 64)
+        pack("run", Work(ReadyEvaluation, columns), evaluation, "0" * 64)
     folder = tmp_path / "trained"
     folder.mkdir()
     (folder / "policy.safetensors").write_bytes(policy_path.read_bytes())
-    in_folder = pack("run", Work(Pilot, columns), evaluation._replace(policy=folder), policy.sha256)
+    in_folder = pack(
+        "run", Work(ReadyEvaluation, columns), evaluation._replace(policy=folder), policy.sha256
+    )
     assert unpack(in_folder).policy == payload.policy
     with pytest.raises(PolicyFileError, match="cannot be read again: No such file"):
         pack(
             "run",
-            Work(Pilot, columns),
+            Work(ReadyEvaluation, columns),
             evaluation._replace(policy=policy_path.with_name("none")),
             policy.sha256,
         )

@@ -17,13 +17,13 @@ from agents.config.load import ConfigError
 from envs import encounters
 from envs.aircraft import PAPER
 from envs.encounters import EncounterError
-from eval.flights.chunks import Evaluation, Pilot, columns
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.monte_carlo import run as monte_carlo
 from eval.runner.payload import Chunk, Work, WorkerError
 from eval.runner.workers import fly_chunks
 
 ROOT = Path(__file__).resolve().parents[3]
-TASK = Work(Pilot, columns)
+TASK = Work(ReadyEvaluation, columns)
 CHUNKS = [Chunk(0, 4), Chunk(4, 4), Chunk(8, 4), Chunk(12, 4)]
 
 
@@ -70,7 +70,7 @@ def test_a_worker_that_is_killed_ends_the_run(policy_path: Path) -> None:
 
 
 def test_a_failure_inside_a_worker_comes_with_its_traceback(policy_path: Path) -> None:
-    broken = Work(Pilot, divmod)
+    broken = Work(ReadyEvaluation, divmod)
     with pytest.raises(
         WorkerError, match=r"Traceback[\s\S]*TypeError: divmod expected 2 arguments, got 3"
     ):
