@@ -49,7 +49,7 @@ def boundary_figure(
     figure = Figure(figsize=size, layout="constrained")
     for number, (answers, figures) in enumerate(slices, 1):
         _draw_slice(figure.add_subplot(rows, columns, number), answers, figures, aircraft)
-    handles: list[Any] = [
+    handles = [
         sample(
             f"the grid's boundary: {separation:.0f} m can just be kept",
             color="black",

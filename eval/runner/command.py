@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 from agents.config.keys import help_text
@@ -46,7 +47,7 @@ class Resolved(NamedTuple):
     """What a configuration names, ready to be flown."""
 
     work: Any  # all that the flights follow from
-    config: Any  # resolved but for its chunks
+    config: MonteCarloConfig  # resolved but for its chunks
     packages: tuple[str, ...]  # that rows depend on
 
 
@@ -258,7 +259,7 @@ def _stop_on_interrupt() -> Generator[list[int], None, None]:
     """
     received: list[int] = []
 
-    def note(number: int, _: Any) -> None:
+    def note(number: int, _: FrameType | None) -> None:
         if received:
             raise KeyboardInterrupt
         received.append(number)

@@ -7,7 +7,7 @@ import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from envs.edge.files import write_file, write_whole
 from envs.edge.folder_lock import is_unused
 from envs.edge.installation import versions
 from eval.config import EncountersConfig, MonteCarloConfig
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 SCHEMA_VERSION = 1  # of summary.json
 
@@ -172,7 +175,7 @@ class RunFolder(ResumableFolder):
         return read_table(target, "the table of this run")
 
 
-def arrow_table(columns: Mapping[str, np.ndarray]) -> Any:
+def arrow_table(columns: Mapping[str, np.ndarray]) -> "pa.Table":
     """Return columns as a table of pyarrow."""
     import pyarrow as pa
 

@@ -8,6 +8,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -19,6 +21,7 @@ _STYLES = {
     "assured": {"color": GREEN, "marker": "D"},
     "closed": {"color": BLUE, "marker": "o"},
 }
+_KINDS = ("success_given_resolvable", "success_rate")
 _OTHER = {"color": VERMILION, "marker": "o"}
 _LEAST_SPAN = 4.0  # points of success that an axis shows at least
 _SCALE_FROM = 50  # encounters from which on a bin's interval lies inside the axis
@@ -40,11 +43,15 @@ def draw_details(found: Mapping[str, Any], title: str) -> Figure:
     figure = Figure(figsize=(8.4, 6.4), layout="constrained")
     points, binned = points_of(found), "bins" in found
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.2 if binned else 2.2, 1.0))
-    _success(above, points, full=True)
-    more = _counts(below, points) if binned else _differences(below, points, found["unit"])
+    _draw_success(above, points, full=True)
+    more: Sequence[Any] = ()
+    if binned:
+        more = _draw_counts(below, points)
+    else:
+        _draw_differences(below, points, found["unit"])
     tidy(below)
     _name_axis(below, found)
-    _legend(figure, points, more)
+    _draw_legend(figure, points, more)
     figure.suptitle(title, fontsize=11)
     return figure
 
@@ -58,14 +65,14 @@ def overview(found: Sequence[Mapping[str, Any]], title: str) -> Figure:
     figure = Figure(figsize=(width, 3.4 * rows + 1.0), layout="constrained")
     for number, one in enumerate(found):
         axes = figure.add_subplot(rows, columns, number + 1)
-        _success(axes, points_of(one), full=False)
+        _draw_success(axes, points_of(one), full=False)
         _name_axis(axes, one, fontsize=9)
-    _legend(figure, points_of(found[0]), columns=2)
+    _draw_legend(figure, points_of(found[0]), columns=2)
     figure.suptitle(title, fontsize=11)
     return figure
 
 
-def _counts(axes: Any, points: Sequence[Mapping[str, Any]]) -> list[Patch]:
+def _draw_counts(axes: Axes, points: Sequence[Mapping[str, Any]]) -> list[BarContainer]:
     """Draw how many encounters the bins hold, and of those without a resolver; return their
     legend.
     """
@@ -81,10 +88,11 @@ def _counts(axes: Any, points: Sequence[Mapping[str, Any]]) -> list[Patch]:
     ]
 
 
-def _differences(axes: Any, points: Sequence[Mapping[str, Any]], unit: str) -> list[Patch]:
+def _draw_differences(axes: Axes, points: Sequence[Mapping[str, Any]], unit: str) -> None:
+    """Draw success less that at the first value, paired, in points."""
     for mode, place in _places(points, 1):
         style = {"markersize": 4.5, "linewidth": 1.1, "capsize": 2.0, "linestyle": "-"}
-        _bars(
+        _draw_bars(
             axes,
             place[1:],
             [point["difference"][mode] for point in points[1:]],
@@ -93,17 +101,10 @@ def _differences(axes: Any, points: Sequence[Mapping[str, Any]], unit: str) -> l
         )
     axes.axhline(0.0, color="#333333", linewidth=0.8)
     axes.set_ylabel(f"less that at {points[0]['value']:g} {unit},\npoints (paired)")
-    return []
 
 
-def _success(axes: Any, points: Sequence[Mapping[str, Any]], *, full: bool) -> None:
+def _draw_success(axes: Axes, points: Sequence[Mapping[str, Any]], *, full: bool) -> None:
     """Draw the success of every mode and the bound, in percent; a bin is one wide on the axis."""
-    bound = np.array([100.0 * (1.0 - point["unresolvable_rate"]["value"]) for point in points])
-    # A bin with a handful of encounters must not flatten all others.
-    counts = np.array([point["encounters"] for point in points])
-    weighty = counts >= min(_SCALE_FROM, counts.max())
-    shown = counts >= min(_SHOWN_FROM, counts.max())
-    least = min(float(bound[weighty].min()), 100.0 - _LEAST_SPAN)
     hollow = {"markerfacecolor": "white", "alpha": 0.8}
     style = {
         "linestyle": "",
@@ -112,19 +113,12 @@ def _success(axes: Any, points: Sequence[Mapping[str, Any]], *, full: bool) -> N
         "capsize": 2.0 if full else 0.0,
     }
     for mode, places in _places(points, 2):
-        for number, kind in enumerate(("success_given_resolvable", "success_rate")):
+        for number, kind in enumerate(_KINDS):
             shares = [point["success"][mode][kind] for point in points]
             look = style | _style(mode) | (hollow if number else {})
-            _bars(axes, places + number * _APART, shares, zorder=3.0, **look)
-            known = (
-                one
-                for one, heavy in zip(shares, weighty, strict=True)
-                if heavy and one["value"] is not None
-            )
-            least = min([least, *(100.0 * one["low"] for one in known)])
-            seen = (one["value"] for one, enough in zip(shares, shown, strict=True) if enough)
-            least = min([least, *(100.0 * value for value in seen if value is not None)])
-    floor = math.floor(least / 2.0) * 2.0
+            _draw_bars(axes, places + number * _APART, shares, zorder=3.0, **look)
+    bound = np.array([100.0 * (1.0 - point["unresolvable_rate"]["value"]) for point in points])
+    floor = math.floor(_least(points, bound) / 2.0) * 2.0
     top = 100.0 + 0.04 * (100.0 - floor)
     first = np.arange(len(points))
     axes.bar(first, top - bound, 1.0, bottom=bound, align="edge", color="#E3E3E3", zorder=1.0)
@@ -134,16 +128,34 @@ def _success(axes: Any, points: Sequence[Mapping[str, Any]], *, full: bool) -> N
     tidy(axes)
 
 
-def _bars(axes: Any, places: np.ndarray, shares: Sequence[Mapping[str, Any]], **style: Any) -> None:
+def _least(points: Sequence[Mapping[str, Any]], bound: np.ndarray) -> float:
+    """Return the least that the axis of success must show, percent, under the bound, percent,
+    ``[P]``: intervals of bins with many encounters, and marks of those with some. A bin with a
+    handful of encounters must not flatten all others.
+    """
+    counts = np.array([point["encounters"] for point in points])
+    many = counts >= min(_SCALE_FROM, counts.max())
+    some = counts >= min(_SHOWN_FROM, counts.max())
+    least = min(float(bound[many].min()), 100.0 - _LEAST_SPAN)
+    for place, point in enumerate(points):
+        rates = (success[kind] for success in point["success"].values() for kind in _KINDS)
+        for rate in (one for one in rates if one["value"] is not None):
+            least = min(least, 100.0 * rate["low"]) if many[place] else least
+            least = min(least, 100.0 * rate["value"]) if some[place] else least
+    return least
+
+
+def _draw_bars(
+    axes: Axes, places: np.ndarray, shares: Sequence[Mapping[str, Any]], **style: Any
+) -> None:
     """Draw shares that are known with their intervals, in percent."""
-    known = np.array(
-        [[one[key] for key in ("value", "low", "high")] for one in shares], float
-    )  # nan: not known
+    rows = [[one[key] for key in ("value", "low", "high")] for one in shares]
+    known = np.array(rows, float)  # nan: not known
     value, low, high = 100.0 * known.T
     axes.errorbar(places, value, np.maximum([value - low, high - value], 0.0), **style)
 
 
-def _legend(
+def _draw_legend(
     figure: Figure,
     points: Sequence[Mapping[str, Any]],
     more: Sequence[Any] = (),
@@ -172,7 +184,7 @@ def _places(points: Sequence[Mapping[str, Any]], each: int) -> list[tuple[str, n
     return [(mode, first + each * number * _APART) for number, mode in enumerate(modes)]
 
 
-def _name_axis(axes: Any, found: Mapping[str, Any], **style: Any) -> None:
+def _name_axis(axes: Axes, found: Mapping[str, Any], **style: Any) -> None:
     label, unit, points = found["label"], found["unit"], points_of(found)
     axes.set_xlabel(f"{label}, {'degrees' if unit == 'deg' else unit}" if unit else label, **style)
     if "low" in points[0]:
