@@ -58,48 +58,51 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
     """Return the statistics of a table of :func:`eval.hifi.rows.columns` in JSON types; what cannot
     be said is None.
     """
-    outcome, total = table["outcome"], len(table["outcome"])
     safe = table["plan_status"] == "safe"
-
-    def rate(mask: Any, of: int = total) -> dict[str, Any]:
-        return share(np.count_nonzero(mask), of, confidence)
-
-    # Refusing is no success: a plan that was not flown for the wind resolves nothing.
-    flyable = safe & (outcome != "refused")
-    bound = ~np.isin(table["verdict"], ("unresolvable", "outside"))
-    safe_total = int(np.count_nonzero(safe))
-    rates = {"success_rate": rate(outcome == "reached")}
-    ends = (*HIFI_OUTCOMES, "breach") if "areas" in table else HIFI_OUTCOMES
-    rates |= {f"{name}_rate": rate(outcome == name) for name in ends[1:]}
-    rates |= {
-        "plan_safe_rate": rate(safe),
-        "safe_of_resolvable": rate(flyable & bound, int(np.count_nonzero(bound))),
-        "success_of_safe": rate(safe & (outcome == "reached"), safe_total),
-        "violation_of_safe": rate(safe & (outcome == "violation"), safe_total),
-    }
-    if "areas" in table:
-        rates["breach_of_safe"] = rate(safe & (outcome == "breach"), safe_total)
     whole = table["whole_min_separation_m"][safe]
+    # Without their numbers, so that equal ones are counted together.
+    reasons = Counter(re.sub(r"-?\d+(\.\d+)?", "#", text) for text in table["reason"] if text)
     summary: dict[str, Any] = {
-        **rates,
+        **_rates(table, confidence),
         "min_separation_m_quantiles": quantiles(table["min_separation_m"], (0.0, 0.01, 0.05, 0.5)),
         "whole_min_separation_m_of_safe": quantiles(whole, (0.0, 0.01, 0.5)),
         "errors": {name: quantiles(table[name][safe], _SHARES) for name in _ERRORS},
         "margin": margin(table, confidence),
-        # Without their numbers, so that equal ones are counted together.
-        "reasons": dict(
-            Counter(
-                re.sub(r"-?\d+(\.\d+)?", "#", text) for text in table["reason"] if text
-            ).most_common()
-        ),
+        "reasons": dict(reasons.most_common()),
     }
     if "plan_loss" in table:
         for key, kind in _LOSSES.items():
             summary[key] = int(np.count_nonzero(table["plan_loss"] == kind))
     if "replans" in table:
         summary["replans_mean"] = float(np.mean(table["replans"]))
-        summary["backup_used_rate"] = rate(table["backup_s"] > 0)
+        used = np.count_nonzero(table["backup_s"] > 0)
+        summary["backup_used_rate"] = share(used, len(table["outcome"]), confidence)
     return summary
+
+
+def _rates(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]:
+    """Return the rates of how flights end, of all and of SAFE plans."""
+    outcome, safe = table["outcome"], table["plan_status"] == "safe"
+    every = np.ones(len(outcome), bool)
+    possible = ~np.isin(table["verdict"], ("unresolvable", "outside"))
+    # Refusing is no success: a plan that was not flown for the wind resolves nothing.
+    flyable = safe & (outcome != "refused")
+    among_areas = ("breach",) if "areas" in table else ()
+    counted = {"success_rate": (outcome == "reached", every)}
+    for name in (*HIFI_OUTCOMES[1:], *among_areas):
+        counted[f"{name}_rate"] = (outcome == name, every)
+    counted |= {
+        "plan_safe_rate": (safe, every),
+        "safe_of_resolvable": (flyable, possible),
+        "success_of_safe": (outcome == "reached", safe),
+        "violation_of_safe": (outcome == "violation", safe),
+    }
+    for name in among_areas:
+        counted[f"{name}_of_safe"] = (outcome == name, safe)
+    return {
+        name: share(np.count_nonzero(those & of), np.count_nonzero(of), confidence)
+        for name, (those, of) in counted.items()
+    }
 
 
 def rate_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
