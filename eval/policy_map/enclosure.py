@@ -300,30 +300,32 @@ def _advice(clearance: Form, seen: Scene) -> list[Form]:
     do it.
     """
     best = clearance.middle.argmax(axis=-1)[:, None]
-    middle, rest = (
-        np.take_along_axis(field, best, -1)[:, 0] for field in (clearance.middle, clearance.rest)
-    )
+    middle = np.take_along_axis(clearance.middle, best, -1)[:, 0]
+    rest = np.take_along_axis(clearance.rest, best, -1)[:, 0]
     slopes = np.take_along_axis(clearance.slopes, best[..., None], 1)[:, 0]
-    # By how much one manoeuvre keeps more than another, [N, 22, 22].
-    lead = (
-        clearance.middle[:, :, None]
-        - clearance.middle[:, None]
-        + clearance.rest[:, :, None]
-        + clearance.rest[:, None]
-    )
-    lead += np.abs(clearance.slopes[:, :, None] - clearance.slopes[:, None]).sum(-1)
-    lead[:, np.arange(candidate_manoeuvres.COUNT), np.arange(candidate_manoeuvres.COUNT)] = 0.0
-    above = np.take_along_axis(lead, best[:, None], 2)[..., 0].max(
-        axis=1
-    )  # of the greatest over the chosen one
+    lead = _lead(clearance)
+    # By how much the greatest may keep more than the chosen one.
+    above = np.take_along_axis(lead, best[:, None], 2)[..., 0].max(axis=1)
     most = Form(middle + 0.5 * above, slopes, rest + 0.5 * above)
-    # Weights of the mean fall with how far a manoeuvre is behind the greatest.
-    greatest, least = (
-        1.0 / (1.0 + (behind / ALIKE) ** 2) for behind in (-lead.min(axis=2), lead.max(axis=1))
-    )
+    greatest, least = _weight(-lead.min(axis=2)), _weight(lead.max(axis=1))
     throttles = np.broadcast_to(candidate_manoeuvres.THROTTLES, least.shape)
     steering = candidate_manoeuvres.steering(seen, np)
     return [most, _mean(throttles, least, greatest), _mean(steering, least, greatest)]
+
+
+def _lead(clearance: Form) -> Array:
+    """Return by how much each manoeuvre may keep more than each other, ``[N, 22, 22]``."""
+    middle, rest, slopes = clearance.middle, clearance.rest, clearance.slopes
+    lead = middle[:, :, None] - middle[:, None] + rest[:, :, None] + rest[:, None]
+    lead += np.abs(slopes[:, :, None] - slopes[:, None]).sum(-1)
+    itself = np.arange(candidate_manoeuvres.COUNT)
+    lead[:, itself, itself] = 0.0
+    return lead
+
+
+def _weight(behind: Array) -> Array:
+    """Return the weight in the mean of a manoeuvre that is so far behind the greatest."""
+    return 1.0 / (1.0 + (behind / ALIKE) ** 2)
 
 
 def _mean(values: Array, least: Array, greatest: Array) -> Form:

@@ -130,11 +130,8 @@ def _resolve(config: PolicyMapConfig, policy: Policy) -> PolicyMapConfig:
     policy's aircraft where it leaves them open; ``ConfigError``: one is out of range.
     """
     aircraft, unit = policy.aircraft, policy.aircraft.separation
-    slowest, fastest, traffic = (
-        aircraft.limits.speed_min,
-        aircraft.limits.speed_max,
-        aircraft.traffic_speed_max,
-    )
+    slowest, fastest = aircraft.limits.speed_min, aircraft.limits.speed_max
+    traffic = aircraft.traffic_speed_max
     ranges = {
         "own_speed": _Range(0.75 * fastest, slowest, fastest, "m/s"),
         "intruder_speed": _Range(0.5 * traffic, 0.0, traffic, "m/s"),

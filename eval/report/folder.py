@@ -16,11 +16,8 @@ from eval.flights.aircraft import aircraft_of
 from eval.plots.style import kinds_of
 from eval.runner.outputs import SCHEMA_VERSION, RunFolder, read_table
 
-_FIGURES = (
-    "initial_conditions",
-    "min_separation",
-    "trajectories",
-)  # names of the pictures that a run draws
+# names of the pictures that a run draws
+_FIGURES = ("initial_conditions", "min_separation", "trajectories")
 _SUMMARY, _TABLE, _CONFIG = "summary.json", RunFolder.table, "config.yaml"
 _COLUMNS = (
     "encounter",

@@ -4,6 +4,7 @@ interrupts, files.
 
 import argparse
 import json
+import math
 import os
 import signal
 import sys
@@ -139,11 +140,8 @@ def fly(
         fly_all = partial(cluster.fly, task, resolved.work, config.policy_sha256)
     if not resume:
         check_unused(folder.path)
-        needed = (
-            config.default_count * _ROW_BYTES
-            + -(-config.default_count // config.chunk) * _PART_BYTES
-        )
-        check_space(folder.path, needed, f"{config.default_count} rows")
+        count, parts = config.default_count, math.ceil(config.default_count / config.chunk)
+        check_space(folder.path, count * _ROW_BYTES + parts * _PART_BYTES, f"{count} rows")
     with lock(folder.path):
         folder.begin(resume=resume)
         table, flown = _whole_table(folder, config, fly_all)
