@@ -133,14 +133,16 @@ def fly(
     config, packages = resolved.config, resolved.packages
     task = Work(command.prepare, command.columns, (*DECISIVE, *packages))
     workers = config.workers or cores() if cluster is None else cluster.size()
-    config = config.model_copy(update={"chunk": config.chunk_for(config.default_count, workers)})
+    chunk = config.chunk_for(config.default_count, workers)
+    config = config.model_copy(update={"chunk": chunk})
     folder = command.folder(out, config)
     fly_all = partial(fly_chunks, task, resolved.work, workers)
     if cluster is not None:
+        assert config.policy_sha256 is not None  # it is resolved
         fly_all = partial(cluster.fly, task, resolved.work, config.policy_sha256)
     if not resume:
         check_unused(folder.path)
-        count, parts = config.default_count, math.ceil(config.default_count / config.chunk)
+        count, parts = config.default_count, math.ceil(config.default_count / chunk)
         check_space(folder.path, count * _ROW_BYTES + parts * _PART_BYTES, f"{count} rows")
     with lock(folder.path):
         folder.begin(resume=resume)
