@@ -37,9 +37,9 @@ _MOST_SWEEPS = 100
 class Grid(NamedTuple):
     """Nodes of the state; the other half of the headings is the mirror image."""
 
-    x: Array  # ownship less intruder along the intruder's course, m, [X]
+    x: Array  # ownship minus intruder along the intruder's course, m, [X]
     y: Array  # the same to the left of it, m, [Y]; symmetric about 0
-    heading: Array  # own heading less the intruder's, rad from 0 to pi, [P]
+    heading: Array  # own heading minus the intruder's, rad from 0 to pi, [P]
     speed: Array  # own speed, m/s, [S]
     dt: float  # time step, s
 
@@ -114,8 +114,8 @@ def value_at(solution: Solution, x: Array, y: Array, heading: float, speed: floa
     """Return the value at states between the nodes, m, ``[...]``, by one more time step from there.
 
     That keeps the ridge sharp on which two ways out are equally good; interpolating the value
-    itself would raise it. The place is ownship less intruder in the intruder's frame, m; the
-    heading (own less the intruder's, rad in [-pi, pi)) and the speed (own, m/s, within the limits)
+    itself would raise it. The place is ownship minus intruder in the intruder's frame, m; the
+    heading (own minus the intruder's, rad in [-pi, pi)) and the speed (own, m/s, within the limits)
     lose nothing by interpolation on a node.
     """
     grid, limits = solution.grid, solution.limits

@@ -42,7 +42,7 @@ class Slice(NamedTuple):
     name: str
     own_speed: float  # m/s
     intruder_speed: float  # m/s
-    course_difference: float  # intruder's course less own course, rad clockwise
+    course_difference: float  # intruder's course minus own course, rad clockwise
 
     @property
     def heading(self) -> float:

@@ -1,7 +1,7 @@
 """Volumes around an aircraft that another must not enter, by standard: loss and severity; and what
 a flight cost.
 
-Everything is judged on relative states: position and velocity of the intruder less the ownship's.
+Everything is judged on relative states: position and velocity of the intruder minus the ownship's.
 The surrogate flies in one plane: both aircraft are taken to be co-altitude, the worst case, so that
 a rate of losses is one *given* that the altitudes do not separate.
 """
@@ -41,7 +41,7 @@ VOLUMES = {
 
 
 class Relative(NamedTuple):
-    """The intruder less the ownship; fields ``[...]``, m and m/s."""
+    """The intruder minus the ownship; fields ``[...]``, m and m/s."""
 
     x: np.ndarray
     y: np.ndarray
@@ -110,7 +110,7 @@ def costs(starts: Encounter, flights: Flights, flown: Trajectories) -> dict[str,
 
     Returns:
         path_excess: (length flown + distance left to the goal) / straight distance - 1, at least 0.
-        time_excess_s: time flown, and what is left at the last speed, less the straight way's at
+        time_excess_s: time flown, and what is left at the last speed, minus the straight way's at
             the first speed, s.
         cross_track_m: largest distance from the straight line from start to goal, m.
     """

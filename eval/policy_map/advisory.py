@@ -27,7 +27,7 @@ class FixedStates(NamedTuple):
 
     own_speed: float  # m/s
     intruder_speed: float  # m/s
-    # intruder's heading less the own one, rad counter-clockwise: +pi/2 comes from the right
+    # intruder's heading minus the own one, rad counter-clockwise: +pi/2 comes from the right
     relative_heading: float
     goal_bearing: float  # from the own heading, rad counter-clockwise
     goal_distance: float  # m
@@ -65,7 +65,7 @@ def advise(
 
 
 def relative_velocity(scene: FixedStates) -> tuple[float, float]:
-    """Return the intruder's velocity less the own one, to the right and ahead, m/s."""
+    """Return the intruder's velocity minus the own one, to the right and ahead, m/s."""
     ahead = scene.intruder_speed * math.cos(scene.relative_heading) - scene.own_speed
     return -scene.intruder_speed * math.sin(scene.relative_heading), ahead
 

@@ -16,8 +16,8 @@ class PolicyMapConfig(PolicyConfig):
     intruder_speed: float | None = None
     """Speed of the intruder, m/s; null: half of the traffic's greatest."""
     relative_headings: tuple[float, ...] = (180.0, -90.0, 90.0, -30.0)
-    """Intruder's heading less the own one, degrees from -180 to 180, a row of maps each, at most 8.
-    """
+    """Intruder's heading minus the own one, degrees from -180 to 180, a row of maps each, at most
+    8."""
     goal_bearing: float = Field(default=0.0, ge=-180.0, le=180.0)
     """Bearing of the goal from the own heading, degrees."""
     goal_distance: float | None = None

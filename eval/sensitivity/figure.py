@@ -89,7 +89,7 @@ def _draw_counts(axes: Axes, points: Sequence[Mapping[str, Any]]) -> list[BarCon
 
 
 def _draw_differences(axes: Axes, points: Sequence[Mapping[str, Any]], unit: str) -> None:
-    """Draw success less that at the first value, paired, in points."""
+    """Draw success minus that at the first value, paired, in points."""
     for mode, place in _places(points, 1):
         style = {"markersize": 4.5, "linewidth": 1.1, "capsize": 2.0, "linestyle": "-"}
         _draw_bars(

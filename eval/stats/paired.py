@@ -44,7 +44,7 @@ def pairs(first: np.ndarray, second: np.ndarray) -> Pairs:
 
 
 def tango(counts: Pairs, confidence: float = 0.95) -> Interval:
-    """Return the second's success rate less the first's, with Tango's score interval.
+    """Return the second's success rate minus the first's, with Tango's score interval.
 
     The interval holds every difference that the score test does not reject (T. Tango, Statistics in
     Medicine 17 (1998) 891). The statistic falls as the supposed difference rises, so that its ends
@@ -88,7 +88,7 @@ def _where(counts: Pairs, wanted: float) -> float:
 
 
 def _score(counts: Pairs, difference: float) -> float:
-    """Return the score statistic of a supposed difference: observed less expected, by its standard
+    """Return the score statistic of a supposed difference: observed minus expected, by its standard
     error under it.
 
     The error takes the likeliest share q of pairs won by the first alone among those with that
