@@ -191,43 +191,51 @@ class Drawing:
 
     def _move(self, scene: Picture) -> None:
         """Move what belongs to the aircraft."""
-        count = scene.intruders.shape[1]
-        # The ownship leads: [T + 1, 1 + K, 4], in km.
+        # The ownship leads: [T + 1, 1 + K, 4]; places in km, [1 + K, T + 1, 2].
         aircraft = np.concatenate([scene.own[:, None], scene.intruders], axis=1)
         paths = np.moveaxis(aircraft[..., :2], 0, 1) / 1000.0
         now, heading, speed = paths[:, -1], aircraft[-1, :, 2], aircraft[-1, :, 3]
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-        colours = [OWNSHIP] + [INTRUDER] * count
-
+        colours = [OWNSHIP] + [INTRUDER] * scene.intruders.shape[1]
+        nearest = int(np.argmin(scene.separations[-1]))
         close = scene.separations < scene.required
-        close_now = close[-1]
-        discs = [Circle(tuple(at), scene.required / 1000.0) for at in now[1:]]
-        self._discs.set_paths(discs)
-        edges = [VIOLATION if near else INTRUDER for near in close_now]
+
+        self._move_discs(now, close[-1], nearest, scene.required / 1000.0)
+        self._move_trails(paths, close, colours)
+        ends = now + ahead * speed[:, None] * (_LEADER / 1000.0)
+        self._leaders.set(segments=np.stack([now, ends], axis=1), colors=colours)
+        self._move_planes(now, ahead, colours)
+        self._name(now, ahead, nearest)
+        self._write(scene, speed)
+
+    def _move_discs(self, now: np.ndarray, close: np.ndarray, nearest: int, radius: float) -> None:
+        """Move the discs of the required separation, km, around intruders ``[K]``, and the line
+        from the ownship to the nearest one; red are those that are too close.
+        """
+        self._discs.set_paths([Circle(tuple(at), radius) for at in now[1:]])
+        edges = [VIOLATION if near else INTRUDER for near in close]
         self._discs.set(
             facecolors=[edge + "26" for edge in edges], edgecolors=[edge + "b0" for edge in edges]
         )
+        self._link.set(
+            segments=[now[[0, nearest + 1]]], colors=VIOLATION if close[nearest] else _FAINT
+        )
 
+    def _move_trails(self, paths: np.ndarray, close: np.ndarray, colours: list[str]) -> None:
+        """Draw the paths so far, and in red the steps of both that were too close,
+        ``[T + 1, K]``.
+        """
         self._trails.set(segments=paths, colors=colours)
         both = np.concatenate([close.any(axis=1, keepdims=True), close], axis=1)
         steps = np.stack([paths[:, :-1], paths[:, 1:]], axis=2)
         self._red.set_segments(list(steps[both[1:].T]))
-        self._leaders.set(
-            segments=np.stack([now, now + ahead * speed[:, None] * (_LEADER / 1000.0)], axis=1),
-            colors=colours,
-        )
-        nearest = int(np.argmin(scene.separations[-1]))
-        self._link.set(
-            segments=[now[[0, nearest + 1]]],
-            colors=edges[nearest] if close_now[nearest] else _FAINT,
-        )
 
-        sizes = np.array([34.0] + [27.0] * count) * self._pixel
+    def _move_planes(self, now: np.ndarray, ahead: np.ndarray, colours: list[str]) -> None:
+        """Draw the aircraft where they are, nose ahead."""
+        sizes = np.array([34.0] + [27.0] * (len(now) - 1)) * self._pixel
         turn = np.stack([ahead, np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)], axis=1)
         outlines = np.einsum("pi,nij->npj", _AIRCRAFT, turn) * sizes[:, None, None] + now[:, None]
         self._planes.set(verts=list(outlines), facecolors=colours)
-        self._name(now, ahead, nearest)
-        self._write(scene, speed)
 
     def _name(self, now: np.ndarray, ahead: np.ndarray, nearest: int) -> None:
         """Write the names of the aircraft beside them, on the side away from what is near."""
