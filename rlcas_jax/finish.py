@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from envs.aircraft import Ratios, ratios
 from envs.edge.files import write_file
 from envs.encounters import scenario
 from envs.starts import encounters_of_seed
-from rlcas_jax.config import TrainConfig
+from rlcas_jax.config import FamilyConfig, TrainConfig
 from rlcas_jax.figures import training_figures
 from rlcas_jax.loop import Run, outcomes, rates
 
@@ -104,62 +104,65 @@ def set_of(config: TrainConfig) -> SetOf:
     """
     aircraft, encoder = config.aircraft.aircraft(), tuple(config.network.encoder)
     most = max(
-        family.intruders[1]
-        for phase in config.phase_configs()
-        for family in phase.training_scenarios()
+        one.intruders[1] for phase in config.phase_configs() for one in phase.training_scenarios()
     )
-    ends = {
-        name: (value, value)
-        for name, value in ratios(aircraft.limits, aircraft.separation)._asdict().items()
-    }
+    own = ratios(aircraft.limits, aircraft.separation)._asdict()
+    ends = {name: (value, value) for name, value in own.items()}
     if config.family.share:
-        slow, (least, most_acceleration) = config.family.speed_min, config.family.acceleration
-        bounds = (
-            slow,
-            (-most_acceleration, -least),
-            (least, most_acceleration),
-            config.family.turn_radius,
-        )
-        for name, (low, high) in zip(Ratios._fields, bounds, strict=True):
-            ends[name] = (min(low, ends[name][0]), max(high, ends[name][1]))
+        for name, (low, high) in _ratios_of(config.family)._asdict().items():
+            ends[name] = (min(low, own[name]), max(high, own[name]))
     return SetOf(encoder, most, aircraft, ends, config.network.input_table().extra)
+
+
+def _ratios_of(family: FamilyConfig) -> Ratios:
+    """Return the ranges (low, high) of a family's ratios."""
+    least, most = family.acceleration
+    return Ratios(
+        speed_min=family.speed_min,
+        acceleration_min=(-most, -least),
+        acceleration_max=(least, most),
+        turn_radius=family.turn_radius,
+    )
 
 
 def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:
     """Return the summaries as a text for a terminal."""
     lines = []
     for summary in summaries:
-        found = summary["evaluation"]
-        state = "" if summary["finished"] else ", interrupted"
-        lines.append(
-            f"seed {summary['seed']}: {summary['steps']:,} steps in {summary['wall_s']:.0f} "
-            f"s{state}"
-        )
-        score = (
-            "none yet" if summary["training_score"] is None else f"{summary['training_score']:+.1f}"
-        )
-        rows = {
-            "training score (stochastic policy, last 5 % of the episodes)": score,
-            f"deterministic policy, {found['encounters']} encounters: mean score": (
-                f"{found['score_mean']:+.1f}"
-            ),
-            "resolved, of all": f"{found['success_rate']:.2%}",
-            "resolved, of the resolvable": f"{found['success_given_resolvable']:.2%}",
-            "separation violated": f"{found['violation_rate']:.2%}",
-            "out of time": f"{found['timeout_rate']:.2%}",
-            "proven unresolvable": f"{found['unresolvable_proven']}",
-            "undecided (counted as resolvable)": f"{found['undecided']}",
-        }
-        lines += [f"  {name:<64}{value:>9}" for name, value in rows.items()]
+        lines += _lines_of_seed(summary)
     if len(summaries) > 1:
-        scores = [
-            summary["training_score"]
-            for summary in summaries
-            if summary["training_score"] is not None
-        ]
-        given = [summary["evaluation"]["success_given_resolvable"] for summary in summaries]
-        reached = f"training score {min(scores):+.1f} to {max(scores):+.1f}, " if scores else ""
-        resolved = f"resolved of the resolvable {min(given):.2%} to {max(given):.2%}"
-        lines.append(f"{len(summaries)} seeds: {reached}{resolved}")
+        lines.append(_line_of_seeds(summaries))
     lines.append(f"policy, summary, metrics and figures: {directory}")
     return "\n".join(lines)
+
+
+def _lines_of_seed(summary: Mapping[str, Any]) -> list[str]:
+    found, score = summary["evaluation"], summary["training_score"]
+    state = "" if summary["finished"] else ", interrupted"
+    first = (
+        f"seed {summary['seed']}: {summary['steps']:,} steps in {summary['wall_s']:.0f} s{state}"
+    )
+    rows = {
+        "training score (stochastic policy, last 5 % of the episodes)": (
+            "none yet" if score is None else f"{score:+.1f}"
+        ),
+        f"deterministic policy, {found['encounters']} encounters: mean score": (
+            f"{found['score_mean']:+.1f}"
+        ),
+        "resolved, of all": f"{found['success_rate']:.2%}",
+        "resolved, of the resolvable": f"{found['success_given_resolvable']:.2%}",
+        "separation violated": f"{found['violation_rate']:.2%}",
+        "out of time": f"{found['timeout_rate']:.2%}",
+        "proven unresolvable": f"{found['unresolvable_proven']}",
+        "undecided (counted as resolvable)": f"{found['undecided']}",
+    }
+    return [first, *(f"  {name:<64}{value:>9}" for name, value in rows.items())]
+
+
+def _line_of_seeds(summaries: Sequence[Mapping[str, Any]]) -> str:
+    """Return in words between which figures the seeds of a configuration lie."""
+    scores = [one["training_score"] for one in summaries if one["training_score"] is not None]
+    given = [one["evaluation"]["success_given_resolvable"] for one in summaries]
+    reached = f"training score {min(scores):+.1f} to {max(scores):+.1f}, " if scores else ""
+    resolved = f"resolved of the resolvable {min(given):.2%} to {max(given):.2%}"
+    return f"{len(summaries)} seeds: {reached}{resolved}"

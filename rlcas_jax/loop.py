@@ -175,45 +175,66 @@ class _Runner:
         self._log: metrics.Writer | None = None
 
     def run(self) -> Run:
-        training, tasks = self._training, self._training.tasks
-        directory = training.directory
+        """Train from the beginning, or from the newest checkpoint, and return the end."""
+        training = self._training
         self._interrupt.waits_for(None)
-        number, state = (0, None) if training.resumed is None else training.resumed
-        resumed, done = None, 0
-        if state is not None:
-            state = place(state, tasks[number].placed)
-            resumed, done = self._updates[number] + int(state.update), self._done(number, state)
+        done, resumed_update = 0, None
+        if training.resumed is not None:
+            number, state = training.resumed
+            done = self._done(number, state)
+            resumed_update = self._updates[number] + int(state.update)
         elif self._writes:
-            # The platform and the versions that decide a run's numbers.
-            here = {"platform": platform.platform(), "machine": platform.machine()}
-            here |= versions("numpy", "jax", "jaxlib", "flax", "optax", "safetensors")
-            write_file(directory / "versions.json", json.dumps(here, indent=2) + "\n")
+            _write_versions(training.directory)
         self._reporter.start(self._steps[-1], done, "compiling")
         with ExitStack() as stack:
             stack.callback(self._reporter.stop)
             if self._writes:
-                self._log = stack.enter_context(metrics.Writer(directory, resume_update=resumed))
-            learner = training.learner
-            while True:
-                task = tasks[number]
-                if state is None:
-                    state = task.initial()
-                    if learner:
-                        begun = state._replace(learner=state.learner._replace(**learner))
-                        state = place(begun, task.placed)
-                    self._save(number, state)
-                state, stopped = self._phase(number, state)
-                self._save(number, state)
-                if stopped or number + 1 == len(tasks):
-                    break
-                number, state, learner = number + 1, None, everywhere(state.learner)._asdict()
-        done = self._done(number, state)
-        score = (
-            _final_score(metrics.read(directory / "metrics.jsonl")) if self._writes else math.nan
-        )
-        wall_s = time.monotonic() - self._began
+                log = metrics.Writer(training.directory, resume_update=resumed_update)
+                self._log = stack.enter_context(log)
+            number, state = self._phases()
+        return self._end(number, state)
+
+    def _phases(self) -> tuple[int, TrainState]:
+        """Train phase after phase, until the last or until a stop is asked for; return the number
+        of the phase in which it ended, and its state.
+        """
+        tasks, resumed = self._training.tasks, self._training.resumed
+        if resumed is None:
+            number, state = 0, self._begin(0, self._training.learner)
+        else:
+            number, state = resumed[0], place(resumed[1], tasks[resumed[0]].placed)
+        while True:
+            state, stopped = self._phase(number, state)
+            self._save(number, state)
+            if stopped or number + 1 == len(tasks):
+                return number, state
+            number += 1
+            state = self._begin(number, everywhere(state.learner)._asdict())
+
+    def _begin(self, number: int, learner: dict[str, Any]) -> TrainState:
+        """Return the state at the start of a phase, with parts of an algorithm's state from before,
+        by their fields; it is saved.
+        """
+        task = self._training.tasks[number]
+        state = task.initial()
+        if learner:
+            state = place(state._replace(learner=state.learner._replace(**learner)), task.placed)
+        self._save(number, state)
+        return state
+
+    def _end(self, number: int, state: TrainState) -> Run:
+        """Return the end of the run, in a phase with a state."""
+        training, done = self._training, self._done(number, state)
+        log = metrics.read(training.directory / "metrics.jsonl") if self._writes else {}
         return Run(
-            directory, state, task, training.config, done, done == self._steps[-1], score, wall_s
+            training.directory,
+            state,
+            training.tasks[number],
+            training.config,
+            done,
+            finished=done == self._steps[-1],
+            score=_final_score(log),
+            wall_s=time.monotonic() - self._began,
         )
 
     def _done(self, number: int, state: TrainState) -> int:
@@ -312,6 +333,13 @@ class _Runner:
         self._last_saved = self._tick = time.monotonic()
 
 
+def _write_versions(directory: Path) -> None:
+    """Write the platform and the versions that decide a run's numbers."""
+    here = {"platform": platform.platform(), "machine": platform.machine()}
+    here |= versions("numpy", "jax", "jaxlib", "flax", "optax", "safetensors")
+    write_file(directory / "versions.json", json.dumps(here, indent=2) + "\n")
+
+
 def outcomes(task: CompiledTask, state: TrainState, starts: Encounter) -> Outcome:
     """Return how the deterministic policy ends encounters ``[N]``; one process may ask alone."""
     single = jax.tree.map(
@@ -347,16 +375,16 @@ def _check_scenarios(config: TrainConfig) -> None:
     ones.
     """
     count = 4096
-    for number, family in enumerate(config.training_scenarios()):
-        draws = uniforms(0, 0, count, (1, family.dimensions)).swapaxes(0, 1)
-        encounters, accepted = sample(family, draws, np)
-        if not family.ships:
-            check_sampled(family, take(encounters, accepted))
-            jax.eval_shape(lambda one, of=family: sample(of, one, jnp), draws)
+    for number, drawn in enumerate(config.training_scenarios()):
+        draws = uniforms(0, 0, count, (1, drawn.dimensions)).swapaxes(0, 1)
+        encounters, accepted = sample(drawn, draws, np)
+        if not drawn.ships:
+            check_sampled(drawn, take(encounters, accepted))
+            jax.eval_shape(lambda one, of=drawn: sample(of, one, jnp), draws)
         if accepted.mean() < _LEAST_ACCEPTED:
             raise ConfigError(
                 f"scenarios.{number}: {int(accepted.sum())} of {count} draws meet the conditions "
-                f"of {family.name}; "
+                f"of {drawn.name}; "
                 f"expected at least {_LEAST_ACCEPTED:.0%} (see min_initial_separation and "
                 "conflicts_closer_than)"
             )

@@ -27,7 +27,7 @@ def _of_phase(config: TrainConfig) -> int:
     gradients and moments.
     """
     ppo = config.ppo
-    intruders = max(family.intruders[1] for family in config.training_scenarios())
+    intruders = max(one.intruders[1] for one in config.training_scenarios())
     network, hidden = config.network, config.network.hidden
     if network.feature_set == "set":
         inputs = network.input_table()

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int, Int32, PRNGKeyArray, Shaped, UInt
 
 from agents.config.load import ConfigError
 from agents.learning.algorithm import Algorithm
-from agents.learning.networks import NetworkInput, derive
+from agents.learning.networks import NetworkInput, Variables, derive
 from agents.policy.scene import scene
 from agents.policy.set_features import set_inputs
 from envs import surrogate
@@ -50,14 +50,14 @@ class CompiledTask(NamedTuple):
     initial: Callable[[], TrainState]
     update: Callable[[TrainState], tuple[TrainState, Figures]]  # donates its argument
     # (variables of the actor, starts [N]) -> how they end by its means
-    evaluate: Callable[[Any, Encounter], Outcome]
+    evaluate: Callable[[Variables, Encounter], Outcome]
     updates: int
     steps_per_update: int
     rules: Rules  # of the task itself, by which policies are evaluated
-    placed: Any = None  # where the state's arrays belong; None on one device
+    placed: TrainState | None = None  # where the state's arrays belong; None on one device
 
-    def shapes(self) -> Any:
-        """Return shapes and dtypes of the state as a :class:`TrainState`."""
+    def shapes(self) -> TrainState:
+        """Return shapes and dtypes of the state."""
         return jax.eval_shape(self.initial)
 
 
@@ -230,7 +230,7 @@ def _training_world(parts: Parts, flying: Ownships) -> surrogate.World:
     return parts.world._replace(rules=rules, aircraft=aircraft)
 
 
-def _evaluate(parts: Parts, actor_variables: Any, starts: Encounter) -> Outcome:
+def _evaluate(parts: Parts, actor_variables: Variables, starts: Encounter) -> Outcome:
     """Return how encounters ``[N]`` end by the actor's mean action."""
     network, aircraft = parts.config.network, parts.world.aircraft
     actor = actor_of(network)
@@ -267,8 +267,8 @@ def _split_over(devices: Devices, iterate: _Iteration) -> _Iteration:
     )
 
 
-def _placement(devices: Devices) -> Any:
-    """Return where the arrays of a state belong, as a :class:`TrainState`; None on one device."""
+def _placement(devices: Devices) -> TrainState | None:
+    """Return where the arrays of a state belong; None on one device."""
     if devices.mesh is None:
         return None
     whole: Any = devices.whole()
