@@ -112,7 +112,7 @@ def _ask(
     found: dict[int, tuple[Answers, dict[str, Any]]] = {}
     for number, cut in sorted(enumerate(cuts), key=lambda one: one[1].intruder_speed):
         part = folder.part(f"slice_{number}", partial(_judge, cut, config, aircraft))
-        figures = json.loads(str(part.pop("figures")))
+        figures = parse_json(str(part.pop("figures")))
         found[number] = Answers(slice=cut, **part), figures
     return [found[number] for number in range(len(cuts))]
 
