@@ -63,11 +63,13 @@ def inputs_of(
     mask: np.ndarray,
     goal: tuple[np.ndarray, np.ndarray],
     one: Aircraft,
+    share: np.ndarray | None = None,
 ) -> SetInputs:
     """Return the network's inputs for states ``[N]`` and ``[N, K]`` with K >= 1, present ones bool
-    ``[N, K]``.
+    ``[N, K]``; shares of separations of the intruders' own, ``[N, K]``.
     """
-    return set_inputs(scene(own, intruders, mask, *goal, one.limits, one.separation, np), np)
+    seen = scene(own, intruders, mask, *goal, one.limits, one.separation, np)
+    return set_inputs(seen._replace(share=share), np)
 
 
 def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:

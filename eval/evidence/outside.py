@@ -133,13 +133,14 @@ class _Moment(NamedTuple):
     seen: VehicleState  # [N, K]
     mask: np.ndarray  # which intruders exist, bool [N, K]
     goal: tuple[np.ndarray, np.ndarray]  # m
+    share: np.ndarray | None = None  # D over the intruders' own separations, [N, K]; None: 1
 
 
 def _inputs(rows: np.ndarray, moment: _Moment, aircraft: Aircraft) -> SetInputs:
     """Return the network's inputs of some flights of all."""
-    own, seen, mask, goal = take(moment, rows)
+    own, seen, mask, goal, share = take(moment, rows)
     there = VehicleState(*(np.where(mask, field, 0.0) for field in seen))
-    return novelty.inputs_of(own, there, mask, goal, aircraft)
+    return novelty.inputs_of(own, there, mask, goal, aircraft, share)
 
 
 def _steps(flights: Flights) -> Iterator[tuple[VehicleState, VehicleState]]:
@@ -350,8 +351,19 @@ def _training_starts(
         if not own:
             given["intruder_speed"] = span
         sampled = ScenarioConfig(**given).scenario(aircraft)
-        starts.append(pad(encounters_of_seed(sampled, seed, 0, _STARTS), policy.most, np))
+        encounters = encounters_of_seed(sampled, seed, 0, _STARTS, whole=True)
+        starts.append(pad(_of_one_form(encounters, aircraft), policy.most, np))
     return starts
+
+
+def _of_one_form(encounters: Encounter, aircraft: Aircraft) -> Encounter:
+    """Return encounters of any scenario so that they can be joined: with a separation of each
+    intruder, all of which are reported and take no notice of the ownship.
+    """
+    separation = encounters.separation
+    if separation is None:
+        separation = np.full(encounters.mask.shape, aircraft.separation)
+    return encounters._replace(separation=separation, coverage=None, reaction=None)
 
 
 def _moments(
@@ -360,11 +372,13 @@ def _moments(
     """Yield what the network sees at all starts, and every few steps of some flights."""
     first = reduce(join, starts)
     others = VehicleState(*(np.where(first.mask, field, np.nan) for field in first.intruders))
-    yield _Moment(first.own, others, np.isfinite(others.x), (first.goal_x, first.goal_y))
+    share = aircraft.separation / first.separation
+    yield _Moment(first.own, others, np.isfinite(others.x), (first.goal_x, first.goal_y), share)
     some = reduce(join, (take(one, slice(0, _FLOWN)) for one in starts))
     flights = fly_reported(some, policy, aircraft, seed)
     for own, seen in list(_steps(flights))[::_NOVEL_EVERY]:
-        yield _Moment(own, seen, np.isfinite(seen.x), flights.goal)
+        share = aircraft.separation / some.separation
+        yield _Moment(own, seen, np.isfinite(seen.x), flights.goal, share)
 
 
 def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
@@ -417,8 +431,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     policy = Policy.load()
     if options.box is not None:
         box = training_box(policy, options.encounters, options.seed)
+        bounds = {"own": box.own, "each": box.each}
         made = {"policy": policy.sha256} | {
-            k: np.round(v, 4).tolist() for k, v in box._asdict().items()
+            name: np.round(values, 4).tolist() for name, values in bounds.items()
         }
         write_file(options.box, json.dumps(made) + "\n")
         return 0
