@@ -404,7 +404,10 @@ def measure_graph(calls: int) -> dict[str, Any]:
         for server in servers:
             server.terminate()
         for server in servers:
-            server.wait(PATIENCE)
+            try:
+                server.wait(PATIENCE)
+            except subprocess.TimeoutExpired:  # rclpy may hang where it is ended as it begins
+                server.kill()
     return figures
 
 
