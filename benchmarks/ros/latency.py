@@ -45,6 +45,7 @@ from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval.flights.plan_flight import request_of
+from ros_bridge.transport.children import stop
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
@@ -401,13 +402,7 @@ def measure_graph(calls: int) -> dict[str, Any]:
             restarts.append(one)
         figures |= restart_figures(restarts) | end(servers[0])
     finally:
-        for server in servers:
-            server.terminate()
-        for server in servers:
-            try:
-                server.wait(PATIENCE)
-            except subprocess.TimeoutExpired:  # rclpy may hang where it is ended as it begins
-                server.kill()
+        stop(servers)
     return figures
 
 
