@@ -210,13 +210,12 @@ def _keeps(
         wanted = min(wanted, max(begun - _NEARER, 0.0))
     least = max(wanted - _PART, -_EDGE) - _TOLERANCE
     fast = np.abs(np.diff(inner)) + abs(gain) * np.diff(time)
-    for first in range(0, len(time) - 1, _PIECE):
+    starts = np.arange(0, len(time) - 1, _PIECE)
+    # Nothing gets nearer than it flies from one look to the next.
+    near = _distances(one, inner[starts]) + gain * time[starts] - np.add.reduceat(fast, starts)
+    for first in starts[~(near > least)].tolist():
         piece = slice(first, min(first + _PIECE, len(time) - 1) + 1)  # its ends included
         if not counts[piece].any():
-            continue
-        # Nothing gets nearer than it flies from one look to the next.
-        here = float(_distances(one, inner[first : first + 1])[0]) + gain * time[first]
-        if here - float(fast[piece.start : piece.stop - 1].sum()) > least:
             continue
         if _nearest(one, inner[piece], gain * time[piece], counts[piece]) < least:
             return False
