@@ -17,7 +17,8 @@ from envs.kinematics import VehicleState
 from ros_bridge.transport.children import free_domain, start_node
 
 if TYPE_CHECKING:
-    from rlcas_msgs.msg import Waypoint
+    from builtin_interfaces.msg import Time
+    from rlcas_msgs.msg import AircraftState, Waypoint
 
 __all__ = [
     "FRAME",
@@ -27,6 +28,7 @@ __all__ = [
     "Scheduling",
     "advance",
     "cores_stolen",
+    "exact_report",
     "geodetic",
     "own_domain",
     "resident_memory",
@@ -129,6 +131,25 @@ def geodetic(state: VehicleState) -> Geodetic:
         state.speed * math.cos(true),
         state.speed * math.sin(true),
     )
+
+
+def exact_report(name: str, state: VehicleState, stamp: "Time") -> "AircraftState":
+    """Return an aircraft's report without errors of place and velocity."""
+    from rlcas_msgs.msg import AircraftState
+
+    where = geodetic(state)
+    known = AircraftState.VALID_POSITION | AircraftState.VALID_VELOCITY
+    exact = (
+        AircraftState.VALID_POSITION_STD
+        | AircraftState.VALID_VELOCITY_STD
+        | AircraftState.VALID_WIND
+    )
+    message = AircraftState(
+        id=name, valid=known | exact, latitude=where.latitude, longitude=where.longitude
+    )
+    message.header.stamp = stamp
+    message.velocity.x, message.velocity.y = where.east, where.north
+    return message
 
 
 def route_message(x: Sequence[float], y: Sequence[float]) -> "list[Waypoint]":

@@ -31,6 +31,7 @@ from benchmarks.ros.graph import (
     PATIENCE,
     advance,
     cores_stolen,
+    exact_report,
     geodetic,
     own_domain,
     resident_memory,
@@ -212,20 +213,10 @@ class Caller:
         self.fix.publish(fix)
 
     def _publish_traffic(self) -> None:
-        from rlcas_msgs.msg import AircraftState
-
         if self.scene is None:
             return
         seconds, now = self._now()
-        where = geodetic(advance(self.scene.other, seconds))
-        known = AircraftState.VALID_POSITION | AircraftState.VALID_VELOCITY
-        exact = AircraftState.VALID_POSITION_STD | AircraftState.VALID_VELOCITY_STD
-        message = AircraftState(
-            id="other", valid=known | exact, latitude=where.latitude, longitude=where.longitude
-        )
-        message.header.stamp = now
-        message.velocity.x, message.velocity.y = where.east, where.north
-        self.traffic.publish(message)
+        self.traffic.publish(exact_report("other", advance(self.scene.other, seconds), now))
 
     def call(self, client: "Client[Any, Any]", request: Any) -> tuple[float, Any]:
         """Return the time from call to answer, s, and the answer."""

@@ -27,7 +27,7 @@ from benchmarks.ros.graph import (
     ORIGIN,
     PATIENCE,
     advance,
-    geodetic,
+    exact_report,
     own_domain,
     resident_memory,
     route_message,
@@ -38,10 +38,8 @@ from envs.edge.command import Parser, run_cli
 from envs.kinematics import VehicleState
 
 if TYPE_CHECKING:
-    from builtin_interfaces.msg import Time
     from diagnostic_msgs.msg import DiagnosticArray
-    from rclpy.publisher import Publisher
-    from rlcas_msgs.msg import AircraftState, AssuranceStatus
+    from rlcas_msgs.msg import AssuranceStatus
 
 RUNNER, MONITOR = "/rlcas_runner", "/rlcas_monitor"
 TICK = 0.1  # s
@@ -162,24 +160,11 @@ class World:
         nanoseconds = round(self.time * 1e9)
         now = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
         self.clock.publish(Clock(clock=now))
-        self._publish(self.own, "own", own_at(self.time), now)
+        self.own.publish(exact_report("own", own_at(self.time), now))
         for number, (name, state) in enumerate(self.sky.others.items()):
             if (self.ticks + number) % 10 == 0:
-                self._publish(self.traffic, name, state, now)
+                self.traffic.publish(exact_report(name, state, now))
         self.executor.spin_once(timeout_sec=0.0)
-
-    def _publish(
-        self, publisher: "Publisher[AircraftState]", name: str, state: VehicleState, now: "Time"
-    ) -> None:
-        from rlcas_msgs.msg import AircraftState
-
-        where = geodetic(state)
-        message = AircraftState(
-            id=name, valid=5, latitude=where.latitude, longitude=where.longitude
-        )
-        message.header.stamp = now
-        message.velocity.x, message.velocity.y = where.east, where.north
-        publisher.publish(message)
 
     def ask(self) -> tuple[float, int]:
         """Return how long the answer took, s, and its status; nan and -1 where there was none."""
