@@ -14,7 +14,7 @@ from agents.planner.levels import Altitude
 from agents.planner.options import Options
 from agents.planner.out_of_the_way import SPEED_TOLERANCE
 from agents.planner.remarks import assumed_climb
-from agents.planner.request import Request, drift_points, latest_end
+from agents.planner.request import BEYOND, Request, drift_points, latest_end
 from envs.area_geometry import signed_distance
 from envs.areas import Area, in_air
 from envs.arrays import Array
@@ -180,14 +180,13 @@ def _ahead(request: Request, first: int, options: Options) -> tuple[Array, Array
     """Return the points of a route that are ahead, m, and their numbers in the one asked for."""
     x, y = request.route_x[0], request.route_y[0]
     number = np.arange(x.size) if request.of_route is None else request.of_route[0]
-    last = int(number[-1])
     if options.extend_route:
         wind = 0.0 if request.drift is None else float(np.hypot(*request.drift)[0])
         dx, dy = x[-1] - x[-2], y[-1] - y[-2]
         step = np.arange(1, options.points_beyond(wind) + 1) * options.extension
         step = step / max(float(np.hypot(dx, dy)), 1e-9)
         x, y = np.append(x, x[-1] + step * dx), np.append(y, y[-1] + step * dy)
-        number = np.append(number, last + 1 + np.arange(step.size))
+        number = np.append(number, np.full(step.size, BEYOND))
     return x[first:], y[first:], number[first:]
 
 

@@ -205,7 +205,7 @@ class Plan:
     time_of_min_separation: float
     """s after the request; nan where there is none."""
     goal_index: int | None
-    """Index of the route's point at which the route is rejoined."""
+    """Index of the route's point at which the route is rejoined; None without a trajectory."""
     rejoin_time: float
     """When that is, s after the request; nan without a trajectory."""
     excluded: tuple[Excluded, ...]

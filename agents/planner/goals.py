@@ -3,7 +3,7 @@
 import numpy as np
 
 from agents.planner.options import Options
-from agents.planner.request import Request, drift_points
+from agents.planner.request import BEYOND, Request, drift_points
 from envs.arrays import Array
 
 
@@ -25,7 +25,8 @@ def next_goals(request: Request, options: Options) -> Array:
         passed = _passes(request, rows, number, (off_x, off_y)) | (away <= 0.0)
         goals = _first_ahead(passed & exists)[:, None] + np.arange(options.goals)
     else:  # of one request
-        ahead = np.flatnonzero((request.of_route[0] >= 0) | (number == 0))
+        of_route = request.of_route[0]
+        ahead = np.flatnonzero(((of_route >= 0) & (of_route < BEYOND)) | (number == 0))
         none = np.full(options.goals, number.size)
         goals = np.append(ahead, none)[None, : options.goals]
     inside = goals < request.points[:, None]

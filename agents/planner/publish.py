@@ -28,7 +28,7 @@ from agents.planner.candidates import Plans, Proposals
 from agents.planner.goals import next_goals
 from agents.planner.options import Options
 from agents.planner.out_of_the_way import unproven_exclusions
-from agents.planner.request import Request
+from agents.planner.request import BEYOND, Request
 from agents.planner.traffic import separations, within_window
 from agents.planner.validator import CHECKS, Findings
 from envs.area_geometry import signed_distance
@@ -80,8 +80,7 @@ def publish(
         reasons=tuple(reasons),
         min_separation=float(best.min_separation),
         time_of_min_separation=float(best.findings.time_of_min_separation),
-        # A point of an extended route has no index.
-        goal_index=route[int(best.goal)].index if exists and best.goal < len(route) else None,
+        goal_index=route[int(best.goal)].index if exists else None,
         rejoin_time=float(best.rejoin_time),
         excluded=excluded,
         waypoints=waypoints,
@@ -140,7 +139,7 @@ def _number_points(best: Proposals, request: Request) -> Proposals:
     number = request.of_route[0]
     # Round an area it goes on to the next point of the route. The last point may be beyond it.
     goal = number[int(best.goal) :]
-    last = np.append(number, 2**31)[min(int(best.last), number.size)]
+    last = np.append(number, BEYOND)[min(int(best.last), number.size)]
     return best._replace(goal=goal[goal >= 0][0], last=last)
 
 

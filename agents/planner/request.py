@@ -34,6 +34,9 @@ from envs.trees import Shared
 from envs.waypoints import RoutePoint
 from envs.wind import Wind, narrow, through_air
 
+BEYOND = 2**31 - 1
+"""Number of a point beyond the end of the route that was asked for (:class:`Request`)."""
+
 _LEAST_LEG = 1.0  # m between points of a route
 _STRONGEST = 150.0  # m/s of wind, beyond any on earth
 
@@ -55,7 +58,7 @@ class Request(NamedTuple):
     # what of the areas a plan may meet, the same for all N; None: nothing
     areas: Shared[tuple[Counted, ...]] | None = None
     # numbers of the points in the route that was asked for, [N, R], what is passed left out; -1: a
-    # point round an area; None: they are all of the route
+    # point round an area; BEYOND: one beyond the route's end; None: they are all of the route
     of_route: Array | None = None
 
 

@@ -406,12 +406,18 @@ def test_plans_over_what_an_area_has_left_are_certified(policy: Policy, number: 
         accept(data)
 
 
-def test_a_plan_to_where_its_route_was_extended_has_no_goal_index(policy: Policy) -> None:
-    asked, answer, _ = any_aircraft(5740, policy)
-    assert not answer.safe
-    assert answer.waypoints
-    assert answer.goal_index is None
-    assert answer.waypoints[-1].index not in {point.index for point in asked.route}
+@pytest.mark.parametrize("deadline", [0.05, math.inf])
+def test_a_plan_rejoins_at_a_point_of_its_route_not_where_that_was_extended(
+    policy: Policy, deadline: float
+) -> None:
+    drawn = draw_requests(0, 6799, 1)
+    options = list(variants(PAPER).values())[drawn.variant[0]]
+    options = replace(options, deadline_s=deadline, exhaustive=False)
+    asked = published.question(0, 6799, take(drawn.request, 0), PAPER.separation)
+    answer = asked.ask(policy.for_aircraft(PAPER, outside="allow"), options)
+    assert (answer.goal_index is None) == (not answer.waypoints)
+    assert answer.goal_index in {None, *(point.index for point in asked.route)}
+    assert published.faults(asked, answer, options) == []
 
 
 def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(
