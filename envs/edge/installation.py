@@ -30,7 +30,7 @@ EXTRAS = {
     "peers": ("sbx", "stable_baselines3", "torch"),
     "bluesky": ("bluesky", "bluesky_gym"),
     "display": ("mcap", "mcap_ros2", "websockets"),
-    "mavlink": ("pymavlink",),
+    "mavlink": ("pymavlink", "serial"),
     "ros": (
         "builtin_interfaces",
         "diagnostic_msgs",

@@ -104,9 +104,10 @@ class Link:
         self.heard = 0.0  # when a message of the autopilot arrived last, s of our clock
         self.bad = 0  # messages that could not be read
         self._mavlink: Any = mavutil.mavlink
+        check_address(address)
         try:
             self._connection: Any = mavutil.mavlink_connection(
-                check_address(address),
+                address,
                 baud=baud,
                 source_system=system,
                 source_component=COMPONENT,
@@ -384,15 +385,13 @@ attitude by the bit of the roll rate; with the bit of the attitude it would hold
 """
 
 
-def check_address(text: str) -> str:
-    """Return an address that pymavlink can open, or raise :class:`LinkError`."""
+def check_address(text: str) -> None:
+    """Raise :class:`LinkError` where pymavlink cannot open an address of this form."""
     kind, _, rest = text.partition(":")
     expected = "expected udp:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or a serial port"
     if kind in ("udp", "udpin", "udpout", "tcp", "tcpin"):
         host, _, port = rest.rpartition(":")
         if not host or not port.isdigit() or not 0 < int(port) < 65_536:
             raise LinkError(f"--connect is {text!r}: {expected}")
-        return text
-    if not Path(text).is_char_device():
+    elif not Path(text).is_char_device():
         raise LinkError(f"--connect is {text!r}: {expected} that exists")
-    return text

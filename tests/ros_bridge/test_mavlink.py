@@ -4,7 +4,11 @@ messages, packed and parsed in both versions of the protocol."""
 import importlib
 import itertools
 import math
+import os
+import pty
 import socket
+import time
+import tty
 from collections.abc import Callable
 from typing import Any
 
@@ -26,7 +30,7 @@ from ros_bridge.mavlink.control import CLEAR, Control, Order, Phase, Seen, Step,
 from ros_bridge.mavlink.download import AGAIN, Download, accept, due, note_question
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.judging import Judgement, rules, watch
-from ros_bridge.mavlink.link import Clock, Link, check_address
+from ros_bridge.mavlink.link import Clock, Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import SUB, Item
 from ros_bridge.mavlink.program import main, options_of
@@ -409,8 +413,8 @@ def test_a_mode_of_somebody_elses_ends_it_until_the_mission_flies_in_peace(mode:
     ended = after(make_seen(0.0), make_seen(0.2, Mode.GUIDED), make_seen(0.4, mode))
     assert (ended.control.phase, ended.orders) == (Phase.YIELDED, ())
     assert "set by others" in ended.text
-    for time in (1.0, 5.0, 30.0):
-        ended = step(ended.control, make_seen(time), fly=True)
+    for later in (1.0, 5.0, 30.0):
+        ended = step(ended.control, make_seen(later), fly=True)
         assert ended.orders == ()
     peace = step(ended.control, make_seen(31.0 + CLEAR, conflict=False), fly=True)
     assert peace.control.phase is Phase.WATCHING
@@ -443,11 +447,11 @@ def test_a_stale_state_is_not_steered_by() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "nonsense", "udp:", "tcp:host", "udp:0.0.0.0:0", "tcp:h:99999"]
+    "text", ["", "nonsense", "/dev/absent", "udp:", "tcp:host", "udp:0.0.0.0:0", "tcp:h:99999"]
 )
 def test_an_address_that_cannot_be_is_refused_in_a_sentence(text: str) -> None:
-    with pytest.raises(InputError, match=r"--connect is .*: expected udp:HOST:PORT"):
-        check_address(text)
+    with pytest.raises(InputError, match=r"^--connect is .*: expected udp:HOST:PORT"):
+        Link(text)
 
 
 @pytest.mark.parametrize(
@@ -483,6 +487,33 @@ def test_a_closed_port_and_a_silent_one_are_said_so() -> None:
         with pytest.raises(InputError, match=r"no autopilot was found within 0.5 s: no heartbeat"):
             link.find(0.5)
         link.close()
+
+
+def test_an_autopilot_on_a_serial_port_is_found_and_its_loss_is_silence() -> None:
+    """A pair of pseudo-terminals is a serial port and its cable."""
+    pytest.importorskip("serial", reason="the extra mavlink is not installed")
+    dialect = importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
+    autopilot, port = pty.openpty()
+    tty.setraw(autopilot)
+    link = Link(os.ttyname(port), baud=115_200)
+    beat = dialect.MAVLink_heartbeat_message(1, 3, 0x80, Mode.AUTO, 4, 3)
+    os.write(autopilot, beat.pack(dialect.MAVLink(None, 7, 1)))
+    link.find(5.0)
+    assert (link.system, link.component) == (7, 1)
+    parsed = dialect.MAVLink(None).parse_buffer(os.read(autopilot, 4_096))
+    assert {one.get_type() for one in parsed} == {"HEARTBEAT"}
+    os.close(autopilot)
+    os.close(port)
+    link.beat()
+    assert list(link.receive(time.monotonic() + 0.2)) == []
+    link.close()
+
+
+@pytest.mark.parametrize("text", ["/dev/null", "/dev/zero"])
+def test_a_device_that_is_no_serial_port_is_refused_in_a_sentence(text: str) -> None:
+    pytest.importorskip("serial", reason="the extra mavlink is not installed")
+    with pytest.raises(InputError, match=f"--connect {text}: cannot be opened: "):
+        Link(text)
 
 
 @given(st.lists(st.integers(0, 5), max_size=60), st.integers(1, 5))
