@@ -71,6 +71,10 @@ def _results(
         futures = [executor.submit(_work, batch) for batch in batches]
         signal.signal(signal.SIGINT, before)
         yield from (future.result() for future in as_completed(futures))
+    except KeyboardInterrupt:  # a batch takes minutes; those under way are not waited for
+        for worker in multiprocessing.active_children():
+            worker.terminate()
+        raise
     finally:
         signal.signal(signal.SIGINT, before)
         executor.shutdown(cancel_futures=True)
