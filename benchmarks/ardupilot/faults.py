@@ -20,7 +20,7 @@ from benchmarks.measure import parse_names, report
 from envs.edge.command import InputError, Parser
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, fly
 from ros_bridge.mavlink.messages import Mode
-from ros_bridge.mavlink.sitl import Sitl, SitlError
+from ros_bridge.mavlink.sitl import Sitl, SitlError, folder
 
 _UNTIL = 120.0  # s
 _SPELL = 30.0, 45.0  # s in which it fails, while the plan is flown
@@ -167,6 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     what = "; ".join(f"{name}: {fault.help}" for name, fault in known.items())
     parser.add_argument("--only", default=",".join(known), help=f"names with commas ({what})")
     options = parser.parse_args(arguments)
+    folder()
     rows: list[dict[str, Any]] = []
     for name in parse_names(options.only, known):
         rows.append(_try(name, known[name]))

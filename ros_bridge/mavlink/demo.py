@@ -19,6 +19,7 @@ from pathlib import Path
 from envs.edge.command import InputError, Parser, run_cli
 from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, Result, fly, place_of
 from ros_bridge.mavlink.messages import Mode
+from ros_bridge.mavlink.program import check_folder, options_of
 
 _UNTIL = 160.0  # s
 _STRONGEST = 8.0  # m/s of wind
@@ -33,6 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     encounter = Encounter(0, (crossing,), options.wind, 300.0)
     more = () if options.display is None else ("--display", options.display)
     more += () if options.record is None else ("--record", str(options.record))
+    options_of(["--connect", "tcp:127.0.0.1:5760", *more])  # refuses before anything flies
+    _check_picture(options.out)
     flight = fly(encounter, "ours", instance=options.instance, until=_UNTIL, more=more)
     for text in flight.texts:
         if text.startswith("RLCAS"):
@@ -47,6 +50,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.record is not None:
         print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
     return 0 if good else 1
+
+
+def _check_picture(file: Path) -> None:
+    """Raise :class:`InputError` where the picture could not be written after the flight."""
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    check_folder("out", file)
+    kinds = FigureCanvasBase.get_supported_filetypes()
+    if file.suffix.lower().removeprefix(".") not in kinds:
+        raise InputError(f"--out {file}: expected a name that ends in .{', .'.join(kinds)}")
 
 
 def draw(encounter: Encounter, flight: Result, file: Path) -> None:
@@ -93,7 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     picture = Path("encounter.png")
     parser.add_argument("--out", type=Path, default=picture, help=f"picture (default {picture})")
-    ports = "10 times this is added to the simulation's ports (default 0)"
+    ports = "10 times this, 0 to 5000, is added to the simulation's ports (default 0)"
     parser.add_argument(
         "--display",
         nargs="?",

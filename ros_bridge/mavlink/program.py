@@ -15,6 +15,7 @@ this program or the link dies: docs/howto/mavlink.md.
 
 import argparse
 import math
+import re
 import sys
 import time
 from collections import deque
@@ -27,6 +28,7 @@ from typing import Any, NamedTuple, TextIO
 from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Cause
 from agents.policy.domain import OutsideDomainError
+from agents.policy.inference import Policy
 from envs.backend import FLOATS
 from envs.edge.command import InputError, Parser, run_cli
 from envs.edge.files import write_file
@@ -140,6 +142,8 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
         raise InputError(f"--system is {options.system}; expected 1 to 255")
     if options.own and not options.adsb:
         raise InputError("--own goes with --adsb; the autopilot leaves itself out of its traffic")
+    if not re.fullmatch("(?:[0-9a-fA-F]{6})?", options.own):
+        raise InputError(f"--own is {options.own!r}; expected six hexadecimal digits")
     try:
         options.adsb = options.adsb and check_source(options.adsb)
     except ValueError as problem:
@@ -149,7 +153,41 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError(f"--seconds is {options.seconds:g} s; expected more than 0 s")
+    options.policy = _policy(options.policy)
+    _check_outputs(options)
     return options
+
+
+def _policy(file: str) -> Policy:
+    """Return the policy of a file, for "" the one that ships; InputError: it is none."""
+    try:
+        return load_policy(file)
+    except ValueError as problem:
+        raise InputError(str(problem).replace("policy_file:", "--policy")) from None
+
+
+def check_folder(option: str, file: Path) -> None:
+    """Raise :class:`InputError` where a file of an option would be in a folder that is not there,
+    or is a folder itself.
+    """
+    folder = file.absolute().parent
+    if not folder.is_dir():
+        raise InputError(f"--{option} {file}: there is no folder {folder}")
+    if file.is_dir():
+        raise InputError(f"--{option} {file} is a folder; expected a file")
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Raise :class:`InputError` where the display or a file could not be had in flight."""
+    for name, file in (("record", options.record), ("plan-file", options.plan_file)):
+        if file is not None:
+            check_folder(name, file)
+    if options.record is not None and options.record.exists():
+        raise InputError(f"--record {options.record} exists already")
+    if options.display is not None:
+        from ros_bridge.mavlink.showing import host_and_port
+
+        host_and_port(options.display)
 
 
 class Steered(NamedTuple):
@@ -718,13 +756,11 @@ def _fence(corners: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...
 
 def _rules(vehicle: Vehicle, options: argparse.Namespace) -> Rules:
     try:
-        policy = load_policy(options.policy).for_aircraft(vehicle.aircraft)
+        policy = options.policy.for_aircraft(vehicle.aircraft)
     except OutsideDomainError as problem:
         raise InputError(
             f"--separation {options.separation:g} m with the autopilot's parameters: {problem}"
         ) from None
-    except ValueError as problem:
-        raise InputError(str(problem)) from None
     fastest, wind = vehicle.aircraft.limits.speed_max, options.unknown_wind_std
     unknown = Unknown(
         options.unknown_position_std,

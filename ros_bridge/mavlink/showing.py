@@ -117,15 +117,21 @@ def show(
     address: str, name: str, rules: Rules, clock: Callable[[], int], say: Callable[[str], None]
 ) -> tuple[Showing, Beside]:
     """Return what feeds a display and the display, which serves at an address (HOST:PORT)."""
-    host, _, port = address.rpartition(":")
-    if not (host and port.isascii() and port.isdecimal() and int(port) <= 65_535):
-        raise InputError(f"--display {address}; expected HOST:PORT, such as 127.0.0.1:8642")
+    host, port = host_and_port(address)
     board = Board(clock)
     try:
-        beside = Beside(board, visible(name), say, host.strip("[]"), int(port))
+        beside = Beside(board, visible(name), say, host, port)
     except OSError as problem:
         raise InputError(f"--display {address} cannot be used: {problem.strerror}") from None
     return Showing(rules, board.feed), beside
+
+
+def host_and_port(address: str) -> tuple[str, int]:
+    """Return host and port of HOST:PORT, or raise :class:`InputError`."""
+    host, _, port = address.rpartition(":")
+    if not (host and port.isascii() and port.isdecimal() and int(port) <= 65_535):
+        raise InputError(f"--display {address}; expected HOST:PORT, such as 127.0.0.1:8642")
+    return host.strip("[]"), int(port)
 
 
 def _route(view: View) -> tuple[Station, ...]:

@@ -7,6 +7,7 @@ For the demonstration, the tests and the benchmarks. The program is no part of t
 
 import os
 import signal
+import socket
 import subprocess
 import tempfile
 import time
@@ -19,7 +20,7 @@ from envs.edge.command import InputError
 HOME = (47.4, 8.5, 520.0)
 """Latitude, longitude, degrees, and height, m, of the simulated airfield."""
 
-_FIRST_PORT = 5_760
+_FIRST_PORT, _LAST_INSTANCE = 5_760, 5_000
 _BEGINS = 60.0  # s of real time for a start or an upload, on a loaded machine too
 _BESIDE = Path(__file__).resolve().parents[3] / "shared" / "sitl"
 _RELATIVE = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
@@ -71,11 +72,22 @@ def place(east: float, north: float) -> tuple[float, float]:
     return float(at.latitude), float(at.longitude)
 
 
+def _check_free(port: int) -> None:
+    """Raise :class:`SitlError` where something listens at a port already."""
+    try:
+        socket.create_server(("", port)).close()
+    except OSError as problem:
+        raise SitlError(
+            f"port {port} cannot be used: {os.strerror(problem.errno or 0)}; another simulation "
+            "has it perhaps: expected another --instance"
+        ) from None
+
+
 class Sitl:
     """A running simulation with a connection of its own, as a ground station has it.
 
     Args:
-        instance: which ports it uses: 5760 + 10 times this, and 2 and 3 above.
+        instance: which ports it uses: 5760 + 10 times this, and 2 and 3 above; 0 to 5000.
         speedup: times real time.
         parameters: set before the start.
     """
@@ -86,10 +98,13 @@ class Sitl:
         speedup: float = 10.0,
         parameters: Mapping[str, float] | None = None,
     ) -> None:
+        if not 0 <= instance <= _LAST_INSTANCE:
+            raise SitlError(f"the instance is {instance}; expected 0 to {_LAST_INSTANCE}")
         self.port = _FIRST_PORT + 10 * instance
+        program = folder()
+        _check_free(self.port)
         self._folder = tempfile.TemporaryDirectory(prefix="rlcas-sitl-", ignore_cleanup_errors=True)
         where = Path(self._folder.name)
-        program = folder()
         extra = where / "extra.parm"
         extra.write_text("".join(f"{k} {v}\n" for k, v in (parameters or {}).items()))
         home = ",".join(map(str, (*HOME, 90)))

@@ -10,6 +10,7 @@ import socket
 import time
 import tty
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -25,7 +26,7 @@ from envs.formats.local_frame import distance
 from ros_bridge.core.categories import Categories
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import USUAL, Report
-from ros_bridge.mavlink import messages, mission, vehicle
+from ros_bridge.mavlink import demo, messages, mission, sitl, vehicle
 from ros_bridge.mavlink.control import CLEAR, Control, Order, Phase, Seen, Step, step
 from ros_bridge.mavlink.download import AGAIN, Download, accept, due, note_question
 from ros_bridge.mavlink.intake import Reading, Received, take
@@ -34,6 +35,7 @@ from ros_bridge.mavlink.link import Clock, Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import SUB, Item
 from ros_bridge.mavlink.program import main, options_of
+from ros_bridge.mavlink.sitl import Sitl
 
 READING = Reading({})
 PARAMETERS = {
@@ -463,12 +465,49 @@ def test_an_address_that_cannot_be_is_refused_in_a_sentence(text: str) -> None:
         (["--seconds", "-1"], "--seconds is -1 s"),
         (["--adsb", "host:30003"], "--adsb is 'host:30003', expected tcp://HOST:30003"),
         (["--own", "abc123"], "--own goes with --adsb"),
+        (["--own", "abc12", "--adsb", "tcp://h:30003"], "--own is 'abc12'; expected six hex"),
+        (["--policy", "/absent/p"], "--policy /absent/p.*no such policy file"),
+        (["--record", "/absent/f.mcap"], "--record /absent/f.mcap: there is no folder /absent"),
+        (["--record", "/dev/null"], "--record /dev/null exists already"),
+        (["--plan-file", "/absent/p.kml"], "--plan-file /absent/p.kml: there is no folder"),
         (["--category-separations", "A5"], "--category-separations holds 'A5', expected a"),
     ],
 )
 def test_an_option_out_of_its_range_is_refused(given: list[str], said: str) -> None:
     with pytest.raises(InputError, match=said):
         options_of(["--connect", "tcp:h:1", *given])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--wind", "9"], "--wind is 9 m/s; expected 0 to 8 m/s"),
+        (["--out", "/absent/p.png"], "--out /absent/p.png: there is no folder /absent"),
+        (["--out", "/tmp"], "--out /tmp is a folder"),
+        (["--out", "picture.doc"], "--out picture.doc: expected a name that ends in .*png"),
+        (["--record", "/absent/f.mcap"], "--record /absent/f.mcap: there is no folder /absent"),
+    ],
+)
+def test_the_demo_refuses_before_anything_flies(given: list[str], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        demo.main(given)
+
+
+def test_a_simulation_that_is_not_there_or_whose_port_is_taken_is_said_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RLCAS_SITL", str(tmp_path))
+    with pytest.raises(InputError, match=f"RLCAS_SITL is '{tmp_path}' .* holds no arduplane"):
+        Sitl(5)
+    for name in ("arduplane", "plane.parm"):
+        (tmp_path / name).touch()
+    with pytest.raises(InputError, match="the instance is -1; expected 0 to 5000"):
+        Sitl(-1)
+    with socket.create_server(("", 0)) as server:
+        first = server.getsockname()[1]
+        monkeypatch.setattr(sitl, "_FIRST_PORT", first)
+        with pytest.raises(InputError, match=f"port {first} cannot be used: Address already"):
+            Sitl(0)
 
 
 def test_an_address_is_needed() -> None:
