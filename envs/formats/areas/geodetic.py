@@ -187,6 +187,11 @@ def period(begin: object, end: object, where: str, names: tuple[str, str]) -> Pe
         _date(value, f"{where}{name}", zone)
         for value, name, zone in zip((begin, end), names, _UTMOST_ZONES, strict=True)
     )
+    if began is not None and ended is not None and began >= ended:
+        first, last = names
+        raise AreaError(
+            f"{where}{last}: is {end!r:.60}, expected a date after {first}, {begin!r:.60}"
+        )
     return Period(began, ended)
 
 

@@ -413,7 +413,7 @@ def change(content: Any, path: str, value: Any) -> Any:
         ),
         (
             change(GEOJSON, "features/0/properties/valid_until", "2026-11-27T12:00:00Z"),
-            r"features\[0\]: valid_until is 0 s, expected more than valid_from of 600 s",
+            r"features\[0\], valid_until: is '2026-11-27T12:00:00Z', expected a date after",
         ),
         (
             change(GEOJSON, "features/0/properties/valid_from", "noon"),
@@ -447,7 +447,7 @@ def change(content: Any, path: str, value: Any) -> Any:
         ),
         (
             change(ED269, "features/0/applicability/0/endDateTime", "2026-11-27T11:00:00Z"),
-            r"applicability\[0\]: ends before it begins",
+            r"applicability\[0\].endDateTime: is '2026-11-27T11:00:00Z', expected a date after",
         ),
         (
             change(ED318, "features/0/geometry/geometries/1/extent", {"subType": "Arc"}),
@@ -489,6 +489,14 @@ def test_what_cannot_be_used_is_refused(
 def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(AreaError, match=r"there is no such file"):
         read_areas(tmp_path / "none.geojson", HERE)
+
+
+def test_an_end_before_the_beginning_is_refused_without_a_time_too(
+    stored: Callable[[Any], Path],
+) -> None:
+    content = change(GEOJSON, "features/0/properties/valid_until", "2026-11-27T12:00:00Z")
+    with pytest.raises(AreaError, match=r"valid_until: is .*, expected a date after valid_from"):
+        read_areas(stored(content), HERE)
 
 
 def test_a_date_without_its_zone_may_be_of_any(stored: Callable[[Any], Path]) -> None:
