@@ -16,6 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from agents.planner.answer import Plan
 from agents.planner.reports import arrays_of_reports
 from agents.planner.traffic import advance_reports
+from envs.areas import Area, Circle, Keep, Polygon, Ring
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.situation import PlanTask
@@ -23,6 +24,8 @@ from ros_bridge.transport.messages import header
 
 _TEXT = Marker.TEXT_VIEW_FACING
 _STEP = 2.0  # s between the points of the drawn line
+_CORNERS = 48  # of a drawn circle
+_AREAS = {Keep.OUT: (0.75, 0.1, 0.4), Keep.IN: (0.2, 0.45, 0.8)}
 _SAFE, _UNSAFE, _TRAFFIC = (0.1, 0.6, 0.3), (0.85, 0.2, 0.1), (0.9, 0.55, 0.1)
 
 
@@ -45,21 +48,16 @@ def path(plan: Plan, task: PlanTask, frame: str) -> Path:
 
 
 def markers(plan: Plan, task: PlanTask, frame: str) -> MarkerArray:
-    """Return the line of flight, the waypoints with their indices, and the intruders with the
-    distance to keep.
+    """Return the line of flight, the waypoints with their indices, the intruders with the distance
+    to keep from each, and the edges of the areas, all as of the request.
     """
     drawing = _Drawing(header(task.time, frame))
     unit = 0.25 * task.options.aircraft.separation
     if plan.waypoints:
         _draw_plan(drawing, plan, task, unit)
-    colour, faint = _colour(_TRAFFIC), _colour(_TRAFFIC, 0.35)
-    keep = 2.0 * task.options.requirement.separation
-    for name, intruder in zip(task.identifiers, task.intruders, strict=True):
-        now = advance_reports(*arrays_of_reports([intruder])).state
-        x, y = float(now.x[0, 0]), float(now.y[0, 0])
-        disc = drawing.add("traffic", Marker.CYLINDER, faint, keep, pose=_pose(x, y))
-        disc.scale.z = 1.0
-        drawing.add("names", _TEXT, colour, unit, text=name, pose=_pose(x, y, z=unit))
+    _draw_traffic(drawing, task, unit)
+    for area in task.areas:
+        _draw_area(drawing, area, unit)
     return MarkerArray(markers=drawing.markers)
 
 
@@ -96,6 +94,40 @@ def _draw_plan(drawing: _Drawing, plan: Plan, task: PlanTask, unit: float) -> No
     for point in plan.waypoints:
         pose = _pose(point.x, point.y, z=unit)
         drawing.add("indices", _TEXT, colour, unit, text=str(point.index), pose=pose)
+
+
+def _draw_traffic(drawing: _Drawing, task: PlanTask, unit: float) -> None:
+    """Draw a disc as wide as the distance to keep around each intruder, and its name."""
+    colour, faint = _colour(_TRAFFIC), _colour(_TRAFFIC, 0.35)
+    for name, intruder in zip(task.identifiers, task.intruders, strict=True):
+        now = advance_reports(*arrays_of_reports([intruder])).state
+        x, y = float(now.x[0, 0]), float(now.y[0, 0])
+        usual, own = task.options.requirement.separation, intruder.separation
+        width = 2.0 * (usual if own is None else own)
+        disc = drawing.add("traffic", Marker.CYLINDER, faint, width, pose=_pose(x, y))
+        disc.scale.z = 1.0
+        drawing.add("names", _TEXT, colour, unit, text=name, pose=_pose(x, y, z=unit))
+
+
+def _draw_area(drawing: _Drawing, area: Area, unit: float) -> None:
+    """Draw the edges of an area, and its name at the first of their points."""
+    colour = _colour(_AREAS[area.keep])
+    shape = area.shape
+    rings = shape.rings if isinstance(shape, Polygon) else (_ring_about(shape),)
+    for ring in rings:
+        edge = [Point(x=x, y=y) for x, y in (*ring, ring[0])]
+        drawing.add("areas", Marker.LINE_STRIP, colour, 0.16 * unit, points=edge)
+    if area.name:
+        pose = _pose(*rings[0][0], z=unit)
+        drawing.add("area names", _TEXT, colour, unit, text=area.name, pose=pose)
+
+
+def _ring_about(circle: Circle) -> Ring:
+    """Return points of a circle, counter-clockwise from its easternmost."""
+    angles = np.linspace(0.0, 2.0 * math.pi, _CORNERS, endpoint=False)
+    x = circle.x + circle.radius * np.cos(angles)
+    y = circle.y + circle.radius * np.sin(angles)
+    return tuple(zip(x.tolist(), y.tolist(), strict=True))
 
 
 def diagnostics(

@@ -6,6 +6,7 @@ import copy
 import json
 import math
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,13 +17,14 @@ import pytest
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
+from agents.planner.answer import Plan, Source, Status
 from envs.area_geometry import signed_distance
 from envs.areas import Area, AreaError, Circle, Keep, Level, Polygon
 from ros_bridge.core.areas import areas, areas_of_file, to_local
 from ros_bridge.core.fields import FieldError
-from ros_bridge.core.situation import Situation
+from ros_bridge.core.situation import Situation, task
 from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
-from tests.ros_bridge.scenes import FRAME, NOW, SECOND, stamp
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, crossing, heard, stamp
 
 WITHIN = 1e5
 TRIANGLE = ((0.0, 0.0), (2e3, 0.0), (0.0, 1.5e3))
@@ -185,6 +187,10 @@ def test_areas_of_a_file_count_between_their_dates(tmp_path: Path) -> None:
         ({"ring": [[8.1, 47.0], [8.2, 47.1], [8.2, 47.0], [8.1, 47.1]]}, "crosses"),
         ({"ring": [[8.1, 47.0], [9.2, 47.0], [9.2, 47.1], [8.1, 47.1]]}, "km wide"),
         ({"clearance_m": -1.0}, "expected 0 to"),
+        (
+            {"valid_from": "2023-11-14T22:14:00Z", "valid_until": "2023-11-14T22:13:00Z"},
+            "expected a date after valid_from",
+        ),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, changes: dict, says: str) -> None:
@@ -243,3 +249,30 @@ def test_the_monitor_hears_of_areas_on_a_real_graph(tmp_path: Path) -> None:
         client.close()
         for process in (monitor, runner):
             process.stop()
+
+
+def test_a_viewer_draws_every_area_and_each_intruders_own_separation() -> None:
+    pytest.importorskip("rclpy", reason=MISSING)
+    from ros_bridge.transport.views import markers
+
+    asked = task(heard(crossing()), NOW, SETTINGS)
+    (intruder,) = asked.intruders
+    heavy = replace(intruder, separation=2_500.0)
+    lake = Area(Polygon(TRIANGLE, (((400.0, 200.0), (800.0, 200.0), (400.0, 500.0)),)), name="lake")
+    field = Area(Circle(1e3, 2e3, 3e4), Keep.IN)
+    asked = replace(asked, intruders=(intruder, heavy), identifiers=("a", "b"), areas=(lake, field))
+    unsolved = Plan(
+        Status.UNRESOLVED, Source.POLICY, (), math.nan, math.nan, None, math.nan, (), ()
+    )
+    drawn = markers(unsolved, asked, "map").markers
+    widths = [one.scale.x for one in drawn if one.ns == "traffic"]
+    assert widths == [2.0 * asked.options.requirement.separation, 5_000.0]
+    edges = [one.points for one in drawn if one.ns == "areas"]
+    assert [len(edge) - 1 for edge in edges] == [3, 3, 48]
+    for edge in edges:
+        assert (edge[0].x, edge[0].y) == (edge[-1].x, edge[-1].y)
+    assert [(point.x, point.y) for point in edges[0][:-1]] == list(TRIANGLE)
+    assert all(math.hypot(p.x - 1e3, p.y - 2e3) == pytest.approx(3e4) for p in edges[2])
+    assert [one.text for one in drawn if one.ns == "area names"] == ["lake"]
+    colours = [one.color for one in drawn if one.ns == "areas"]
+    assert colours[0] == colours[1] != colours[2]
