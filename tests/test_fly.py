@@ -19,7 +19,10 @@ from envs.relative import leg_separation
 
 MAKE = runpy.run_path(str(Path(__file__).resolve().parent.parent / "docs" / "fly" / "make.py"))
 MOST = 8
-STATE = "const state = ([x, y, heading, speed]) => ({ x, y, heading, speed });"
+STATE = """
+const state = ([x, y, heading, speed]) => ({ x, y, heading, speed });
+const intruder = ([x, y, heading, speed, separation]) => ({ x, y, heading, speed, separation });
+"""
 
 
 @pytest.fixture(scope="module")
@@ -69,14 +72,16 @@ def test_it_decides_as_the_policy_on_a_thousand_scenes(opened: Any) -> None:
                 [place, rng.uniform(-np.pi, np.pi, count), rng.uniform(0.2, 1.5, count) * speed]
             )
             goal = rng.uniform(-25.0, 25.0, 2) * length
-            scenes.append([name, own, others.tolist(), *goal.tolist()])
+            # In every second scene the intruders have separations of their own.
+            kept = length * (rng.uniform(0.3, 3.0, count) if number % 2 else np.ones(count))
+            scenes.append([name, own, np.column_stack([others, kept]).tolist(), *goal.tolist()])
             seen = VehicleState(*own), VehicleState(*others.T), np.ones(count, bool), *goal
             for pilot, commands_of in zip(pilots, (expected, rounded), strict=True):
-                commands_of.append(pilot.command(*seen))
+                commands_of.append(pilot.command(*seen, share=length / kept))
     decided = np.array(
         opened.evaluate(
             f"""(scenes) => {{ {STATE} return scenes.map(([name, own, others, x, y]) =>
-            command(state(own), others.map(state), x, y, WEIGHTS.aircraft[name])); }}""",
+            command(state(own), others.map(intruder), x, y, WEIGHTS.aircraft[name])); }}""",
             scenes,
         )
     )

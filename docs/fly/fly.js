@@ -28,9 +28,8 @@ function begin(planes) {
   return { frames: [{ planes, gone, actions: planes.map(() => [0, 0]) }], least: { distance: Infinity }, done: false };
 }
 
-// Areas as the policy of one aircraft sees them: they stand still, and what must be kept from each is its radius.
-const standing = (own) => areas.map(({ x, y, radius }) => (
-  { x: own.x + (x - own.x) / radius, y: own.y + (y - own.y) / radius, heading: 0, speed: 0 }));
+// Areas as the policy sees them: aircraft that stand still, with their radius as the separation.
+const standing = () => areas.map(({ x, y, radius }) => ({ x, y, heading: 0, speed: 0, separation: radius }));
 
 // When in a step an aircraft that decides first enters an area; null: none does.
 function entry(now, planes, all) {
@@ -49,7 +48,7 @@ function extend(future) {
   const { frames } = future, now = frames.at(-1), all = everyone();
   now.actions = now.planes.map((one, i) => {
     if (now.gone[i] || !(i === 0 || all)) return [0, 0];
-    return command(one, [...now.planes.filter((_, k) => k !== i && !now.gone[k]), ...standing(one)], one.goalX, one.goalY, aircraft);
+    return command(one, [...now.planes.filter((_, k) => k !== i && !now.gone[k]), ...standing()], one.goalX, one.goalY, aircraft);
   });
   const planes = now.planes.map((one, i) => advance(one, now.actions[i], dt, aircraft.limits));
   now.distance = Infinity;
@@ -437,7 +436,7 @@ function colourMap(until) {
   while (map.level < LEVELS.length && performance.now() < until) {
     const { size, work, next } = map, column = next % work.width, row = Math.floor(next / work.width);
     const x = ((column + 0.5) * size - map.width / 2) / map.scale, y = (map.height / 2 - (row + 0.5) * size) / map.scale;
-    const [, turn] = command(map.own, [{ ...map.moved, x, y }, ...map.rest, ...standing(map.own)], map.own.goalX, map.own.goalY, aircraft);
+    const [, turn] = command(map.own, [{ ...map.moved, x, y }, ...map.rest, ...standing()], map.own.goalX, map.own.goalY, aircraft);
     map.pen.globalAlpha = 0.42 * Math.abs(turn);
     map.pen.fillStyle = colours[turn > 0 ? "left" : "right"];
     map.pen.fillRect(column, row, 1, 1);

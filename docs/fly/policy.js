@@ -1,6 +1,7 @@
 // The policy and the motion of aircraft in the browser: what agents/policy and envs/kinematics compute, for one scene.
 // Numbers of the network are in weights.js, which docs/fly/make.py writes; tests/test_fly.py compares with numpy.
-// An aircraft is {limits, separation}, a state {x, y, heading, speed}; SI, or any units that fit together.
+// An aircraft is {limits, separation}, a state {x, y, heading, speed}, of an intruder with separation, too, where it has
+// one of its own; SI, or any units that fit together.
 "use strict";
 
 const clip = (value, low, high) => Math.min(high, Math.max(low, value));
@@ -37,7 +38,8 @@ function dense(layer, input, squash) {
   return values;
 }
 
-// agents/policy/scene.py: lengths in separations, speeds in the greatest speed, x ahead and y to the left.
+// agents/policy/scene.py: lengths in separations, speeds in the greatest speed, x ahead and y to the left; of an intruder
+// x, y, its velocity, and the share: the aircraft's separation over its own, at which its distance counts.
 function sceneOf(own, intruders, goalX, goalY, { limits, separation }) {
   const sine = Math.sin(own.heading), cosine = Math.cos(own.heading);
   const turned = (x, y) => [x * cosine + y * sine, y * cosine - x * sine];
@@ -53,7 +55,7 @@ function sceneOf(own, intruders, goalX, goalY, { limits, separation }) {
     intruders: intruders.map((one) => {
       const pace = one.speed / limits.speed_max;
       const velocity = turned(pace * Math.cos(one.heading), pace * Math.sin(one.heading));
-      return [...place(one.x, one.y), ...velocity];
+      return [...place(one.x, one.y), ...velocity, separation / (one.separation ?? separation)];
     }),
     speedMin: limits.speed_min / limits.speed_max,
     brake: limits.acceleration_min * unit,
@@ -66,10 +68,10 @@ function sceneOf(own, intruders, goalX, goalY, { limits, separation }) {
 function mirror(scene) {
   const [goalX, goalY] = scene.goal;
   let total = 1e-20 * goalY;
-  for (const [x, y, vx, vy] of scene.intruders) {
+  for (const [x, y, vx, vy, share] of scene.intruders) {
     const rx = vx - scene.speed;
     const time = clip(-(x * rx + y * vy) / (rx * rx + vy * vy + 0.0025), 0, 30);
-    const cx = x + rx * time, cy = y + vy * time;
+    const cx = share * (x + rx * time), cy = share * (y + vy * time);
     const weight = 1 / ((1 + 0.1 * time * time) * (1 + cx * cx + cy * cy));
     total += weight * ((goalX * y - goalY * x) / Math.max(Math.hypot(x, y), 1e-3) + 1e-9);
   }
@@ -103,12 +105,12 @@ function minSeparations(scene, bearing) {
       const angle = turn * (curved ? (piece + 0.5) / CURVED : 1);
       const stepX = way * Math.cos(angle), stepY = way * Math.sin(angle);
       (ownX += stepX), (ownY += stepY), (before = time), (slower = faster);
-      for (const [x0, y0, vx, vy] of intruders) {
+      for (const [x0, y0, vx, vy, share] of intruders) {
         let x = x0 + vx * time - ownX, y = y0 + vy * time - ownY;
         const dx = vx * span - stepX, dy = vy * span - stepY;
         const back = clip((x * dx + y * dy) / (dx * dx + dy * dy + 1e-8), 0, 1);
         (x -= back * dx), (y -= back * dy);
-        least = Math.min(least, x * x + y * y);
+        least = Math.min(least, share * share * (x * x + y * y));
       }
     }
     return Math.sqrt(least);
@@ -116,11 +118,11 @@ function minSeparations(scene, bearing) {
 }
 
 // agents/policy/set_features.py: the numbers that the first layers take.
-function passing(x, y, vx, vy) {
+function passing(x, y, vx, vy, share) {
   const square = vx * vx + vy * vy + 0.0025;
-  const time = -(x * vx + y * vy) / square, miss = (x * vy - y * vx) / Math.sqrt(square);
+  const time = -(x * vx + y * vy) / square, miss = (share * (x * vy - y * vx)) / Math.sqrt(square);
   const ahead = clip(time, 0, 30);
-  const closest = Math.hypot(x + vx * ahead, y + vy * ahead);
+  const closest = share * Math.hypot(x + vx * ahead, y + vy * ahead);
   return [soft(time / 6), soft(miss), clip(0.2 * miss, -1, 1), clip(1.5 - closest, -1, 1.5)];
 }
 
@@ -143,12 +145,12 @@ function ownInputs(scene) {
   ];
 }
 
-function intruderInputs([x, y, vx, vy], scene) {
-  const away = Math.hypot(x, y) + 1e-6, rx = vx - scene.speed;
+function intruderInputs([x, y, vx, vy, share], scene) {
+  const away = Math.hypot(x, y) + 1e-6, counted = away * share, rx = vx - scene.speed;
   const far = Math.hypot(...scene.goal) + 1e-6, cosine = scene.goal[0] / far, sine = scene.goal[1] / far;
   return [
-    x / away, y / away, Math.min(0.1 * away - 1, 1), soft(away - 1), vx, vy, rx, (x * rx + y * vy) / away,
-    ...passing(x, y, rx, vy), ...passing(x, y, vx - scene.speed * cosine, vy - scene.speed * sine),
+    x / away, y / away, Math.min(0.1 * counted - 1, 1), soft(counted - 1), vx, vy, rx, (x * rx + y * vy) / away,
+    ...passing(x, y, rx, vy, share), ...passing(x, y, vx - scene.speed * cosine, vy - scene.speed * sine, share),
   ];
 }
 
