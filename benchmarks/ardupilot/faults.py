@@ -138,6 +138,9 @@ def faults() -> dict[str, Fault]:
         "stations": Fault("a second ground station speaks", _beat_as_another),
         "version1": Fault("the ground station speaks version 1 too", _beat_in_version_1),
         "disagree": Fault("LOITER is set, and two seconds later AUTO", both),
+        "avoidance": Fault(
+            "AVD_ENABLE is set", _Times((_SPELL[0], _parameter(b"AVD_ENABLE", 1.0)))
+        ),
         "date": Fault("the date steps by an hour", _Times((_SPELL[0], _step_the_date))),
         "rtl": Fault("RTL is set", _Times((_SPELL[0], _mode(Mode.RTL)))),
         "mavlink1": Fault(

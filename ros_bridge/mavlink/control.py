@@ -84,11 +84,24 @@ class Step(NamedTuple):
 
 
 def step(control: Control, seen: Seen, *, fly: bool) -> Step:
-    """Return what follows from a moment; with ``fly`` false nothing is ever ordered."""
+    """Return what follows from a moment; with ``fly`` false nothing is taken over or steered, and
+    what is flown is handed back.
+    """
     if seen.conflict:
         control = replace(control, conflict_at=seen.time)
     if not fly:
+        return _end(control, seen)
+    return _STEPS[control.phase](control, seen)
+
+
+def _end(control: Control, seen: Seen) -> Step:
+    if control.phase is Phase.WATCHING:
         return Step(control)
+    if control.phase is Phase.TAKING and seen.mode == Mode.AUTO:
+        return _yield(control, seen, "off", crossed=True)
+    if control.phase in (Phase.TAKING, Phase.GUIDING) and seen.mode == Mode.GUIDED:
+        back = _enter(control, Phase.RETURNING, seen, asks=True)
+        return Step(back, (Order.GIVE_BACK,), "off: back to AUTO")
     return _STEPS[control.phase](control, seen)
 
 

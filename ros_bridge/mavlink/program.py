@@ -452,7 +452,7 @@ class Program:
     def _refuse(self, why: str) -> None:
         if self._fly:
             self._fly = False
-            self.log(f"{why}; nothing is flown any more")
+            self.log(f"{why}; nothing is taken over any more")
             self._link.say("RLCAS: off, AVD_ENABLE is set")
 
     def _keep_pace(self, since: float, now: int) -> None:

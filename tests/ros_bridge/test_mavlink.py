@@ -436,6 +436,41 @@ def test_an_autopilot_that_does_not_change_is_not_left_in_guided() -> None:
     assert step(late.control, make_seen(3.4, Mode.GUIDED), fly=True).orders == (Order.RESTORE,)
 
 
+@pytest.mark.parametrize("phase", ["taking", "guiding", "returning"])
+def test_what_is_flown_when_it_is_switched_off_is_handed_back_and_nothing_after(phase: str) -> None:
+    """As where AVD_ENABLE is set in flight; a request that was on its way is undone too."""
+    moments = [make_seen(0.0), make_seen(0.2, Mode.GUIDED)]
+    moments = moments[:1] if phase == "taking" else moments
+    if phase == "returning":
+        moments.append(make_seen(0.3, Mode.GUIDED, rejoined=True))
+    control, mode, orders = after(*moments).control, moments[-1].mode, []
+    for number in range(200):
+        if number == 1 and phase == "taking":
+            mode = Mode.GUIDED  # our request arrives
+        done = step(control, make_seen(0.5 + 0.2 * number, mode), fly=False)
+        control = done.control
+        orders += done.orders
+        if done.orders:
+            mode = Mode.AUTO
+    assert set(orders) <= {Order.GIVE_BACK, Order.RESTORE}
+    assert len(orders) == 1
+    assert mode == Mode.AUTO
+    assert not control.flies
+
+
+@given(st.lists(_MOMENTS, max_size=30), st.integers(0, 30))
+def test_switched_off_it_never_changes_a_mode_of_the_operators(
+    moments: list[Seen], off: int
+) -> None:
+    control = Control()
+    for number, moment in enumerate(moments):
+        done = step(control, moment._replace(time=0.2 * number), fly=number < off)
+        control = done.control
+        if number >= off:
+            assert set(done.orders) <= {Order.GIVE_BACK, Order.RESTORE}
+            assert not done.orders or moment.mode in (Mode.AUTO, Mode.GUIDED)
+
+
 def test_a_stale_state_is_not_steered_by() -> None:
     moments = [
         make_seen(0.0),
