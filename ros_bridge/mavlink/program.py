@@ -491,6 +491,8 @@ class Program:
         if route is not None and phase in (Phase.TAKING, Phase.GUIDING):
             self._judgement = supervise(before, situation, route, now, self._rules)
             self._explain(now)
+            if self._judgement.revision != before.revision:
+                self._write_plan()
         elif (
             route is not None and phase is not Phase.RETURNING and self._mode == messages.Mode.AUTO
         ):
@@ -834,7 +836,7 @@ def _parser() -> argparse.ArgumentParser:
     own = "address of the ownship among its aircraft (default: the autopilot's ADSB_ICAO_ID)"
     add("--own", default="", metavar="HEX", help=own)
     add("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
-    plan_file = "write every plan there: as KML where it ends in .kml, else as GeoJSON"
+    plan_file = "write the plan that is advised or flown: KML where it ends in .kml, or GeoJSON"
     add("--plan-file", type=Path, metavar="FILE", help=plan_file)
     add(
         "--display",
