@@ -22,7 +22,8 @@ PERIOD = 0.1
 """Between two commands, s."""
 
 SPEED_LAG = 3.0
-"""How much later than demanded an airspeed is flown, s (docs/howto/mavlink.md has the measurement).
+"""How much later than demanded an airspeed is flown, s. What is left of it is among the measured
+distances along the plan (docs/howto/mavlink.md).
 """
 
 GAINS = Lookahead(turn=0.5, across=0.30, heading=1.1)
