@@ -59,6 +59,7 @@ def _traffic_quantities(
         "intruders": [len(intruders)],
         "intruder_speed": [_airspeed(one, wind) for one in intruders],
         "intruder_turn_rate": [abs(one.turn_rate) for one in reported],
+        "intruder_separation": [one.separation for one in reported if one.separation is not None],
         "position_std": [one.position_std for one in reported],
         "velocity_std": [one.velocity_std for one in reported],
         "latency": [one.age for one in reported],

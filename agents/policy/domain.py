@@ -15,6 +15,7 @@ from agents.policy.file import PolicyFile
 from envs.aircraft import Aircraft, ratios
 from envs.arrays import Array
 from envs.edge.command import InputError
+from envs.own_separations import GREATEST, LEAST
 
 TRAFFIC_SPEED = (0.4, 1.3)
 """Intruders' speeds, in the ownship's greatest."""
@@ -25,6 +26,7 @@ _NOISE = 0.03  # one sigma of a report, separations and greatest speeds
 _LATENCY = 2.0  # time steps
 _UNITS = {
     "intruders": "",
+    "intruder_separation": " m",
     "position_std": " m",
     "distance": " m",
     "latency": " s",
@@ -103,6 +105,7 @@ def traffic(aircraft: Aircraft) -> dict[str, tuple[float, float]]:
     return {
         "intruder_speed": (TRAFFIC_SPEED[0] * fast, TRAFFIC_SPEED[1] * fast),
         "intruder_turn_rate": (0.0, limits.yaw_rate_max),
+        "intruder_separation": (LEAST * unit, GREATEST * unit),
         "distance": (0.0, _DISTANCE * unit),
         "position_std": (0.0, _NOISE * unit),
         "velocity_std": (0.0, _NOISE * fast),

@@ -520,6 +520,17 @@ def test_a_plan_says_what_traffic_is_outside_the_domain(
     assert (said[0].field, said[0].text.split(";")[0]) == ("intruder_speed", "is 5 m/s")
 
 
+@pytest.mark.parametrize(
+    ("separation", "said"), [(299.0, False), (3_000.0, False), (200.0, True), (3_100.0, True)]
+)
+def test_a_plan_says_which_separations_are_outside_the_domain(
+    policy: Policy, separation: float, said: bool
+) -> None:
+    answer = plan(OWN, [Intruder(HEAD_ON, separation=separation)], ROUTE, policy)
+    fields = [one.field for one in answer.advisory if one.code is AdvisoryCode.OUTSIDE_DOMAIN]
+    assert ("intruder_separation" in fields) == said
+
+
 def test_the_vertical_filter_looks_to_the_end_of_the_plan(policy: Policy) -> None:
     # Clear for 500 s, but the last leg is 80 km long, and the other one comes down on its way.
     route = [RoutePoint(0, 0.0, 0.0), RoutePoint(1, 10_000.0, 0.0), RoutePoint(2, 90_000.0, 0.0)]
