@@ -16,7 +16,7 @@ from agents.planner.out_of_the_way import SPEED_TOLERANCE
 from agents.planner.remarks import assumed_climb
 from agents.planner.request import BEYOND, Request, drift_points, latest_end
 from envs.area_geometry import signed_distance
-from envs.areas import Area, in_air
+from envs.areas import Area, Keep, in_air
 from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import Shared
@@ -121,20 +121,20 @@ def _without_points_in(
     inside = np.flatnonzero(holder >= 0)
     if inside.size == 0:
         return request, []
-    names = {one.number: label(one) for one in areas}
+    by_number = {one.number: one for one in areas}
     notes = [
         Advisory(
             AdvisoryCode.PASSED_OVER,
             Field(Subject.ROUTE, number=int(number)),
-            f"lies in {names[int(holder[number])]} or its clearance and is passed over",
+            f"{_where_forbidden(by_number[int(holder[number])])} and is passed over",
         )
         for number in inside
     ]
     free = np.flatnonzero(holder < 0)
     if free.size < 2:
         what = (
-            f"has {inside.size} of its {x.size} points in areas or their clearances, expected 2 or "
-            "more outside"
+            f"has {inside.size} of its {x.size} points where areas or their clearances forbid "
+            "flight, expected 2 or more elsewhere"
         )
         raise RequestError(Field(Subject.ROUTE), what)
     left = request._replace(
@@ -144,6 +144,13 @@ def _without_points_in(
         of_route=free[None],
     )
     return left, notes
+
+
+def _where_forbidden(one: Counted) -> str:
+    """Return where a point lies that an area forbids."""
+    if one.area.keep is Keep.IN:
+        return f"lies outside of {label(one)} or in its clearance"
+    return f"lies in {label(one)} or its clearance"
 
 
 def _with_points_round(

@@ -64,10 +64,19 @@ def test_points_of_the_route_in_an_area_are_passed_over() -> None:
     over = Area(Circle(17_000.0, 4_000.0, 4_100.0))
     answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, areas=[over])
     (note,) = [one for one in answer.advisory if one.code is AdvisoryCode.PASSED_OVER]
-    assert str(note.field) == "route[1]" and "areas[0]" in note.text
+    assert str(note.field) == "route[1]" and "lies in areas[0]" in note.text
     assert answer.waypoints[-1].index in {point.index for point in ROUTE}
-    with pytest.raises(RequestError, match=r"route has \d of its 9 points in areas"):
+    with pytest.raises(RequestError, match=r"route has \d of its 9 points where areas"):
         plan(OWN, [], ROUTE, POLICY, OPTIONS, areas=[Area(Circle(32e3, 0.0, 29e3))])
+
+
+def test_points_of_the_route_outside_of_an_area_to_be_kept_in_are_passed_over() -> None:
+    field = Area(Circle(16e3, 0.0, 28.5e3), Keep.IN, name="field")
+    answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, areas=[field])
+    (note,) = [one for one in answer.advisory if one.code is AdvisoryCode.PASSED_OVER]
+    # No plan lasts until the point after it.
+    assert str(note.field) == "route[7]" and "lies outside of areas[0] (field)" in note.text
+    assert answer.safe
 
 
 def test_an_ownship_in_an_area_is_told() -> None:
